@@ -1,0 +1,7 @@
+// Include before any Highway header: the instruction sets that gsut compiles its kernels for.
+#pragma once
+
+// Kept: scalar (or its 128-bit emulation), SSE4, AVX2, AVX-512 (HWY_AVX3), NEON. The others would
+// double the build for no gain that we measured.
+#define HWY_DISABLED_TARGETS \
+  ((1LL << 4) | (1LL << 6) | HWY_AVX3_DL | HWY_SSSE3 | (1LL << 14) | HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128)

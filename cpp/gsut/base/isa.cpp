@@ -1,0 +1,93 @@
+// Choice of the vector instruction set, on top of Highway's dynamic dispatch.
+#include "gsut/base/isa.h"
+
+#include "gsut/base/hwy_targets.h"
+
+#include <hwy/highway.h>
+#include <hwy/targets.h>
+
+#include <cstdlib>
+
+#include "gsut/base/errors.h"
+
+namespace gsut {
+namespace {
+
+struct IsaName {
+  const char* name;
+  std::int64_t targets;
+};
+
+// Best first.
+constexpr IsaName kIsaNames[] = {
+    {"avx512", HWY_AVX3},
+    {"avx2", HWY_AVX2},
+    {"sse4", HWY_SSE4},
+    {"neon", HWY_NEON},
+    {"scalar", HWY_EMU128 | HWY_SCALAR},
+};
+
+// Targets compiled in and supported by the processor, before any forcing.
+std::int64_t UsableTargets() {
+  static const std::int64_t targets = hwy::SupportedTargets() & HWY_TARGETS;
+  return targets;
+}
+
+void Force(std::int64_t targets) {
+  hwy::SetSupportedTargetsForTest(targets);
+  hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+}
+
+// Applies GSUT_ISA the first time anybody asks.
+void ApplyEnvironmentOnce() {
+  static const bool applied = [] {
+    UsableTargets();
+    const char* name = std::getenv("GSUT_ISA");
+    if (name != nullptr && *name != '\0') SetIsa(name);
+    return true;
+  }();
+  static_cast<void>(applied);
+}
+
+std::string& ForcedName() {
+  static std::string name;
+  return name;
+}
+
+}  // namespace
+
+std::vector<std::string> AvailableIsas() {
+  std::vector<std::string> names;
+  for (const IsaName& isa : kIsaNames) {
+    if (UsableTargets() & isa.targets) names.emplace_back(isa.name);
+  }
+  return names;
+}
+
+std::string ActiveIsa() {
+  ApplyEnvironmentOnce();
+  return ForcedName().empty() ? AvailableIsas().front() : ForcedName();
+}
+
+void SetIsa(const std::string& name) {
+  const std::int64_t usable = UsableTargets();
+  if (name.empty()) {
+    Force(0);
+    ForcedName().clear();
+    return;
+  }
+  std::string known;
+  for (const IsaName& isa : kIsaNames) {
+    if ((usable & isa.targets) == 0) continue;
+    if (name == isa.name) {
+      Force(usable & isa.targets);
+      ForcedName() = name;
+      return;
+    }
+    known += std::string(known.empty() ? "" : ", ") + isa.name;
+  }
+  throw InputError("instruction set \"" + name + "\" (GSUT_ISA) is unknown or not available here; " +
+                   "this build and processor offer: " + known);
+}
+
+}  // namespace gsut

@@ -1,0 +1,139 @@
+// Shape and dtype checks between numpy arrays and the core's views.
+#pragma once
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+
+#include <cstdint>
+#include <initializer_list>
+#include <string>
+
+#include "gsut/base/errors.h"
+#include "gsut/gaussians/gaussians.h"
+
+namespace gsut::bindings {
+
+namespace py = pybind11;
+
+// -1 in an expected shape stands for any length.
+inline constexpr std::int64_t kAny = -1;
+
+inline std::string ShapeText(const py::array& array) {
+  std::string text = "(";
+  for (py::ssize_t i = 0; i < array.ndim(); ++i) text += std::to_string(array.shape(i)) + ",";
+  return text + ")";
+}
+
+// Throws InputError unless the array has the expected shape.
+inline void CheckShape(const py::array& array, const char* name,
+                       std::initializer_list<std::int64_t> expected) {
+  bool same = array.ndim() == static_cast<py::ssize_t>(expected.size());
+  std::string wanted = "(";
+  py::ssize_t axis = 0;
+  for (const std::int64_t length : expected) {
+    wanted += (length == kAny ? std::string("any") : std::to_string(length)) + ",";
+    if (same && length != kAny && array.shape(axis) != length) same = false;
+    ++axis;
+  }
+  if (!same) {
+    throw InputError(std::string(name) + " must have shape " + wanted + "), found " +
+                     ShapeText(array));
+  }
+}
+
+// The array as C-contiguous T of the expected shape, converted if needed (reading only).
+template <class T>
+py::array_t<T, py::array::c_style | py::array::forcecast> ReadArray(
+    const py::handle& object, const char* name, std::initializer_list<std::int64_t> expected) {
+  using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
+  Array array = Array::ensure(object);
+  if (!array) {
+    PyErr_Clear();
+    throw InputError(std::string(name) + " is not an array of numbers");
+  }
+  CheckShape(array, name, expected);
+  return array;
+}
+
+// Pointer to an array that must already be T, C-contiguous and of this shape: never copied.
+template <class T>
+const T* ConstData(const py::handle& object, const char* name,
+                   std::initializer_list<std::int64_t> expected) {
+  using Array = py::array_t<T, py::array::c_style>;
+  if (!py::isinstance<Array>(object)) {
+    throw InputError(std::string(name) + " must be a C-contiguous numpy array of dtype " +
+                     std::string(py::str(py::dtype::of<T>())));
+  }
+  const py::array array = py::reinterpret_borrow<py::array>(object);
+  CheckShape(array, name, expected);
+  return static_cast<const T*>(array.data());
+}
+
+// As ConstData, and writable: the core changes it in place.
+template <class T>
+T* MutableData(const py::handle& object, const char* name,
+               std::initializer_list<std::int64_t> expected) {
+  const T* data = ConstData<T>(object, name, expected);
+  if (!py::reinterpret_borrow<py::array>(object).writeable()) {
+    throw InputError(std::string(name) + " must be writable");
+  }
+  return const_cast<T*>(data);
+}
+
+// View of a gsut.Gaussians (any object with means, quats, log_scales, opacity_logits, sh as
+// C-contiguous arrays of dtype T). The caller keeps the object alive while the view is used.
+template <class T>
+GaussiansView<T> MutableGaussians(const py::handle& gaussians) {
+  GaussiansView<T> view;
+  const py::object sh = gaussians.attr("sh");
+  const py::object means = gaussians.attr("means");
+  view.size = static_cast<std::int64_t>(py::len(means));
+  view.sh_coefficients =
+      static_cast<int>(py::reinterpret_borrow<py::array>(sh).ndim() == 3
+                           ? py::reinterpret_borrow<py::array>(sh).shape(1)
+                           : 0);
+  view.means = MutableData<T>(means, "means", {view.size, 3});
+  view.quats = MutableData<T>(gaussians.attr("quats"), "quats", {view.size, 4});
+  view.log_scales = MutableData<T>(gaussians.attr("log_scales"), "log_scales", {view.size, 3});
+  view.opacity_logits =
+      MutableData<T>(gaussians.attr("opacity_logits"), "opacity_logits", {view.size});
+  view.sh = MutableData<T>(sh, "sh", {view.size, view.sh_coefficients, 3});
+  const int k = view.sh_coefficients;
+  if (k != 1 && k != 4 && k != 9 && k != 16) {
+    throw InputError("sh must have 1, 4, 9 or 16 coefficients (degree 0 to 3), found " +
+                     std::to_string(k));
+  }
+  return view;
+}
+
+template <class T>
+GaussiansView<const T> ConstGaussians(const py::handle& gaussians) {
+  GaussiansView<const T> view;
+  const py::object sh = gaussians.attr("sh");
+  const py::object means = gaussians.attr("means");
+  view.size = static_cast<std::int64_t>(py::len(means));
+  view.sh_coefficients =
+      static_cast<int>(py::reinterpret_borrow<py::array>(sh).ndim() == 3
+                           ? py::reinterpret_borrow<py::array>(sh).shape(1)
+                           : 0);
+  view.means = ConstData<T>(means, "means", {view.size, 3});
+  view.quats = ConstData<T>(gaussians.attr("quats"), "quats", {view.size, 4});
+  view.log_scales = ConstData<T>(gaussians.attr("log_scales"), "log_scales", {view.size, 3});
+  view.opacity_logits =
+      ConstData<T>(gaussians.attr("opacity_logits"), "opacity_logits", {view.size});
+  view.sh = ConstData<T>(sh, "sh", {view.size, view.sh_coefficients, 3});
+  const int k = view.sh_coefficients;
+  if (k != 1 && k != 4 && k != 9 && k != 16) {
+    throw InputError("sh must have 1, 4, 9 or 16 coefficients (degree 0 to 3), found " +
+                     std::to_string(k));
+  }
+  return view;
+}
+
+// A new uninitialised array.
+template <class T>
+py::array_t<T> NewArray(std::initializer_list<py::ssize_t> shape) {
+  return py::array_t<T>(std::vector<py::ssize_t>(shape));
+}
+
+}  // namespace gsut::bindings

@@ -1,0 +1,27 @@
+// The Python module gsut._core: exceptions, then one function a C++ folder.
+#include <pybind11/pybind11.h>
+
+#include "bindings/module.h"
+#include "gsut/base/errors.h"
+#include "gsut/base/isa.h"
+
+PYBIND11_MODULE(_core, m) {
+  using namespace gsut::bindings;  // NOLINT: the list below reads better without prefixes
+  m.doc() = "C++ core of gsut; use the names of the gsut package.";
+  m.attr("__version__") = GSUT_VERSION;
+  static const auto input_error = pybind11::register_exception<gsut::InputError>(
+      m, "InputError", PyExc_ValueError);
+  static const auto calibration_error = pybind11::register_exception<gsut::CalibrationError>(
+      m, "CalibrationError", input_error.ptr());
+  pybind11::register_exception<gsut::SolveError>(m, "SolveError", PyExc_RuntimeError);
+  gsut::ActiveIsa();  // applies GSUT_ISA now, so that an unknown name fails at import
+  BindBase(m);
+  BindCameras(m);
+  BindPoses(m);
+  BindGaussians(m);
+  BindProjection(m);
+  BindRaster(m);
+  BindLoss(m);
+  BindOptimize(m);
+  BindFormats(m);
+}

@@ -1,0 +1,82 @@
+"""The scene's parameters as numpy arrays."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from gsut._core import InputError
+
+_FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
+
+
+@dataclasses.dataclass
+class Gaussians:
+    """N anisotropic 3D Gaussians as a structure of arrays.
+
+    Args:
+        means: (N, 3) centres in world coordinates.
+        quats: (N, 4) rotations w, x, y, z of any norm > 0; normalised where used.
+        log_scales: (N, 3) natural logarithm of the standard deviations along the rotated axes.
+        opacity_logits: (N,) opacity = 1 / (1 + exp(-logit)).
+        sh: (N, K, 3) spherical harmonics of degree 0 to 3 (K = 1, 4, 9, 16);
+            colour = 0.5 + sum of basis times sh, clamped at 0 from below.
+
+    Arrays are kept as float64 if `means` is float64, as float32 otherwise, C-contiguous.
+
+    Raises:
+        InputError: shapes disagree.
+    """
+
+    means: np.ndarray
+    quats: np.ndarray
+    log_scales: np.ndarray
+    opacity_logits: np.ndarray
+    sh: np.ndarray
+
+    def __post_init__(self) -> None:
+        means = np.asarray(self.means)
+        dtype = np.float64 if means.dtype == np.float64 else np.float32
+        for name in _FIELDS:
+            setattr(self, name, np.ascontiguousarray(getattr(self, name), dtype=dtype))
+        n = len(self.means)
+        k = self.sh.shape[1] if self.sh.ndim == 3 else 0
+        if k not in (1, 4, 9, 16):
+            raise InputError(f"sh must have shape (N, K, 3) with K 1, 4, 9 or 16, found {self.sh.shape}")
+        expected = {
+            "means": (n, 3), "quats": (n, 4), "log_scales": (n, 3), "opacity_logits": (n,),
+            "sh": (n, k, 3),
+        }
+        for name, shape in expected.items():
+            found = getattr(self, name).shape
+            if found != shape:
+                raise InputError(f"{name} must have shape {shape}, found {found}")
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    @property
+    def dtype(self) -> np.dtype:
+        """float32 or float64, the same for all arrays."""
+        return self.means.dtype
+
+    @property
+    def sh_degree(self) -> int:
+        """Degree of the spherical harmonics, 0 to 3."""
+        return {1: 0, 4: 1, 9: 2, 16: 3}[self.sh.shape[1]]
+
+    def astype(self, dtype: np.typing.DTypeLike) -> Gaussians:
+        """The same Gaussians in float32 or float64 (a copy only if the dtype differs)."""
+        if np.dtype(dtype) == self.dtype:
+            return self
+        means = self.means.astype(dtype)
+        return Gaussians(means, *(getattr(self, name).astype(dtype) for name in _FIELDS[1:]))
+
+    def __getitem__(self, rows: slice | np.ndarray) -> Gaussians:
+        """The Gaussians of a slice (views, no copy) or of an index or boolean array."""
+        return Gaussians(*(getattr(self, name)[rows] for name in _FIELDS))
+
+    def copy(self) -> Gaussians:
+        """A deep copy."""
+        return Gaussians(*(getattr(self, name).copy() for name in _FIELDS))

@@ -1,0 +1,25 @@
+"""Fixtures of all Python tests: the folder of shared data, where present, and seeded numbers."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+# Development data that is not part of the project; tests that need it say so when it is absent.
+SHARED = Path(os.environ.get("GSUT_SHARED", ROOT.parent / "shared"))
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder of shared data; the test is skipped with a reason where it does not exist."""
+    if not (SHARED / "data").is_dir():
+        pytest.skip(f"{SHARED} is absent: this test needs the shared data set")
+    return SHARED
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """The only source of random data in tests."""
+    return np.random.default_rng(20260821)

@@ -1,0 +1,84 @@
+// Tests gsut/base: parallel loops, random numbers, instruction sets.
+#include <gtest/gtest.h>
+
+#include <vector>
+
+#include "gsut/base/errors.h"
+#include "gsut/base/isa.h"
+#include "gsut/base/parallel.h"
+#include "gsut/base/rng.h"
+
+namespace gsut {
+namespace {
+
+TEST(ParallelForTest, EveryIndexOnce) {
+  for (const int threads : {1, 2, 8}) {
+    SetNumThreads(threads);
+    std::vector<int> hits(1003, 0);
+    ParallelFor(1003, 10, [&](std::int64_t begin, std::int64_t end) {
+      EXPECT_EQ(begin % 10, 0);
+      for (std::int64_t i = begin; i < end; ++i) ++hits[static_cast<std::size_t>(i)];
+    });
+    for (const int hit : hits) EXPECT_EQ(hit, 1);
+  }
+  SetNumThreads(0);
+}
+
+TEST(ParallelForTest, SumHasSameBitsOnAnyThreadCount) {
+  std::vector<double> sums;
+  for (const int threads : {1, 2, 8}) {
+    SetNumThreads(threads);
+    sums.push_back(ParallelSum(100000, 7, [](std::int64_t begin, std::int64_t end) {
+      double sum = 0;
+      for (std::int64_t i = begin; i < end; ++i) sum += 1.0 / static_cast<double>(i + 1);
+      return sum;
+    }));
+  }
+  SetNumThreads(0);
+  EXPECT_EQ(sums[0], sums[1]);
+  EXPECT_EQ(sums[0], sums[2]);
+}
+
+TEST(ParallelForTest, NegativeThreadsRaise) { EXPECT_THROW(SetNumThreads(-1), InputError); }
+
+TEST(RngTest, PhiloxMatchesPublishedVectors) {
+  // Known answers of Random123 for philox4x32-10 with counter and key all zero.
+  const auto words = Rng(0, 0).Words(0);
+  EXPECT_EQ(words[0], 0x6627e8d5u);
+  EXPECT_EQ(words[1], 0xe169c58du);
+  EXPECT_EQ(words[2], 0xbc57ac4cu);
+  EXPECT_EQ(words[3], 0x9b00dbd8u);
+}
+
+TEST(RngTest, MomentsOfUniformAndNormal) {
+  const Rng rng(7, 3);
+  constexpr int kCount = 200000;
+  double sum = 0, normal = 0, square = 0;
+  for (int i = 0; i < kCount; ++i) {
+    const double u = rng.Uniform(i);
+    ASSERT_GE(u, 0.0);
+    ASSERT_LT(u, 1.0);
+    sum += u;
+    const auto n = rng.Normals(i);
+    normal += n[0] + n[1];
+    square += n[0] * n[0] + n[1] * n[1];
+  }
+  EXPECT_NEAR(sum / kCount, 0.5, 0.003);
+  EXPECT_NEAR(normal / (2 * kCount), 0.0, 0.006);
+  EXPECT_NEAR(square / (2 * kCount), 1.0, 0.01);
+}
+
+TEST(IsaTest, ForcingAnUnknownNameRaises) {
+  EXPECT_THROW(SetIsa("avx1024"), InputError);
+  int forced = 0;
+  for (const std::string& name : AvailableIsas()) {
+    SetIsa(name);
+    EXPECT_EQ(ActiveIsa(), name);
+    ++forced;
+  }
+  EXPECT_GE(forced, 1);
+  SetIsa("");
+}
+
+}  // namespace
+}  // namespace gsut
