@@ -35,68 +35,7 @@ constexpr int ShDegree(std::int64_t num_coefficients) {
   return -1;
 }
 
-// The first (degree + 1)^2 basis values at the unit direction (x, y, z); others are not written.
-template <class T>
-inline void HarmonicsBasis(int degree, T x, T y, T z, T* basis) {
-  basis[0] = T(kSh0);
-  if (degree < 1) return;
-  basis[1] = T(-kSh1) * y;
-  basis[2] = T(kSh1) * z;
-  basis[3] = T(-kSh1) * x;
-  if (degree < 2) return;
-  const T xx = x * x, yy = y * y, zz = z * z;
-  basis[4] = T(kSh2Xy) * (x * y);
-  basis[5] = T(-kSh2Xy) * (y * z);
-  basis[6] = T(kSh2Zz) * (T(2) * zz - xx - yy);
-  basis[7] = T(-kSh2Xy) * (x * z);
-  basis[8] = T(kSh2Xx) * (xx - yy);
-  if (degree < 3) return;
-  basis[9] = T(-kSh3Xxx) * y * (T(3) * xx - yy);
-  basis[10] = T(kSh3Xyz) * (x * y) * z;
-  basis[11] = T(-kSh3Xzz) * y * (T(4) * zz - xx - yy);
-  basis[12] = T(kSh3Zzz) * z * (T(2) * zz - T(3) * (xx + yy));
-  basis[13] = T(-kSh3Xzz) * x * (T(4) * zz - xx - yy);
-  basis[14] = T(kSh3Xxz) * z * (xx - yy);
-  basis[15] = T(-kSh3Xxx) * x * (xx - T(3) * yy);
-}
-
-// Chain rule of HarmonicsBasis: dl_dbasis[(degree + 1)^2] to dl_ddirection[3] (overwritten), with
-// x, y, z as free numbers. A caller whose direction is v / |v| projects: (I - d d^T) dl_dd / |v|.
-template <class T>
-inline void HarmonicsBasisGradient(int degree, T x, T y, T z, const T* dl_dbasis,
-                                   T* dl_ddirection) {
-  T gx = T(0), gy = T(0), gz = T(0);
-  const T* g = dl_dbasis;
-  if (degree >= 1) {
-    gx = T(-kSh1) * g[3];
-    gy = T(-kSh1) * g[1];
-    gz = T(kSh1) * g[2];
-  }
-  if (degree >= 2) {
-    const T g4 = T(kSh2Xy) * g[4], g5 = T(-kSh2Xy) * g[5], g6 = T(2 * kSh2Zz) * g[6];
-    const T g7 = T(-kSh2Xy) * g[7], g8 = T(2 * kSh2Xx) * g[8];
-    gx = gx + y * g4 - x * g6 + z * g7 + x * g8;
-    gy = gy + x * g4 + z * g5 - y * g6 - y * g8;
-    gz = gz + y * g5 + T(2) * z * g6 + x * g7;
-  }
-  if (degree >= 3) {
-    const T xx = x * x, yy = y * y, zz = z * z;
-    const T xy = x * y, yz = y * z, xz = x * z;
-    const T g9 = T(-3 * kSh3Xxx) * g[9], g10 = T(kSh3Xyz) * g[10], g11 = T(-kSh3Xzz) * g[11];
-    const T g12 = T(3 * kSh3Zzz) * g[12], g13 = T(-kSh3Xzz) * g[13], g14 = T(kSh3Xxz) * g[14];
-    const T g15 = T(-3 * kSh3Xxx) * g[15];
-    const T difference = xx - yy;
-    gx = gx + T(2) * xy * g9 + yz * g10 - T(2) * xy * g11 - T(2) * xz * g12 +
-         (T(4) * zz - T(3) * xx - yy) * g13 + T(2) * xz * g14 + difference * g15;
-    gy = gy + difference * g9 + xz * g10 + (T(4) * zz - xx - T(3) * yy) * g11 - T(2) * yz * g12 -
-         T(2) * xy * g13 - T(2) * yz * g14 - T(2) * xy * g15;
-    gz = gz + xy * g10 + T(8) * yz * g11 + (T(2) * zz - xx - yy) * g12 + T(8) * xz * g13 +
-         difference * g14;
-  }
-  dl_ddirection[0] = gx;
-  dl_ddirection[1] = gy;
-  dl_ddirection[2] = gz;
-}
+#include "gsut/gaussians/harmonics_basis.inc"
 
 // color[3] = max(0, 0.5 + sum over k of basis_k(direction) sh[k][channel]) for a unit direction
 // from the camera centre to the Gaussian. sh: (K, 3) with K >= (degree + 1)^2. Returns which

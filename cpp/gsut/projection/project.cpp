@@ -1,0 +1,124 @@
+// Projection in float (threads over the kernels) and in double (the reference).
+#include "gsut/projection/project.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "gsut/base/errors.h"
+#include "gsut/base/parallel.h"
+#include "gsut/cameras/lens_registry.h"
+#include "gsut/cameras/scalar_math.h"
+#include "gsut/gaussians/activations.h"
+#include "gsut/projection/project_kernels.h"
+#include "gsut/projection/unscented-inl.h"
+
+namespace gsut {
+namespace {
+
+// Splats are padded so that the kernels may write whole vectors.
+constexpr std::size_t kPadding = 16;
+constexpr std::int64_t kGrain = 4096;
+// Footprints wider than this (pixels) are not trusted to an ellipse.
+constexpr float kWideFootprint = 64.0f;
+
+}  // namespace
+
+UnscentedWeights MakeUnscentedWeights(const UnscentedOptions& options) {
+  const double lambda = options.alpha * options.alpha * (3.0 + options.kappa) - 3.0;
+  if (!(options.alpha > 0.0) || !std::isfinite(options.beta) || !(3.0 + lambda > 0.0) ||
+      !std::isfinite(lambda)) {
+    throw InputError("unscented transform: alpha " + std::to_string(options.alpha) + ", beta " +
+                     std::to_string(options.beta) + ", kappa " + std::to_string(options.kappa) +
+                     " give no sigma points; alpha must be positive and kappa above -3");
+  }
+  UnscentedWeights weights;
+  weights.spread = std::sqrt(3.0 + lambda);
+  weights.mean_0 = lambda / (3.0 + lambda);
+  weights.mean_i = 0.5 / (3.0 + lambda);
+  weights.cov_0 = weights.mean_0 + 1.0 - options.alpha * options.alpha + options.beta;
+  return weights;
+}
+
+double CutoffOf(double opacity, const FootprintRule& rule) {
+  const double by_alpha = 2.0 * std::log(opacity / rule.alpha_min);
+  if (!(rule.response_min > 0.0)) return by_alpha;
+  return std::min(by_alpha, -2.0 * std::log(rule.response_min));
+}
+
+void Splats::Resize(std::int64_t n) {
+  size = n;
+  const std::size_t padded = static_cast<std::size_t>(n) + kPadding;
+  for (AlignedVector<float>* array :
+       {&u, &v, &cov_uu, &cov_uv, &cov_vv, &extent_u, &extent_v, &distance}) {
+    array->resize(padded);
+  }
+  status.resize(padded);
+}
+
+void Project(const GaussiansView<const float>& gaussians, const Camera& camera,
+             const Pose& camera_from_world, const UnscentedOptions& options,
+             const FootprintRule& rule, Splats* splats) {
+  ProjectTask task;
+  task.gaussians = gaussians;
+  task.lens = camera.lens();
+  task.domain = camera.domain();
+  task.params = camera.params().data();
+  task.num_params = camera.num_params();
+  if (task.num_params > kMaxLensParams) {
+    throw InputError("the lens has " + std::to_string(task.num_params) +
+                     " parameters; at most " + std::to_string(kMaxLensParams) + " can be rendered");
+  }
+  task.width = camera.width();
+  task.height = camera.height();
+  task.view = MakeViewFloats(camera_from_world);
+  task.weights = MakeUnscentedWeights(options);
+  task.log2_alpha_min = static_cast<float>(std::log2(rule.alpha_min));
+  task.max_cutoff = rule.response_min > 0.0
+                        ? static_cast<float>(-2.0 * std::log(rule.response_min))
+                        : std::numeric_limits<float>::max();
+  task.wide = kWideFootprint;
+  splats->Resize(gaussians.size);
+  ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    ProjectKernel(task, begin, end, splats);
+  });
+}
+
+void ProjectReference(const GaussiansView<const double>& gaussians, const Camera& camera,
+                      const Pose& camera_from_world, const UnscentedOptions& options,
+                      double* means, double* covariances, std::uint8_t* valid) {
+  const UnscentedWeights weights = MakeUnscentedWeights(options);
+  ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      const Eigen::Vector3d mean =
+          camera_from_world.rotation * Eigen::Map<const Eigen::Vector3d>(gaussians.means + 3 * i) +
+          camera_from_world.translation;
+      double r[9];
+      RotationFromQuaternion(gaussians.quats + 4 * i, r);
+      const Eigen::Matrix3d q =
+          camera_from_world.rotation *
+          Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r);
+      double axes[3][3], scale[3];
+      for (int k = 0; k < 3; ++k) {
+        scale[k] = ScaleFromLog(gaussians.log_scales[3 * i + k]);
+        for (int row = 0; row < 3; ++row) axes[k][row] = q(row, k);
+      }
+      const auto footprint = VisitLens(camera.lens(), [&](auto lens) {
+        return HWY_NAMESPACE::Unscented<decltype(lens), double>(
+            camera.domain(), camera.params().data(), camera.num_params(), weights, mean.data(),
+            axes, scale);
+      });
+      const bool ok = footprint.all_valid;
+      const double nan = std::numeric_limits<double>::quiet_NaN();
+      valid[i] = ok;
+      means[2 * i] = ok ? footprint.u : nan;
+      means[2 * i + 1] = ok ? footprint.v : nan;
+      covariances[4 * i] = ok ? footprint.cov_uu : nan;
+      covariances[4 * i + 1] = covariances[4 * i + 2] = ok ? footprint.cov_uv : nan;
+      covariances[4 * i + 3] = ok ? footprint.cov_vv : nan;
+    }
+  });
+}
+
+}  // namespace gsut

@@ -1,0 +1,90 @@
+// What one camera sees of the Gaussians: the records, lists and buffers of the tiled renderer.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "gsut/base/aligned_vector.h"
+
+namespace gsut {
+
+// A Gaussian of a frame is one cache line of 16 floats. With d the direction of a ray (any length) in
+// the camera frame,
+//   p = a.d, q = b.d, z = c.d, N = p^2 + q^2, u = N / (z^2 + k N), and
+//   D^2 = u / s with kappa = -log2(e) / (2 s), so alpha = opacity 2^(kappa u),
+// where D is the smallest Mahalanobis distance along the ray. The forms are scaled so that
+// alpha >= alpha_min (and response >= response_min) exactly where N < z^2 and z > 0: no exponential
+// and no division for a miss. The distance along a unit ray to that point is depth z / (z^2 + k N).
+// Derivation: in whitened coordinates with axis 3 towards the mean, at distance g from the camera,
+//   D^2 = g^2 (x^2 + y^2) / (x^2 + y^2 + z^2); s = 1 / tau - 1 / g^2, tau the cut-off of D^2;
+//   k = 1 / (s g^2); p, q are x, y times sqrt(s) g, rotated so that a and b are orthogonal.
+namespace record {
+inline constexpr int kA = 0;             // a: 3 floats
+inline constexpr int kB = 3;             // b
+inline constexpr int kC = 6;             // c, scaled to c.(mean direction) = 1
+inline constexpr int kK = 9;             // k
+inline constexpr int kKappa = 10;        // kappa
+inline constexpr int kLog2Opacity = 11;  // log2(opacity)
+inline constexpr int kColor = 12;        // 3 floats
+inline constexpr int kDepth = 15;        // distance of the mean
+inline constexpr int kSize = 16;
+}  // namespace record
+
+// A (tile, Gaussian) pair. Its slot is where the backward pass leaves the pair's gradient: slots are
+// numbered by Gaussian and then by tile, so sums over a Gaussian's slots have one order.
+struct TilePair {
+  std::uint32_t gaussian;
+  std::uint32_t slot;
+};
+
+// A pair that contributed to at least one pixel, with the blocks where it did.
+struct TileEntry {
+  std::uint32_t gaussian;
+  std::uint32_t slot;
+  std::uint64_t blocks;
+};
+
+// Tiles [x0, x1) x [y0, y1); empty if x0 >= x1.
+struct TileRect {
+  std::uint16_t x0 = 0, x1 = 0, y0 = 0, y1 = 0;
+  std::uint32_t Area() const {
+    return static_cast<std::uint32_t>(x1 - x0) * static_cast<std::uint32_t>(y1 - y0);
+  }
+};
+
+// Buffers are kept from frame to frame and only grow.
+struct Frame {
+  std::int64_t size = 0;  // Gaussians
+  AlignedVector<float> records;        // (size, 16)
+  AlignedVector<float> order_key;      // (size)
+  AlignedVector<TileRect> rects;       // (size); empty: not seen
+  AlignedVector<std::uint32_t> slot_begin;  // (size + 1)
+  AlignedVector<std::uint32_t> order;  // seen Gaussians, nearest first
+  AlignedVector<TilePair> pairs;       // by tile, nearest first
+  AlignedVector<std::uint32_t> tile_begin;  // (tiles + 1)
+
+  // Results of the forward pass by tile, swizzled as the tile grid (256 floats a tile).
+  AlignedVector<float> transmittance;  // negative: stopped before the Gaussian that would cross
+  AlignedVector<float> color[3];
+  AlignedVector<float> depth;
+  AlignedVector<TileEntry> entries;         // at the offsets of `pairs`
+  AlignedVector<std::uint32_t> entry_count;  // (tiles)
+
+  // Results of the backward pass.
+  AlignedVector<float> slot_gradients;        // (slots, 16)
+  AlignedVector<std::uint8_t> slot_touched;   // (slots)
+
+  std::size_t num_pairs() const { return pairs.size(); }
+};
+
+// Layout of a slot's gradient: sums over the pair's pixels of dL/da, dL/db, dL/dc (up to the factor
+// kFormScale x kappa, see gradients-inl.h), of h u and h with h = alpha dL/dalpha, of dL/dcolor and
+// of dL/ddepth.
+namespace slot {
+inline constexpr int kHu = 9;
+inline constexpr int kH = 10;
+inline constexpr int kColor = 11;
+inline constexpr int kDepth = 14;
+}  // namespace slot
+
+}  // namespace gsut

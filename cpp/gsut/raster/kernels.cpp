@@ -1,0 +1,172 @@
+// The raster kernels, compiled once per instruction set.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "gsut/raster/kernels.cpp"
+#include "gsut/base/hwy_targets.h"
+
+#include <hwy/cache_control.h>
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include "gsut/gaussians/harmonics.h"
+#include "gsut/raster/kernels.h"
+
+#include "gsut/raster/harmonics-inl.h"
+#include "gsut/raster/records-inl.h"
+#include "gsut/raster/gradients-inl.h"
+#include "gsut/raster/tile_rect-inl.h"
+#include "gsut/raster/forward-inl.h"
+#include "gsut/raster/backward-inl.h"
+#include "gsut/raster/pixels-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace gsut {
+namespace HWY_NAMESPACE {
+
+void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
+             std::int64_t begin, std::int64_t end, Frame* frame) {
+  const FloatTag d;
+  const hn::RebindToSigned<FloatTag> di;
+  const int coefficients = task.gaussians.sh_coefficients;
+  for (std::int64_t i = begin; i < end; i += kLanes) {
+    const int count = static_cast<int>(HWY_MIN(end - i, static_cast<std::int64_t>(kLanes)));
+    bool any = false;
+    for (int k = 0; k < count; ++k) {
+      any = any || splats.status[static_cast<std::size_t>(i + k)] != SplatStatus::kUnseen;
+    }
+    for (int k = 0; k < count; ++k) frame->rects[static_cast<std::size_t>(i + k)] = {};
+    if (!any) continue;
+    const SeenLanes g =
+        LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
+    const RecordLanes r = MakeRecord(g);
+    Lane direction[3], color[3];
+    const Lane inverse_distance = Lane(1.0) / g.distance;
+    for (int k = 0; k < 3; ++k) direction[k] = g.world[k] * inverse_distance;
+    const auto row_offset =
+        hn::Mul(hn::Min(hn::Iota(di, 0), hn::Set(di, count - 1)), hn::Set(di, 3 * coefficients));
+    EvalColor(task.sh_degree, direction, task.gaussians.sh + 3 * coefficients * i, row_offset,
+              color);
+    const LaneMask in_range = AndMask(g.mean[2] >= Lane(task.near_z), g.mean[2] <= Lane(task.far_z));
+    const LaneMask finite_color = IsFinite(color[0] + color[1] + color[2]);
+    const std::uint64_t visible =
+        MaskBits(AndMask(AndMask(r.visible, in_range), finite_color).m);
+    const Lane* columns[] = {&r.a[0], &r.a[1], &r.a[2], &r.b[0], &r.b[1],
+                             &r.b[2], &r.c[0], &r.c[1], &r.c[2], &r.k,
+                             &r.kappa, &g.log2_opacity, nullptr, nullptr, nullptr, &g.distance};
+    HWY_ALIGN float values[record::kSize][kLanes];
+    for (int k = 0; k < record::kSize; ++k) {
+      if (columns[k] != nullptr) hn::Store(columns[k]->v, d, values[k]);
+    }
+    for (int c = 0; c < 3; ++c) {
+      hn::Store(Max(color[c], Lane(0.0)).v, d, values[record::kColor + c]);
+    }
+    hn::StoreU((task.order_by_z ? g.mean[2] : g.distance).v, d,
+               &frame->order_key[static_cast<std::size_t>(i)]);
+    for (int k = 0; k < count; ++k) {
+      const std::size_t j = static_cast<std::size_t>(i + k);
+      if (!((visible >> k) & 1) || splats.status[j] == SplatStatus::kUnseen) continue;
+      float* row = &frame->records[j * record::kSize];
+      for (int column = 0; column < record::kSize; ++column) row[column] = values[column][k];
+      frame->rects[j] = splats.status[j] == SplatStatus::kEllipse
+                            ? EllipseTileRect(grid, splats.u[j], splats.v[j], splats.extent_u[j],
+                                              splats.extent_v[j])
+                            : ExactTileRect(grid, row);
+    }
+  }
+}
+
+void Forward(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame, float* image,
+             float* alpha, float* depth) {
+  const auto run = [&](auto with_depth, auto keep, auto stop_before) HWY_ATTR {
+    ForwardTile<with_depth.value, keep.value, stop_before.value>(
+        grid, tile, task.alpha_max, task.transmittance_min, frame);
+  };
+  const auto with_stop = [&](auto with_depth, auto keep) HWY_ATTR {
+    if (task.stop_before) {
+      run(with_depth, keep, std::true_type());
+    } else {
+      run(with_depth, keep, std::false_type());
+    }
+  };
+  const auto with_keep = [&](auto with_depth) HWY_ATTR {
+    if (task.keep) {
+      with_stop(with_depth, std::true_type());
+    } else {
+      with_stop(with_depth, std::false_type());
+    }
+  };
+  if (task.with_depth) {
+    with_keep(std::true_type());
+  } else {
+    with_keep(std::false_type());
+  }
+  WritePixels(grid, tile, *frame, task.background, task.with_depth, image, alpha, depth);
+}
+
+void Backward(const RasterTask& task, const TileGrid& grid, int tile,
+              const ImageGradients& gradients, Frame* frame) {
+  HWY_ALIGN float buffer[5 * kTilePixels];
+  PixelGradients pixels;
+  for (int c = 0; c < 3; ++c) pixels.color[c] = buffer + c * kTilePixels;
+  pixels.final_transmittance = buffer + 3 * kTilePixels;
+  pixels.depth = buffer + 4 * kTilePixels;
+  ReadPixelGradients(grid, tile, gradients, task.background, buffer);
+  const auto run = [&](auto with_depth, auto stop_before) HWY_ATTR {
+    BackwardTile<with_depth.value, stop_before.value>(grid, tile, task.alpha_max,
+                                                      task.transmittance_min, pixels, frame);
+  };
+  const bool with_depth = gradients.depth != nullptr;
+  if (with_depth && task.stop_before) {
+    run(std::true_type(), std::true_type());
+  } else if (with_depth) {
+    run(std::true_type(), std::false_type());
+  } else if (task.stop_before) {
+    run(std::false_type(), std::true_type());
+  } else {
+    run(std::false_type(), std::false_type());
+  }
+}
+
+void Gradients(const RasterTask& task, const Frame& frame, std::int64_t begin, std::int64_t end,
+               bool write_untouched, const GaussiansView<float>& gradients, std::uint8_t* touched,
+               double* dpose) {
+  for (std::int64_t i = begin; i < end; i += kLanes) {
+    GaussianGradients(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff,
+                      task.sh_degree, write_untouched, frame, gradients, touched, dpose);
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace gsut
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace gsut {
+HWY_EXPORT(Records);
+HWY_EXPORT(Forward);
+HWY_EXPORT(Backward);
+HWY_EXPORT(Gradients);
+
+void RecordsKernel(const RasterTask& task, const TileGrid& grid, const Splats& splats,
+                   std::int64_t begin, std::int64_t end, Frame* frame) {
+  HWY_DYNAMIC_DISPATCH(Records)(task, grid, splats, begin, end, frame);
+}
+
+void ForwardKernel(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame,
+                   float* image, float* alpha, float* depth) {
+  HWY_DYNAMIC_DISPATCH(Forward)(task, grid, tile, frame, image, alpha, depth);
+}
+
+void BackwardKernel(const RasterTask& task, const TileGrid& grid, int tile,
+                    const ImageGradients& gradients, Frame* frame) {
+  HWY_DYNAMIC_DISPATCH(Backward)(task, grid, tile, gradients, frame);
+}
+
+void GradientsKernel(const RasterTask& task, const Frame& frame, std::int64_t begin,
+                     std::int64_t end, bool write_untouched, const GaussiansView<float>& gradients,
+                     std::uint8_t* touched, double* dpose) {
+  HWY_DYNAMIC_DISPATCH(Gradients)(task, frame, begin, end, write_untouched, gradients, touched,
+                                  dpose);
+}
+
+}  // namespace gsut
+#endif

@@ -1,0 +1,114 @@
+// Between the tiles' swizzled pixels and row-major images, with the background blended in.
+
+#if defined(GSUT_RASTER_PIXELS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef GSUT_RASTER_PIXELS_INL_H_
+#undef GSUT_RASTER_PIXELS_INL_H_
+#else
+#define GSUT_RASTER_PIXELS_INL_H_
+#endif
+
+#include "gsut/raster/kernels.h"
+#include "gsut/raster/tile_math-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace gsut {
+namespace HWY_NAMESPACE {
+
+// Calls visit(offset in the tile, pixel index, count) for each run of up to 4 pixels of the tile
+// that lies inside the image: 4 neighbours in a row are 4 neighbours in a block.
+template <class Visit>
+HWY_INLINE void ForEachRun(const TileGrid& grid, int tile, Visit&& visit) {
+  const int x0 = (tile % grid.tiles_x) * kTileSize;
+  const int y0 = (tile / grid.tiles_x) * kTileSize;
+  const int rows = HWY_MIN(kTileSize, grid.height - y0);
+  for (int row = 0; row < rows; ++row) {
+    for (int column = 0; column < kTileSize; column += kBlockWidth) {
+      const int count = HWY_MIN(kBlockWidth, grid.width - x0 - column);
+      if (count <= 0) break;
+      visit(grid.PixelOffset(column, row),
+            static_cast<std::size_t>(y0 + row) * grid.width + x0 + column, count);
+    }
+  }
+}
+
+HWY_INLINE void WritePixels(const TileGrid& grid, int tile, const Frame& frame,
+                            const float* background, bool with_depth, float* image, float* alpha,
+                            float* depth) {
+  const Float4 d;
+  const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
+  ForEachRun(grid, tile, [&](int offset, std::size_t pixel, int count) HWY_ATTR {
+    const std::size_t o = pixel0 + static_cast<std::size_t>(offset);
+    const auto left = hn::Abs(hn::Load(d, &frame.transmittance[o]));
+    const auto opaque = hn::Sub(hn::Load(d, &grid.start[o]), left);
+    const auto red = hn::MulAdd(left, hn::Set(d, background[0]), hn::Load(d, &frame.color[0][o]));
+    const auto green = hn::MulAdd(left, hn::Set(d, background[1]), hn::Load(d, &frame.color[1][o]));
+    const auto blue = hn::MulAdd(left, hn::Set(d, background[2]), hn::Load(d, &frame.color[2][o]));
+    const auto far = with_depth ? hn::Mul(hn::Load(d, &frame.depth[o]), hn::Load(d, &grid.length[o]))
+                                : hn::Zero(d);
+    if (count == kBlockWidth) {
+      hn::StoreInterleaved3(red, green, blue, d, image + 3 * pixel);
+      if (alpha != nullptr) hn::StoreU(opaque, d, alpha + pixel);
+      if (depth != nullptr) hn::StoreU(far, d, depth + pixel);
+      return;
+    }
+    HWY_ALIGN float rgb[12], one[4], other[4];
+    hn::StoreInterleaved3(red, green, blue, d, rgb);
+    hn::Store(opaque, d, one);
+    hn::Store(far, d, other);
+    for (int i = 0; i < 3 * count; ++i) image[3 * pixel + i] = rgb[i];
+    for (int i = 0; i < count; ++i) {
+      if (alpha != nullptr) alpha[pixel + i] = one[i];
+      if (depth != nullptr) depth[pixel + i] = other[i];
+    }
+  });
+}
+
+// buffer[5 * 256]: dL/dred, dgreen, dblue, dL/d(final transmittance), dL/ddepth x ray length.
+// Pixels outside the image are 0.
+HWY_INLINE void ReadPixelGradients(const TileGrid& grid, int tile, const ImageGradients& gradients,
+                                   const float* background, float* buffer) {
+  const Float4 d;
+  const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
+  const int x0 = (tile % grid.tiles_x) * kTileSize;
+  const int y0 = (tile / grid.tiles_x) * kTileSize;
+  if (x0 + kTileSize > grid.width || y0 + kTileSize > grid.height) {
+    hwy::ZeroBytes(buffer, sizeof(float) * 5 * kTilePixels);
+  }
+  ForEachRun(grid, tile, [&](int offset, std::size_t pixel, int count) HWY_ATTR {
+    HWY_ALIGN float rgb[12] = {}, one[4] = {}, other[4] = {};
+    const float* color = gradients.image + 3 * pixel;
+    const float* alpha = gradients.alpha == nullptr ? nullptr : gradients.alpha + pixel;
+    const float* depth = gradients.depth == nullptr ? nullptr : gradients.depth + pixel;
+    if (count < kBlockWidth) {
+      for (int i = 0; i < 3 * count; ++i) rgb[i] = color[i];
+      color = rgb;
+      for (int i = 0; i < count; ++i) {
+        if (alpha != nullptr) one[i] = alpha[i];
+        if (depth != nullptr) other[i] = depth[i];
+      }
+      if (alpha != nullptr) alpha = one;
+      if (depth != nullptr) depth = other;
+    }
+    hn::Vec<Float4> red, green, blue;
+    hn::LoadInterleaved3(d, color, red, green, blue);
+    auto final_t = hn::MulAdd(red, hn::Set(d, background[0]),
+                              hn::MulAdd(green, hn::Set(d, background[1]),
+                                         hn::Mul(blue, hn::Set(d, background[2]))));
+    if (alpha != nullptr) final_t = hn::Sub(final_t, hn::LoadU(d, alpha));
+    float* out = buffer + offset;
+    hn::Store(red, d, out);
+    hn::Store(green, d, out + kTilePixels);
+    hn::Store(blue, d, out + 2 * kTilePixels);
+    hn::Store(final_t, d, out + 3 * kTilePixels);
+    if (depth != nullptr) {
+      const auto length = hn::Load(d, &grid.length[pixel0 + static_cast<std::size_t>(offset)]);
+      hn::Store(hn::Mul(hn::LoadU(d, depth), length), d, out + 4 * kTilePixels);
+    }
+  });
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace gsut
+HWY_AFTER_NAMESPACE();
+
+#endif  // include guard of a per-target header

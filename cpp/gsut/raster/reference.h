@@ -1,0 +1,35 @@
+// The truth: a scalar double renderer without tiles, every Gaussian at every pixel, and its exact
+// backward. Slow by design; every kernel is tested against it.
+#pragma once
+
+#include <vector>
+
+#include "gsut/cameras/camera.h"
+#include "gsut/gaussians/gaussians.h"
+#include "gsut/poses/pose.h"
+#include "gsut/raster/blend_rule.h"
+
+namespace gsut {
+
+// Row-major buffers of height * width pixels. A pixel without a ray stays 0 in all of them.
+struct ReferenceImage {
+  std::vector<double> image;  // (H, W, 3)
+  std::vector<double> alpha;  // (H, W): 1 - final transmittance
+  std::vector<double> depth;  // (H, W): sum of weight times distance along the ray
+  std::vector<int> samples;   // (H, W): Gaussians blended
+};
+
+// Throws InputError if a parameter is not finite.
+ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, const Camera& camera,
+                               const Pose& camera_from_world, const RenderSettings& settings);
+
+// Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth); dalpha and
+// ddepth may be null. Writes (does not add) all of `gradients`, shaped like the Gaussians, and
+// dpose[6], the gradient to xi = (v, w) in camera_from_world <- ExpPose(xi) camera_from_world.
+// The cut-offs of the blend rule are not differentiated; a clamped alpha or colour has gradient 0.
+void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const Camera& camera,
+                             const Pose& camera_from_world, const RenderSettings& settings,
+                             const double* dimage, const double* dalpha, const double* ddepth,
+                             const GaussiansView<double>& gradients, double* dpose);
+
+}  // namespace gsut

@@ -1,0 +1,86 @@
+// The stages of a frame, one after the other.
+#include "gsut/raster/render.h"
+
+#include <cmath>
+#include <limits>
+
+#include "gsut/base/errors.h"
+#include "gsut/base/isa.h"
+#include "gsut/base/parallel.h"
+#include "gsut/gaussians/harmonics.h"
+#include "gsut/projection/project_kernels.h"
+#include "gsut/raster/bin_tiles.h"
+
+namespace gsut {
+namespace {
+
+constexpr std::int64_t kGaussianGrain = 2048;
+constexpr std::size_t kPadding = 16;
+
+}  // namespace
+
+void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera& camera,
+                      const Pose& camera_from_world, const RenderSettings& settings,
+                      const TiledOptions& options, float* image, float* alpha, float* depth) {
+  rendered_ = false;
+  ActiveIsa();  // applies GSUT_ISA before the first kernel runs
+  grid_ = TilesOf(camera, ActiveLanes());
+  if (grid_->too_wide) {
+    throw InputError(
+        "the image is too small for its field of view: a tile of 16 x 16 pixels spans more than "
+        "168 degrees; render a larger image or use dtype=\"float64\"");
+  }
+  const FootprintRule footprint = {settings.rule.alpha_min, settings.rule.response_min};
+  Project(gaussians, camera, camera_from_world, options.unscented, footprint, &splats_);
+
+  task_.gaussians = gaussians;
+  task_.view = MakeViewFloats(camera_from_world);
+  task_.log2_alpha_min = static_cast<float>(std::log2(settings.rule.alpha_min));
+  task_.max_cutoff = footprint.response_min > 0.0
+                         ? static_cast<float>(-2.0 * std::log(footprint.response_min))
+                         : std::numeric_limits<float>::max();
+  task_.alpha_max = static_cast<float>(settings.rule.alpha_max);
+  task_.transmittance_min = static_cast<float>(settings.rule.transmittance_min);
+  for (int c = 0; c < 3; ++c) task_.background[c] = static_cast<float>(settings.background[c]);
+  task_.near_z = static_cast<float>(settings.rule.near_z);
+  task_.far_z = static_cast<float>(settings.rule.far_z);
+  task_.order_by_z = settings.rule.order == OrderKey::kDepthZ;
+  task_.stop_before = settings.rule.stop_before;
+  task_.with_depth = options.with_depth;
+  task_.keep = options.keep_for_backward;
+  const int stored_degree = ShDegree(gaussians.sh_coefficients);
+  task_.sh_degree = settings.sh_degree < stored_degree ? settings.sh_degree : stored_degree;
+
+  frame_.size = gaussians.size;
+  const std::size_t n = static_cast<std::size_t>(gaussians.size);
+  frame_.records.resize((n + kPadding) * record::kSize);
+  frame_.order_key.resize(n + kPadding);
+  frame_.rects.resize(n);
+  ParallelFor(gaussians.size, kGaussianGrain, [&](std::int64_t begin, std::int64_t end) {
+    RecordsKernel(task_, *grid_, splats_, begin, end, &frame_);
+  });
+  BinTiles(*grid_, &frame_);
+
+  const std::size_t tiles = static_cast<std::size_t>(grid_->num_tiles());
+  frame_.transmittance.resize(tiles * kTilePixels);
+  for (AlignedVector<float>& channel : frame_.color) channel.resize(tiles * kTilePixels);
+  if (task_.with_depth) frame_.depth.resize(tiles * kTilePixels);
+  if (task_.keep) {
+    frame_.entries.resize(frame_.pairs.size());
+    frame_.entry_count.resize(tiles);
+  }
+  ParallelFor(grid_->num_tiles(), 1, [&](std::int64_t tile, std::int64_t) {
+    ForwardKernel(task_, *grid_, static_cast<int>(tile), &frame_, image, alpha, depth);
+  });
+  rendered_ = task_.keep;
+}
+
+std::int64_t Renderer::num_contributing_pairs() const {
+  std::int64_t sum = 0;
+  if (rendered_) {
+    for (const std::uint32_t count : frame_.entry_count) sum += count;
+  }
+  return sum;
+}
+
+}  // namespace gsut

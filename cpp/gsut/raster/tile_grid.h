@@ -1,0 +1,57 @@
+// The rays of a camera cut into 16 x 16 tiles, each in gnomonic coordinates of its own.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+
+#include "gsut/base/aligned_vector.h"
+#include "gsut/cameras/camera.h"
+
+namespace gsut {
+
+inline constexpr int kTileSize = 16;
+inline constexpr int kTilePixels = kTileSize * kTileSize;
+inline constexpr int kBlockWidth = 4;
+// Tile arrays are padded by this many entries so that vectors may read past the last tile.
+inline constexpr int kTilePadding = 16;
+
+// A ray of tile k is D + s E1 + t E2 (any length: the response of a Gaussian does not depend on it),
+// D the mean direction of the tile's rays and E1, E2 orthonormal to it: exact for any lens.
+// Pixels are stored block by block, a block being as many pixels as a vector has lanes, 4 wide, so
+// that one load fills a vector. Built for a number of lanes; masked pixels have start = 0.
+struct TileGrid {
+  int width = 0, height = 0;
+  int tiles_x = 0, tiles_y = 0;
+  int lanes = 0;         // pixels in a block
+  int blocks = 0;        // blocks in a tile
+  int block_stride = 0;  // blocks rounded up to whole vectors
+
+  AlignedVector<float> s, t;    // (tiles * 256)
+  AlignedVector<float> start;   // (tiles * 256) first transmittance: 1, or 0 where there is no ray
+  AlignedVector<float> length;  // (tiles * 256) |D + s E1 + t E2|
+  // Nine arrays over tiles (SoA): D.x D.y D.z E1.x E1.y E1.z E2.x E2.y E2.z.
+  AlignedVector<float> frame[9];
+  // Box around the valid (s, t) of each tile: centre and half size, four arrays over tiles.
+  AlignedVector<float> box[4];
+  AlignedVector<float> has_ray;  // over tiles: 1 or 0
+  // The same box for each block: per tile 4 x block_stride floats (centre s, centre t, half s, half t).
+  AlignedVector<float> block_box;
+  AlignedVector<std::uint64_t> alive;  // per tile: bit b set if block b has a valid pixel
+  // A tile whose rays spread over more than a hemisphere has no gnomonic plane (a panorama of a few
+  // pixels); then the kernels cannot be used.
+  bool too_wide = false;
+
+  int num_tiles() const { return tiles_x * tiles_y; }
+  // Offset in a swizzled tile of the pixel (column, row) of the tile.
+  int PixelOffset(int column, int row) const {
+    const int block_rows = lanes / kBlockWidth;
+    const int block = (row / block_rows) * (kTileSize / kBlockWidth) + column / kBlockWidth;
+    return block * lanes + (row % block_rows) * kBlockWidth + column % kBlockWidth;
+  }
+};
+
+// The grid for vectors of `lanes` floats (4, 8 or 16); a camera's grids are kept with it for as long
+// as the camera lives, so that the second call costs nothing.
+std::shared_ptr<const TileGrid> TilesOf(const Camera& camera, int lanes);
+
+}  // namespace gsut
