@@ -1,10 +1,197 @@
-// Binds gsut/raster.
+// Binds gsut/raster: blend rule, tiled renderer, double reference.
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 
+#include <algorithm>
+#include <array>
+#include <cstring>
+
+#include "bindings/arrays.h"
 #include "bindings/module.h"
+#include "bindings/poses.h"
+#include "gsut/raster/reference.h"
+#include "gsut/raster/render.h"
 
 namespace gsut::bindings {
+namespace {
 
-void BindRaster(pybind11::module_&) {}
+RenderSettings Settings(const BlendRule& rule, const std::array<double, 3>& background,
+                        int sh_degree) {
+  RenderSettings settings;
+  settings.rule = rule;
+  std::copy(background.begin(), background.end(), settings.background);
+  settings.sh_degree = sh_degree;
+  return settings;
+}
+
+template <class T>
+const T* OptionalData(const py::object& array, const char* name,
+                      std::initializer_list<std::int64_t> shape) {
+  return array.is_none() ? nullptr : ConstData<T>(array, name, shape);
+}
+
+py::array_t<double> Pose6(const double* dpose) {
+  py::array_t<double> out(6);
+  std::copy_n(dpose, 6, out.mutable_data());
+  return out;
+}
+
+// A renderer and what its last image was made from.
+class BoundRenderer {
+ public:
+  void Render(const py::object& gaussians, const Camera& camera, const py::object& pose,
+              const BlendRule& rule, const std::array<double, 3>& background, int sh_degree,
+              const std::array<double, 3>& unscented, const py::object& image,
+              const py::object& alpha, const py::object& depth, bool keep) {
+    const auto view = ConstGaussians<float>(gaussians);
+    const Pose camera_from_world = ReadPose(pose);
+    height_ = camera.height();
+    width_ = camera.width();
+    float* image_data = MutableData<float>(image, "image", {height_, width_, 3});
+    float* alpha_data =
+        alpha.is_none() ? nullptr : MutableData<float>(alpha, "alpha", {height_, width_});
+    float* depth_data =
+        depth.is_none() ? nullptr : MutableData<float>(depth, "depth", {height_, width_});
+    TiledOptions options;
+    options.unscented = {unscented[0], unscented[1], unscented[2]};
+    options.with_depth = depth_data != nullptr;
+    options.keep_for_backward = keep;
+    gaussians_ = gaussians;
+    const py::gil_scoped_release release;
+    renderer_.Render(view, camera, camera_from_world, Settings(rule, background, sh_degree),
+                     options, image_data, alpha_data, depth_data);
+  }
+
+  py::array_t<double> Backward(const py::object& dimage, const py::object& dalpha,
+                               const py::object& ddepth, const py::object& gradients,
+                               const py::object& touched, bool write_untouched) {
+    const float* image = ConstData<float>(dimage, "dimage", {height_, width_, 3});
+    const float* alpha = OptionalData<float>(dalpha, "dalpha", {height_, width_});
+    const float* depth = OptionalData<float>(ddepth, "ddepth", {height_, width_});
+    const auto view = MutableGaussians<float>(gradients);
+    std::uint8_t* touched_data = MutableData<std::uint8_t>(touched, "touched", {view.size});
+    double dpose[6];
+    {
+      const py::gil_scoped_release release;
+      renderer_.Backward(image, alpha, depth, write_untouched, view, touched_data, dpose);
+    }
+    return Pose6(dpose);
+  }
+
+  // Distances of the means of the last render (N,); a copy.
+  py::array_t<float> Distances() const {
+    const Splats& splats = renderer_.splats();
+    py::array_t<float> out(static_cast<py::ssize_t>(splats.size));
+    std::copy_n(splats.distance.data(), splats.size, out.mutable_data());
+    return out;
+  }
+
+  // Wall seconds of the stages of the last render and backward.
+  py::dict Timings() const {
+    py::dict out;
+    for (const auto& [stage, seconds] : renderer_.timings()) out[stage] = seconds;
+    return out;
+  }
+
+  py::dict Statistics() const {
+    const Splats& splats = renderer_.splats();
+    std::int64_t uncertain = 0;
+    for (std::int64_t i = 0; i < splats.size; ++i) {
+      uncertain += splats.status[static_cast<std::size_t>(i)] == SplatStatus::kUncertain;
+    }
+    py::dict out;
+    out["num_visible"] = renderer_.frame().order.size();
+    out["num_uncertain"] = uncertain;
+    out["num_pairs"] = renderer_.num_pairs();
+    out["num_contributing_pairs"] = renderer_.num_contributing_pairs();
+    return out;
+  }
+
+ private:
+  Renderer renderer_;
+  py::object gaussians_;
+  std::int64_t height_ = 0, width_ = 0;
+};
+
+py::tuple RenderDouble(const py::object& gaussians, const Camera& camera, const py::object& pose,
+                       const BlendRule& rule, const std::array<double, 3>& background,
+                       int sh_degree) {
+  const auto view = ConstGaussians<double>(gaussians);
+  const Pose camera_from_world = ReadPose(pose);
+  ReferenceImage result;
+  {
+    const py::gil_scoped_release release;
+    result = RenderReference(view, camera, camera_from_world, Settings(rule, background, sh_degree));
+  }
+  const py::ssize_t h = camera.height(), w = camera.width();
+  py::array_t<double> image({h, w, py::ssize_t{3}}), alpha({h, w}), depth({h, w});
+  py::array_t<int> samples({h, w});
+  std::copy(result.image.begin(), result.image.end(), image.mutable_data());
+  std::copy(result.alpha.begin(), result.alpha.end(), alpha.mutable_data());
+  std::copy(result.depth.begin(), result.depth.end(), depth.mutable_data());
+  std::copy(result.samples.begin(), result.samples.end(), samples.mutable_data());
+  return py::make_tuple(image, alpha, depth, samples);
+}
+
+py::array_t<double> BackwardDouble(const py::object& gaussians, const Camera& camera,
+                                   const py::object& pose, const BlendRule& rule,
+                                   const std::array<double, 3>& background, int sh_degree,
+                                   const py::object& dimage, const py::object& dalpha,
+                                   const py::object& ddepth, const py::object& gradients) {
+  const auto view = ConstGaussians<double>(gaussians);
+  const auto out = MutableGaussians<double>(gradients);
+  const Pose camera_from_world = ReadPose(pose);
+  const std::int64_t h = camera.height(), w = camera.width();
+  const double* image = ConstData<double>(dimage, "dimage", {h, w, 3});
+  const double* alpha = OptionalData<double>(dalpha, "dalpha", {h, w});
+  const double* depth = OptionalData<double>(ddepth, "ddepth", {h, w});
+  double dpose[6];
+  {
+    const py::gil_scoped_release release;
+    RenderReferenceBackward(view, camera, camera_from_world, Settings(rule, background, sh_degree),
+                            image, alpha, depth, out, dpose);
+  }
+  return Pose6(dpose);
+}
+
+}  // namespace
+
+void BindRaster(py::module_& m) {
+  py::class_<BlendRule>(m, "BlendRule",
+                        "How Gaussians along a ray become a pixel; see the fields' names.")
+      .def(py::init([](const std::string& parity) { return BlendRule::Named(parity); }),
+           py::arg("parity") = "")
+      .def_readwrite("alpha_min", &BlendRule::alpha_min)
+      .def_readwrite("alpha_max", &BlendRule::alpha_max)
+      .def_readwrite("response_min", &BlendRule::response_min)
+      .def_readwrite("transmittance_min", &BlendRule::transmittance_min)
+      .def_readwrite("stop_before", &BlendRule::stop_before)
+      .def_readwrite("near_z", &BlendRule::near_z)
+      .def_readwrite("far_z", &BlendRule::far_z)
+      .def_property(
+          "order_by_z", [](const BlendRule& rule) { return rule.order == OrderKey::kDepthZ; },
+          [](BlendRule& rule, bool by_z) {
+            rule.order = by_z ? OrderKey::kDepthZ : OrderKey::kDistance;
+          });
+  py::class_<BoundRenderer>(m, "Renderer", "The tiled float renderer with its buffers.")
+      .def(py::init<>())
+      .def("render", &BoundRenderer::Render, py::arg("gaussians"), py::arg("camera"),
+           py::arg("camera_from_world"), py::arg("rule"), py::arg("background"),
+           py::arg("sh_degree"), py::arg("unscented"), py::arg("image"), py::arg("alpha"),
+           py::arg("depth"), py::arg("keep"))
+      .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("dalpha"),
+           py::arg("ddepth"), py::arg("gradients"), py::arg("touched"),
+           py::arg("write_untouched"))
+      .def("distances", &BoundRenderer::Distances)
+      .def("timings", &BoundRenderer::Timings)
+      .def("statistics", &BoundRenderer::Statistics);
+  m.def("render_reference", &RenderDouble, py::arg("gaussians"), py::arg("camera"),
+        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"),
+        py::arg("sh_degree"));
+  m.def("render_reference_backward", &BackwardDouble, py::arg("gaussians"), py::arg("camera"),
+        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"),
+        py::arg("sh_degree"), py::arg("dimage"), py::arg("dalpha"), py::arg("ddepth"),
+        py::arg("gradients"));
+}
 
 }  // namespace gsut::bindings

@@ -29,7 +29,9 @@ constexpr IsaName kIsaNames[] = {
 
 // Targets compiled in and supported by the processor, before any forcing.
 std::int64_t UsableTargets() {
-  static const std::int64_t targets = hwy::SupportedTargets() & HWY_TARGETS;
+  // The fallback needs no support; Highway's library may know it under its other name.
+  static const std::int64_t targets =
+      (hwy::SupportedTargets() & HWY_TARGETS) | HWY_EMU128 | HWY_SCALAR;
   return targets;
 }
 

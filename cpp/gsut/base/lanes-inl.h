@@ -23,7 +23,7 @@ using FloatTag = hn::ScalableTag<float>;
 using FloatVec = hn::Vec<FloatTag>;
 using FloatMask = hn::Mask<FloatTag>;
 
-inline constexpr int kLanes = static_cast<int>(HWY_MAX_LANES_D(FloatTag));
+inline constexpr int kLanes = static_cast<int>(hn::MaxLanes(FloatTag()));
 
 struct LaneMask {
   FloatMask m;
@@ -32,7 +32,7 @@ struct LaneMask {
 // One float in each lane.
 struct Lane {
   FloatVec v;
-  HWY_INLINE Lane() : v(hn::Zero(FloatTag())) {}
+  Lane() = default;  // uninitialised
   HWY_INLINE explicit Lane(FloatVec vec) : v(vec) {}
   HWY_INLINE explicit Lane(double x) : v(hn::Set(FloatTag(), static_cast<float>(x))) {}
   HWY_INLINE explicit Lane(float x) : v(hn::Set(FloatTag(), x)) {}

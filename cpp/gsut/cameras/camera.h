@@ -66,6 +66,9 @@ class Camera {
   // Each is checked: a pixel whose ray does not project back to within 1e-6 px is masked.
   const RayTable& Rays() const;
 
+  // The same table, shared: it expires with the last copy of the camera.
+  std::shared_ptr<const RayTable> SharedRays() const;
+
   // Same lens, parameters, size and valid field angle.
   friend bool operator==(const Camera& a, const Camera& b);
 

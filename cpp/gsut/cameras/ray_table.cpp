@@ -57,4 +57,6 @@ const RayTable& Camera::Rays() const {
   return state_->rays;
 }
 
+std::shared_ptr<const RayTable> Camera::SharedRays() const { return {state_, &Rays()}; }
+
 }  // namespace gsut

@@ -12,6 +12,13 @@
 #include "gsut/cameras/scalar_math.h"
 #include "gsut/gaussians/activations.h"
 #include "gsut/projection/project_kernels.h"
+
+// The scalar names that the transform's text uses; before its text.
+#include <hwy/highway.h>
+namespace gsut::HWY_NAMESPACE {
+using lenses::AndMask;
+using lenses::OrMask;
+}  // namespace gsut::HWY_NAMESPACE
 #include "gsut/projection/unscented-inl.h"
 
 namespace gsut {

@@ -24,6 +24,11 @@ namespace lane_lenses {
 // footprint of what surrounds the camera is no ellipse.
 inline constexpr double kNearFactor = 4.0;
 
+// A splat is dropped before the exact test if its extents, times this factor and plus these pixels,
+// miss the image.
+inline constexpr double kCullFactor = 3.0;
+inline constexpr double kCullPixels = 8.0;
+
 template <class Lens>
 void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, Splats* splats) {
   const FloatTag d;
@@ -59,13 +64,13 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
     const LaneMask whole = AndMask(
         AndMask(footprint.all_valid, NotMask(is_near)),
         IsFinite(footprint.u + footprint.v + footprint.cov_uu + footprint.cov_vv));
-    // Half a pixel more: an extent rounded down must not lose the pixel centre at its edge.
-    const Lane slack(0.5);
-    const LaneMask in_image =
-        AndMask(AndMask(footprint.u + extent_u + slack >= Lane(0.0),
-                        footprint.u - extent_u - slack <= width),
-                AndMask(footprint.v + extent_v + slack >= Lane(0.0),
-                        footprint.v - extent_v - slack <= height));
+    // The ellipse is an estimate: only what lies well outside the image by it is dropped here.
+    const Lane margin_u = Lane(kCullFactor) * extent_u + Lane(kCullPixels);
+    const Lane margin_v = Lane(kCullFactor) * extent_v + Lane(kCullPixels);
+    const LaneMask in_image = AndMask(AndMask(footprint.u + margin_u >= Lane(0.0),
+                                              footprint.u - margin_u <= width),
+                                      AndMask(footprint.v + margin_v >= Lane(0.0),
+                                              footprint.v - margin_v <= height));
     const LaneMask candidate = AndMask(AndMask(g.usable, finite), NotMask(outside_domain));
     // Wide footprints bend: they too go to the exact test.
     const LaneMask wide = OrMask(extent_u > Lane(task.wide), extent_v > Lane(task.wide));

@@ -87,7 +87,7 @@ void BinTiles(const TileGrid& grid, Frame* frame) {
     frame->slot_begin[j] = static_cast<std::uint32_t>(slots);
     const TileRect& rect = frame->rects[j];
     if (rect.x0 >= rect.x1) continue;
-    slots += rect.Area();
+    slots += rect.NumTiles();
     seen.push_back({SortableBits(frame->order_key[j]), static_cast<std::uint32_t>(i)});
   }
   frame->slot_begin[static_cast<std::size_t>(n)] = static_cast<std::uint32_t>(slots);
@@ -110,11 +110,9 @@ void BinTiles(const TileGrid& grid, Frame* frame) {
       const std::uint32_t gaussian = frame->order[static_cast<std::size_t>(i)];
       const TileRect rect = frame->rects[gaussian];
       std::uint32_t slot = frame->slot_begin[gaussian];
-      for (int y = rect.y0; y < rect.y1; ++y) {
-        for (int x = rect.x0; x < rect.x1; ++x) {
-          visit(&count[static_cast<std::size_t>(y) * grid.tiles_x + x], gaussian, slot++);
-        }
-      }
+      rect.ForEachTile([&](int x, int y) {
+        visit(&count[static_cast<std::size_t>(y) * grid.tiles_x + x], gaussian, slot++);
+      });
     }
   };
   ParallelFor(visible, parts.grain, [&](std::int64_t begin, std::int64_t end) {

@@ -1,6 +1,7 @@
 // What one camera sees of the Gaussians: the records, lists and buffers of the tiled renderer.
 #pragma once
 
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 
@@ -44,11 +45,33 @@ struct TileEntry {
   std::uint64_t blocks;
 };
 
-// Tiles [x0, x1) x [y0, y1); empty if x0 >= x1.
+// Tiles [x0, x1) x [y0, y1), none if x0 >= x1; of these, where there are at most 64, the ones whose
+// bit of `tiles` is set (row by row, bit 0 first), else all.
 struct TileRect {
   std::uint16_t x0 = 0, x1 = 0, y0 = 0, y1 = 0;
+  std::uint64_t tiles = 0;
+
+  static constexpr std::uint32_t kMaxMasked = 64;
   std::uint32_t Area() const {
     return static_cast<std::uint32_t>(x1 - x0) * static_cast<std::uint32_t>(y1 - y0);
+  }
+  std::uint32_t NumTiles() const {
+    return Area() > kMaxMasked ? Area() : static_cast<std::uint32_t>(std::popcount(tiles));
+  }
+  // visit(x, y) for each tile, in order.
+  template <class Visit>
+  void ForEachTile(Visit&& visit) const {
+    if (Area() <= kMaxMasked) {
+      const int width = x1 - x0;
+      for (std::uint64_t rest = tiles; rest != 0; rest &= rest - 1) {
+        const int bit = std::countr_zero(rest);
+        visit(x0 + bit % width, y0 + bit / width);
+      }
+      return;
+    }
+    for (int y = y0; y < y1; ++y) {
+      for (int x = x0; x < x1; ++x) visit(x, y);
+    }
   }
 };
 

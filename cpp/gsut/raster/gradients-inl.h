@@ -108,11 +108,11 @@ HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, std::int6
   const int coefficients = g.sh_coefficients;
   if (!any) {
     if (write_untouched) {
-      hwy::ZeroBytes(out.means + 3 * first, sizeof(float) * 3 * available);
-      hwy::ZeroBytes(out.quats + 4 * first, sizeof(float) * 4 * available);
-      hwy::ZeroBytes(out.log_scales + 3 * first, sizeof(float) * 3 * available);
-      hwy::ZeroBytes(out.opacity_logits + first, sizeof(float) * available);
-      hwy::ZeroBytes(out.sh + 3 * coefficients * first,
+      __builtin_memset(out.means + 3 * first, 0, sizeof(float) * 3 * available);
+      __builtin_memset(out.quats + 4 * first, 0, sizeof(float) * 4 * available);
+      __builtin_memset(out.log_scales + 3 * first, 0, sizeof(float) * 3 * available);
+      __builtin_memset(out.opacity_logits + first, 0, sizeof(float) * available);
+      __builtin_memset(out.sh + 3 * coefficients * first, 0,
                      sizeof(float) * 3 * coefficients * available);
     }
     return;

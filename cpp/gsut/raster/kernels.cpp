@@ -67,8 +67,9 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
       float* row = &frame->records[j * record::kSize];
       for (int column = 0; column < record::kSize; ++column) row[column] = values[column][k];
       frame->rects[j] = splats.status[j] == SplatStatus::kEllipse
-                            ? EllipseTileRect(grid, splats.u[j], splats.v[j], splats.extent_u[j],
-                                              splats.extent_v[j])
+                            ? GrownTileRect(grid, row,
+                                            EllipseTiles(grid, splats.u[j], splats.v[j],
+                                                            splats.extent_u[j], splats.extent_v[j]))
                             : ExactTileRect(grid, row);
     }
   }

@@ -72,7 +72,7 @@ HWY_INLINE void ReadPixelGradients(const TileGrid& grid, int tile, const ImageGr
   const int x0 = (tile % grid.tiles_x) * kTileSize;
   const int y0 = (tile / grid.tiles_x) * kTileSize;
   if (x0 + kTileSize > grid.width || y0 + kTileSize > grid.height) {
-    hwy::ZeroBytes(buffer, sizeof(float) * 5 * kTilePixels);
+    __builtin_memset(buffer, 0, sizeof(float) * 5 * kTilePixels);
   }
   ForEachRun(grid, tile, [&](int offset, std::size_t pixel, int count) HWY_ATTR {
     HWY_ALIGN float rgb[12] = {}, one[4] = {}, other[4] = {};

@@ -7,6 +7,7 @@
 #include "gsut/base/errors.h"
 #include "gsut/base/isa.h"
 #include "gsut/base/parallel.h"
+#include "gsut/base/stopwatch.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/projection/project_kernels.h"
 #include "gsut/raster/bin_tiles.h"
@@ -30,8 +31,11 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
         "the image is too small for its field of view: a tile of 16 x 16 pixels spans more than "
         "168 degrees; render a larger image or use dtype=\"float64\"");
   }
+  timings_.clear();
+  Stopwatch watch;
   const FootprintRule footprint = {settings.rule.alpha_min, settings.rule.response_min};
   Project(gaussians, camera, camera_from_world, options.unscented, footprint, &splats_);
+  timings_.emplace_back("project", watch.Lap());
 
   task_.gaussians = gaussians;
   task_.view = MakeViewFloats(camera_from_world);
@@ -59,7 +63,9 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   ParallelFor(gaussians.size, kGaussianGrain, [&](std::int64_t begin, std::int64_t end) {
     RecordsKernel(task_, *grid_, splats_, begin, end, &frame_);
   });
+  timings_.emplace_back("records", watch.Lap());
   BinTiles(*grid_, &frame_);
+  timings_.emplace_back("bin", watch.Lap());
 
   const std::size_t tiles = static_cast<std::size_t>(grid_->num_tiles());
   frame_.transmittance.resize(tiles * kTilePixels);
@@ -72,6 +78,7 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   ParallelFor(grid_->num_tiles(), 1, [&](std::int64_t tile, std::int64_t) {
     ForwardKernel(task_, *grid_, static_cast<int>(tile), &frame_, image, alpha, depth);
   });
+  timings_.emplace_back("forward", watch.Lap());
   rendered_ = task_.keep;
 }
 

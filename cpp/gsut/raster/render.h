@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "gsut/cameras/camera.h"
@@ -42,6 +43,10 @@ class Renderer {
   void Backward(const float* dimage, const float* dalpha, const float* ddepth, bool write_untouched,
                 const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose);
 
+  // Wall seconds of the last calls' stages, in order of execution: "project", "records", "bin",
+  // "forward", "backward", "gradients".
+  const std::vector<std::pair<const char*, double>>& timings() const { return timings_; }
+
   const Splats& splats() const { return splats_; }
   const Frame& frame() const { return frame_; }
   // (tile, Gaussian) pairs listed, and of these the ones that touched a pixel (kept renders only).
@@ -49,6 +54,7 @@ class Renderer {
   std::int64_t num_contributing_pairs() const;
 
  private:
+  std::vector<std::pair<const char*, double>> timings_;
   RasterTask task_;
   std::shared_ptr<const TileGrid> grid_;
   Splats splats_;

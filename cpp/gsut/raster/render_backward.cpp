@@ -4,6 +4,7 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
+#include "gsut/base/stopwatch.h"
 #include "gsut/raster/render.h"
 
 namespace gsut {
@@ -26,6 +27,7 @@ void Renderer::Backward(const float* dimage, const float* dalpha, const float* d
       gradients.sh_coefficients != task_.gaussians.sh_coefficients) {
     throw InputError("gradients must be shaped like the rendered Gaussians");
   }
+  Stopwatch watch;
   const std::size_t slots = frame_.pairs.size();
   frame_.slot_gradients.resize(slots * 16);
   frame_.slot_touched.resize(slots);
@@ -34,6 +36,7 @@ void Renderer::Backward(const float* dimage, const float* dalpha, const float* d
   ParallelFor(grid_->num_tiles(), 1, [&](std::int64_t tile, std::int64_t) {
     BackwardKernel(task_, *grid_, static_cast<int>(tile), image_gradients, &frame_);
   });
+  timings_.emplace_back("backward", watch.Lap());
   const std::int64_t chunks = (gradients.size + kGaussianGrain - 1) / kGaussianGrain;
   std::vector<std::array<double, 6>> pose(static_cast<std::size_t>(chunks));
   ParallelFor(gradients.size, kGaussianGrain, [&](std::int64_t begin, std::int64_t end) {
@@ -41,6 +44,7 @@ void Renderer::Backward(const float* dimage, const float* dalpha, const float* d
     sum.fill(0.0);
     GradientsKernel(task_, frame_, begin, end, write_untouched, gradients, touched, sum.data());
   });
+  timings_.emplace_back("gradients", watch.Lap());
   std::fill_n(dpose, 6, 0.0);
   for (const std::array<double, 6>& sum : pose) {
     for (int k = 0; k < 6; ++k) dpose[k] += sum[static_cast<std::size_t>(k)];

@@ -1,4 +1,4 @@
-// Which tiles a Gaussian may touch: a rectangle around its ellipse, or the exact test of all tiles.
+// Which tiles a Gaussian may touch: an exact, conservative test of tiles around a guess, or of all.
 
 #if defined(GSUT_RASTER_TILE_RECT_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_RASTER_TILE_RECT_INL_H_
@@ -15,29 +15,45 @@ HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
-// The rectangle around all tiles that may hold a pixel with N < z^2, z > 0. Conservative: interval
-// bounds of the record's linear forms over the box of each tile's rays, in the tile's own frame.
-HWY_INLINE TileRect ExactTileRect(const TileGrid& grid, const float* r) {
+// Half-open rectangle of tiles while it is being found.
+struct TileWindow {
+  int x0, x1, y0, y1;
+};
+
+// Rows whose touched tiles are kept as bits while a rectangle is found.
+inline constexpr int kMaxMaskRows = 64;
+
+// The rectangle around the tiles of `window` that may hold a pixel with N < z^2, z > 0; x0 >= x1 if
+// there is none. Conservative: interval bounds of the record's linear forms over the box of each
+// tile's rays, in the tile's own frame. row_bits[y - window.y0]: the touched tiles of a row, bit 0
+// at window.x0; written for the first 64 rows if the window is at most 64 tiles wide.
+HWY_INLINE TileWindow TouchedTiles(const TileGrid& grid, const float* r, const TileWindow& window,
+                                   std::uint64_t* row_bits) {
   const FloatTag d;
   const auto zero = hn::Zero(d);
-  int x0 = grid.tiles_x, x1 = 0, y0 = grid.tiles_y, y1 = 0;
-  for (int row = 0; row < grid.tiles_y; ++row) {
-    for (int column = 0; column < grid.tiles_x; column += kLanes) {
+  TileWindow hits = {window.x1, window.x0, window.y1, window.y0};
+  FloatVec forms[9];
+  for (int k = 0; k < 9; ++k) forms[k] = hn::Set(d, r[k]);
+  const bool keep_bits = window.x1 - window.x0 <= 64;
+  for (int row = window.y0; row < window.y1; ++row) {
+    const bool keep_row = keep_bits && row - window.y0 < kMaxMaskRows;
+    if (keep_row) row_bits[row - window.y0] = 0;
+    for (int column = window.x0; column < window.x1; column += kLanes) {
       const std::size_t tile = static_cast<std::size_t>(row) * grid.tiles_x + column;
       const auto load = [&](const AlignedVector<float>& array) HWY_ATTR {
         return hn::LoadU(d, &array[tile]);
       };
-      // Form at the box's centre and how far it can stray inside the box.
+      FloatVec axes[9];
+      for (int k = 0; k < 9; ++k) axes[k] = load(grid.frame[k]);
       const auto cs = load(grid.box[0]), ct = load(grid.box[1]);
       const auto hs = load(grid.box[2]), ht = load(grid.box[3]);
+      // Form at the box's centre and how far it can stray inside the box.
       FloatVec value[3], spread[3];
       for (int form = 0; form < 3; ++form) {
-        const auto fx = hn::Set(d, r[3 * form]), fy = hn::Set(d, r[3 * form + 1]),
-                   fz = hn::Set(d, r[3 * form + 2]);
         const auto dot = [&](int axis) HWY_ATTR {
-          return hn::MulAdd(fx, load(grid.frame[3 * axis]),
-                            hn::MulAdd(fy, load(grid.frame[3 * axis + 1]),
-                                       hn::Mul(fz, load(grid.frame[3 * axis + 2]))));
+          return hn::MulAdd(forms[3 * form], axes[3 * axis],
+                            hn::MulAdd(forms[3 * form + 1], axes[3 * axis + 1],
+                                       hn::Mul(forms[3 * form + 2], axes[3 * axis + 2])));
         };
         const auto along_s = dot(1), along_t = dot(2);
         value[form] = hn::MulAdd(along_s, cs, hn::MulAdd(along_t, ct, dot(0)));
@@ -49,22 +65,74 @@ HWY_INLINE TileRect ExactTileRect(const TileGrid& grid, const float* r) {
       const auto hit = hn::And(hn::Lt(hn::MulAdd(p, p, hn::Mul(q, q)), hn::Mul(z, z)),
                                hn::Gt(load(grid.has_ray), zero));
       std::uint64_t bits = MaskBits(hit);
-      const int rest = grid.tiles_x - column;
+      const int rest = window.x1 - column;
       if (rest < kLanes) bits &= (std::uint64_t{1} << rest) - 1;
       if (bits == 0) continue;
-      x0 = HWY_MIN(x0, column + static_cast<int>(__builtin_ctzll(bits)));
-      x1 = HWY_MAX(x1, column + 64 - static_cast<int>(__builtin_clzll(bits)));
-      y0 = HWY_MIN(y0, row);
-      y1 = row + 1;
+      if (keep_row) row_bits[row - window.y0] |= bits << (column - window.x0);
+      hits.x0 = HWY_MIN(hits.x0, column + static_cast<int>(__builtin_ctzll(bits)));
+      hits.x1 = HWY_MAX(hits.x1, column + 64 - static_cast<int>(__builtin_clzll(bits)));
+      hits.y0 = HWY_MIN(hits.y0, row);
+      hits.y1 = row + 1;
     }
   }
-  if (x0 >= x1) return {};
-  return {static_cast<std::uint16_t>(x0), static_cast<std::uint16_t>(x1),
-          static_cast<std::uint16_t>(y0), static_cast<std::uint16_t>(y1)};
+  return hits;
+}
+
+HWY_INLINE TileRect RectOf(const TileWindow& hits, const TileWindow& window,
+                           const std::uint64_t* row_bits) {
+  if (hits.x0 >= hits.x1) return {};
+  TileRect rect;
+  rect.x0 = static_cast<std::uint16_t>(hits.x0);
+  rect.x1 = static_cast<std::uint16_t>(hits.x1);
+  rect.y0 = static_cast<std::uint16_t>(hits.y0);
+  rect.y1 = static_cast<std::uint16_t>(hits.y1);
+  const std::uint32_t area = rect.Area();
+  if (area > TileRect::kMaxMasked) return rect;
+  const bool has_bits = window.x1 - window.x0 <= 64 && hits.y1 - window.y0 <= kMaxMaskRows;
+  if (!has_bits) {
+    rect.tiles = area == 64 ? ~std::uint64_t{0} : (std::uint64_t{1} << area) - 1;
+    return rect;
+  }
+  const int width = hits.x1 - hits.x0;
+  for (int y = hits.y0; y < hits.y1; ++y) {
+    rect.tiles |= (row_bits[y - window.y0] >> (hits.x0 - window.x0)) << ((y - hits.y0) * width);
+  }
+  return rect;
+}
+
+// Looks at every tile of the image.
+HWY_INLINE TileRect ExactTileRect(const TileGrid& grid, const float* r) {
+  std::uint64_t row_bits[kMaxMaskRows];
+  const TileWindow window = {0, grid.tiles_x, 0, grid.tiles_y};
+  return RectOf(TouchedTiles(grid, r, window, row_bits), window, row_bits);
+}
+
+// Looks around `guess` and further out for as long as the footprint reaches the edge of what was
+// looked at: a footprint is connected, so nothing of it lies beyond a margin it does not touch.
+HWY_INLINE TileRect GrownTileRect(const TileGrid& grid, const float* r, const TileWindow& guess) {
+  std::uint64_t row_bits[kMaxMaskRows];
+  TileWindow window = {guess.x0 - 1, guess.x1 + 1, guess.y0 - 1, guess.y1 + 1};
+  for (int step = 2;; step *= 2) {
+    window.x0 = HWY_MAX(window.x0, 0);
+    window.y0 = HWY_MAX(window.y0, 0);
+    window.x1 = HWY_MIN(window.x1, grid.tiles_x);
+    window.y1 = HWY_MIN(window.y1, grid.tiles_y);
+    const TileWindow hits = TouchedTiles(grid, r, window, row_bits);
+    if (hits.x0 >= hits.x1) return {};
+    const bool left = hits.x0 == window.x0 && window.x0 > 0;
+    const bool right = hits.x1 == window.x1 && window.x1 < grid.tiles_x;
+    const bool up = hits.y0 == window.y0 && window.y0 > 0;
+    const bool down = hits.y1 == window.y1 && window.y1 < grid.tiles_y;
+    if (!(left || right || up || down)) return RectOf(hits, window, row_bits);
+    if (left) window.x0 -= step;
+    if (right) window.x1 += step;
+    if (up) window.y0 -= step;
+    if (down) window.y1 += step;
+  }
 }
 
 // The rectangle of tiles that the box centre +- extent (pixels) meets.
-HWY_INLINE TileRect EllipseTileRect(const TileGrid& grid, float u, float v, float extent_u,
+HWY_INLINE TileWindow EllipseTiles(const TileGrid& grid, float u, float v, float extent_u,
                                     float extent_v) {
   // The outermost pixel centres lie half a pixel inside the image's edge.
   const auto tile_of = [](float pixel, int size) {
@@ -74,8 +142,7 @@ HWY_INLINE TileRect EllipseTileRect(const TileGrid& grid, float u, float v, floa
   };
   const int x0 = tile_of(u - extent_u, grid.width), x1 = tile_of(u + extent_u, grid.width);
   const int y0 = tile_of(v - extent_v, grid.height), y1 = tile_of(v + extent_v, grid.height);
-  return {static_cast<std::uint16_t>(x0), static_cast<std::uint16_t>(x1 + 1),
-          static_cast<std::uint16_t>(y0), static_cast<std::uint16_t>(y1 + 1)};
+  return {x0, x1 + 1, y0, y1 + 1};
 }
 
 }  // namespace HWY_NAMESPACE
