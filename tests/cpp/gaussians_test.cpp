@@ -20,7 +20,7 @@ constexpr double kQuadratureTolerance = 1e-12;
 // A handful of operations on numbers of order 1 in double.
 constexpr double kRoundingTolerance = 1e-14;
 // exp(30) eps: what is left of a logit of 30 after its opacity was rounded near 1.
-constexpr double kLogitTolerance = 1e-3;
+constexpr double kLogitTolerance = 2.4e-3;
 // Differences of rotations: values up to 20, and third derivatives of order 1 / |q|^3.
 constexpr double kQuaternionTolerance = 1e-6;
 
