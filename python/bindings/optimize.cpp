@@ -52,17 +52,18 @@ void Step(const py::list& params, const py::list& grads, const py::list& moment1
   for (std::size_t i = 0; i < count; ++i) {
     const auto like = py::reinterpret_borrow<py::array>(py::object(params[i]));
     AdamGroup& group = groups[i];
-    const std::string suffix = "[" + std::to_string(i) + "]";
     const py::list* lists[4] = {&params, &grads, &moment1, &moment2};
     const char* names[4] = {"params", "grads", "moment1", "moment2"};
     float* data[4];
     for (int k = 0; k < 4; ++k) {
       const py::object object = (*lists[k])[i];
-      data[k] = AnyShape(object, names[k] + suffix, like);
+      std::string name = names[k];
+      name.append("[").append(std::to_string(i)).append("]");
+      data[k] = AnyShape(object, name, like);
       const auto array = py::reinterpret_borrow<py::array>(object);
       if (array.shape(0) < rows || (k != 1 && !array.writeable())) {
-        throw InputError(names[k] + suffix + " must be writable and have at least " +
-                         std::to_string(rows) + " rows, found shape " + ShapeText(array));
+        throw InputError(name + " must be writable and have at least " + std::to_string(rows) +
+                         " rows, found shape " + ShapeText(array));
       }
     }
     group.params = data[0];
