@@ -71,6 +71,12 @@ class GaussianOptimizer:
         seed: of densification and noise, 0 to 2^64 - 1; their numbers depend on it and on `steps`.
         beta1, beta2, epsilon: Adam's (defaults: 3DGS).
 
+    Attributes:
+        steps: Adam steps made.
+        gradient_max: (N,) largest |dL/dmean| x distance since the last densification.
+        gradient_sum: (N,) sum of half of it.
+        seen: (N,) number of views in that sum.
+
     Raises:
         InputError: the capacity is too small.
     """

@@ -117,9 +117,11 @@ def points_in_view(
         raise InputError(f"near {near} and far {far} must be finite with 0 < near < far")
     if distances not in ("log", "inverse"):
         raise InputError(f'distances is "{distances}"; known are "log" and "inverse"')
-    shared = not isinstance(cameras, Sequence)
-    if not shared and len(cameras) != len(poses):
-        raise InputError(f"{len(cameras)} cameras for {len(poses)} poses; give one, or one a pose")
+    one_a_pose = list(cameras) if isinstance(cameras, Sequence) else [cameras] * len(poses)
+    if len(one_a_pose) != len(poses):
+        raise InputError(
+            f"{len(one_a_pose)} cameras for {len(poses)} poses; give one, or one a pose"
+        )
     rng = np.random.default_rng(seed)
     chosen = rng.integers(len(poses), size=count)
     fraction = rng.random(count)
@@ -131,7 +133,7 @@ def points_in_view(
     points = np.empty((count, 3))
     directions: dict[int, np.ndarray] = {}
     for index in np.unique(chosen):
-        camera = cameras if shared else cameras[index]
+        camera = one_a_pose[index]
         if id(camera) not in directions:
             rays, valid = camera.rays()
             directions[id(camera)] = rays[np.asarray(valid, dtype=bool)]
