@@ -1,1 +1,16 @@
 """Every tolerance of the Python tests: value, reason, worst seen. One section a folder."""
+
+# --- gaussians, seeding ---------------------------------------------------------------------------
+HARMONICS = 2e-15  # a dozen operations in double on values up to 2.9; worst 1.3e-15
+NEIGHBOR_DISTANCE = 1e-14  # square root of a sum of three squares, mean of three; worst 1e-15
+FLOAT32 = 1.2e-7  # relative: one rounding to float32, 2^-23
+
+# --- optimize -------------------------------------------------------------------------------------
+ADAM_RELATIVE = 4e-6  # of the summed updates: float32 against float64 arithmetic; worst 3e-7
+MCMC_SAME_PLACE = 1e-12  # double against exact rational sums; cancellation grows to 1e4 eps
+MCMC_PROFILE_SAME_PLACE = (
+    0.03  # opacity along a line through the centre is kept; method, worst 0.02
+)
+MCMC_MOMENT = 0.02  # statistical: mixture covariance over 4000 splits, 3 standard errors
+MCMC_THICKNESS = 0.02  # second order in an opacity of 0.05; worst 0.006
+NOISE_MOMENT = 0.03  # statistical: covariance of 20 000 draws, 3 standard errors
