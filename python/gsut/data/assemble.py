@@ -80,10 +80,14 @@ def assemble(
     if not frames:
         raise _nothing_left(listing, total)
     frames.sort(key=lambda frame: frame.name)
-    if not np.isfinite(listing.points).all():
-        bad = int((~np.isfinite(listing.points)).any(axis=1).sum())
-        raise DatasetError(
-            listing.source, f"{bad} points have NaN or infinite coordinates", "remove these points"
+    finite = np.isfinite(listing.points).all(axis=1)
+    if not finite.all():
+        on_error(
+            DatasetError(
+                listing.source,
+                f"{np.sum(~finite)} of {len(finite)} points have NaN or infinite coordinates",
+                "remove these points",
+            )
         )
     train, test, split_notes = split_views(
         [frame.name for frame in frames],
@@ -97,7 +101,8 @@ def assemble(
     offset = np.mean([frame.world_from_camera[:3, 3] for frame in frames], axis=0)
     cameras, views = _views(frames, offset)
     return Scene(
-        listing.path, cameras, views, listing.points - offset, listing.point_colors, train, test,
+        listing.path, cameras, views, listing.points[finite] - offset,
+        listing.point_colors[finite], train, test,
         offset, notes + split_notes,
     )  # fmt: skip
 

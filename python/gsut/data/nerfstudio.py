@@ -8,7 +8,6 @@ beside the file are still in the frame before it. Intrinsics stand for all frame
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +51,7 @@ def read_nerfstudio(path: Path, *, on_error: OnError = stop) -> Listing:
             source, "there is no list 'frames'", "write one object a frame, as nerfstudio does"
         )
     listing = Listing(folder, source)
-    cameras: dict[str, Camera] = {}
+    cameras: dict[str, Camera | None] = {}
     for number, frame in enumerate(values["frames"]):
         try:
             if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
@@ -98,14 +97,18 @@ def read_json(source: Path) -> Any:
         ) from error
 
 
-def _read_frame(frame: dict, values: dict, listing: Listing, cameras: dict[str, Camera]) -> None:
+def _read_frame(
+    frame: dict, values: dict, listing: Listing, cameras: dict[str, Camera | None]
+) -> None:
     name = frame["file_path"]
     where = f"{listing.source}, frame {name}"
     image_path = _find_image(listing.path, name)
     if image_path is None:
         listing.missing.append(name)
         return
-    camera = _frame_camera(frame, values, image_path, where, cameras)
+    camera = _frame_camera(frame, values, image_path, listing.source, cameras)
+    if camera is None:
+        return
     poses = {}
     for key in ("transform_matrix", "transform_matrix_start", "transform_matrix_end"):
         if key in frame:
@@ -161,49 +164,25 @@ def _existing(frame: dict, values: dict, key: str, folder: Path, where: str) -> 
 
 
 def _frame_camera(
-    frame: dict, values: dict, image_path: Path, where: str, cameras: dict[str, Camera]
-) -> Camera:
-    """The lens of a frame; its own keys win over the file's. Equal lenses are made once."""
-    lens = {k: v for k, v in {**values, **frame}.items() if k not in _NOT_LENS}
-    for key, value in lens.items():
-        if isinstance(value, float) and not math.isfinite(value):
-            raise DatasetError(
-                where, f"'{key}' is {value}", "calibrate again or correct the number"
-            )
+    frame: dict, values: dict, image_path: Path, source: Path, cameras: dict[str, Camera | None]
+) -> Camera | None:
+    """The lens of a frame; its own keys win over the file's. Equal lenses are made once.
+
+    Returns:
+        The camera, or None if making the same lens failed before: it is reported once.
+    """
+    own = {k: v for k, v in frame.items() if k not in _NOT_LENS}
+    lens = {k: v for k, v in {**values, **own}.items() if k not in _NOT_LENS}
+    where = f"{source}, frame {frame['file_path']}" if own else str(source)
     if "w" not in lens or "h" not in lens:
         header = read_header(image_path)
         lens.setdefault("w", header.width)
         lens.setdefault("h", header.height)
-    _focal_from_angle(lens, where)
     key = json.dumps(lens, sort_keys=True)
     if key not in cameras:
+        cameras[key] = None
         cameras[key] = nerfstudio_camera(lens, source=where)
     return cameras[key]
-
-
-def _focal_from_angle(lens: dict, where: str) -> None:
-    """Fills fl_x, fl_y, cx, cy as instant-ngp does: from the field of view, and the centre."""
-    try:
-        for focal, angle, size in (
-            ("fl_x", "camera_angle_x", "w"),
-            ("fl_y", "camera_angle_y", "h"),
-        ):
-            if focal not in lens and angle in lens:
-                lens[focal] = 0.5 * float(lens[size]) / math.tan(0.5 * float(lens[angle]))
-        if "fl_x" not in lens and "fl_y" not in lens:
-            raise DatasetError(
-                where,
-                "there is no focal length ('fl_x' or 'camera_angle_x')",
-                "add the lens, for all frames or for this one",
-            )
-        lens.setdefault("fl_x", lens.get("fl_y"))
-        lens.setdefault("fl_y", lens.get("fl_x"))
-        lens.setdefault("cx", 0.5 * float(lens["w"]))
-        lens.setdefault("cy", 0.5 * float(lens["h"]))
-    except (TypeError, ValueError, ZeroDivisionError) as error:
-        raise DatasetError(
-            where, "the field of view or the image size is not a number", "correct it"
-        ) from error
 
 
 def _names(values: dict, key: str, source: Path) -> list[str] | None:
