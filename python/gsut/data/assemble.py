@@ -204,12 +204,13 @@ def _views(frames: list[Frame], offset: np.ndarray) -> tuple[list[Camera], list[
     index_of: dict[tuple, int] = {}
     views = []
 
-    def recentred(world_from_camera: np.ndarray | None) -> np.ndarray | None:
-        if world_from_camera is None:
-            return None
+    def recentred(world_from_camera: np.ndarray) -> np.ndarray:
         moved = world_from_camera.copy()
         moved[:3, 3] -= offset
         return inverse(moved)
+
+    def recentred_if_given(world_from_camera: np.ndarray | None) -> np.ndarray | None:
+        return None if world_from_camera is None else recentred(world_from_camera)
 
     for frame in frames:
         camera = frame.camera
@@ -224,8 +225,8 @@ def _views(frames: list[Frame], offset: np.ndarray) -> tuple[list[Camera], list[
                 frame.image_path,
                 index_of[key],
                 recentred(frame.world_from_camera),
-                recentred(frame.world_from_camera_start),
-                recentred(frame.world_from_camera_end),
+                recentred_if_given(frame.world_from_camera_start),
+                recentred_if_given(frame.world_from_camera_end),
                 frame.mask_path,
                 frame.depth_path,
             )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,13 +18,16 @@ THUMB = 32  # pixels a side: enough to tell two frames apart
 SHARPNESS_WIDTH = 640  # pixels: sharpness is measured on images shrunk to this width
 BLURRY = 0.3  # of the median sharpness of the dataset
 BRIGHTNESS_STOPS = 0.7  # photographic stops away from the dataset's median
-SATURATED = 0.1  # share of pixels at 254 or above
-BLACK = 0.5  # share of valid pixels at 2 or below
+SATURATED = 0.1  # share of pixels at OVER_EXPOSED or above in all channels
+OVER_EXPOSED = 254
+BLACK = 0.5  # share of valid pixels at DARKEST or below
+DARKEST = 2
 REPEATED = 0.3  # grey levels rms between the thumbnails of two files
 MASKED_MOST = 0.9  # share of masked pixels
 
 
-class ImageStats(NamedTuple):
+@dataclasses.dataclass(frozen=True, eq=False)
+class ImageStats:
     """Cheap figures of one image."""
 
     index: int
@@ -82,13 +85,14 @@ def image_stats(scene: Scene, index: int) -> ImageStats:
     core = cv2.erode(valid.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
     spread = float(inside.std())
     sharpness = float(edges[core].std() / spread) if core.any() and spread > 0 else 0.0
+    bright = cv2.inRange(pixels, (OVER_EXPOSED,) * 3, (255,) * 3).astype(bool)
     thumb = cv2.resize(small, (THUMB, THUMB), interpolation=cv2.INTER_AREA)
     return ImageStats(
         index,
         float(inside.mean()),
         sharpness,
-        float((pixels.min(axis=2)[mask] >= 254).mean()) if mask.any() else 0.0,
-        float((inside <= 2).mean()),
+        float(bright[mask].mean()) if mask.any() else 0.0,
+        float((inside <= DARKEST).mean()),
         float(mask.mean()),
         thumb.astype(np.float32).ravel(),
     )
@@ -130,13 +134,13 @@ def _outliers(stats: list[ImageStats], names: list[str], where: str) -> Iterator
             listed = some_names([names[i] for i in np.flatnonzero(rows)])
             text = f"{rows.sum()} of {len(stats)} images: {what}: {listed}"
             yield Finding("warning", where, text, advice)
+    relative = sharpness / max(float(np.median(sharpness)), 1e-9)
     yield Finding(
         "info",
         where,
         f"brightness {brightness.min():.0f} to {brightness.max():.0f}"
         f" (median {np.median(brightness):.0f}) of 255, relative sharpness"
-        f" {sharpness.min() / max(np.median(sharpness), 1e-9):.2f} to"
-        f" {sharpness.max() / max(np.median(sharpness), 1e-9):.2f} of the median",
+        f" {relative.min():.2f} to {relative.max():.2f} of the median",
     )
 
 

@@ -57,19 +57,23 @@ def read_colmap(path: Path, *, on_error: OnError = stop) -> Listing:
         camera_rows, image_rows = read_cameras_txt(model / "cameras.txt"), read_images_txt(source)
     cameras: dict[int, Camera] = {}
     unusable: set[int] = set()
-    for row in camera_rows:
+    for camera_row in camera_rows:
         try:
-            if not np.isfinite(row.params).all():
+            if not np.isfinite(camera_row.params).all():
                 raise DatasetError(
-                    row.where,
-                    f"the parameters of camera {row.camera_id} are not finite",
+                    camera_row.where,
+                    f"the parameters of camera {camera_row.camera_id} are not finite",
                     "calibrate again",
                 )
-            cameras[row.camera_id] = colmap_camera(
-                row.model, row.params, row.width, row.height, source=row.where
+            cameras[camera_row.camera_id] = colmap_camera(
+                camera_row.model,
+                camera_row.params,
+                camera_row.width,
+                camera_row.height,
+                source=camera_row.where,
             )
         except InputError as error:
-            unusable.add(row.camera_id)
+            unusable.add(camera_row.camera_id)
             on_error(error)
     folder = _image_folder(path, model, [row.name for row in image_rows])
     listing = Listing(path, source)

@@ -92,7 +92,10 @@ def read_folder(path: Path, *, on_error: OnError = stop) -> Listing:
         except InputError as error:
             on_error(error)
             continue
-        image_path = by_alias.get(name) or by_alias.get(_number(name))
+        number = _number(name)
+        image_path = by_alias.get(name)
+        if image_path is None and number is not None:
+            image_path = by_alias.get(number)
         if image_path is None:
             listing.missing.append(name)
             continue

@@ -195,8 +195,9 @@ def shrink_mask(valid: np.ndarray, width: int, height: int) -> np.ndarray:
     """(H, W) bool -> (height, width): valid only if every source pixel that it touches is."""
     if valid.shape == (height, width):
         return valid
-    invalid = np.zeros((valid.shape[0] + 1, valid.shape[1] + 1), np.int64)
-    invalid[1:, 1:] = np.cumsum(np.cumsum(~valid, axis=0), axis=1)
+    if valid.all():
+        return np.ones((height, width), bool)
+    invalid = cv2.integral((~valid).view(np.uint8))  # int32, one row and column of 0 in front
     top, bottom = _source_range(valid.shape[0], height)
     left, right = _source_range(valid.shape[1], width)
     count = invalid[bottom][:, right] - invalid[top][:, right]

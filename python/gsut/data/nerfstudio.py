@@ -122,7 +122,7 @@ def _read_frame(
             "only one of transform_matrix_start and transform_matrix_end is given",
             "give both poses of the rolling shutter, or none",
         )
-    if middle is None and start is not None:
+    if middle is None and start is not None and end is not None:
         middle = halfway(start, end)
     if middle is None:
         raise DatasetError(where, "there is no 'transform_matrix'", "give its camera-to-world pose")

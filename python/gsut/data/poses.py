@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gsut.data.findings import DatasetError
 
@@ -81,7 +82,7 @@ def _require_rotation(rotation: np.ndarray, where: object) -> None:
         )
 
 
-def pose_from_quaternion(quat_wxyz: object, translation: object, where: object) -> np.ndarray:
+def pose_from_quaternion(quat_wxyz: ArrayLike, translation: ArrayLike, where: object) -> np.ndarray:
     """(4, 4) transform of a unit quaternion w, x, y, z and a translation.
 
     Raises:
@@ -89,7 +90,7 @@ def pose_from_quaternion(quat_wxyz: object, translation: object, where: object) 
     """
     quat = np.array(quat_wxyz, dtype=np.float64)
     pose = np.eye(4)
-    pose[:3, 3] = translation
+    pose[:3, 3] = np.asarray(translation, dtype=np.float64)
     if not (np.isfinite(quat).all() and np.isfinite(pose).all()):
         raise DatasetError(
             where, "the pose holds NaN or infinity", "estimate it again or leave the image out"

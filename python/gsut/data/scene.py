@@ -20,7 +20,7 @@ IMAGE_CACHE_BYTES = 1 << 30  # decoded pixels kept by one scene (preload() keeps
 EXTENT_MARGIN = 1.1  # of 3DGS: the scene's extent over the cameras' radius
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class View:
     """One image of a dataset.
 
@@ -219,11 +219,12 @@ class Scene:
         alpha = self._pixels(index)[1]
         if alpha is not None:
             valid = valid & alpha
-        if view.mask_path is not None:
-            key = (view.mask_path, camera.width, camera.height)
+        path = view.mask_path
+        if path is not None:
+            key = (path, camera.width, camera.height)
             full = self._full_cameras[view.camera_index]
             valid = valid & self._masks.get(
-                key, lambda: (read_mask(view.mask_path, full, camera.width, camera.height),)
+                key, lambda: (read_mask(path, full, camera.width, camera.height),)
             )[0]  # fmt: skip
         return valid
 
