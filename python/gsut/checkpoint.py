@@ -22,8 +22,15 @@ _ARRAY = "__array__"  # key of the dict that stands for an array in the layout
 _SCALAR = "__scalar__"  # the same for a numpy scalar, kept as an array of no dimensions
 # What reading a damaged file may raise, depending on where the damage is.
 _DAMAGE = (
-    OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, NotImplementedError,
-    zipfile.BadZipFile, zlib.error,
+    OSError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    EOFError,
+    NotImplementedError,
+    zipfile.BadZipFile,
+    zlib.error,
 )
 
 

@@ -53,15 +53,13 @@ class OptionInfo:
     def holds(self, number: float) -> bool:
         """Whether a number lies in the range; NaN never does."""
         above = self.low is None or (number > self.low if self.low_open else number >= self.low)
-        below = self.high is None or (
-            number < self.high if self.high_open else number <= self.high)
+        below = self.high is None or (number < self.high if self.high_open else number <= self.high)
         return bool(above and below and math.isfinite(number))
 
 
 def option(default: Any, group: str, help: str, **info: Any) -> Any:
     """A dataclass field with its `OptionInfo` as metadata (see there for the arguments)."""
-    return dataclasses.field(
-        default=default, metadata={"option": OptionInfo(group, help, **info)})
+    return dataclasses.field(default=default, metadata={"option": OptionInfo(group, help, **info)})
 
 
 def option_info(field: dataclasses.Field) -> OptionInfo:
@@ -115,7 +113,8 @@ def _checked(flag: str, value: Any, info: OptionInfo, kind: Any) -> Any:
             raise InputError(f"{flag} must be {_kind_text(plain, info)}, found {value!r}")
         if entries[-1] is not Ellipsis and len(value) != len(entries):
             raise InputError(
-                f"{flag} must be {_kind_text(plain, info)}, found {len(value)} values: {value!r}")
+                f"{flag} must be {_kind_text(plain, info)}, found {len(value)} values: {value!r}"
+            )
         return tuple(_checked(flag, entry, info, entries[0]) for entry in value)
     try:
         if plain is bool or isinstance(value, bool):

@@ -23,7 +23,10 @@ class TrainingProgress:
     """
 
     def __init__(
-        self, total_steps: int, enabled: bool = True, first_step: int = 0,
+        self,
+        total_steps: int,
+        enabled: bool = True,
+        first_step: int = 0,
         file: TextIO | None = None,
     ) -> None:
         self._bar: Any = None
@@ -35,15 +38,19 @@ class TrainingProgress:
         file = file or sys.stderr
         interval = _TERMINAL_INTERVAL if file.isatty() else _LOG_INTERVAL
         self._bar = tqdm(
-            total=total_steps, initial=first_step, unit="step", file=file, dynamic_ncols=True,
-            mininterval=interval, maxinterval=interval, smoothing=_SMOOTHING,
+            total=total_steps,
+            initial=first_step,
+            unit="step",
+            file=file,
+            dynamic_ncols=True,
+            mininterval=interval,
+            maxinterval=interval,
+            smoothing=_SMOOTHING,
             bar_format="{percentage:3.0f}% {bar} {n_fmt}/{total_fmt} steps, "
             "{remaining} left, {rate_fmt}{postfix}",
         )
 
-    def update(
-        self, step: int, loss: float, num_gaussians: int, psnr: float | None = None
-    ) -> None:
+    def update(self, step: int, loss: float, num_gaussians: int, psnr: float | None = None) -> None:
         """Shows the state after `step` steps.
 
         Args:

@@ -79,10 +79,7 @@ class RunFolder:
             elif overwrite:
                 run._remove_run()
             else:
-                raise InputError(
-                    f"{run.path} already holds a run; add --resume to go on with it, or give "
-                    "another folder (nothing was overwritten)"
-                )
+                run.refuse_run()
         try:
             run.path.mkdir(parents=True, exist_ok=True)
             for leftover in run.path.glob(_TEMPORARY + "*"):
@@ -113,6 +110,16 @@ class RunFolder:
     def holds_run(self) -> bool:
         """Whether the folder has any file of a run."""
         return any((self.path / name).exists() for name in _FILES)
+
+    def refuse_run(self) -> None:
+        """Raises InputError if the folder has any file of a run, or is not a folder."""
+        if self.path.exists() and not self.path.is_dir():
+            raise InputError(f"{self.path} is a file; give a folder for the run")
+        if self.holds_run():
+            raise InputError(
+                f"{self.path} already holds a run; add --resume to go on with it, or give another "
+                "folder (nothing was overwritten)"
+            )
 
     @property
     def renders(self) -> Path:
@@ -184,7 +191,8 @@ class RunFolder:
                 `gsut.checkpoint.write_checkpoint`); read back exact to the bit.
         """
         return self.write(
-            CHECKPOINT, lambda path: write_checkpoint(path, {"step": step, "state": state}))
+            CHECKPOINT, lambda path: write_checkpoint(path, {"step": step, "state": state})
+        )
 
     def load_checkpoint(self) -> tuple[int, dict[str, Any]] | None:
         """The step and state of the last `save_checkpoint`; None where there is no checkpoint.
