@@ -54,263 +54,144 @@ class TrainOptions:
             options that contradict each other.
     """
 
-    # fmt: off  (a table: a few lines an option, not one an argument)
+    # A table: a few lines an option, not one an argument.
+    # fmt: off
     preset: str | None = option(
-        None,
-        "Run",
-        "sets --steps, --max-gaussians and --sh-degree where these are not given",
-        choices=tuple(PRESETS),
-        none="balanced",
+        None, "Run", "sets --steps, --max-gaussians and --sh-degree where these are not given",
+        choices=tuple(PRESETS), none="balanced",
     )
     steps: int = option(
-        None,
-        "Run",
-        "training steps, one image each",
-        low=1,
-        high=10_000_000,
+        None, "Run", "training steps, one image each", low=1, high=10_000_000,
         none="fast 500, balanced 2000, best 7000",
     )
     seed: int = option(0, "Run", "seed of every random number", low=0, high=2**63 - 1)
     threads: int = option(
-        0,
-        "Run",
-        "threads; 0 = all processors; the result's bits do not depend on it",
-        low=0,
-        high=4096,
+        0, "Run", "threads; 0 = all processors; the result's bits do not depend on it",
+        low=0, high=4096,
     )
     eval_every: int = option(
-        None,
-        "Run",
-        "held-out PSNR is measured every so many steps; 0 = at the end only",
-        unit="steps",
-        low=0,
-        none="steps / 10",
+        None, "Run", "held-out PSNR is measured every so many steps; 0 = at the end only",
+        unit="steps", low=0, none="steps / 10",
     )
     checkpoint_every: int = option(
-        250,
-        "Run",
-        "a checkpoint is written every so many steps; 0 = at the end only",
-        unit="steps",
-        low=0,
-        reason="at most some seconds of work are lost",
+        250, "Run", "a checkpoint is written every so many steps; 0 = at the end only",
+        unit="steps", low=0, reason="at most some seconds of work are lost",
     )
 
     scale: float = option(
-        1.0,
-        "Data",
-        "size of the images used, of the originals' (area filter)",
-        low=0.0,
-        high=1.0,
-        low_open=True,
+        1.0, "Data", "size of the images used, of the originals' (area filter)",
+        low=0.0, high=1.0, low_open=True,
     )
     test_every: int = option(
-        8,
-        "Data",
-        "every so many-th image by name is held out where the data has no split of its "
-        "own; 0 = none",
-        low=0,
-        reason="the split of published results",
+        8, "Data", "every so many-th image by name is held out where the data has no split of its "
+        "own; 0 = none", low=0, reason="the split of published results",
     )
     test_names: tuple[str, ...] | None = option(
-        None,
-        "Data",
-        "names of the held-out images, instead of --test-every",
+        None, "Data", "names of the held-out images, instead of --test-every",
         none="the data's own split",
     )
 
     max_gaussians: int = option(
-        None,
-        "Gaussians",
-        "at most so many Gaussians",
-        low=1,
-        high=100_000_000,
+        None, "Gaussians", "at most so many Gaussians", low=1, high=100_000_000,
         none="fast 50000, balanced 200000, best 300000",
     )
     sh_degree: int = option(
-        None,
-        "Gaussians",
-        "degree of the spherical harmonics of colour",
-        low=0,
-        high=3,
+        None, "Gaussians", "degree of the spherical harmonics of colour", low=0, high=3,
         none="fast and balanced 1, best 2",
     )
     init: str = option(
-        "auto",
-        "Gaussians",
-        "first Gaussians: the data's points, random ones inside the cameras' "
-        "view, or points where the data has them",
-        choices=("auto", "points", "random"),
+        "auto", "Gaussians", "first Gaussians: the data's points, random ones inside the cameras' "
+        "view, or points where the data has them", choices=("auto", "points", "random"),
     )
     init_count: int | None = option(
-        None,
-        "Gaussians",
-        "number of first Gaussians",
-        low=1,
-        high=100_000_000,
+        None, "Gaussians", "number of first Gaussians", low=1, high=100_000_000,
         none="all points; 30000 if random; never more than --max-gaussians",
     )
     init_scale: float = option(
-        0.5,
-        "Gaussians",
-        "first standard deviation",
-        unit="x mean distance of 3 neighbours",
-        low=0.0,
-        high=100.0,
-        low_open=True,
-        reason="0.25 costs 0.8 dB, 1.0 costs 0.15 dB",
+        0.5, "Gaussians", "first standard deviation", unit="x mean distance of 3 neighbours",
+        low=0.0, high=100.0, low_open=True, reason="0.25 costs 0.8 dB, 1.0 costs 0.15 dB",
     )
     init_opacity: float = option(
-        0.5,
-        "Gaussians",
-        "first opacity",
-        low=0.0,
-        high=1.0,
-        low_open=True,
-        high_open=True,
+        0.5, "Gaussians", "first opacity", low=0.0, high=1.0, low_open=True, high_open=True,
         reason="0.2 costs 0.25 dB",
     )
     background: tuple[float, float, float] = option(
-        (0.0, 0.0, 0.0),
-        "Gaussians",
-        "colour behind all Gaussians, red,green,blue",
-        low=0.0,
-        high=1.0,
+        (0.0, 0.0, 0.0), "Gaussians", "colour behind all Gaussians, red,green,blue",
+        low=0.0, high=1.0,
     )
 
     lr_means: float = option(
-        None,
-        "Learning rates",
-        "centres",
-        unit="x scene extent",
-        low=0.0,
-        high=1.0,
-        none="0.8 / steps within 4.8e-4 .. 3.2e-3",
-        reason="+0.3 dB over the published 1.6e-4",
+        None, "Learning rates", "centres", unit="x scene extent", low=0.0, high=1.0,
+        none="0.8 / steps within 4.8e-4 .. 3.2e-3", reason="+0.3 dB over the published 1.6e-4",
     )
     lr_means_final_factor: float = option(
-        0.01,
-        "Learning rates",
-        "centres: last rate / first rate",
-        low=0.0,
-        high=1.0,
-        low_open=True,
-        reason="published; 0.05 costs 1.4 dB at 2000 steps",
+        0.01, "Learning rates", "centres: last rate / first rate", low=0.0, high=1.0,
+        low_open=True, reason="published; 0.05 costs 1.4 dB at 2000 steps",
     )
     lr_scales: float = option(
-        1.5e-2,
-        "Learning rates",
-        "logarithms of scales",
-        low=0.0,
-        high=1.0,
+        1.5e-2, "Learning rates", "logarithms of scales", low=0.0, high=1.0,
         reason="3 x published",
     )
     lr_quats: float = option(
-        4e-3, "Learning rates", "rotations", low=0.0, high=1.0, reason="4 x published"
-    )
+        4e-3, "Learning rates", "rotations", low=0.0, high=1.0, reason="4 x published")
     lr_opacity: float = option(
-        0.1, "Learning rates", "opacity logits", low=0.0, high=1.0, reason="+0.2 dB over 5e-2"
-    )
+        0.1, "Learning rates", "opacity logits", low=0.0, high=1.0, reason="+0.2 dB over 5e-2")
     lr_sh0: float = option(
-        7e-3, "Learning rates", "base colour", low=0.0, high=1.0, reason="3 x published"
-    )
+        7e-3, "Learning rates", "base colour", low=0.0, high=1.0, reason="3 x published")
     lr_sh_rest: float = option(
-        1.25e-4,
-        "Learning rates",
-        "harmonics above degree 0",
-        low=0.0,
-        high=1.0,
+        1.25e-4, "Learning rates", "harmonics above degree 0", low=0.0, high=1.0,
         reason="published",
     )
     lr_final_factor: float = option(
-        None,
-        "Learning rates",
-        "all but the centres: last rate / first rate",
-        low=0.0,
-        high=1.0,
-        low_open=True,
-        none="1 to 1000 steps, 0.5 at 2000, 0.3 from 7000",
+        None, "Learning rates", "all but the centres: last rate / first rate",
+        low=0.0, high=1.0, low_open=True, none="1 to 1000 steps, 0.5 at 2000, 0.3 from 7000",
     )
     sparse_adam: bool = option(
-        True,
-        "Learning rates",
-        "update only Gaussians that the step's image saw",
+        True, "Learning rates", "update only Gaussians that the step's image saw",
         reason="10 % faster for 0.15 dB",
     )
 
     ssim_weight: float = option(
-        0.2,
-        "Loss",
-        "loss = (1 - w) L1 + w (1 - SSIM)",
-        low=0.0,
-        high=1.0,
+        0.2, "Loss", "loss = (1 - w) L1 + w (1 - SSIM)", low=0.0, high=1.0,
         reason="published; 0 costs 0.66 dB PSNR",
     )
     opacity_regularizer: float = option(
-        0.01, "Loss", "weight of the mean opacity", low=0.0, high=100.0, reason="published (MCMC)"
-    )
+        0.01, "Loss", "weight of the mean opacity", low=0.0, high=100.0, reason="published (MCMC)")
     scale_regularizer: float = option(
-        0.01, "Loss", "weight of the mean scale", low=0.0, high=100.0, reason="published (MCMC)"
-    )
+        0.01, "Loss", "weight of the mean scale", low=0.0, high=100.0, reason="published (MCMC)")
     coarse_to_fine: tuple[float, float] = option(
-        "auto",
-        "Loss",
-        "train at 1/4 of the resolution until the first, at 1/2 until the second "
-        "fraction of the steps; 0,0 = full resolution throughout",
-        low=0.0,
-        high=1.0,
-        words=("auto",),
-        reason="a third of the time less for 0.2 dB",
+        "auto", "Loss", "train at 1/4 of the resolution until the first, at 1/2 until the second "
+        "fraction of the steps; 0,0 = full resolution throughout", low=0.0, high=1.0,
+        words=("auto",), reason="a third of the time less for 0.2 dB",
     )
     sh_every: int = option(
-        None,
-        "Loss",
-        "one more degree of harmonics every so many steps",
-        unit="steps",
-        low=1,
+        None, "Loss", "one more degree of harmonics every so many steps", unit="steps", low=1,
         none="0.6 steps / (degree + 1), at most 1000",
     )
 
     strategy: str = option(
-        "mcmc",
-        "Densification",
-        "mcmc: relocation, with a cap; adaptive: clone, split and prune by gradient",
-        choices=("mcmc", "adaptive"),
+        "mcmc", "Densification", "mcmc: relocation, with a cap; adaptive: clone, split and prune "
+        "by gradient", choices=("mcmc", "adaptive"),
     )
     densify_from: float = option(
-        0.05, "Densification", "first densification", unit="fraction of steps", low=0.0, high=1.0
-    )
+        0.05, "Densification", "first densification", unit="fraction of steps", low=0.0, high=1.0)
     densify_until: float = option(
-        0.8, "Densification", "last densification", unit="fraction of steps", low=0.0, high=1.0
-    )
+        0.8, "Densification", "last densification", unit="fraction of steps", low=0.0, high=1.0)
     grow_until: float = option(
-        0.5,
-        "Densification",
-        "--max-gaussians is reached here, by geometric growth",
-        unit="fraction of steps",
-        low=0.0,
-        high=1.0,
+        0.5, "Densification", "--max-gaussians is reached here, by geometric growth",
+        unit="fraction of steps", low=0.0, high=1.0,
         reason="60 % of the densification; 30 % of it costs 0.46 dB",
     )
     densify_every: int = option(
-        None,
-        "Densification",
-        "steps between densifications",
-        unit="steps",
-        low=1,
+        None, "Densification", "steps between densifications", unit="steps", low=1,
         none="50 to 1000 steps, 100 from 2000",
     )
     dead_opacity: float = option(
-        0.005,
-        "Densification",
-        "Gaussians at or below this opacity are relocated or pruned",
-        low=0.0,
-        high=1.0,
-        high_open=True,
-        reason="published",
+        0.005, "Densification", "Gaussians at or below this opacity are relocated or pruned",
+        low=0.0, high=1.0, high_open=True, reason="published",
     )
     noise: bool = option(
-        None, "Densification", "MCMC noise on the centres", none="from 1500 steps on"
-    )
+        None, "Densification", "MCMC noise on the centres", none="from 1500 steps on")
     # fmt: on
 
     def __post_init__(self) -> None:
