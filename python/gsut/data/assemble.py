@@ -1,0 +1,228 @@
+"""From what a reader found in a dataset's files to a Scene: sizes, recentring, split."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.cameras import Camera
+from gsut.data.findings import DatasetError, OnError, some_names, stop
+from gsut.data.images import read_header
+from gsut.data.poses import inverse
+from gsut.data.scene import Scene, View
+from gsut.data.split import TEST_EVERY, split_views
+
+HALF_PIXEL = 0.5  # a down-scaled copy's size may be rounded by this much
+SAME_POSE = 1e-9  # relative difference of two poses of a frame that is listed twice
+
+
+@dataclasses.dataclass
+class Frame:
+    """One image as a reader found it; poses are world-from-camera, OpenCV axes, dataset's world."""
+
+    name: str
+    image_path: Path
+    camera: Camera
+    world_from_camera: np.ndarray
+    world_from_camera_start: np.ndarray | None = None
+    world_from_camera_end: np.ndarray | None = None
+    mask_path: Path | None = None
+    depth_path: Path | None = None
+
+
+@dataclasses.dataclass
+class Listing:
+    """What a reader found: the frames whose image exists, names of the others, points, lists.
+
+    `source` is the file that lists the images; `path` the dataset's folder.
+    """
+
+    path: Path
+    source: Path
+    frames: list[Frame] = dataclasses.field(default_factory=list)
+    missing: list[str] = dataclasses.field(default_factory=list)
+    points: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
+    point_colors: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 3), np.uint8))
+    listed_train: Sequence[str] | None = None
+    listed_test: Sequence[str] | None = None
+    notes: list[str] = dataclasses.field(default_factory=list)
+
+
+def assemble(
+    listing: Listing,
+    *,
+    test_every: int = TEST_EVERY,
+    test_names: Sequence[str] | None = None,
+    on_error: OnError = stop,
+) -> Scene:
+    """Checks images against cameras, moves the world's origin and splits the views.
+
+    Args:
+        listing: of one of the readers.
+        test_every, test_names: see `split_views`.
+        on_error: receives each error of a single frame; the frame is left out if it returns.
+    Raises:
+        DatasetError: no frame is left, an image has a wrong size, points are not finite.
+    """
+    notes = list(listing.notes)
+    total = len(listing.frames) + len(listing.missing)
+    if listing.missing and listing.frames:
+        notes.append(
+            f"{listing.source}: {len(listing.missing)} of {total} images do not exist and are"
+            f" left out: {some_names(listing.missing)}"
+        )
+    frames = _without_repeats(listing, notes, on_error)
+    frames = _fit_cameras(frames, notes, on_error)
+    if not frames:
+        raise _nothing_left(listing, total)
+    frames.sort(key=lambda frame: frame.name)
+    if not np.isfinite(listing.points).all():
+        bad = int((~np.isfinite(listing.points)).any(axis=1).sum())
+        raise DatasetError(
+            listing.source, f"{bad} points have NaN or infinite coordinates", "remove these points"
+        )
+    train, test, split_notes = split_views(
+        [frame.name for frame in frames],
+        listing.source,
+        test_every=test_every,
+        test_names=test_names,
+        listed_train=listing.listed_train,
+        listed_test=listing.listed_test,
+        missing=[*listing.missing],
+    )
+    offset = np.mean([frame.world_from_camera[:3, 3] for frame in frames], axis=0)
+    cameras, views = _views(frames, offset)
+    return Scene(
+        listing.path, cameras, views, listing.points - offset, listing.point_colors, train, test,
+        offset, notes + split_notes,
+    )  # fmt: skip
+
+
+def _nothing_left(listing: Listing, total: int) -> DatasetError:
+    if total == 0:
+        return DatasetError(listing.source, "the dataset lists no images", "add images with poses")
+    if listing.missing and not listing.frames:
+        return DatasetError(
+            listing.source,
+            f"none of its {total} images exist (looked under {listing.path} for"
+            f" {some_names(listing.missing)})",
+            "copy the images there or correct the paths",
+        )
+    return DatasetError(
+        listing.source, f"none of its {total} images can be used", "see the other errors"
+    )
+
+
+def _without_repeats(listing: Listing, notes: list[str], on_error: OnError) -> list[Frame]:
+    """Leaves out a frame that repeats an earlier one; the same image with two poses is an error."""
+    first: dict[Path, Frame] = {}
+    repeated = []
+    for frame in listing.frames:
+        other = first.setdefault(frame.image_path, frame)
+        if other is frame:
+            continue
+        scale = 1 + np.abs(other.world_from_camera).max()
+        if np.abs(frame.world_from_camera - other.world_from_camera).max() > SAME_POSE * scale:
+            on_error(
+                DatasetError(
+                    f"{listing.source}, image {frame.name}",
+                    "the image is listed twice with different poses",
+                    "remove the wrong one",
+                )
+            )
+        repeated.append(frame.name)
+    if repeated:
+        notes.append(
+            f"{listing.source}: {len(repeated)} images are listed twice and used once:"
+            f" {some_names(repeated)}"
+        )
+    return list(first.values())
+
+
+def _fit_cameras(frames: list[Frame], notes: list[str], on_error: OnError) -> list[Frame]:
+    """Resizes cameras to down-scaled copies of the images; other sizes are errors."""
+    fitted, resized = [], []
+    for frame in frames:
+        try:
+            header = read_header(frame.image_path)
+            camera = fit_camera(frame.camera, header.width, header.height, frame.image_path)
+        except InputError as error:
+            on_error(error)
+            continue
+        if camera is not frame.camera:
+            resized.append(frame.name)
+            size = (
+                f"{frame.camera.width} x {frame.camera.height} to {camera.width} x {camera.height}"
+            )
+            frame = dataclasses.replace(frame, camera=camera)
+        fitted.append(frame)
+    if resized:
+        notes.append(
+            f"{len(resized)} images are scaled copies: their camera was resized from {size}:"
+            f" {some_names(resized)}"
+        )
+    return fitted
+
+
+def fit_camera(camera: Camera, width: int, height: int, image_path: Path) -> Camera:
+    """The camera of an image of this size: itself, or resized if both axes have the same ratio.
+
+    Raises:
+        DatasetError: the shapes differ.
+    """
+    if (width, height) == (camera.width, camera.height):
+        return camera
+    same_by_width = abs(camera.height * width / camera.width - height) <= HALF_PIXEL
+    same_by_height = abs(camera.width * height / camera.height - width) <= HALF_PIXEL
+    if same_by_width or same_by_height:
+        return camera.resized(width, height)
+    turned = (width, height) == (camera.height, camera.width)
+    advice = (
+        "the image was turned after calibration (EXIF orientation applied?): store it unturned"
+        if turned
+        else "use the images that the camera was calibrated on, uncropped"
+    )
+    raise DatasetError(
+        image_path,
+        f"the image is {width} x {height}, its camera expects {camera.width} x {camera.height}",
+        advice,
+    )
+
+
+def _views(frames: list[Frame], offset: np.ndarray) -> tuple[list[Camera], list[View]]:
+    """Views in the recentred world; equal cameras are stored once."""
+    cameras: list[Camera] = []
+    index_of: dict[tuple, int] = {}
+    views = []
+
+    def recentred(world_from_camera: np.ndarray | None) -> np.ndarray | None:
+        if world_from_camera is None:
+            return None
+        moved = world_from_camera.copy()
+        moved[:3, 3] -= offset
+        return inverse(moved)
+
+    for frame in frames:
+        camera = frame.camera
+        params = np.asarray(camera.params, np.float64).tobytes()
+        key = (camera.model, params, camera.width, camera.height)
+        if key not in index_of:
+            index_of[key] = len(cameras)
+            cameras.append(camera)
+        views.append(
+            View(
+                frame.name,
+                frame.image_path,
+                index_of[key],
+                recentred(frame.world_from_camera),
+                recentred(frame.world_from_camera_start),
+                recentred(frame.world_from_camera_end),
+                frame.mask_path,
+                frame.depth_path,
+            )
+        )
+    return cameras, views

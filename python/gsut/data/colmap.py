@@ -1,0 +1,145 @@
+"""Reads COLMAP models: cameras, images and points3D as binary or text, with images and masks.
+
+Layout: https://colmap.github.io/format.html. Poses are camera-from-world with OpenCV axes,
+quaternions w, x, y, z; the centre of the first pixel is (0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.cameras import Camera
+from gsut.data.assemble import Frame, Listing
+from gsut.data.colmap_binary import read_cameras_bin, read_images_bin, read_points_bin
+from gsut.data.colmap_text import read_cameras_txt, read_images_txt, read_points_txt
+from gsut.data.findings import DatasetError, OnError, some_names, stop
+from gsut.data.lens_files import colmap_camera
+from gsut.data.poses import inverse, pose_from_quaternion
+
+MODEL_FOLDERS = ("sparse/0", "sparse", ".")
+IMAGE_FOLDERS = ("images", "images_2", "images_4", "images_8", ".")
+
+
+def find_model(path: Path) -> Path | None:
+    """The folder with cameras and images (.bin or .txt): sparse/0, sparse, or the folder itself."""
+    for name in MODEL_FOLDERS:
+        folder = path / name
+        for suffix in (".bin", ".txt"):
+            if all((folder / f"{stem}{suffix}").is_file() for stem in ("cameras", "images")):
+                return folder
+    return None
+
+
+def read_colmap(path: Path, *, on_error: OnError = stop) -> Listing:
+    """Reads a COLMAP model and finds its images and masks.
+
+    Args:
+        path: the dataset (with sparse/0 and images), or the model's own folder.
+        on_error: receives each error of a single camera or image.
+    Raises:
+        DatasetError: a file is truncated or malformed.
+    """
+    model = find_model(path)
+    if model is None:
+        raise DatasetError(
+            path,
+            "no COLMAP model: cameras and images (.bin or .txt) in sparse/0, sparse or the folder",
+            "give the folder that holds 'sparse' and 'images'",
+        )
+    suffix = ".bin" if (model / "images.bin").is_file() else ".txt"
+    source = model / f"images{suffix}"
+    if suffix == ".bin":
+        camera_rows, image_rows = read_cameras_bin(model / "cameras.bin"), read_images_bin(source)
+    else:
+        camera_rows, image_rows = read_cameras_txt(model / "cameras.txt"), read_images_txt(source)
+    cameras: dict[int, Camera] = {}
+    unusable: set[int] = set()
+    for row in camera_rows:
+        try:
+            if not np.isfinite(row.params).all():
+                raise DatasetError(
+                    row.where,
+                    f"the parameters of camera {row.camera_id} are not finite",
+                    "calibrate again",
+                )
+            cameras[row.camera_id] = colmap_camera(
+                row.model, row.params, row.width, row.height, source=row.where
+            )
+        except InputError as error:
+            unusable.add(row.camera_id)
+            on_error(error)
+    folder = _image_folder(path, model, [row.name for row in image_rows])
+    listing = Listing(path, source)
+    for row in image_rows:
+        try:
+            if row.camera_id in unusable:
+                continue
+            if row.camera_id not in cameras:
+                raise DatasetError(
+                    row.where,
+                    f"image {row.name} has camera {row.camera_id}, which does not exist",
+                    f"cameras{suffix} and images{suffix} are of different models: copy both again",
+                )
+            image_path = folder / row.name
+            if not image_path.is_file():
+                listing.missing.append(row.name)
+                continue
+            pose = pose_from_quaternion(
+                row.quat_wxyz, row.translation, f"{row.where}, image {row.name}"
+            )
+            listing.frames.append(
+                Frame(
+                    row.name,
+                    image_path,
+                    cameras[row.camera_id],
+                    inverse(pose),
+                    mask_path=find_mask(folder.parent / "masks", row.name),
+                )
+            )
+        except InputError as error:
+            on_error(error)
+    try:
+        listing.points, listing.point_colors = read_points(model)
+    except InputError as error:
+        on_error(error)
+    if folder.name != "images" and listing.frames:
+        listing.notes.append(f"{folder}: images are read from here")
+    other = _other_models(path, model)
+    if other:
+        listing.notes.append(f"{model}: this model is used, not {some_names(other)}")
+    return listing
+
+
+def read_points(model: Path) -> tuple[np.ndarray, np.ndarray]:
+    """points3D.bin or .txt of a model: (N, 3) float64 and (N, 3) uint8; empty without a file."""
+    if (model / "points3D.bin").is_file():
+        return read_points_bin(model / "points3D.bin")
+    if (model / "points3D.txt").is_file():
+        return read_points_txt(model / "points3D.txt")
+    return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
+
+
+def find_mask(folder: Path, name: str) -> Path | None:
+    """The mask of an image: folder/name.png, or folder/name with .png added (COLMAP's rule)."""
+    for candidate in (folder / f"{name}.png", folder / PurePosixPath(name).with_suffix(".png")):
+        if candidate.is_file():
+            return candidate
+    return None
+
+
+def _image_folder(path: Path, model: Path, names: list[str]) -> Path:
+    """The folder that holds most of the images; the full-size one where there are several."""
+    roots = list(dict.fromkeys([path, model.parent, model.parent.parent]))
+    folders = [root / name for root in roots for name in IMAGE_FOLDERS if (root / name).is_dir()]
+    return max(folders, key=lambda folder: sum((folder / name).is_file() for name in names))
+
+
+def _other_models(path: Path, model: Path) -> list[str]:
+    """COLMAP writes sparse/0, sparse/1, ... when it could not join all images."""
+    if model.name != "0":
+        return []
+    names = sorted(p.name for p in model.parent.iterdir() if p.name.isdigit() and p != model)
+    return [f"{model.parent.name}/{name}" for name in names]

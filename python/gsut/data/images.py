@@ -1,0 +1,210 @@
+"""Reads images and masks: sizes from headers, pixels as 8-bit RGB, and exact area down-scaling."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from gsut.data.findings import DatasetError
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PNG_TYPES_WITH_ALPHA = (3, 4, 6)  # palette (may carry alpha), grey + alpha, RGB + alpha
+# Start-of-frame markers of JPEG; C4, C8 and CC are tables, not frames.
+_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_JPEG_BARE = frozenset({0x01, *range(0xD0, 0xD9)})  # markers without a length
+_COPY_AGAIN = "copy or export the file again"
+
+
+class ImageHeader(NamedTuple):
+    """Size in pixels, and whether the file may hold an alpha channel."""
+
+    width: int
+    height: int
+    may_have_alpha: bool
+
+
+def read_header(path: Path) -> ImageHeader:
+    """Size of an image, from the first bytes of PNG and JPEG files, else by decoding it.
+
+    The size is that of the stored pixels: EXIF orientation is not applied.
+
+    Raises:
+        DatasetError: the file is not an image, or ends within the header.
+    """
+    with _open(path) as file:
+        head = file.read(26)
+        if head.startswith(_PNG_SIGNATURE) and len(head) == 26:
+            width, height = struct.unpack(">II", head[16:24])
+            return ImageHeader(width, height, head[25] in _PNG_TYPES_WITH_ALPHA)
+        if head.startswith(b"\xff\xd8"):
+            file.seek(2)
+            return ImageHeader(*_jpeg_size(file, path), False)
+    pixels, valid = decode_image(path)
+    return ImageHeader(pixels.shape[1], pixels.shape[0], valid is not None)
+
+
+def _open(path: Path):
+    try:
+        return open(path, "rb")
+    except OSError as error:
+        raise DatasetError(
+            path, f"cannot be opened ({error.strerror})", "check the path"
+        ) from error
+
+
+def _jpeg_size(file, path: Path) -> tuple[int, int]:
+    while True:
+        start = file.read(4)
+        if len(start) < 4 or start[0] != 0xFF:
+            raise DatasetError(path, "the JPEG file is truncated in its header", _COPY_AGAIN)
+        marker, length = start[1], struct.unpack(">H", start[2:])[0]
+        if marker == 0xFF or marker in _JPEG_BARE:  # fill byte, or a marker without a length
+            file.seek(-3 if marker == 0xFF else -2, 1)
+        elif marker in _JPEG_FRAMES:
+            frame = file.read(5)
+            if len(frame) < 5:
+                raise DatasetError(path, "the JPEG file is truncated in its header", _COPY_AGAIN)
+            height, width = struct.unpack(">HH", frame[1:])
+            return width, height
+        else:
+            file.seek(length - 2, 1)
+
+
+def decode_image(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
+    """Decodes an image without applying its EXIF orientation (poses belong to the stored pixels).
+
+    Returns:
+        (H, W, 3) uint8 RGB, grey repeated, 16 bits rounded to 8; and (H, W) bool, True where
+        alpha is full, or None without an alpha channel.
+    Raises:
+        DatasetError: not an image, or truncated (decoders fill the rest with grey in silence).
+    """
+    pixels = _decode(path)
+    if pixels.dtype == np.uint16:
+        pixels = ((pixels.astype(np.uint32) + 128) // 257).astype(np.uint8)
+    elif pixels.dtype != np.uint8:
+        raise DatasetError(
+            path, f"the pixels are {pixels.dtype}", "convert the image to 8 or 16 bits"
+        )
+    if pixels.ndim == 2:
+        return cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB), None
+    if pixels.shape[2] == 3:
+        return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), None
+    if pixels.shape[2] == 4:
+        return cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), pixels[:, :, 3] == 255
+    raise DatasetError(
+        path, f"{pixels.shape[2]} channels", "convert the image to grey, RGB or RGBA"
+    )
+
+
+def _decode(path: Path) -> np.ndarray:
+    with _open(path) as file:
+        data = file.read()
+    if not data:
+        raise DatasetError(path, "the file is empty", _COPY_AGAIN)
+    _require_complete(data, path)
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        pixels = None
+    if pixels is None:
+        raise DatasetError(path, "cannot be decoded as an image", f"{_COPY_AGAIN} as PNG or JPEG")
+    return pixels
+
+
+def _require_complete(data: bytes, path: Path) -> None:
+    """A PNG must hold all its chunks with right checksums, a JPEG its end marker."""
+    if data.startswith(_PNG_SIGNATURE):
+        position, kind = len(_PNG_SIGNATURE), b""
+        while kind != b"IEND":
+            if position + 12 > len(data):
+                break
+            length, kind = struct.unpack_from(">I4s", data, position)
+            end = position + 12 + length
+            if end > len(data):
+                kind = b""
+                break
+            if (
+                zlib.crc32(data[position + 4 : end - 4])
+                != struct.unpack_from(">I", data, end - 4)[0]
+            ):
+                raise DatasetError(
+                    path,
+                    f"the PNG file is damaged: wrong checksum of a chunk at byte {position}",
+                    _COPY_AGAIN,
+                )
+            position = end
+        if kind != b"IEND":
+            raise DatasetError(
+                path, f"the PNG file is truncated: it ends after {len(data)} bytes", _COPY_AGAIN
+            )
+    elif data.startswith(b"\xff\xd8"):
+        # In the compressed data FF is always followed by 00 or a marker: FF D9 is the end.
+        # Previews in the header have an end of their own, so search after the start of scan.
+        scan = _jpeg_scan_start(data)
+        if scan is None or data.find(b"\xff\xd9", scan) < 0:
+            raise DatasetError(
+                path, f"the JPEG file is truncated: it ends after {len(data)} bytes", _COPY_AGAIN
+            )
+
+
+def _jpeg_scan_start(data: bytes) -> int | None:
+    position = 2
+    while position + 4 <= len(data) and data[position] == 0xFF:
+        marker = data[position + 1]
+        if marker == 0xDA:
+            return position
+        if marker == 0xFF:
+            position += 1
+        elif marker in _JPEG_BARE:
+            position += 2
+        else:
+            position += 2 + struct.unpack_from(">H", data, position + 2)[0]
+    return None
+
+
+def decode_mask(path: Path) -> np.ndarray:
+    """Decodes a mask: (H, W) bool, True (valid) where the value is above half of white.
+
+    White is the type's maximum; files with values 0 and 1 only are taken as 0 and white. With an
+    alpha channel and no colour the first channel decides.
+    """
+    pixels = _decode(path)
+    if pixels.ndim == 3:
+        pixels = pixels[:, :, :3].max(axis=2)
+    white = np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1.0
+    if pixels.max(initial=0) <= 1:
+        white = 1
+    return pixels > white / 2
+
+
+def shrink_image(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
+    """(H, W, 3) uint8 -> (height, width, 3): each pixel is the mean over its area."""
+    if pixels.shape[:2] == (height, width):
+        return pixels
+    return cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def shrink_mask(valid: np.ndarray, width: int, height: int) -> np.ndarray:
+    """(H, W) bool -> (height, width): valid only if every source pixel that it touches is."""
+    if valid.shape == (height, width):
+        return valid
+    invalid = np.zeros((valid.shape[0] + 1, valid.shape[1] + 1), np.int64)
+    invalid[1:, 1:] = np.cumsum(np.cumsum(~valid, axis=0), axis=1)
+    top, bottom = _source_range(valid.shape[0], height)
+    left, right = _source_range(valid.shape[1], width)
+    count = invalid[bottom][:, right] - invalid[top][:, right]
+    count += invalid[top][:, left] - invalid[bottom][:, left]
+    return count == 0
+
+
+def _source_range(source: int, target: int) -> tuple[np.ndarray, np.ndarray]:
+    """First source pixel and one past the last that each target pixel touches, in integers."""
+    index = np.arange(target)
+    return index * source // target, -(-(index + 1) * source // target)

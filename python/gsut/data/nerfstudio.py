@@ -1,0 +1,241 @@
+"""Reads nerfstudio / instant-ngp datasets: transforms.json with poses, lens, masks and lists.
+
+Poses are camera-to-world with OpenGL axes. `applied_transform` needs no work here: poses and
+`ply_file_path` are both written after it (nerfstudio 1.0 and later); only points of a COLMAP model
+beside the file are still in the frame before it. Intrinsics stand for all frames or in a frame.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.cameras import Camera
+from gsut.data.assemble import Frame, Listing
+from gsut.data.colmap import find_model, read_points
+from gsut.data.findings import DatasetError, OnError, stop
+from gsut.data.images import read_header
+from gsut.data.lens_files import nerfstudio_camera
+from gsut.data.poses import OPENGL_FROM_OPENCV, halfway, rigid_transform
+from gsut.formats import load_points_ply
+
+FILE_NAME = "transforms.json"
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")  # for file_path without one
+# Keys of the file or of a frame that do not describe the lens.
+_NOT_LENS = {
+    "frames", "file_path", "transform_matrix", "transform_matrix_start", "transform_matrix_end",
+    "mask_path", "depth_file_path", "sharpness", "colmap_im_id", "applied_transform",
+    "applied_scale", "ply_file_path", "train_filenames", "val_filenames", "test_filenames",
+    "aabb_scale", "rolling_shutter",
+}  # fmt: skip
+
+
+def read_nerfstudio(path: Path, *, on_error: OnError = stop) -> Listing:
+    """Reads transforms.json.
+
+    Args:
+        path: the folder or the file.
+        on_error: receives each error of a single frame.
+    Raises:
+        DatasetError: the file is missing, cut off, or its lists and points are broken.
+    """
+    source = path / FILE_NAME if path.is_dir() else path
+    folder = source.parent
+    values = read_json(source)
+    if not isinstance(values, dict) or not isinstance(values.get("frames"), list):
+        raise DatasetError(
+            source, "there is no list 'frames'", "write one object a frame, as nerfstudio does"
+        )
+    listing = Listing(folder, source)
+    cameras: dict[str, Camera] = {}
+    for number, frame in enumerate(values["frames"]):
+        try:
+            if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+                raise DatasetError(
+                    f"{source}, frame {number}", "there is no 'file_path'", "name its image file"
+                )
+            _read_frame(frame, values, listing, cameras)
+        except InputError as error:
+            on_error(error)
+    listing.listed_train = _names(values, "train_filenames", source)
+    listing.listed_test = _names(values, "test_filenames", source)
+    validation = _names(values, "val_filenames", source)
+    if listing.listed_test is None:
+        listing.listed_test = validation
+    try:
+        _read_points(values, listing)
+    except InputError as error:
+        on_error(error)
+    return listing
+
+
+def read_json(source: Path) -> Any:
+    """Parses a JSON file.
+
+    Raises:
+        DatasetError: missing, not text, or not JSON (with line and column).
+    """
+    try:
+        return json.loads(source.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise DatasetError(
+            source, f"cannot be opened ({error.strerror})", "check the path"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise DatasetError(
+            source, f"byte {error.start} is not UTF-8 text", "save the file as UTF-8"
+        ) from error
+    except json.JSONDecodeError as error:
+        raise DatasetError(
+            source,
+            f"not valid JSON at line {error.lineno}, column {error.colno} ({error.msg})",
+            "the file may be cut off: copy or export it again",
+        ) from error
+
+
+def _read_frame(frame: dict, values: dict, listing: Listing, cameras: dict[str, Camera]) -> None:
+    name = frame["file_path"]
+    where = f"{listing.source}, frame {name}"
+    image_path = _find_image(listing.path, name)
+    if image_path is None:
+        listing.missing.append(name)
+        return
+    camera = _frame_camera(frame, values, image_path, where, cameras)
+    poses = {}
+    for key in ("transform_matrix", "transform_matrix_start", "transform_matrix_end"):
+        if key in frame:
+            opengl = rigid_transform(frame[key], f"{where}, {key}")
+            poses[key] = opengl @ OPENGL_FROM_OPENCV
+    start, end = poses.get("transform_matrix_start"), poses.get("transform_matrix_end")
+    middle = poses.get("transform_matrix")
+    if (start is None) != (end is None):
+        raise DatasetError(
+            where,
+            "only one of transform_matrix_start and transform_matrix_end is given",
+            "give both poses of the rolling shutter, or none",
+        )
+    if middle is None and start is not None:
+        middle = halfway(start, end)
+    if middle is None:
+        raise DatasetError(where, "there is no 'transform_matrix'", "give its camera-to-world pose")
+    listing.frames.append(
+        Frame(
+            image_path.relative_to(listing.path).as_posix()
+            if image_path.is_relative_to(listing.path)
+            else name,
+            image_path,
+            camera,
+            middle,
+            start,
+            end,
+            _existing(frame, values, "mask_path", listing.path, where),
+            _existing(frame, {}, "depth_file_path", listing.path, where),
+        )
+    )
+
+
+def _find_image(folder: Path, name: str) -> Path | None:
+    path = folder / name
+    if path.is_file():
+        return path
+    for suffix in _SUFFIXES:
+        candidate = path.with_name(path.name + suffix)
+        if candidate.is_file():
+            return candidate
+    return None
+
+
+def _existing(frame: dict, values: dict, key: str, folder: Path, where: str) -> Path | None:
+    name = frame.get(key, values.get(key))
+    if not name:
+        return None
+    path = folder / str(name)
+    if not path.is_file():
+        raise DatasetError(where, f"{key} '{name}' does not exist", "add the file or drop the key")
+    return path
+
+
+def _frame_camera(
+    frame: dict, values: dict, image_path: Path, where: str, cameras: dict[str, Camera]
+) -> Camera:
+    """The lens of a frame; its own keys win over the file's. Equal lenses are made once."""
+    lens = {k: v for k, v in {**values, **frame}.items() if k not in _NOT_LENS}
+    for key, value in lens.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            raise DatasetError(
+                where, f"'{key}' is {value}", "calibrate again or correct the number"
+            )
+    if "w" not in lens or "h" not in lens:
+        header = read_header(image_path)
+        lens.setdefault("w", header.width)
+        lens.setdefault("h", header.height)
+    _focal_from_angle(lens, where)
+    key = json.dumps(lens, sort_keys=True)
+    if key not in cameras:
+        cameras[key] = nerfstudio_camera(lens, source=where)
+    return cameras[key]
+
+
+def _focal_from_angle(lens: dict, where: str) -> None:
+    """Fills fl_x, fl_y, cx, cy as instant-ngp does: from the field of view, and the centre."""
+    try:
+        for focal, angle, size in (
+            ("fl_x", "camera_angle_x", "w"),
+            ("fl_y", "camera_angle_y", "h"),
+        ):
+            if focal not in lens and angle in lens:
+                lens[focal] = 0.5 * float(lens[size]) / math.tan(0.5 * float(lens[angle]))
+        if "fl_x" not in lens and "fl_y" not in lens:
+            raise DatasetError(
+                where,
+                "there is no focal length ('fl_x' or 'camera_angle_x')",
+                "add the lens, for all frames or for this one",
+            )
+        lens.setdefault("fl_x", lens.get("fl_y"))
+        lens.setdefault("fl_y", lens.get("fl_x"))
+        lens.setdefault("cx", 0.5 * float(lens["w"]))
+        lens.setdefault("cy", 0.5 * float(lens["h"]))
+    except (TypeError, ValueError, ZeroDivisionError) as error:
+        raise DatasetError(
+            where, "the field of view or the image size is not a number", "correct it"
+        ) from error
+
+
+def _names(values: dict, key: str, source: Path) -> list[str] | None:
+    names = values.get(key)
+    if names is None:
+        return None
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise DatasetError(source, f"'{key}' is not a list of names", "write a list of file_path")
+    return names
+
+
+def _read_points(values: dict, listing: Listing) -> None:
+    name = values.get("ply_file_path")
+    if name:
+        path = listing.path / str(name)
+        if not path.is_file():
+            raise DatasetError(
+                listing.source,
+                f"the points' file '{name}' does not exist",
+                "add it, or drop 'ply_file_path' to start from random points",
+            )
+        listing.points, listing.point_colors = load_points_ply(path)
+        return
+    model = find_model(listing.path / "colmap")
+    if model is None or "applied_transform" not in values:
+        return
+    points, colors = read_points(model)
+    try:
+        transform = np.array(values["applied_transform"], np.float64).reshape(-1, 4)[:3]
+        points = points @ transform[:, :3].T + transform[:, 3]
+    except (TypeError, ValueError) as error:
+        raise DatasetError(
+            listing.source, "'applied_transform' is not a 3 x 4 matrix", "correct it"
+        ) from error
+    listing.points, listing.point_colors = points, colors

@@ -1,0 +1,265 @@
+"""A dataset in memory: cameras, views, points and images that are decoded when asked for."""
+
+from __future__ import annotations
+
+import collections
+import concurrent.futures
+import dataclasses
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.cameras import Camera
+from gsut.data.findings import DatasetError
+from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mask
+
+IMAGE_CACHE_BYTES = 1 << 30  # decoded pixels kept by one scene (preload() keeps all)
+EXTENT_MARGIN = 1.1  # of 3DGS: the scene's extent over the cameras' radius
+
+
+@dataclasses.dataclass(frozen=True)
+class View:
+    """One image of a dataset.
+
+    Args:
+        name: as in the dataset, often with a folder.
+        image_path: the file.
+        camera_index: into `Scene.cameras`.
+        camera_from_world: (4, 4) float64, OpenCV axes, recentred world; with a rolling shutter
+            the pose of the middle row.
+        camera_from_world_start, camera_from_world_end: poses of the first and the last edge of a
+            rolling shutter, or None.
+        mask_path: image that is white where pixels are valid, or None.
+        depth_path: as the dataset names it, not read here, or None.
+    """
+
+    name: str
+    image_path: Path
+    camera_index: int
+    camera_from_world: np.ndarray
+    camera_from_world_start: np.ndarray | None = None
+    camera_from_world_end: np.ndarray | None = None
+    mask_path: Path | None = None
+    depth_path: Path | None = None
+
+    @property
+    def camera_center(self) -> np.ndarray:
+        """(3,) position of the camera in the recentred world."""
+        pose = self.camera_from_world
+        return -pose[:3, :3].T @ pose[:3, 3]
+
+
+class _LruCache:
+    """Arrays by key, oldest dropped beyond a number of bytes; safe to use from many threads."""
+
+    def __init__(self, limit_bytes: float) -> None:
+        self.limit_bytes = limit_bytes
+        self._items: collections.OrderedDict = collections.OrderedDict()
+        self._bytes = 0
+        self._lock = threading.Lock()
+
+    def get(self, key: object, make: Callable[[], tuple]) -> tuple:
+        with self._lock:
+            if key in self._items:
+                self._items.move_to_end(key)
+                return self._items[key]
+        value = make()  # outside the lock: two threads may decode the same image, with equal result
+        for array in value:
+            if array is not None:
+                array.setflags(write=False)
+        with self._lock:
+            if key not in self._items:
+                self._items[key] = value
+                self._bytes += _size(value)
+                while self._bytes > self.limit_bytes and len(self._items) > 1:
+                    self._bytes -= _size(self._items.popitem(last=False)[1])
+            return self._items.get(key, value)
+
+
+def _size(arrays: tuple) -> int:
+    return sum(array.nbytes for array in arrays if array is not None)
+
+
+class Scene:
+    """Cameras, views, points and the split into training and test views.
+
+    The world is the dataset's, moved so that the mean of the camera centres is the origin:
+    dataset coordinates = scene coordinates + `world_offset`.
+
+    Attributes:
+        path: the dataset.
+        cameras: list of Camera, at the scene's image scale.
+        views: list of View, sorted by name.
+        points: (N, 3) float64, may be empty; point_colors: (N, 3) uint8.
+        train_indices, test_indices: lists of int into `views`.
+        world_offset: (3,) float64.
+        notes: what was left out or changed on loading, one sentence each.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        cameras: Sequence[Camera],
+        views: Sequence[View],
+        points: np.ndarray,
+        point_colors: np.ndarray,
+        train_indices: Sequence[int],
+        test_indices: Sequence[int],
+        world_offset: np.ndarray,
+        notes: Sequence[str] = (),
+        *,
+        full_cameras: Sequence[Camera] | None = None,
+    ) -> None:
+        """`full_cameras`: the cameras at the size of the image files, if `cameras` are smaller."""
+        self.path = Path(path)
+        self.cameras = list(cameras)
+        self.views = list(views)
+        self.points = np.asarray(points, np.float64).reshape(-1, 3)
+        self.point_colors = np.asarray(point_colors, np.uint8).reshape(-1, 3)
+        self.train_indices = list(train_indices)
+        self.test_indices = list(test_indices)
+        self.world_offset = np.asarray(world_offset, np.float64)
+        self.notes = list(notes)
+        self._full_cameras = list(full_cameras or self.cameras)
+        self._images = _LruCache(IMAGE_CACHE_BYTES)
+        self._masks = _LruCache(IMAGE_CACHE_BYTES)
+
+    def __len__(self) -> int:
+        return len(self.views)
+
+    def __repr__(self) -> str:
+        return (
+            f"Scene({str(self.path)!r}: {len(self.train_indices)} training and"
+            f" {len(self.test_indices)} test views, {len(self.cameras)} cameras,"
+            f" {len(self.points)} points)"
+        )
+
+    def camera(self, index: int) -> Camera:
+        """Camera of view `index`."""
+        return self.cameras[self.views[index].camera_index]
+
+    @property
+    def extent(self) -> float:
+        """1.1 x the largest distance of a training camera from their centroid, world units.
+
+        Where all cameras stand at one place: the points' root mean square distance from their
+        centroid, else 1.
+        """
+        rows = self.train_indices or range(len(self.views))
+        radius = _radius(np.array([self.views[i].camera_center for i in rows]), np.max)
+        if radius <= np.finfo(np.float32).eps * (1 + np.abs(self.points).max(initial=0)):
+            radius = _radius(self.points, lambda d: np.sqrt(np.mean(d**2)))
+        return EXTENT_MARGIN * radius if radius > 0 else 1.0
+
+    def image(self, index: int) -> np.ndarray:
+        """(H, W, 3) uint8 RGB of view `index` at the scene's scale; read-only, cached.
+
+        Raises:
+            DatasetError: the file is truncated, cannot be decoded or changed its size.
+        """
+        return self._pixels(index)[0]
+
+    def mask(self, index: int) -> np.ndarray:
+        """(H, W) bool, True where view `index` can be compared; read-only, cached.
+
+        The dataset's mask, full alpha, and pixels with a ray in the lens' domain. In a scaled
+        scene a pixel is valid only if all source pixels are.
+        """
+        return self._masks.get(index, lambda: (self._make_mask(index),))[0]
+
+    def preload(self) -> None:
+        """Decodes all images now and keeps them."""
+        self._images.limit_bytes = self._masks.limit_bytes = np.inf
+        with concurrent.futures.ThreadPoolExecutor() as threads:
+            for _ in threads.map(self.image, range(len(self.views))):
+                pass
+        for index in range(len(self.views)):
+            self.mask(index)
+
+    def scaled(self, factor: float) -> Scene:
+        """The same scene with images of `factor` (0 to 1] times the size.
+
+        Images are averaged over areas; intrinsics scale about the pixel corner.
+        """
+        if not 0 < factor <= 1:
+            raise InputError(f"scale must be above 0 and at most 1, found {factor}; use e.g. 0.5")
+        cameras = [
+            c.resized(max(1, int(c.width * factor + 0.5)), max(1, int(c.height * factor + 0.5)))
+            for c in self.cameras
+        ]
+        return Scene(
+            self.path, cameras, self.views, self.points, self.point_colors, self.train_indices,
+            self.test_indices, self.world_offset, self.notes, full_cameras=self._full_cameras,
+        )  # fmt: skip
+
+    def _pixels(self, index: int) -> tuple[np.ndarray, np.ndarray | None]:
+        return self._images.get(index, lambda: self._decode(index))
+
+    def _decode(self, index: int) -> tuple[np.ndarray, np.ndarray | None]:
+        view, camera = self.views[index], self.camera(index)
+        pixels, valid = decode_image(view.image_path)
+        full = self._full_cameras[view.camera_index]
+        if pixels.shape[:2] != (full.height, full.width):
+            raise DatasetError(
+                view.image_path,
+                f"the image is {pixels.shape[1]} x {pixels.shape[0]},"
+                f" expected {full.width} x {full.height}",
+                "the file changed after the dataset was loaded: load it again",
+            )
+        if valid is not None:
+            valid = None if valid.all() else shrink_mask(valid, camera.width, camera.height)
+        return shrink_image(pixels, camera.width, camera.height), valid
+
+    def _make_mask(self, index: int) -> np.ndarray:
+        view, camera = self.views[index], self.camera(index)
+        valid = self._lens_mask(view.camera_index)
+        alpha = self._pixels(index)[1]
+        if alpha is not None:
+            valid = valid & alpha
+        if view.mask_path is not None:
+            key = (view.mask_path, camera.width, camera.height)
+            full = self._full_cameras[view.camera_index]
+            valid = valid & self._masks.get(
+                key, lambda: (read_mask(view.mask_path, full, camera.width, camera.height),)
+            )[0]  # fmt: skip
+        return valid
+
+    def _lens_mask(self, camera_index: int) -> np.ndarray:
+        """(H, W) bool: pixels with a ray, all of whose source pixels have one too."""
+
+        def make() -> tuple[np.ndarray]:
+            camera, full = self.cameras[camera_index], self._full_cameras[camera_index]
+            valid = np.array(camera.rays()[1], bool)
+            if (camera.width, camera.height) != (full.width, full.height):
+                valid &= shrink_mask(np.array(full.rays()[1], bool), camera.width, camera.height)
+            return (valid,)
+
+        return self._masks.get(("lens", camera_index), make)[0]
+
+
+def read_mask(path: Path, full: Camera, width: int, height: int) -> np.ndarray:
+    """A mask file of an image of the size of camera `full`, shrunk to `width` x `height`.
+
+    Raises:
+        DatasetError: unreadable, or neither of the image's size nor a larger copy of it.
+    """
+    valid = decode_mask(path)
+    found_height, found_width = valid.shape
+    ratio = found_width / full.width
+    larger = found_width >= full.width and found_height >= full.height
+    if not larger or abs(full.height * ratio - found_height) > max(1, 0.5 * ratio):
+        raise DatasetError(
+            path,
+            f"the mask is {found_width} x {found_height}, the image {full.width} x {full.height}",
+            "make the mask at the image's size",
+        )
+    return shrink_mask(valid, width, height)
+
+
+def _radius(points: np.ndarray, reduce: Callable[[np.ndarray], float]) -> float:
+    if len(points) == 0:
+        return 0.0
+    return float(reduce(np.linalg.norm(points - points.mean(axis=0), axis=1)))
