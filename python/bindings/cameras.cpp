@@ -1,10 +1,130 @@
 // Binds gsut/cameras.
+#include <pybind11/operators.h>
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 
+#include <cmath>
+
+#include "bindings/arrays.h"
 #include "bindings/module.h"
+#include "gsut/cameras/camera.h"
 
 namespace gsut::bindings {
+namespace {
 
-void BindCameras(pybind11::module_&) {}
+using Released = py::gil_scoped_release;
+
+std::uint8_t* MaskData(py::array_t<bool>& mask) {
+  return reinterpret_cast<std::uint8_t*>(mask.mutable_data());
+}
+
+py::tuple Project(const Camera& camera, const py::object& points_in_camera) {
+  const auto points = ReadArray<double>(points_in_camera, "points_in_camera", {kAny, 3});
+  const py::ssize_t count = points.shape(0);
+  auto pixels = NewArray<double>({count, 2});
+  auto valid = NewArray<bool>({count});
+  const double* in = points.data();
+  double* out = pixels.mutable_data();
+  std::uint8_t* mask = MaskData(valid);
+  {
+    const Released released;
+    camera.Project(count, in, out, mask);
+  }
+  return py::make_tuple(pixels, valid);
+}
+
+py::tuple Unproject(const Camera& camera, const py::object& pixels_object) {
+  const auto pixels = ReadArray<double>(pixels_object, "pixels", {kAny, 2});
+  const py::ssize_t count = pixels.shape(0);
+  auto rays = NewArray<double>({count, 3});
+  auto valid = NewArray<bool>({count});
+  const double* in = pixels.data();
+  double* out = rays.mutable_data();
+  std::uint8_t* mask = MaskData(valid);
+  {
+    const Released released;
+    camera.Unproject(count, in, out, mask);
+  }
+  return py::make_tuple(rays, valid);
+}
+
+py::tuple ProjectJacobian(const Camera& camera, const py::object& points_in_camera) {
+  const auto points = ReadArray<double>(points_in_camera, "points_in_camera", {kAny, 3});
+  const py::ssize_t count = points.shape(0);
+  auto pixels = NewArray<double>({count, 2});
+  auto valid = NewArray<bool>({count});
+  auto dpixel_dpoint = NewArray<double>({count, 2, 3});
+  auto dpixel_dparams = NewArray<double>({count, 2, camera.num_params()});
+  const double* in = points.data();
+  double* out = pixels.mutable_data();
+  std::uint8_t* mask = MaskData(valid);
+  double* of_point = dpixel_dpoint.mutable_data();
+  double* of_params = dpixel_dparams.mutable_data();
+  {
+    const Released released;
+    camera.ProjectJacobian(count, in, out, mask, of_point, of_params);
+  }
+  return py::make_tuple(dpixel_dpoint, dpixel_dparams);
+}
+
+// Views of the table that all copies of the camera share, kept alive by a copy; read-only.
+py::tuple Rays(const Camera& camera) {
+  const RayTable* table = nullptr;
+  {
+    const Released released;
+    table = &camera.Rays();
+  }
+  const auto owner =
+      py::capsule(new Camera(camera), [](void* copy) { delete static_cast<Camera*>(copy); });
+  const py::ssize_t height = camera.height();
+  const py::ssize_t width = camera.width();
+  const py::array rays(py::dtype::of<double>(), {height, width, py::ssize_t{3}}, {},
+                       table->rays.data(), owner);
+  const py::array valid(py::dtype::of<bool>(), {height, width}, {}, table->valid.data(), owner);
+  rays.attr("setflags")(py::arg("write") = false);
+  valid.attr("setflags")(py::arg("write") = false);
+  return py::make_tuple(rays, valid);
+}
+
+py::list Examples(const std::string& model) {
+  py::list examples;
+  for (const LensExample& example : LensExamples(LensFromName(model))) {
+    const std::vector<double> params(example.params, example.params + example.num_params);
+    examples.append(py::make_tuple(example.origin, params, example.width, example.height));
+  }
+  return examples;
+}
+
+}  // namespace
+
+void BindCameras(py::module_& m) {
+  py::class_<Camera>(m, "Camera")
+      .def(py::init<std::string_view, std::vector<double>, int, int, double>(), py::arg("model"),
+           py::arg("params"), py::arg("width"), py::arg("height"),
+           py::arg("valid_field_angle") = kInfinity)
+      .def_property_readonly("model", &Camera::model)
+      .def_property_readonly("params",
+                             [](const Camera& camera) {
+                               return py::array_t<double>(camera.num_params(),
+                                                          camera.params().data());
+                             })
+      .def_property_readonly("width", &Camera::width)
+      .def_property_readonly("height", &Camera::height)
+      .def_property_readonly("max_angle", &Camera::MaxAngle)
+      .def_property_readonly("valid_field_angle", &Camera::valid_field_angle)
+      .def("project", &Project, py::arg("points_in_camera"))
+      .def("unproject", &Unproject, py::arg("pixels"))
+      .def("project_jacobian", &ProjectJacobian, py::arg("points_in_camera"))
+      .def("rays", &Rays)
+      .def("resized", &Camera::Resized, py::arg("width"), py::arg("height"))
+      .def("with_valid_field_angle", &Camera::WithValidFieldAngle, py::arg("valid_field_angle"))
+      .def(py::self == py::self);
+  m.def("camera_models", &LensNames);
+  m.def(
+      "camera_param_names",
+      [](const std::string& model) { return std::string(LensParamNames(LensFromName(model))); },
+      py::arg("model"));
+  m.def("camera_examples", &Examples, py::arg("model"));
+}
 
 }  // namespace gsut::bindings

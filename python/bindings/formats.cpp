@@ -1,10 +1,71 @@
-// Binds gsut/formats.
+// Binds gsut/formats: PLY files.
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 
+#include <algorithm>
+
+#include "bindings/arrays.h"
 #include "bindings/module.h"
+#include "gsut/formats/ply.h"
 
 namespace gsut::bindings {
+namespace {
 
-void BindFormats(pybind11::module_&) {}
+py::tuple ReadPly(const std::string& path) {
+  PlyGaussianReader reader(path);
+  const auto n = static_cast<py::ssize_t>(reader.size());
+  const py::ssize_t k = reader.sh_coefficients();
+  auto means = NewArray<float>({n, 3});
+  auto quats = NewArray<float>({n, 4});
+  auto log_scales = NewArray<float>({n, 3});
+  auto opacity_logits = NewArray<float>({n});
+  auto sh = NewArray<float>({n, k, 3});
+  const GaussiansView<float> view = {
+      reader.size(),        reader.sh_coefficients(),  means.mutable_data(),
+      quats.mutable_data(), log_scales.mutable_data(), opacity_logits.mutable_data(),
+      sh.mutable_data()};
+  std::int64_t not_finite = 0;
+  {
+    const py::gil_scoped_release release;
+    not_finite = reader.Read(view);
+  }
+  return py::make_tuple(means, quats, log_scales, opacity_logits, sh, not_finite);
+}
+
+void WritePlyFile(const std::string& path, const py::object& gaussians,
+                  const std::vector<std::string>& comments) {
+  const GaussiansView<const float> view = ConstGaussians<float>(gaussians);
+  const py::gil_scoped_release release;
+  WritePly(path, view, comments);
+}
+
+py::tuple ReadPoints(const std::string& path) {
+  PlyPoints points;
+  {
+    const py::gil_scoped_release release;
+    points = ReadPlyPoints(path);
+  }
+  const auto n = static_cast<py::ssize_t>(points.positions.size() / 3);
+  auto positions = NewArray<double>({n, 3});
+  auto colors = NewArray<std::uint8_t>({n, 3});
+  std::copy(points.positions.begin(), points.positions.end(), positions.mutable_data());
+  std::copy(points.colors.begin(), points.colors.end(), colors.mutable_data());
+  return py::make_tuple(positions, colors, points.has_colors);
+}
+
+}  // namespace
+
+void BindFormats(pybind11::module_& m) {
+  m.def(
+      "read_ply", &ReadPly, py::arg("path"),
+      "Means, quats, log_scales, opacity_logits, sh (float32) and the number of rows that are not "
+      "finite, of a PLY file.");
+  m.def("write_ply", &WritePlyFile, py::arg("path"), py::arg("gaussians"),
+        py::arg("comments") = std::vector<std::string>(),
+        "Writes float32 Gaussians as a binary PLY file, atomically.");
+  m.def(
+      "read_ply_points", &ReadPoints, py::arg("path"),
+      "Positions (N,3) float64, colours (N,3) uint8 of a PLY point cloud, and whether it has any.");
+}
 
 }  // namespace gsut::bindings

@@ -1,10 +1,93 @@
-// Binds gsut/gaussians.
+// Binds gsut/gaussians: harmonics and seeding.
 #include <pybind11/pybind11.h>
 
+#include "bindings/arrays.h"
 #include "bindings/module.h"
+#include "gsut/base/parallel.h"
+#include "gsut/gaussians/harmonics.h"
+#include "gsut/gaussians/seed.h"
+#include "gsut/gaussians/seed_distances.h"
 
 namespace gsut::bindings {
+namespace {
 
-void BindGaussians(pybind11::module_&) {}
+constexpr std::int64_t kChunkRows = 1024;
+
+py::array_t<double> Basis(int degree, const py::object& directions_object) {
+  if (degree < 0 || degree > kMaxShDegree) {
+    throw InputError("degree is " + std::to_string(degree) + "; give 0 to 3");
+  }
+  const auto directions = ReadArray<double>(directions_object, "directions", {kAny, 3});
+  const int k = NumShCoefficients(degree);
+  auto basis = NewArray<double>({directions.shape(0), k});
+  const double* in = directions.data();
+  double* out = basis.mutable_data();
+  for (py::ssize_t i = 0; i < directions.shape(0); ++i) {
+    HarmonicsBasis(degree, in[3 * i], in[3 * i + 1], in[3 * i + 2], out + i * k);
+  }
+  return basis;
+}
+
+py::array_t<double> Colors(const py::object& directions_object, const py::object& sh_object) {
+  const auto directions = ReadArray<double>(directions_object, "directions", {kAny, 3});
+  const auto sh = ReadArray<double>(sh_object, "sh", {directions.shape(0), kAny, 3});
+  const py::ssize_t k = sh.shape(1);
+  const int degree = ShDegree(k);
+  if (degree < 0) {
+    throw InputError("sh has " + std::to_string(k) + " coefficients; give 1, 4, 9 or 16");
+  }
+  auto colors = NewArray<double>({directions.shape(0), 3});
+  const double* in = directions.data();
+  const double* coefficients = sh.data();
+  double* out = colors.mutable_data();
+  const py::gil_scoped_release release;
+  ParallelFor(directions.shape(0), kChunkRows, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      EvalHarmonics(degree, in + 3 * i, coefficients + 3 * k * i, out + 3 * i);
+    }
+  });
+  return colors;
+}
+
+py::array_t<double> NeighborDistances(const py::object& points_object) {
+  const auto points = ReadArray<double>(points_object, "points", {kAny, 3});
+  const std::int64_t count = points.shape(0);
+  auto distances = NewArray<double>({static_cast<py::ssize_t>(count)});
+  const double* in = points.data();
+  double* out = distances.mutable_data();
+  const py::gil_scoped_release release;
+  const std::vector<double> means = MeanNeighborDistances(in, count);
+  std::copy(means.begin(), means.end(), out);
+  return distances;
+}
+
+void Seed(const py::object& points_object, const py::object& colors_object,
+          const py::object& gaussians, double scale_factor, double opacity) {
+  const GaussiansView<float> out = MutableGaussians<float>(gaussians);
+  const auto points = ReadArray<double>(points_object, "points", {out.size, 3});
+  const auto colors = ReadArray<double>(colors_object, "colors", {out.size, 3});
+  SeedOptions options;
+  options.scale_factor = scale_factor;
+  options.opacity = opacity;
+  const double* point_data = points.data();
+  const double* color_data = colors.data();
+  const py::gil_scoped_release release;
+  SeedFromPoints(point_data, color_data, options, out);
+}
+
+}  // namespace
+
+void BindGaussians(pybind11::module_& m) {
+  m.def("harmonics_basis", &Basis, py::arg("degree"), py::arg("directions"),
+        "Basis values (N,K) of unit directions (N,3), in double.");
+  m.def("eval_harmonics", &Colors, py::arg("directions"), py::arg("sh"),
+        "Colours (N,3) = max(0, 0.5 + basis . sh) of unit directions (N,3) and sh (N,K,3), in "
+        "double.");
+  m.def("mean_neighbor_distances", &NeighborDistances, py::arg("points"),
+        "Mean distance (N,) of each point (N,3) to its three nearest others.");
+  m.def("seed_from_points", &Seed, py::arg("points"), py::arg("colors"), py::arg("gaussians"),
+        py::arg("scale_factor"), py::arg("opacity"),
+        "Fills float32 Gaussians from points (N,3) and colours (N,3) in [0, 1].");
+}
 
 }  // namespace gsut::bindings

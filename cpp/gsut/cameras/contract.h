@@ -2,48 +2,68 @@
 //
 // A lens file is read several times, in different namespaces: once for scalars (double, Dual) by
 // lens_registry.h, and once per instruction set by the vector kernels of gsut/projection. It
-// therefore has no include guard, no #include and no namespace, and holds one struct, named like the
-// file in PascalCase, that uses only the names below, unqualified:
+// therefore has no include guard, no #include and no namespace, and holds one struct, named like
+// the file in PascalCase (opencv5.h -> Opencv5), that uses only the names below, unqualified. Text
+// that several lenses share lies under cameras/families by the same rules; the generated list of
+// files reads the families first. Everything that needs double only (domain, inverse) is called,
+// not written, there: it is declared by the headers that this one includes.
 //
 //   struct KannalaBrandt {
 //     static constexpr const char* kName = "kannala_brandt";
+//     // "fx fy cx cy k1 ...", for messages and documentation.
+//     static constexpr const char* kParamNames = ...;
+//     // Real lenses with their origin; the tests loop over them.
+//     static constexpr LensExample kExamples[] = {...};
 //     // True if a parameter vector of this length is a lens.
 //     static bool AcceptsParams(int num_params);
-//     // "fx fy cx cy k1 k2 ...", for messages and documentation.
-//     static const char* ParamNames();
-//     // The one-to-one domain connected to the axis, found once on load, in double.
-//     // Throws InputError if the parameters describe no lens (focal length <= 0, not finite ...).
-//     static LensDomain MakeDomain(const double* params, int num_params);
+//     // The one-to-one domain connected to the axis, found once on load, in double, cut at
+//     // angle_limit (radians). Throws InputError if the parameters describe no lens.
+//     static LensDomain MakeDomain(const double* params, int num_params, double angle_limit = kPi);
 //     // Pixel of a point in the camera frame (x right, y down, z forward; any length but 0).
-//     // Returns whether the point is inside the domain; outside, *u and *v are unspecified but
-//     // finite where possible. T: double, Dual<N>, or the vector lanes of a kernel.
+//     // Returns the mask "inside the domain, and no pixel coordinate beyond kMaxPixel"; where it
+//     // is false, *u and *v are unspecified. T: double, Dual<N>, or the vector lanes of a kernel.
 //     template <class T>
 //     static auto Project(const LensDomain& domain, const T* params, int num_params,
 //                         T x, T y, T z, T* u, T* v);
 //     // Unit ray of a pixel; false if the pixel has none. Always in double. |Project(ray) - pixel|
-//     // is below 1e-9 px where it returns true.
+//     // is below kInverseTolerance where it returns true.
 //     static bool Unproject(const LensDomain& domain, const double* params, int num_params,
 //                           double u, double v, double* ray);
-//     // Radians: the largest angle between the axis and a point of the domain.
-//     // (LensDomain::max_angle.)
+//     // Optional: the parameters for an image resized by (scale_x, scale_y) about the pixel corner
+//     // (0, 0). Without it the first four parameters are taken as fx fy cx cy.
+//     static void Rescale(double* params, int num_params, double scale_x, double scale_y);
 //   };
 //
 // Names for T: + - * / unary -, < <= > >= (a mask: bool for scalars), and
 //   Sqrt Abs Min Max Atan2 Atan Sin Cos Tan Asin, Select(mask, a, b), AndMask(a, b), OrMask(a, b),
-//   T(double) for constants. No `if` on a T: use Select.
+//   T(double) for constants. No `if` on a T: use Select. With Dual, the branch that Select drops
+//   may hold NaN; the branch that it keeps must have finite derivatives.
 #pragma once
 
 #include <array>
-#include <cmath>
-#include <cstdint>
+
+#include "gsut/cameras/lens_constants.h"
 
 namespace gsut {
 
-// The valid domain of one lens with its parameters.
+// The valid domain of one lens with its parameters: a cone about the axis.
 struct LensDomain {
-  double max_angle = 0.0;   // radians from the axis; the domain is angle < max_angle
-  double max_radius = 0.0;  // the lens' own distorted radius at max_angle (its unit: see the lens)
+  double max_angle = 0.0;             // radians from the axis; the domain is angle < max_angle
+  double max_radius = 0.0;            // largest distorted radius in the domain, in focal lengths
   std::array<double, 4> limits = {};  // further limits; each lens says what it keeps here
 };
 
+// A real lens, as test material and as documentation of what parameters look like.
+struct LensExample {
+  const char* origin;  // which device, solved by whom
+  int width, height;   // pixels
+  int num_params;
+  double params[20];
+};
+
 }  // namespace gsut
+
+#include "gsut/cameras/lens_checks.h"
+#include "gsut/cameras/odd_polynomial.h"
+#include "gsut/cameras/pinhole_map.h"
+#include "gsut/cameras/radial_tangential.h"

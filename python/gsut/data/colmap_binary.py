@@ -74,8 +74,9 @@ class _Reader:
 
     def records(self) -> Iterator[int]:
         """Counts through the records, then makes sure that nothing is left."""
-        for self.record in range(1, self.count + 1):
-            yield self.record
+        for record in range(1, self.count + 1):
+            self.record = record
+            yield record
         if self.position != len(self.data):
             raise DatasetError(
                 self.path,

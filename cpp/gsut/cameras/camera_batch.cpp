@@ -1,0 +1,116 @@
+// The loops over points and pixels of Camera: one dispatch a batch, parallel over chunks.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "gsut/base/parallel.h"
+#include "gsut/cameras/camera.h"
+
+namespace gsut {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+// Points a chunk: some tens of microseconds of work.
+constexpr std::int64_t kGrain = 512;
+// Directions differentiated in one pass.
+constexpr int kDirections = 8;
+
+// A divisor that brings points of extreme length to where squares neither overflow nor vanish.
+double SafeScale(const double* point) {
+  const double size = std::max({std::abs(point[0]), std::abs(point[1]), std::abs(point[2])});
+  constexpr double kTooSmall = 1e-100;
+  constexpr double kTooLarge = 1e100;
+  const bool extreme = size > 0.0 && std::isfinite(size) && (size < kTooSmall || size > kTooLarge);
+  return extreme ? size : 1.0;
+}
+
+template <class Lens>
+bool ProjectPoint(const Camera& camera, const double* point, double* pixel) {
+  const double s = SafeScale(point);
+  const bool valid = Lens::Project(camera.domain(), camera.params().data(), camera.num_params(),
+                                   point[0] / s, point[1] / s, point[2] / s, &pixel[0], &pixel[1]);
+  if (!valid) pixel[0] = pixel[1] = kNaN;
+  return valid;
+}
+
+// Value, and the derivatives along the directions [first, first + kDirections) of (point, params).
+template <class Lens>
+bool ProjectDirections(const Camera& camera, const double* point, int first,
+                       std::vector<Dual<kDirections>>* params, Dual<kDirections>* u,
+                       Dual<kDirections>* v) {
+  using T = Dual<kDirections>;
+  const auto seed = [first](double value, int direction) {
+    const bool here = direction >= first && direction < first + kDirections;
+    return here ? T(value, direction - first) : T(value);
+  };
+  const int num_params = camera.num_params();
+  for (int i = 0; i < num_params; ++i) (*params)[i] = seed(camera.params()[i], 3 + i);
+  const double s = SafeScale(point);
+  const T x = seed(point[0] / s, 0), y = seed(point[1] / s, 1), z = seed(point[2] / s, 2);
+  return Lens::Project(camera.domain(), params->data(), num_params, x, y, z, u, v);
+}
+
+}  // namespace
+
+void Camera::Project(std::int64_t count, const double* points, double* pixels,
+                     std::uint8_t* valid) const {
+  VisitLens(lens(), [&](auto model) {
+    ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) {
+        valid[i] = ProjectPoint<decltype(model)>(*this, points + 3 * i, pixels + 2 * i);
+      }
+    });
+  });
+}
+
+void Camera::Unproject(std::int64_t count, const double* pixels, double* rays,
+                       std::uint8_t* valid) const {
+  VisitLens(lens(), [&](auto model) {
+    using Lens = decltype(model);
+    ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) {
+        double* ray = rays + 3 * i;
+        valid[i] = Lens::Unproject(domain(), params().data(), num_params(), pixels[2 * i],
+                                   pixels[2 * i + 1], ray);
+        if (!valid[i]) ray[0] = ray[1] = ray[2] = kNaN;
+      }
+    });
+  });
+}
+
+void Camera::ProjectJacobian(std::int64_t count, const double* points, double* pixels,
+                             std::uint8_t* valid, double* dpixel_dpoint,
+                             double* dpixel_dparams) const {
+  const int k = num_params();
+  const auto loop = [&](auto model, std::int64_t begin, std::int64_t end) {
+    using T = Dual<kDirections>;
+    std::vector<T> dual_params(k);
+    for (std::int64_t i = begin; i < end; ++i) {
+      const double* point = points + 3 * i;
+      valid[i] = ProjectPoint<decltype(model)>(*this, point, pixels + 2 * i);
+      const double scale = SafeScale(point);
+      const int directions = dpixel_dparams == nullptr ? 3 : 3 + k;
+      for (int first = 0; first < directions; first += kDirections) {
+        T u, v;
+        ProjectDirections<decltype(model)>(*this, point, first, &dual_params, &u, &v);
+        for (int d = first; d < std::min(directions, first + kDirections); ++d) {
+          const double factor = valid[i] ? (d < 3 ? 1.0 / scale : 1.0) : kNaN;
+          const bool of_point = d < 3;
+          double* row = of_point ? dpixel_dpoint : dpixel_dparams;
+          if (row == nullptr) continue;
+          const int width = of_point ? 3 : k;
+          const int column = of_point ? d : d - 3;
+          row[(2 * i) * width + column] = factor * u.grad[d - first];
+          row[(2 * i + 1) * width + column] = factor * v.grad[d - first];
+        }
+      }
+    }
+  };
+  VisitLens(lens(), [&](auto model) {
+    ParallelFor(count, kGrain,
+                [&](std::int64_t begin, std::int64_t end) { loop(model, begin, end); });
+  });
+}
+
+}  // namespace gsut

@@ -1,0 +1,20 @@
+// Numbers that every lens shares.
+#pragma once
+
+#include <limits>
+
+namespace gsut {
+
+inline constexpr double kPi = 3.141592653589793238;
+inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+// A pixel coordinate beyond this is no image, and a domain ends before it: a double has no digit
+// left below 1e-7 px there, and the bound keeps overflow and NaN out of the results of every scalar
+// type. It costs a pinhole of focal length 1000 px the last 2e-6 rad before 90 degrees.
+inline constexpr double kMaxPixel = 1e9;
+
+// |Project(Unproject(pixel)) - pixel| in pixels, for coordinates below 1e6; a few units in the last
+// place of the coordinate beyond.
+inline constexpr double kInverseTolerance = 1e-9;
+
+}  // namespace gsut

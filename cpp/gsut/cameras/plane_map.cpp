@@ -1,0 +1,187 @@
+// Domain and inverse of a smooth map of the plane: lenses that are not symmetric about the axis.
+#include "gsut/cameras/plane_map.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+namespace gsut {
+namespace {
+
+constexpr int kAzimuths = 64;
+constexpr int kRadii = 256;
+constexpr double kTwoPi = 6.283185307179586477;
+// The domain stops this far (relative) before the singular circle.
+constexpr double kMargin = 1e-9;
+constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
+
+double Determinant(const PlanePoint& p) { return p.du_dx * p.dv_dy - p.du_dy * p.dv_dx; }
+
+bool IsRegular(const PlaneMap& map, double radius, double azimuth) {
+  const double x = radius * std::cos(azimuth);
+  const double y = radius * std::sin(azimuth);
+  const PlanePoint p = map(x, y);
+  const double du = -p.du_dx * y + p.du_dy * x;  // along the circle
+  const double dv = -p.dv_dx * y + p.dv_dy * x;
+  return Determinant(p) > 0.0 && p.u * dv - p.v * du > 0.0;  // false for NaN
+}
+
+// Radii to look at, ascending, the last one being the limit.
+std::vector<double> SampleRadii(double limit) {
+  std::vector<double> radii;
+  const double limit_angle = std::atan(limit);
+  for (int i = 1; i < kRadii; ++i) radii.push_back(std::tan(limit_angle * i / kRadii));
+  constexpr double kLargestGrowth = 1.25;
+  while (kLargestGrowth * radii.back() < limit) radii.push_back(kLargestGrowth * radii.back());
+  radii.push_back(limit);
+  return radii;
+}
+
+// The first radius at this azimuth where the map stops being regular; limit if it never does.
+double FirstSingularRadius(const PlaneMap& map, const std::vector<double>& radii, double azimuth,
+                           double limit) {
+  double good = 0.0;
+  for (const double radius : radii) {
+    if (good >= limit) break;
+    if (IsRegular(map, radius, azimuth)) {
+      good = radius;
+      continue;
+    }
+    double bad = radius;
+    for (;;) {
+      const double middle = 0.5 * (good + bad);
+      if (!(middle > good && middle < bad)) return std::min(good, limit);
+      (IsRegular(map, middle, azimuth) ? good : bad) = middle;
+    }
+  }
+  return limit;
+}
+
+// One Newton step towards (u, v); false if the Jacobian is singular or turned over.
+bool NewtonStep(const PlanePoint& p, double u, double v, double* dx, double* dy) {
+  const double determinant = Determinant(p);
+  if (!(determinant > 0.0)) return false;
+  const double eu = u - p.u;
+  const double ev = v - p.v;
+  *dx = (p.dv_dy * eu - p.du_dy * ev) / determinant;
+  *dy = (p.du_dx * ev - p.dv_dx * eu) / determinant;
+  return true;
+}
+
+// Damped Newton inside the disc. True if it ends where rounding ends it.
+bool Newton(const PlaneMap& map, double radius, double u, double v, int max_steps, double* x,
+            double* y) {
+  PlanePoint p = map(*x, *y);
+  double residual = std::hypot(u - p.u, v - p.v);
+  // A few units in the last place of the map's intermediate values.
+  const double rounding = 4.0 * kEpsilon * (1.0 + std::hypot(u, v));
+  const double accepted = 16.0 * rounding;
+  for (int i = 0; i < max_steps; ++i) {
+    if (residual <= rounding) return true;
+    double dx = 0.0, dy = 0.0;
+    if (!NewtonStep(p, u, v, &dx, &dy)) return false;
+    double scale = 1.0;
+    for (;; scale *= 0.5) {
+      constexpr double kSmallestScale = 1e-4;
+      if (scale < kSmallestScale) {
+        return residual <= accepted;  // no way down: at the rounding floor that is success
+      }
+      const double next_x = *x + scale * dx;
+      const double next_y = *y + scale * dy;
+      if (!(std::hypot(next_x, next_y) < radius)) continue;
+      const PlanePoint next = map(next_x, next_y);
+      const double next_residual = std::hypot(u - next.u, v - next.v);
+      if (!(Determinant(next) > 0.0) || !(next_residual < residual)) continue;
+      *x = next_x;
+      *y = next_y;
+      p = next;
+      residual = next_residual;
+      break;
+    }
+  }
+  return residual <= accepted;
+}
+
+}  // namespace
+
+double RegularRadius(const PlaneMap& map, double limit) {
+  const std::vector<double> radii = SampleRadii(limit);
+  double smallest = limit;
+  int worst = -1;
+  for (int i = 0; i < kAzimuths; ++i) {
+    const double found = FirstSingularRadius(map, radii, kTwoPi * i / kAzimuths, smallest);
+    if (found < smallest) {
+      smallest = found;
+      worst = i;
+    }
+  }
+  if (worst < 0) return limit;
+  // Golden section for the worst azimuth between the neighbours of the worst sample.
+  constexpr double kGolden = 0.6180339887498949;
+  constexpr int kSectionSteps = 40;
+  double low = kTwoPi * (worst - 1) / kAzimuths;
+  double high = kTwoPi * (worst + 1) / kAzimuths;
+  const auto singular = [&](double azimuth) {
+    const double found = FirstSingularRadius(map, radii, azimuth, limit);
+    smallest = std::min(smallest, found);
+    return found;
+  };
+  double inner_low = high - kGolden * (high - low);
+  double inner_high = low + kGolden * (high - low);
+  double at_low = singular(inner_low);
+  double at_high = singular(inner_high);
+  for (int i = 0; i < kSectionSteps; ++i) {
+    if (at_low < at_high) {
+      high = inner_high;
+      inner_high = inner_low;
+      at_high = at_low;
+      inner_low = high - kGolden * (high - low);
+      at_low = singular(inner_low);
+    } else {
+      low = inner_low;
+      inner_low = inner_high;
+      at_low = at_high;
+      inner_high = low + kGolden * (high - low);
+      at_high = singular(inner_high);
+    }
+  }
+  return smallest * (1.0 - kMargin);
+}
+
+double LargestImageRadius(const PlaneMap& map, double radius) {
+  double largest = 0.0;
+  for (int i = 0; i < kAzimuths; ++i) {
+    const double azimuth = kTwoPi * i / kAzimuths;
+    const PlanePoint p = map(radius * std::cos(azimuth), radius * std::sin(azimuth));
+    largest = std::max(largest, std::hypot(p.u, p.v));
+  }
+  return largest;
+}
+
+bool InvertPlaneMap(const PlaneMap& map, double radius, double u, double v, double* x, double* y) {
+  constexpr int kDirectSteps = 30;
+  constexpr int kCorrectorSteps = 12;
+  constexpr double kSmallestAdvance = 1e-5;
+  if (Newton(map, radius, u, v, kDirectSteps, x, y)) return true;
+  double t = 0.0, advance = 0.125;
+  double px = 0.0, py = 0.0;
+  while (t < 1.0) {
+    const double next = std::min(1.0, t + advance);
+    double cx = px, cy = py;
+    if (Newton(map, radius, next * u, next * v, kCorrectorSteps, &cx, &cy)) {
+      px = cx;
+      py = cy;
+      t = next;
+      advance *= 2.0;
+    } else {
+      advance *= 0.5;
+      if (advance < kSmallestAdvance) return false;
+    }
+  }
+  *x = px;
+  *y = py;
+  return true;
+}
+
+}  // namespace gsut

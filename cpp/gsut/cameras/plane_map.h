@@ -1,0 +1,32 @@
+// Domain and inverse of a smooth map of the plane: lenses that are not symmetric about the axis.
+#pragma once
+
+#include <functional>
+
+namespace gsut {
+
+// Value and Jacobian of a map (x, y) -> (u, v) that takes (0, 0) to itself.
+struct PlanePoint {
+  double u, v;
+  double du_dx, du_dy, dv_dx, dv_dy;
+};
+using PlaneMap = std::function<PlanePoint(double x, double y)>;
+
+// The largest R <= limit (finite) such that on each circle of radius r < R, for all
+// azimuths, the determinant of the Jacobian is positive and the image of the circle turns strictly
+// one way around the origin. Then the map is one-to-one on the disc of radius R, and the image of
+// the disc is star-shaped about the origin, which is what InvertPlaneMap relies on.
+// Sampled on a polar grid (64 azimuths x 256 radii, uniform in atan(r), and more towards a far
+// limit), the boundary refined by bisection in radius and golden section in azimuth, minus a
+// relative 1e-9.
+double RegularRadius(const PlaneMap& map, double limit);
+
+// The largest |(u, v)| on the circle of this radius, over the same azimuths.
+double LargestImageRadius(const PlaneMap& map, double radius);
+
+// Finds (x, y) inside the disc of this radius with map(x, y) = (u, v), by Newton from (*x, *y), and
+// if that fails by following the segment from the origin to (u, v), which lies in the image of the
+// disc (see RegularRadius). False if the image of the disc does not hold (u, v).
+bool InvertPlaneMap(const PlaneMap& map, double radius, double u, double v, double* x, double* y);
+
+}  // namespace gsut

@@ -1,0 +1,187 @@
+// Domain and inverse of the radial-tangential lenses (OpenCV 4, 5, 8, 12, 14 coefficients).
+#include "gsut/cameras/radial_tangential.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <span>
+#include <vector>
+
+#include "gsut/cameras/contract.h"
+#include "gsut/cameras/lens_registry.h"
+#include "gsut/cameras/plane_map.h"
+#include "gsut/cameras/polynomial.h"
+
+namespace gsut {
+namespace {
+
+constexpr int kMaxCoefficients = 14;
+
+// The coefficients, zero where the lens has none.
+struct Coefficients {
+  std::array<double, kMaxCoefficients> c = {};
+  bool is_radial = true;
+  bool has_tilt = false;
+
+  Coefficients(const double* params, int num_params) {
+    std::copy(params + 4, params + num_params, c.begin());
+    has_tilt = c[12] != 0.0 || c[13] != 0.0;
+    is_radial = c[2] == 0.0 && c[3] == 0.0 && !has_tilt &&
+                std::all_of(c.begin() + 8, c.begin() + 12, [](double s) { return s == 0.0; });
+  }
+  // g(r^2) = numerator / denominator, both as polynomials in r^2.
+  std::array<double, 4> Numerator() const { return {1.0, c[0], c[1], c[4]}; }
+  std::array<double, 4> Denominator() const { return {1.0, c[5], c[6], c[7]}; }
+};
+
+std::vector<double> Product(std::span<const double> a, std::span<const double> b) {
+  std::vector<double> product(a.size() + b.size() - 1, 0.0);
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    for (std::size_t j = 0; j < b.size(); ++j) product[i + j] += a[i] * b[j];
+  }
+  return product;
+}
+
+// s p'(s): the coefficients times their powers.
+std::array<double, 4> TimesPower(const std::array<double, 4>& p) {
+  return {0.0, p[1], 2.0 * p[2], 3.0 * p[3]};
+}
+
+// The first radius where r g(r^2) stops rising or has a pole.
+double RadialLimit(const Coefficients& k) {
+  const auto n = k.Numerator();
+  const auto d = k.Denominator();
+  // With s = r^2: d(r n/d)/dr = ((n + 2 s n') d - n 2 s d') / d^2.
+  std::vector<double> slope = Product(n, d);
+  const std::vector<double> rising = Product(TimesPower(n), d);
+  const std::vector<double> falling = Product(n, TimesPower(d));
+  for (std::size_t i = 0; i < slope.size(); ++i) slope[i] += 2.0 * (rising[i] - falling[i]);
+  return std::sqrt(std::min(SmallestPositiveRoot(slope), SmallestPositiveRoot(d)));
+}
+
+// r g(r^2) and its derivative.
+double DistortRadius(const Coefficients& k, double r, double* derivative) {
+  const auto n = k.Numerator();
+  const auto d = k.Denominator();
+  const double s = r * r;
+  const double at_n = EvaluatePolynomial(n, s);
+  const double at_d = EvaluatePolynomial(d, s);
+  const double g = at_n / at_d;
+  if (derivative != nullptr) {
+    const double n_power = EvaluatePolynomial(TimesPower(n), s);
+    const double d_power = EvaluatePolynomial(TimesPower(d), s);
+    *derivative = g + 2.0 * (n_power - g * d_power) / at_d;
+  }
+  return r * g;
+}
+
+// The whole distortion with its Jacobian.
+PlaneMap MakePlaneMap(const Coefficients& k) {
+  return [&k](double x, double y) {
+    const Dual<2> dx(x, 0), dy(y, 1);
+    Dual<2> u, v;
+    if (k.has_tilt) {
+      lenses::RadialTangential<14>::Distort(k.c.data(), dx, dy, &u, &v);
+    } else {
+      lenses::RadialTangential<12>::Distort(k.c.data(), dx, dy, &u, &v);
+    }
+    return PlanePoint{u.value, v.value, u.grad[0], u.grad[1], v.grad[0], v.grad[1]};
+  };
+}
+
+// The radius <= `radius`, inside which the radial part rises, that it takes to `distorted`.
+double InvertRadius(const Coefficients& k, double radius, double distorted) {
+  const auto f = [&k](double r, double* derivative) { return DistortRadius(k, r, derivative); };
+  return SolveIncreasing(f, distorted, 0.0, radius, distorted);
+}
+
+// The part of a disc inside which the radial part rises (without end if radius is infinite) that it
+// keeps within `largest`.
+double CutRadius(const Coefficients& k, double radius, double largest) {
+  if (!std::isfinite(radius)) {
+    radius = 1.0;
+    while (DistortRadius(k, radius, nullptr) < largest) radius *= 2.0;
+  }
+  const double at_end = DistortRadius(k, radius, nullptr);
+  // At a pole the quotient is anything huge, of either sign.
+  return at_end > 0.0 && at_end < largest ? radius : InvertRadius(k, radius, largest);
+}
+
+// The same for the whole distortion on a disc where it is regular.
+double CutRadius(const PlaneMap& map, double radius, double largest) {
+  if (LargestImageRadius(map, radius) < largest) return radius;
+  constexpr double kPrecision = 1e-9;
+  double low = 0.0, high = radius;
+  while (high - low > kPrecision * high) {
+    const double middle = 0.5 * (low + high);
+    (LargestImageRadius(map, middle) < largest ? low : high) = middle;
+  }
+  return low;
+}
+
+// (u, v) in focal lengths -> (x, y) in the disc of this radius.
+bool Undistort(const LensDomain& domain, const Coefficients& k, double u, double v, double* x,
+               double* y) {
+  const double distorted = std::hypot(u, v);
+  if (distorted == 0.0) {
+    *x = *y = 0.0;
+    return true;
+  }
+  const double radius = std::sqrt(domain.limits[0]);
+  if (k.is_radial) {
+    if (!(distorted < domain.max_radius)) return false;
+    const double r = InvertRadius(k, radius, distorted);
+    *x = u * (r / distorted);
+    *y = v * (r / distorted);
+    return true;
+  }
+  // max_radius was found on 64 azimuths only.
+  constexpr double kSlack = 1.05;
+  if (!(distorted < kSlack * domain.max_radius)) return false;
+  // The radial part alone is the first guess, well inside the disc.
+  constexpr double kInside = 0.95;
+  const double inside = kInside * radius;
+  const bool reached = DistortRadius(k, inside, nullptr) <= distorted;
+  const double start = reached ? inside : InvertRadius(k, inside, distorted);
+  *x = u * (start / distorted);
+  *y = v * (start / distorted);
+  return InvertPlaneMap(MakePlaneMap(k), radius, u, v, x, y);
+}
+
+}  // namespace
+
+LensDomain RadialTangentialDomain(const double* params, int num_params, double angle_limit) {
+  const Coefficients k(params, num_params);
+  const PlaneMap map = MakePlaneMap(k);
+  const double largest = LargestDistortedRadius(params);
+  double radius = CutRadius(k, RadialLimit(k), largest);
+  if (!k.is_radial) radius = CutRadius(map, RegularRadius(map, radius), largest);
+  // std::tan is finite and positive just below 90 degrees.
+  if (angle_limit < 0.5 * kPi) radius = std::min(radius, std::tan(angle_limit));
+  LensDomain domain;
+  domain.max_angle = std::atan(radius);
+  domain.max_radius =
+      k.is_radial ? DistortRadius(k, radius, nullptr) : LargestImageRadius(map, radius);
+  domain.limits[0] = radius * radius;
+  return domain;
+}
+
+bool UnprojectRadialTangential(const LensDomain& domain, const double* params, int num_params,
+                               double u, double v, double* ray) {
+  double target_u = 0.0, target_v = 0.0, x = 0.0, y = 0.0;
+  if (!FromPixel(params, u, v, &target_u, &target_v)) return false;
+  const Coefficients k(params, num_params);
+  if (!Undistort(domain, k, target_u, target_v, &x, &y)) return false;
+  if (!(x * x + y * y < domain.limits[0])) return false;
+  const PlanePoint back = MakePlaneMap(k)(x, y);
+  if (!InverseConverged(u, v, params[0] * back.u + params[2], params[1] * back.v + params[3])) {
+    return false;
+  }
+  const double norm = std::sqrt(1.0 + x * x + y * y);
+  ray[0] = x / norm;
+  ray[1] = y / norm;
+  ray[2] = 1.0 / norm;
+  return true;
+}
+
+}  // namespace gsut

@@ -1,0 +1,60 @@
+// The rays of all pixel centres of a camera, built once and shared.
+#include <tbb/task_arena.h>
+
+#include <cmath>
+#include <limits>
+
+#include "gsut/base/parallel.h"
+#include "gsut/cameras/camera.h"
+#include "gsut/cameras/camera_state.h"
+
+namespace gsut {
+namespace {
+
+// A ray that misses its pixel by more than this (px) is no ray.
+constexpr double kRayTolerance = 1e-6;
+constexpr std::int64_t kRowsPerChunk = 4;
+
+template <class Lens>
+bool CheckedRay(const Camera& camera, double u, double v, double* ray) {
+  const double* params = camera.params().data();
+  const int num_params = camera.num_params();
+  if (!Lens::Unproject(camera.domain(), params, num_params, u, v, ray)) return false;
+  double back_u = 0.0, back_v = 0.0;
+  return Lens::Project(camera.domain(), params, num_params, ray[0], ray[1], ray[2], &back_u,
+                       &back_v) &&
+         std::hypot(back_u - u, back_v - v) <= kRayTolerance;
+}
+
+void BuildRays(const Camera& camera, RayTable* table) {
+  const std::int64_t width = camera.width();
+  const std::int64_t height = camera.height();
+  table->rays.resize(static_cast<std::size_t>(3 * width * height));
+  table->valid.resize(static_cast<std::size_t>(width * height));
+  VisitLens(camera.lens(), [&](auto model) {
+    ParallelFor(height, kRowsPerChunk, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin * width; i < end * width; ++i) {
+        const double u = static_cast<double>(i % width) + 0.5;
+        const double v = static_cast<double>(i / width) + 0.5;
+        double* ray = &table->rays[3 * i];
+        table->valid[i] = CheckedRay<decltype(model)>(camera, u, v, ray);
+        if (!table->valid[i]) {
+          ray[0] = ray[1] = ray[2] = std::numeric_limits<double>::quiet_NaN();
+        }
+      }
+    });
+  });
+}
+
+}  // namespace
+
+const RayTable& Camera::Rays() const {
+  std::call_once(state_->rays_built, [this] {
+    // Isolated: while this thread waits for the loop it must not take up other work that could ask
+    // for the same table and wait for itself.
+    tbb::this_task_arena::isolate([this] { BuildRays(*this, &state_->rays); });
+  });
+  return state_->rays;
+}
+
+}  // namespace gsut

@@ -1,0 +1,24 @@
+// The names of the lens contract for double; those for Dual<N> are its friends (dual.h).
+#pragma once
+
+#include <cmath>
+
+#include "gsut/cameras/dual.h"
+
+namespace gsut::lenses {
+
+inline double Sqrt(double a) { return std::sqrt(a); }
+inline double Abs(double a) { return std::abs(a); }
+inline double Min(double a, double b) { return b < a ? b : a; }
+inline double Max(double a, double b) { return a < b ? b : a; }
+inline double Atan2(double y, double x) { return std::atan2(y, x); }
+inline double Atan(double a) { return std::atan(a); }
+inline double Asin(double a) { return std::asin(a); }
+inline double Sin(double a) { return std::sin(a); }
+inline double Cos(double a) { return std::cos(a); }
+inline double Tan(double a) { return std::tan(a); }
+inline double Select(bool mask, double a, double b) { return mask ? a : b; }
+inline bool AndMask(bool a, bool b) { return a && b; }
+inline bool OrMask(bool a, bool b) { return a || b; }
+
+}  // namespace gsut::lenses

@@ -1,0 +1,248 @@
+// PLY reader and writer for Gaussians and points.
+#include "gsut/formats/ply.h"
+
+#include <algorithm>
+#include <bit>
+#include <cerrno>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+
+#include "gsut/base/errors.h"
+#include "gsut/formats/ply_rows.h"
+#include "gsut/gaussians/harmonics.h"
+
+namespace gsut {
+namespace {
+
+// Stands for an infinite logit; the opacity 1 - 2e-9 rounds to 1 in float.
+constexpr float kLargestLogit = 20.0f;
+
+std::ifstream Open(const std::string& path) {
+  std::ifstream stream(path, std::ios::binary);
+  if (!stream) throw InputError(path + ": cannot be opened: " + std::strerror(errno));
+  return stream;
+}
+
+std::size_t FindVertices(const PlyHeader& header, const std::string& path) {
+  std::string names;
+  for (std::size_t i = 0; i < header.elements.size(); ++i) {
+    if (header.elements[i].name == "vertex") return i;
+    names += " " + header.elements[i].name;
+  }
+  throw InputError(path + ": no element \"vertex\"; the file has:" + names);
+}
+
+std::size_t FindProperty(const PlyElement& element, const std::string& name,
+                         const std::string& path, const char* kind) {
+  const int at = element.Find(name);
+  if (at < 0) {
+    throw InputError(path + ": property \"" + name + "\" is missing, so these are not " + kind +
+                     "; the file has: " + element.PropertyNames());
+  }
+  if (element.properties[static_cast<std::size_t>(at)].is_list) {
+    throw InputError(path + ": property \"" + name + "\" is a list; a number is needed");
+  }
+  return static_cast<std::size_t>(at);
+}
+
+// Columns of name0, name1, ... in the file.
+std::vector<std::size_t> FindNumbered(const PlyElement& element, const std::string& name, int count,
+                                      const std::string& path) {
+  std::vector<std::size_t> columns;
+  for (int i = 0; i < count; ++i) {
+    columns.push_back(FindProperty(element, name + std::to_string(i), path, "Gaussians"));
+  }
+  return columns;
+}
+
+// K from the number of f_rest properties: 3 (K - 1) of them.
+int CountCoefficients(const PlyElement& element, const std::string& path) {
+  const std::string prefix = "f_rest_";
+  const auto rest = std::count_if(
+      element.properties.begin(), element.properties.end(),
+      [&](const PlyProperty& property) { return property.name.rfind(prefix, 0) == 0; });
+  if (rest % 3 != 0 || ShDegree(rest / 3 + 1) < 0) {
+    throw InputError(path + ": " + std::to_string(rest) +
+                     " properties f_rest_*; harmonics of degree 0 to 3 have 0, 9, 24 or 45");
+  }
+  return static_cast<int>(rest / 3 + 1);
+}
+
+void PutLittleEndian(float value, char* out) {
+  std::memcpy(out, &value, sizeof value);
+  if constexpr (std::endian::native == std::endian::big) std::reverse(out, out + sizeof value);
+}
+
+std::string GaussianHeader(const GaussiansView<const float>& gaussians,
+                           const std::vector<std::string>& comments, int* properties) {
+  std::string text = "ply\nformat binary_little_endian 1.0\n";
+  for (const std::string& comment : comments) text += "comment " + comment + "\n";
+  text += "element vertex " + std::to_string(gaussians.size) + "\n";
+  *properties = 0;
+  const auto add = [&](const std::string& name) {
+    text += "property float " + name + "\n";
+    ++*properties;
+  };
+  const auto add_numbered = [&](const std::string& name, int count) {
+    for (int i = 0; i < count; ++i) add(name + std::to_string(i));
+  };
+  for (const char* name : {"x", "y", "z", "nx", "ny", "nz"}) add(name);
+  add_numbered("f_dc_", 3);
+  add_numbered("f_rest_", 3 * (gaussians.sh_coefficients - 1));
+  add("opacity");
+  add_numbered("scale_", 3);
+  add_numbered("rot_", 4);
+  return text + "end_header\n";
+}
+
+// One row in the order of GaussianHeader.
+void PutRow(const GaussiansView<const float>& g, std::int64_t row, char* out) {
+  const auto put = [&](float value) {
+    PutLittleEndian(value, out);
+    out += sizeof value;
+  };
+  const auto put_range = [&](const float* values, int count) {
+    for (int i = 0; i < count; ++i) put(values[i]);
+  };
+  put_range(g.means + 3 * row, 3);
+  for (int i = 0; i < 3; ++i) put(0.0f);  // normals, which Gaussians do not have
+  const float* sh = g.sh + 3 * row * g.sh_coefficients;
+  put_range(sh, 3);
+  for (int channel = 0; channel < 3; ++channel) {
+    for (int k = 1; k < g.sh_coefficients; ++k) put(sh[3 * k + channel]);
+  }
+  put(g.opacity_logits[row]);
+  put_range(g.log_scales + 3 * row, 3);
+  put_range(g.quats + 4 * row, 4);
+}
+
+}  // namespace
+
+PlyGaussianReader::PlyGaussianReader(const std::string& path)
+    : path_(path), stream_(Open(path)), header_(ReadPlyHeader(stream_, path)) {
+  element_ = FindVertices(header_, path);
+  const PlyElement& element = header_.elements[element_];
+  for (const char* name : {"x", "y", "z", "opacity"}) {
+    FindProperty(element, name, path, "Gaussians");
+  }
+  FindNumbered(element, "f_dc_", 3, path);
+  FindNumbered(element, "scale_", 3, path);
+  FindNumbered(element, "rot_", 4, path);
+  sh_coefficients_ = CountCoefficients(element, path);
+  FindNumbered(element, "f_rest_", 3 * (sh_coefficients_ - 1), path);
+  CheckPlySize(stream_, path, header_);
+  size_ = element.count;
+}
+
+std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
+  const PlyElement& element = header_.elements[element_];
+  std::vector<std::size_t> means;
+  for (const char* name : {"x", "y", "z"}) {
+    means.push_back(FindProperty(element, name, path_, "Gaussians"));
+  }
+  const std::size_t opacity = FindProperty(element, "opacity", path_, "Gaussians");
+  const auto scales = FindNumbered(element, "scale_", 3, path_);
+  const auto rotations = FindNumbered(element, "rot_", 4, path_);
+  // sh[k][channel] of the file: f_dc for k = 0, then channel-major f_rest.
+  const int k_count = sh_coefficients_;
+  const auto constant = FindNumbered(element, "f_dc_", 3, path_);
+  const auto rest = FindNumbered(element, "f_rest_", 3 * (k_count - 1), path_);
+  std::vector<std::size_t> sh(constant);
+  for (int k = 1; k < k_count; ++k) {
+    for (int channel = 0; channel < 3; ++channel) {
+      sh.push_back(rest[static_cast<std::size_t>(channel * (k_count - 1) + k - 1)]);
+    }
+  }
+  std::int64_t row = 0, not_finite = 0;
+  ReadPlyRows(stream_, path_, header_, element_, [&](const double* values) {
+    bool finite = true;
+    const auto get = [&](const std::vector<std::size_t>& columns, float* to) {
+      for (const std::size_t column : columns) {
+        *to = static_cast<float>(values[column]);
+        finite = finite && std::isfinite(*to);
+        ++to;
+      }
+    };
+    get(means, out.means + 3 * row);
+    get(rotations, out.quats + 4 * row);
+    get(scales, out.log_scales + 3 * row);
+    float& logit = out.opacity_logits[row];
+    logit = static_cast<float>(values[opacity]);
+    if (std::isinf(logit)) logit = std::copysign(kLargestLogit, logit);
+    finite = finite && !std::isnan(logit);
+    get(sh, out.sh + 3 * row * k_count);
+    not_finite += finite ? 0 : 1;
+    ++row;
+  });
+  return not_finite;
+}
+
+void WritePly(const std::string& path, const GaussiansView<const float>& gaussians,
+              const std::vector<std::string>& comments) {
+  for (const std::string& comment : comments) {
+    if (comment.find_first_of("\r\n") != std::string::npos) {
+      throw InputError("a PLY comment holds a line break: \"" + comment + "\"; give one a line");
+    }
+  }
+  int properties = 0;
+  const std::string header = GaussianHeader(gaussians, comments, &properties);
+  const std::string partial = path + ".partial";
+  std::ofstream stream(partial, std::ios::binary | std::ios::trunc);
+  if (!stream) throw InputError(path + ": cannot be written: " + std::strerror(errno));
+  stream.write(header.data(), static_cast<std::streamsize>(header.size()));
+  constexpr std::int64_t kBlockRows = 4096;
+  const std::size_t row_bytes = static_cast<std::size_t>(properties) * sizeof(float);
+  std::vector<char> block(kBlockRows * row_bytes);
+  for (std::int64_t begin = 0; begin < gaussians.size; begin += kBlockRows) {
+    const std::int64_t end = std::min(begin + kBlockRows, gaussians.size);
+    for (std::int64_t row = begin; row < end; ++row) {
+      PutRow(gaussians, row, block.data() + static_cast<std::size_t>(row - begin) * row_bytes);
+    }
+    stream.write(block.data(),
+                 static_cast<std::streamsize>(static_cast<std::size_t>(end - begin) * row_bytes));
+  }
+  stream.close();
+  if (!stream || std::rename(partial.c_str(), path.c_str()) != 0) {
+    const std::string reason = std::strerror(errno);
+    std::remove(partial.c_str());
+    throw InputError(path + ": cannot be written: " + reason);
+  }
+}
+
+PlyPoints ReadPlyPoints(const std::string& path) {
+  std::ifstream stream = Open(path);
+  const PlyHeader header = ReadPlyHeader(stream, path);
+  const std::size_t index = FindVertices(header, path);
+  CheckPlySize(stream, path, header);
+  const PlyElement& element = header.elements[index];
+  std::vector<std::size_t> position, color;
+  for (const char* name : {"x", "y", "z"}) {
+    position.push_back(FindProperty(element, name, path, "points"));
+  }
+  for (const std::string prefix : {"", "diffuse_"}) {
+    if (element.Find(prefix + "red") < 0) continue;
+    for (const char* name : {"red", "green", "blue"}) {
+      color.push_back(FindProperty(element, prefix + name, path, "coloured points"));
+    }
+    break;
+  }
+  constexpr std::uint8_t kMidGrey = 128;
+  PlyPoints points;
+  points.has_colors = !color.empty();
+  ReadPlyRows(stream, path, header, index, [&](const double* values) {
+    for (const std::size_t column : position) points.positions.push_back(values[column]);
+    if (color.empty()) points.colors.insert(points.colors.end(), 3, kMidGrey);
+    for (const std::size_t column : color) {
+      const PlyType type = element.properties[column].type;
+      const bool unit = type == PlyType::kFloat32 || type == PlyType::kFloat64;
+      const double level = unit ? 255.0 * values[column] : values[column];
+      // A NaN becomes 0.
+      points.colors.push_back(
+          static_cast<std::uint8_t>(level > 0.0 ? std::min(std::round(level), 255.0) : 0.0));
+    }
+  });
+  return points;
+}
+
+}  // namespace gsut

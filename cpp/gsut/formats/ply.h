@@ -1,0 +1,56 @@
+// PLY files of Gaussians (the layout of 3DGS) and of point clouds, read by property name.
+#pragma once
+
+#include <cstdint>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "gsut/formats/ply_header.h"
+#include "gsut/gaussians/gaussians.h"
+
+namespace gsut {
+
+// Gaussians of a PLY file: properties x y z, f_dc_0..2, f_rest_0..(0, 9, 24 or 45, channel-major),
+// opacity (a logit), scale_0..2 (logarithms), rot_0..3 (w x y z) of element `vertex`, in any order,
+// of any numeric type, ascii or binary; others (nx ny nz ...) are ignored.
+class PlyGaussianReader {
+ public:
+  // Reads the header. Throws InputError naming the file and what is missing or wrong.
+  explicit PlyGaussianReader(const std::string& path);
+
+  std::int64_t size() const { return size_; }
+  int sh_coefficients() const { return sh_coefficients_; }
+
+  // Fills the five arrays of `out`, which has size() rows and sh_coefficients(); call once. Rows
+  // are kept as they are, also those that are not finite; returns how many these are. Only infinite
+  // opacity logits, which some writers use for opacities of exactly 0 and 1, become -20 and 20.
+  // Throws InputError naming file and row if the data is truncated.
+  std::int64_t Read(const GaussiansView<float>& out);
+
+ private:
+  std::string path_;
+  std::ifstream stream_;
+  PlyHeader header_;
+  std::size_t element_ = 0;
+  std::int64_t size_ = 0;
+  int sh_coefficients_ = 1;
+};
+
+// Writes binary little-endian float32 with nx ny nz = 0, as 3DGS does: to "PATH.partial" first,
+// then renamed, so that PATH is never half a file. Bits are kept. Throws InputError if a comment
+// holds a line break or the file cannot be written.
+void WritePly(const std::string& path, const GaussiansView<const float>& gaussians,
+              const std::vector<std::string>& comments = {});
+
+struct PlyPoints {
+  std::vector<double> positions;     // (N, 3)
+  std::vector<std::uint8_t> colors;  // (N, 3); mid-grey 128 if the file has none
+  bool has_colors = false;
+};
+
+// A point cloud: properties x y z and, if there, red green blue (or diffuse_red ...; floating-point
+// colours are in [0, 1]) of element `vertex`. Throws InputError naming the file.
+PlyPoints ReadPlyPoints(const std::string& path);
+
+}  // namespace gsut

@@ -1,0 +1,180 @@
+// PLY header parser.
+#include "gsut/formats/ply_header.h"
+
+#include <sstream>
+#include <utility>
+
+#include "gsut/base/errors.h"
+
+namespace gsut {
+namespace {
+
+constexpr int kMaxHeaderLines = 100000;
+constexpr std::size_t kMaxLineBytes = 65536;
+
+struct TypeName {
+  const char* name;
+  const char* sized_name;
+  PlyType type;
+  int bytes;
+};
+
+constexpr TypeName kTypes[] = {
+    {"char", "int8", PlyType::kInt8, 1},        {"uchar", "uint8", PlyType::kUint8, 1},
+    {"short", "int16", PlyType::kInt16, 2},     {"ushort", "uint16", PlyType::kUint16, 2},
+    {"int", "int32", PlyType::kInt32, 4},       {"uint", "uint32", PlyType::kUint32, 4},
+    {"float", "float32", PlyType::kFloat32, 4}, {"double", "float64", PlyType::kFloat64, 8},
+};
+
+// One header line without its end; stops early on a line that no header has (binary rubbish).
+bool GetLine(std::istream& stream, std::string* line) {
+  line->clear();
+  int c;
+  while ((c = stream.get()) != std::istream::traits_type::eof()) {
+    if (c == '\n') {
+      if (!line->empty() && line->back() == '\r') line->pop_back();
+      return true;
+    }
+    if (line->size() == kMaxLineBytes) return false;
+    line->push_back(static_cast<char>(c));
+  }
+  return false;
+}
+
+class Parser {
+ public:
+  Parser(std::istream& stream, const std::string& path) : stream_(stream), path_(path) {}
+
+  PlyHeader Parse() {
+    std::string line;
+    if (!GetLine(stream_, &line) || line != "ply") {
+      throw InputError(path_ + ": not a PLY file (the first line is not \"ply\")");
+    }
+    bool has_format = false;
+    for (line_ = 2; line_ < kMaxHeaderLines && GetLine(stream_, &line); ++line_) {
+      std::istringstream words(line);
+      std::string keyword;
+      words >> keyword;
+      if (keyword == "end_header") {
+        if (!has_format) Fail("there is no format line");
+        return std::move(header_);
+      }
+      if (keyword == "format") {
+        ParseFormat(words);
+        has_format = true;
+      } else if (keyword == "comment") {
+        const std::size_t start = line.find_first_not_of(' ', line.find("comment") + 7);
+        header_.comments.push_back(start == std::string::npos ? "" : line.substr(start));
+      } else if (keyword == "element") {
+        ParseElement(words);
+      } else if (keyword == "property") {
+        ParseProperty(words);
+      } else if (!keyword.empty() && keyword != "obj_info") {
+        Fail("unknown keyword \"" + keyword + "\"");
+      }
+    }
+    Fail("the file ends before end_header");
+  }
+
+ private:
+  [[noreturn]] void Fail(const std::string& what) const {
+    throw InputError(path_ + ": PLY header, line " + std::to_string(line_) + ": " + what);
+  }
+
+  void ParseFormat(std::istringstream& words) {
+    std::string name;
+    words >> name;
+    if (name == "ascii") {
+      header_.format = PlyFormat::kAscii;
+    } else if (name == "binary_little_endian") {
+      header_.format = PlyFormat::kBinaryLittleEndian;
+    } else if (name == "binary_big_endian") {
+      header_.format = PlyFormat::kBinaryBigEndian;
+    } else {
+      Fail("unknown format \"" + name +
+           "\"; known are ascii, binary_little_endian, binary_big_endian");
+    }
+  }
+
+  void ParseElement(std::istringstream& words) {
+    PlyElement element;
+    if (!(words >> element.name >> element.count) || element.count < 0) {
+      Fail("expected \"element NAME COUNT\" with COUNT >= 0");
+    }
+    header_.elements.push_back(std::move(element));
+  }
+
+  void ParseProperty(std::istringstream& words) {
+    if (header_.elements.empty()) Fail("a property stands before the first element");
+    PlyProperty property;
+    std::string type;
+    words >> type;
+    if (type == "list") {
+      property.is_list = true;
+      words >> type;
+      property.count_type = ParseType(type);
+      words >> type;
+    }
+    property.type = ParseType(type);
+    if (!(words >> property.name)) Fail("a property has no name");
+    if (header_.elements.back().Find(property.name) >= 0) {
+      Fail("property \"" + property.name + "\" appears twice");
+    }
+    header_.elements.back().properties.push_back(std::move(property));
+  }
+
+  PlyType ParseType(const std::string& name) const {
+    for (const TypeName& type : kTypes) {
+      if (name == type.name || name == type.sized_name) return type.type;
+    }
+    Fail("unknown type \"" + name + "\"");
+  }
+
+  std::istream& stream_;
+  const std::string& path_;
+  PlyHeader header_;
+  int line_ = 1;
+};
+
+}  // namespace
+
+int PlyTypeBytes(PlyType type) {
+  for (const TypeName& known : kTypes) {
+    if (known.type == type) return known.bytes;
+  }
+  return 0;
+}
+
+bool PlyElement::HasLists() const {
+  for (const PlyProperty& property : properties) {
+    if (property.is_list) return true;
+  }
+  return false;
+}
+
+std::int64_t PlyElement::RowBytes() const {
+  std::int64_t bytes = 0;
+  for (const PlyProperty& property : properties) bytes += PlyTypeBytes(property.type);
+  return bytes;
+}
+
+int PlyElement::Find(const std::string& property) const {
+  for (std::size_t i = 0; i < properties.size(); ++i) {
+    if (properties[i].name == property) return static_cast<int>(i);
+  }
+  return -1;
+}
+
+std::string PlyElement::PropertyNames() const {
+  std::string names;
+  for (const PlyProperty& property : properties) {
+    names += (names.empty() ? "" : " ") + property.name;
+  }
+  return names;
+}
+
+PlyHeader ReadPlyHeader(std::istream& stream, const std::string& path) {
+  return Parser(stream, path).Parse();
+}
+
+}  // namespace gsut

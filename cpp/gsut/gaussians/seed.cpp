@@ -1,0 +1,68 @@
+// Point cloud to Gaussians.
+#include "gsut/gaussians/seed.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "gsut/base/errors.h"
+#include "gsut/gaussians/activations.h"
+#include "gsut/gaussians/harmonics.h"
+#include "gsut/gaussians/seed_distances.h"
+
+namespace gsut {
+namespace {
+
+void CheckFinite(const double* values, std::int64_t rows, const char* name) {
+  for (std::int64_t i = 0; i < 3 * rows; ++i) {
+    if (!std::isfinite(values[i])) {
+      throw InputError(std::string(name) + " row " + std::to_string(i / 3) + " holds " +
+                       std::to_string(values[i]) + "; remove rows that are not finite");
+    }
+  }
+}
+
+double MedianPositive(std::vector<double> distances) {
+  distances.erase(std::remove(distances.begin(), distances.end(), 0.0), distances.end());
+  if (distances.empty()) return 0.0;
+  const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
+  std::nth_element(distances.begin(), middle, distances.end());
+  return *middle;
+}
+
+}  // namespace
+
+void SeedFromPoints(const double* points, const double* colors, const SeedOptions& options,
+                    const GaussiansView<float>& out) {
+  if (!(options.scale_factor > 0.0) || !std::isfinite(options.scale_factor)) {
+    throw InputError("scale_factor is " + std::to_string(options.scale_factor) +
+                     "; give a positive number");
+  }
+  if (!(options.opacity > 0.0 && options.opacity < 1.0)) {
+    throw InputError("opacity is " + std::to_string(options.opacity) +
+                     "; give a value between 0 and 1, both excluded");
+  }
+  CheckFinite(points, out.size, "points");
+  CheckFinite(colors, out.size, "colors");
+  const std::vector<double> distances = MeanNeighborDistances(points, out.size);
+  const double median = MedianPositive(distances);
+  const double smallest = median > 0.0 ? options.min_relative_distance * median : 1.0;
+  const auto logit = static_cast<float>(Logit(options.opacity));
+  const std::int64_t sh_width = 3 * std::int64_t{out.sh_coefficients};
+  for (std::int64_t row = 0; row < out.size; ++row) {
+    const double distance = std::max(distances[static_cast<std::size_t>(row)], smallest);
+    const auto log_scale = static_cast<float>(std::log(options.scale_factor * distance));
+    std::fill_n(out.sh + row * sh_width, sh_width, 0.0f);
+    for (int i = 0; i < 3; ++i) {
+      out.means[3 * row + i] = static_cast<float>(points[3 * row + i]);
+      out.log_scales[3 * row + i] = log_scale;
+      out.sh[row * sh_width + i] =
+          static_cast<float>((colors[3 * row + i] - kShColorOffset) / kSh0);
+    }
+    for (int i = 0; i < 4; ++i) out.quats[4 * row + i] = i == 0 ? 1.0f : 0.0f;
+    out.opacity_logits[row] = logit;
+  }
+}
+
+}  // namespace gsut

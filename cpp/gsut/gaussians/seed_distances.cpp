@@ -1,0 +1,158 @@
+// Balanced k-d tree with small leaves; built once, asked once for each point.
+#include "gsut/gaussians/seed_distances.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "gsut/base/parallel.h"
+
+namespace gsut {
+namespace {
+
+using Point = std::array<double, 3>;
+
+constexpr std::int64_t kLeafPoints = 12;
+
+// Squared distances of the nearest so far, ascending.
+struct Nearest {
+  std::array<double, kSeedNeighbors> squares;
+  Nearest() { squares.fill(std::numeric_limits<double>::infinity()); }
+  double Worst() const { return squares.back(); }
+  void Insert(double square) {
+    if (!(square < squares.back())) return;
+    int i = kSeedNeighbors - 1;
+    for (; i > 0 && squares[i - 1] > square; --i) squares[i] = squares[i - 1];
+    squares[i] = square;
+  }
+};
+
+// A node covers a range of `order`; its halves are [begin, middle) and [middle, end). The tree
+// needs no node storage but the split: ranges follow from halving.
+class Tree {
+ public:
+  Tree(const double* points, std::int64_t count) : points_(points), order_(count) {
+    for (std::int64_t i = 0; i < count; ++i) order_[i] = i;
+    std::int64_t nodes = 1;
+    for (std::int64_t size = count; size > kLeafPoints; size = (size + 1) / 2)
+      nodes = 2 * nodes + 1;
+    splits_.resize(nodes);
+    // The upper levels one after the other, then their subtrees side by side.
+    std::vector<Range> level = {{0, 0, count}};
+    for (int depth = 0; depth < kSerialLevels; ++depth) {
+      std::vector<Range> next;
+      for (const Range& range : level) {
+        if (range.end - range.begin <= kLeafPoints) continue;
+        const std::int64_t middle = SplitNode(range);
+        next.push_back({2 * range.node + 1, range.begin, middle});
+        next.push_back({2 * range.node + 2, middle, range.end});
+      }
+      level = std::move(next);
+    }
+    ParallelFor(static_cast<std::int64_t>(level.size()), 1,
+                [&](std::int64_t begin, std::int64_t end) {
+                  for (std::int64_t i = begin; i < end; ++i) Build(level[i]);
+                });
+    for (std::int64_t i = 0; i < count; ++i) {
+      const double* p = points + 3 * order_[i];
+      sorted_.push_back({p[0], p[1], p[2]});
+    }
+  }
+
+  // The point's rank in the tree's order, by position i of that order.
+  std::int64_t Original(std::int64_t i) const { return order_[i]; }
+
+  Nearest Query(std::int64_t i) const {
+    Nearest nearest;
+    Visit({0, 0, static_cast<std::int64_t>(sorted_.size())}, i, &nearest);
+    return nearest;
+  }
+
+ private:
+  static constexpr int kSerialLevels = 5;
+  struct Range {
+    std::int64_t node, begin, end;
+  };
+  struct SplitPlane {
+    int axis;
+    double value;
+  };
+
+  // Splits at the median of the axis in which the points spread most.
+  std::int64_t SplitNode(const Range& range) {
+    Point low, high;
+    low.fill(std::numeric_limits<double>::infinity());
+    high.fill(-std::numeric_limits<double>::infinity());
+    for (std::int64_t i = range.begin; i < range.end; ++i) {
+      for (int axis = 0; axis < 3; ++axis) {
+        const double value = points_[3 * order_[i] + axis];
+        low[axis] = std::min(low[axis], value);
+        high[axis] = std::max(high[axis], value);
+      }
+    }
+    int axis = 0;
+    for (int other = 1; other < 3; ++other) {
+      if (high[other] - low[other] > high[axis] - low[axis]) axis = other;
+    }
+    const std::int64_t middle = range.begin + (range.end - range.begin + 1) / 2;
+    const auto key = [&](std::int64_t point) { return points_[3 * point + axis]; };
+    std::nth_element(
+        order_.begin() + range.begin, order_.begin() + middle, order_.begin() + range.end,
+        [&](std::int64_t a, std::int64_t b) { return key(a) != key(b) ? key(a) < key(b) : a < b; });
+    splits_[range.node] = {axis, key(order_[middle])};
+    return middle;
+  }
+
+  void Build(const Range& range) {
+    if (range.end - range.begin <= kLeafPoints) return;
+    const std::int64_t middle = SplitNode(range);
+    Build({2 * range.node + 1, range.begin, middle});
+    Build({2 * range.node + 2, middle, range.end});
+  }
+
+  void Visit(const Range& range, std::int64_t self, Nearest* nearest) const {
+    const Point& p = sorted_[self];
+    if (range.end - range.begin <= kLeafPoints) {
+      for (std::int64_t i = range.begin; i < range.end; ++i) {
+        if (i == self) continue;
+        const double x = sorted_[i][0] - p[0], y = sorted_[i][1] - p[1], z = sorted_[i][2] - p[2];
+        nearest->Insert(x * x + y * y + z * z);
+      }
+      return;
+    }
+    const std::int64_t middle = range.begin + (range.end - range.begin + 1) / 2;
+    const SplitPlane& split = splits_[range.node];
+    const Range low = {2 * range.node + 1, range.begin, middle};
+    const Range high = {2 * range.node + 2, middle, range.end};
+    const double offset = p[split.axis] - split.value;
+    Visit(offset < 0.0 ? low : high, self, nearest);
+    if (offset * offset < nearest->Worst()) Visit(offset < 0.0 ? high : low, self, nearest);
+  }
+
+  const double* points_;
+  std::vector<std::int64_t> order_;
+  std::vector<SplitPlane> splits_;
+  std::vector<Point> sorted_;
+};
+
+}  // namespace
+
+std::vector<double> MeanNeighborDistances(const double* points, std::int64_t count) {
+  std::vector<double> distances(count, 0.0);
+  if (count < 2) return distances;
+  const Tree tree(points, count);
+  const std::int64_t neighbors = std::min<std::int64_t>(kSeedNeighbors, count - 1);
+  constexpr std::int64_t kChunkPoints = 256;
+  ParallelFor(count, kChunkPoints, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      const Nearest nearest = tree.Query(i);
+      double sum = 0.0;
+      for (std::int64_t k = 0; k < neighbors; ++k) sum += std::sqrt(nearest.squares[k]);
+      distances[tree.Original(i)] = sum / static_cast<double>(neighbors);
+    }
+  });
+  return distances;
+}
+
+}  // namespace gsut

@@ -1,0 +1,241 @@
+// The Adam step, compiled once per instruction set.
+#include "gsut/optimize/adam.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "gsut/optimize/adam.cpp"
+#include "gsut/base/hwy_targets.h"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#ifndef GSUT_OPTIMIZE_ADAM_ONCE
+#define GSUT_OPTIMIZE_ADAM_ONCE
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <string>
+
+#include "gsut/base/errors.h"
+#include "gsut/base/parallel.h"
+
+namespace gsut {
+namespace {
+
+// The constants of one step, rounded to float once.
+struct AdamConstants {
+  float beta1, one_minus_beta1, beta2, one_minus_beta2;
+  float inverse_sqrt_correction2;  // 1 / sqrt(1 - beta2^step)
+  float epsilon;
+};
+
+}  // namespace
+}  // namespace gsut
+#endif  // GSUT_OPTIMIZE_ADAM_ONCE
+
+HWY_BEFORE_NAMESPACE();
+namespace gsut {
+namespace HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using D = hn::ScalableTag<float>;
+using V = hn::Vec<D>;
+
+// One vector of elements; rate already holds the first moment's bias correction.
+HWY_INLINE void UpdateVector(const AdamConstants& c, V rate, V gradient, V& param, V& moment1,
+                             V& moment2) {
+  const D d;
+  moment1 = hn::Add(hn::Mul(hn::Set(d, c.beta1), moment1),
+                    hn::Mul(hn::Set(d, c.one_minus_beta1), gradient));
+  moment2 = hn::Add(hn::Mul(hn::Set(d, c.beta2), moment2),
+                    hn::Mul(hn::Mul(hn::Set(d, c.one_minus_beta2), gradient), gradient));
+  const V denominator = hn::Add(hn::Mul(hn::Sqrt(moment2), hn::Set(d, c.inverse_sqrt_correction2)),
+                                hn::Set(d, c.epsilon));
+  param = hn::Sub(param, hn::Div(hn::Mul(rate, moment1), denominator));
+}
+
+// Steps `count` consecutive elements. rates: one value, or with kManyRates one an element.
+template <bool kManyRates>
+void UpdateRange(const AdamConstants& c, std::size_t count, const float* rates,
+                 const float* gradients, float* params, float* moment1, float* moment2) {
+  const D d;
+  const std::size_t lanes = hn::Lanes(d);
+  V rate = hn::Set(d, rates[0]);
+  std::size_t i = 0;
+  for (; i + lanes <= count; i += lanes) {
+    if (kManyRates) rate = hn::LoadU(d, rates + i);
+    V p = hn::LoadU(d, params + i);
+    V m = hn::LoadU(d, moment1 + i);
+    V v = hn::LoadU(d, moment2 + i);
+    UpdateVector(c, rate, hn::LoadU(d, gradients + i), p, m, v);
+    hn::StoreU(p, d, params + i);
+    hn::StoreU(m, d, moment1 + i);
+    hn::StoreU(v, d, moment2 + i);
+  }
+  if (i == count) return;
+  // The rest by way of a padded copy, so that nothing outside the range is read or written.
+  const std::size_t bytes = (count - i) * sizeof(float);
+  HWY_ALIGN float rest[5][HWY_MAX_BYTES / sizeof(float)] = {};
+  std::memcpy(rest[0], params + i, bytes);
+  std::memcpy(rest[1], moment1 + i, bytes);
+  std::memcpy(rest[2], moment2 + i, bytes);
+  std::memcpy(rest[3], gradients + i, bytes);
+  if (kManyRates) {
+    std::memcpy(rest[4], rates + i, bytes);
+    rate = hn::Load(d, rest[4]);
+  }
+  V p = hn::Load(d, rest[0]);
+  V m = hn::Load(d, rest[1]);
+  V v = hn::Load(d, rest[2]);
+  UpdateVector(c, rate, hn::Load(d, rest[3]), p, m, v);
+  hn::Store(p, d, rest[0]);
+  hn::Store(m, d, rest[1]);
+  hn::Store(v, d, rest[2]);
+  std::memcpy(params + i, rest[0], bytes);
+  std::memcpy(moment1 + i, rest[1], bytes);
+  std::memcpy(moment2 + i, rest[2], bytes);
+}
+
+// As UpdateRange with one rate, for the elements whose `seen` word is all ones (others: 0).
+// count is a multiple of the vector length.
+void UpdateSeen(const AdamConstants& c, std::size_t count, float rate_value,
+                const std::int32_t* seen, const float* gradients, float* params, float* moment1,
+                float* moment2) {
+  const D d;
+  const hn::RebindToSigned<D> di;
+  const V rate = hn::Set(d, rate_value);
+  for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
+    const auto mask = hn::MaskFromVec(hn::BitCast(d, hn::LoadU(di, seen + i)));
+    if (hn::AllFalse(d, mask)) continue;
+    const V p0 = hn::LoadU(d, params + i);
+    const V m0 = hn::LoadU(d, moment1 + i);
+    const V v0 = hn::LoadU(d, moment2 + i);
+    V p = p0, m = m0, v = v0;
+    UpdateVector(c, rate, hn::LoadU(d, gradients + i), p, m, v);
+    hn::StoreU(hn::IfThenElse(mask, p, p0), d, params + i);
+    hn::StoreU(hn::IfThenElse(mask, m, m0), d, moment1 + i);
+    hn::StoreU(hn::IfThenElse(mask, v, v0), d, moment2 + i);
+  }
+}
+
+// Rows [begin, end) of one group. Rows are cut into short blocks for the mask of narrow rows.
+void UpdateRows(const AdamConstants& c, const AdamGroup& group, const float* rates, bool many_rates,
+                const std::uint8_t* visible, std::int64_t begin, std::int64_t end) {
+  const auto columns = static_cast<std::size_t>(group.columns);
+  const auto active = static_cast<std::size_t>(group.active_columns);
+  const auto update = [&](std::size_t at, std::size_t count) HWY_ATTR {
+    const auto function = many_rates ? UpdateRange<true> : UpdateRange<false>;
+    function(c, count, rates, group.gradients + at, group.params + at, group.moment1 + at,
+             group.moment2 + at);
+  };
+  const bool whole_rows = active == columns && !many_rates;
+  if (whole_rows && visible == nullptr) {
+    update(static_cast<std::size_t>(begin) * columns,
+           static_cast<std::size_t>(end - begin) * columns);
+    return;
+  }
+  constexpr std::size_t kNarrowColumns = 8;  // wider rows are stepped one at a time
+  if (!whole_rows || columns > kNarrowColumns) {
+    for (std::int64_t row = begin; row < end; ++row) {
+      if (visible != nullptr && visible[row] == 0) continue;
+      update(static_cast<std::size_t>(row) * columns, active);
+    }
+    return;
+  }
+  // 16 rows are a whole number of vectors of any instruction set, whatever the columns.
+  constexpr std::int64_t kBlockRows = 16;
+  std::int32_t seen[kBlockRows * kNarrowColumns];
+  std::int64_t row = begin;
+  for (; row + kBlockRows <= end; row += kBlockRows) {
+    std::int32_t* word = seen;
+    for (std::int64_t r = row; r < row + kBlockRows; ++r) {
+      const std::int32_t all = visible[r] != 0 ? -1 : 0;
+      for (std::size_t column = 0; column < columns; ++column) *word++ = all;
+    }
+    const std::size_t at = static_cast<std::size_t>(row) * columns;
+    UpdateSeen(c, kBlockRows * columns, rates[0], seen, group.gradients + at, group.params + at,
+               group.moment1 + at, group.moment2 + at);
+  }
+  for (; row < end; ++row) {
+    if (visible[row] != 0) update(static_cast<std::size_t>(row) * columns, columns);
+  }
+}
+
+}  // namespace
+
+void AdamRows(const AdamConstants& constants, const AdamGroup& group, const float* rates,
+              bool many_rates, const std::uint8_t* visible, std::int64_t begin, std::int64_t end) {
+  UpdateRows(constants, group, rates, many_rates, visible, begin, end);
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace gsut
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace gsut {
+namespace {
+
+HWY_EXPORT(AdamRows);
+
+void Check(const std::vector<AdamGroup>& groups, std::int64_t step, const AdamOptions& options) {
+  if (step < 1) {
+    throw InputError("Adam step is " + std::to_string(step) + "; steps count from 1");
+  }
+  const auto is_rate = [](double beta) { return beta >= 0.0 && beta < 1.0; };
+  if (!is_rate(options.beta1) || !is_rate(options.beta2) || !(options.epsilon >= 0.0)) {
+    throw InputError("Adam needs 0 <= beta1, beta2 < 1 and epsilon >= 0, found beta1 " +
+                     std::to_string(options.beta1) + ", beta2 " + std::to_string(options.beta2) +
+                     ", epsilon " + std::to_string(options.epsilon));
+  }
+  for (std::size_t i = 0; i < groups.size(); ++i) {
+    const AdamGroup& group = groups[i];
+    const std::string name = "Adam group " + std::to_string(i);
+    if (group.columns < 1 || group.active_columns < 1 || group.active_columns > group.columns) {
+      throw InputError(name + " has " + std::to_string(group.active_columns) +
+                       " active columns of " + std::to_string(group.columns) +
+                       "; give 1 to the number of columns");
+    }
+    const std::size_t rates = group.learning_rates.size();
+    if (rates != 1 && rates != static_cast<std::size_t>(group.active_columns)) {
+      throw InputError(name + " has " + std::to_string(rates) + " learning rates for " +
+                       std::to_string(group.active_columns) +
+                       " active columns; give one, or one a column");
+    }
+    for (const double rate : group.learning_rates) {
+      if (!std::isfinite(rate)) throw InputError(name + " has a learning rate that is not finite");
+    }
+  }
+}
+
+}  // namespace
+
+void AdamStep(const std::vector<AdamGroup>& groups, std::int64_t rows, std::int64_t step,
+              const std::uint8_t* visible, const AdamOptions& options) {
+  Check(groups, step, options);
+  const double count = static_cast<double>(step);
+  const double correction1 = 1.0 - std::pow(options.beta1, count);
+  const double correction2 = 1.0 - std::pow(options.beta2, count);
+  const AdamConstants constants = {static_cast<float>(options.beta1),
+                                   static_cast<float>(1.0 - options.beta1),
+                                   static_cast<float>(options.beta2),
+                                   static_cast<float>(1.0 - options.beta2),
+                                   static_cast<float>(1.0 / std::sqrt(correction2)),
+                                   static_cast<float>(options.epsilon)};
+  const auto rows_function = HWY_DYNAMIC_DISPATCH(AdamRows);
+  for (const AdamGroup& group : groups) {
+    std::vector<float> rates;
+    for (const double rate : group.learning_rates) {
+      rates.push_back(static_cast<float>(rate / correction1));
+    }
+    const bool same =
+        std::all_of(rates.begin(), rates.end(), [&](float rate) { return rate == rates.front(); });
+    constexpr std::int64_t kChunkElements = 16384;  // 64 KiB of each of the four arrays
+    const std::int64_t chunk_rows = std::max<std::int64_t>(16, kChunkElements / group.columns);
+    ParallelFor(rows, chunk_rows, [&](std::int64_t begin, std::int64_t end) {
+      rows_function(constants, group, rates.data(), !same, visible, begin, end);
+    });
+  }
+}
+
+}  // namespace gsut
+#endif  // HWY_ONCE

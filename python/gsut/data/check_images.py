@@ -1,0 +1,165 @@
+"""Doctor's look at the pixels: every image decodes; blur, exposure, brightness, repeats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from gsut._core import InputError
+from gsut.data.findings import Finding, some_names
+from gsut.data.images import shrink_mask
+from gsut.data.scene import Scene
+
+THUMB = 32  # pixels a side: enough to tell two frames apart
+SHARPNESS_WIDTH = 640  # pixels: sharpness is measured on images shrunk to this width
+BLURRY = 0.3  # of the median sharpness of the dataset
+BRIGHTNESS_STOPS = 0.7  # photographic stops away from the dataset's median
+SATURATED = 0.1  # share of pixels at 254 or above
+BLACK = 0.5  # share of valid pixels at 2 or below
+REPEATED = 0.3  # grey levels rms between the thumbnails of two files
+MASKED_MOST = 0.9  # share of masked pixels
+
+
+class ImageStats(NamedTuple):
+    """Cheap figures of one image."""
+
+    index: int
+    brightness: float  # mean of the valid pixels, 0 to 255
+    sharpness: float  # standard deviation of the Laplacian over that of the image
+    saturated: float  # share of valid pixels at the top in all channels
+    black: float
+    valid: float  # share of unmasked pixels
+    thumb: np.ndarray  # (THUMB * THUMB,) grey
+
+
+def check_images(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
+    """Decodes every image once and yields findings about files and pixels.
+
+    Args:
+        scene: at full size.
+        progress: show a bar.
+    """
+    stats: list[ImageStats] = []
+    for index in tqdm(range(len(scene)), desc="images", disable=not progress, leave=False):
+        try:
+            stats.append(image_stats(scene, index))
+        except InputError as error:
+            yield as_finding(error)
+    if not stats:
+        return
+    names = [scene.views[s.index].name for s in stats]
+    yield from _outliers(stats, names, str(scene.path))
+    yield from _repeats(scene, stats)
+
+
+def as_finding(error: InputError) -> Finding:
+    """The finding of an error; errors of the lens files have no separate advice."""
+    if hasattr(error, "where"):
+        return Finding("error", error.where, error.what, error.advice)
+    where, _, what = str(error).partition(": ")
+    return Finding("error", where, what) if what else Finding("error", "dataset", where)
+
+
+def image_stats(scene: Scene, index: int) -> ImageStats:
+    """Decodes image and mask of a view and measures them.
+
+    Raises:
+        DatasetError: the image or the mask cannot be used.
+    """
+    pixels, mask = scene.image(index), scene.mask(index)
+    grey = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
+    width = min(SHARPNESS_WIDTH, grey.shape[1])
+    height = max(1, round(grey.shape[0] * width / grey.shape[1]))
+    small = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA)
+    valid = shrink_mask(mask, width, height)
+    inside = small[valid] if valid.any() else small.ravel()
+    # Laplacian of the inside only: the edge of a mask or of a fisheye's circle is sharp in any case
+    edges = cv2.Laplacian(small, cv2.CV_32F)
+    core = cv2.erode(valid.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+    spread = float(inside.std())
+    sharpness = float(edges[core].std() / spread) if core.any() and spread > 0 else 0.0
+    thumb = cv2.resize(small, (THUMB, THUMB), interpolation=cv2.INTER_AREA)
+    return ImageStats(
+        index,
+        float(inside.mean()),
+        sharpness,
+        float((pixels.min(axis=2)[mask] >= 254).mean()) if mask.any() else 0.0,
+        float((inside <= 2).mean()),
+        float(mask.mean()),
+        thumb.astype(np.float32).ravel(),
+    )
+
+
+def _outliers(stats: list[ImageStats], names: list[str], where: str) -> Iterator[Finding]:
+    brightness = np.array([s.brightness for s in stats])
+    sharpness = np.array([s.sharpness for s in stats])
+    stops = np.log2(np.maximum(brightness, 1) / max(np.median(brightness), 1))
+    cases = (
+        (
+            sharpness < BLURRY * np.median(sharpness),
+            f"less than {BLURRY:.0%} as sharp as the median image",
+            "leave blurred images out",
+        ),
+        (
+            np.abs(stops) > BRIGHTNESS_STOPS,
+            f"more than {BRIGHTNESS_STOPS} stops brighter or darker than the median image",
+            "photograph with fixed exposure, or train with per-image colour correction",
+        ),
+        (
+            np.array([s.saturated for s in stats]) > SATURATED,
+            f"more than {SATURATED:.0%} of the pixels are over-exposed",
+            "expose for the bright parts",
+        ),
+        (
+            np.array([s.black for s in stats]) > BLACK,
+            f"more than {BLACK:.0%} of the valid pixels are black",
+            "mask areas that show nothing, or check the exposure",
+        ),
+        (
+            np.array([s.valid for s in stats]) < 1 - MASKED_MOST,
+            f"more than {MASKED_MOST:.0%} of the pixels are masked",
+            "masks must be white where the image is valid: they may be inverted",
+        ),
+    )
+    for rows, what, advice in cases:
+        if rows.any():
+            listed = some_names([names[i] for i in np.flatnonzero(rows)])
+            text = f"{rows.sum()} of {len(stats)} images: {what}: {listed}"
+            yield Finding("warning", where, text, advice)
+    yield Finding(
+        "info",
+        where,
+        f"brightness {brightness.min():.0f} to {brightness.max():.0f}"
+        f" (median {np.median(brightness):.0f}) of 255, relative sharpness"
+        f" {sharpness.min() / max(np.median(sharpness), 1e-9):.2f} to"
+        f" {sharpness.max() / max(np.median(sharpness), 1e-9):.2f} of the median",
+    )
+
+
+def _repeats(scene: Scene, stats: list[ImageStats]) -> Iterator[Finding]:
+    """Files with the same picture: harmless with one pose, an error of the poses with two."""
+    thumbs = np.array([s.thumb for s in stats])
+    squares = (thumbs**2).mean(axis=1)
+    pairs = []
+    for row in range(len(stats) - 1):
+        cross = thumbs[row + 1 :] @ thumbs[row] / thumbs.shape[1]
+        rms2 = squares[row] + squares[row + 1 :] - 2 * cross
+        for other in np.flatnonzero(rms2 < REPEATED**2) + row + 1:
+            # the product form above loses digits: look again
+            if np.sqrt(np.mean((thumbs[row] - thumbs[other]) ** 2)) < REPEATED:
+                pairs.append((stats[row].index, stats[other].index))
+    if not pairs:
+        return
+    split = set(scene.test_indices)
+    leaks = [p for p in pairs if (p[0] in split) != (p[1] in split)]
+    shown = some_names([f"{scene.views[a].name} = {scene.views[b].name}" for a, b in pairs])
+    advice = "leave one of each out"
+    if leaks:
+        advice += f"; {len(leaks)} pairs have one in training and one in test, which flatters PSNR"
+    yield Finding(
+        "warning", str(scene.path), f"{len(pairs)} pairs of equal images: {shown}", advice
+    )

@@ -1,0 +1,76 @@
+"""`gsut doctor`: says what is wrong with a dataset before hours are spent on it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from gsut._core import InputError
+from gsut.data.assemble import assemble
+from gsut.data.check_colors import check_colors
+from gsut.data.check_geometry import check_lenses, check_memory, check_points, check_poses
+from gsut.data.check_images import as_finding, check_images
+from gsut.data.findings import SEVERITIES, Finding
+from gsut.data.load import read_dataset
+from gsut.data.split import TEST_EVERY
+
+__all__ = ["Finding", "diagnose", "findings_text"]
+
+
+def diagnose(
+    path: str | os.PathLike, *, test_every: int = TEST_EVERY, progress: bool = True
+) -> list[Finding]:
+    """Reads a dataset without stopping at the first error, and looks at all of it.
+
+    Files, sizes and poses; every image is decoded; blur, exposure and repeats; lens domain; cameras
+    against points; colours of points against pixels; memory.
+
+    Args:
+        path: as for `load_dataset`.
+        test_every: as for `load_dataset`.
+        progress: show bars while images are decoded.
+    Returns:
+        Findings, errors first. Training can start if none has severity "error".
+    """
+    findings: list[Finding] = []
+
+    def collect(error: InputError) -> None:
+        findings.append(as_finding(error))
+
+    try:
+        listing = read_dataset(Path(path), on_error=collect)
+        scene = assemble(listing, test_every=test_every, on_error=collect)
+    except InputError as error:
+        collect(error)
+        return _sorted(findings)
+    findings += [Finding("warning", str(path), note) for note in scene.notes]
+    findings.append(
+        Finding(
+            "info",
+            str(path),
+            f"{len(scene)} views ({len(scene.train_indices)} for training,"
+            f" {len(scene.test_indices)} held out), {len(scene.cameras)} cameras",
+        )
+    )
+    findings += check_lenses(scene)
+    findings += check_poses(scene)
+    findings += check_points(scene)
+    findings += check_images(scene, progress=progress)
+    findings += check_colors(scene, progress=progress)
+    findings += check_memory(scene)
+    return _sorted(findings)
+
+
+def _sorted(findings: Sequence[Finding]) -> list[Finding]:
+    unique = dict.fromkeys(findings)
+    return sorted(unique, key=lambda finding: SEVERITIES.index(finding.severity))
+
+
+def findings_text(findings: Sequence[Finding]) -> str:
+    """The findings as text: one line each, errors first, and a last line that counts them."""
+    count = {s: sum(f.severity == s for f in findings) for s in SEVERITIES}
+    verdict = "training cannot start" if count["error"] else "training can start"
+    lines = [str(finding) for finding in findings]
+    lines.append(f"{count['error']} errors, {count['warning']} warnings: {verdict}")
+    return "\n".join(lines)
