@@ -1,0 +1,279 @@
+// Line buffers and blurs of the photometric kernels, compiled once per instruction set.
+//
+// Lines keep the three channels interleaved: a tap to the next pixel is 3 floats away, and nothing
+// is taken apart or put together. A line holds the block's columns and a margin of 10 on each side.
+
+#if defined(GSUT_LOSS_PHOTOMETRIC_LINES_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef GSUT_LOSS_PHOTOMETRIC_LINES_INL_H_
+#undef GSUT_LOSS_PHOTOMETRIC_LINES_INL_H_
+#else
+#define GSUT_LOSS_PHOTOMETRIC_LINES_INL_H_
+#endif
+
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <cstring>
+
+#include "gsut/base/aligned_vector.h"
+#include "gsut/loss/photometric.h"
+#include "gsut/loss/photometric_kernel.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace gsut {
+namespace HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using DF = hn::ScalableTag<float>;
+using VF = hn::Vec<DF>;
+
+constexpr int kChannels = 3;
+constexpr std::int64_t kMargin = 2 * kSsimRadius;  // pixels; two blurs
+constexpr std::int64_t kTap = kChannels;           // floats between neighbouring pixels
+constexpr std::int64_t kPad = 16;                  // floats, >= kSsimRadius * kTap
+constexpr std::int64_t kRing = kSsimWindow;        // lines a vertical blur needs
+constexpr float kCentre = 0.5f;                    // subtracted before squaring
+constexpr float kByteScale = 1.0f / 255.0f;
+
+HWY_INLINE std::int64_t Lanes() { return static_cast<std::int64_t>(hn::Lanes(DF())); }
+
+struct Weights {
+  VF w[kSsimRadius + 1];  // from the centre outwards
+  Weights() {
+    for (int t = 0; t <= kSsimRadius; ++t) {
+      w[t] = hn::Set(DF(),
+                     static_cast<float>(SsimWeights()[static_cast<std::size_t>(kSsimRadius + t)]));
+    }
+  }
+};
+
+// Geometry and line buffers of one block.
+class Lines {
+ public:
+  Lines(AlignedVector<float>& memory, const ImageBlock& block, std::int64_t width, int sums)
+      : columns(block.column_end - block.column_begin),
+        length((columns + 2 * kMargin) * kChannels),
+        core(kMargin * kChannels),
+        core_end(core + columns * kChannels),
+        inside_begin(std::max<std::int64_t>(0, block.column_begin - kMargin)),
+        inside_count(std::min(width, block.column_end + kMargin) - inside_begin),
+        inside((inside_begin - (block.column_begin - kMargin)) * kChannels),
+        stride_((length + 3 * kPad - 1) / kPad * kPad) {
+    const std::int64_t lines = 3 * kRing + kSingles + (sums + kCoefficients) * kRing;
+    const auto needed = static_cast<std::size_t>(lines * stride_);
+    if (memory.size() < needed) memory.assign(needed, 0.0f);
+    base_ = memory.data() + kPad;
+    blurred_signals_ = memory.data() + (3 * kRing + kSingles) * stride_;
+    blurred_coefficients_ = blurred_signals_ + sums * kRing * stride_;
+    signal_stride_ = sums * stride_;
+  }
+
+  // Plain lines, kPad floats before and after each. Row counts from the block's first input row.
+  float* Difference(std::int64_t row) const { return base_ + (row % kRing) * stride_; }
+  float* Image(std::int64_t row) const { return base_ + (kRing + row % kRing) * stride_; }
+  float* Mask(std::int64_t row) const { return base_ + (2 * kRing + row % kRing) * stride_; }
+  enum Single { kTarget, kScale, kMean, kVariance, kDssim, kGradient, kCoefficient0 };
+  float* Line(int single) const { return base_ + (3 * kRing + single) * stride_; }
+  // Horizontally blurred lines: vectors of the quantities take turns.
+  float* BlurredSignals(std::int64_t row) const {
+    return blurred_signals_ + (row % kRing) * signal_stride_;
+  }
+  float* BlurredCoefficients(std::int64_t row) const {
+    return blurred_coefficients_ + (row % kRing) * (kCoefficients * stride_);
+  }
+
+  std::size_t CoreBytes() const {
+    return static_cast<std::size_t>(core_end - core) * sizeof(float);
+  }
+
+  static constexpr int kCoefficients = 3;
+  static constexpr int kSingles = kCoefficient0 + kCoefficients;
+  std::int64_t columns;       // of the block
+  std::int64_t length;        // floats in a line, with margins
+  std::int64_t core;          // first float of the block's own columns
+  std::int64_t core_end;      // past the last
+  std::int64_t inside_begin;  // first image column in the line
+  std::int64_t inside_count;  // image columns in the line
+  std::int64_t inside;        // first float that lies in the image
+
+ private:
+  std::int64_t stride_, signal_stride_;
+  float* base_;
+  float* blurred_signals_;
+  float* blurred_coefficients_;
+};
+
+// Copies the block's columns of an (H, W, 3) plane's row into a line.
+HWY_INLINE void CopyRow(const Lines& lines, const float* plane, std::int64_t width,
+                        std::int64_t row, float* line) {
+  std::memcpy(line + lines.inside, plane + (row * width + lines.inside_begin) * kChannels,
+              static_cast<std::size_t>(lines.inside_count * kChannels) * sizeof(float));
+}
+
+void LoadTargetRow(const PhotometricTarget& target, const Lines& lines, std::int64_t row,
+                   float* line) {
+  if (target.byte_image() == nullptr) {
+    CopyRow(lines, target.float_image(), target.width(), row, line);
+    return;
+  }
+  const std::uint8_t* bytes =
+      target.byte_image() + (row * target.width() + lines.inside_begin) * kChannels;
+  const DF d;
+  const hn::Rebind<std::int32_t, DF> di;
+  const hn::Rebind<std::uint8_t, DF> du;
+  const std::int64_t count = lines.inside_count * kChannels;
+  std::int64_t i = 0;
+  for (; i + Lanes() <= count; i += Lanes()) {
+    const VF value = hn::ConvertTo(d, hn::PromoteTo(di, hn::LoadU(du, bytes + i)));
+    hn::StoreU(hn::Mul(value, hn::Set(d, kByteScale)), d, line + lines.inside + i);
+  }
+  for (; i < count; ++i) line[lines.inside + i] = static_cast<float>(bytes[i]) * kByteScale;
+}
+
+// Repeats each value of a row three times, once a channel. Outside the image the line is 0.
+HWY_INLINE void ExpandFloats(const float* values, std::int64_t count, float* line) {
+  const DF d;
+  std::int64_t i = 0;
+  for (; i + Lanes() <= count; i += Lanes()) {
+    const VF value = hn::LoadU(d, values + i);
+    hn::StoreInterleaved3(value, value, value, d, line + i * kChannels);
+  }
+  for (; i < count; ++i) {
+    for (int c = 0; c < kChannels; ++c) line[i * kChannels + c] = values[i];
+  }
+}
+
+HWY_INLINE void ExpandMask(const std::uint8_t* mask, std::int64_t count, float* line) {
+  const DF d;
+  const hn::Rebind<std::int32_t, DF> di;
+  const hn::Rebind<std::uint8_t, DF> du;
+  std::int64_t i = 0;
+  for (; i + Lanes() <= count; i += Lanes()) {
+    const VF value = hn::ConvertTo(d, hn::PromoteTo(di, hn::LoadU(du, mask + i)));
+    hn::StoreInterleaved3(value, value, value, d, line + i * kChannels);
+  }
+  for (; i < count; ++i) {
+    for (int c = 0; c < kChannels; ++c) line[i * kChannels + c] = static_cast<float>(mask[i]);
+  }
+}
+
+// Prepares what stays the same over the block: zeros outside the image, the scale of the columns.
+void PrepareLines(const PhotometricTarget& target, const Lines& lines) {
+  for (std::int64_t row = 0; row < kRing; ++row) {
+    std::fill_n(lines.Mask(row), lines.length, 0.0f);
+    if (target.mask() == nullptr) {
+      std::fill_n(lines.Mask(row) + lines.inside, lines.inside_count * kChannels, 1.0f);
+    }
+  }
+  std::fill_n(lines.Line(Lines::kScale), lines.length, 0.0f);
+  if (target.scale_plane() == nullptr) {
+    ExpandFloats(target.scale_columns() + lines.inside_begin, lines.inside_count,
+                 lines.Line(Lines::kScale) + lines.inside);
+  }
+}
+
+// Loads the scale of a row; returns a factor that still has to be applied to the line.
+float LoadScaleRow(const PhotometricTarget& target, const Lines& lines, std::int64_t row) {
+  if (target.scale_plane() == nullptr) return target.scale_rows()[row];
+  ExpandFloats(target.scale_plane() + row * target.width() + lines.inside_begin, lines.inside_count,
+               lines.Line(Lines::kScale) + lines.inside);
+  return 1.0f;
+}
+
+void LoadMaskRow(const PhotometricTarget& target, const Lines& lines, std::int64_t row,
+                 float* line) {
+  if (target.mask() == nullptr) return;
+  ExpandMask(target.mask() + row * target.width() + lines.inside_begin, lines.inside_count,
+             line + lines.inside);
+}
+
+// target -> mask (target - 0.5), in place.
+void CentreTarget(const Lines& lines, const float* HWY_RESTRICT mask, float* HWY_RESTRICT target) {
+  const DF d;
+  const VF centre = hn::Set(d, kCentre);
+  for (std::int64_t i = 0; i < lines.length; i += Lanes()) {
+    const auto counts = hn::Gt(hn::Load(d, mask + i), hn::Zero(d));
+    const VF y = hn::Sub(hn::Load(d, target + i), centre);
+    hn::Store(hn::IfThenElseZero(counts, y), d, target + i);
+  }
+}
+
+// difference = mask (image - target), image -> mask (image - 0.5); masked values may be NaN.
+void CentreImage(const Lines& lines, const float* HWY_RESTRICT mask,
+                 const float* HWY_RESTRICT target, float* HWY_RESTRICT image,
+                 float* HWY_RESTRICT difference) {
+  const DF d;
+  const VF centre = hn::Set(d, kCentre);
+  for (std::int64_t i = 0; i < lines.length; i += Lanes()) {
+    const auto counts = hn::Gt(hn::Load(d, mask + i), hn::Zero(d));
+    const VF x = hn::Load(d, image + i);
+    const VF y = hn::Load(d, target + i);
+    hn::Store(hn::IfThenElseZero(counts, hn::Sub(x, y)), d, difference + i);
+    hn::Store(hn::IfThenElseZero(counts, hn::Sub(x, centre)), d, image + i);
+  }
+}
+
+// Sum of a line's floats [begin, end), or of their absolute values.
+template <bool kAbsolute>
+double SumLine(const float* line, std::int64_t begin, std::int64_t end) {
+  const DF d;
+  VF sums[2] = {hn::Zero(d), hn::Zero(d)};
+  std::int64_t i = begin;
+  for (; i + 2 * Lanes() <= end; i += 2 * Lanes()) {
+    for (int k = 0; k < 2; ++k) {
+      const VF value = hn::LoadU(d, line + i + k * Lanes());
+      sums[k] = hn::Add(sums[k], kAbsolute ? hn::Abs(value) : value);
+    }
+  }
+  double sum = static_cast<double>(hn::GetLane(hn::SumOfLanes(d, hn::Add(sums[0], sums[1]))));
+  for (; i < end; ++i) {
+    sum += static_cast<double>(kAbsolute && line[i] < 0.0f ? -line[i] : line[i]);
+  }
+  return sum;
+}
+
+// Horizontal blur of a line p and of its square, vector number i.
+template <bool kWithMean>
+HWY_INLINE void BlurSquare(const Weights& weights, const float* p, VF& mean, VF& square) {
+  const DF d;
+  const VF centre = hn::LoadU(d, p);
+  if (kWithMean) mean = hn::Mul(weights.w[0], centre);
+  square = hn::Mul(weights.w[0], hn::Mul(centre, centre));
+  for (int t = 1; t <= kSsimRadius; ++t) {
+    const VF left = hn::LoadU(d, p - t * kTap);
+    const VF right = hn::LoadU(d, p + t * kTap);
+    if (kWithMean) mean = hn::MulAdd(weights.w[t], hn::Add(left, right), mean);
+    square = hn::MulAdd(weights.w[t], hn::MulAdd(left, left, hn::Mul(right, right)), square);
+  }
+}
+
+HWY_INLINE VF BlurLine(const Weights& weights, const float* p) {
+  const DF d;
+  VF sum = hn::Mul(weights.w[0], hn::LoadU(d, p));
+  for (int t = 1; t <= kSsimRadius; ++t) {
+    const VF pair = hn::Add(hn::LoadU(d, p - t * kTap), hn::LoadU(d, p + t * kTap));
+    sum = hn::MulAdd(weights.w[t], pair, sum);
+  }
+  return sum;
+}
+
+// Vertical blur at one position of horizontally blurred lines, top to bottom.
+HWY_INLINE VF BlurColumn(const Weights& weights, const float* const* rows, std::int64_t at) {
+  const DF d;
+  VF sum = hn::Mul(weights.w[0], hn::Load(d, rows[kSsimRadius] + at));
+  for (int t = 1; t <= kSsimRadius; ++t) {
+    const VF pair =
+        hn::Add(hn::Load(d, rows[kSsimRadius - t] + at), hn::Load(d, rows[kSsimRadius + t] + at));
+    sum = hn::MulAdd(weights.w[t], pair, sum);
+  }
+  return sum;
+}
+
+}  // namespace
+// NOLINTNEXTLINE(google-readability-namespace-comments)
+}  // namespace HWY_NAMESPACE
+}  // namespace gsut
+HWY_AFTER_NAMESPACE();
+
+#endif  // include guard per target
