@@ -47,8 +47,9 @@ def write_checkpoint(path: str | os.PathLike[str], state: dict[str, Any]) -> Non
     """
     arrays: dict[str, np.ndarray] = {}
     layout = json.dumps(_take_arrays(state, "", arrays))
+    members: dict[str, Any] = {_LAYOUT: np.frombuffer(layout.encode(), np.uint8), **arrays}
     with open(path, "wb") as file:
-        np.savez(file, **{_LAYOUT: np.frombuffer(layout.encode(), np.uint8)}, **arrays)
+        np.savez(file, **members)
 
 
 def read_checkpoint(path: str | os.PathLike[str]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from gsut import _core
 from gsut.option_fields import add_option_flags
@@ -24,7 +24,13 @@ DEBUG_VARIABLE = "GSUT_DEBUG"
 
 
 class _Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one sentence, like all others."""
+    """An argument parser whose errors are one sentence, like all others.
+
+    Flags cannot be shortened: a new flag would change what an old command line means.
+    """
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, **settings)
 
     def error(self, message: str) -> NoReturn:
         raise _core.InputError(f"{message} (see {self.prog} --help)")
@@ -68,7 +74,6 @@ def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands; each sets `run`, the function that carries it out."""
     parser = _Parser(
         prog="gsut",
-        allow_abbrev=False,
         description="3D Gaussian splatting for any real lens, on any machine, without a GPU.",
         epilog="`gsut COMMAND --help` lists a command's options.",
     )

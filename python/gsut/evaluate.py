@@ -14,11 +14,10 @@ import numpy as np
 import gsut
 from gsut import _core
 from gsut.environment import peak_rss_mb
+from gsut.metrics import RING_EDGES_DEGREES, Ring, color_corrected_psnr, psnr, ring_psnr, ssim
 from gsut.options import TrainOptions
 from gsut.pictures import picture_stems, to_uint8, write_png
 
-# Rings of angle to the optical axis; the last one is everything beyond 80 degrees.
-RING_EDGES_DEGREES = (0.0, 30.0, 60.0, 80.0, 180.0)
 _DEPTH_LEVELS = 65535  # of a 16-bit picture
 _OPAQUE = 0.5  # pixels with less alpha have no depth in the picture
 
@@ -70,17 +69,15 @@ def evaluate(
         image = np.clip(rendered.image, 0.0, 1.0)
         row = {
             "name": view.name,
-            "psnr": float(gsut.psnr(image, truth, mask)),
-            "ssim": float(gsut.ssim(image, truth, mask)),
-            "psnr_color_corrected": float(gsut.metrics.color_corrected_psnr(image, truth, mask)),
+            "psnr": psnr(image, truth, mask),
+            "ssim": ssim(image, truth, mask),
+            "psnr_color_corrected": color_corrected_psnr(image, truth, mask),
             "render_ms": milliseconds,
             "pixels": int(np.count_nonzero(mask)),
         }
         if id(camera) not in angles:  # `scene` keeps its cameras, so ids stay theirs
             angles[id(camera)] = field_angles(camera)
-        ring_rows.append(
-            gsut.metrics.ring_psnr(image, truth, angles[id(camera)], RING_EDGES_DEGREES, mask)
-        )
+        ring_rows.append(ring_psnr(image, truth, angles[id(camera)], mask=mask))
         if render_folder is not None:
             row |= _write_pictures(render_folder, stem, truth, image, mask, rendered)
         views.append(row)
@@ -143,10 +140,10 @@ def run_metrics(
 
 
 def field_angles(camera: Any) -> np.ndarray:
-    """(H, W) angle of each pixel's ray to the optical axis in degrees; NaN without a ray."""
+    """(H, W) angle of each pixel's ray to the optical axis in radians; NaN without a ray."""
     rays, valid = camera.rays()
     rays = np.asarray(rays, np.float64)
-    angles = np.degrees(np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2]))
+    angles = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])
     return np.where(valid, angles, np.nan)
 
 
@@ -168,7 +165,7 @@ def _write_pictures(
     return {kind: f"{stem}_{kind}.png" for kind in pictures} | {"depth_unit": unit}
 
 
-def _join_rings(of_views: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
+def _join_rings(of_views: list[list[Ring]]) -> list[dict[str, Any]]:
     """One row a ring from the rows of all views."""
     joined = []
     for low, high in itertools.pairwise(RING_EDGES_DEGREES):

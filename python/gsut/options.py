@@ -272,8 +272,12 @@ class TrainOptions:
             raise InputError(
                 f"{source}: unknown option {', '.join(unknown)}; known are {', '.join(known)}"
             )
+        given: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in values.items()
+        }
         try:
-            return cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+            return cls(**given)
         except InputError as error:
             raise InputError(f"{source}: {error}") from None
 

@@ -45,8 +45,11 @@ def smooth_path(camera_from_world: np.ndarray, num_frames: int, closed: bool = F
 
     tangents = np.empty_like(keys)
     tangents[1:-1] = (keys[2:] - keys[:-2]) / (knots[2:] - knots[:-2])[:, None, None]
-    tangents[0] = (keys[1] - keys[0]) / knots[1]
-    tangents[-1] = (keys[-1] - keys[-2]) / (knots[-1] - knots[-2])
+    # Open ends: the parabola through the end, its neighbour and the neighbour's tangent.
+    first = (keys[1] - keys[0]) / knots[1]
+    last = (keys[-1] - keys[-2]) / (knots[-1] - knots[-2])
+    tangents[0] = 2 * first - tangents[1] if len(keys) > 2 else first
+    tangents[-1] = 2 * last - tangents[-2] if len(keys) > 2 else last
     if closed:
         around = (keys[1] - keys[-2]) / (knots[1] + knots[-1] - knots[-2])
         tangents[0] = tangents[-1] = around

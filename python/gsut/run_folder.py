@@ -65,7 +65,8 @@ class RunFolder:
             resume: go on with the run that the folder holds. Without one a new run begins.
             overwrite: remove the files of the run that the folder holds (only those: other files
                 in it stay).
-            environment: written as environment.json.
+            environment: written as environment.json; a run that is resumed keeps its own, which
+                holds the command line that reproduces it.
 
         Raises:
             InputError: the folder holds a run and neither resume nor overwrite is said; the run to
@@ -87,7 +88,7 @@ class RunFolder:
         except OSError as error:
             raise InputError(f"cannot make the folder {run.path}: {_reason(error)}") from None
         run.write_text(OPTIONS, options.resolved().to_json() + "\n")
-        if environment is not None:
+        if environment is not None and not (resume and (run.path / ENVIRONMENT).is_file()):
             run.write_json(ENVIRONMENT, environment)
         return run
 

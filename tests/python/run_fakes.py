@@ -1,4 +1,4 @@
-"""Stand-ins for scene, camera and renderer, so that the run's tooling is tested without training."""
+"""Stand-ins for scene, camera and renderer: tests a run's tooling without training."""
 
 from __future__ import annotations
 
@@ -91,46 +91,26 @@ def fake_renderer(scene: FakeScene, error: float = 0.1):
     return render
 
 
-def psnr(a, b, mask):
-    """PSNR in dB over a mask, for builds without gsut.metrics."""
-    return -10 * math.log10(np.mean((np.asarray(a, float) - b)[mask] ** 2))
-
-
-def ring_psnr(a, b, angles, edges_degrees, mask):
-    """PSNR by ring, for builds without gsut.metrics."""
-    rows = []
-    for low, high in zip(edges_degrees, edges_degrees[1:], strict=False):
-        ring = mask & (angles >= low) & (angles < high)
-        rows.append({
-            "from_degrees": low, "to_degrees": high, "pixels": int(ring.sum()),
-            "psnr": psnr(a, b, ring) if ring.any() else math.nan,
-        })  # fmt: skip
-    return rows
-
-
 def install(monkeypatch, scene: FakeScene, error: float = 0.1) -> None:
-    """Puts the fakes in the place of gsut's renderer, data reader and (if absent) metrics."""
+    """Puts the fakes in the place of gsut's renderer and readers."""
     import gsut
 
     gaussians = range(1234)
     monkeypatch.setattr(gsut, "render", fake_renderer(scene, error), raising=False)
     monkeypatch.setattr(gsut, "load_dataset", lambda path, **_: scene, raising=False)
     monkeypatch.setattr(gsut, "load_ply", lambda path: gaussians, raising=False)
-    if not hasattr(gsut, "metrics"):
-        metrics = SimpleNamespace(ring_psnr=ring_psnr, color_corrected_psnr=psnr)
-        monkeypatch.setattr(gsut, "metrics", metrics, raising=False)
-    if not hasattr(gsut, "psnr"):
-        monkeypatch.setattr(gsut, "psnr", psnr, raising=False)
-        monkeypatch.setattr(gsut, "ssim", lambda a, b, mask: 0.9, raising=False)
 
 
-def finished_run(path: Path, scene: FakeScene, options=None):
-    """A run folder as training leaves it behind; the fakes must be installed."""
+def finished_run(path: Path, scene: FakeScene, options=None, report: bool = True):
+    """A run folder as training leaves it behind; the fakes must be installed.
+
+    Without `report` the report is an empty file, which is much faster.
+    """
     from gsut.environment import describe_environment
     from gsut.evaluate import evaluate, run_metrics
     from gsut.options import TrainOptions
     from gsut.report import write_report
-    from gsut.run_folder import METRICS, SCENE, RunFolder
+    from gsut.run_folder import METRICS, REPORT, SCENE, RunFolder
 
     options = (options or TrainOptions(steps=100)).resolved()
     run = RunFolder.create(path, options, environment=describe_environment(scene.path))
@@ -142,5 +122,8 @@ def finished_run(path: Path, scene: FakeScene, options=None):
     metrics = run_metrics(evaluation, gaussians, scene, options, steps=100, train_seconds=2.0)
     run.write_json(METRICS, metrics)
     run.write(SCENE, lambda file: file.write_bytes(b"ply"))
-    write_report(run)
+    if report:
+        write_report(run)
+    else:
+        run.write_text(REPORT, "")
     return run

@@ -6,10 +6,9 @@ import math
 import numpy as np
 import pytest
 import tolerances
-from run_fakes import inward_pose
-
 from gsut import InputError
 from gsut.render_path import orbit_path, read_path, smooth_path
+from run_fakes import inward_pose
 
 KEYS = np.stack([inward_pose(angle) for angle in np.linspace(0, 4, 9)])
 
@@ -55,7 +54,7 @@ def test_smooth_path_has_no_jumps_in_speed():
 
 
 def test_smooth_path_closed_comes_back_to_its_first_key():
-    keys = np.stack([inward_pose(i * math.pi / 4) for i in range(8)])
+    keys = np.stack([inward_pose(i * math.pi / 8) for i in range(16)])
     path = smooth_path(keys, 80, closed=True)
     assert len(path) == 80
     np.testing.assert_allclose(path[0], keys[0], atol=tolerances.RIGID_POSE)

@@ -9,10 +9,9 @@ import sys
 import time
 from pathlib import Path
 
+import gsut
 import numpy as np
 import pytest
-
-import gsut
 from gsut import InputError
 from gsut.checkpoint import read_checkpoint, write_checkpoint
 from gsut.options import TrainOptions
@@ -187,7 +186,7 @@ def test_create_where_a_file_stands_says_so(tmp_path):
 )
 def test_create_in_a_folder_that_is_not_writable_says_so(tmp_path):
     tmp_path.chmod(0o500)
-    with pytest.raises(InputError, match="cannot make the folder .*Permission denied"):
+    with pytest.raises(InputError, match=r"cannot make the folder .*Permission denied"):
         RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
 
 
@@ -198,6 +197,13 @@ def test_resume_with_other_options_names_the_difference(tmp_path):
         RunFolder.create(path, TrainOptions(steps=100, seed=3), resume=True)
     RunFolder.create(path, TrainOptions(steps=100, threads=2, checkpoint_every=9), resume=True)
     assert RunFolder.open(path).read_options().threads == 2
+
+
+def test_resume_keeps_the_environment_of_the_first_start(tmp_path):
+    path = tmp_path / "run"
+    RunFolder.create(path, OPTIONS_OF_RUN, environment={"command": "first"})
+    RunFolder.create(path, OPTIONS_OF_RUN, resume=True, environment={"command": "second"})
+    assert RunFolder.open(path).read_json(ENVIRONMENT) == {"command": "first"}
 
 
 def test_resume_removes_unfinished_files(tmp_path):
