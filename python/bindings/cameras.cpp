@@ -3,11 +3,15 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
-#include <cmath>
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
 
 #include "bindings/arrays.h"
 #include "bindings/module.h"
 #include "gsut/cameras/camera.h"
+#include "gsut/formats/camera_model.h"
 
 namespace gsut::bindings {
 namespace {
@@ -95,6 +99,19 @@ py::list Examples(const std::string& model) {
   return examples;
 }
 
+using Region = std::optional<std::vector<std::array<double, 2>>>;
+
+// (camera, extrinsics, valid_region or None) of a .cameramodel file's text.
+py::tuple ParseModel(const std::string& text, const std::string& source) {
+  const CameraModelFile file = ParseCameraModel(text, source);
+  return py::make_tuple(file.camera, file.extrinsics, file.valid_region);
+}
+
+std::string FormatModel(const Camera& camera, const std::array<double, 6>& extrinsics,
+                        const Region& valid_region) {
+  return FormatCameraModel({camera, extrinsics, valid_region});
+}
+
 }  // namespace
 
 void BindCameras(py::module_& m) {
@@ -124,6 +141,9 @@ void BindCameras(py::module_& m) {
       "camera_param_names",
       [](const std::string& model) { return std::string(LensParamNames(LensFromName(model))); },
       py::arg("model"));
+  m.def("parse_camera_model", &ParseModel, py::arg("text"), py::arg("source"));
+  m.def("format_camera_model", &FormatModel, py::arg("camera"), py::arg("extrinsics"),
+        py::arg("valid_region"));
   m.def("camera_examples", &Examples, py::arg("model"));
 }
 

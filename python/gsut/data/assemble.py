@@ -209,7 +209,7 @@ def _views(frames: list[Frame], offset: np.ndarray) -> tuple[list[Camera], list[
     for frame in frames:
         camera = frame.camera
         params = np.asarray(camera.params, np.float64).tobytes()
-        key = (camera.model, params, camera.width, camera.height)
+        key = (camera.model, params, camera.width, camera.height, camera.valid_field_angle)
         if key not in index_of:
             index_of[key] = len(cameras)
             cameras.append(camera)

@@ -1,0 +1,235 @@
+// Reads and writes mrcal's .cameramodel files.
+#include "gsut/formats/camera_model.h"
+
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <sstream>
+#include <system_error>
+
+#include "gsut/base/errors.h"
+#include "gsut/formats/camera_model_literal.h"
+
+namespace gsut {
+namespace {
+
+using Kind = PythonLiteral::Kind;
+
+// mrcal's pixel (0, 0) is gsut's (0.5, 0.5).
+constexpr double kPixelShift = 0.5;
+constexpr const char* kFieldAngleKey = "gsut_valid_field_angle";
+
+struct ModelName {
+  const char* mrcal;
+  const char* gsut;
+};
+// The parameters are the same, in the same order.
+constexpr ModelName kModels[] = {
+    {"LENSMODEL_PINHOLE", "pinhole"},   {"LENSMODEL_OPENCV4", "opencv4"},
+    {"LENSMODEL_OPENCV5", "opencv5"},   {"LENSMODEL_OPENCV8", "opencv8"},
+    {"LENSMODEL_OPENCV12", "opencv12"},
+};
+
+std::string KnownModels() {
+  std::string known;
+  for (const ModelName& model : kModels)
+    known += (known.empty() ? "" : ", ") + std::string(model.mrcal);
+  return known;
+}
+
+// The file's dictionary with checked access to its keys.
+class Reader {
+ public:
+  Reader(const PythonLiteral& root, const std::string& source) : root_(root), source_(source) {}
+
+  [[noreturn]] void Fail(const std::string& key, int line, const std::string& problem) const {
+    throw CalibrationError(source_ + ", line " + std::to_string(line) + ", key '" + key +
+                           "': " + problem);
+  }
+
+  const PythonLiteral& Get(const std::string& key) const {
+    const PythonLiteral* value = root_.Find(key);
+    if (value == nullptr) {
+      throw CalibrationError(source_ + ", line " + std::to_string(root_.line) + ": key '" + key +
+                             "' is missing; a .cameramodel file needs lensmodel, intrinsics, "
+                             "extrinsics and imagersize");
+    }
+    return *value;
+  }
+
+  void Expect(const std::string& key, const PythonLiteral& value, Kind kind) const {
+    if (value.kind == kind) return;
+    Fail(key, value.line,
+         std::string("expected ") + KindName(kind) + ", found " + KindName(value.kind));
+  }
+
+  double Number(const std::string& key, const PythonLiteral& value) const {
+    Expect(key, value, Kind::kNumber);
+    return value.number;
+  }
+
+  // count < 0: any number.
+  std::vector<double> Numbers(const std::string& key, const PythonLiteral& list, int count) const {
+    Expect(key, list, Kind::kList);
+    if (count >= 0 && list.items.size() != static_cast<std::size_t>(count)) {
+      Fail(key, list.line,
+           "expected " + std::to_string(count) + " numbers, found " +
+               std::to_string(list.items.size()));
+    }
+    std::vector<double> numbers;
+    for (const PythonLiteral& item : list.items) numbers.push_back(Number(key, item));
+    return numbers;
+  }
+
+  int Pixels(const std::string& key, const PythonLiteral& list, double number) const {
+    if (number >= 1.0 && number <= std::numeric_limits<int>::max() &&
+        number == std::floor(number)) {
+      return static_cast<int>(number);
+    }
+    std::ostringstream message;
+    message << "expected two positive whole numbers, found " << number;
+    Fail(key, list.line, message.str());
+  }
+
+  const char* Model() const {
+    const PythonLiteral& name = Get("lensmodel");
+    Expect("lensmodel", name, Kind::kString);
+    for (const ModelName& model : kModels) {
+      if (name.text == model.mrcal) return model.gsut;
+    }
+    Fail("lensmodel", name.line,
+         "'" + name.text + "' is not a lens of gsut; supported: " + KnownModels() +
+             "; fit one of them with mrcal-convert-lensmodel");
+  }
+
+  Camera ReadCamera() const {
+    const char* model = Model();
+    const PythonLiteral& size_list = Get("imagersize");
+    const std::vector<double> size = Numbers("imagersize", size_list, 2);
+    const int width = Pixels("imagersize", size_list, size[0]);
+    const int height = Pixels("imagersize", size_list, size[1]);
+    const PythonLiteral& intrinsics = Get("intrinsics");
+    std::vector<double> params = Numbers("intrinsics", intrinsics, -1);
+    if (params.size() >= 4) {
+      params[2] += kPixelShift;
+      params[3] += kPixelShift;
+    }
+    double field_angle = kInfinity;
+    if (const PythonLiteral* limit = root_.Find(kFieldAngleKey)) {
+      field_angle = Number(kFieldAngleKey, *limit);
+    }
+    try {
+      return Camera(model, std::move(params), width, height, field_angle);
+    } catch (const InputError& error) {
+      Fail("intrinsics", intrinsics.line, error.what());
+    }
+  }
+
+  std::optional<std::vector<std::array<double, 2>>> ValidRegion() const {
+    constexpr const char* kKey = "valid_intrinsics_region";
+    const PythonLiteral* list = root_.Find(kKey);
+    if (list == nullptr || list->kind == Kind::kNone) return std::nullopt;
+    Expect(kKey, *list, Kind::kList);
+    std::vector<std::array<double, 2>> region;
+    for (const PythonLiteral& item : list->items) {
+      const std::vector<double> pixel = Numbers(kKey, item, 2);
+      region.push_back({pixel[0] + kPixelShift, pixel[1] + kPixelShift});
+    }
+    return region;
+  }
+
+ private:
+  const PythonLiteral& root_;
+  const std::string& source_;
+};
+
+// The shortest text that reads back as the same double.
+std::string Text(double value) {
+  char buffer[64];
+  const auto [end, error] = std::to_chars(buffer, buffer + sizeof(buffer), value);
+  return error == std::errc() ? std::string(buffer, end) : std::to_string(value);
+}
+
+template <class Values>
+std::string ListText(const Values& values) {
+  std::string text = "[ ";
+  for (const double value : values) text += Text(value) + ", ";
+  return text + "]";
+}
+
+}  // namespace
+
+CameraModelFile ParseCameraModel(std::string_view text, const std::string& source) {
+  const PythonLiteral root = ParsePythonLiteral(text, source);
+  if (root.kind != Kind::kDict) {
+    throw CalibrationError(source + ", line " + std::to_string(root.line) +
+                           ": expected a dictionary, found " + KindName(root.kind));
+  }
+  const Reader reader(root, source);
+  CameraModelFile file{reader.ReadCamera(), {}, reader.ValidRegion()};
+  const std::vector<double> extrinsics = reader.Numbers("extrinsics", reader.Get("extrinsics"), 6);
+  std::copy(extrinsics.begin(), extrinsics.end(), file.extrinsics.begin());
+  return file;
+}
+
+std::string FormatCameraModel(const CameraModelFile& file) {
+  const Camera& camera = file.camera;
+  const char* name = nullptr;
+  for (const ModelName& model : kModels) {
+    if (camera.model() == model.gsut) name = model.mrcal;
+  }
+  if (name == nullptr) {
+    throw InputError("a .cameramodel file cannot hold the lens '" + camera.model() +
+                     "'; it holds " + KnownModels());
+  }
+  std::vector<double> params = camera.params();
+  params[2] -= kPixelShift;
+  params[3] -= kPixelShift;
+  std::ostringstream out;
+  out << "{\n    'lensmodel':  '" << name << "',\n\n"
+      << "    # intrinsics are fx,fy,cx,cy,distortion0,distortion1,....\n"
+      << "    'intrinsics': " << ListText(params) << ",\n\n";
+  if (file.valid_region.has_value()) {
+    out << "    'valid_intrinsics_region': [\n";
+    for (const auto& pixel : *file.valid_region) {
+      out << "    [ " << Text(pixel[0] - kPixelShift) << ", " << Text(pixel[1] - kPixelShift)
+          << " ],\n";
+    }
+    out << "    ],\n\n";
+  }
+  if (std::isfinite(camera.valid_field_angle())) {
+    out << "    # radians from the axis; read by gsut only\n"
+        << "    '" << kFieldAngleKey << "': " << Text(camera.valid_field_angle()) << ",\n\n";
+  }
+  out << "    # extrinsics are rt_cam_ref\n"
+      << "    'extrinsics': " << ListText(file.extrinsics) << ",\n\n"
+      << "    'imagersize': [ " << camera.width() << ", " << camera.height() << " ],\n}\n";
+  return out.str();
+}
+
+CameraModelFile ReadCameraModel(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  if (!in) throw InputError(path + ": cannot be read; check the path and its permissions");
+  return ParseCameraModel(text.str(), path);
+}
+
+void WriteCameraModel(const std::string& path, const CameraModelFile& file) {
+  const std::string text = FormatCameraModel(file);
+  const std::string temporary = path + ".tmp";
+  std::ofstream out(temporary, std::ios::binary);
+  out << text;
+  out.close();
+  std::error_code error;
+  if (out) std::filesystem::rename(temporary, path, error);
+  if (!out || error) {
+    std::filesystem::remove(temporary, error);
+    throw InputError(path + ": cannot be written; check the folder and its permissions");
+  }
+}
+
+}  // namespace gsut

@@ -1,0 +1,227 @@
+// Parses Python literals, the text of mrcal's .cameramodel files.
+#include "gsut/formats/camera_model_literal.h"
+
+#include <cctype>
+#include <charconv>
+
+#include "gsut/base/errors.h"
+
+namespace gsut {
+namespace {
+
+using Kind = PythonLiteral::Kind;
+
+// Deeper nesting is no lens file, and would exhaust the stack.
+constexpr int kMaxDepth = 32;
+
+class Parser {
+ public:
+  Parser(std::string_view text, const std::string& source) : text_(text), source_(source) {}
+
+  PythonLiteral ParseAll() {
+    PythonLiteral value = ParseValue(0);
+    SkipSpace();
+    if (!AtEnd()) Fail("expected the end of the file");
+    return value;
+  }
+
+ private:
+  bool AtEnd() const { return position_ >= text_.size(); }
+  char Peek() const { return AtEnd() ? '\0' : text_[position_]; }
+
+  char Take() {
+    const char c = Peek();
+    if (c == '\n') ++line_;
+    ++position_;
+    return c;
+  }
+
+  [[noreturn]] void Fail(const std::string& problem) const {
+    std::string found = "the file ends";
+    if (!AtEnd()) found.assign("found '").append(1, Peek()).append("'");
+    throw CalibrationError(source_ + ", line " + std::to_string(line_) + ": " + problem + ", " +
+                           found + "; a .cameramodel file holds one Python dictionary");
+  }
+
+  // White space and comments.
+  void SkipSpace() {
+    while (!AtEnd()) {
+      if (Peek() == '#') {
+        while (!AtEnd() && Peek() != '\n') Take();
+      } else if (std::isspace(static_cast<unsigned char>(Peek()))) {
+        Take();
+      } else {
+        return;
+      }
+    }
+  }
+
+  bool TakeIf(char c) {
+    SkipSpace();
+    if (AtEnd() || Peek() != c) return false;
+    Take();
+    return true;
+  }
+
+  void Expect(char c) {
+    if (!TakeIf(c)) Fail(std::string("expected '").append(1, c).append("'"));
+  }
+
+  PythonLiteral ParseValue(int depth) {
+    SkipSpace();
+    PythonLiteral value;
+    value.line = line_;
+    if (depth > kMaxDepth) Fail("nested too deep");
+    if (AtEnd()) Fail("expected a value");
+    const char c = Peek();
+    if (c == '{') {
+      ParseDict(depth, &value);
+    } else if (c == '[' || c == '(') {
+      ParseList(depth, &value);
+    } else if (IsStringStart()) {
+      ParseStrings(&value);
+    } else if (std::isalpha(static_cast<unsigned char>(c))) {
+      ParseWord(&value);
+    } else {
+      ParseNumber(&value);
+    }
+    return value;
+  }
+
+  void ParseDict(int depth, PythonLiteral* value) {
+    value->kind = Kind::kDict;
+    Expect('{');
+    while (!TakeIf('}')) {
+      PythonLiteral key = ParseValue(depth + 1);
+      Expect(':');
+      PythonLiteral entry = ParseValue(depth + 1);
+      value->entries.emplace_back(std::move(key), std::move(entry));
+      if (!TakeIf(',')) {
+        Expect('}');
+        return;
+      }
+    }
+  }
+
+  void ParseList(int depth, PythonLiteral* value) {
+    value->kind = Kind::kList;
+    const char close = Take() == '[' ? ']' : ')';
+    while (!TakeIf(close)) {
+      value->items.push_back(ParseValue(depth + 1));
+      if (!TakeIf(',')) {
+        Expect(close);
+        return;
+      }
+    }
+  }
+
+  static bool IsQuote(char c) { return c == '\'' || c == '"'; }
+
+  // A quote, perhaps after one of the prefixes b, r, u.
+  bool IsStringStart() const {
+    if (IsQuote(Peek())) return true;
+    const bool prefix = std::string_view("bBrRuU").find(Peek()) != std::string_view::npos;
+    return prefix && position_ + 1 < text_.size() && IsQuote(text_[position_ + 1]);
+  }
+
+  // Adjacent strings are one.
+  void ParseStrings(PythonLiteral* value) {
+    value->kind = Kind::kString;
+    do {
+      if (!IsQuote(Peek())) Take();
+      ParseString(&value->text);
+      SkipSpace();
+    } while (!AtEnd() && IsStringStart());
+  }
+
+  void ParseString(std::string* out) {
+    const char quote = Take();
+    const std::string triple(3, quote);
+    const bool is_triple = text_.substr(position_ - 1, 3) == triple;
+    if (is_triple) position_ += 2;
+    for (;;) {
+      if (AtEnd()) Fail("a string is not closed");
+      if (is_triple && text_.substr(position_, 3) == triple) {
+        position_ += 3;
+        return;
+      }
+      if (!is_triple && Peek() == quote) {
+        Take();
+        return;
+      }
+      if (!is_triple && Peek() == '\n') Fail("a string is not closed");
+      char c = Take();
+      if (c == '\\' && !AtEnd()) {
+        c = Take();
+        if (c == 'n') c = '\n';
+        if (c == 't') c = '\t';
+      }
+      out->push_back(c);
+    }
+  }
+
+  void ParseWord(PythonLiteral* value) {
+    const std::size_t begin = position_;
+    std::size_t end = begin;
+    while (end < text_.size() && std::isalnum(static_cast<unsigned char>(text_[end]))) ++end;
+    const std::string_view word = text_.substr(begin, end - begin);
+    if (word == "True" || word == "False") {
+      value->kind = Kind::kBool;
+      value->number = word == "True" ? 1.0 : 0.0;
+    } else if (word != "None") {
+      Fail("expected a value");
+    }
+    position_ = end;
+  }
+
+  void ParseNumber(PythonLiteral* value) {
+    value->kind = Kind::kNumber;
+    std::size_t begin = position_;
+    if (Peek() == '+') ++begin;
+    const char* first = text_.data() + begin;
+    const char* last = text_.data() + text_.size();
+    const auto [end, error] = std::from_chars(first, last, value->number);
+    const bool sign_twice = begin != position_ && begin < text_.size() && text_[begin] == '-';
+    if (error != std::errc() || sign_twice) Fail("expected a number");
+    position_ = static_cast<std::size_t>(end - text_.data());
+  }
+
+  std::string_view text_;
+  const std::string& source_;
+  std::size_t position_ = 0;
+  int line_ = 1;
+};
+
+}  // namespace
+
+const PythonLiteral* PythonLiteral::Find(std::string_view key) const {
+  const PythonLiteral* found = nullptr;
+  for (const auto& [name, value] : entries) {
+    if (name.kind == Kind::kString && name.text == key) found = &value;
+  }
+  return found;
+}
+
+const char* KindName(PythonLiteral::Kind kind) {
+  switch (kind) {
+    case Kind::kNone:
+      return "None";
+    case Kind::kBool:
+      return "a truth value";
+    case Kind::kNumber:
+      return "a number";
+    case Kind::kString:
+      return "a string";
+    case Kind::kList:
+      return "a list";
+    case Kind::kDict:
+      return "a dictionary";
+  }
+  return "something else";
+}
+
+PythonLiteral ParsePythonLiteral(std::string_view text, const std::string& source) {
+  return Parser(text, source).ParseAll();
+}
+
+}  // namespace gsut
