@@ -1,0 +1,71 @@
+"""What a run was made with: versions, machine, command line, memory."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shlex
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+
+_MEGABYTE = 2**20
+
+
+def describe_environment(dataset: str | os.PathLike[str] | None = None) -> dict[str, Any]:
+    """Versions, machine and command line, for environment.json.
+
+    Args:
+        dataset: the data set's path; kept in full, so that `gsut eval` finds it from anywhere.
+
+    Returns:
+        dict of str and int, ready for JSON.
+    """
+    import cv2
+
+    return {
+        "dataset": str(Path(dataset).resolve()) if dataset is not None else None,
+        "command": command_line(),
+        "started": time.strftime("%Y-%m-%d %H:%M:%S %z"),
+        "version": _core.__version__,
+        "isa": _core.active_isa(),
+        "threads": _core.num_threads(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "opencv": cv2.__version__,
+        "system": platform.platform(),
+        "processor": _processor_name(),
+        "processors": os.cpu_count(),
+    }
+
+
+def command_line() -> str:
+    """The command line of this process, to be typed again; the program's path left out."""
+    program = Path(sys.argv[0]).name if sys.argv and sys.argv[0] else "python"
+    return shlex.join(["gsut" if program == "__main__.py" else program, *sys.argv[1:]])
+
+
+def peak_rss_mb() -> float | None:
+    """Largest resident memory of this process so far, in MiB; None where it is not told."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / _MEGABYTE if sys.platform == "darwin" else peak / 1024  # bytes there, KiB here
+
+
+def _processor_name() -> str:
+    """The processor's name as the system tells it."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith(("model name", "Model")):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
