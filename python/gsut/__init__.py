@@ -14,8 +14,17 @@ from gsut._core import (
     set_num_threads,
 )
 from gsut.cameras import Camera, camera_models
+from gsut.data.lens_files import load_camera
+from gsut.data.load import load_dataset
+from gsut.data.scene import Scene, View
+from gsut.evaluate import evaluate
+from gsut.formats import load_ply, save_ply
 from gsut.gaussians import Gaussians
+from gsut.metrics import psnr, ssim
+from gsut.options import TrainOptions
 from gsut.render import Gradients, Projection, Render, project, render, render_backward
+from gsut.seeding import seed_from_points, seed_in_view
+from gsut.train import TrainResult, train
 
 __all__ = [
     "BlendRule",
@@ -26,16 +35,30 @@ __all__ = [
     "InputError",
     "Projection",
     "Render",
+    "Scene",
     "SolveError",
+    "TrainOptions",
+    "TrainResult",
+    "View",
     "__version__",
     "active_isa",
     "available_isas",
     "camera_models",
+    "evaluate",
     "exp_pose",
+    "load_camera",
+    "load_dataset",
+    "load_ply",
     "num_threads",
     "project",
+    "psnr",
     "render",
     "render_backward",
+    "save_ply",
+    "seed_from_points",
+    "seed_in_view",
     "set_isa",
     "set_num_threads",
+    "ssim",
+    "train",
 ]

@@ -1,0 +1,83 @@
+"""Training images at full, half and quarter resolution, each ready for the loss."""
+
+from __future__ import annotations
+
+import collections
+
+import numpy as np
+
+from gsut import _core
+from gsut.data.scene import Scene
+
+# Coarse levels with a shorter side below this many pixels are left out: nothing to learn there.
+_SMALLEST_SIDE = 64
+# Targets kept decoded with their statistics; beyond it the least recently used are made again.
+_TARGET_CACHE_BYTES = 2 << 30
+
+
+class Level:
+    """The scene at one resolution."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._targets: collections.OrderedDict[int, _core.PhotometricTarget] = (
+            collections.OrderedDict()
+        )
+        self._bytes = 0
+        self._buffers: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
+
+    def camera(self, view: int) -> _core.Camera:
+        """Camera of a view, at this resolution."""
+        return self._scene.camera(view)
+
+    def target(self, view: int) -> _core.PhotometricTarget:
+        """The view's photograph and mask with what the loss precomputes of them."""
+        if view in self._targets:
+            self._targets.move_to_end(view)
+            return self._targets[view]
+        target = _core.PhotometricTarget(
+            self._scene.image(view), self._scene.mask(view), "partial", True
+        )
+        self._targets[view] = target
+        self._bytes += target.nbytes
+        while self._bytes > _TARGET_CACHE_BYTES and len(self._targets) > 1:
+            self._bytes -= self._targets.popitem(last=False)[1].nbytes
+        return target
+
+    def buffers(self, view: int) -> tuple[np.ndarray, np.ndarray]:
+        """Two (H, W, 3) float32 arrays of the view's size, used again and again."""
+        camera = self.camera(view)
+        size = (camera.height, camera.width)
+        if size not in self._buffers:
+            self._buffers[size] = (
+                np.zeros((*size, 3), np.float32), np.zeros((*size, 3), np.float32)
+            )
+        return self._buffers[size]
+
+
+class ImagePyramid:
+    """Which resolution is trained at when.
+
+    Args:
+        scene: at full resolution.
+        until: fractions of the steps: quarter resolution up to the first, half up to the second.
+    """
+
+    def __init__(self, scene: Scene, until: tuple[float, float]) -> None:
+        self._scene = scene
+        shorter = min(min(c.width, c.height) for c in scene.cameras)
+        self._until = [
+            (factor, end)
+            for factor, end in zip((0.25, 0.5), until, strict=True)
+            if end > 0 and factor * shorter >= _SMALLEST_SIDE
+        ]
+        self._factor = 0.0
+        self._level: Level | None = None
+
+    def at(self, fraction: float) -> Level:
+        """The level for a step at this fraction of all steps; a passed level is dropped."""
+        factor = next((f for f, end in self._until if fraction <= end), 1.0)
+        if self._level is None or factor != self._factor:
+            self._factor = factor
+            self._level = Level(self._scene if factor == 1.0 else self._scene.scaled(factor))
+        return self._level

@@ -1,0 +1,324 @@
+"""The whole way from photographs to Gaussians, one line a stage: read this file first."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError
+from gsut.data.scene import Scene
+from gsut.evaluate import evaluate, run_metrics
+from gsut.gaussians import Gaussians
+from gsut.metrics import psnr
+from gsut.optimize import GaussianOptimizer, LearningRates, exponential_rate
+from gsut.options import TrainOptions
+from gsut.progress import TrainingProgress
+from gsut.pyramid import ImagePyramid
+from gsut.render import DEFAULT_UNSCENTED
+from gsut.run_folder import RunFolder
+from gsut.seeding import seed_from_points, seed_in_view
+
+# Random first Gaussians lie between these distances from a camera, in units of the scene's extent.
+_RANDOM_NEAR, _RANDOM_FAR = 0.05, 4.0
+_RANDOM_COUNT = 30_000
+# Held-out views that the curve of PSNR is measured on: a few, spread evenly.
+_CURVE_VIEWS = 8
+# 3DGS' adaptive density control: opacities are reset every so many steps of 30 000, and the sizes
+# that separate cloning from splitting and that are pruned, in units of the extent.
+_RESET_FRACTION = 0.1
+_CLONE_SCALE, _PRUNE_SCALE = 0.01, 0.1
+
+
+@dataclasses.dataclass
+class TrainResult:
+    """What training gives.
+
+    Attributes:
+        gaussians: the scene's Gaussians, in the scene's (recentred) coordinates.
+        metrics: the content of metrics.json.
+        history: one dict a logged step: step, seconds, loss, num_gaussians, psnr.
+    """
+
+    gaussians: Gaussians
+    metrics: dict[str, Any]
+    history: list[dict[str, Any]]
+
+
+def train(
+    scene: Scene,
+    options: TrainOptions | None = None,
+    *,
+    out: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: bool | Callable[[dict[str, Any]], None] = True,
+) -> TrainResult:
+    """Trains Gaussians on a scene's training views; its test views are only measured.
+
+    Args:
+        scene: from `load_dataset`.
+        options: see `TrainOptions`; None: the defaults.
+        out: run folder that gets scene.ply, metrics.json, report.html, checkpoints ...; None: no
+            files.
+        resume: go on from the checkpoint in `out`, to the same bits as an unbroken run.
+        progress: True shows a bar; a function gets each row of the history.
+
+    Returns:
+        Gaussians, metrics and history. The same seed gives the same bits on any number of threads.
+
+    Raises:
+        InputError: no training view, an option out of range, or `out` holds a run.
+    """
+    o = (options or TrainOptions()).resolved()
+    _core.set_num_threads(o.threads)
+    if not scene.train_indices:
+        raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
+    run = None if out is None else _create_run(out, o, scene, resume)
+    if o.scale != 1.0:
+        scene = scene.scaled(o.scale)
+    loop = TrainingLoop(scene, o)
+    checkpoint = run.load_checkpoint() if run is not None and resume else None
+    if checkpoint is not None:
+        loop.load_state_dict(checkpoint[1])
+    history = run.read_history() if run is not None else []
+
+    with TrainingProgress(o.steps, progress is True, loop.step) as bar:
+        while loop.step < o.steps:
+            loss = loop.advance()
+            row = loop.history_row(loss)
+            bar.update(loop.step, loss, len(loop.gaussians), row.get("psnr") if row else None)
+            if row:
+                history.append(row)
+                if run is not None:
+                    run.append_history(row)
+                if callable(progress):
+                    progress(row)
+            if run is not None and o.checkpoint_every and loop.step % o.checkpoint_every == 0:
+                run.save_checkpoint(loop.step, loop.state_dict())
+
+    gaussians = loop.gaussians.copy()
+    indices = scene.test_indices or scene.train_indices[:_CURVE_VIEWS]
+    renders = None if run is None else run.renders
+    evaluation = evaluate(
+        gaussians, scene, indices, background=o.background, render_folder=renders
+    )
+    metrics = run_metrics(
+        evaluation, gaussians, scene, o, steps=loop.step, train_seconds=loop.seconds
+    )
+    metrics["evaluated_on"] = "test views" if scene.test_indices else "training views"
+    if run is not None:
+        run.save_checkpoint(loop.step, loop.state_dict())
+        _write_results(run, gaussians, metrics)
+    return TrainResult(gaussians, metrics, history)
+
+
+class TrainingLoop:
+    """The state of a run between two steps; `advance` makes one.
+
+    Args:
+        scene: training views, cameras and points, at the resolution to train at.
+        options: resolved.
+    """
+
+    def __init__(self, scene: Scene, options: TrainOptions) -> None:
+        self.scene, self.options = scene, options
+        self.step = 0
+        self.seconds = 0.0  # of the steps alone, without reading images and measuring PSNR
+        start = first_gaussians(scene, options)
+        self.first_count = len(start)
+        capacity = max(options.max_gaussians, len(start)) if options.strategy == "mcmc" else None
+        self.optimizer = GaussianOptimizer(start, capacity, seed=options.seed)
+        self.pyramid = ImagePyramid(scene, options.coarse_to_fine)
+        self.renderer = _core.Renderer()
+        self.rule = _core.BlendRule()
+        self._gradients = _empty_like(self.optimizer.gaussians)
+        self._touched = np.zeros(len(start), np.uint8)
+
+    @property
+    def gaussians(self) -> Gaussians:
+        """The Gaussians as they are now: views, valid until the next step."""
+        return self.optimizer.gaussians
+
+    def advance(self) -> float:
+        """One training step on one image; returns its loss."""
+        o, step = self.options, self.step + 1
+        fraction = step / o.steps
+        view = self._view_of(step)
+        level = self.pyramid.at(fraction)
+        target, image, dimage = level.target(view), *level.buffers(view)
+        degree = min(o.sh_degree, step // o.sh_every)
+        rates = self._rates(fraction)
+        began = time.perf_counter()
+
+        g = self.optimizer.gaussians
+        self._make_room(g)
+        # cameras, poses -> projection -> raster
+        self.renderer.render(
+            g, level.camera(view), self.scene.views[view].camera_from_world, self.rule,
+            o.background, degree, DEFAULT_UNSCENTED, image, None, None, True,
+        )
+        # loss, and back through the raster to every parameter
+        loss, _ = _core.photometric_loss(target, image, dimage, o.ssim_weight)
+        self.renderer.backward(
+            dimage, None, None, self._gradients, self._touched, not o.sparse_adam
+        )
+        # optimize
+        if o.strategy == "mcmc":
+            self.optimizer.add_regularizer(
+                self._gradients, o.opacity_regularizer, o.scale_regularizer
+            )
+        self.optimizer.accumulate(self._gradients.means, self.renderer.distances(), self._touched)
+        visible = self._touched if o.sparse_adam else None
+        self.optimizer.step(self._gradients, rates, visible, degree)
+        self.step = step
+        if o.noise and o.strategy == "mcmc":
+            self.optimizer.add_noise(rates.means)
+        if step % o.densify_every == 0 and o.densify_from <= fraction <= o.densify_until:
+            self._densify(fraction)
+        self.seconds += time.perf_counter() - began
+        return loss
+
+    def history_row(self, loss: float) -> dict[str, Any] | None:
+        """What is written down after this step, with the held-out PSNR when it is due."""
+        o = self.options
+        measure = self.step == o.steps or (o.eval_every and self.step % o.eval_every == 0)
+        if not (measure or self.step % max(1, o.steps // 200) == 0):
+            return None
+        row = {
+            "step": self.step,
+            "seconds": self.seconds,
+            "loss": loss,
+            "num_gaussians": len(self.gaussians),
+        }
+        if measure and self.scene.test_indices:
+            row["psnr"] = self._held_out_psnr()
+        return row
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that later steps depend on."""
+        return {
+            "step": self.step,
+            "seconds": self.seconds,
+            "first_count": self.first_count,
+            "optimizer": self.optimizer.state_dict(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Goes on exactly where `state_dict` was taken."""
+        self.step = int(state["step"])
+        self.seconds = float(state["seconds"])
+        self.first_count = int(state["first_count"])
+        self.optimizer.load_state_dict(state["optimizer"])
+
+    def _view_of(self, step: int) -> int:
+        """Every training view once an epoch, in an order that depends on seed and epoch only."""
+        views = self.scene.train_indices
+        epoch, place = divmod(step - 1, len(views))
+        order = np.random.default_rng([self.options.seed, epoch]).permutation(len(views))
+        return views[order[place]]
+
+    def _rates(self, fraction: float) -> LearningRates:
+        o = self.options
+        decay = o.lr_final_factor**fraction
+        return LearningRates(
+            means=o.lr_means * self.scene.extent * o.lr_means_final_factor**fraction,
+            quats=o.lr_quats * decay,
+            log_scales=o.lr_scales * decay,
+            opacity_logits=o.lr_opacity * decay,
+            sh0=o.lr_sh0 * decay,
+            sh_rest=o.lr_sh_rest * decay,
+        )
+
+    def _densify(self, fraction: float) -> None:
+        o = self.options
+        if o.strategy == "mcmc":
+            self.optimizer.densify_mcmc(self._target_size(fraction), dead_opacity=o.dead_opacity)
+            return
+        self.optimizer.densify_adaptive(
+            clone_scale=_CLONE_SCALE * self.scene.extent,
+            max_scale=_PRUNE_SCALE * self.scene.extent,
+            prune_opacity=o.dead_opacity,
+            max_gaussians=o.max_gaussians,
+        )
+        resets = max(1, round(_RESET_FRACTION * o.steps))
+        if self.step % (math.ceil(resets / o.densify_every) * o.densify_every) == 0:
+            self.optimizer.reset_opacities()
+
+    def _target_size(self, fraction: float) -> int:
+        """Geometric growth from the first count to the cap between two fractions of the steps."""
+        o = self.options
+        if fraction >= o.grow_until or self.first_count >= o.max_gaussians:
+            return o.max_gaussians
+        begun = max(0.0, fraction - o.densify_from) / max(1e-9, o.grow_until - o.densify_from)
+        return round(self.first_count * (o.max_gaussians / self.first_count) ** begun)
+
+    def _make_room(self, g: Gaussians) -> None:
+        if len(self._gradients) != len(g):
+            self._gradients = _empty_like(g)
+            self._touched = np.zeros(len(g), np.uint8)
+
+    def _held_out_psnr(self) -> float:
+        test = self.scene.test_indices
+        chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
+        values = []
+        for index in chosen:
+            camera = self.scene.camera(index)
+            image = np.zeros((camera.height, camera.width, 3), np.float32)
+            self.renderer.render(
+                self.gaussians, camera, self.scene.views[index].camera_from_world, self.rule,
+                self.options.background, self.options.sh_degree, DEFAULT_UNSCENTED, image, None,
+                None, False,
+            )
+            truth = self.scene.image(index).astype(np.float32) / np.float32(255)
+            values.append(psnr(np.clip(image, 0.0, 1.0), truth, self.scene.mask(index)))
+        return float(np.mean(values))
+
+
+def first_gaussians(scene: Scene, options: TrainOptions) -> Gaussians:
+    """The Gaussians that training starts from: on the scene's points, or random in view."""
+    o = options
+    shape = {
+        "sh_degree": o.sh_degree, "scale_factor": o.init_scale, "opacity": o.init_opacity,
+        "seed": o.seed,
+    }
+    if o.init == "points" and len(scene.points) == 0:
+        raise InputError(f"{scene.path} has no points to start from; use --init random")
+    if o.init == "random" or len(scene.points) == 0:
+        views = [scene.views[i] for i in scene.train_indices]
+        return seed_in_view(
+            [scene.cameras[view.camera_index] for view in views],
+            np.array([view.camera_from_world for view in views]),
+            min(o.init_count or _RANDOM_COUNT, o.max_gaussians),
+            near=_RANDOM_NEAR * scene.extent, far=_RANDOM_FAR * scene.extent, **shape,
+        )
+    most = min(o.init_count or len(scene.points), o.max_gaussians)
+    return seed_from_points(scene.points, scene.point_colors, max_gaussians=most, **shape)
+
+
+def _empty_like(g: Gaussians) -> Gaussians:
+    return Gaussians(*(np.zeros_like(getattr(g, f.name)) for f in dataclasses.fields(g)))
+
+
+def _create_run(
+    out: str | os.PathLike[str], options: TrainOptions, scene: Scene, resume: bool
+) -> RunFolder:
+    from gsut.environment import describe_environment
+
+    return RunFolder.create(
+        out, options, resume=resume, environment=describe_environment(scene.path)
+    )
+
+
+def _write_results(run: RunFolder, gaussians: Gaussians, metrics: dict[str, Any]) -> None:
+    from gsut.formats import save_ply
+    from gsut.report import write_report
+
+    run.write("scene.ply", lambda path: save_ply(path, gaussians))
+    run.write_json("metrics.json", metrics)
+    write_report(run)
