@@ -221,7 +221,7 @@ class GaussianOptimizer:
         dead_opacity: float = 0.005,
         max_scale: float = np.inf,
         split: bool = True,
-        split_power: float = 1.0,
+        split_power: float = 1 / 3,
     ) -> McmcCounts:
         """Relocates dead Gaussians onto living ones and adds new ones the same way.
 
@@ -234,7 +234,8 @@ class GaussianOptimizer:
             max_scale: world units; a Gaussian with a larger standard deviation is dead.
             split: True spreads the n copies over their parent, scales times n^(-1/3); False puts
                 them at the same place with the paper's opacities and scales.
-            split_power: with split, a copy's opacity is 1 - (1 - o)^(n^-split_power).
+            split_power: with split, a copy's opacity is 1 - (1 - o)^(n^-split_power); 1/3 keeps the
+                optical thickness, 1 is the paper's rule.
 
         Returns:
             Counts; fewer are relocated or added if the living would be copied over 50 times.

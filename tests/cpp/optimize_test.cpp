@@ -81,6 +81,8 @@ TEST(AdamTest, MatchesDoubleReferenceOnEveryInstructionSetWithTheSameBits) {
       cases.push_back({rows, columns, columns, false, false});
       cases.push_back({rows, columns, columns, true, false});
     }
+    cases.push_back({rows, 12, 12, true, true});
+    cases.push_back({rows, 12, 12, false, true});
     for (const int active : {3, 12, 27, 48}) {
       cases.push_back({rows, 48, active, true, true});
       cases.push_back({rows, 48, active, false, true});
@@ -128,7 +130,7 @@ TEST(AdamTest, MatchesDoubleReferenceOnEveryInstructionSetWithTheSameBits) {
     }
     SetIsa("");
   }
-  EXPECT_EQ(ran, static_cast<int>(98 * AvailableIsas().size()));
+  EXPECT_EQ(ran, static_cast<int>(112 * AvailableIsas().size()));
 }
 
 TEST(AdamTest, SameBitsOnAnyThreadCount) {

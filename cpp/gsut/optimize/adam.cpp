@@ -95,14 +95,13 @@ void UpdateRange(const AdamConstants& c, std::size_t count, const float* rates,
   std::memcpy(moment2 + i, rest[2], bytes);
 }
 
-// As UpdateRange with one rate, for the elements whose `seen` word is all ones (others: 0).
-// count is a multiple of the vector length.
-void UpdateSeen(const AdamConstants& c, std::size_t count, float rate_value,
+// As UpdateRange with a rate an element, for the elements whose `seen` word is all ones (others:
+// 0). count is a multiple of the vector length.
+void UpdateSeen(const AdamConstants& c, std::size_t count, const float* rates,
                 const std::int32_t* seen, const float* gradients, float* params, float* moment1,
                 float* moment2) {
   const D d;
   const hn::RebindToSigned<D> di;
-  const V rate = hn::Set(d, rate_value);
   for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
     const auto mask = hn::MaskFromVec(hn::BitCast(d, hn::LoadU(di, seen + i)));
     if (hn::AllFalse(d, mask)) continue;
@@ -110,14 +109,47 @@ void UpdateSeen(const AdamConstants& c, std::size_t count, float rate_value,
     const V m0 = hn::LoadU(d, moment1 + i);
     const V v0 = hn::LoadU(d, moment2 + i);
     V p = p0, m = m0, v = v0;
-    UpdateVector(c, rate, hn::LoadU(d, gradients + i), p, m, v);
+    UpdateVector(c, hn::LoadU(d, rates + i), hn::LoadU(d, gradients + i), p, m, v);
     hn::StoreU(hn::IfThenElse(mask, p, p0), d, params + i);
     hn::StoreU(hn::IfThenElse(mask, m, m0), d, moment1 + i);
     hn::StoreU(hn::IfThenElse(mask, v, v0), d, moment2 + i);
   }
 }
 
-// Rows [begin, end) of one group. Rows are cut into short blocks for the mask of narrow rows.
+// 16 rows are a whole number of vectors of any instruction set, whatever the columns.
+constexpr std::int64_t kBlockRows = 16;
+// Rows of more columns are stepped one at a time, so that what is not seen is not even read.
+constexpr std::size_t kNarrowColumns = 16;
+
+// Narrow rows [begin, end), whole blocks only, several rows a vector; returns where it stopped.
+std::int64_t UpdateBlocks(const AdamConstants& c, const AdamGroup& group, const float* rates,
+                          bool many_rates, const std::uint8_t* visible, std::int64_t begin,
+                          std::int64_t end) {
+  const auto columns = static_cast<std::size_t>(group.columns);
+  const std::size_t count = kBlockRows * columns;
+  float block_rates[kBlockRows * kNarrowColumns];
+  std::int32_t seen[kBlockRows * kNarrowColumns];
+  for (std::size_t i = 0; i < count; ++i) {
+    block_rates[i] = rates[many_rates ? i % columns : 0];
+    seen[i] = -1;
+  }
+  std::int64_t row = begin;
+  for (; row + kBlockRows <= end; row += kBlockRows) {
+    if (visible != nullptr) {
+      std::int32_t* word = seen;
+      for (std::int64_t r = row; r < row + kBlockRows; ++r) {
+        const std::int32_t all = visible[r] != 0 ? -1 : 0;
+        for (std::size_t column = 0; column < columns; ++column) *word++ = all;
+      }
+    }
+    const std::size_t at = static_cast<std::size_t>(row) * columns;
+    UpdateSeen(c, count, block_rates, seen, group.gradients + at, group.params + at,
+               group.moment1 + at, group.moment2 + at);
+  }
+  return row;
+}
+
+// Rows [begin, end) of one group.
 void UpdateRows(const AdamConstants& c, const AdamGroup& group, const float* rates, bool many_rates,
                 const std::uint8_t* visible, std::int64_t begin, std::int64_t end) {
   const auto columns = static_cast<std::size_t>(group.columns);
@@ -127,36 +159,17 @@ void UpdateRows(const AdamConstants& c, const AdamGroup& group, const float* rat
     function(c, count, rates, group.gradients + at, group.params + at, group.moment1 + at,
              group.moment2 + at);
   };
-  const bool whole_rows = active == columns && !many_rates;
-  if (whole_rows && visible == nullptr) {
+  if (active == columns && !many_rates && visible == nullptr) {
     update(static_cast<std::size_t>(begin) * columns,
            static_cast<std::size_t>(end - begin) * columns);
     return;
   }
-  constexpr std::size_t kNarrowColumns = 8;  // wider rows are stepped one at a time
-  if (!whole_rows || columns > kNarrowColumns) {
-    for (std::int64_t row = begin; row < end; ++row) {
-      if (visible != nullptr && visible[row] == 0) continue;
-      update(static_cast<std::size_t>(row) * columns, active);
-    }
-    return;
+  if (active == columns && columns <= kNarrowColumns) {
+    begin = UpdateBlocks(c, group, rates, many_rates, visible, begin, end);
   }
-  // 16 rows are a whole number of vectors of any instruction set, whatever the columns.
-  constexpr std::int64_t kBlockRows = 16;
-  std::int32_t seen[kBlockRows * kNarrowColumns];
-  std::int64_t row = begin;
-  for (; row + kBlockRows <= end; row += kBlockRows) {
-    std::int32_t* word = seen;
-    for (std::int64_t r = row; r < row + kBlockRows; ++r) {
-      const std::int32_t all = visible[r] != 0 ? -1 : 0;
-      for (std::size_t column = 0; column < columns; ++column) *word++ = all;
-    }
-    const std::size_t at = static_cast<std::size_t>(row) * columns;
-    UpdateSeen(c, kBlockRows * columns, rates[0], seen, group.gradients + at, group.params + at,
-               group.moment1 + at, group.moment2 + at);
-  }
-  for (; row < end; ++row) {
-    if (visible[row] != 0) update(static_cast<std::size_t>(row) * columns, columns);
+  for (std::int64_t row = begin; row < end; ++row) {
+    if (visible != nullptr && visible[row] == 0) continue;
+    update(static_cast<std::size_t>(row) * columns, active);
   }
 }
 

@@ -48,7 +48,7 @@ void McmcNoise(const GaussiansView<float>& params, std::int64_t size, double lea
       const float* log_scales = params.log_scales + 3 * row;
       const float largest =
           ScaleFromLog(std::max(log_scales[0], std::max(log_scales[1], log_scales[2])));
-      if (!(gate * largest > kNegligible) || !RowIsFinite(params, row)) continue;
+      if (!(gate * largest > kNegligible)) continue;
       float normals[3], rotation[9], along[3];
       DrawNormals(rng, row, normals);
       RotationFromQuaternion(params.quats + 4 * row, rotation);
@@ -63,7 +63,7 @@ void McmcNoise(const GaussiansView<float>& params, std::int64_t size, double lea
         const float* r = rotation + 3 * i;
         const float moved =
             params.means[3 * row + i] + (r[0] * along[0] + r[1] * along[1] + r[2] * along[2]);
-        // A Gaussian so large that its noise overflows stays where it is.
+        // What is not finite, or so large that its noise overflows, stays where it is.
         if (std::abs(moved) <= std::numeric_limits<float>::max()) params.means[3 * row + i] = moved;
       }
     }
