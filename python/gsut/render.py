@@ -61,7 +61,7 @@ def project(
         The footprints. Centres in float32 are within 1e-4 px of the reference for alpha >= 0.1.
 
     Raises:
-        InputError: unknown method, shapes, weights or pose.
+        InputError: unknown method or dtype, shapes, weights or pose.
     """
     if method not in _METHODS:
         raise InputError(f'projection method "{method}" is unknown; known: {", ".join(_METHODS)}')
@@ -77,6 +77,8 @@ def project(
         depths = np.linalg.norm(g.means @ pose[:3, :3].T + pose[:3, 3], axis=1)
         extents = np.sqrt(cutoff[:, None] * variances)
         return Projection(out["centers"], cov, extents, depths, out["valid"].astype(bool))
+    if dtype != "float32":
+        raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     out = _core.project(
         gaussians.astype(np.float32), camera, camera_from_world, alpha, beta, kappa, alpha_min
     )
