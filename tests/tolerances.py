@@ -44,3 +44,13 @@ DATA_PLY_POSITION = 2e-7  # a PLY file stores float32; coordinates up to 1.5 rou
 DATA_UTM_POSITION = 2e-9  # coordinates of 5.4e6 in double have a spacing of 9.3e-10
 DATA_EIGHT_BIT = 0.5  # rounding of a mean to 8 bits; worst 0.5
 DATA_TEXTURE_STEP = 16  # grey levels between neighbouring pixels of the small plane; worst 13
+
+# --- projection, raster, training ------------------------------------------------------------------
+ORACLE_RAY = 1e-12  # gsplat inverts its lenses by Newton to 1e-6 of a pixel; its worst is 7e-14
+ORACLE_IMAGE = 1e-9  # double against double, sums of at most 200 terms; worst 
+ORACLE_GRADIENT = 1e-6  # relative L2
+ORACLE_PROJECTION = 1e-9  # px
+PROJECTION_FLOAT_PIXELS = 1e-4  # px
+PROJECTION_DOUBLE = 1e-9
+PROJECTION_FLOAT_COVARIANCE = 1e-4
+PROJECTION_FLOAT_DEPTH = 1e-6
