@@ -1,4 +1,4 @@
-"""Seeded scenes for the renderer's tests: a small camera of every lens, poses, Gaussians in view."""
+"""Seeded scenes for tests: a small camera of every lens, poses, Gaussians that they see."""
 
 from __future__ import annotations
 
