@@ -203,8 +203,8 @@ def test_mcmc_same_place_keeps_the_integral_of_the_opacity_profile(n, opacity):
     assert counts == (n, 0, n - 1)
     after = profile(optimizer.gaussians, line)
     assert np.all(optimizer.gaussians.means == optimizer.gaussians.means[0])
-    assert after.sum() == pytest.approx(before.sum(), rel=tolerances.MCMC_PROFILE_SAME_PLACE)
-    assert after.max() == pytest.approx(before.max(), rel=tolerances.MCMC_PEAK)
+    assert after.sum() == pytest.approx(before.sum(), rel=tolerances.MCMC_PROFILE)
+    assert after.max() == pytest.approx(before.max(), rel=tolerances.MCMC_PROFILE)
 
 
 @pytest.mark.parametrize("n", [2, 3, 5])
@@ -215,14 +215,19 @@ def test_mcmc_split_keeps_the_mean_and_the_covariance(rng, n):
     optimizer = GaussianOptimizer(many, capacity=n * parents, seed=6)
     assert optimizer.densify_mcmc(n * parents, np.ones(parents, np.float32)).added > 0
     found = optimizer.gaussians
-    np.testing.assert_allclose(found.means.mean(axis=0), g.means[0], atol=tolerances.MCMC_MEAN)
+    np.testing.assert_allclose(
+        found.means.mean(axis=0), g.means[0], rtol=0, atol=tolerances.MCMC_MEAN
+    )
     offsets = found.means.astype(np.float64) - g.means[0]
     mixture = offsets.T @ offsets / len(offsets) + covariances(found[:1])[0]
     expected = covariances(g)[0]
-    np.testing.assert_allclose(mixture, expected, atol=tolerances.MCMC_MOMENT * np.trace(expected))
+    np.testing.assert_allclose(
+        mixture, expected, rtol=0, atol=tolerances.MCMC_MOMENT * np.trace(expected)
+    )
     np.testing.assert_allclose(
         found.log_scales,
         np.broadcast_to(g.log_scales[0] - np.log(n) / 3, (n * parents, 3)),
+        rtol=0,
         atol=tolerances.ACTIVATED_FLOAT32,
     )
 
@@ -307,7 +312,7 @@ def test_mcmc_draws_in_proportion_to_the_weights(rng):
         assert optimizer.densify_mcmc(9, weights).added == 4
         new = optimizer.gaussians.quats[5:]
         copies += (new[None] == g.quats[:, None]).all(axis=2).sum(axis=1)
-    np.testing.assert_allclose(copies / 1600, weights / 8, atol=tolerances.MCMC_SHARES)
+    np.testing.assert_allclose(copies / 1600, weights / 8, rtol=0, atol=tolerances.MCMC_SHARES)
     assert copies[0] == 0 and copies[4] == 0
 
 
@@ -368,7 +373,9 @@ def test_mcmc_noise_has_the_papers_covariance(rng):
     sigma = covariances(g)[0]
     expected = gate**2 * sigma @ sigma
     found = shift.T @ shift / len(shift)
-    np.testing.assert_allclose(found, expected, atol=tolerances.NOISE_MOMENT * np.trace(expected))
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=tolerances.NOISE_MOMENT * np.trace(expected)
+    )
     assert np.all(
         np.abs(shift.mean(axis=0)) < tolerances.NOISE_MOMENT * np.sqrt(np.trace(expected))
     )
@@ -445,7 +452,10 @@ def test_adaptive_split_halves_are_drawn_from_the_parent(rng):
     shift = optimizer.gaussians.means.astype(np.float64) - g.means[0]
     expected = covariances(g)[0]
     np.testing.assert_allclose(
-        shift.T @ shift / len(shift), expected, atol=tolerances.NOISE_MOMENT * np.trace(expected)
+        shift.T @ shift / len(shift),
+        expected,
+        rtol=0,
+        atol=tolerances.NOISE_MOMENT * np.trace(expected),
     )
 
 
