@@ -9,6 +9,7 @@ import pytest
 import tolerances
 from gsut import InputError
 from gsut.demo_scene import dataset, make_demo_scene
+from gsut.demo_scene import views as demo_views
 from gsut.demo_scene.hall import HALF_X, HALF_Y, HEIGHT, make_hall
 from gsut.demo_scene.shapes import Box, Cylinder, Rays, Sphere
 from gsut.demo_scene.texture import Material
@@ -69,7 +70,7 @@ def test_demo_scene_same_seed_same_bytes(made, tmp_path):
 
 def test_demo_scene_transforms_are_complete(made, transforms):
     assert transforms["camera_model"] == "OPENCV_FISHEYE"
-    camera = dataset.demo_camera(SIZE)
+    camera = demo_views.demo_camera(SIZE)
     keys = ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "k3", "k4")
     assert [transforms[key] for key in keys] == list(camera.params)
     assert (transforms["w"], transforms["h"], transforms["pixel_center"]) == (SIZE, SIZE, 0.5)
@@ -94,11 +95,11 @@ def test_demo_scene_transforms_are_complete(made, transforms):
 
 def test_demo_scene_mask_is_the_image_circle(made):
     mask = cv2.imread(str(made / "mask.png"), cv2.IMREAD_UNCHANGED)
-    rays, _ = dataset.demo_camera(SIZE).rays()
+    rays, _ = demo_views.demo_camera(SIZE).rays()
     # Two pixels inside the rim and two outside: unmasked and masked, whatever the corners.
     pixel = math.radians(190.0) / SIZE
     angle = np.nan_to_num(np.arccos(np.clip(rays[..., 2], -1, 1)), nan=np.inf)
-    assert np.all(mask[angle < dataset.MAX_ANGLE - 2 * pixel] == 255)
+    assert np.all(mask[angle < demo_views.MAX_ANGLE - 2 * pixel] == 255)
     assert np.all(mask[angle == np.inf] == 0)
     for path in (made / "images").iterdir():
         image = read_image(path)
@@ -109,7 +110,7 @@ def test_demo_scene_mask_is_the_image_circle(made):
 def test_demo_scene_points_lie_on_surfaces_with_their_colour(made, transforms):
     points, colors = read_points(made / "points3D.ply")
     assert len(points) == 4000
-    hall, camera = make_hall(SEED), dataset.demo_camera(SIZE)
+    hall, camera = make_hall(SEED), demo_views.demo_camera(SIZE)
     off_surface = np.full(len(points), np.inf)
     off_color = np.full(len(points), np.inf)
     for name, pose in poses_of(transforms).items():
@@ -132,7 +133,7 @@ def test_demo_scene_points_lie_on_surfaces_with_their_colour(made, transforms):
 
 
 def test_demo_scene_depth_never_exceeds_the_room_and_mostly_meets_it(made, transforms):
-    rays, valid = dataset.demo_camera(SIZE).rays()
+    rays, valid = demo_views.demo_camera(SIZE).rays()
     checked = 0
     for name, pose in poses_of(transforms).items():
         if name not in transforms["test_filenames"]:
@@ -156,7 +157,7 @@ def test_demo_scene_depth_never_exceeds_the_room_and_mostly_meets_it(made, trans
 
 def test_demo_scene_colour_is_the_same_from_another_view(made, transforms):
     # Depth of a test view carries its pixels into the training views that see the same point.
-    hall, camera = make_hall(SEED), dataset.demo_camera(SIZE)
+    hall, camera = make_hall(SEED), demo_views.demo_camera(SIZE)
     rays, _ = camera.rays()
     mask = cv2.imread(str(made / "mask.png"), cv2.IMREAD_UNCHANGED) > 0
     poses = poses_of(transforms)
@@ -185,7 +186,7 @@ def test_demo_scene_cameras_keep_away_from_things():
     hall = make_hall(0)
     directions = sphere_directions(500)
     nearest = [
-        dataset.distances(hall, pose, directions).min() for pose in dataset.camera_path(35, 0)
+        dataset.distances(hall, pose, directions).min() for pose in demo_views.camera_path(35, 0)
     ]
     assert len(nearest) == 35
     assert min(nearest) > 0.5
@@ -255,3 +256,19 @@ def test_demo_scene_existing_folder_is_left_alone(tmp_path):
     with pytest.raises(InputError, match="exists"):
         make_demo_scene(tmp_path, progress=False)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_demo_scene_interrupted_leaves_nothing(tmp_path, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(dataset, "_write_points", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        make_demo_scene(tmp_path / "data", 1, 0, 16, progress=False)
+    assert not list(tmp_path.iterdir())
+
+
+def test_demo_scene_parent_that_is_a_file_raises(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be created"):
+        make_demo_scene(tmp_path / "file" / "data", progress=False)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
 import os
+import shutil
+import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -18,18 +19,14 @@ from gsut._core import InputError, num_threads
 from gsut.cameras import Camera
 from gsut.demo_scene.hall import Hall, make_hall
 from gsut.demo_scene.tracing import Tracer
-
-# The lens: focal lengths and centre in image sizes, Kannala-Brandt k1..k4, a 190-degree circle.
-_FOCAL = (0.2782, 0.2786)
-_CENTRE = (0.5031, 0.4974)
-_DISTORTION = (0.030, -0.010, 0.003, -0.0005)
-MAX_ANGLE = math.radians(95.0)
+from gsut.demo_scene.views import MAX_ANGLE, camera_path, demo_camera
 
 SAMPLES_PER_SIDE = 4  # rays a pixel: a grid of 4 x 4
 _BLOCK = 32  # pixels; rays of a block are traced together
 _POINTS = 4000
 _POINT_NOISE = 0.01  # metres, standard deviation: as good as structure from motion gets
 _MILLIMETRES = 1000.0
+_FOLDER_MODE = 0o755
 _OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
@@ -60,7 +57,7 @@ def make_demo_scene(
         The folder.
 
     Raises:
-        InputError: the folder exists, a number is out of range.
+        InputError: the folder exists or cannot be created, a number is out of range.
     """
     folder = Path(folder)
     for name, value, least in (("views", views, 1), ("test_views", test_views, 0),
@@ -70,9 +67,30 @@ def make_demo_scene(
     if folder.exists():
         raise InputError(f"{folder} exists; remove it or name another folder for the demo scene")
     # Written beside and renamed, so that an interrupted run leaves no half-made data set.
-    partial = folder.with_name(folder.name + ".partial")
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        partial = Path(
+            tempfile.mkdtemp(prefix=f"{folder.name}.", suffix=".partial", dir=folder.parent)
+        )
+    except OSError as error:
+        raise InputError(
+            f"{folder} cannot be created ({error.strerror}); name a writable folder"
+        ) from error
+    try:
+        _write_dataset(partial, views, test_views, size, seed, progress)
+        partial.chmod(_FOLDER_MODE)  # mkdtemp's is private
+        partial.rename(folder)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+    return folder
+
+
+def _write_dataset(
+    folder: Path, views: int, test_views: int, size: int, seed: int, progress: bool
+) -> None:
     for name in ("images", "depth"):
-        (partial / name).mkdir(parents=True, exist_ok=True)
+        (folder / name).mkdir()
     camera = demo_camera(size)
     hall = make_hall(seed)
     poses = camera_path(views + test_views, seed)
@@ -83,60 +101,24 @@ def make_demo_scene(
     images = []
     for number, image in enumerate(_render(hall, camera, poses, progress)):
         images.append(image)
-        _write_image(partial / "images" / names[number], image[..., ::-1])
+        _write_image(folder / "images" / names[number], image[..., ::-1])
         if is_test[number]:
             depth = np.zeros(inside.shape)
             depth[inside] = distances(hall, poses[number], rays[inside])
             millimetres = np.round(depth * _MILLIMETRES).astype(np.uint16)
-            _write_image(partial / "depth" / names[number], millimetres)
-    _write_image(partial / "mask.png", mask.astype(np.uint8) * 255)
+            _write_image(folder / "depth" / names[number], millimetres)
+    _write_image(folder / "mask.png", mask.astype(np.uint8) * 255)
     train = [i for i, test in enumerate(is_test) if not test]
     points, colors = _surface_points(
         hall, camera, mask, [poses[i] for i in train], [images[i] for i in train], seed
     )
-    _write_points(partial / "points3D.ply", points, colors)
-    _write_transforms(partial / "transforms.json", camera, poses, names, is_test)
-    partial.rename(folder)
-    return folder
-
-
-def demo_camera(size: int) -> Camera:
-    """The demo's fisheye for square images of this many pixels a side."""
-    params = [size * value for value in (*_FOCAL, *_CENTRE)] + list(_DISTORTION)
-    return Camera("kannala_brandt", params, size, size, valid_field_angle=MAX_ANGLE)
-
-
-def camera_path(count: int, seed: int) -> list[np.ndarray]:
-    """World-from-camera poses (4, 4), OpenCV axes, on a walk around the table; metres."""
-    rng = np.random.default_rng([seed, 1])
-    phase = rng.uniform(0, 2 * math.pi, 4)
-    poses = []
-    for i in range(count):
-        turn = 2 * math.pi * i / count
-        # Two rounds: one near the table, one nearer to the walls.
-        reach = 1.0 + 0.22 * math.sin(3 * turn + phase[0])
-        x, y = 2.15 * reach * math.cos(2 * turn), 1.65 * reach * math.sin(2 * turn)
-        z = 1.55 + 0.40 * math.sin(5 * turn + phase[1])
-        yaw = 2 * turn + math.pi / 2 + 1.6 * math.sin(7 * turn + phase[2])
-        pitch = -0.10 + 0.35 * math.sin(4 * turn + phase[3])
-        poses.append(_looking((x, y, z), yaw, pitch))
-    return poses
+    _write_points(folder / "points3D.ply", points, colors)
+    _write_transforms(folder / "transforms.json", camera, poses, names, is_test)
 
 
 def distances(hall: Hall, pose: np.ndarray, rays: np.ndarray) -> np.ndarray:
     """(N,) exact distance in metres along unit rays (N, 3) of a camera at a pose (4, 4)."""
     return Tracer(hall, 1).depths(pose[:3, 3], rays @ pose[:3, :3].T).astype(np.float64)
-
-
-def _looking(position: tuple[float, float, float], yaw: float, pitch: float) -> np.ndarray:
-    forward = np.array(
-        [math.cos(yaw) * math.cos(pitch), math.sin(yaw) * math.cos(pitch), math.sin(pitch)]
-    )
-    right = np.array([math.sin(yaw), -math.cos(yaw), 0.0])
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    pose[:3, 3] = position
-    return pose
 
 
 def _test_places(views: int, test_views: int) -> list[bool]:
