@@ -67,3 +67,28 @@ DEMO_DEPTH = 6e-4  # metres: half a stored millimetre and float32 rays; worst 5.
 # grey levels of 255, median: 64-pixel images of finer textures; worst 9.7, unrelated pixels 38
 DEMO_VIEW_GREY_LEVELS = 12.0
 DEMO_SURFACE = 1e-5  # metres; squares of 4 m in float32, grazing rays; worst 4.3e-6
+# --- cameras -------------------------------------------------------------------------------------
+# Pixels against cv2 for coordinates below 1e4 px: a few units in the last place
+CV2_PIXELS = 5e-11
+# Norm of a unit ray: two units in the last place
+UNIT_LENGTH = 4.5e-16
+# ray -> pixel -> ray -> pixel: what Camera.unproject promises
+ROUND_TRIP_PIXELS = 1e-9
+# The same relative to a far pixel, or to the pixels per radian next to a pole: 16 units in the last
+# place
+ROUND_TRIP_ULPS = 16 * 2.3e-16
+# Exact derivatives against central differences, relative to the Jacobian's largest entry
+CAMERA_JACOBIAN = 1e-6
+# Derivative along the ray (zero) and of scaled points, relative to the Jacobian's largest entry
+JACOBIAN_ALONG_RAY = 1e-13
+# Unit rays against the oracle, whose Newton stops at a step below 1e-6
+ORACLE_RAYS = 2e-13
+# Angles of folds against closed forms
+DOMAIN_ANGLE = 1e-12
+# Domains found by sampling end 1e-9 (relative) before the fold
+DOMAIN_MARGIN = 3e-9
+# Area left at 1e-9 (relative) before the edge of a domain that ends at a fold, relative to the
+# axis; its slope there is up to 1e3; worst 1.1e-6
+DOMAIN_EDGE = 3e-6
+# Lens files: (c - 0.5) + 0.5 loses at most the last bit of a coordinate below 1e4 px
+LENS_FILE_PARAMS = 2e-12
