@@ -7,7 +7,6 @@
 #include "gsut/base/errors.h"
 #include "gsut/base/isa.h"
 #include "gsut/base/parallel.h"
-#include "gsut/base/stopwatch.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/projection/project_kernels.h"
 #include "gsut/raster/bin_tiles.h"
@@ -35,7 +34,7 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   Stopwatch watch;
   const FootprintRule footprint = {settings.rule.alpha_min, settings.rule.response_min};
   Project(gaussians, camera, camera_from_world, options.unscented, footprint, &splats_);
-  timings_.emplace_back("project", watch.Lap());
+  timings_.push_back(watch.Lap("project"));
 
   task_.gaussians = gaussians;
   task_.view = MakeViewFloats(camera_from_world);
@@ -63,9 +62,9 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   ParallelFor(gaussians.size, kGaussianGrain, [&](std::int64_t begin, std::int64_t end) {
     RecordsKernel(task_, *grid_, splats_, begin, end, &frame_);
   });
-  timings_.emplace_back("records", watch.Lap());
+  timings_.push_back(watch.Lap("records"));
   BinTiles(*grid_, &frame_);
-  timings_.emplace_back("bin", watch.Lap());
+  timings_.push_back(watch.Lap("bin"));
 
   const std::size_t tiles = static_cast<std::size_t>(grid_->num_tiles());
   frame_.transmittance.resize(tiles * kTilePixels);
@@ -78,7 +77,7 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   ParallelFor(grid_->num_tiles(), 1, [&](std::int64_t tile, std::int64_t) {
     ForwardKernel(task_, *grid_, static_cast<int>(tile), &frame_, image, alpha, depth);
   });
-  timings_.emplace_back("forward", watch.Lap());
+  timings_.push_back(watch.Lap("forward"));
   rendered_ = task_.keep;
 }
 
