@@ -110,7 +110,7 @@ void Splats::Resize(std::int64_t n) {
   size = n;
   const std::size_t padded = static_cast<std::size_t>(n) + kPadding;
   for (AlignedVector<float>* array :
-       {&u, &v, &cov_uu, &cov_uv, &cov_vv, &extent_u, &extent_v, &distance}) {
+       {&u, &v, &cov_uu, &cov_uv, &cov_vv, &extent_u, &extent_v, &distance, &sine}) {
     array->resize(padded);
   }
   status.resize(padded);

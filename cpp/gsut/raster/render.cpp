@@ -14,7 +14,6 @@
 namespace gsut {
 namespace {
 
-constexpr std::int64_t kGaussianGrain = 2048;
 constexpr std::size_t kPadding = 16;
 
 }  // namespace
@@ -59,7 +58,9 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   frame_.records.resize((n + kPadding) * record::kSize);
   frame_.order_key.resize(n + kPadding);
   frame_.rects.resize(n);
-  ParallelFor(gaussians.size, kGaussianGrain, [&](std::int64_t begin, std::int64_t end) {
+  frame_.row_spans.resize((n + kRecordsPart - 1) / kRecordsPart);
+  ParallelFor(gaussians.size, kRecordsPart, [&](std::int64_t begin, std::int64_t end) {
+    frame_.row_spans[static_cast<std::size_t>(begin / kRecordsPart)].clear();
     RecordsKernel(task_, *grid_, splats_, begin, end, &frame_);
   });
   timings_.push_back(watch.Lap("records"));
