@@ -95,8 +95,7 @@ HWY_INLINE void RotationOf(const Lane* q, Lane* r) {
 
 // alpha_min, response_min: see BlendRule; cut-offs of opacity * response and of response.
 HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t first,
-                              const ViewFloats& view, float log2_alpha_min,
-                              float max_cutoff) {
+                              const ViewFloats& view, float log2_alpha_min, float max_cutoff) {
   SeenLanes out;
   const std::int64_t available = g.size - first;
   LoadRows3(g.means + 3 * first, available, out.world);
@@ -120,9 +119,8 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
   const Lane inverse_largest = Lane(1.0) / Select(is_zero, Lane(1.0), largest);
   for (Lane& q : out.quat) q *= inverse_largest;
   out.quat[0] = Select(is_zero, Lane(1.0), out.quat[0]);
-  const Lane inverse_norm =
-      Lane(1.0) / Sqrt(out.quat[0] * out.quat[0] + out.quat[1] * out.quat[1] +
-                       out.quat[2] * out.quat[2] + out.quat[3] * out.quat[3]);
+  const Lane inverse_norm = Lane(1.0) / Sqrt(out.quat[0] * out.quat[0] + out.quat[1] * out.quat[1] +
+                                             out.quat[2] * out.quat[2] + out.quat[3] * out.quat[3]);
   for (Lane& q : out.quat) q *= inverse_norm;
   out.quat_scale = Select(is_zero, Lane(0.0), inverse_norm * inverse_largest);
   Lane r[9];

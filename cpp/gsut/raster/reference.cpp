@@ -1,5 +1,5 @@
-// The scalar double renderer and its backward: formulae as in the paper of 3DGUT, section 4, written
-// for one ray and one Gaussian, in world coordinates relative to the camera centre.
+// The scalar double renderer and its backward: formulae as in the paper of 3DGUT, section 4,
+// written for one ray and one Gaussian, in world coordinates relative to the camera centre.
 #include "gsut/raster/reference.h"
 
 #include <Eigen/Core>
@@ -26,10 +26,10 @@ constexpr int kBackwardBands = 8;
 // A Gaussian seen from one camera.
 struct Seen {
   std::int64_t index = 0;
-  float key = 0;       // order; rounded to float as the tiled path does
-  Matrix3d whiten;     // A = S^-1 R^T, world to whitened
-  Vector3d relative;   // m = mean - camera centre
-  Vector3d whitened;   // A m
+  float key = 0;      // order; rounded to float as the tiled path does
+  Matrix3d whiten;    // A = S^-1 R^T, world to whitened
+  Vector3d relative;  // m = mean - camera centre
+  Vector3d whitened;  // A m
   double opacity = 0;
   Vector3d color;
   bool clamped[3] = {false, false, false};
@@ -278,11 +278,12 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
     Matrix3d g_rotation;
     for (int k = 0; k < 3; ++k) {
       gradients.log_scales[3 * i + k] = -total.whiten.row(k).dot(s.whiten.row(k));
-      g_rotation.col(k) = total.whiten.row(k).transpose() * std::exp(-gaussians.log_scales[3 * i + k]);
+      g_rotation.col(k) =
+          total.whiten.row(k).transpose() * std::exp(-gaussians.log_scales[3 * i + k]);
     }
     const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> g_rotation_rows = g_rotation;
     RotationFromQuaternionBackward(gaussians.quats + 4 * i, g_rotation_rows.data(),
-                           gradients.quats + 4 * i);
+                                   gradients.quats + 4 * i);
   }
   // xi = (v, w): the centre moves by -R^T v, the rays turn by -w (in the camera frame).
   const Vector3d g_translation = rotation * center_sum;
