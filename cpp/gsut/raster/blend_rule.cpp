@@ -38,8 +38,7 @@ BlendRule BlendRule::Named(const std::string& name) {
 }
 
 void BlendRule::Check() const {
-  Require(alpha_min >= kLeastAlphaMin && alpha_min < 1.0, "alpha_min", alpha_min,
-          "in [1e-37, 1)");
+  Require(alpha_min >= kLeastAlphaMin && alpha_min < 1.0, "alpha_min", alpha_min, "in [1e-37, 1)");
   Require(alpha_max > 0.0 && alpha_max < 1.0, "alpha_max", alpha_max, "in (0, 1)");
   Require(response_min >= 0.0 && response_min < 1.0, "response_min", response_min, "in [0, 1)");
   Require(transmittance_min >= 0.0 && transmittance_min < 1.0, "transmittance_min",
