@@ -82,17 +82,18 @@ void RefineInDouble(const GaussiansView<const float>& gaussians, const Camera& c
 }  // namespace
 
 UnscentedWeights MakeUnscentedWeights(const UnscentedOptions& options) {
-  const double lambda = options.alpha * options.alpha * (3.0 + options.kappa) - 3.0;
-  if (!(options.alpha > 0.0) || !std::isfinite(options.beta) || !(3.0 + lambda > 0.0) ||
-      !std::isfinite(lambda)) {
+  // 3 + lambda, formed without lambda: nearly -3 for a small alpha, it would lose digits.
+  const double reach = options.alpha * options.alpha * (3.0 + options.kappa);
+  if (!(options.alpha > 0.0) || !std::isfinite(options.beta) || !(reach > 0.0) ||
+      !std::isfinite(reach)) {
     throw InputError("unscented transform: alpha " + std::to_string(options.alpha) + ", beta " +
                      std::to_string(options.beta) + ", kappa " + std::to_string(options.kappa) +
                      " give no sigma points; alpha must be positive and kappa above -3");
   }
   UnscentedWeights weights;
-  weights.spread = std::sqrt(3.0 + lambda);
-  weights.mean_0 = lambda / (3.0 + lambda);
-  weights.mean_i = 0.5 / (3.0 + lambda);
+  weights.spread = std::sqrt(reach);
+  weights.mean_0 = (reach - 3.0) / reach;
+  weights.mean_i = 0.5 / reach;
   weights.cov_0 = weights.mean_0 + 1.0 - options.alpha * options.alpha + options.beta;
   return weights;
 }
