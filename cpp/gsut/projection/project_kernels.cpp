@@ -57,8 +57,8 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
     // around the camera has no cone.
     const Lane largest = Max(g.scale[0], Max(g.scale[1], g.scale[2]));
     const Lane sine = Min(reach * largest / g.distance, Lane(1.0));
-    const Lane angle =
-        Atan2(Sqrt(g.mean[0] * g.mean[0] + g.mean[1] * g.mean[1]), g.mean[2]) - Asin(sine);
+    const Lane mean_angle = Atan2(Sqrt(g.mean[0] * g.mean[0] + g.mean[1] * g.mean[1]), g.mean[2]);
+    const Lane angle = mean_angle - Asin(sine);
     constexpr double kAngleSlack = 1e-5;  // float rounding of the angle
     const LaneMask outside_domain = AndMask(AndMask(NotMask(is_near), sine < Lane(1.0)),
                                             angle > Lane(task.domain.max_angle + kAngleSlack));
@@ -89,7 +89,9 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
     store(extent_v, &splats->extent_v);
     store(g.distance, &splats->distance);
     store(sine, &splats->sine);
-    const std::uint64_t is_small = MaskBits(AndMask(ellipse, sine < Lane(kSmallSine)).m);
+    const LaneMask off_edge = mean_angle + sine < Lane(kSmallAngle * task.domain.max_angle);
+    const LaneMask small = AndMask(AndMask(ellipse, off_edge), sine < Lane(kSmallSine));
+    const std::uint64_t is_small = MaskBits(small.m);
     const std::uint64_t is_ellipse = MaskBits(ellipse.m);
     const std::uint64_t is_uncertain = MaskBits(uncertain.m);
     const std::uint64_t has_pixels = MaskBits(footprint.all_valid.m);
