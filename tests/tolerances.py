@@ -1,9 +1,12 @@
 """Every tolerance of the Python tests: value, reason, worst seen. One section a folder."""
 
 # --- gaussians, seeding ---------------------------------------------------------------------------
-HARMONICS = 2e-15  # a dozen operations in double on values up to 2.9; worst 1.3e-15
-NEIGHBOR_DISTANCE = 1e-14  # square root of a sum of three squares, mean of three; worst 1e-15
-FLOAT32 = 1.2e-7  # relative: one rounding to float32, 2^-23
+HARMONICS = 1.2e-14  # scipy's own arccos and cancellation included, values up to 2.9; worst 6.0e-15
+NEIGHBOR_DISTANCE = 1e-15  # the same sums and roots as scipy in double; worst 0
+FLOAT32 = 1.2e-7  # one rounding to float32, 2^-23; worst 1.1e-7
+ACTIVATED_FLOAT32 = 5e-7  # exp or sigmoid of a float32 parameter up to 4; worst 2.4e-7
+VIEW_DISTANCE = 1e-14  # a point to world axes and back in double, coordinates below 10
+VIEW_MEDIAN = 0.1  # statistical: median of 5000 distances, more than 5 standard errors
 
 # --- optimize -------------------------------------------------------------------------------------
 ADAM_RELATIVE = 4e-6  # of the summed updates: float32 against float64 arithmetic; worst 3e-7
@@ -44,3 +47,50 @@ DATA_PLY_POSITION = 2e-7  # a PLY file stores float32; coordinates up to 1.5 rou
 DATA_UTM_POSITION = 2e-9  # coordinates of 5.4e6 in double have a spacing of 9.3e-10
 DATA_EIGHT_BIT = 0.5  # rounding of a mean to 8 bits; worst 0.5
 DATA_TEXTURE_STEP = 16  # grey levels between neighbouring pixels of the small plane; worst 13
+ADAM_RELATIVE = 7e-7  # of the summed updates: float32 against float64 arithmetic; worst 3.4e-7
+ADAM_FIRST_STEPS = 4.4e-7  # absolute: three float32 roundings of means; worst 2.2e-7
+SCHEDULE = 1e-12  # a power in double
+REGULARIZER = 1.7e-7  # float32 of gradient plus regulariser; worst 8.6e-8
+MCMC_SAME_PLACE = 1e-12  # double against exact rational sums, which cancel; worst 2.5e-13
+MCMC_PROFILE = 5e-7  # float32 parameters of up to 5 copies; worst 2.5e-7
+MCMC_MEAN = 1.7e-5  # float32 means of up to 20 000 copies, averaged in float32; worst 8.4e-6
+MCMC_SHARES = 0.03  # statistical: shares of 1600 draws; worst 0.019
+MCMC_MOMENT = 0.01  # statistical, of the trace: mixture of 4000 splits; worst of 9 runs 0.0046
+MCMC_THICKNESS = 0.01  # second order in an opacity of 0.05; worst 0.0048
+NOISE_MOMENT = 0.023  # statistical, of the trace: 20 000 draws; worst of 3 seeds 0.012
+# --- demo_scene
+DEMO_ROTATION = 1e-15  # a rotation times its transpose in double, a few eps; worst 3.4e-16
+DEMO_POINT_MEDIAN = 0.016  # metres; perturbed by sigma 1 cm in each axis; worst 0.0082
+DEMO_POINT_FAR = 0.08  # metres, 99 % of the points: grazing rays stretch it; worst 0.043
+DEMO_POINT_COLOR_SHARE = 0.99  # of points within a pixel of their colour; worst 1
+DEMO_DEPTH = 6e-4  # metres: half a stored millimetre and float32 rays; worst 5.0e-4
+# grey levels of 255, median: 64-pixel images of finer textures; worst 9.7, unrelated pixels 38
+DEMO_VIEW_GREY_LEVELS = 12.0
+DEMO_SURFACE = 1e-5  # metres; squares of 4 m in float32, grazing rays; worst 4.3e-6
+# --- cameras -------------------------------------------------------------------------------------
+# Pixels against cv2 for coordinates below 1e4 px: a few units in the last place; worst 3.9e-11
+CV2_PIXELS = 5e-11
+# Norm of a unit ray: two units in the last place; worst 3.4e-16
+UNIT_LENGTH = 4.5e-16
+# ray -> pixel -> ray -> pixel: what Camera.unproject promises; worst 1.1e-11
+ROUND_TRIP_PIXELS = 1e-9
+# The same relative to a far pixel, or to the pixels per radian next to a pole: 16 units in the last
+# place as in lens_checks.cpp; worst 6.5
+ROUND_TRIP_ULPS = 16 * 2.3e-16
+# Exact derivatives against central differences, relative to the Jacobian's largest entry: rounding
+# of the pixels over the step; worst 1.4e-7
+CAMERA_JACOBIAN = 2.8e-7
+# Derivative along the ray (zero) and of scaled points, relative to the Jacobian's largest entry;
+# worst 5.9e-15
+JACOBIAN_ALONG_RAY = 1.2e-14
+# Unit rays against the oracle, whose Newton stops at a step below 1e-6; worst 7.7e-14
+ORACLE_RAYS = 1.5e-13
+# Angles of folds against closed forms: the root's condition; worst 0
+DOMAIN_ANGLE = 1e-12
+# Domains found by sampling end 1e-9 (relative) before the fold
+DOMAIN_MARGIN = 3e-9
+# Area left at 1e-9 (relative) before the edge of a domain that ends at a fold, relative to the
+# axis: the slope of the area there is up to 1e3; worst 1.1e-6
+DOMAIN_EDGE = 2.2e-6
+# Lens files: (c - 0.5) + 0.5 loses at most the last bit of a coordinate below 1e4 px
+LENS_FILE_PARAMS = 2e-12

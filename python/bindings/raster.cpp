@@ -86,10 +86,12 @@ class BoundRenderer {
     return out;
   }
 
-  // Wall seconds of the stages of the last render and backward.
+  // Stage -> (wall, processor) seconds of the last render and backward.
   py::dict Timings() const {
     py::dict out;
-    for (const auto& [stage, seconds] : renderer_.timings()) out[stage] = seconds;
+    for (const StageTime& time : renderer_.timings()) {
+      out[time.stage] = py::make_tuple(time.wall_seconds, time.cpu_seconds);
+    }
     return out;
   }
 

@@ -148,6 +148,8 @@ class Camera(_core.Camera):
         """Writes the lens to a file; see `gsut.load_camera` for the formats.
 
         The file is written under a temporary name and renamed, so that a crash leaves the old one.
+        Kalibr and COLMAP files have no place for the valid field angle, and only mrcal's for
+        extrinsics and valid_region; those are left out.
 
         Args:
             path: a file; its name chooses the format: *.cameramodel (mrcal), *camchain*.yaml

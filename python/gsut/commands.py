@@ -120,7 +120,7 @@ def demo(arguments: argparse.Namespace) -> int:
 
     options = TrainOptions(preset="fast", steps=arguments.steps)
     folder = Path(arguments.out)
-    data = folder / "data"
+    data = folder / "fisheye_hall"
     if not data.is_dir():
         print(f"making a fisheye scene in {data}", file=sys.stderr)
         make_demo_scene(data)

@@ -96,19 +96,22 @@ HWY_INLINE std::uint64_t MaskBits(FloatMask mask) {
 }
 
 // Exponential base 2 for x in [-126, 126]: relative error at most 2e-7 (polynomial: 9.2e-8).
+// Beyond that range the result is arbitrary.
 HWY_INLINE FloatVec FastExp2(FloatVec x) {
   const FloatTag d;
-  const hn::RebindToSigned<FloatTag> di;
-  const FloatVec n = hn::Round(x);
-  const FloatVec f = hn::Sub(x, n);
+  const hn::RebindToUnsigned<FloatTag> du;
+  // Adding 1.5 x 2^23 rounds to the nearest integer and leaves it in the low bits.
+  const FloatVec magic = hn::Set(d, 12582912.0f);
+  const FloatVec shifted = hn::Add(x, magic);
+  const FloatVec f = hn::Sub(x, hn::Sub(shifted, magic));
   // Minimax polynomial of 2^f on [-1/2, 1/2], constant term exactly 1.
   FloatVec p = hn::MulAdd(hn::Set(d, 1.3264727214e-3f), f, hn::Set(d, 9.6715128126e-3f));
   p = hn::MulAdd(p, f, hn::Set(d, 5.5507337448e-2f));
   p = hn::MulAdd(p, f, hn::Set(d, 2.4022242083e-1f));
   p = hn::MulAdd(p, f, hn::Set(d, 6.9314697760e-1f));
   p = hn::MulAdd(p, f, hn::Set(d, 1.0f));
-  const auto exponent = hn::ShiftLeft<23>(hn::ConvertTo(di, n));
-  return hn::BitCast(d, hn::Add(hn::BitCast(di, p), exponent));
+  return hn::BitCast(
+      d, hn::Add(hn::BitCast(du, p), hn::ShiftLeft<23>(hn::BitCast(du, shifted))));
 }
 
 // 1 / x to within 1 ulp or two: an estimate refined by Newton.

@@ -21,15 +21,17 @@ double SafeScale(const double* point) {
   const double size = std::max({std::abs(point[0]), std::abs(point[1]), std::abs(point[2])});
   constexpr double kTooSmall = 1e-100;
   constexpr double kTooLarge = 1e100;
-  const bool extreme = size > 0.0 && std::isfinite(size) && (size < kTooSmall || size > kTooLarge);
+  const bool extreme = size > 0.0 && (size < kTooSmall || size > kTooLarge);
   return extreme ? size : 1.0;
 }
 
 template <class Lens>
 bool ProjectPoint(const Camera& camera, const double* point, double* pixel) {
   const double s = SafeScale(point);
-  const bool valid = Lens::Project(camera.domain(), camera.params().data(), camera.num_params(),
-                                   point[0] / s, point[1] / s, point[2] / s, &pixel[0], &pixel[1]);
+  const bool finite = std::isfinite(point[0]) && std::isfinite(point[1]) && std::isfinite(point[2]);
+  const bool valid =
+      finite && Lens::Project(camera.domain(), camera.params().data(), camera.num_params(),
+                              point[0] / s, point[1] / s, point[2] / s, &pixel[0], &pixel[1]);
   if (!valid) pixel[0] = pixel[1] = kNaN;
   return valid;
 }

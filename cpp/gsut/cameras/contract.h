@@ -26,7 +26,7 @@
 //     static auto Project(const LensDomain& domain, const T* params, int num_params,
 //                         T x, T y, T z, T* u, T* v);
 //     // Unit ray of a pixel; false if the pixel has none. Always in double. |Project(ray) - pixel|
-//     // is below kInverseTolerance where it returns true.
+//     // is below kInverseTolerance (see there) where it returns true.
 //     static bool Unproject(const LensDomain& domain, const double* params, int num_params,
 //                           double u, double v, double* ray);
 //     // Optional: the parameters for an image resized by (scale_x, scale_y) about the pixel corner

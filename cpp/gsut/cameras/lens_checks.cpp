@@ -49,10 +49,10 @@ double LargestDistortedRadius(const double* params) {
   return 0.5 * kMaxPixel / std::max(params[0], params[1]);
 }
 
-bool InverseConverged(double u, double v, double back_u, double back_v) {
-  // Rounding of the ray, of the projection and of its sum with the principal point.
+bool InverseConverged(double u, double v, double back_u, double back_v, double gain) {
+  // Rounding of the result, of the projection and of its sum with the principal point.
   constexpr double kUnitsInLastPlace = 16 * std::numeric_limits<double>::epsilon();
-  const double size = std::max(std::abs(u), std::abs(v));
+  const double size = std::max({std::abs(u), std::abs(v), gain});
   const double tolerance = std::max(kInverseTolerance, kUnitsInLastPlace * size);
   return std::hypot(back_u - u, back_v - v) < tolerance;
 }

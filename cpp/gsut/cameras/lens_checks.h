@@ -11,9 +11,10 @@ void CheckFocalParams(const char* lens, const char* param_names, const double* p
 // The largest distorted radius, in focal lengths, whose pixels are surely within kMaxPixel.
 double LargestDistortedRadius(const double* params);
 
-// True if the ray found for the pixel (u, v) projects to (back_u, back_v) within the tolerance that
-// the contract promises. False for NaN.
-bool InverseConverged(double u, double v, double back_u, double back_v);
+// True if what was found for the pixel (u, v) projects to (back_u, back_v) within the tolerance
+// that the contract promises. gain: pixels by which that result moves when its coordinates grow by
+// their own size. False for NaN.
+bool InverseConverged(double u, double v, double back_u, double back_v, double gain);
 
 // The pixel in focal lengths from the principal point. False if it is not finite or beyond
 // kMaxPixel.

@@ -13,8 +13,9 @@ inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // type. It costs a pinhole of focal length 1000 px the last 2e-6 rad before 90 degrees.
 inline constexpr double kMaxPixel = 1e9;
 
-// |Project(Unproject(pixel)) - pixel| in pixels, for coordinates below 1e6; a few units in the last
-// place of the coordinate beyond.
+// |Project(Unproject(pixel)) - pixel| in pixels, unless the rounding of the pixel (beyond 1e5 px)
+// or of the ray (where a pixel moves by more than 1e5 px per radian, next to a pole) is larger:
+// then a few units in the last place of either.
 inline constexpr double kInverseTolerance = 1e-9;
 
 }  // namespace gsut

@@ -66,11 +66,12 @@ bool UnprojectOddPolynomial(const LensDomain& domain, const double* params, int 
   }
   const double theta = Invert(k, domain.max_angle, radius);
   if (!(theta < domain.max_angle)) return false;
-  const double scale = Evaluate(k, theta, nullptr) / radius;
-  if (!InverseConverged(u, v, params[0] * scale * x + params[2],
-                        params[1] * scale * y + params[3])) {
-    return false;
-  }
+  double slope = 0.0;
+  const double scale = Evaluate(k, theta, &slope) / radius;
+  const double gain = std::max(params[0], params[1]) * theta * slope;
+  const double back_u = params[0] * scale * x + params[2];
+  const double back_v = params[1] * scale * y + params[3];
+  if (!InverseConverged(u, v, back_u, back_v, gain)) return false;
   const double sine_over_radius = std::sin(theta) / radius;
   ray[0] = x * sine_over_radius;
   ray[1] = y * sine_over_radius;

@@ -18,6 +18,10 @@ constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 
 double Determinant(const PlanePoint& p) { return p.du_dx * p.dv_dy - p.du_dy * p.dv_dx; }
 
+PlanePoint OnCircle(const PlaneMap& map, double radius, double azimuth) {
+  return map(radius * std::cos(azimuth), radius * std::sin(azimuth));
+}
+
 bool IsRegular(const PlaneMap& map, double radius, double azimuth) {
   const double x = radius * std::cos(azimuth);
   const double y = radius * std::sin(azimuth);
@@ -25,6 +29,38 @@ bool IsRegular(const PlaneMap& map, double radius, double azimuth) {
   const double du = -p.du_dx * y + p.du_dy * x;  // along the circle
   const double dv = -p.dv_dx * y + p.dv_dy * x;
   return Determinant(p) > 0.0 && p.u * dv - p.v * du > 0.0;  // false for NaN
+}
+
+double Azimuth(int sample) { return kTwoPi * sample / kAzimuths; }
+
+// The smallest value of f found by golden section between the neighbours of a sampled azimuth.
+double MinimumNear(int sample, const std::function<double(double azimuth)>& f) {
+  constexpr double kGolden = 0.6180339887498949;
+  constexpr int kSteps = 40;  // 0.6^40 of the interval: 1e-9 rad
+  double low = Azimuth(sample - 1);
+  double high = Azimuth(sample + 1);
+  double inner_low = high - kGolden * (high - low);
+  double inner_high = low + kGolden * (high - low);
+  double at_low = f(inner_low);
+  double at_high = f(inner_high);
+  double smallest = std::min(at_low, at_high);
+  for (int i = 0; i < kSteps; ++i) {
+    if (at_low < at_high) {
+      high = inner_high;
+      inner_high = inner_low;
+      at_high = at_low;
+      inner_low = high - kGolden * (high - low);
+      at_low = f(inner_low);
+    } else {
+      low = inner_low;
+      inner_low = inner_high;
+      at_low = at_high;
+      inner_high = low + kGolden * (high - low);
+      at_high = f(inner_high);
+    }
+    smallest = std::min({smallest, at_low, at_high});
+  }
+  return smallest;
 }
 
 // Radii to look at, ascending, the last one being the limit.
@@ -81,12 +117,15 @@ bool Newton(const PlaneMap& map, double radius, double u, double v, int max_step
     if (residual <= rounding) return true;
     double dx = 0.0, dy = 0.0;
     if (!NewtonStep(p, u, v, &dx, &dy)) return false;
+    // Next to a pole the rounding of (x, y) alone moves the image by more than `accepted`.
+    const bool at_floor =
+        residual <= accepted || std::hypot(dx, dy) <= 16.0 * kEpsilon * std::hypot(*x, *y);
     double scale = 1.0;
     for (;; scale *= 0.5) {
       constexpr double kSmallestScale = 1e-4;
-      if (scale < kSmallestScale) {
-        return residual <= accepted;  // no way down: at the rounding floor that is success
-      }
+      // A full step that does not help: at the rounding floor that is success.
+      if (scale < 1.0 && at_floor) return true;
+      if (scale < kSmallestScale) return false;
       const double next_x = *x + scale * dx;
       const double next_y = *y + scale * dy;
       if (!(std::hypot(next_x, next_y) < radius)) continue;
@@ -110,53 +149,59 @@ double RegularRadius(const PlaneMap& map, double limit) {
   double smallest = limit;
   int worst = -1;
   for (int i = 0; i < kAzimuths; ++i) {
-    const double found = FirstSingularRadius(map, radii, kTwoPi * i / kAzimuths, smallest);
+    const double found = FirstSingularRadius(map, radii, Azimuth(i), smallest);
     if (found < smallest) {
       smallest = found;
       worst = i;
     }
   }
   if (worst < 0) return limit;
-  // Golden section for the worst azimuth between the neighbours of the worst sample.
-  constexpr double kGolden = 0.6180339887498949;
-  constexpr int kSectionSteps = 40;
-  double low = kTwoPi * (worst - 1) / kAzimuths;
-  double high = kTwoPi * (worst + 1) / kAzimuths;
-  const auto singular = [&](double azimuth) {
-    const double found = FirstSingularRadius(map, radii, azimuth, limit);
-    smallest = std::min(smallest, found);
-    return found;
-  };
-  double inner_low = high - kGolden * (high - low);
-  double inner_high = low + kGolden * (high - low);
-  double at_low = singular(inner_low);
-  double at_high = singular(inner_high);
-  for (int i = 0; i < kSectionSteps; ++i) {
-    if (at_low < at_high) {
-      high = inner_high;
-      inner_high = inner_low;
-      at_high = at_low;
-      inner_low = high - kGolden * (high - low);
-      at_low = singular(inner_low);
-    } else {
-      low = inner_low;
-      inner_low = inner_high;
-      at_low = at_high;
-      inner_high = low + kGolden * (high - low);
-      at_high = singular(inner_high);
-    }
-  }
-  return smallest * (1.0 - kMargin);
+  const double refined = MinimumNear(
+      worst, [&](double azimuth) { return FirstSingularRadius(map, radii, azimuth, limit); });
+  return std::min(smallest, refined) * (1.0 - kMargin);
 }
 
-double LargestImageRadius(const PlaneMap& map, double radius) {
-  double largest = 0.0;
+ImageRadii ImageOfCircle(const PlaneMap& map, double radius) {
+  const auto image_radius = [&](double azimuth) {
+    const PlanePoint p = OnCircle(map, radius, azimuth);
+    return std::hypot(p.u, p.v);
+  };
+  ImageRadii radii = {std::numeric_limits<double>::infinity(), 0.0};
+  int nearest = 0, farthest = 0;
   for (int i = 0; i < kAzimuths; ++i) {
-    const double azimuth = kTwoPi * i / kAzimuths;
-    const PlanePoint p = map(radius * std::cos(azimuth), radius * std::sin(azimuth));
-    largest = std::max(largest, std::hypot(p.u, p.v));
+    const double found = image_radius(Azimuth(i));
+    if (found < radii.smallest) {
+      radii.smallest = found;
+      nearest = i;
+    }
+    if (found > radii.largest) {
+      radii.largest = found;
+      farthest = i;
+    }
   }
-  return largest;
+  radii.smallest = std::min(radii.smallest, MinimumNear(nearest, image_radius));
+  const double far = -MinimumNear(farthest, [&](double azimuth) { return -image_radius(azimuth); });
+  radii.largest = std::max(radii.largest, far);
+  return radii;
+}
+
+bool ImageOfDiscContains(const PlaneMap& map, double radius, double u, double v) {
+  // The side of the target on which the image of a boundary point lies.
+  const auto turn = [&](double azimuth) {
+    const PlanePoint p = OnCircle(map, radius, azimuth);
+    return u * p.v - v * p.u;
+  };
+  constexpr double kReach = kTwoPi / 8;  // no lens turns a direction further
+  const double direction = std::atan2(v, u);
+  double low = direction - kReach, high = direction + kReach;
+  if (!(turn(low) < 0.0 && turn(high) > 0.0)) return true;  // undecided: let Newton decide
+  for (;;) {
+    const double middle = 0.5 * (low + high);
+    if (!(middle > low && middle < high)) break;
+    (turn(middle) < 0.0 ? low : high) = middle;
+  }
+  const PlanePoint boundary = OnCircle(map, radius, low);
+  return std::hypot(u, v) < std::hypot(boundary.u, boundary.v);
 }
 
 bool InvertPlaneMap(const PlaneMap& map, double radius, double u, double v, double* x, double* y) {

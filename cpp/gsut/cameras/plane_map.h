@@ -21,8 +21,15 @@ using PlaneMap = std::function<PlanePoint(double x, double y)>;
 // relative 1e-9.
 double RegularRadius(const PlaneMap& map, double limit);
 
-// The largest |(u, v)| on the circle of this radius, over the same azimuths.
-double LargestImageRadius(const PlaneMap& map, double radius);
+// The smallest and the largest |(u, v)| on the circle of this radius, sampled and refined likewise.
+struct ImageRadii {
+  double smallest, largest;
+};
+ImageRadii ImageOfCircle(const PlaneMap& map, double radius);
+
+// Whether (u, v) lies in the image of the disc of this radius, by comparing it with the point of
+// the boundary's image in the same direction from the origin (unique: see RegularRadius).
+bool ImageOfDiscContains(const PlaneMap& map, double radius, double u, double v);
 
 // Finds (x, y) inside the disc of this radius with map(x, y) = (u, v), by Newton from (*x, *y), and
 // if that fails by following the segment from the origin to (u, v), which lies in the image of the

@@ -109,12 +109,12 @@ double CutRadius(const Coefficients& k, double radius, double largest) {
 
 // The same for the whole distortion on a disc where it is regular.
 double CutRadius(const PlaneMap& map, double radius, double largest) {
-  if (LargestImageRadius(map, radius) < largest) return radius;
+  if (ImageOfCircle(map, radius).largest < largest) return radius;
   constexpr double kPrecision = 1e-9;
   double low = 0.0, high = radius;
   while (high - low > kPrecision * high) {
     const double middle = 0.5 * (low + high);
-    (LargestImageRadius(map, middle) < largest ? low : high) = middle;
+    (ImageOfCircle(map, middle).largest < largest ? low : high) = middle;
   }
   return low;
 }
@@ -135,9 +135,12 @@ bool Undistort(const LensDomain& domain, const Coefficients& k, double u, double
     *y = v * (r / distorted);
     return true;
   }
-  // max_radius was found on 64 azimuths only.
-  constexpr double kSlack = 1.05;
+  // Should the sampling of the two radii have missed a little.
+  constexpr double kSlack = 1.02;
+  const PlaneMap map = MakePlaneMap(k);
   if (!(distorted < kSlack * domain.max_radius)) return false;
+  const bool surely_inside = kSlack * distorted < domain.limits[1];
+  if (!surely_inside && !ImageOfDiscContains(map, radius, u, v)) return false;
   // The radial part alone is the first guess, well inside the disc.
   constexpr double kInside = 0.95;
   const double inside = kInside * radius;
@@ -145,7 +148,7 @@ bool Undistort(const LensDomain& domain, const Coefficients& k, double u, double
   const double start = reached ? inside : InvertRadius(k, inside, distorted);
   *x = u * (start / distorted);
   *y = v * (start / distorted);
-  return InvertPlaneMap(MakePlaneMap(k), radius, u, v, x, y);
+  return InvertPlaneMap(map, radius, u, v, x, y);
 }
 
 }  // namespace
@@ -160,8 +163,13 @@ LensDomain RadialTangentialDomain(const double* params, int num_params, double a
   if (angle_limit < 0.5 * kPi) radius = std::min(radius, std::tan(angle_limit));
   LensDomain domain;
   domain.max_angle = std::atan(radius);
-  domain.max_radius =
-      k.is_radial ? DistortRadius(k, radius, nullptr) : LargestImageRadius(map, radius);
+  if (k.is_radial) {
+    domain.max_radius = domain.limits[1] = DistortRadius(k, radius, nullptr);
+  } else {
+    const ImageRadii image = ImageOfCircle(map, radius);
+    domain.max_radius = image.largest;
+    domain.limits[1] = image.smallest;
+  }
   domain.limits[0] = radius * radius;
   return domain;
 }
@@ -174,9 +182,12 @@ bool UnprojectRadialTangential(const LensDomain& domain, const double* params, i
   if (!Undistort(domain, k, target_u, target_v, &x, &y)) return false;
   if (!(x * x + y * y < domain.limits[0])) return false;
   const PlanePoint back = MakePlaneMap(k)(x, y);
-  if (!InverseConverged(u, v, params[0] * back.u + params[2], params[1] * back.v + params[3])) {
-    return false;
-  }
+  const double gain_u = params[0] * std::hypot(back.du_dx, back.du_dy);
+  const double gain_v = params[1] * std::hypot(back.dv_dx, back.dv_dy);
+  const double gain = std::hypot(x, y) * std::hypot(gain_u, gain_v);
+  const double back_u = params[0] * back.u + params[2];
+  const double back_v = params[1] * back.v + params[3];
+  if (!InverseConverged(u, v, back_u, back_v, gain)) return false;
   const double norm = std::sqrt(1.0 + x * x + y * y);
   ray[0] = x / norm;
   ray[1] = y / norm;

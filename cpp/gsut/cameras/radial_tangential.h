@@ -9,7 +9,8 @@ struct LensDomain;
 // 12, 16 or 18. In the plane (x, y) = (X/Z, Y/Z) the domain is a disc: up to the first root of the
 // derivative of the radial part or its first pole, or where pixels come near kMaxPixel; for lenses
 // with other terms up to the first circle on which the map stops being regular (RegularRadius).
-// limits[0] is the squared radius of the disc.
+// limits[0] is the squared radius of the disc, limits[1] the smallest radius of its image's
+// boundary.
 LensDomain RadialTangentialDomain(const double* params, int num_params, double angle_limit);
 
 // Unit ray of a pixel; false if it has none.

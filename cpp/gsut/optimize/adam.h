@@ -32,10 +32,13 @@ struct AdamGroup {
 // step counts from 1. visible: `rows` bytes, or null; a row whose byte is 0 keeps its parameters
 // and moments. A gradient that is not finite spoils its own element only; densification finds it.
 // No fused multiply-add is used, so the bits are the same on every instruction set and any number
-// of threads. Error of the update against double arithmetic: below 4e-6 of the update plus half an
-// ulp of the parameter. Throws InputError if step < 1, an option is out of range, or a group's
-// columns or rates disagree. Source: Kingma and Ba, "Adam: a method for stochastic optimization",
-// ICLR 2015, algorithm 1; sparse: Mallick et al., "Taming 3DGS", SIGGRAPH Asia 2024.
+// of threads.
+// Throws InputError if step < 1, an option is out of range, or columns and rates disagree.
+// Error against double arithmetic: below 4e-7 of the update that moment and gradient would give if
+// they had the same sign, plus an ulp of the parameter.
+//
+// Source: Kingma and Ba, "Adam: a method for stochastic optimization", ICLR 2015, algorithm 1;
+// sparse: Mallick et al., "Taming 3DGS", SIGGRAPH Asia 2024.
 void AdamStep(const std::vector<AdamGroup>& groups, std::int64_t rows, std::int64_t step,
               const std::uint8_t* visible, const AdamOptions& options = {});
 

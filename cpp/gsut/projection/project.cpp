@@ -29,6 +29,58 @@ constexpr std::size_t kPadding = 16;
 constexpr std::int64_t kGrain = 4096;
 // Footprints wider than this (pixels) are not trusted to an ellipse.
 constexpr float kWideFootprint = 64.0f;
+// Where the central weight exceeds this (alpha below about 0.4), pixel differences of the sigma
+// points are so much magnified that float pixels do not suffice: they are formed in double.
+constexpr double kLargestFloatWeight = 10.0;
+
+// Footprint of Gaussian i in double.
+template <class T>
+auto FootprintOf(const GaussiansView<const T>& gaussians, std::int64_t i, const Camera& camera,
+                 const Pose& camera_from_world, const UnscentedWeights& weights) {
+  const Eigen::Vector3d mean =
+      camera_from_world.rotation *
+          Eigen::Map<const Eigen::Matrix<T, 3, 1>>(gaussians.means + 3 * i)
+              .template cast<double>() +
+      camera_from_world.translation;
+  double quat[4], r[9];
+  for (int k = 0; k < 4; ++k) quat[k] = static_cast<double>(gaussians.quats[4 * i + k]);
+  RotationFromQuaternion(quat, r);
+  const Eigen::Matrix3d q =
+      camera_from_world.rotation *
+      Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r);
+  double axes[3][3], scale[3];
+  for (int k = 0; k < 3; ++k) {
+    scale[k] = ScaleFromLog(static_cast<double>(gaussians.log_scales[3 * i + k]));
+    for (int row = 0; row < 3; ++row) axes[k][row] = q(row, k);
+  }
+  return VisitLens(camera.lens(), [&](auto lens) {
+    return HWY_NAMESPACE::Unscented<decltype(lens), double>(
+        camera.domain(), camera.params().data(), camera.num_params(), weights, mean.data(), axes,
+        scale);
+  });
+}
+
+// Replaces the kernel's pixel quantities by ones formed in double.
+void RefineInDouble(const GaussiansView<const float>& gaussians, const Camera& camera,
+                    const Pose& camera_from_world, const UnscentedWeights& weights,
+                    const FootprintRule& rule, std::int64_t begin, std::int64_t end,
+                    Splats* splats) {
+  for (std::int64_t i = begin; i < end; ++i) {
+    const std::size_t j = static_cast<std::size_t>(i);
+    const auto footprint = FootprintOf(gaussians, i, camera, camera_from_world, weights);
+    if (!footprint.all_valid) continue;
+    const double cutoff =
+        CutoffOf(Sigmoid(static_cast<double>(gaussians.opacity_logits[i])), rule);
+    const double reach = std::sqrt(std::max(cutoff, 0.0));
+    splats->u[j] = static_cast<float>(footprint.u);
+    splats->v[j] = static_cast<float>(footprint.v);
+    splats->cov_uu[j] = static_cast<float>(footprint.cov_uu);
+    splats->cov_uv[j] = static_cast<float>(footprint.cov_uv);
+    splats->cov_vv[j] = static_cast<float>(footprint.cov_vv);
+    splats->extent_u[j] = static_cast<float>(reach * std::sqrt(footprint.cov_uu));
+    splats->extent_v[j] = static_cast<float>(reach * std::sqrt(footprint.cov_vv));
+  }
+}
 
 }  // namespace
 
@@ -58,7 +110,7 @@ void Splats::Resize(std::int64_t n) {
   size = n;
   const std::size_t padded = static_cast<std::size_t>(n) + kPadding;
   for (AlignedVector<float>* array :
-       {&u, &v, &cov_uu, &cov_uv, &cov_vv, &extent_u, &extent_v, &distance}) {
+       {&u, &v, &cov_uu, &cov_uv, &cov_vv, &extent_u, &extent_v, &distance, &sine}) {
     array->resize(padded);
   }
   status.resize(padded);
@@ -89,6 +141,9 @@ void Project(const GaussiansView<const float>& gaussians, const Camera& camera,
   splats->Resize(gaussians.size);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
     ProjectKernel(task, begin, end, splats);
+    if (std::abs(task.weights.mean_0) > kLargestFloatWeight) {
+      RefineInDouble(gaussians, camera, camera_from_world, task.weights, rule, begin, end, splats);
+    }
   });
 }
 
@@ -98,24 +153,7 @@ void ProjectReference(const GaussiansView<const double>& gaussians, const Camera
   const UnscentedWeights weights = MakeUnscentedWeights(options);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
-      const Eigen::Vector3d mean =
-          camera_from_world.rotation * Eigen::Map<const Eigen::Vector3d>(gaussians.means + 3 * i) +
-          camera_from_world.translation;
-      double r[9];
-      RotationFromQuaternion(gaussians.quats + 4 * i, r);
-      const Eigen::Matrix3d q =
-          camera_from_world.rotation *
-          Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r);
-      double axes[3][3], scale[3];
-      for (int k = 0; k < 3; ++k) {
-        scale[k] = ScaleFromLog(gaussians.log_scales[3 * i + k]);
-        for (int row = 0; row < 3; ++row) axes[k][row] = q(row, k);
-      }
-      const auto footprint = VisitLens(camera.lens(), [&](auto lens) {
-        return HWY_NAMESPACE::Unscented<decltype(lens), double>(
-            camera.domain(), camera.params().data(), camera.num_params(), weights, mean.data(),
-            axes, scale);
-      });
+      const auto footprint = FootprintOf(gaussians, i, camera, camera_from_world, weights);
       const bool ok = footprint.all_valid;
       const double nan = std::numeric_limits<double>::quiet_NaN();
       valid[i] = ok;

@@ -31,10 +31,16 @@ UnscentedWeights MakeUnscentedWeights(const UnscentedOptions& options);
 
 enum class SplatStatus : std::uint8_t {
   kUnseen = 0,     // surely no pixel sees it
-  kEllipse = 1,    // all sigma points have a pixel: the ellipse is the footprint's estimate
-  kUncertain = 2,  // near the camera or across the domain's edge: no ellipse bounds it; the renderer
+  kSmall = 1,      // small and far: the ellipse, widened by kSmallMargin, surely holds the footprint
+  kEllipse = 2,    // all sigma points have a pixel: the ellipse is the footprint's estimate
+  kUncertain = 3,  // near the camera or across the domain's edge: no ellipse bounds it; the renderer
                    // finds its tiles by an exact test
 };
+
+// A Gaussian is small if its cut-off sphere is seen under less than this (sine of the half angle);
+// its extents then err by less than kSmallMargin times that sine, relative (tested on every lens).
+inline constexpr double kSmallSine = 0.1;
+inline constexpr double kSmallMargin = 2.0;
 
 // One splat a Gaussian, structure of arrays of `size` floats. Unless the status is kEllipse the
 // pixel quantities are NaN where sigma points are missing; they are never averaged from the rest.
@@ -44,6 +50,7 @@ struct Splats {
   AlignedVector<float> cov_uu, cov_uv, cov_vv;  // pixels^2
   AlignedVector<float> extent_u, extent_v;      // half width and height that hold alpha >= alpha_min
   AlignedVector<float> distance;                // of the mean from the camera centre
+  AlignedVector<float> sine;                    // of the half angle of the cut-off sphere, at most 1
   AlignedVector<SplatStatus> status;
 
   void Resize(std::int64_t n);

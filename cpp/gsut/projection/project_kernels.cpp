@@ -88,13 +88,17 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
     store(extent_u, &splats->extent_u);
     store(extent_v, &splats->extent_v);
     store(g.distance, &splats->distance);
+    store(sine, &splats->sine);
+    const std::uint64_t is_small =
+        MaskBits(AndMask(ellipse, sine < Lane(kSmallSine)).m);
     const std::uint64_t is_ellipse = MaskBits(ellipse.m);
     const std::uint64_t is_uncertain = MaskBits(uncertain.m);
     const std::uint64_t has_pixels = MaskBits(footprint.all_valid.m);
     const int count = static_cast<int>(HWY_MIN(end - i, static_cast<std::int64_t>(kLanes)));
     for (int k = 0; k < count; ++k) {
       const std::size_t j = static_cast<std::size_t>(i + k);
-      splats->status[j] = (is_ellipse >> k) & 1     ? SplatStatus::kEllipse
+      splats->status[j] = (is_small >> k) & 1       ? SplatStatus::kSmall
+                          : (is_ellipse >> k) & 1   ? SplatStatus::kEllipse
                           : (is_uncertain >> k) & 1 ? SplatStatus::kUncertain
                                                     : SplatStatus::kUnseen;
       if (!((has_pixels >> k) & 1)) {

@@ -13,8 +13,8 @@ HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
-// Blocks worked on together.
-inline constexpr int kBackwardJam = 2;
+// Blocks whose alphas are found together.
+inline constexpr int kBackwardJam = 4;
 
 // State of a tile's pixels, block by block: fields of kLanes floats.
 enum PixelField {
@@ -26,6 +26,13 @@ enum PixelField {
   kFieldTransmittance,
   kFieldBehind,  // what lies behind the Gaussians blended so far, as L sees it
   kFieldAlong,   // dL/ddepth times the ray's length
+  // Of the Gaussian at hand:
+  kFieldP,
+  kFieldQ,
+  kFieldZ,
+  kFieldReciprocal,  // 1 / (z^2 + k N), 0 where there is no hit
+  kFieldU,
+  kFieldAlpha,       // 0 where there is no hit, negative where it is clamped
   kNumFields
 };
 
@@ -36,19 +43,43 @@ struct PixelGradients {
   const float* final_transmittance;  // to the transmittance that is left
 };
 
-// The sums of 16 vectors, in order, into out[16].
-HWY_INLINE void SumLanes16(FloatVec* v, float* out) {
+// Adds neighbours: result lane 2 i = x's lanes 2 i and 2 i + 1, lane 2 i + 1 = y's.
+HWY_INLINE FloatVec AddPairs1(FloatVec x, FloatVec y) {
+  return hn::Add(hn::OddEven(y, x), hn::Shuffle2301(hn::OddEven(x, y)));
+}
+
+// The same for pairs of lanes, and for blocks of four.
+HWY_INLINE FloatVec AddPairs2(FloatVec x, FloatVec y) {
   const FloatTag d;
-  constexpr int kLevels = kLanes == 16 ? 4 : kLanes == 8 ? 3 : kLanes == 4 ? 2 : 0;
-  int count = 16;
-  for (int level = 0; level < kLevels; ++level) {
-    count /= 2;
-    for (int i = 0; i < count; ++i) {
-      v[i] = hn::Add(hn::ConcatEven(d, v[2 * i + 1], v[2 * i]),
-                     hn::ConcatOdd(d, v[2 * i + 1], v[2 * i]));
+  const hn::Repartition<double, FloatTag> dd;
+  const auto x2 = hn::BitCast(dd, x);
+  const auto y2 = hn::BitCast(dd, y);
+  const auto swapped = hn::Shuffle01(hn::OddEven(x2, y2));
+  return hn::Add(hn::BitCast(d, hn::OddEven(y2, x2)), hn::BitCast(d, swapped));
+}
+
+HWY_INLINE FloatVec AddPairs4(FloatVec x, FloatVec y) {
+  return hn::Add(hn::OddEvenBlocks(y, x), hn::SwapAdjacentBlocks(hn::OddEvenBlocks(x, y)));
+}
+
+// The sums of 16 vectors, in order, into out[16]. One shuffle a pair.
+HWY_INLINE void SumLanes16(const FloatVec* v, float* out) {
+  const FloatTag d;
+  for (int group = 0; group < 16; group += kLanes) {
+    FloatVec w[kLanes];
+    GSUT_UNROLL for (int i = 0; i < kLanes; ++i) w[i] = v[group + i];
+#if HWY_MAX_BYTES == 64
+    GSUT_UNROLL for (int i = 0; i < 8; ++i) {
+      w[i] = hn::Add(hn::ConcatUpperLower(d, w[i + 8], w[i]),
+                     hn::ConcatLowerUpper(d, w[i + 8], w[i]));
     }
+#endif
+    if constexpr (kLanes >= 8) {
+      GSUT_UNROLL for (int i = 0; i < 4; ++i) w[i] = AddPairs4(w[i], w[i + 4]);
+    }
+    GSUT_UNROLL for (int i = 0; i < 2; ++i) w[i] = AddPairs2(w[i], w[i + 2]);
+    hn::Store(AddPairs1(w[0], w[1]), d, out + group);
   }
-  for (int i = 0; i < count; ++i) hn::Store(v[i], d, out + i * kLanes);
 }
 
 template <bool kDepth, bool kStopBefore>
@@ -59,7 +90,8 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
   const std::uint32_t count = frame->entry_count[tile];
   if (count == 0) return;
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
-  const TileAxes axes(grid, tile);
+  const TileAxes to_tile = ToTileAxes(grid, tile);
+  const TileAxes from_tile = FromTileAxes(grid, tile);
   // One block more than the tile has: a dead block that fills up the last group.
   HWY_ALIGN float state[(kBlocks + 1) * kNumFields * kLanes];
   const auto field = [&](int block, int f) HWY_ATTR {
@@ -98,26 +130,27 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
       hwy::Prefetch(records + std::size_t{record::kSize} * entries[e + kAhead].gaussian);
     }
     HWY_ALIGN float r[record::kSize];
-    axes.ToTile(records + std::size_t{record::kSize} * entries[e].gaussian, r);
+    to_tile.Turn(records + std::size_t{record::kSize} * entries[e].gaussian, r);
     FloatVec sums[16];
     for (FloatVec& sum : sums) sum = hn::Zero(d);
     const FloatVec k = hn::Set(d, r[record::kK]);
+    const FloatVec kappa = hn::Set(d, r[record::kKappa]);
+    const FloatVec log2_opacity = hn::Set(d, r[record::kLog2Opacity]);
     const FloatVec depth_scale = hn::Set(d, r[record::kDepth]);
     const FloatVec depth_factor =
         hn::Set(d, r[record::kDepth] / (static_cast<float>(kLn2) * r[record::kKappa]));
-    std::uint64_t todo = entries[e].blocks;
-    do {
-      int block[kBackwardJam];
+    // First all alphas, then the blend: the first is wide and without order, the second needs the
+    // registers for its sums.
+    for (std::uint64_t todo = entries[e].blocks; todo != 0;) {
+      float* at[kBackwardJam];
       FloatVec s[kBackwardJam], t[kBackwardJam], p[kBackwardJam], q[kBackwardJam], z[kBackwardJam];
-      FloatVec zz[kBackwardJam], n[kBackwardJam], u[kBackwardJam], reciprocal[kBackwardJam];
-      FloatVec alpha[kBackwardJam], open[kBackwardJam], transmittance[kBackwardJam];
-      FloatMask hit[kBackwardJam], free[kBackwardJam];
+      FloatVec zz[kBackwardJam], n[kBackwardJam], reciprocal[kBackwardJam], alpha[kBackwardJam];
+      FloatMask hit[kBackwardJam];
       GSUT_UNROLL for (int i = 0; i < kBackwardJam; ++i) {
-        block[i] = todo != 0 ? __builtin_ctzll(todo) : kBlocks;
+        at[i] = field(todo != 0 ? __builtin_ctzll(todo) : kBlocks, 0);
         todo &= todo - 1;
-        s[i] = hn::Load(d, field(block[i], kFieldS));
-        t[i] = hn::Load(d, field(block[i], kFieldT));
-        transmittance[i] = hn::Load(d, field(block[i], kFieldTransmittance));
+        s[i] = hn::Load(d, at[i] + kFieldS * kLanes);
+        t[i] = hn::Load(d, at[i] + kFieldT * kLanes);
       }
       // The same operations in the same order as the forward pass: the same bits, the same hits.
       GSUT_UNROLL for (int i = 0; i < kBackwardJam; ++i) {
@@ -130,92 +163,102 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
         z[i] = hn::Max(z[i], hn::Zero(d));
         n[i] = hn::MulAdd(p[i], p[i], hn::Mul(q[i], q[i]));
         zz[i] = hn::Mul(z[i], z[i]);
-        hit[i] = hn::And(hn::Ge(transmittance[i], stop), hn::Lt(n[i], zz[i]));
+        hit[i] = hn::Lt(n[i], zz[i]);
         zz[i] = hn::MulAdd(k, n[i], zz[i]);
-      }
-      GSUT_UNROLL for (int i = 0; i < kBackwardJam; ++i) reciprocal[i] = FastReciprocal(zz[i]);
-      GSUT_UNROLL for (int i = 0; i < kBackwardJam; ++i) {
-        u[i] = hn::Mul(n[i], reciprocal[i]);
-        alpha[i] = FastExp2(hn::MulAdd(hn::Set(d, r[record::kKappa]), u[i],
-                                       hn::Set(d, r[record::kLog2Opacity])));
-        free[i] = hn::And(hit[i], hn::Lt(alpha[i], alpha_limit));
-        alpha[i] = hn::IfThenElseZero(hit[i], hn::Min(alpha[i], alpha_limit));
+        hn::Store(p[i], d, at[i] + kFieldP * kLanes);
+        hn::Store(q[i], d, at[i] + kFieldQ * kLanes);
+        hn::Store(z[i], d, at[i] + kFieldZ * kLanes);
       }
       GSUT_UNROLL for (int i = 0; i < kBackwardJam; ++i) {
-        open[i] = FastReciprocal(hn::Sub(one, alpha[i]));
+        // A miss may hold infinities: they are taken out here.
+        reciprocal[i] = hn::IfThenElseZero(hit[i], FastReciprocal(zz[i]));
+        hn::Store(reciprocal[i], d, at[i] + kFieldReciprocal * kLanes);
       }
       GSUT_UNROLL for (int i = 0; i < kBackwardJam; ++i) {
-        FloatVec weight = hn::Mul(alpha[i], transmittance[i]);
-        if (kStopBefore) {
-          const FloatMask ends =
-              hn::And(hit[i], hn::Le(hn::Sub(transmittance[i], weight), stop));
-          weight = hn::IfThenZeroElse(ends, weight);
-          free[i] = hn::AndNot(ends, free[i]);
-          hit[i] = hn::AndNot(ends, hit[i]);
-          hn::Store(hn::IfThenElse(ends, hn::Neg(transmittance[i]),
-                                   hn::Sub(transmittance[i], weight)),
-                    d, field(block[i], kFieldTransmittance));
-        } else {
-          hn::Store(hn::Sub(transmittance[i], weight), d, field(block[i], kFieldTransmittance));
-        }
-        const FloatVec red = hn::Load(d, field(block[i], kFieldRed));
-        const FloatVec green = hn::Load(d, field(block[i], kFieldGreen));
-        const FloatVec blue = hn::Load(d, field(block[i], kFieldBlue));
-        sums[slot::kColor] = hn::MulAdd(weight, red, sums[slot::kColor]);
-        sums[slot::kColor + 1] = hn::MulAdd(weight, green, sums[slot::kColor + 1]);
-        sums[slot::kColor + 2] = hn::MulAdd(weight, blue, sums[slot::kColor + 2]);
-        FloatVec value = hn::MulAdd(
-            hn::Set(d, r[record::kColor]), red,
-            hn::MulAdd(hn::Set(d, r[record::kColor + 1]), green,
-                       hn::Mul(hn::Set(d, r[record::kColor + 2]), blue)));
-        FloatVec to_depth = hn::Zero(d);  // weight x dL/ddepth
-        FloatVec unit_depth = hn::Zero(d);
-        if (kDepth) {
-          const FloatVec along = hn::Load(d, field(block[i], kFieldAlong));
-          unit_depth = hn::IfThenElseZero(hit[i], hn::Mul(z[i], reciprocal[i]));
-          value = hn::MulAdd(hn::Mul(depth_scale, unit_depth), along, value);
-          to_depth = hn::Mul(weight, along);
-        }
-        const FloatVec behind =
-            hn::NegMulAdd(weight, value, hn::Load(d, field(block[i], kFieldBehind)));
-        hn::Store(behind, d, field(block[i], kFieldBehind));
-        // h = alpha dL/dalpha, 0 where alpha is clamped or the pixel is not hit.
-        const FloatVec h = hn::IfThenElseZero(
-            free[i], hn::Mul(alpha[i], hn::NegMulAdd(behind, open[i],
-                                                     hn::Mul(transmittance[i], value))));
-        // A miss may hold infinities: they are taken out before they meet a 0.
-        const FloatVec safe_u = hn::IfThenElseZero(hit[i], u[i]);
-        const FloatVec safe_reciprocal = hn::IfThenElseZero(hit[i], reciprocal[i]);
-        const FloatVec hr = hn::Mul(h, safe_reciprocal);
-        const FloatVec hru = hn::Mul(hr, safe_u);
-        FloatVec to_form = hn::NegMulAdd(k, hru, hr);
-        FloatVec to_z = hn::Mul(hru, z[i]);
-        if (kDepth) {
-          const FloatVec scaled = hn::Mul(to_depth, depth_factor);
-          const FloatVec second = hn::Mul(scaled, hn::Mul(unit_depth, safe_reciprocal));
-          to_form = hn::NegMulAdd(k, second, to_form);
-          to_z = hn::MulAdd(second, z[i], to_z);
-          to_z = hn::NegMulAdd(hn::Mul(hn::Set(d, 0.5f), scaled), safe_reciprocal, to_z);
-          sums[slot::kDepth] = hn::MulAdd(to_depth, unit_depth, sums[slot::kDepth]);
-        }
-        sums[slot::kHu] = hn::MulAdd(h, safe_u, sums[slot::kHu]);
-        sums[slot::kH] = hn::Add(sums[slot::kH], h);
-        const FloatVec gp = hn::Mul(to_form, p[i]);
-        const FloatVec gq = hn::Mul(to_form, q[i]);
-        sums[0] = hn::Add(sums[0], gp);
-        sums[1] = hn::MulAdd(gp, s[i], sums[1]);
-        sums[2] = hn::MulAdd(gp, t[i], sums[2]);
-        sums[3] = hn::Add(sums[3], gq);
-        sums[4] = hn::MulAdd(gq, s[i], sums[4]);
-        sums[5] = hn::MulAdd(gq, t[i], sums[5]);
-        sums[6] = hn::Add(sums[6], to_z);
-        sums[7] = hn::MulAdd(to_z, s[i], sums[7]);
-        sums[8] = hn::MulAdd(to_z, t[i], sums[8]);
+        const FloatVec u = hn::Mul(n[i], reciprocal[i]);
+        hn::Store(u, d, at[i] + kFieldU * kLanes);
+        alpha[i] = FastExp2(hn::MulAdd(kappa, u, log2_opacity));
       }
-    } while (todo != 0);
+      GSUT_UNROLL for (int i = 0; i < kBackwardJam; ++i) {
+        const FloatVec signed_alpha =
+            hn::IfThenElse(hn::Lt(alpha[i], alpha_limit), alpha[i], hn::Neg(alpha_limit));
+        hn::Store(hn::IfThenElseZero(hit[i], signed_alpha), d, at[i] + kFieldAlpha * kLanes);
+      }
+    }
+    for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
+      float* at = field(__builtin_ctzll(todo), 0);
+      const auto get = [&](int f) HWY_ATTR { return hn::Load(d, at + f * kLanes); };
+      const FloatVec transmittance = get(kFieldTransmittance);
+      const FloatMask open = hn::Ge(transmittance, stop);
+      FloatVec signed_alpha = hn::IfThenElseZero(open, get(kFieldAlpha));
+      FloatVec alpha = hn::Abs(signed_alpha);
+      FloatVec weight = hn::Mul(alpha, transmittance);
+      if (kStopBefore) {
+        const FloatMask ends =
+            hn::And(hn::Gt(alpha, hn::Zero(d)), hn::Le(hn::Sub(transmittance, weight), stop));
+        weight = hn::IfThenZeroElse(ends, weight);
+        signed_alpha = hn::IfThenZeroElse(ends, signed_alpha);
+        alpha = hn::IfThenZeroElse(ends, alpha);
+        hn::Store(hn::IfThenElse(ends, hn::Neg(transmittance), hn::Sub(transmittance, weight)), d,
+                  at + kFieldTransmittance * kLanes);
+      } else {
+        hn::Store(hn::Sub(transmittance, weight), d, at + kFieldTransmittance * kLanes);
+      }
+      const FloatVec past = FastReciprocal(hn::Sub(one, alpha));
+      const FloatVec red = get(kFieldRed), green = get(kFieldGreen), blue = get(kFieldBlue);
+      sums[slot::kColor] = hn::MulAdd(weight, red, sums[slot::kColor]);
+      sums[slot::kColor + 1] = hn::MulAdd(weight, green, sums[slot::kColor + 1]);
+      sums[slot::kColor + 2] = hn::MulAdd(weight, blue, sums[slot::kColor + 2]);
+      FloatVec value =
+          hn::MulAdd(hn::Set(d, r[record::kColor]), red,
+                     hn::MulAdd(hn::Set(d, r[record::kColor + 1]), green,
+                                hn::Mul(hn::Set(d, r[record::kColor + 2]), blue)));
+      const FloatVec reciprocal = get(kFieldReciprocal);
+      const FloatVec z = get(kFieldZ);
+      FloatVec to_depth = hn::Zero(d);  // weight x dL/ddepth
+      FloatVec unit_depth = hn::Zero(d);
+      if (kDepth) {
+        const FloatVec along = get(kFieldAlong);
+        unit_depth = hn::Mul(z, reciprocal);
+        value = hn::MulAdd(hn::Mul(depth_scale, unit_depth), along, value);
+        to_depth = hn::Mul(weight, along);
+      }
+      const FloatVec behind = hn::NegMulAdd(weight, value, get(kFieldBehind));
+      hn::Store(behind, d, at + kFieldBehind * kLanes);
+      // h = alpha dL/dalpha, 0 where alpha is clamped or the pixel is not hit.
+      const FloatVec h = hn::Mul(hn::Max(signed_alpha, hn::Zero(d)),
+                                 hn::NegMulAdd(behind, past, hn::Mul(transmittance, value)));
+      const FloatVec u = get(kFieldU);
+      const FloatVec hr = hn::Mul(h, reciprocal);
+      const FloatVec hru = hn::Mul(hr, u);
+      FloatVec to_form = hn::NegMulAdd(k, hru, hr);
+      FloatVec to_z = hn::Mul(hru, z);
+      if (kDepth) {
+        const FloatVec scaled = hn::Mul(to_depth, depth_factor);
+        const FloatVec second = hn::Mul(scaled, hn::Mul(unit_depth, reciprocal));
+        to_form = hn::NegMulAdd(k, second, to_form);
+        to_z = hn::MulAdd(second, z, to_z);
+        to_z = hn::NegMulAdd(hn::Mul(hn::Set(d, 0.5f), scaled), reciprocal, to_z);
+        sums[slot::kDepth] = hn::MulAdd(to_depth, unit_depth, sums[slot::kDepth]);
+      }
+      sums[slot::kHu] = hn::MulAdd(h, u, sums[slot::kHu]);
+      sums[slot::kH] = hn::Add(sums[slot::kH], h);
+      const FloatVec s = get(kFieldS), t = get(kFieldT);
+      const FloatVec gp = hn::Mul(to_form, get(kFieldP));
+      const FloatVec gq = hn::Mul(to_form, get(kFieldQ));
+      sums[0] = hn::Add(sums[0], gp);
+      sums[1] = hn::MulAdd(gp, s, sums[1]);
+      sums[2] = hn::MulAdd(gp, t, sums[2]);
+      sums[3] = hn::Add(sums[3], gq);
+      sums[4] = hn::MulAdd(gq, s, sums[4]);
+      sums[5] = hn::MulAdd(gq, t, sums[5]);
+      sums[6] = hn::Add(sums[6], to_z);
+      sums[7] = hn::MulAdd(to_z, s, sums[7]);
+      sums[8] = hn::MulAdd(to_z, t, sums[8]);
+    }
     HWY_ALIGN float totals[16];
     SumLanes16(sums, totals);
-    axes.FromTile(totals, &frame->slot_gradients[std::size_t{16} * entries[e].slot]);
+    from_tile.Turn(totals, &frame->slot_gradients[std::size_t{16} * entries[e].slot]);
     frame->slot_touched[entries[e].slot] = 1;
   }
 }

@@ -87,7 +87,7 @@ void BinTiles(const TileGrid& grid, Frame* frame) {
     frame->slot_begin[j] = static_cast<std::uint32_t>(slots);
     const TileRect& rect = frame->rects[j];
     if (rect.x0 >= rect.x1) continue;
-    slots += rect.NumTiles();
+    slots += rect.NumTiles(frame->SpansOf(j));
     seen.push_back({SortableBits(frame->order_key[j]), static_cast<std::uint32_t>(i)});
   }
   frame->slot_begin[static_cast<std::size_t>(n)] = static_cast<std::uint32_t>(slots);
@@ -110,7 +110,7 @@ void BinTiles(const TileGrid& grid, Frame* frame) {
       const std::uint32_t gaussian = frame->order[static_cast<std::size_t>(i)];
       const TileRect rect = frame->rects[gaussian];
       std::uint32_t slot = frame->slot_begin[gaussian];
-      rect.ForEachTile([&](int x, int y) {
+      rect.ForEachTile(frame->SpansOf(gaussian), [&](int x, int y) {
         visit(&count[static_cast<std::size_t>(y) * grid.tiles_x + x], gaussian, slot++);
       });
     }

@@ -43,7 +43,7 @@ HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
   const std::uint32_t end = frame->tile_begin[tile + 1];
   std::uint32_t entries = 0;
   std::uint64_t alive = grid.alive[tile];
-  const TileAxes axes(grid, tile);
+  const TileAxes axes = ToTileAxes(grid, tile);
   const float* boxes = &grid.block_box[static_cast<std::size_t>(tile) * 4 * kBlockStride];
   const TilePair* pairs = frame->pairs.data();
   const float* records = frame->records.data();
@@ -61,7 +61,7 @@ HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
       if (chunk + j + kPrefetch < end) {
         hwy::Prefetch(records + std::size_t{record::kSize} * pairs[chunk + j + kPrefetch].gaussian);
       }
-      axes.ToTile(records + std::size_t{record::kSize} * pairs[chunk + j].gaussian, rows[j]);
+      axes.Turn(records + std::size_t{record::kSize} * pairs[chunk + j].gaussian, rows[j]);
       blocks_of[j] = TouchedBlocks(rows[j], boxes) & alive;
     }
     for (int j = count; j < kChunk; ++j) blocks_of[j] = 0;

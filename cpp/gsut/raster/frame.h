@@ -4,6 +4,7 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
 #include "gsut/base/aligned_vector.h"
 
@@ -45,8 +46,14 @@ struct TileEntry {
   std::uint64_t blocks;
 };
 
-// Tiles [x0, x1) x [y0, y1), none if x0 >= x1; of these, where there are at most 64, the ones whose
-// bit of `tiles` is set (row by row, bit 0 first), else all.
+// Tiles [begin, end) of one row.
+struct RowSpan {
+  std::uint16_t begin, end;
+};
+
+// The tiles of one Gaussian, inside [x0, x1) x [y0, y1); none if x0 >= x1. Of at most 64, the ones
+// whose bit of `tiles` is set (row by row, bit 0 first); of more, one span a row, which start at
+// index `tiles` of the spans of the Gaussian's part (see Frame::row_spans).
 struct TileRect {
   std::uint16_t x0 = 0, x1 = 0, y0 = 0, y1 = 0;
   std::uint64_t tiles = 0;
@@ -55,12 +62,9 @@ struct TileRect {
   std::uint32_t Area() const {
     return static_cast<std::uint32_t>(x1 - x0) * static_cast<std::uint32_t>(y1 - y0);
   }
-  std::uint32_t NumTiles() const {
-    return Area() > kMaxMasked ? Area() : static_cast<std::uint32_t>(std::popcount(tiles));
-  }
-  // visit(x, y) for each tile, in order.
+  // visit(x, y) for each tile, in order; spans: of the Gaussian's part.
   template <class Visit>
-  void ForEachTile(Visit&& visit) const {
+  void ForEachTile(const std::vector<RowSpan>& spans, Visit&& visit) const {
     if (Area() <= kMaxMasked) {
       const int width = x1 - x0;
       for (std::uint64_t rest = tiles; rest != 0; rest &= rest - 1) {
@@ -70,10 +74,22 @@ struct TileRect {
       return;
     }
     for (int y = y0; y < y1; ++y) {
-      for (int x = x0; x < x1; ++x) visit(x, y);
+      const RowSpan span = spans[tiles + static_cast<std::size_t>(y - y0)];
+      for (int x = span.begin; x < span.end; ++x) visit(x, y);
     }
   }
+  std::uint32_t NumTiles(const std::vector<RowSpan>& spans) const {
+    if (Area() <= kMaxMasked) return static_cast<std::uint32_t>(std::popcount(tiles));
+    std::uint32_t sum = 0;
+    for (std::size_t row = 0; row < static_cast<std::size_t>(y1 - y0); ++row) {
+      sum += static_cast<std::uint32_t>(spans[tiles + row].end - spans[tiles + row].begin);
+    }
+    return sum;
+  }
 };
+
+// Gaussians whose records are made together by one call; their spans share one array.
+inline constexpr std::int64_t kRecordsPart = 2048;
 
 // Buffers are kept from frame to frame and only grow.
 struct Frame {
@@ -81,6 +97,7 @@ struct Frame {
   AlignedVector<float> records;        // (size, 16)
   AlignedVector<float> order_key;      // (size)
   AlignedVector<TileRect> rects;       // (size); empty: not seen
+  std::vector<std::vector<RowSpan>> row_spans;  // one array a part of kRecordsPart Gaussians
   AlignedVector<std::uint32_t> slot_begin;  // (size + 1)
   AlignedVector<std::uint32_t> order;  // seen Gaussians, nearest first
   AlignedVector<TilePair> pairs;       // by tile, nearest first
@@ -97,6 +114,9 @@ struct Frame {
   AlignedVector<float> slot_gradients;        // (slots, 16)
   AlignedVector<std::uint8_t> slot_touched;   // (slots)
 
+  const std::vector<RowSpan>& SpansOf(std::size_t gaussian) const {
+    return row_spans[gaussian / static_cast<std::size_t>(kRecordsPart)];
+  }
   std::size_t num_pairs() const { return pairs.size(); }
 };
 

@@ -7,6 +7,10 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include <memory>
+#include <type_traits>
+#include <vector>
+
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/raster/kernels.h"
 
@@ -22,11 +26,27 @@ HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
+TileRect TilesOfSplat(const TileGrid& grid, const Splats& splats, std::size_t j, const float* row,
+                      TouchedRows* rows, std::vector<RowSpan>* spans) {
+  const SplatStatus status = splats.status[j];
+  if (status == SplatStatus::kUncertain) return ExactTileRect(grid, row, rows, spans);
+  const bool is_small = status == SplatStatus::kSmall;
+  const float widen = is_small ? 1.0f + static_cast<float>(kSmallMargin) * splats.sine[j] : 1.0f;
+  constexpr float kRounding = 0.01f;  // pixels: of float coordinates up to 65 536
+  const TileWindow window = EllipseTiles(grid, splats.u[j], splats.v[j],
+                                         widen * splats.extent_u[j] + kRounding,
+                                         widen * splats.extent_v[j] + kRounding);
+  if (is_small) return BoundedTileRect(grid, row, window, rows, spans);
+  return GrownTileRect(grid, row, window, rows, spans);
+}
+
 void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
              std::int64_t begin, std::int64_t end, Frame* frame) {
   const FloatTag d;
   const hn::RebindToSigned<FloatTag> di;
   const int coefficients = task.gaussians.sh_coefficients;
+  const auto rows = std::make_unique_for_overwrite<TouchedRows>();
+  std::vector<RowSpan>* spans = &frame->row_spans[static_cast<std::size_t>(begin / kRecordsPart)];
   for (std::int64_t i = begin; i < end; i += kLanes) {
     const int count = static_cast<int>(HWY_MIN(end - i, static_cast<std::int64_t>(kLanes)));
     bool any = false;
@@ -66,11 +86,7 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
       if (!((visible >> k) & 1) || splats.status[j] == SplatStatus::kUnseen) continue;
       float* row = &frame->records[j * record::kSize];
       for (int column = 0; column < record::kSize; ++column) row[column] = values[column][k];
-      frame->rects[j] = splats.status[j] == SplatStatus::kEllipse
-                            ? GrownTileRect(grid, row,
-                                            EllipseTiles(grid, splats.u[j], splats.v[j],
-                                                            splats.extent_u[j], splats.extent_v[j]))
-                            : ExactTileRect(grid, row);
+      frame->rects[j] = TilesOfSplat(grid, splats, j, row, rows.get(), spans);
     }
   }
 }

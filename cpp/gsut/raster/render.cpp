@@ -7,7 +7,6 @@
 #include "gsut/base/errors.h"
 #include "gsut/base/isa.h"
 #include "gsut/base/parallel.h"
-#include "gsut/base/stopwatch.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/projection/project_kernels.h"
 #include "gsut/raster/bin_tiles.h"
@@ -15,7 +14,6 @@
 namespace gsut {
 namespace {
 
-constexpr std::int64_t kGaussianGrain = 2048;
 constexpr std::size_t kPadding = 16;
 
 }  // namespace
@@ -35,7 +33,7 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   Stopwatch watch;
   const FootprintRule footprint = {settings.rule.alpha_min, settings.rule.response_min};
   Project(gaussians, camera, camera_from_world, options.unscented, footprint, &splats_);
-  timings_.emplace_back("project", watch.Lap());
+  timings_.push_back(watch.Lap("project"));
 
   task_.gaussians = gaussians;
   task_.view = MakeViewFloats(camera_from_world);
@@ -60,12 +58,14 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   frame_.records.resize((n + kPadding) * record::kSize);
   frame_.order_key.resize(n + kPadding);
   frame_.rects.resize(n);
-  ParallelFor(gaussians.size, kGaussianGrain, [&](std::int64_t begin, std::int64_t end) {
+  frame_.row_spans.resize((n + kRecordsPart - 1) / kRecordsPart);
+  ParallelFor(gaussians.size, kRecordsPart, [&](std::int64_t begin, std::int64_t end) {
+    frame_.row_spans[static_cast<std::size_t>(begin / kRecordsPart)].clear();
     RecordsKernel(task_, *grid_, splats_, begin, end, &frame_);
   });
-  timings_.emplace_back("records", watch.Lap());
+  timings_.push_back(watch.Lap("records"));
   BinTiles(*grid_, &frame_);
-  timings_.emplace_back("bin", watch.Lap());
+  timings_.push_back(watch.Lap("bin"));
 
   const std::size_t tiles = static_cast<std::size_t>(grid_->num_tiles());
   frame_.transmittance.resize(tiles * kTilePixels);
@@ -78,7 +78,7 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   ParallelFor(grid_->num_tiles(), 1, [&](std::int64_t tile, std::int64_t) {
     ForwardKernel(task_, *grid_, static_cast<int>(tile), &frame_, image, alpha, depth);
   });
-  timings_.emplace_back("forward", watch.Lap());
+  timings_.push_back(watch.Lap("forward"));
   rendered_ = task_.keep;
 }
 

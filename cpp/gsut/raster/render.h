@@ -3,9 +3,9 @@
 
 #include <cstdint>
 #include <memory>
-#include <utility>
 #include <vector>
 
+#include "gsut/base/stopwatch.h"
 #include "gsut/cameras/camera.h"
 #include "gsut/gaussians/gaussians.h"
 #include "gsut/poses/pose.h"
@@ -43,9 +43,9 @@ class Renderer {
   void Backward(const float* dimage, const float* dalpha, const float* ddepth, bool write_untouched,
                 const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose);
 
-  // Wall seconds of the last calls' stages, in order of execution: "project", "records", "bin",
-  // "forward", "backward", "gradients".
-  const std::vector<std::pair<const char*, double>>& timings() const { return timings_; }
+  // Times of the last calls' stages, in order: "project", "records", "bin", "forward", "backward",
+  // "gradients".
+  const std::vector<StageTime>& timings() const { return timings_; }
 
   const Splats& splats() const { return splats_; }
   const Frame& frame() const { return frame_; }
@@ -54,7 +54,7 @@ class Renderer {
   std::int64_t num_contributing_pairs() const;
 
  private:
-  std::vector<std::pair<const char*, double>> timings_;
+  std::vector<StageTime> timings_;
   RasterTask task_;
   std::shared_ptr<const TileGrid> grid_;
   Splats splats_;

@@ -4,7 +4,6 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
-#include "gsut/base/stopwatch.h"
 #include "gsut/raster/render.h"
 
 namespace gsut {
@@ -36,7 +35,7 @@ void Renderer::Backward(const float* dimage, const float* dalpha, const float* d
   ParallelFor(grid_->num_tiles(), 1, [&](std::int64_t tile, std::int64_t) {
     BackwardKernel(task_, *grid_, static_cast<int>(tile), image_gradients, &frame_);
   });
-  timings_.emplace_back("backward", watch.Lap());
+  timings_.push_back(watch.Lap("backward"));
   const std::int64_t chunks = (gradients.size + kGaussianGrain - 1) / kGaussianGrain;
   std::vector<std::array<double, 6>> pose(static_cast<std::size_t>(chunks));
   ParallelFor(gradients.size, kGaussianGrain, [&](std::int64_t begin, std::int64_t end) {
@@ -44,7 +43,7 @@ void Renderer::Backward(const float* dimage, const float* dalpha, const float* d
     sum.fill(0.0);
     GradientsKernel(task_, frame_, begin, end, write_untouched, gradients, touched, sum.data());
   });
-  timings_.emplace_back("gradients", watch.Lap());
+  timings_.push_back(watch.Lap("gradients"));
   std::fill_n(dpose, 6, 0.0);
   for (const std::array<double, 6>& sum : pose) {
     for (int k = 0; k < 6; ++k) dpose[k] += sum[static_cast<std::size_t>(k)];

@@ -25,34 +25,51 @@ inline constexpr int kBlockStride = (kBlocks + kLanes - 1) / kLanes * kLanes;
 using Float4 = hn::FixedTag<float, 4>;
 
 // The tile's axes, ready to turn linear forms between the camera frame and the tile's (1, s, t).
+// Forms are 3 x 3 floats at the head of 16; the tail is copied.
 class TileAxes {
  public:
-  HWY_INLINE TileAxes(const TileGrid& grid, int tile) {
-    const Float4 d;
-    for (int k = 0; k < 3; ++k) {
-      HWY_ALIGN const float to[4] = {grid.frame[k][tile], grid.frame[3 + k][tile],
-                                     grid.frame[6 + k][tile], 0.0f};
-      to_tile_[k] = hn::Load(d, to);
-      HWY_ALIGN const float from[4] = {grid.frame[3 * k][tile], grid.frame[3 * k + 1][tile],
-                                       grid.frame[3 * k + 2][tile], 0.0f};
-      from_tile_[k] = hn::Load(d, from);
+  // axes[k][j]: component j of the k-th row to multiply with: D, E1, E2, or their transpose.
+  HWY_INLINE explicit TileAxes(const float (*axes)[3]) {
+#if HWY_MAX_BYTES == 64
+    const FloatTag d;
+    HWY_ALIGN float factors[3][16];
+    HWY_ALIGN std::int32_t source[3][16];
+    for (int lane = 0; lane < 16; ++lane) {
+      for (int j = 0; j < 3; ++j) {
+        const bool is_form = lane < 9;
+        factors[j][lane] = is_form ? axes[lane % 3][j] : j == 0 ? 1.0f : 0.0f;
+        source[j][lane] = is_form ? lane / 3 * 3 + j : lane;
+      }
     }
+    for (int j = 0; j < 3; ++j) {
+      factors_[j] = hn::Load(d, factors[j]);
+      hn::Store(hn::Load(hn::RebindToSigned<FloatTag>(), source[j]),
+                hn::RebindToSigned<FloatTag>(), source_[j]);
+    }
+#else
+    const Float4 d;
+    for (int j = 0; j < 3; ++j) {
+      HWY_ALIGN const float column[4] = {axes[0][j], axes[1][j], axes[2][j], 0.0f};
+      columns_[j] = hn::Load(d, column);
+    }
+#endif
   }
 
-  // record (camera frame) -> out (tile frame): a.D, a.E1, a.E2, b.D, ...; the rest is copied.
-  HWY_INLINE void ToTile(const float* record, float* out) const { Turn(to_tile_, record, out); }
-
-  // Gradients to tile-frame forms -> gradients to camera-frame forms; the rest is copied.
-  HWY_INLINE void FromTile(const float* sums, float* out) const { Turn(from_tile_, sums, out); }
-
- private:
-  static HWY_INLINE void Turn(const hn::Vec<Float4>* axes, const float* in, float* out) {
+  // out[3 f + k] = sum over j of axes[k][j] in[3 f + j] for the three forms f.
+  HWY_INLINE void Turn(const float* HWY_RESTRICT in, float* HWY_RESTRICT out) const {
+#if HWY_MAX_BYTES == 64
+    const FloatTag d;
+    const FloatVec v = hn::Load(d, in);
+    FloatVec sum = hn::Mul(Pick(v, 0), factors_[0]);
+    sum = hn::MulAdd(Pick(v, 1), factors_[1], sum);
+    hn::Store(hn::MulAdd(Pick(v, 2), factors_[2], sum), d, out);
+#else
     const Float4 d;
     hn::Vec<Float4> form[3];
     for (int k = 0; k < 3; ++k) {
-      form[k] = hn::MulAdd(hn::Set(d, in[3 * k]), axes[0],
-                           hn::MulAdd(hn::Set(d, in[3 * k + 1]), axes[1],
-                                      hn::Mul(hn::Set(d, in[3 * k + 2]), axes[2])));
+      form[k] = hn::MulAdd(hn::Set(d, in[3 * k + 2]), columns_[2],
+                           hn::MulAdd(hn::Set(d, in[3 * k + 1]), columns_[1],
+                                      hn::Mul(hn::Set(d, in[3 * k]), columns_[0])));
     }
     const auto tail0 = hn::LoadU(d, in + 9);
     const auto tail1 = hn::Load(d, in + 12);
@@ -61,10 +78,38 @@ class TileAxes {
     hn::StoreU(form[2], d, out + 6);
     hn::StoreU(tail0, d, out + 9);
     hn::Store(tail1, d, out + 12);
+#endif
   }
 
-  hn::Vec<Float4> to_tile_[3], from_tile_[3];
+ private:
+#if HWY_MAX_BYTES == 64
+  HWY_INLINE FloatVec Pick(FloatVec v, int j) const {
+    const FloatTag d;
+    return hn::TableLookupLanes(v, hn::SetTableIndices(d, source_[j]));
+  }
+  FloatVec factors_[3];
+  HWY_ALIGN std::int32_t source_[3][16];
+#else
+  hn::Vec<Float4> columns_[3];
+#endif
 };
+
+// From the camera frame into the tile's, and (gradients) back.
+HWY_INLINE TileAxes ToTileAxes(const TileGrid& grid, int tile) {
+  float axes[3][3];
+  for (int k = 0; k < 3; ++k) {
+    for (int j = 0; j < 3; ++j) axes[k][j] = grid.frame[3 * k + j][tile];
+  }
+  return TileAxes(axes);
+}
+
+HWY_INLINE TileAxes FromTileAxes(const TileGrid& grid, int tile) {
+  float axes[3][3];
+  for (int k = 0; k < 3; ++k) {
+    for (int j = 0; j < 3; ++j) axes[k][j] = grid.frame[3 * j + k][tile];
+  }
+  return TileAxes(axes);
+}
 
 // Bit b set where block b may hold a pixel with N < z^2, z > 0: interval bounds over the block's box.
 HWY_INLINE std::uint64_t TouchedBlocks(const float* r, const float* boxes) {

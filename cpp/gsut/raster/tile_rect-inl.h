@@ -18,26 +18,36 @@ namespace HWY_NAMESPACE {
 // Half-open rectangle of tiles while it is being found.
 struct TileWindow {
   int x0, x1, y0, y1;
+  bool empty() const { return x0 >= x1 || y0 >= y1; }
 };
 
-// Rows whose touched tiles are kept as bits while a rectangle is found.
-inline constexpr int kMaxMaskRows = 64;
+// What was found row by row: the tiles' bits from column `base` on, for rows of up to 64 tiles, and
+// the span, for any.
+struct TouchedRows {
+  static constexpr int kMaxRows = 4096;
+  int base_x, base_y;
+  bool has_bits;
+  std::uint64_t bits[kMaxRows];
+  RowSpan spans[kMaxRows];
+};
 
-// The rectangle around the tiles of `window` that may hold a pixel with N < z^2, z > 0; x0 >= x1 if
+// The rectangle around the tiles of `window` that may hold a pixel with N < z^2, z > 0; empty if
 // there is none. Conservative: interval bounds of the record's linear forms over the box of each
-// tile's rays, in the tile's own frame. row_bits[y - window.y0]: the touched tiles of a row, bit 0
-// at window.x0; written for the first 64 rows if the window is at most 64 tiles wide.
+// tile's rays, in the tile's own frame.
 HWY_INLINE TileWindow TouchedTiles(const TileGrid& grid, const float* r, const TileWindow& window,
-                                   std::uint64_t* row_bits) {
+                                   TouchedRows* rows) {
   const FloatTag d;
   const auto zero = hn::Zero(d);
   TileWindow hits = {window.x1, window.x0, window.y1, window.y0};
   FloatVec forms[9];
   for (int k = 0; k < 9; ++k) forms[k] = hn::Set(d, r[k]);
-  const bool keep_bits = window.x1 - window.x0 <= 64;
+  rows->base_x = window.x0;
+  rows->base_y = window.y0;
+  rows->has_bits = window.x1 - window.x0 <= 64;
   for (int row = window.y0; row < window.y1; ++row) {
-    const bool keep_row = keep_bits && row - window.y0 < kMaxMaskRows;
-    if (keep_row) row_bits[row - window.y0] = 0;
+    const int r_index = row - window.y0;
+    rows->bits[r_index] = 0;
+    rows->spans[r_index] = {0, 0};
     for (int column = window.x0; column < window.x1; column += kLanes) {
       const std::size_t tile = static_cast<std::size_t>(row) * grid.tiles_x + column;
       const auto load = [&](const AlignedVector<float>& array) HWY_ATTR {
@@ -68,9 +78,14 @@ HWY_INLINE TileWindow TouchedTiles(const TileGrid& grid, const float* r, const T
       const int rest = window.x1 - column;
       if (rest < kLanes) bits &= (std::uint64_t{1} << rest) - 1;
       if (bits == 0) continue;
-      if (keep_row) row_bits[row - window.y0] |= bits << (column - window.x0);
-      hits.x0 = HWY_MIN(hits.x0, column + static_cast<int>(__builtin_ctzll(bits)));
-      hits.x1 = HWY_MAX(hits.x1, column + 64 - static_cast<int>(__builtin_clzll(bits)));
+      if (rows->has_bits) rows->bits[r_index] |= bits << (column - window.x0);
+      const int first = column + static_cast<int>(__builtin_ctzll(bits));
+      const int last = column + 64 - static_cast<int>(__builtin_clzll(bits));
+      RowSpan& span = rows->spans[r_index];
+      if (span.begin == span.end) span.begin = static_cast<std::uint16_t>(first);
+      span.end = static_cast<std::uint16_t>(last);
+      hits.x0 = HWY_MIN(hits.x0, first);
+      hits.x1 = HWY_MAX(hits.x1, last);
       hits.y0 = HWY_MIN(hits.y0, row);
       hits.y1 = row + 1;
     }
@@ -78,52 +93,67 @@ HWY_INLINE TileWindow TouchedTiles(const TileGrid& grid, const float* r, const T
   return hits;
 }
 
-HWY_INLINE TileRect RectOf(const TileWindow& hits, const TileWindow& window,
-                           const std::uint64_t* row_bits) {
-  if (hits.x0 >= hits.x1) return {};
+HWY_INLINE TileRect RectOf(const TileWindow& hits, const TouchedRows& rows,
+                           std::vector<RowSpan>* spans) {
   TileRect rect;
+  if (hits.empty()) return rect;
   rect.x0 = static_cast<std::uint16_t>(hits.x0);
   rect.x1 = static_cast<std::uint16_t>(hits.x1);
   rect.y0 = static_cast<std::uint16_t>(hits.y0);
   rect.y1 = static_cast<std::uint16_t>(hits.y1);
-  const std::uint32_t area = rect.Area();
-  if (area > TileRect::kMaxMasked) return rect;
-  const bool has_bits = window.x1 - window.x0 <= 64 && hits.y1 - window.y0 <= kMaxMaskRows;
-  if (!has_bits) {
-    rect.tiles = area == 64 ? ~std::uint64_t{0} : (std::uint64_t{1} << area) - 1;
+  if (rect.Area() > TileRect::kMaxMasked) {
+    rect.tiles = spans->size();
+    for (int y = hits.y0; y < hits.y1; ++y) spans->push_back(rows.spans[y - rows.base_y]);
     return rect;
   }
   const int width = hits.x1 - hits.x0;
   for (int y = hits.y0; y < hits.y1; ++y) {
-    rect.tiles |= (row_bits[y - window.y0] >> (hits.x0 - window.x0)) << ((y - hits.y0) * width);
+    const int row = y - rows.base_y;
+    std::uint64_t bits = rows.bits[row] >> (hits.x0 - rows.base_x);
+    if (!rows.has_bits) {
+      const RowSpan span = rows.spans[row];
+      const int count = span.end - span.begin;
+      bits = count == 0 ? 0 : (~std::uint64_t{0} >> (64 - count)) << (span.begin - hits.x0);
+    }
+    rect.tiles |= bits << ((y - hits.y0) * width);
   }
   return rect;
 }
 
 // Looks at every tile of the image.
-HWY_INLINE TileRect ExactTileRect(const TileGrid& grid, const float* r) {
-  std::uint64_t row_bits[kMaxMaskRows];
+HWY_INLINE TileRect ExactTileRect(const TileGrid& grid, const float* r, TouchedRows* rows,
+                                  std::vector<RowSpan>* spans) {
   const TileWindow window = {0, grid.tiles_x, 0, grid.tiles_y};
-  return RectOf(TouchedTiles(grid, r, window, row_bits), window, row_bits);
+  return RectOf(TouchedTiles(grid, r, window, rows), *rows, spans);
+}
+
+// Looks inside a window that is known to hold the footprint.
+HWY_INLINE TileRect BoundedTileRect(const TileGrid& grid, const float* r, const TileWindow& window,
+                                    TouchedRows* rows, std::vector<RowSpan>* spans) {
+  if (window.x1 - window.x0 == 1 && window.y1 - window.y0 == 1) {
+    return {static_cast<std::uint16_t>(window.x0), static_cast<std::uint16_t>(window.x1),
+            static_cast<std::uint16_t>(window.y0), static_cast<std::uint16_t>(window.y1), 1};
+  }
+  return RectOf(TouchedTiles(grid, r, window, rows), *rows, spans);
 }
 
 // Looks around `guess` and further out for as long as the footprint reaches the edge of what was
 // looked at: a footprint is connected, so nothing of it lies beyond a margin it does not touch.
-HWY_INLINE TileRect GrownTileRect(const TileGrid& grid, const float* r, const TileWindow& guess) {
-  std::uint64_t row_bits[kMaxMaskRows];
+HWY_INLINE TileRect GrownTileRect(const TileGrid& grid, const float* r, const TileWindow& guess,
+                                  TouchedRows* rows, std::vector<RowSpan>* spans) {
   TileWindow window = {guess.x0 - 1, guess.x1 + 1, guess.y0 - 1, guess.y1 + 1};
   for (int step = 2;; step *= 2) {
     window.x0 = HWY_MAX(window.x0, 0);
     window.y0 = HWY_MAX(window.y0, 0);
     window.x1 = HWY_MIN(window.x1, grid.tiles_x);
     window.y1 = HWY_MIN(window.y1, grid.tiles_y);
-    const TileWindow hits = TouchedTiles(grid, r, window, row_bits);
-    if (hits.x0 >= hits.x1) return {};
+    const TileWindow hits = TouchedTiles(grid, r, window, rows);
+    if (hits.empty()) return {};
     const bool left = hits.x0 == window.x0 && window.x0 > 0;
     const bool right = hits.x1 == window.x1 && window.x1 < grid.tiles_x;
     const bool up = hits.y0 == window.y0 && window.y0 > 0;
     const bool down = hits.y1 == window.y1 && window.y1 < grid.tiles_y;
-    if (!(left || right || up || down)) return RectOf(hits, window, row_bits);
+    if (!(left || right || up || down)) return RectOf(hits, *rows, spans);
     if (left) window.x0 -= step;
     if (right) window.x1 += step;
     if (up) window.y0 -= step;
@@ -131,7 +161,7 @@ HWY_INLINE TileRect GrownTileRect(const TileGrid& grid, const float* r, const Ti
   }
 }
 
-// The rectangle of tiles that the box centre +- extent (pixels) meets.
+// The tiles that hold a pixel centre within the box centre +- extent (pixels).
 HWY_INLINE TileWindow EllipseTiles(const TileGrid& grid, float u, float v, float extent_u,
                                     float extent_v) {
   // The outermost pixel centres lie half a pixel inside the image's edge.

@@ -6,7 +6,10 @@
 //   y' = y g + p1 (r2 + 2 y^2) + 2 p2 x y + s3 r2 + s4 r2^2
 // and, for 14 coefficients, the tilted sensor: (x'', y'') = the homogeneous vector
 //   [[R22, 0, -R02], [0, R22, -R12], [0, 0, 1]] R (x', y', 1),  R = Ry(ty) Rx(tx),
-// divided by its third component. Then u = fx x'' + cx, v = fy y'' + cy.
+// divided by its third component, which multiplied out is
+//   x'' = cos(tx) x' / d,  y'' = (cos(ty) y' - sin(tx) sin(ty) x') / d,
+//   d = sin(ty) x' - cos(ty) sin(tx) y' + cos(ty) cos(tx).
+// Then u = fx x'' + cx, v = fy y'' + cy.
 //
 // Coefficients, dimensionless but tx, ty in radians: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4
 // [tx ty]]]]. Domain: Z > 0 and sqrt(r2) below the radius of RadialTangentialDomain, whose square
@@ -68,16 +71,15 @@ struct RadialTangential {
     *distorted_y = v;
   }
 
+  // The constant terms of the homogeneous vector cancel exactly; multiplied out, they would cost a
+  // float all its digits near the axis.
   template <class T>
   static void Tilt(T angle_x, T angle_y, T* u, T* v) {
     const T sin_x = Sin(angle_x), cos_x = Cos(angle_x);
     const T sin_y = Sin(angle_y), cos_y = Cos(angle_y);
-    const T r02 = -(sin_y * cos_x);
-    const T r22 = cos_y * cos_x;
-    const T rotated_x = cos_y * *u + sin_y * sin_x * *v + r02;
-    const T rotated_y = cos_x * *v + sin_x;
-    const T rotated_z = sin_y * *u - cos_y * sin_x * *v + r22;
-    *u = r22 * rotated_x / rotated_z - r02;
-    *v = r22 * rotated_y / rotated_z - sin_x;
+    const T depth = sin_y * *u - cos_y * sin_x * *v + cos_y * cos_x;
+    const T tilted_v = cos_y * *v - sin_x * sin_y * *u;
+    *u = cos_x * *u / depth;
+    *v = tilted_v / depth;
   }
 };

@@ -1,0 +1,360 @@
+// Tests gsut/cameras and its lens file format: roots, duals, domains, inverses, float text, rays.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <functional>
+#include <limits>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "gsut/base/errors.h"
+#include "gsut/base/parallel.h"
+#include "gsut/cameras/camera.h"
+#include "gsut/cameras/plane_map.h"
+#include "gsut/cameras/polynomial.h"
+#include "gsut/formats/camera_model.h"
+
+// The lens files once more, as a float kernel reads them: proves that the text can be included
+// again in a namespace of its own and what it costs in float.
+namespace gsut::float_lenses {
+float Sqrt(float a) { return std::sqrt(a); }
+float Abs(float a) { return std::abs(a); }
+float Atan2(float y, float x) { return std::atan2(y, x); }
+float Sin(float a) { return std::sin(a); }
+float Cos(float a) { return std::cos(a); }
+float Select(bool mask, float a, float b) { return mask ? a : b; }
+bool AndMask(bool a, bool b) { return a && b; }
+bool OrMask(bool a, bool b) { return a || b; }
+#include "gsut_lens_files.inc"
+}  // namespace gsut::float_lenses
+
+namespace gsut {
+namespace {
+
+// Relative, for roots of well-conditioned polynomials: a few units in the last place.
+constexpr double kRootTolerance = 1e-14;
+// Of a first derivative by central differences with step 1e-6: h^2 f''' / 6 and eps f / h.
+constexpr double kDifferenceTolerance = 1e-9;
+// Float: 24 bits of a pixel coordinate below 2048, times the few roundings of the polynomial.
+constexpr double kFloatPixelTolerance = 2e-3;
+// Float near the axis, relative to the distance from the principal point.
+constexpr double kFloatAxisTolerance = 1e-6;
+// The closed-form pole against the root finder.
+constexpr double kAngleTolerance = 1e-12;
+constexpr double kPixelTolerance = 1e-9;
+
+TEST(PolynomialTest, SmallestPositiveRootOfKnownFactors) {
+  // (x - 0.25)(x - 3)(x + 2), (x - 7)(x^2 + 1), 2 - 1e-6 x.
+  EXPECT_NEAR(SmallestPositiveRoot(std::vector<double>{1.5, -5.75, -1.25, 1}), 0.25,
+              kRootTolerance);
+  EXPECT_NEAR(SmallestPositiveRoot(std::vector<double>{-7, 1, -7, 1}), 7.0, 7 * kRootTolerance);
+  EXPECT_NEAR(SmallestPositiveRoot(std::vector<double>{2, -1e-6}), 2e6, 2e6 * kRootTolerance);
+}
+
+TEST(PolynomialTest, SmallestPositiveRootWithoutRootIsInfinite) {
+  EXPECT_EQ(SmallestPositiveRoot(std::vector<double>{1}), kInfinity);
+  EXPECT_EQ(SmallestPositiveRoot(std::vector<double>{1, 2, 0, 3}), kInfinity);
+  EXPECT_EQ(SmallestPositiveRoot(std::vector<double>{1, -1, 1, 0, 0}), kInfinity);
+}
+
+TEST(PolynomialTest, RootThatTouchesZeroCounts) {
+  // (x - 0.5)^2 (x + 1); the touching root is known to the square root of epsilon.
+  EXPECT_NEAR(SmallestPositiveRoot(std::vector<double>{0.25, -0.75, 0, 1}), 0.5, 1e-7);
+}
+
+TEST(DualTest, EveryFunctionMatchesCentralDifferences) {
+  using D = Dual<1>;
+  const std::vector<std::function<D(D)>> functions = {
+      [](D a) { return Sqrt(a); },
+      [](D a) { return Abs(-a); },
+      [](D a) { return Sin(a) * Cos(a); },
+      [](D a) { return Tan(a) / (a + D(1.0)); },
+      [](D a) { return Asin(a) - Atan(a); },
+      [](D a) { return Atan2(a, D(0.3)) + Atan2(D(0.4), a); },
+      [](D a) { return Min(a, a * a) + Max(a, D(2.0) * a); },
+      [](D a) { return Select(a < D(1.0), a * a * a, a); },
+  };
+  constexpr double kStep = 1e-6;
+  int checked = 0;
+  for (const auto& f : functions) {
+    for (const double at : {0.2, 0.7}) {
+      const double difference = (f(D(at + kStep)).value - f(D(at - kStep)).value) / (2 * kStep);
+      EXPECT_NEAR(f(D(at, 0)).grad[0], difference, kDifferenceTolerance) << checked;
+      ++checked;
+    }
+  }
+  EXPECT_EQ(checked, 16);
+}
+
+TEST(LensRegistryTest, UnknownNameListsAllKnownOnes) {
+  try {
+    LensFromName("no_such_lens");
+    FAIL() << "no exception";
+  } catch (const InputError& error) {
+    const std::string message = error.what();
+    EXPECT_NE(message.find("no_such_lens"), std::string::npos);
+    for (const std::string& name : LensNames()) {
+      EXPECT_NE(message.find(name), std::string::npos) << name;
+    }
+  }
+  EXPECT_GE(LensNames().size(), 7u);
+}
+
+TEST(PlaneMapTest, RegularRadiusOfQuadraticMapIsWhereItFolds) {
+  // (x + a x^2, y): det = 1 + 2 a x vanishes at x = -1 / (2 a), first at azimuth pi.
+  const PlaneMap map = [](double x, double y) {
+    return PlanePoint{x + 0.25 * x * x, y, 1 + 0.5 * x, 0, 0, 1};
+  };
+  EXPECT_NEAR(RegularRadius(map, 100.0), 2.0, 1e-8);
+  EXPECT_EQ(RegularRadius(map, 1.5), 1.5);
+}
+
+TEST(PlaneMapTest, InvertFollowsTheSegmentWhereNewtonFails) {
+  // A strong odd saturation: Newton from the far side overshoots; the start makes it fail.
+  const PlaneMap map = [](double x, double y) {
+    const double s = 1 + x * x + y * y;
+    const double g = 1 / std::sqrt(s);
+    const double c = -g / s;
+    return PlanePoint{x * g, y * g, g + x * x * c, x * y * c, x * y * c, g + y * y * c};
+  };
+  int solved = 0;
+  for (const double target : {0.1, 0.9, 0.999, 0.9999}) {
+    double x = -50.0, y = 30.0;
+    ASSERT_TRUE(InvertPlaneMap(map, 1000.0, target, 0.0, &x, &y)) << target;
+    EXPECT_NEAR(map(x, y).u, target, 1e-12);
+    EXPECT_NEAR(map(x, y).v, 0.0, 1e-12);
+    ++solved;
+  }
+  EXPECT_EQ(solved, 4);
+  double x = 0.0, y = 0.0;
+  EXPECT_FALSE(InvertPlaneMap(map, 1000.0, 1.5, 0.0, &x, &y));
+  EXPECT_FALSE(ImageOfDiscContains(map, 1000.0, 1.5, 0.0));
+  EXPECT_TRUE(ImageOfDiscContains(map, 1000.0, 0.5, 0.1));
+}
+
+TEST(CameraTest, RationalPoleEndsTheDomain) {
+  // Denominator 1 - 0.25 r^2: pole at r = 2; the numerator's slope never vanishes before.
+  const Camera camera("opencv8", {500, 500, 320, 240, 0, 0, 0, 0, 0, -0.25, 0, 0}, 640, 480);
+  // Up to where pixels reach 5e8: that close to the pole.
+  EXPECT_NEAR(camera.MaxAngle(), std::atan(2.0), 1e-5);
+  EXPECT_LT(camera.MaxAngle(), std::atan(2.0));
+  const double points[6] = {1.99, 0, 1, 2.01, 0, 1};
+  double pixels[4];
+  std::uint8_t valid[2];
+  camera.Project(2, points, pixels, valid);
+  EXPECT_TRUE(valid[0]);
+  EXPECT_FALSE(valid[1]);
+  EXPECT_TRUE(std::isnan(pixels[2]) && std::isnan(pixels[3]));
+}
+
+TEST(CameraTest, KannalaBrandtFoldIsTheRootOfTheSlope) {
+  // d(rd)/d(theta) = 1 + 3 k1 theta^2 = 0.
+  const double k1 = -0.2;
+  const Camera camera("kannala_brandt", {300, 300, 320, 240, k1}, 640, 480);
+  EXPECT_NEAR(camera.MaxAngle(), std::sqrt(-1.0 / (3.0 * k1)), kAngleTolerance);
+  const Camera whole("kannala_brandt", {300, 300, 320, 240}, 640, 480);
+  EXPECT_EQ(whole.MaxAngle(), kPi);
+}
+
+TEST(CameraTest, HardPointsAreNeverNanAndValid) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double huge = 1e300, tiny = 1e-300;
+  const std::vector<double> values = {0.0,  -0.0, 1.0,   -1.0,      tiny,       -tiny,
+                                      1e-8, huge, -huge, kInfinity, -kInfinity, nan};
+  std::vector<double> points;
+  for (const double x : values) {
+    for (const double y : values) {
+      for (const double z : values) points.insert(points.end(), {x, y, z});
+    }
+  }
+  const std::int64_t count = static_cast<std::int64_t>(points.size()) / 3;
+  std::vector<double> pixels(2 * count), dpoint(6 * count);
+  std::vector<std::uint8_t> valid(count);
+  int cameras = 0, seen = 0;
+  for (const std::string& name : LensNames()) {
+    for (const LensExample& example : LensExamples(LensFromName(name))) {
+      const Camera camera(name, {example.params, example.params + example.num_params},
+                          example.width, example.height);
+      std::vector<double> dparams(2 * count * camera.num_params());
+      camera.ProjectJacobian(count, points.data(), pixels.data(), valid.data(), dpoint.data(),
+                             dparams.data());
+      for (std::int64_t i = 0; i < count; ++i) {
+        const bool is_zero = points[3 * i] == 0 && points[3 * i + 1] == 0 && points[3 * i + 2] == 0;
+        if (is_zero) {
+          EXPECT_FALSE(valid[i]) << name;
+        }
+        EXPECT_EQ(valid[i] != 0, std::isfinite(pixels[2 * i]) && std::isfinite(pixels[2 * i + 1]))
+            << name << " point " << i;
+        if (valid[i]) {
+          ++seen;
+          for (int j = 0; j < 2 * camera.num_params(); ++j) {
+            EXPECT_TRUE(std::isfinite(dparams[2 * i * camera.num_params() + j])) << name;
+          }
+        }
+        if (!valid[i]) {
+          EXPECT_TRUE(std::isnan(dpoint[6 * i]));
+        }
+      }
+      ++cameras;
+    }
+  }
+  EXPECT_GE(cameras, 10);
+  EXPECT_GT(seen, cameras * 50);
+}
+
+TEST(CameraTest, FloatTextMatchesDouble) {
+  int lenses_run = 0, points_run = 0;
+  double worst = 0.0, worst_axis = 0.0;
+  const auto compare = [&](auto float_lens, const LensExample& example) {
+    using FloatLens = decltype(float_lens);
+    const Camera camera(FloatLens::kName, {example.params, example.params + example.num_params},
+                        example.width, example.height);
+    std::vector<float> params(camera.params().begin(), camera.params().end());
+    // Angles up to the corner of the image.
+    for (int i = -40; i < 400; ++i) {
+      const double limit = std::min(camera.MaxAngle(), 1.3);
+      const double angle = i < 0 ? std::pow(10.0, 0.25 * i) : 0.995 * limit * i / 400;
+      const float x = static_cast<float>(3.0 * std::sin(angle) * 0.8);
+      const float y = static_cast<float>(3.0 * std::sin(angle) * 0.6);
+      const float z = static_cast<float>(3.0 * std::cos(angle));
+      const double point[3] = {x, y, z};
+      double pixel[2];
+      std::uint8_t valid = 0;
+      camera.Project(1, point, pixel, &valid);
+      const double radius =
+          std::hypot(pixel[0] - camera.params()[2], pixel[1] - camera.params()[3]);
+      if (!valid || radius > 4096) continue;
+      float u = 0, v = 0;
+      ASSERT_TRUE(
+          FloatLens::Project(camera.domain(), params.data(), camera.num_params(), x, y, z, &u, &v))
+          << FloatLens::kName << " " << angle;
+      const double error = std::hypot(u - pixel[0], v - pixel[1]);
+      worst = std::max(worst, error);
+      if (i < 0) {
+        // The offset itself, without the principal point's digits.
+        std::vector<double> centred = camera.params();
+        centred[2] = centred[3] = 0.0;
+        std::vector<float> float_centred(centred.begin(), centred.end());
+        const Camera centred_camera(FloatLens::kName, centred, example.width, example.height);
+        centred_camera.Project(1, point, pixel, &valid);
+        FloatLens::Project(camera.domain(), float_centred.data(), camera.num_params(), x, y, z, &u,
+                           &v);
+        worst_axis = std::max(worst_axis, std::hypot(u / pixel[0] - 1.0, v / pixel[1] - 1.0));
+      }
+      ++points_run;
+    }
+    ++lenses_run;
+  };
+#define GSUT_COMPARE(Lens) \
+  for (const LensExample& example : lenses::Lens::kExamples) compare(float_lenses::Lens{}, example);
+  GSUT_FOR_EACH_LENS(GSUT_COMPARE)
+#undef GSUT_COMPARE
+  EXPECT_GE(lenses_run, 10);
+  EXPECT_GT(points_run, 300 * lenses_run);
+  EXPECT_LT(worst, kFloatPixelTolerance);
+  EXPECT_LT(worst_axis, kFloatAxisTolerance);
+  RecordProperty("worst_px", std::to_string(worst));
+  RecordProperty("worst_axis", std::to_string(worst_axis));
+}
+
+TEST(CameraTest, ValidFieldAngleCutsPointsAndPixels) {
+  int cut = 0;
+  for (const std::string& name : LensNames()) {
+    const LensExample& example = LensExamples(LensFromName(name)).front();
+    const Camera whole(name, {example.params, example.params + example.num_params}, example.width,
+                       example.height);
+    const double limit = 0.4;
+    ASSERT_GT(whole.MaxAngle(), limit);
+    const Camera camera = whole.WithValidFieldAngle(limit);
+    EXPECT_FALSE(camera == whole);
+    EXPECT_NEAR(camera.MaxAngle(), limit, kAngleTolerance);
+    for (const double angle : {0.399, 0.401}) {
+      const double point[3] = {std::sin(angle), 0, std::cos(angle)};
+      double pixel[2], expected_pixel[2], ray[3];
+      std::uint8_t valid = 0;
+      whole.Project(1, point, expected_pixel, &valid);
+      camera.Project(1, point, pixel, &valid);
+      EXPECT_EQ(valid != 0, angle < limit) << name;
+      camera.Unproject(1, expected_pixel, ray, &valid);
+      EXPECT_EQ(valid != 0, angle < limit) << name;
+      ++cut;
+    }
+  }
+  EXPECT_EQ(cut, 2 * static_cast<int>(LensNames().size()));
+}
+
+TEST(CameraTest, RaysHaveSameBitsOnAnyThreadCount) {
+  const auto make = [] {
+    return Camera("opencv5", {60, 61, 40, 30, -0.3, 0.1, 0.001, -0.002, -0.014}, 80, 60);
+  };
+  SetNumThreads(1);
+  const Camera reference = make();
+  const RayTable& expected = reference.Rays();
+  EXPECT_GT(std::count(expected.valid.begin(), expected.valid.end(), 1), 1000);
+  for (const int threads : {2, 8}) {
+    SetNumThreads(threads);
+    const Camera camera = make();
+    EXPECT_EQ(camera.Rays().valid, expected.valid);
+    int same = 0;
+    for (std::size_t i = 0; i < expected.rays.size(); ++i) {
+      same += expected.valid[i / 3] == 0 || camera.Rays().rays[i] == expected.rays[i];
+    }
+    EXPECT_EQ(same, static_cast<int>(expected.rays.size()));
+  }
+  SetNumThreads(0);
+}
+
+TEST(CameraTest, RaysAreBuiltOnceFromManyThreads) {
+  const Camera camera("kannala_brandt", {60, 61, 40, 30, 0.01}, 80, 60);
+  std::vector<const RayTable*> tables(8, nullptr);
+  std::vector<std::thread> threads;
+  for (auto& table : tables) {
+    threads.emplace_back([&table, camera] { table = &camera.Rays(); });
+  }
+  for (std::thread& thread : threads) thread.join();
+  for (const RayTable* table : tables) EXPECT_EQ(table, &camera.Rays());
+  // And from inside a parallel loop, where a waiting thread could meet itself.
+  const Camera inner("kannala_brandt", {60, 61, 40, 30, 0.02}, 80, 60);
+  ParallelFor(16, 1, [&](std::int64_t, std::int64_t) { inner.Rays(); });
+  EXPECT_EQ(inner.Rays().valid.size(), 80u * 60u);
+}
+
+TEST(CameraTest, BadInputRaises) {
+  const std::vector<double> good = {500, 500, 320, 240};
+  EXPECT_THROW(Camera("pinhole", {500, 500, 320}, 640, 480), InputError);
+  EXPECT_THROW(Camera("opencv5", good, 640, 480), InputError);
+  EXPECT_THROW(Camera("pinhole", {0, 500, 320, 240}, 640, 480), InputError);
+  EXPECT_THROW(Camera("pinhole", {500, -1, 320, 240}, 640, 480), InputError);
+  EXPECT_THROW(Camera("pinhole", {500, 500, kInfinity, 240}, 640, 480), InputError);
+  EXPECT_THROW(Camera("kannala_brandt", {500, 500, 320, 240, std::nan("")}, 640, 480), InputError);
+  EXPECT_THROW(Camera("pinhole", good, 0, 480), InputError);
+  EXPECT_THROW(Camera("pinhole", good, 640, -480), InputError);
+  EXPECT_THROW(Camera("pinhole", good, 640, 480, 0.0), InputError);
+  EXPECT_THROW(Camera("pinhole", good, 640, 480, std::nan("")), InputError);
+}
+
+TEST(CameraModelTest, FileRoundTripKeepsEverything) {
+  const Camera camera("opencv8", {500.1, 501.2, 320.3, 240.4, .1, -.2, 1e-3, -1e-5, .3, .4, .5, .6},
+                      640, 480, 0.7);
+  const CameraModelFile file{camera, {1, -2, 3e-7, 4, 5.5, -6}, {{{1.5, 2.5}, {600.5, 3}}}};
+  const std::string path =
+      (std::filesystem::temp_directory_path() / "gsut_cameras_test.cameramodel").string();
+  WriteCameraModel(path, file);
+  const CameraModelFile back = ReadCameraModel(path);
+  std::filesystem::remove(path);
+  EXPECT_EQ(back.camera.model(), camera.model());
+  EXPECT_EQ(back.camera.valid_field_angle(), camera.valid_field_angle());
+  EXPECT_EQ(back.extrinsics, file.extrinsics);
+  EXPECT_EQ(back.valid_region, file.valid_region);
+  for (int i = 0; i < camera.num_params(); ++i) {
+    EXPECT_NEAR(back.camera.params()[i], camera.params()[i], kPixelTolerance);
+  }
+  EXPECT_THROW(ReadCameraModel(path), InputError);
+  EXPECT_THROW(WriteCameraModel("/nonexistent_folder/lens.cameramodel", file), InputError);
+}
+
+}  // namespace
+}  // namespace gsut

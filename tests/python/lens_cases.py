@@ -1,0 +1,47 @@
+"""The lenses that the camera tests loop over, and the points they look at."""
+
+import numpy as np
+from gsut import _core
+from gsut.cameras import Camera, camera_models
+
+_RATIONAL = (0.12, -0.05, 3e-3, -2e-3, 0.01, 0.08, -0.02, 5e-3)
+_BARREL = (-0.2, 0.05, 1e-3, 2e-3, 0.01, 0.02, -0.01, 0.005)
+# Beside the real lenses that each model's file carries: folds, poles, strong terms.
+HARD_LENSES = [
+    ("pinhole", [1e-3, 2e4, -300.0, 1e3], 7, 5),
+    ("opencv4", [305, 306.2, 243.7, 177.4, -0.3, 0.1, 0.016, -0.011], 480, 360),
+    ("opencv5", [305, 306.2, 243.7, 177.4, -0.3, 0.1, 0.0016, -0.0011, -0.014], 480, 360),
+    ("opencv5", [300, 300, 240, 180, 0, 0, 0.02, -0.03, 0], 480, 360),
+    ("opencv8", [500, 500, 320, 240, 0, 0, 0, 0, 0, -0.25, 0, 0], 640, 480),
+    ("opencv8", [500, 500, 320, 240, 0.3, 0.1, 1e-3, 2e-3, 0, -0.05, -0.1, 0], 640, 480),
+    ("opencv12", [60, 58, 32.3, 23.6, *_RATIONAL, 2e-3, -1e-3, -1.5e-3, 8e-4], 64, 48),
+    ("opencv14", [500, 510, 320, 240, *_BARREL, 0.01, -2e-3, 0.02, 3e-3, 0.2, -0.3], 640, 480),
+    ("kannala_brandt", [134.61, 134.88, 241.3, 238.9], 480, 480),
+    ("kannala_brandt", [300, 310, 320, 240, -0.2], 640, 480),
+    ("kannala_brandt", [26, 25.5, 31.7, 24.2, 0.05, -0.01, 0.003, -0.0005, 1e-5, -1e-6], 64, 48),
+]
+# Real ones in the lens files of this version, and the hard ones above.
+NUM_LENSES = 10 + len(HARD_LENSES)
+
+
+def all_lenses() -> list[Camera]:
+    """Every real lens of every model, then the hard ones."""
+    cameras = []
+    for model in camera_models():
+        for _, params, width, height in _core.camera_examples(model):
+            cameras.append(Camera(model, params, width, height))
+    return cameras + [Camera(*lens) for lens in HARD_LENSES]
+
+
+def circle(angle: float, count: int) -> np.ndarray:
+    """(count, 3) unit rays at this angle from the axis, evenly around it."""
+    phi = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    z = np.full(count, np.cos(angle))
+    return np.stack([np.sin(angle) * np.cos(phi), np.sin(angle) * np.sin(phi), z], axis=1)
+
+
+def polar_grid(max_angle: float, azimuths: int = 64, angles: int = 200) -> np.ndarray:
+    """(N, 3) unit rays: the axis, very near it, then circles evenly up to max_angle."""
+    near = [angle for angle in (0.0, *10.0 ** np.arange(-12, -1)) if angle < max_angle]
+    far = np.linspace(min(0.01, max_angle), max_angle, angles)
+    return np.concatenate([circle(angle, azimuths) for angle in (*near, *far)])
