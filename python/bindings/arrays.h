@@ -88,10 +88,9 @@ GaussiansView<T> MutableGaussians(const py::handle& gaussians) {
   const py::object sh = gaussians.attr("sh");
   const py::object means = gaussians.attr("means");
   view.size = static_cast<std::int64_t>(py::len(means));
-  view.sh_coefficients =
-      static_cast<int>(py::reinterpret_borrow<py::array>(sh).ndim() == 3
-                           ? py::reinterpret_borrow<py::array>(sh).shape(1)
-                           : 0);
+  view.sh_coefficients = static_cast<int>(py::reinterpret_borrow<py::array>(sh).ndim() == 3
+                                              ? py::reinterpret_borrow<py::array>(sh).shape(1)
+                                              : 0);
   view.means = MutableData<T>(means, "means", {view.size, 3});
   view.quats = MutableData<T>(gaussians.attr("quats"), "quats", {view.size, 4});
   view.log_scales = MutableData<T>(gaussians.attr("log_scales"), "log_scales", {view.size, 3});
@@ -112,10 +111,9 @@ GaussiansView<const T> ConstGaussians(const py::handle& gaussians) {
   const py::object sh = gaussians.attr("sh");
   const py::object means = gaussians.attr("means");
   view.size = static_cast<std::int64_t>(py::len(means));
-  view.sh_coefficients =
-      static_cast<int>(py::reinterpret_borrow<py::array>(sh).ndim() == 3
-                           ? py::reinterpret_borrow<py::array>(sh).shape(1)
-                           : 0);
+  view.sh_coefficients = static_cast<int>(py::reinterpret_borrow<py::array>(sh).ndim() == 3
+                                              ? py::reinterpret_borrow<py::array>(sh).shape(1)
+                                              : 0);
   view.means = ConstData<T>(means, "means", {view.size, 3});
   view.quats = ConstData<T>(gaussians.attr("quats"), "quats", {view.size, 4});
   view.log_scales = ConstData<T>(gaussians.attr("log_scales"), "log_scales", {view.size, 3});
