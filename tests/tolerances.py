@@ -121,3 +121,14 @@ RENDER_MISS_MARGIN = 1e-4
 RENDER_ORIGIN_MARGIN = 1e-5
 RENDER_FLIPS_A_PIXEL = 1e-4
 TRAIN_ISA_PSNR = 1.0
+
+# --- hard cases -----------------------------------------------------------------------------------
+HARD_ALPHA = 1e-4
+HARD_JUMPS_AN_IMAGE = 5
+HARD_ZERO_GRADIENT = 1e-2
+HARD_NEEDLE_GRADIENT = 1e-2
+HARD_IMAGE = 1e-4
+HARD_DEPTH = 1e-4
+HARD_GRADIENT = 1e-3
+HARD_WALL = 1e-4
+HARD_NEEDLE = 1e-3

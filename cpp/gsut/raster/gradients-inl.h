@@ -197,7 +197,8 @@ HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, std::int6
       const auto offset = hn::Add(row_offset, hn::Set(di, 3 * k + c));
       const Lane value(hn::GatherIndex(d, sh, offset));
       g_basis[k] = MulAdd(value, g_color[c], g_basis[k]);
-      hn::Store((basis[k] * g_color[c]).v, d, g_sh[c]);
+      // A row that is not drawn may have a direction that is no number.
+      hn::Store(Select(seen, basis[k] * g_color[c], Lane(0.0)).v, d, g_sh[c]);
     }
     for (int i = 0; i < available; ++i) {
       float* row = out.sh + 3 * (coefficients * (first + i) + k);

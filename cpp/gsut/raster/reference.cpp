@@ -69,6 +69,8 @@ std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Po
       throw InputError("Gaussian " + std::to_string(i) +
                        " has a mean or a harmonic that is not finite");
     }
+    // Centred on the camera: no ray has its nearest point ahead, and no direction to shade it by.
+    if (s.relative.isZero(0.0)) continue;
     const double z = pose.rotation.row(2) * s.relative;
     if (!(z >= settings.rule.near_z && z <= settings.rule.far_z)) continue;
     s.key = static_cast<float>(settings.rule.order == OrderKey::kDistance ? s.relative.norm() : z);
