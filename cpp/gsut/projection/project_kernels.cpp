@@ -53,14 +53,15 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
     const LaneMask finite =
         AndMask(IsFinite(g2), IsFinite(g.mean[0] + g.mean[1] + g.mean[2] + g.distance));
     const LaneMask is_near = g2 <= Lane(kNearFactor) * g.cutoff;
-    // The cone around the bounding sphere: outside the lens' domain, no pixel can see it.
+    // The cone around the bounding sphere: outside the lens' domain, no pixel can see it. A sphere
+    // around the camera has no cone.
     const Lane largest = Max(g.scale[0], Max(g.scale[1], g.scale[2]));
     const Lane sine = Min(reach * largest / g.distance, Lane(1.0));
     const Lane angle =
         Atan2(Sqrt(g.mean[0] * g.mean[0] + g.mean[1] * g.mean[1]), g.mean[2]) - Asin(sine);
     constexpr double kAngleSlack = 1e-5;  // float rounding of the angle
-    const LaneMask outside_domain =
-        AndMask(NotMask(is_near), angle > Lane(task.domain.max_angle + kAngleSlack));
+    const LaneMask outside_domain = AndMask(AndMask(NotMask(is_near), sine < Lane(1.0)),
+                                            angle > Lane(task.domain.max_angle + kAngleSlack));
     const LaneMask whole =
         AndMask(AndMask(footprint.all_valid, NotMask(is_near)),
                 IsFinite(footprint.u + footprint.v + footprint.cov_uu + footprint.cov_vv));

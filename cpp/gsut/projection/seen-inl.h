@@ -102,6 +102,9 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
   LoadRows4(g.quats + 4 * first, available, out.quat);
   LoadRows3(g.log_scales + 3 * first, available, out.scale);
   const Lane logit = LoadRows1(g.opacity_logits + first, available);
+  const Lane limit(kLargestExponent);
+  const LaneMask in_float =
+      AndMask(AndMask(out.scale[0] <= limit, out.scale[1] <= limit), out.scale[2] <= limit);
   for (int k = 0; k < 3; ++k) {
     out.world[k] = (out.world[k] - Lane(view.center_high[k])) - Lane(view.center_low[k]);
     out.scale[k] = SafeExp(out.scale[k]);
@@ -138,7 +141,7 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
   constexpr double kTwoLn2 = 1.38629436111989061883;
   const Lane cutoff = Lane(kTwoLn2) * (out.log2_opacity - Lane(log2_alpha_min));
   out.cutoff = Min(cutoff, Lane(max_cutoff));
-  out.usable = AndMask(cutoff > Lane(0.0), IsFinite(logit));
+  out.usable = AndMask(AndMask(cutoff > Lane(0.0), IsFinite(logit)), in_float);
   return out;
 }
 

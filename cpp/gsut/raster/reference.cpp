@@ -54,6 +54,7 @@ int UsedCoefficients(int sh_coefficients, int sh_degree) {
 
 std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Pose& pose,
                                   const RenderSettings& settings) {
+  settings.rule.Check();
   const Vector3d center = pose.CenterInSource();
   std::vector<Seen> seen;
   seen.reserve(static_cast<std::size_t>(g.size));
