@@ -94,3 +94,41 @@ DOMAIN_MARGIN = 3e-9
 DOMAIN_EDGE = 2.2e-6
 # Lens files: (c - 0.5) + 0.5 loses at most the last bit of a coordinate below 1e4 px
 LENS_FILE_PARAMS = 2e-12
+
+# --- projection, raster, training -----------------------------------------------------------------
+ORACLE_RAY = 1e-12  # gsplat inverts its lenses by Newton to 1e-6 of a pixel; its worst is 7e-14
+ORACLE_IMAGE = 1e-9  # double against double, sums of at most 200 terms; worst 4e-12
+ORACLE_GRADIENT = 1e-6  # relative L2
+ORACLE_PROJECTION = 1e-9  # px
+PROJECTION_FLOAT_PIXELS = 1e-4  # px
+PROJECTION_DOUBLE = 1e-9
+PROJECTION_FLOAT_COVARIANCE = 1e-4
+PROJECTION_FLOAT_DEPTH = 1e-6
+RENDER_DOUBLE = 1e-9
+RENDER_DIFFERENCES = 1e-6
+RENDER_SAME_SUMS = 1e-6
+RENDER_IDENTITY = 1e-9
+RENDER_FLOAT_ROUNDING = 1e-6
+RENDER_CUT_MARGIN = 1e-5
+RENDER_KEY_MARGIN = 1e-6
+RENDER_STOP_MARGIN = 1e-4
+RENDER_FLIP = 1e-4
+RENDER_IMAGE_RMS = 1e-5
+RENDER_DEPTH = 1e-4
+RENDER_GRADIENT = 1e-4
+RENDER_POSE_GRADIENT = 1e-4
+RENDER_MISS_MARGIN = 1e-4
+RENDER_ORIGIN_MARGIN = 1e-5
+RENDER_FLIPS_A_PIXEL = 1e-4
+TRAIN_ISA_PSNR = 1.0
+
+# --- hard cases -----------------------------------------------------------------------------------
+HARD_ALPHA = 1e-4
+HARD_JUMPS_AN_IMAGE = 5
+HARD_ZERO_GRADIENT = 1e-2
+HARD_NEEDLE_GRADIENT = 1e-2
+HARD_IMAGE = 1e-4
+HARD_DEPTH = 1e-4
+HARD_GRADIENT = 1e-3
+HARD_WALL = 1e-4
+HARD_NEEDLE = 1e-3

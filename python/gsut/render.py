@@ -51,7 +51,7 @@ def project(
     Args:
         gaussians: N Gaussians.
         camera: the lens and image size.
-        camera_from_world: (4, 4) rigid transform.
+        camera_from_world: (4, 4) rigid transform, or an object with such a `matrix`.
         method: "unscented".
         unscented: alpha, beta, kappa of the transform.
         alpha_min: opacity times response below which a Gaussian is not drawn; sets the extents.
@@ -61,7 +61,7 @@ def project(
         The footprints. Centres in float32 are within 1e-4 px of the reference for alpha >= 0.1.
 
     Raises:
-        InputError: unknown method, shapes, weights or pose.
+        InputError: unknown method or dtype, shapes, weights or pose.
     """
     if method not in _METHODS:
         raise InputError(f'projection method "{method}" is unknown; known: {", ".join(_METHODS)}')
@@ -73,10 +73,12 @@ def project(
         variances = np.stack([cov[:, 0, 0], cov[:, 1, 1]], axis=1)
         opacity = 1.0 / (1.0 + np.exp(-g.opacity_logits))
         cutoff = 2.0 * np.log(np.maximum(opacity / alpha_min, 1.0))
-        pose = np.asarray(camera_from_world, dtype=np.float64)
+        pose = _pose_matrix(camera_from_world)
         depths = np.linalg.norm(g.means @ pose[:3, :3].T + pose[:3, 3], axis=1)
         extents = np.sqrt(cutoff[:, None] * variances)
         return Projection(exact["centers"], cov, extents, depths, exact["valid"].astype(bool))
+    if dtype != "float32":
+        raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     out = _core.project(
         gaussians.astype(np.float32), camera, camera_from_world, alpha, beta, kappa, alpha_min
     )
@@ -131,6 +133,10 @@ class Gradients:
     touched: np.ndarray | None
 
 
+def _pose_matrix(camera_from_world: Any) -> np.ndarray:
+    return np.asarray(getattr(camera_from_world, "matrix", camera_from_world), dtype=np.float64)
+
+
 def _blend_rule(parity: str | None, blend: BlendRule | None) -> BlendRule:
     if blend is not None:
         if parity is not None:
@@ -176,7 +182,7 @@ def render(
     color = tuple(float(c) for c in background)
     if len(color) != 3:
         raise InputError(f"background must be 3 numbers, found {len(color)}")
-    pose = np.asarray(getattr(camera_from_world, "matrix", camera_from_world), dtype=np.float64)
+    pose = _pose_matrix(camera_from_world)
     degree = min(int(sh_degree), gaussians.sh_degree)
     if dtype == "float64":
         g = gaussians.astype(np.float64)

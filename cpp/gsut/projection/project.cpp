@@ -38,25 +38,23 @@ template <class T>
 auto FootprintOf(const GaussiansView<const T>& gaussians, std::int64_t i, const Camera& camera,
                  const Pose& camera_from_world, const UnscentedWeights& weights) {
   const Eigen::Vector3d mean =
-      camera_from_world.rotation *
-          Eigen::Map<const Eigen::Matrix<T, 3, 1>>(gaussians.means + 3 * i)
-              .template cast<double>() +
+      camera_from_world.rotation * Eigen::Map<const Eigen::Matrix<T, 3, 1>>(gaussians.means + 3 * i)
+                                       .template cast<double>() +
       camera_from_world.translation;
   double quat[4], r[9];
   for (int k = 0; k < 4; ++k) quat[k] = static_cast<double>(gaussians.quats[4 * i + k]);
   RotationFromQuaternion(quat, r);
-  const Eigen::Matrix3d q =
-      camera_from_world.rotation *
-      Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r);
+  const Eigen::Matrix3d q = camera_from_world.rotation *
+                            Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r);
   double axes[3][3], scale[3];
   for (int k = 0; k < 3; ++k) {
     scale[k] = ScaleFromLog(static_cast<double>(gaussians.log_scales[3 * i + k]));
     for (int row = 0; row < 3; ++row) axes[k][row] = q(row, k);
   }
   return VisitLens(camera.lens(), [&](auto lens) {
-    return HWY_NAMESPACE::Unscented<decltype(lens), double>(
-        camera.domain(), camera.params().data(), camera.num_params(), weights, mean.data(), axes,
-        scale);
+    return HWY_NAMESPACE::Unscented<decltype(lens), double>(camera.domain(), camera.params().data(),
+                                                            camera.num_params(), weights,
+                                                            mean.data(), axes, scale);
   });
 }
 
@@ -69,8 +67,7 @@ void RefineInDouble(const GaussiansView<const float>& gaussians, const Camera& c
     const std::size_t j = static_cast<std::size_t>(i);
     const auto footprint = FootprintOf(gaussians, i, camera, camera_from_world, weights);
     if (!footprint.all_valid) continue;
-    const double cutoff =
-        CutoffOf(Sigmoid(static_cast<double>(gaussians.opacity_logits[i])), rule);
+    const double cutoff = CutoffOf(Sigmoid(static_cast<double>(gaussians.opacity_logits[i])), rule);
     const double reach = std::sqrt(std::max(cutoff, 0.0));
     splats->u[j] = static_cast<float>(footprint.u);
     splats->v[j] = static_cast<float>(footprint.v);
@@ -126,17 +123,16 @@ void Project(const GaussiansView<const float>& gaussians, const Camera& camera,
   task.params = camera.params().data();
   task.num_params = camera.num_params();
   if (task.num_params > kMaxLensParams) {
-    throw InputError("the lens has " + std::to_string(task.num_params) +
-                     " parameters; at most " + std::to_string(kMaxLensParams) + " can be rendered");
+    throw InputError("the lens has " + std::to_string(task.num_params) + " parameters; at most " +
+                     std::to_string(kMaxLensParams) + " can be rendered");
   }
   task.width = camera.width();
   task.height = camera.height();
   task.view = MakeViewFloats(camera_from_world);
   task.weights = MakeUnscentedWeights(options);
   task.log2_alpha_min = static_cast<float>(std::log2(rule.alpha_min));
-  task.max_cutoff = rule.response_min > 0.0
-                        ? static_cast<float>(-2.0 * std::log(rule.response_min))
-                        : std::numeric_limits<float>::max();
+  task.max_cutoff = rule.response_min > 0.0 ? static_cast<float>(-2.0 * std::log(rule.response_min))
+                                            : std::numeric_limits<float>::max();
   task.wide = kWideFootprint;
   splats->Resize(gaussians.size);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
@@ -148,8 +144,8 @@ void Project(const GaussiansView<const float>& gaussians, const Camera& camera,
 }
 
 void ProjectReference(const GaussiansView<const double>& gaussians, const Camera& camera,
-                      const Pose& camera_from_world, const UnscentedOptions& options,
-                      double* means, double* covariances, std::uint8_t* valid) {
+                      const Pose& camera_from_world, const UnscentedOptions& options, double* means,
+                      double* covariances, std::uint8_t* valid) {
   const UnscentedWeights weights = MakeUnscentedWeights(options);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {

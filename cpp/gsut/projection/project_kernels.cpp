@@ -38,8 +38,8 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
   for (std::int64_t i = begin; i < end; i += kLanes) {
     const SeenLanes g =
         LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
-    const auto footprint = Unscented<Lens, Lane>(task.domain, params, task.num_params,
-                                                 task.weights, g.mean, g.axes, g.scale);
+    const auto footprint = Unscented<Lens, Lane>(task.domain, params, task.num_params, task.weights,
+                                                 g.mean, g.axes, g.scale);
     const Lane reach = Sqrt(Max(g.cutoff, Lane(0.0)));
     const Lane extent_u = reach * Sqrt(footprint.cov_uu);
     const Lane extent_v = reach * Sqrt(footprint.cov_vv);
@@ -61,16 +61,15 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
     constexpr double kAngleSlack = 1e-5;  // float rounding of the angle
     const LaneMask outside_domain =
         AndMask(NotMask(is_near), angle > Lane(task.domain.max_angle + kAngleSlack));
-    const LaneMask whole = AndMask(
-        AndMask(footprint.all_valid, NotMask(is_near)),
-        IsFinite(footprint.u + footprint.v + footprint.cov_uu + footprint.cov_vv));
+    const LaneMask whole =
+        AndMask(AndMask(footprint.all_valid, NotMask(is_near)),
+                IsFinite(footprint.u + footprint.v + footprint.cov_uu + footprint.cov_vv));
     // The ellipse is an estimate: only what lies well outside the image by it is dropped here.
     const Lane margin_u = Lane(kCullFactor) * extent_u + Lane(kCullPixels);
     const Lane margin_v = Lane(kCullFactor) * extent_v + Lane(kCullPixels);
-    const LaneMask in_image = AndMask(AndMask(footprint.u + margin_u >= Lane(0.0),
-                                              footprint.u - margin_u <= width),
-                                      AndMask(footprint.v + margin_v >= Lane(0.0),
-                                              footprint.v - margin_v <= height));
+    const LaneMask in_image =
+        AndMask(AndMask(footprint.u + margin_u >= Lane(0.0), footprint.u - margin_u <= width),
+                AndMask(footprint.v + margin_v >= Lane(0.0), footprint.v - margin_v <= height));
     const LaneMask candidate = AndMask(AndMask(g.usable, finite), NotMask(outside_domain));
     // Wide footprints bend: they too go to the exact test.
     const LaneMask wide = OrMask(extent_u > Lane(task.wide), extent_v > Lane(task.wide));
@@ -89,8 +88,7 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
     store(extent_v, &splats->extent_v);
     store(g.distance, &splats->distance);
     store(sine, &splats->sine);
-    const std::uint64_t is_small =
-        MaskBits(AndMask(ellipse, sine < Lane(kSmallSine)).m);
+    const std::uint64_t is_small = MaskBits(AndMask(ellipse, sine < Lane(kSmallSine)).m);
     const std::uint64_t is_ellipse = MaskBits(ellipse.m);
     const std::uint64_t is_uncertain = MaskBits(uncertain.m);
     const std::uint64_t has_pixels = MaskBits(footprint.all_valid.m);
@@ -114,9 +112,9 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
 
 void ProjectRange(const ProjectTask& task, std::int64_t begin, std::int64_t end, Splats* splats) {
   switch (task.lens) {
-#define GSUT_PROJECT_CASE(Lens)                                    \
-  case LensModel::k##Lens:                                         \
-    ProjectLens<lane_lenses::Lens>(task, begin, end, splats);      \
+#define GSUT_PROJECT_CASE(Lens)                               \
+  case LensModel::k##Lens:                                    \
+    ProjectLens<lane_lenses::Lens>(task, begin, end, splats); \
     return;
     GSUT_FOR_EACH_LENS(GSUT_PROJECT_CASE)
 #undef GSUT_PROJECT_CASE

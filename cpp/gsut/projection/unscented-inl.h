@@ -32,8 +32,7 @@ HWY_INLINE auto Unscented(const LensDomain& domain, const T* params, int num_par
                           const UnscentedWeights& weights, const T* mean, const T (*axes)[3],
                           const T* scale) {
   T u0, v0;
-  auto all_valid =
-      Lens::Project(domain, params, num_params, mean[0], mean[1], mean[2], &u0, &v0);
+  auto all_valid = Lens::Project(domain, params, num_params, mean[0], mean[1], mean[2], &u0, &v0);
   auto any_valid = all_valid;
   T du[6], dv[6];
   T sum_u(0.0), sum_v(0.0);
@@ -43,9 +42,8 @@ HWY_INLINE auto Unscented(const LensDomain& domain, const T* params, int num_par
     for (int side = 0; side < 2; ++side) {
       const T sign(side == 0 ? 1.0 : -1.0);
       T u, v;
-      const auto valid =
-          Lens::Project(domain, params, num_params, mean[0] + sign * step[0],
-                        mean[1] + sign * step[1], mean[2] + sign * step[2], &u, &v);
+      const auto valid = Lens::Project(domain, params, num_params, mean[0] + sign * step[0],
+                                       mean[1] + sign * step[1], mean[2] + sign * step[2], &u, &v);
       all_valid = AndMask(all_valid, valid);
       any_valid = OrMask(any_valid, valid);
       du[2 * k + side] = u - u0;

@@ -1,5 +1,5 @@
-// The scalar double renderer and its backward: formulae as in the paper of 3DGUT, section 4, written
-// for one ray and one Gaussian, in world coordinates relative to the camera centre.
+// The scalar double renderer and its backward: formulae as in the paper of 3DGUT, section 4,
+// written for one ray and one Gaussian, in world coordinates relative to the camera centre.
 #include "gsut/raster/reference.h"
 
 #include <Eigen/Core>
@@ -26,10 +26,10 @@ constexpr int kBackwardBands = 8;
 // A Gaussian seen from one camera.
 struct Seen {
   std::int64_t index = 0;
-  float key = 0;       // order; rounded to float as the tiled path does
-  Matrix3d whiten;     // A = S^-1 R^T, world to whitened
-  Vector3d relative;   // m = mean - camera centre
-  Vector3d whitened;   // A m
+  float key = 0;      // order; rounded to float as the tiled path does
+  Matrix3d whiten;    // A = S^-1 R^T, world to whitened
+  Vector3d relative;  // m = mean - camera centre
+  Vector3d whitened;  // A m
   double opacity = 0;
   Vector3d color;
   bool clamped[3] = {false, false, false};
@@ -62,6 +62,15 @@ std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Po
     Seen s;
     s.index = i;
     s.relative = Eigen::Map<const Vector3d>(g.means + 3 * i) - center;
+    const Eigen::Map<const Eigen::VectorXd> sh(g.sh + i * g.sh_coefficients * 3,
+                                               3 * g.sh_coefficients);
+    // Before anything is compared: a comparison with NaN is false and would drop it silently.
+    if (!(s.relative.allFinite() && sh.allFinite())) {
+      throw InputError("Gaussian " + std::to_string(i) +
+                       " has a mean or a harmonic that is not finite");
+    }
+    // Centred on the camera: no ray has its nearest point ahead, and no direction to shade it by.
+    if (s.relative.isZero(0.0)) continue;
     const double z = pose.rotation.row(2) * s.relative;
     if (!(z >= settings.rule.near_z && z <= settings.rule.far_z)) continue;
     s.key = static_cast<float>(settings.rule.order == OrderKey::kDistance ? s.relative.norm() : z);
@@ -69,14 +78,14 @@ std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Po
     s.whiten = scale.cwiseInverse().asDiagonal() * Rotation(g.quats + 4 * i).transpose();
     s.whitened = s.whiten * s.relative;
     s.opacity = Sigmoid(g.opacity_logits[i]);
-    if (!(s.whiten.allFinite() && s.whitened.allFinite() && std::isfinite(s.opacity))) {
+    if (!(scale.allFinite() && s.whiten.allFinite() && s.whitened.allFinite() &&
+          std::isfinite(s.opacity))) {
       throw InputError("Gaussian " + std::to_string(i) +
-                       " has a mean, quaternion, scale or opacity that is not finite");
+                       " has a quaternion, scale or opacity that is not finite");
     }
     const Vector3d direction = s.relative.normalized();
     double basis[kMaxShCoefficients];
     HarmonicsBasis(ShDegree(used), direction.x(), direction.y(), direction.z(), basis);
-    const double* sh = g.sh + i * g.sh_coefficients * 3;
     for (int c = 0; c < 3; ++c) {
       double value = 0.5;
       for (int k = 0; k < used; ++k) value += basis[k] * sh[3 * k + c];
@@ -269,11 +278,12 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
     Matrix3d g_rotation;
     for (int k = 0; k < 3; ++k) {
       gradients.log_scales[3 * i + k] = -total.whiten.row(k).dot(s.whiten.row(k));
-      g_rotation.col(k) = total.whiten.row(k).transpose() * std::exp(-gaussians.log_scales[3 * i + k]);
+      g_rotation.col(k) =
+          total.whiten.row(k).transpose() * std::exp(-gaussians.log_scales[3 * i + k]);
     }
     const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> g_rotation_rows = g_rotation;
     RotationFromQuaternionBackward(gaussians.quats + 4 * i, g_rotation_rows.data(),
-                           gradients.quats + 4 * i);
+                                   gradients.quats + 4 * i);
   }
   // xi = (v, w): the centre moves by -R^T v, the rays turn by -w (in the camera frame).
   const Vector3d g_translation = rotation * center_sum;
