@@ -55,7 +55,7 @@ def write_dataset(
     with_test: bool = True,
     mask: np.ndarray | None = None,
 ) -> Path:
-    """A transforms.json with images of 48 x 48 (or the camera's size), points and, if given, a mask.
+    """A transforms.json with images, points and, if given, a mask.
 
     Args:
         camera: a pinhole; None: 48 x 48.

@@ -52,7 +52,7 @@ def test_gaussian_centred_on_the_camera_gives_nothing_and_no_nan(rng, lens):
     pose[:3, 3] = (1.0, -2.0, 0.5)
     center = -pose[:3, 3]
     weights = random_weights(rng, camera)
-    other = blob(mean=center + (0.1, 0.2, 1.5))
+    other = blob(mean=center + np.array([0.1, 0.2, 1.5]))
     alone = run_every_path(other, camera, pose, weights)
     both = run_every_path(joined(blob(mean=center), other), camera, pose, weights)
     ran = 0

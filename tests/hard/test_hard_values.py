@@ -1,10 +1,10 @@
-"""Hard cases 10, 11, 13, 14: extreme scales, quaternions and opacities, values that are no number."""
+"""Hard cases 10, 11, 13, 14: extreme scales, quaternions, opacities; values that are no number."""
 
 import gsut
 import numpy as np
 import pytest
 import tolerances
-from precision_paths import FIELDS, blob, errors_of, every_path, joined, run_every_path
+from precision_paths import FIELDS, blob, errors_of, joined, run_every_path
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose, random_weights
 
 EPS = float(np.finfo(np.float32).eps)
@@ -73,7 +73,21 @@ def test_scales_of_any_exponent_leave_every_number_finite(rng):
     camera = fisheye(40)
     weights = random_weights(rng, camera)
     ran = 0
-    exponents = (-120.0, -88.0, -60.0, -40.0, -20.0, -10.0, 10.0, 20.0, 40.0, 44.0, 60.0, 88.0)
+    exponents = (
+        -1e30,
+        -200.0,
+        -88.0,
+        -80.0,
+        -40.0,
+        -20.0,
+        -10.0,
+        10.0,
+        20.0,
+        44.0,
+        88.0,
+        105.0,
+        1e30,
+    )
     for first in exponents:
         for second in (first, 0.0, -first):
             g = blob((0.1, 0.1, 2.0), 0.3, quat=rng.normal(size=4))
@@ -84,6 +98,9 @@ def test_scales_of_any_exponent_leave_every_number_finite(rng):
             for isa in gsut.available_isas():
                 gsut.set_isa(isa)
                 result = gsut.render(both, camera, np.eye(4))
+                if not -87.3 < first < 88.5:  # beyond float: the other one alone
+                    alone = gsut.render(both[:1], camera, np.eye(4))
+                    assert np.array_equal(result.image, alone.image), (isa, first, second)
                 assert np.isfinite(result.image).all() and np.isfinite(result.depth).all()
                 assert np.all((result.alpha >= 0) & (result.alpha <= 1))
                 found = gsut.render_backward(result, *weights)
@@ -98,9 +115,10 @@ def test_scales_of_any_exponent_leave_every_number_finite(rng):
 def test_round_gaussian_of_any_size_over_distance_matches_double(rng, ratio):
     camera = fisheye(49)
     weights = random_weights(rng, camera)
-    g = blob((0.0, 0.0, 2.0), 2.0 * ratio, opacity=0.6)
+    # Beside the middle by half a standard deviation: in the middle all but one gradient vanish.
+    g = blob((min(ratio, 0.2), 0.0, 2.0), 2.0 * ratio, opacity=0.6)
     outcomes = run_every_path(g, camera, np.eye(4), weights)
-    assert outcomes[0].result.alpha[24, 24] == pytest.approx(0.6, abs=1e-5)
+    assert 0.5 < outcomes[0].result.alpha[24, 24] < 0.61
     found = errors_of(outcomes, weights)
     assert found.alpha < tolerances.HARD_ALPHA, found
     assert max(found.gradients, found.pose) < tolerances.HARD_GRADIENT, found
@@ -118,7 +136,7 @@ def test_zero_quaternion_is_the_identity_with_gradient_zero(rng):
         assert np.array_equal(one.gradients.gaussians.means, other.gradients.gaussians.means)
 
 
-@pytest.mark.parametrize("norm", [1e-37, 1e-20, 1e-6, 1e6, 1e20, 1e37])
+@pytest.mark.parametrize("norm", [1e-35, 1e-20, 1e-6, 1e6, 1e20, 1e37])
 def test_quaternion_of_any_norm_gives_the_same_image(rng, norm):
     camera = pinhole(32)
     weights = random_weights(rng, camera)
@@ -178,7 +196,16 @@ def test_opacity_zero_and_one_have_closed_forms_and_finite_gradients(rng):
     camera = pinhole(33)
     weights = random_weights(rng, camera)
     ran = 0
-    for logit, expected in ((-200.0, 0), (-88.0, 0), (-20.0, 0), (5.0, 0.99), (88.0, 0.99)):
+    logits = (
+        (-1e30, 0),
+        (-200.0, 0),
+        (-88.0, 0),
+        (-20.0, 0),
+        (5.0, 0.99),
+        (88.0, 0.99),
+        (1e30, 0.99),
+    )
+    for logit, expected in logits:
         g = blob()
         g.opacity_logits[:] = logit
         for outcome in run_every_path(g, camera, np.eye(4), weights):
@@ -186,7 +213,7 @@ def test_opacity_zero_and_one_have_closed_forms_and_finite_gradients(rng):
             if expected == 0:
                 assert np.all(outcome.gradients.gaussians.opacity_logits == 0)
             ran += 1
-    assert ran == 5 * (1 + len(gsut.available_isas()))
+    assert ran == len(logits) * (1 + len(gsut.available_isas()))
 
 
 def test_many_opaque_layers_underflow_nothing(rng):
@@ -262,26 +289,15 @@ def test_cutoffs_of_any_size_give_finite_numbers_that_match_double(rng):
     ("field", "value"),
     [("alpha_min", 0.0), ("alpha_min", -1.0), ("alpha_min", np.nan), ("alpha_max", 1.0),
      ("alpha_max", 0.0), ("alpha_max", np.nan), ("transmittance_min", -0.1),
-     ("transmittance_min", 1.0), ("response_min", 1.0), ("response_min", np.nan)],
+     ("transmittance_min", 1.0), ("response_min", 1.0), ("response_min", np.nan),
+     ("near_z", np.nan), ("near_z", np.inf)],
 )  # fmt: skip
-def test_blend_rule_that_divides_by_zero_is_refused_or_finite(rng, field, value):
-    camera, pose = pinhole(24), random_pose(rng)
-    g = gaussians_in_view(rng, camera, pose, 30, opacity=3.0)
-    rule = gsut.BlendRule()
+def test_blend_rule_that_divides_by_zero_is_refused_with_its_field(field, value):
+    rule = gsut.BlendRule("gsplat")
     setattr(rule, field, value)
-    for path in every_path():
-        dtype = "float64" if path == "float64" else "float32"
-        gsut.set_isa("" if path == "float64" else path)
-        try:
-            result = gsut.render(g, camera, pose, blend=rule, dtype=dtype)
-        except gsut.InputError as error:
-            assert field in str(error)
-            continue
-        assert np.isfinite(result.image).all(), path
-        assert np.all((result.alpha >= 0) & (result.alpha <= 1)), path
-        found = gsut.render_backward(result, *random_weights(rng, camera))
-        for name in FIELDS:
-            assert np.isfinite(getattr(found.gaussians, name)).all(), (path, name)
+    for dtype in ("float32", "float64"):
+        with pytest.raises(gsut.InputError, match=field):
+            gsut.render(blob(), pinhole(8), np.eye(4), blend=rule, dtype=dtype)
 
 
 def test_gaussians_below_a_pixel_match_double_and_are_seen_by_chance_only(rng):

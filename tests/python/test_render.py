@@ -125,9 +125,10 @@ KINDS = {
     "huge": {"sizes": (0.5, 5.0)},
     "tiny": {"sizes": (1e-4, 1e-2)},
 }
-GAUSSIANS_A_CAMERA = 400
-# With seven lenses, 1.06e5 (Gaussian, camera) pairs in all.
 MISS_ROUNDS = {"ordinary": 12, "needles": 12, "close": 10, "huge": 3, "tiny": 1}
+# 1e5 (Gaussian, camera) pairs in all, however many lenses there are.
+MISS_PAIRS = 100_000
+GAUSSIANS_A_CAMERA = -(-MISS_PAIRS // (sum(MISS_ROUNDS.values()) * len(LENSES)))
 
 
 @pytest.mark.parametrize("kind", KINDS)
