@@ -57,6 +57,12 @@ def uncertainty(question: dict) -> dict:
     return {"sigma": sigma.tolist()}
 
 
+def project(question: dict) -> dict:
+    """Pixels (N, 2) of points (N, 3) in the camera's frame."""
+    model = read_model(question["models"][0])
+    return {"pixels": mrcal.project(np.array(question["points"]), *model.intrinsics()).tolist()}
+
+
 def rays(question: dict) -> dict:
     """Unit rays (N, 3) of pixels (N, 2); those that do not project back are NaN."""
     model = read_model(question["models"][0])
@@ -68,16 +74,17 @@ def rays(question: dict) -> dict:
 
 
 def determinant(question: dict) -> dict:
-    """Of dpixel/d(stereographic direction), at rays (N, 3): where it is <= 0 the lens folds."""
+    """Of the derivative direction -> pixel at rays (N, 3), and their pixels: 0 is a fold."""
     model = read_model(question["models"][0])
     points = np.array(question["rays"])
     lensmodel, params = model.intrinsics()
-    _, by_point, _ = mrcal.project(points, lensmodel, params, get_gradients=True)
+    pixels, by_point, _ = mrcal.project(points, lensmodel, params, get_gradients=True)
     around = np.cross(points, np.roll(points, 1, axis=-1))
     first = around / np.linalg.norm(around, axis=-1, keepdims=True)
     second = np.cross(points, first)
     a, b = (np.einsum("...ij,...j->...i", by_point, t) for t in (first, second))
-    return {"determinant": (a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]).tolist()}
+    area = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return {"determinant": area.tolist(), "pixels": pixels.tolist()}
 
 
 def fit_boards(question: dict) -> dict:
@@ -107,6 +114,7 @@ def fit_boards(question: dict) -> dict:
 ANSWERS = {
     "solved": solved,
     "uncertainty": uncertainty,
+    "project": project,
     "rays": rays,
     "determinant": determinant,
     "fit_boards": fit_boards,

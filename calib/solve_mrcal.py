@@ -17,19 +17,29 @@ from calib.solution import LENSES, CameraSolution
 
 LENS_NAMES = ("opencv4", "opencv8", "splined")
 _SPLINE_ORDER = 3
-# Between knots of the spline, in degrees at the axis. Found by cross-validation (measure.py).
-_KNOT_PITCH_DEGREES = 12.0
+# Between knots of the spline at the axis. Finer knots follow the corners' noise: on real fisheyes
+# the residuals keep falling, the error on unseen boards rises (see README.md).
+FINEST_KNOTS_DEGREES = 16.0
+# Coarse enough for a smooth lens; what `auto` tries.
+COARSE_KNOTS_DEGREES = 40.0
+_CORNERS_A_KNOT = 12  # within the boards' reach, at least
 _FEWEST_KNOTS = 6  # each way: a cubic patch and one more on either side
 _SPLINE_MARGIN = 1.04  # of the field beyond the image's edge
 _WIDEST_DEGREES = 320.0  # of the splined field: the projection ends at 360
 
 
-def solve_camera(photographs: Sequence[Photograph], board: Board, lens: str) -> CameraSolution:
+def solve_camera(
+    photographs: Sequence[Photograph],
+    board: Board,
+    lens: str,
+    knot_degrees: float | None = None,
+) -> CameraSolution:
     """One camera; outliers are thrown out by mrcal's own rule.
 
     Args:
         photographs: of one camera, all with corners. board: the chessboard.
         lens: one of LENS_NAMES.
+        knot_degrees: of a splined lens, between knots; None: `knot_pitch`.
 
     Raises:
         BoardError: mrcal is not installed.
@@ -40,7 +50,7 @@ def solve_camera(photographs: Sequence[Photograph], board: Board, lens: str) -> 
     fisheye = solve_opencv.solve_camera(photographs, board, "fisheye")
     model = LENSES[lens][1]
     if lens == "splined":
-        model = splined_model(fisheye)
+        model = splined_model(fisheye, knot_degrees or knot_pitch(fisheye, board))
     with tempfile.TemporaryDirectory(prefix="gsut-calib-") as name:
         folder = Path(name)
         names = [f"camera0-{index:05d}.jpg" for index in range(len(photographs))]
@@ -83,7 +93,15 @@ def from_model_text(text: str, lens: str, photographs: Sequence[Photograph]) -> 
     )
 
 
-def splined_model(fisheye: CameraSolution, pitch_degrees: float = _KNOT_PITCH_DEGREES) -> str:
+def knot_pitch(fisheye: CameraSolution, board: Board) -> float:
+    """Degrees between knots: FINEST_KNOTS_DEGREES, or more where corners are few."""
+    reach = 2 * np.tan(np.max(fisheye.field_angles(board)[~fisheye.outliers]) / 2)
+    knots = np.sum(~fisheye.outliers) / _CORNERS_A_KNOT
+    pitch = 2 * np.degrees(np.arctan(reach * np.sqrt(np.pi / knots) / 2))
+    return float(max(pitch, FINEST_KNOTS_DEGREES))
+
+
+def splined_model(fisheye: CameraSolution, pitch_degrees: float) -> str:
     """mrcal's name of a splined lens that covers the image, its knots a fixed angle apart.
 
     Args:
