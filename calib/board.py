@@ -35,7 +35,8 @@ class Board:
         if min(self.columns, self.rows) < _FEWEST_CORNERS_A_SIDE:
             raise BoardError(
                 f"a board of {self.columns} x {self.rows} inner corners is too small; "
-                f"count the corners where four squares meet: at least {_FEWEST_CORNERS_A_SIDE} each way"
+                f"count the corners where four squares meet: at least "
+                f"{_FEWEST_CORNERS_A_SIDE} each way"
             )
         if not (np.isfinite(self.spacing) and self.spacing > 0):
             raise BoardError(f"the side of a square must be > 0, found {self.spacing}")

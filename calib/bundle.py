@@ -40,7 +40,7 @@ class Observation:
 
 @dataclass
 class State:
-    """The unknowns: params of each lens, camera_from_reference (C, 6), reference_from_board (B, 6)."""
+    """Unknowns: lenses' params, camera_from_reference (C, 6), reference_from_board (B, 6)."""
 
     params: list[np.ndarray]
     cameras: np.ndarray

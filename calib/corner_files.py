@@ -65,7 +65,7 @@ def read_vnl(path: Path, board: Board) -> dict[str, np.ndarray]:
 
 
 def draw_board(photograph: Photograph, board: Board, outliers: np.ndarray | None) -> np.ndarray:
-    """(H, W, 3) BGR: the photograph, its corners joined in their order, the outliers crossed out."""
+    """(H, W, 3) BGR: the photograph, its corners in their order, outliers crossed out."""
     image = cv2.cvtColor(read_grey(photograph.path), cv2.COLOR_GRAY2BGR)
     scale = min(1.0, _WIDEST / image.shape[1])
     image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

@@ -228,9 +228,9 @@ def _refuse_other_boards(photographs: Sequence[Photograph], board: Board) -> Non
     if count > half:
         shown = next(p for p in photographs if p.other_size == size)
         raise BoardError(
-            f"wrong board size: {shown.path} and {count - 1} more of {len(photographs)} images show "
-            f"{size[0]} x {size[1]} inner corners, not {board}; give --board {size[0]}x{size[1]}, "
-            "or show the whole board where it is cropped"
+            f"wrong board size: {shown.path} and {count - 1} more of {len(photographs)} images "
+            f"show {size[0]} x {size[1]} inner corners, not {board}; "
+            f"give --board {size[0]}x{size[1]}, or show the whole board where it is cropped"
         )
 
 

@@ -80,8 +80,8 @@ def compare(candidates: Sequence[HeldOut], outliers: Sequence[np.ndarray]) -> st
 
     The best has the smallest root mean square error over unseen boards; chosen is the lens with
     the fewest parameters that is not worse than the best by more than one standard error of their
-    difference, board by board. Corners that all lenses call outliers are the detector's, and left
-    out.
+    difference, board by board. Corners that half of the lenses call outliers are the detector's,
+    and left out.
 
     Args:
         candidates: from `hold_out`, all of the same photographs.
@@ -93,7 +93,7 @@ def compare(candidates: Sequence[HeldOut], outliers: Sequence[np.ndarray]) -> st
     scored = [candidate for candidate in candidates if not candidate.problem]
     if not scored:
         raise SolveError(f"no lens fits these boards: {candidates[0].problem}")
-    use = ~np.logical_and.reduce(list(outliers))
+    use = np.mean(list(outliers), axis=0) < 0.5
     squares = {}
     for candidate in scored:
         errors = np.where(use, candidate.errors, np.nan)

@@ -16,7 +16,7 @@ import mrcal
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-from calib.bundle import Observation, State, minimise  # noqa: E402
+from calib.bundle import Observation, State, minimise
 
 
 def read_model(text: str) -> mrcal.cameramodel:
@@ -45,6 +45,21 @@ def solved(question: dict) -> dict:
         "outliers": (observed[..., 2] <= 0).reshape(count, -1).tolist(),
         "warp": None if warp is None else warp.tolist(),
     }
+
+
+def solve_again(question: dict) -> dict:
+    """The same solve from another lens and other boards' poses, all corners given a new chance."""
+    inputs = read_model(question["models"][0]).optimization_inputs()
+    inputs["intrinsics"] = np.array([question["params"]])
+    inputs["frames_rt_toref"] = np.array(question["boards"])
+    inputs["calobject_warp"] = np.zeros(2)
+    weights = inputs["observations_board"][..., 2]
+    weights[weights < 0] *= -1
+    mrcal.optimize(**inputs)
+    model = mrcal.cameramodel(optimization_inputs=inputs, icam_intrinsics=0)
+    with tempfile.NamedTemporaryFile("r", suffix=".cameramodel") as file:
+        model.write(file.name)
+        return {"model": Path(file.name).read_text()}
 
 
 def uncertainty(question: dict) -> dict:
@@ -113,6 +128,7 @@ def fit_boards(question: dict) -> dict:
 
 ANSWERS = {
     "solved": solved,
+    "solve_again": solve_again,
     "uncertainty": uncertainty,
     "project": project,
     "rays": rays,

@@ -1,9 +1,9 @@
-"""What a solve leaves: for each camera of the rig its lens, its boards and what does not fit."""
+"""What a solve of one camera leaves: its lens, its boards' poses, and what does not fit."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -79,40 +79,6 @@ class CameraSolution:
         """(V, corners) radians between the axis and each corner."""
         points = self.points(board)
         return np.arctan2(np.hypot(points[..., 0], points[..., 1]), points[..., 2])
-
-
-@dataclass
-class Solution:
-    """A rig's cameras, solved together.
-
-    Args:
-        board: the chessboard. cameras: in the rig's order; the first is the reference.
-        lens: a key of LENSES. solver: "opencv" or "mrcal".
-        seconds: that the solve took. notes: what a person should know, in sentences.
-    """
-
-    board: Board
-    lens: str
-    solver: str
-    cameras: list[CameraSolution]
-    seconds: float = 0.0
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def rms_2d_px(self) -> float:
-        """As for one camera, over all corners of all cameras."""
-        squares = [np.sum(c.residuals[~c.outliers] ** 2, axis=1) for c in self.cameras]
-        return float(np.sqrt(np.mean(np.concatenate(squares))))
-
-    @property
-    def rms_axis_px(self) -> float:
-        """As for one camera, over all corners of all cameras."""
-        return self.rms_2d_px / float(np.sqrt(2.0))
-
-    @property
-    def num_outliers(self) -> int:
-        """Corners left out, of all cameras."""
-        return int(sum(camera.outliers.sum() for camera in self.cameras))
 
 
 def find_outliers(residuals: np.ndarray) -> np.ndarray:

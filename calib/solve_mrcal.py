@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 from calib import solve_opencv
 from calib.board import Board, Photograph
 from calib.corner_files import write_vnl
+from calib.errors import SolveError
 from calib.mrcal_process import ask, calibrate_cameras, require_mrcal
 from calib.solution import LENSES, CameraSolution
 
@@ -22,6 +22,7 @@ _SPLINE_ORDER = 3
 FINEST_KNOTS_DEGREES = 16.0
 # Coarse enough for a smooth lens; what `auto` tries.
 COARSE_KNOTS_DEGREES = 40.0
+_GOOD_START_PX = 5.0  # RMS of OpenCV's lens: above it, it has found a wrong minimum
 _CORNERS_A_KNOT = 12  # within the boards' reach, at least
 _FEWEST_KNOTS = 6  # each way: a cubic patch and one more on either side
 _SPLINE_MARGIN = 1.04  # of the field beyond the image's edge
@@ -68,7 +69,30 @@ def solve_camera(
         size = ["--imagersize", str(first.width), str(first.height)]
         calibrate_cameras([*flat, *size, "camera0-*.jpg"], folder)
         text = (folder / "camera-0.cameramodel").read_text()
+    if lens != "splined":
+        text = _from_opencv(text, photographs, board, lens)
     return from_model_text(text, lens, photographs)
+
+
+def _from_opencv(text: str, photographs: Sequence[Photograph], board: Board, lens: str) -> str:
+    """The solve again, started from OpenCV's lens of the same kind where there is one.
+
+    mrcal-calibrate-cameras starts at random, and the minima of a rational lens are many: some runs
+    end in a lens with a pole in the middle of the image, others of the same boards do not.
+    """
+    try:
+        start = solve_opencv.solve_camera(photographs, board, lens)
+    except SolveError:
+        return text
+    if start.rms_2d_px > _GOOD_START_PX:
+        return text
+    question = {
+        "do": "solve_again",
+        "models": [text],
+        "params": start.params.tolist(),
+        "boards": start.camera_from_board.tolist(),
+    }
+    return ask(question)["model"]
 
 
 def from_model_text(text: str, lens: str, photographs: Sequence[Photograph]) -> CameraSolution:

@@ -1,8 +1,7 @@
-"""Solves for lenses with OpenCV: Kannala-Brandt fisheye and radial-tangential, alone or in a rig."""
+"""Solves for lenses with OpenCV: Kannala-Brandt fisheye and radial-tangential."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 
 import cv2
@@ -10,8 +9,7 @@ import numpy as np
 
 from calib.board import Board, Photograph
 from calib.errors import SolveError
-from calib.rigid import compose, inverse
-from calib.solution import LENSES, CameraSolution, Solution, find_outliers
+from calib.solution import LENSES, CameraSolution, find_outliers
 
 LENS_NAMES = ("fisheye", "opencv4", "opencv8")
 # First guesses of the focal length over the width: fisheyes of 180 degrees and more, down to tele.
@@ -22,29 +20,16 @@ _GOOD_START_PX = 2.0  # RMS with all corners; a start above it has found a wrong
 _STEEPEST = np.radians(80.0)  # field angle to which a radial lens is started from a fisheye
 
 
-def solve(photographs: Sequence[Photograph], board: Board, lens: str) -> Solution:
-    """Each camera alone, then, for a rig, the poses of the cameras to each other.
+def solve_camera(photographs: Sequence[Photograph], board: Board, lens: str) -> CameraSolution:
+    """One camera: solves, throws outliers out and solves again until none is new.
 
     Args:
-        photographs: of all cameras; those without corners are left out.
-        board: the chessboard. lens: one of LENS_NAMES.
+        photographs: of one camera, all with corners. board: the chessboard.
+        lens: one of LENS_NAMES.
 
     Raises:
-        SolveError: OpenCV finds no lens that fits, or two cameras share no moment.
+        SolveError: OpenCV finds no lens that fits.
     """
-    start = time.perf_counter()
-    names = list(dict.fromkeys(photograph.camera for photograph in photographs))
-    cameras = []
-    for name in names:
-        seen = [p for p in photographs if p.camera == name and p.corners is not None]
-        cameras.append(solve_camera(seen, board, lens))
-    for camera in cameras[1:]:
-        camera.camera_from_reference = _stereo(cameras[0], camera, board)
-    return Solution(board, lens, "opencv", cameras, time.perf_counter() - start)
-
-
-def solve_camera(photographs: Sequence[Photograph], board: Board, lens: str) -> CameraSolution:
-    """One camera: solves, throws outliers out and solves again until none is new."""
     first = photographs[0]
     observed = np.stack([photograph.corners for photograph in photographs])
     size = (first.width, first.height)
@@ -151,7 +136,7 @@ def _radial_guess(observed, keep, board, size, lens) -> np.ndarray:
 
     r (1 + k1 r^2 + ...) = d (1 + k4 r^2 + ...) with r = tan(angle) and d of the fisheye.
     """
-    params, poses = _fit_fisheye(observed, keep, board, size, None)
+    params, _ = _fit_fisheye(observed, keep, board, size, None)
     angle = np.linspace(0.01, 1.0, 100) * _STEEPEST
     distorted = angle * (1 + np.polyval([*params[7:3:-1], 0.0], angle**2))
     distorted = np.where(np.gradient(distorted) > 0, distorted, np.nan)
@@ -182,56 +167,6 @@ def _residuals(params, poses, observed, board, lens) -> np.ndarray:
             pixels, _ = cv2.projectPoints(points, pose[:3], pose[3:], matrix, distortion)
         predicted.append(pixels.reshape(-1, 2))
     return np.stack(predicted) - observed
-
-
-def _stereo(first: CameraSolution, second: CameraSolution, board: Board) -> np.ndarray:
-    """(6,) second camera from first, the lenses held, corners that fitted in both."""
-    moments = {photograph.moment: i for i, photograph in enumerate(first.photographs)}
-    pairs = [
-        (moments[photograph.moment], j)
-        for j, photograph in enumerate(second.photographs)
-        if photograph.moment in moments
-    ]
-    if not pairs:
-        raise SolveError(
-            f"the cameras {first.name} and {second.name} have no moment at which both saw the "
-            "board: their pose to each other cannot be known"
-        )
-    points, left, right = [], [], []
-    for i, j in pairs:
-        keep = ~first.outliers[i] & ~second.outliers[j]
-        points.append(board.points()[keep])
-        left.append(first.photographs[i].corners[keep])
-        right.append(second.photographs[j].corners[keep])
-    size = (first.width, first.height)
-    lenses = [_matrix(first.params), first.params[4:], _matrix(second.params), second.params[4:]]
-    if first.lens == "fisheye":
-        # OpenCV's own start, the median of the pairs' poses, can be off by a turn: give a good one.
-        _, _, _, _, _, rotation, translation, *_ = cv2.fisheye.stereoCalibrate(
-            [p[None] for p in points],
-            [p[None] for p in left],
-            [p[None] for p in right],
-            *lenses,
-            size,
-            flags=cv2.fisheye.CALIB_FIX_INTRINSIC,
-            criteria=_STOP,
-        )
-    else:
-        _, _, _, _, _, rotation, translation, *_ = cv2.stereoCalibrate(
-            [p.astype(np.float32) for p in points],
-            [p.astype(np.float32) for p in left],
-            [p.astype(np.float32) for p in right],
-            *lenses,
-            size,
-            flags=cv2.CALIB_FIX_INTRINSIC,
-            criteria=_STOP,
-        )
-    return np.concatenate([cv2.Rodrigues(rotation)[0].ravel(), translation.ravel()])
-
-
-def relative_pose(first: CameraSolution, second: CameraSolution) -> np.ndarray:
-    """(6,) second camera from first."""
-    return compose(second.camera_from_reference, inverse(first.camera_from_reference))
 
 
 def _matrix(params: np.ndarray) -> np.ndarray:
