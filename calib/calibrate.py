@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import gsut
 import numpy as np
 
 from calib import solve_mrcal, solve_opencv
@@ -15,7 +16,7 @@ from calib.corner_files import write_board_picture, write_vnl
 from calib.corners import find_boards, turned
 from calib.cross_validation import HeldOut, compare, hold_out
 from calib.errors import BoardError, SolveError
-from calib.halves import Halves, compare_halves
+from calib.halves import Halves, agreement_angle, compare_halves
 from calib.job import Job
 from calib.lens_files import write_lens
 from calib.mrcal_process import have_mrcal, require_mrcal
@@ -33,7 +34,10 @@ CORNERS_FOLDER, CORNERS_FILE = "corners", "corners.vnl"
 
 @dataclass
 class Result:
-    """Everything that a calibration found out; what the reports show."""
+    """Everything that a calibration found out; what the reports show.
+
+    second_lens: of each camera, the name of another lens and the radians to which both agree.
+    """
 
     job: Job
     board: Board
@@ -42,6 +46,7 @@ class Result:
     trusts: list[Trust]
     held_out: dict[str, list[HeldOut]]
     halves: list[Halves | None]
+    second_lens: list[tuple[str, float] | None]
     lens_files: list[Path]
     pictures: list[Path]
     rig_rms_px: float | None
@@ -98,20 +103,25 @@ def calibrate(job: Job) -> Result:
         compare_halves(camera, trust, board, lambda part: _solve(job, part, board, lens))
         for camera, trust in zip(cameras, trusts, strict=True)
     ]
+    second = [
+        _second_lens(job, camera, trust, board)
+        for camera, trust in zip(cameras, trusts, strict=True)
+    ]
     pictures = _draw(folder / CORNERS_FOLDER, photographs, cameras, board)
     result = Result(
-        job,
-        board,
-        photographs,
-        cameras,
-        trusts,
-        held_out,
-        halves,
-        [],
-        pictures,
-        rig_rms,
-        0.0,
-        notes,
+        job=job,
+        board=board,
+        photographs=photographs,
+        cameras=cameras,
+        trusts=trusts,
+        held_out=held_out,
+        halves=halves,
+        second_lens=second,
+        lens_files=[],
+        pictures=pictures,
+        rig_rms_px=rig_rms,
+        seconds=0.0,
+        notes=notes,
     )
     if not result.refusals:
         for camera, trust in zip(cameras, trusts, strict=True):
@@ -204,6 +214,21 @@ def _try_lenses(
         if not results[-1].problem:
             outliers.append(full[lens].outliers)
     return results, outliers
+
+
+def _second_lens(
+    job: Job, camera: CameraSolution, trust: Trust, board: Board
+) -> tuple[str, float] | None:
+    """Another kind of lens, and the radians to which it agrees; None where it does not fit."""
+    other = "opencv8" if camera.lens == "fisheye" else "fisheye"
+    try:
+        solver = solve_opencv if other == "fisheye" or not have_mrcal() else solve_mrcal
+        second = solver.solve_camera(camera.photographs, board, other)
+        if second.rms_2d_px > _HOPELESS * camera.rms_2d_px:
+            return None
+        return other, agreement_angle(camera, second, trust.valid_angle)
+    except (SolveError, gsut.InputError):
+        return None
 
 
 def _by_camera(photographs: Sequence[Photograph]) -> list[list[Photograph]]:

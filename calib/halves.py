@@ -1,4 +1,4 @@
-"""Two solves of one lens, from its odd and its even photographs: how far they disagree."""
+"""How far two lenses of one camera disagree: odd and even photographs, or two kinds of lens."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from calib.lens import rays
 from calib.solution import CameraSolution
 from calib.trust import Trust, field_angle
 from calib.uncertainty import grid_pixels
+
+AGREEMENT_DEGREES = 0.3  # between the rays of two good lenses of one camera
 
 
 @dataclass
@@ -69,6 +71,27 @@ def compare_lenses(a: CameraSolution, b: CameraSolution, valid_angle: float) -> 
         float(np.median(degrees[trusted])),
         float(np.max(degrees[trusted])),
     )
+
+
+def agreement_angle(a: CameraSolution, b: CameraSolution, limit: float) -> float:
+    """Radians from the axis up to which two lenses agree within AGREEMENT_DEGREES everywhere.
+
+    Args:
+        a, b: two lenses of one camera. limit: not further than this.
+    """
+    pixels = grid_pixels(a.width, a.height).reshape(-1, 2)
+    rays_a, rays_b = rays(a, pixels), rays(b, pixels)
+    angle = field_angle(rays_a)
+    both = np.all(np.isfinite(rays_a) & np.isfinite(rays_b), axis=1)
+    for outer in np.arange(limit, 0.0, -np.radians(1.0)):
+        inside = both & (angle <= outer)
+        if inside.sum() < 3:
+            break
+        turn = best_rotation(rays_b[inside], rays_a[inside])
+        chord = np.linalg.norm(rays_b[inside] @ turn.T - rays_a[inside], axis=1)
+        if np.degrees(chord.max()) <= AGREEMENT_DEGREES:
+            return float(outer)
+    return 0.0
 
 
 def best_rotation(source: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calib.halves import AGREEMENT_DEGREES
 from calib.lens_files import baseline, write_text
 from calib.solution import CameraSolution
 from calib.trust import TRUSTED_SIGMA_PX
@@ -82,6 +83,13 @@ def _camera_values(result: Result, index: int) -> dict[str, Any]:
         "distance_to_reference": baseline(camera),
         "halves_median_degrees": None if halves is None else halves.median_degrees,
         "halves_worst_degrees": None if halves is None else halves.worst_degrees,
+        "second_lens": None
+        if result.second_lens[index] is None
+        else {
+            "lens": result.second_lens[index][0],
+            "agrees_within_degrees": AGREEMENT_DEGREES,
+            "agrees_to_degrees": float(degrees(result.second_lens[index][1])),
+        },
         "cross_validation": [
             {
                 "lens": h.lens,

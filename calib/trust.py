@@ -21,6 +21,7 @@ _MOST_BEYOND = 0.05
 _MARGIN = np.radians(0.5)  # kept from a fold or pole, where the inverse loses its digits
 _RING = np.radians(2.0)  # width of the rings in which the uncertainty is judged
 _AZIMUTHS, _ANGLES = 64, 180  # polar grid on which a splined lens' folds are looked for
+_SECTORS = 12  # of azimuth, in which a splined lens needs boards
 _STEPS = 150  # along each azimuth of the trusted region's outline
 
 
@@ -50,8 +51,10 @@ class Trust:
 def judge(camera: CameraSolution, board: Board, sigma: np.ndarray) -> Trust:
     """Judges a solved lens by its domain, its boards and its uncertainty.
 
-    The valid field angle is the smallest of: the angle the boards reached; the first fold or pole,
-    less a margin; the first ring whose median uncertainty is above TRUSTED_SIGMA_PX.
+    The valid field angle is the smallest of: the angle the boards reached (for a splined lens,
+    which knows nothing of a direction from another, in the direction where they reached least); the
+    first fold or pole, less a margin; the first ring whose median uncertainty is above
+    TRUSTED_SIGMA_PX.
     """
     angles = camera.field_angles(board)
     reach = float(np.max(angles[~camera.outliers]))
@@ -86,6 +89,15 @@ def judge(camera: CameraSolution, board: Board, sigma: np.ndarray) -> Trust:
             f"{degrees(trust.valid_angle):.1f} because of it; a fisheye or splined lens may keep "
             "more"
         )
+    if camera.lens == "splined":
+        covered = _covered_angle(camera, angles)
+        if covered < trust.valid_angle:
+            trust.valid_angle = covered
+            trust.notes.append(
+                f"{camera.name}: boards reached {degrees(reach):.1f} degrees, but not in every "
+                f"direction: beyond {degrees(covered):.1f} degrees there is one without any, where "
+                "a splined lens knows nothing; show the board all around, or use --lens auto"
+            )
     certain = _certain_angle(angle_map, sigma, trust.valid_angle)
     if certain < trust.valid_angle:
         trust.valid_angle = certain
@@ -129,6 +141,17 @@ def _domain(camera: CameraSolution) -> float:
     folded = (determinant * np.sign(determinant[:, :1]) <= 0) & ~left_image
     first = np.where(folded.any(axis=1), angle[np.argmax(folded, axis=1)], np.pi)
     return float(first.min())
+
+
+def _covered_angle(camera: CameraSolution, angles: np.ndarray) -> float:
+    """Radians that boards reached in the sector of azimuth where they reached least."""
+    good = ~camera.outliers
+    offset = camera.corners()[good] - camera.params[2:4]
+    turn = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) % 1.0
+    sector = np.minimum((turn * _SECTORS).astype(int), _SECTORS - 1)
+    reach = np.zeros(_SECTORS)
+    np.maximum.at(reach, sector, angles[good])
+    return float(reach.min())
 
 
 def _certain_angle(angle_map: np.ndarray, sigma: np.ndarray, limit: float) -> float:
