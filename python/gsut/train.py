@@ -338,6 +338,8 @@ def _write_results(run: RunFolder, gaussians: Gaussians, metrics: dict[str, Any]
     from gsut.formats import save_ply
     from gsut.report import write_report
 
-    run.write("scene.ply", lambda path: save_ply(path, gaussians))
+    offset = " ".join(f"{value:.17g}" for value in metrics["world_offset"])
+    comment = f"gsut: dataset coordinates = these + {offset}"
+    run.write("scene.ply", lambda path: save_ply(path, gaussians, comments=(comment,)))
     run.write_json("metrics.json", metrics)
     write_report(run)
