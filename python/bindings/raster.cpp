@@ -123,7 +123,8 @@ py::tuple RenderDouble(const py::object& gaussians, const Camera& camera, const 
   ReferenceImage result;
   {
     const py::gil_scoped_release release;
-    result = RenderReference(view, camera, camera_from_world, Settings(rule, background, sh_degree));
+    result =
+        RenderReference(view, camera, camera_from_world, Settings(rule, background, sh_degree));
   }
   const py::ssize_t h = camera.height(), w = camera.width();
   py::array_t<double> image({h, w, py::ssize_t{3}}), alpha({h, w}), depth({h, w});
@@ -182,18 +183,15 @@ void BindRaster(py::module_& m) {
            py::arg("sh_degree"), py::arg("unscented"), py::arg("image"), py::arg("alpha"),
            py::arg("depth"), py::arg("keep"))
       .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("dalpha"),
-           py::arg("ddepth"), py::arg("gradients"), py::arg("touched"),
-           py::arg("write_untouched"))
+           py::arg("ddepth"), py::arg("gradients"), py::arg("touched"), py::arg("write_untouched"))
       .def("distances", &BoundRenderer::Distances)
       .def("timings", &BoundRenderer::Timings)
       .def("statistics", &BoundRenderer::Statistics);
   m.def("render_reference", &RenderDouble, py::arg("gaussians"), py::arg("camera"),
-        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"),
-        py::arg("sh_degree"));
+        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"), py::arg("sh_degree"));
   m.def("render_reference_backward", &BackwardDouble, py::arg("gaussians"), py::arg("camera"),
-        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"),
-        py::arg("sh_degree"), py::arg("dimage"), py::arg("dalpha"), py::arg("ddepth"),
-        py::arg("gradients"));
+        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"), py::arg("sh_degree"),
+        py::arg("dimage"), py::arg("dalpha"), py::arg("ddepth"), py::arg("gradients"));
 }
 
 }  // namespace gsut::bindings

@@ -1,6 +1,7 @@
 """The lenses that the camera tests loop over, and the points they look at."""
 
 import numpy as np
+
 from gsut import _core
 from gsut.cameras import Camera, camera_models
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import tolerances as tol
+
 from gsut.cameras import Camera, camera_models
 from lens_cases import NUM_LENSES, all_lenses, circle, polar_grid
 

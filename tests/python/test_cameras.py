@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import tolerances as tol
+
 from gsut import InputError, set_num_threads
 from gsut.cameras import Camera, camera_models
 from lens_cases import all_lenses, polar_grid

@@ -110,8 +110,7 @@ HWY_INLINE FloatVec FastExp2(FloatVec x) {
   p = hn::MulAdd(p, f, hn::Set(d, 2.4022242083e-1f));
   p = hn::MulAdd(p, f, hn::Set(d, 6.9314697760e-1f));
   p = hn::MulAdd(p, f, hn::Set(d, 1.0f));
-  return hn::BitCast(
-      d, hn::Add(hn::BitCast(du, p), hn::ShiftLeft<23>(hn::BitCast(du, shifted))));
+  return hn::BitCast(d, hn::Add(hn::BitCast(du, p), hn::ShiftLeft<23>(hn::BitCast(du, shifted))));
 }
 
 // 1 / x to within 1 ulp or two: an estimate refined by Newton.
