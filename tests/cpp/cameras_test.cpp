@@ -22,12 +22,22 @@
 namespace gsut::float_lenses {
 float Sqrt(float a) { return std::sqrt(a); }
 float Abs(float a) { return std::abs(a); }
+float Min(float a, float b) { return b < a ? b : a; }
+float Max(float a, float b) { return a < b ? b : a; }
 float Atan2(float y, float x) { return std::atan2(y, x); }
+float Atan(float a) { return std::atan(a); }
+float Asin(float a) { return std::asin(a); }
+float Tan(float a) { return std::tan(a); }
+float Floor(float a) { return std::floor(a); }
 float Sin(float a) { return std::sin(a); }
 float Cos(float a) { return std::cos(a); }
 float Select(bool mask, float a, float b) { return mask ? a : b; }
 bool AndMask(bool a, bool b) { return a && b; }
 bool OrMask(bool a, bool b) { return a || b; }
+template <class T>
+T At(const float* table, T index) {
+  return T(table[static_cast<int>(index)]);
+}
 #include "gsut_lens_files.inc"
 }  // namespace gsut::float_lenses
 
