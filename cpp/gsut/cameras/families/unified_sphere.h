@@ -25,9 +25,20 @@ struct UnifiedSphere {
     const T square = x * x + y * y;
     const T square_z = z * z;
     const auto inside = Cone::Contains(domain, Sqrt(square), z, Sqrt(square + square_z));
-    const T d = Sqrt(beta * square + square_z);
-    const T denominator = alpha * d + (T(1.0) - alpha) * z;
-    return AndMask(inside, ImagePlane::ToPixel(params, x / denominator, y / denominator, u, v));
+    const T bent = beta * square;
+    const T scale = Scale(alpha, Sqrt(bent + square_z), bent, z);
+    return AndMask(inside, ImagePlane::ToPixel(params, scale * x, scale * y, u, v));
+  }
+
+  // 1 / (alpha d + (1 - alpha) z) with d = sqrt(bent + z^2). Behind, where the sum cancels, it is
+  // (alpha d - (1 - alpha) z) / (alpha^2 bent - (1 - 2 alpha) z^2).
+  template <class T>
+  static T Scale(T alpha, T d, T bent, T z) {
+    const T one(1.0);
+    const T first = alpha * d, second = (one - alpha) * z;
+    const T below = alpha * alpha * bent + (alpha + alpha - one) * (z * z);
+    const auto in_front = z > T(0.0);
+    return Select(in_front, one, first - second) / Select(in_front, first + second, below);
   }
 
   // The ray through (x, y) is (x, y, Depth).

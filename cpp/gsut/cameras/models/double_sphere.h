@@ -55,8 +55,8 @@ struct DoubleSphere {
     const T n = Sqrt(square + z * z);
     const auto inside = Cone::Contains(domain, Sqrt(square), z, n);
     const T k = xi * n + z;
-    const T denominator = alpha * Sqrt(square + k * k) + (T(1.0) - alpha) * k;
-    return AndMask(inside, ImagePlane::ToPixel(params, x / denominator, y / denominator, u, v));
+    const T scale = UnifiedSphere::Scale(alpha, Sqrt(square + k * k), square, k);
+    return AndMask(inside, ImagePlane::ToPixel(params, scale * x, scale * y, u, v));
   }
 
   static bool Unproject(const LensDomain& domain, const double* params, int /*num_params*/,

@@ -48,6 +48,9 @@ struct Mei {
     const double plane_angle = at_pole ? 0.5 * kPi : std::atan2(std::sin(edge), depth);
     const std::array<double, 8> plane = PlaneParams(params);
     LensDomain domain = RadialTangentialDomain(plane.data(), 8, plane_angle);
+    // At the sphere's own fold the radius stands still: the cone ends the domain, not the disc.
+    constexpr double kSlack = 1e-12;
+    if (xi > 1.0) domain.limits[0] *= 1.0 + kSlack;
     double ray[3];
     ToSphere(xi, std::sqrt(domain.limits[0]), 0.0, ray);
     SetCone(std::min(std::atan2(ray[0], ray[2]), edge), &domain);
