@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import gsut
 import numpy as np
 
+import gsut
 from calib import solve_mrcal, solve_opencv
 from calib.board import Board, Photograph, assign_cameras, natural_key
 from calib.corner_files import write_board_picture, write_vnl

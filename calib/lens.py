@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import cv2
-import gsut
 import numpy as np
 
+import gsut
 from calib.bundle import Projector
 from calib.mrcal_process import ask
 from calib.solution import LENSES, CameraSolution

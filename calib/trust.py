@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import gsut
 import numpy as np
 
+import gsut
 from calib.board import Board
 from calib.lens import gsut_camera, rays
 from calib.mrcal_process import ask

@@ -137,3 +137,15 @@ HARD_LAYERS = 1e-4
 HARD_PROJECTION_PIXELS = 2e-4
 HARD_DETERMINANT = 1e-4
 HARD_LAYERS_IMAGE = 1e-3
+# --- lenses ---------------------------------------------------------------------------------------
+# Area left at 1e-9 (relative) before the edge over that at 1e-6: it vanishes linearly, and sampled
+# domains end up to 1e-7 early; worst 0.084
+DOMAIN_EDGE_STEP = 0.17
+# As CAMERA_JACOBIAN where the second derivative jumps (quadratic splines at the knots, f-theta on
+# the axis): a difference errs by about the step of 1e-5 times the jump; worst 1.5e-5
+JUMPING_JACOBIAN = 3e-5
+# Pixels below 1e4 against pycolmap, libmrcal, cv2.omnidir and long double; a division lens behind
+# the camera, where the oracle's own formula cancels, is the worst: 9.8e-11
+LENS_ORACLE_PIXELS = 2e-10
+LENS_ORACLE_RELATIVE = 1e-12  # two lenses that are one, pixels of any size; see above
+PANORAMA_RAYS = 1e-15  # unit rays through a sine and a cosine: a few units in the last place

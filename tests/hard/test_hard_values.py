@@ -1,11 +1,12 @@
 """Hard cases 10, 11, 13, 14: extreme scales, quaternions, opacities; values that are no number."""
 
-import gsut
 import numpy as np
 import pytest
 import tolerances
 from precision_paths import FIELDS, blob, errors_of, joined, run_every_path
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose, random_weights
+
+import gsut
 
 EPS = float(np.finfo(np.float32).eps)
 BLACK_HARMONIC = 1 / np.sqrt(4 * np.pi)

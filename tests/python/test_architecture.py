@@ -57,7 +57,7 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "report": {"report", "report_plots"},
     "scene tools": {"demo_scene*", "doctor", "render_path"},
     "training": {"evaluate", "pyramid", "train"},
-    "command line": {"__main__", "cli", "commands"},
+    "command line": {"__main__", "calibrate", "camera_convert", "cli", "commands"},
     "package": {"gsut"},
 }
 # Python group -> groups that it may import, besides itself and core.

@@ -1,12 +1,13 @@
 """The unscented projection: against its definition in numpy, float against double, refusals."""
 
-import gsut
 import numpy as np
 import pytest
 import tolerances
-from gsut import InputError
 from random_scenes import every_lens, fisheye, gaussians_in_view, no_gaussians, pinhole, random_pose
 from ray_model import rotations
+
+import gsut
+from gsut import InputError
 
 LENSES = dict(every_lens())
 # alpha, beta, kappa: gsut's own, gsplat's, and one with a positive central weight.

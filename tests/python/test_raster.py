@@ -2,12 +2,10 @@
 
 import dataclasses
 
-import gsut
 import numpy as np
 import pytest
 import ray_model
 import tolerances
-from gsut import InputError
 from random_scenes import (
     every_lens,
     fisheye,
@@ -19,6 +17,9 @@ from random_scenes import (
     random_weights,
     relative_error,
 )
+
+import gsut
+from gsut import InputError
 
 LENSES = dict(every_lens(width=24))
 BACKGROUND = (0.2, 0.5, 0.9)

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <string>
+#include <vector>
 
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
@@ -18,6 +19,7 @@
 namespace gsut::HWY_NAMESPACE {
 using lenses::AndMask;
 using lenses::OrMask;
+using lenses::Select;
 }  // namespace gsut::HWY_NAMESPACE
 #include "gsut/projection/unscented-inl.h"
 
@@ -52,9 +54,11 @@ auto FootprintOf(const GaussiansView<const T>& gaussians, std::int64_t i, const 
     for (int row = 0; row < 3; ++row) axes[k][row] = q(row, k);
   }
   return VisitLens(camera.lens(), [&](auto lens) {
-    return HWY_NAMESPACE::Unscented<decltype(lens), double>(camera.domain(), camera.params().data(),
-                                                            camera.num_params(), weights,
-                                                            mean.data(), axes, scale);
+    using Lens = decltype(lens);
+    const double* params = camera.params().data();
+    return HWY_NAMESPACE::Unscented<Lens, double>(
+        camera.domain(), params, camera.num_params(),
+        HWY_NAMESPACE::PeriodOf<Lens>(camera.domain(), params), weights, mean.data(), axes, scale);
   });
 }
 
@@ -123,10 +127,16 @@ void Project(const GaussiansView<const float>& gaussians, const Camera& camera,
   task.domain = camera.domain();
   task.params = camera.params().data();
   task.num_params = camera.num_params();
-  if (task.num_params > kMaxLensParams) {
+  const bool has_table = VisitLens(camera.lens(), [](auto lens) {
+    return requires { decltype(lens)::kHasTable; };
+  });
+  if (task.num_params > kMaxLensParams && !has_table) {
     throw InputError("the lens has " + std::to_string(task.num_params) + " parameters; at most " +
                      std::to_string(kMaxLensParams) + " can be rendered");
   }
+  std::vector<float> table;
+  if (has_table) table.assign(camera.params().begin(), camera.params().end());
+  task.table = table.data();
   task.width = camera.width();
   task.height = camera.height();
   task.view = MakeViewFloats(camera_from_world);

@@ -53,7 +53,9 @@ struct Splats {
   AlignedVector<float> cov_uu, cov_uv, cov_vv;  // pixels^2
   AlignedVector<float> extent_u, extent_v;  // half width and height that hold alpha >= alpha_min
   AlignedVector<float> distance;            // of the mean from the camera centre
-  AlignedVector<float> sine;                // of the half angle of the cut-off sphere, at most 1
+  // Of the half angle of the cut-off sphere (in panoramas over that of the angle to the nearest
+  // pole), at most 1.
+  AlignedVector<float> sine;
   AlignedVector<SplatStatus> status;
 
   void Resize(std::int64_t n);

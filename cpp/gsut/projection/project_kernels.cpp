@@ -29,17 +29,40 @@ inline constexpr double kNearFactor = 4.0;
 inline constexpr double kCullFactor = 3.0;
 inline constexpr double kCullPixels = 8.0;
 
+// Whether an interval of pixels meets [0, size].
+HWY_INLINE LaneMask Meets(Lane low, Lane high, Lane size) {
+  return AndMask(high >= Lane(0.0), low <= size);
+}
+
+// A panorama's image repeats: the same, for the interval's copies one period to either side.
+HWY_INLINE LaneMask CopyMeets(Lane low, Lane high, Lane size, double period) {
+  const Lane shift(period);
+  return OrMask(Meets(low + shift, high + shift, size), Meets(low - shift, high - shift, size));
+}
+
 template <class Lens>
 void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, Splats* splats) {
   const FloatTag d;
-  Lane params[kMaxLensParams];
-  for (int i = 0; i < task.num_params; ++i) params[i] = Lane(task.params[i]);
+  constexpr bool kHasTable = requires { Lens::kHasTable; };
+  constexpr bool kIsPanorama = requires { Lens::Period(task.domain, nullptr, nullptr, nullptr); };
+  Lane broadcast[kMaxLensParams];
+  if constexpr (!kHasTable) {
+    for (int i = 0; i < task.num_params; ++i) broadcast[i] = Lane(task.params[i]);
+  }
+  const auto* params = [&] {
+    if constexpr (kHasTable) {
+      return task.table;
+    } else {
+      return static_cast<const Lane*>(broadcast);
+    }
+  }();
+  const ImagePeriod period = PeriodOf<Lens>(task.domain, task.params);
   const Lane width(task.width), height(task.height);
   for (std::int64_t i = begin; i < end; i += kLanes) {
     const SeenLanes g =
         LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
-    const auto footprint = Unscented<Lens, Lane>(task.domain, params, task.num_params, task.weights,
-                                                 g.mean, g.axes, g.scale);
+    const auto footprint = Unscented<Lens, Lane>(task.domain, params, task.num_params, period,
+                                                 task.weights, g.mean, g.axes, g.scale);
     const Lane reach = Sqrt(Max(g.cutoff, Lane(0.0)));
     const Lane extent_u = reach * Sqrt(footprint.cov_uu);
     const Lane extent_v = reach * Sqrt(footprint.cov_vv);
@@ -56,7 +79,7 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
     // The cone around the bounding sphere: outside the lens' domain, no pixel can see it. A sphere
     // around the camera has no cone.
     const Lane largest = Max(g.scale[0], Max(g.scale[1], g.scale[2]));
-    const Lane sine = Min(reach * largest / g.distance, Lane(1.0));
+    Lane sine = Min(reach * largest / g.distance, Lane(1.0));
     const Lane mean_angle = Atan2(Sqrt(g.mean[0] * g.mean[0] + g.mean[1] * g.mean[1]), g.mean[2]);
     const Lane angle = mean_angle - Asin(sine);
     constexpr double kAngleSlack = 1e-5;  // float rounding of the angle
@@ -68,14 +91,26 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
     // The ellipse is an estimate: only what lies well outside the image by it is dropped here.
     const Lane margin_u = Lane(kCullFactor) * extent_u + Lane(kCullPixels);
     const Lane margin_v = Lane(kCullFactor) * extent_v + Lane(kCullPixels);
-    const LaneMask in_image =
-        AndMask(AndMask(footprint.u + margin_u >= Lane(0.0), footprint.u - margin_u <= width),
-                AndMask(footprint.v + margin_v >= Lane(0.0), footprint.v - margin_v <= height));
+    const Lane low_u = footprint.u - margin_u, high_u = footprint.u + margin_u;
+    const Lane low_v = footprint.v - margin_v, high_v = footprint.v + margin_v;
+    const LaneMask in_image = AndMask(Meets(low_u, high_u, width), Meets(low_v, high_v, height));
     const LaneMask candidate = AndMask(AndMask(g.usable, finite), NotMask(outside_domain));
     // Wide footprints bend: they too go to the exact test.
     const LaneMask wide = OrMask(extent_u > Lane(task.wide), extent_v > Lane(task.wide));
-    const LaneMask ellipse = AndMask(AndMask(candidate, whole), AndMask(in_image, NotMask(wide)));
-    const LaneMask uncertain = AndMask(candidate, OrMask(NotMask(whole), wide));
+    LaneMask ellipse = AndMask(AndMask(candidate, whole), AndMask(in_image, NotMask(wide)));
+    LaneMask uncertain = AndMask(candidate, OrMask(NotMask(whole), wide));
+    if constexpr (kIsPanorama) {
+      // No ellipse: what crosses the seam, and what is not small beside its distance from a pole,
+      // around which the image turns. Curvature there is that of a lens 1 / pole_sine times wider.
+      const Lane pole_sine = Lens::PoleSine(g.mean[0], g.mean[1], g.mean[2]);
+      constexpr double kNearPole = 0.5;
+      LaneMask bent = sine > Lane(kNearPole) * pole_sine;
+      if (period.u > 0.0) bent = OrMask(bent, CopyMeets(low_u, high_u, width, period.u));
+      if (period.v > 0.0) bent = OrMask(bent, CopyMeets(low_v, high_v, height, period.v));
+      ellipse = AndMask(ellipse, NotMask(bent));
+      uncertain = OrMask(uncertain, AndMask(candidate, bent));
+      sine = Min(sine / Max(pole_sine, Lane(1e-6)), Lane(1.0));
+    }
 
     const auto store = [&](Lane value, AlignedVector<float>* array) HWY_ATTR {
       hn::StoreU(value.v, d, &(*array)[static_cast<std::size_t>(i)]);
