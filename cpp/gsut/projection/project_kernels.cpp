@@ -79,8 +79,9 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
     // The cone around the bounding sphere: outside the lens' domain, no pixel can see it.
     const Lane largest = Max(g.scale[0], Max(g.scale[1], g.scale[2]));
     Lane sine = Min(reach * largest / g.distance, Lane(1.0));
-    const Lane angle =
-        Atan2(Sqrt(g.mean[0] * g.mean[0] + g.mean[1] * g.mean[1]), g.mean[2]) - Asin(sine);
+    const Lane center_angle =
+        Atan2(Sqrt(g.mean[0] * g.mean[0] + g.mean[1] * g.mean[1]), g.mean[2]);
+    const Lane angle = center_angle - Asin(sine);
     constexpr double kAngleSlack = 1e-5;  // float rounding of the angle
     const LaneMask outside_domain =
         AndMask(NotMask(is_near), angle > Lane(task.domain.max_angle + kAngleSlack));
@@ -98,18 +99,21 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
     const LaneMask wide = OrMask(extent_u > Lane(task.wide), extent_v > Lane(task.wide));
     LaneMask ellipse = AndMask(AndMask(candidate, whole), AndMask(in_image, NotMask(wide)));
     LaneMask uncertain = AndMask(candidate, OrMask(NotMask(whole), wide));
+    // How far (sine or radians, at most 1) the lens is smooth around the Gaussian: its scale may
+    // change without bound towards the edge of the domain, and a panorama turns around its poles.
+    constexpr double kLeastSmooth = 1e-6;
+    Lane smooth = Lane(task.domain.max_angle) - center_angle;
     if constexpr (kIsPanorama) {
-      // No ellipse: what crosses the seam, and what is not small beside its distance from a pole,
-      // around which the image turns. Curvature there is that of a lens 1 / pole_sine times wider.
-      const Lane pole_sine = Lens::PoleSine(g.mean[0], g.mean[1], g.mean[2]);
+      // No ellipse: what crosses the seam, and what is not small beside its distance from a pole.
+      smooth = Lens::PoleSine(g.mean[0], g.mean[1], g.mean[2]);
       constexpr double kNearPole = 0.5;
-      LaneMask bent = sine > Lane(kNearPole) * pole_sine;
+      LaneMask bent = sine > Lane(kNearPole) * smooth;
       if (period.u > 0.0) bent = OrMask(bent, CopyMeets(low_u, high_u, width, period.u));
       if (period.v > 0.0) bent = OrMask(bent, CopyMeets(low_v, high_v, height, period.v));
       ellipse = AndMask(ellipse, NotMask(bent));
       uncertain = OrMask(uncertain, AndMask(candidate, bent));
-      sine = Min(sine / Max(pole_sine, Lane(1e-6)), Lane(1.0));
     }
+    sine = Min(sine / Max(Min(smooth, Lane(1.0)), Lane(kLeastSmooth)), Lane(1.0));
 
     const auto store = [&](Lane value, AlignedVector<float>* array) HWY_ATTR {
       hn::StoreU(value.v, d, &(*array)[static_cast<std::size_t>(i)]);
