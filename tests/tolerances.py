@@ -149,3 +149,10 @@ JUMPING_JACOBIAN = 3e-5
 LENS_ORACLE_PIXELS = 2e-10
 LENS_ORACLE_RELATIVE = 1e-12  # two lenses that are one, pixels of any size; see above
 PANORAMA_RAYS = 1e-15  # unit rays through a sine and a cosine: a few units in the last place
+LENS_RENDER_RMS = 1e-5  # what render promises of float32
+# Where a Gaussian's alpha is 1/255 to within rounding, it may be drawn by one path and not by the
+# other: a step, at this many pixels of an image at most, of 1/255 times a colour up to 1.5
+LENS_RENDER_STEP = 1e-4
+LENS_RENDER_STEPS = 4
+LENS_RENDER_CUTOFF = 6e-3
+LENS_GRADIENT_RELATIVE = 1e-4

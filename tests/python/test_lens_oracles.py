@@ -68,7 +68,7 @@ def unified_direction(points, xi, alpha):
 
 def scaled(ratio, params):
     """The division above is by (z + shift), the lens' by alpha d + (1 - alpha) z."""
-    fx, fy, cx, cy, _, _ = params
+    fx, fy, cx, cy = params[:4]
     return ratio * (np.array([fx, fy], Real)) + np.array([cx, cy], Real)
 
 

@@ -37,10 +37,10 @@ enum class SplatStatus : std::uint8_t {
                    // renderer finds its tiles by an exact test
 };
 
-// A Gaussian is small if its cut-off sphere is seen under less than this (sine of the half angle)
-// and lies within this share of the lens' largest angle: towards a fold the lens bends too much.
-// Its extents then err by less than kSmallMargin times that sine, relative (tested on every lens;
-// worst 2.4).
+// A Gaussian is small if its cut-off sphere is seen under less than this (Splats::sine) and lies
+// within this share of the lens' largest angle (panoramas apart): towards a fold the lens bends too
+// much. Its extents then err by less than kSmallMargin times that sine, relative (tested on every
+// lens; worst 2.4).
 inline constexpr double kSmallSine = 0.1;
 inline constexpr double kSmallAngle = 0.75;
 inline constexpr double kSmallMargin = 4.0;
@@ -53,8 +53,8 @@ struct Splats {
   AlignedVector<float> cov_uu, cov_uv, cov_vv;  // pixels^2
   AlignedVector<float> extent_u, extent_v;  // half width and height that hold alpha >= alpha_min
   AlignedVector<float> distance;            // of the mean from the camera centre
-  // Of the half angle of the cut-off sphere (in panoramas over that of the angle to the nearest
-  // pole), at most 1.
+  // Of the half angle of the cut-off sphere, over the angle within which the lens is smooth (to the
+  // edge of its domain or a panorama's pole, at most 1); at most 1.
   AlignedVector<float> sine;
   AlignedVector<SplatStatus> status;
 

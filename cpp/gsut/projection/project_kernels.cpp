@@ -99,18 +99,21 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
     const LaneMask wide = OrMask(extent_u > Lane(task.wide), extent_v > Lane(task.wide));
     LaneMask ellipse = AndMask(AndMask(candidate, whole), AndMask(in_image, NotMask(wide)));
     LaneMask uncertain = AndMask(candidate, OrMask(NotMask(whole), wide));
+    // How far (sine or radians, at most 1) the lens is smooth around the Gaussian: its scale may
+    // change without bound towards the edge of the domain, and a panorama turns around its poles.
+    constexpr double kLeastSmooth = 1e-6;
+    Lane smooth = Lane(task.domain.max_angle) - mean_angle;
     if constexpr (kIsPanorama) {
-      // No ellipse: what crosses the seam, and what is not small beside its distance from a pole,
-      // around which the image turns. Curvature there is that of a lens 1 / pole_sine times wider.
-      const Lane pole_sine = Lens::PoleSine(g.mean[0], g.mean[1], g.mean[2]);
+      // No ellipse: what crosses the seam, and what is not small beside its distance from a pole.
+      smooth = Lens::PoleSine(g.mean[0], g.mean[1], g.mean[2]);
       constexpr double kNearPole = 0.5;
-      LaneMask bent = sine > Lane(kNearPole) * pole_sine;
+      LaneMask bent = sine > Lane(kNearPole) * smooth;
       if (period.u > 0.0) bent = OrMask(bent, CopyMeets(low_u, high_u, width, period.u));
       if (period.v > 0.0) bent = OrMask(bent, CopyMeets(low_v, high_v, height, period.v));
       ellipse = AndMask(ellipse, NotMask(bent));
       uncertain = OrMask(uncertain, AndMask(candidate, bent));
-      sine = Min(sine / Max(pole_sine, Lane(1e-6)), Lane(1.0));
     }
+    sine = Min(sine / Max(Min(smooth, Lane(1.0)), Lane(kLeastSmooth)), Lane(1.0));
 
     const auto store = [&](Lane value, AlignedVector<float>* array) HWY_ATTR {
       hn::StoreU(value.v, d, &(*array)[static_cast<std::size_t>(i)]);
@@ -124,8 +127,10 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
     store(extent_v, &splats->extent_v);
     store(g.distance, &splats->distance);
     store(sine, &splats->sine);
-    const LaneMask off_edge = mean_angle + sine < Lane(kSmallAngle * task.domain.max_angle);
-    const LaneMask small = AndMask(AndMask(ellipse, off_edge), sine < Lane(kSmallSine));
+    LaneMask small = AndMask(ellipse, sine < Lane(kSmallSine));
+    if constexpr (!kIsPanorama) {
+      small = AndMask(small, mean_angle + sine < Lane(kSmallAngle * task.domain.max_angle));
+    }
     const std::uint64_t is_small = MaskBits(small.m);
     const std::uint64_t is_ellipse = MaskBits(ellipse.m);
     const std::uint64_t is_uncertain = MaskBits(uncertain.m);
