@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import gsut
 import numpy as np
 import ray_model
 import tolerances
+
+import gsut
 
 REASONS = ("cut", "order", "origin", "stop", "thin")
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import gsut
 import numpy as np
+
+import gsut
 from gsut import _core
 
 # A panorama of few pixels has tiles that span a hemisphere, which the tiled path refuses; images

@@ -9,9 +9,10 @@ from __future__ import annotations
 import dataclasses
 import math
 
-import gsut
 import numpy as np
 from numpy.polynomial import legendre, polynomial
+
+import gsut
 
 
 @dataclasses.dataclass

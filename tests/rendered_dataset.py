@@ -6,9 +6,10 @@ import json
 from pathlib import Path
 
 import cv2
-import gsut
 import numpy as np
 from random_scenes import pinhole
+
+import gsut
 
 VIEWS = 12
 EVERY_TEST = 6  # views 0 and 6 are held out

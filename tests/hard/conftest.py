@@ -1,7 +1,8 @@
 """Makes the scenes of tests/ importable here and undoes what a test forces."""
 
-import gsut
 import pytest
+
+import gsut
 
 
 @pytest.fixture(autouse=True)

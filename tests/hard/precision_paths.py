@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 
 import flips
-import gsut
 import numpy as np
 import tolerances
 from random_scenes import relative_error
+
+import gsut
 
 FIELDS = tuple(field.name for field in dataclasses.fields(gsut.Gaussians))
 

@@ -1,11 +1,12 @@
 """Hard cases 3, 4, 5, 9, 15, 18: where Gaussian and camera stand to each other."""
 
-import gsut
 import numpy as np
 import pytest
 import tolerances
 from precision_paths import FIELDS, blob, errors_of, joined, run_every_path
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose, random_weights
+
+import gsut
 
 LENSES = {
     "pinhole": pinhole(40),

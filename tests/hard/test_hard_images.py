@@ -1,6 +1,5 @@
 """Hard cases 16 and 20: equal depths; images of one pixel, of odd sizes, of nothing."""
 
-import gsut
 import numpy as np
 import pytest
 import tolerances
@@ -13,6 +12,8 @@ from random_scenes import (
     random_pose,
     random_weights,
 )
+
+import gsut
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,12 @@
 """Hard cases 1, 2, 9, 12: the unscented transform where weights, lenses or rounding are extreme."""
 
-import gsut
 import numpy as np
 import pytest
 import tolerances
 from precision_paths import blob, errors_of, every_path, run_every_path
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose, random_weights
+
+import gsut
 
 
 def project(g, camera, pose, path, **options):

@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import gsut
 import numpy as np
 import pytest
 from random_scenes import (
@@ -14,6 +13,8 @@ from random_scenes import (
     random_pose,
     random_weights,
 )
+
+import gsut
 
 FIELDS = tuple(field.name for field in dataclasses.fields(gsut.Gaussians))
 # The second time on eight threads: repeated with the buffers and caches of the first.

@@ -1,10 +1,11 @@
 """gsplat's 3DGUT vectors: image, depth, gradients and projection of the double reference."""
 
-import gsut
 import numpy as np
 import pytest
 import tolerances
 from random_scenes import relative_error
+
+import gsut
 
 # With the shared data absent, test_raster.py and test_projection.py cover the same ground with
 # vectors of this project's own.

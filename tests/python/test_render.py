@@ -4,11 +4,9 @@ import collections
 import dataclasses
 
 import flips
-import gsut
 import numpy as np
 import pytest
 import tolerances
-from gsut import InputError, _core
 from random_scenes import (
     every_lens,
     fisheye,
@@ -18,6 +16,9 @@ from random_scenes import (
     random_weights,
     relative_error,
 )
+
+import gsut
+from gsut import InputError, _core
 
 LENSES = every_lens(width=48)
 PARITIES = (None, "gsplat", "3dgrut")
