@@ -201,7 +201,10 @@ def test_render_white_gaussians_show_alpha_and_the_background_share(rng):
     camera = fisheye(32)
     g, pose = scene(rng, camera, sh_degree=0)
     g.sh[:] = 0.5 * np.sqrt(4 * np.pi)  # colour 1
-    for dtype, bound in (("float64", 1e-14), ("float32", tolerances.RENDER_FLOAT_ROUNDING)):
+    for dtype, bound in (
+        ("float64", tolerances.RENDER_SAME_SUMS),
+        ("float32", tolerances.RENDER_FLOAT_ROUNDING),
+    ):
         result = gsut.render(g, camera, pose, background=BACKGROUND, dtype=dtype)
         _, valid = camera.rays()
         expected = result.alpha[..., None] + (1.0 - result.alpha[..., None]) * BACKGROUND
@@ -246,22 +249,26 @@ class TestOneRay:
     def test_one_gaussian_gives_opacity_color_and_distance(self, dtype):
         result = gsut.render(one_gaussian(), AXIS, np.eye(4), background=BACKGROUND, dtype=dtype)
         expected = 0.6 * np.array([1.0, 0.5, 0.25]) + 0.4 * np.array(BACKGROUND)
-        assert result.image[0, 0] == pytest.approx(expected, rel=1e-6)
-        assert result.alpha[0, 0] == pytest.approx(0.6, rel=1e-6)
-        assert result.depth[0, 0] == pytest.approx(1.2, rel=1e-6)
+        assert result.image[0, 0] == pytest.approx(expected, rel=tolerances.RENDER_CLOSED_FORM)
+        assert result.alpha[0, 0] == pytest.approx(0.6, rel=tolerances.RENDER_CLOSED_FORM)
+        assert result.depth[0, 0] == pytest.approx(1.2, rel=tolerances.RENDER_CLOSED_FORM)
 
     def test_opaque_gaussian_is_clamped_and_has_no_gradient_to_opacity(self, dtype):
         g = one_gaussian(opacity=1 - 1e-6)
         result = gsut.render(g, AXIS, np.eye(4), dtype=dtype)
-        assert result.alpha[0, 0] == pytest.approx(0.99, rel=1e-6)
+        assert result.alpha[0, 0] == pytest.approx(0.99, rel=tolerances.RENDER_CLOSED_FORM)
         found = gsut.render_backward(result, np.ones((1, 1, 3)))
         assert found.gaussians.opacity_logits[0] == 0
-        assert found.gaussians.sh[0, 0, 0] == pytest.approx(0.99 / np.sqrt(4 * np.pi), rel=1e-6)
+        assert found.gaussians.sh[0, 0, 0] == pytest.approx(
+            0.99 / np.sqrt(4 * np.pi), rel=tolerances.RENDER_CLOSED_FORM
+        )
 
     def test_negative_color_is_clamped_and_has_no_gradient(self, dtype):
         g = one_gaussian(color=(-0.3, 0.5, 0.0))
         result = gsut.render(g, AXIS, np.eye(4), dtype=dtype)
-        assert result.image[0, 0] == pytest.approx([0.0, 0.3, 0.0], abs=1e-6)
+        assert result.image[0, 0] == pytest.approx(
+            [0.0, 0.3, 0.0], abs=tolerances.RENDER_CLOSED_FORM
+        )
         found = gsut.render_backward(result, np.ones((1, 1, 3)))
         assert found.gaussians.sh[0, 0, 0] == 0
         assert found.gaussians.sh[0, 0, 1] > 0
@@ -289,14 +296,16 @@ class TestOneRay:
         gsplat = gsut.render(g, AXIS, np.eye(4), parity="gsplat", dtype=dtype).alpha[0, 0]
         assert own == pytest.approx(1 - 1e-6, abs=1e-4)
         assert own >= 1 - 1.01e-4
-        assert gsplat == pytest.approx(0.99, abs=1e-4) or gsplat == pytest.approx(0.9999, abs=1e-6)
+        assert gsplat == pytest.approx(0.99, abs=1e-4) or gsplat == pytest.approx(
+            0.9999, abs=tolerances.RENDER_CLOSED_FORM
+        )
 
     def test_equal_distances_are_ordered_by_index(self, dtype):
         red, blue = one_gaussian(color=(1, 0, 0)), one_gaussian(color=(0, 0, 1))
         first = gsut.render(stacked(red, blue), AXIS, np.eye(4), dtype=dtype).image[0, 0]
-        assert first == pytest.approx([0.6, 0, 0.24], abs=1e-6)
+        assert first == pytest.approx([0.6, 0, 0.24], abs=tolerances.RENDER_CLOSED_FORM)
         second = gsut.render(stacked(blue, red), AXIS, np.eye(4), dtype=dtype).image[0, 0]
-        assert second == pytest.approx([0.24, 0, 0.6], abs=1e-6)
+        assert second == pytest.approx([0.24, 0, 0.6], abs=tolerances.RENDER_CLOSED_FORM)
 
     def test_near_cut_of_the_presets_drops_and_own_rule_keeps(self, dtype):
         g = one_gaussian(depth=0.1, scale=0.01)
