@@ -43,7 +43,6 @@ def test_calibrate_fisheye_writes_lens_report_and_corners(folder, tmp_path):
     camera = gsut.load_camera(out)
     assert camera.model == "kannala_brandt"
     error = np.abs(camera.params - FISHEYE.params)[:4]
-    print(error)
     assert error.max() < tolerances.CALIB_DRAWN_LENS_PX
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["boards_total"] == report["boards_found"] == 10

@@ -21,6 +21,7 @@ from calib.mrcal_process import ask, have_mrcal
 from calib.rig import solve_rig, unify_turns
 from calib.rigid import compose, inverse, rodrigues_vector, rotation_matrix
 from calib.synthetic import photographs as see
+from calib.synthetic import random_poses
 from calib.trust import judge
 from calib.uncertainty import grid_pixels, uncertainty_map
 
@@ -54,6 +55,16 @@ def test_solve_fisheye_without_noise_recovers_the_lens(rng):
     found = solve_opencv.solve_camera(photographs, BOARD, "fisheye")
     assert np.abs(gsut_camera(found).params - FISHEYE.params).max() < tolerances.CALIB_EXACT_PARAMS
     assert found.outliers.sum() == 0
+
+
+def test_solve_fisheye_boards_past_ninety_degrees_are_used(rng):
+    wide = gsut.Camera("kannala_brandt", [90.0, 91.0, 212.0, 209.0, 0.02, -0.01, 0, 0], 420, 420)
+    board = Board(7, 5, 0.03)
+    poses = random_poses(wide, board, 24, 95.0, rng)
+    found = solve_opencv.solve_camera(see(wide, board, poses, 0.05, rng), board, "fisheye")
+    assert np.degrees(found.field_angles(board).max()) > 100.0
+    assert found.rms_axis_px == pytest.approx(0.05, rel=tolerances.CALIB_NOISE_RELATIVE)
+    assert np.abs(gsut_camera(found).params - wide.params)[:4].max() < tolerances.CALIB_WIDE_PX
 
 
 def test_rms_both_conventions_differ_by_root_two(noisy):
@@ -138,8 +149,6 @@ def test_agreement_angle_same_lens_turned_agrees_everywhere(noisy):
 
 def _rig(generator, board, noise_px, turned_ones=()):
     """Two cameras 11 cm apart that see the same boards; some numbered upside down by the second."""
-    from calib.synthetic import random_poses
-
     pose = np.array([0.02, -0.05, 0.01, -0.11, 0.002, 0.004])
     cameras = []
     left = random_poses(FISHEYE, board, 12, 25.0, generator)
