@@ -12,9 +12,10 @@ import numpy as np
 import gsut
 from calib import solve_mrcal, solve_opencv
 from calib.board import Board, Photograph, assign_cameras, natural_key
+from calib.choose import choose_lens, solve_camera
 from calib.corner_files import write_board_picture, write_vnl
 from calib.corners import find_boards, turned
-from calib.cross_validation import HeldOut, compare, hold_out
+from calib.cross_validation import HeldOut
 from calib.errors import BoardError, SolveError
 from calib.halves import Halves, agreement_angle, compare_halves
 from calib.job import Job
@@ -27,7 +28,7 @@ from calib.solution import CameraSolution
 from calib.trust import Trust, judge
 from calib.uncertainty import safe_uncertainty_map
 
-# Times the best lens' residuals above which a lens is not worth five more solves.
+# Times the lens' residuals above which another lens does not describe the camera at all.
 _HOPELESS = 3.0
 CORNERS_FOLDER, CORNERS_FILE = "corners", "corners.vnl"
 
@@ -80,16 +81,16 @@ def calibrate(job: Job) -> Result:
     held_out: dict[str, list[HeldOut]] = {}
     lens = job.lens
     if lens == "auto":
-        lens, reasons = _choose(job, seen, board, held_out)
+        lens, reasons = choose_lens(job, seen, board, held_out)
         notes += reasons
-    cameras = [_solve(job, group, board, lens) for group in seen]
+    cameras = [solve_camera(job, group, board, lens) for group in seen]
     rig_rms = None
     if len(cameras) > 1:
         turn = unify_turns(cameras, board)
         for photograph in turn:
             photograph.corners = turned(photograph.corners, board)
         if turn:
-            cameras = [_solve(job, group, board, lens) for group in seen]
+            cameras = [solve_camera(job, group, board, lens) for group in seen]
         rig_rms, rig_notes = solve_rig(cameras, board)
         notes += rig_notes
 
@@ -100,7 +101,7 @@ def calibrate(job: Job) -> Result:
         trusts.append(judge(camera, board, sigma))
         notes += trusts[-1].notes
     halves = [
-        compare_halves(camera, trust, board, lambda part: _solve(job, part, board, lens))
+        compare_halves(camera, trust, board, lambda part: solve_camera(job, part, board, lens))
         for camera, trust in zip(cameras, trusts, strict=True)
     ]
     second = [
@@ -136,84 +137,6 @@ def calibrate(job: Job) -> Result:
             f"{'; '.join(result.refusals)} (no lens was written; see {folder / 'report.html'})"
         )
     return result
-
-
-def _solve(job: Job, photographs: Sequence[Photograph], board: Board, lens: str) -> CameraSolution:
-    if job.solver_for(lens) == "opencv":
-        return solve_opencv.solve_camera(photographs, board, lens)
-    knots = job.knot_degrees
-    if lens == "splined" and knots is None and job.lens == "auto":
-        knots = solve_mrcal.COARSE_KNOTS_DEGREES
-    return solve_mrcal.solve_camera(photographs, board, lens, knots)
-
-
-def _choose(
-    job: Job,
-    seen: Sequence[Sequence[Photograph]],
-    board: Board,
-    held_out: dict[str, list[HeldOut]],
-) -> tuple[str, list[str]]:
-    """The lens for all cameras: where they disagree, the one with more parameters."""
-    lenses, notes = _candidates(job)
-    chosen: list[HeldOut] = []
-    for group in seen:
-        name = group[0].camera
-        results, outliers = _try_lenses(job, lenses, group, board)
-        reason = compare(results, outliers)
-        held_out[name] = results
-        chosen.append(next(result for result in results if result.chosen))
-        notes.append(f"{name}: {reason}")
-        notes += [f"{name}: {r.lens} was not considered: {r.problem}" for r in results if r.problem]
-    return max(chosen, key=lambda result: result.parameters).lens, notes
-
-
-def _candidates(job: Job) -> tuple[list[str], list[str]]:
-    lenses = ["fisheye", "opencv4", "opencv8", "splined"]
-    notes = []
-    if job.solver != "auto":
-        able = {"opencv": solve_opencv.LENS_NAMES, "mrcal": solve_mrcal.LENS_NAMES}[job.solver]
-        lenses = [lens for lens in lenses if lens in able]
-        if job.solver == "mrcal":
-            require_mrcal()
-    elif not have_mrcal():
-        lenses = ["fisheye"]
-        notes.append("mrcal is not installed: only the fisheye lens was tried")
-    if job.out.suffix.lower() != ".cameramodel" and "splined" in lenses:
-        lenses.remove("splined")
-        notes.append(f"splined was not considered: {job.out.suffix} files cannot hold it")
-    return lenses, notes
-
-
-def _try_lenses(
-    job: Job, lenses: Sequence[str], group: Sequence[Photograph], board: Board
-) -> tuple[list[HeldOut], list[np.ndarray]]:
-    """Cross-validation of each lens that fits at all, and the outliers of those scored."""
-    full: dict[str, CameraSolution] = {}
-    problems: dict[str, str] = {}
-    for lens in lenses:
-        try:
-            full[lens] = _solve(job, group, board, lens)
-            refusal = judge(full[lens], board, np.full((1, 1), np.nan)).refusal
-            if refusal:
-                problems[lens] = refusal
-        except SolveError as error:
-            problems[lens] = str(error)
-    best = min((solution.rms_2d_px for solution in full.values()), default=0.0)
-    results, outliers = [], []
-    for lens in lenses:
-        if lens not in problems and full[lens].rms_2d_px > _HOPELESS * best:
-            problems[lens] = f"its residuals of {full[lens].rms_2d_px:.2f} px rule it out"
-        if lens in problems:
-            results.append(HeldOut(lens, np.empty((0, 0)), problem=problems[lens]))
-            continue
-
-        def solve(part: Sequence[Photograph], lens: str = lens) -> CameraSolution:
-            return _solve(job, part, board, lens)
-
-        results.append(hold_out(lens, full[lens], group, board, solve))
-        if not results[-1].problem:
-            outliers.append(full[lens].outliers)
-    return results, outliers
 
 
 def _second_lens(

@@ -181,3 +181,25 @@ HARD_LAYERS = 1e-5  # relative: 10 000 products of float; worst 3.2e-7
 HARD_LAYERS_IMAGE = 1e-5  # 700 layers, then the stop; worst 5e-7
 HARD_PROJECTION_PIXELS = 2e-4  # px at 640 px (float spacing 6e-5); worst 9.3e-5
 HARD_DETERMINANT = 1e-4  # of a covariance over the product of its variances; rounding of 1e-6
+
+# --- calib: boards to lenses ----------------------------------------------------------------------
+# RMS of corners of small curved squares (9 to 20 px) drawn with 2 x 2 rays a pixel; worst 0.23
+CALIB_DRAWN_CORNER_PX = 0.4
+CALIB_DRAWN_OFFSET_PX = 0.1  # their mean: half a pixel would be a mistaken convention; worst 0.05
+CALIB_SAME_CORNER_PX = 0.02  # cornerSubPix of the same picture turned: its stop is 1e-3 px
+CALIB_RIGID = 1e-12  # rotation vectors through matrices up to half a turn: 1e4 eps near pi
+CALIB_EXACT_PARAMS = 1e-4  # pixels and coefficients: OpenCV stops at a relative change of 1e-10
+CALIB_WRITTEN = 1e-12  # 17 digits, and half a pixel added and taken off
+CALIB_NOISE_RELATIVE = 0.06  # of a noise found from 700 corners: 3 standard deviations
+CALIB_COVERAGE_LEAST = 0.8  # of 95 % in 8 solves; 3 standard deviations of correlated trials
+CALIB_SPLINE_LIKE_PX = 0.02  # a spline with knots 9 degrees apart for a fisheye; method
+CALIB_RIG_DEGREES = 0.1  # of a rig from 12 boards with 0.02 px of noise; found 0.06
+CALIB_RIG_METRES = 0.0005  # the same
+CALIB_SIGMA_RATIO = (0.5, 2.0)  # mrcal's uncertainty over ours; other unknowns, other priors
+# RMS (2-D, px) of the real left fisheye, as found before gsut with each solver; found 0.1773,
+# 0.1685, 0.1496
+CALIB_REAL_FISHEYE_PX = 0.180
+CALIB_REAL_OPENCV8_PX = 0.172
+CALIB_REAL_SPLINED_PX = 0.152
+CALIB_DRAWN_LENS_PX = 0.6  # focal lengths and centre from ten drawn boards; worst 0.31
+CALIB_WIDE_PX = 0.25  # focal lengths and centre from 24 boards with 0.05 px of noise; found 0.11
