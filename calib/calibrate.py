@@ -14,10 +14,10 @@ from calib import solve_mrcal, solve_opencv
 from calib.board import Board, Photograph, assign_cameras, natural_key
 from calib.choose import choose_lens, solve_camera
 from calib.corner_files import write_board_picture, write_vnl
-from calib.corners import find_boards, turned
+from calib.corners import FEWEST_BOARDS, find_boards, turned
 from calib.cross_validation import HeldOut
-from calib.errors import BoardError, SolveError
-from calib.halves import Halves, agreement_angle, compare_halves
+from calib.errors import BoardError, MisfitError, SolveError
+from calib.halves import AGREEMENT_DEGREES, Halves, agreement_angle, compare_halves
 from calib.job import Job
 from calib.lens_files import write_lens
 from calib.mrcal_process import have_mrcal, require_mrcal
@@ -30,6 +30,8 @@ from calib.uncertainty import safe_uncertainty_map
 
 # Times the lens' residuals above which another lens does not describe the camera at all.
 _HOPELESS = 3.0
+# Part of the trusted angle to which another lens must agree, or a note says so.
+_AGREES = 0.95
 CORNERS_FOLDER, CORNERS_FILE = "corners", "corners.vnl"
 
 
@@ -75,6 +77,8 @@ def calibrate(job: Job) -> Result:
     photographs = assign_cameras(paths, job.cameras)
     find_boards(photographs, board, job.progress)
     write_vnl(folder / CORNERS_FILE, photographs)
+    for group in _by_camera(photographs):
+        _drop_misfits(group, board)
     notes = _left_out(photographs)
     seen = [[p for p in group if p.corners is not None] for group in _by_camera(photographs)]
 
@@ -108,6 +112,13 @@ def calibrate(job: Job) -> Result:
         _second_lens(job, camera, trust, board)
         for camera, trust in zip(cameras, trusts, strict=True)
     ]
+    for camera, trust, other in zip(cameras, trusts, second, strict=True):
+        if other is not None and other[1] < _AGREES * trust.valid_angle:
+            notes.append(
+                f"{camera.name}: beyond {np.degrees(other[1]):.0f} degrees another lens of the "
+                f"same boards ({other[0]}) differs by more than {AGREEMENT_DEGREES} degree: both "
+                "fit, and only more boards there can tell which is right"
+            )
     pictures = _draw(folder / CORNERS_FOLDER, photographs, cameras, board)
     result = Result(
         job=job,
@@ -152,6 +163,30 @@ def _second_lens(
         return other, agreement_angle(camera, second, trust.valid_angle)
     except (SolveError, gsut.InputError):
         return None
+
+
+def _drop_misfits(photographs: Sequence[Photograph], board: Board) -> None:
+    """Leaves out boards that a fisheye lens of the others does not fit: wrongly found ones.
+
+    Raises:
+        BoardError: too few are left.
+    """
+    found = [photograph for photograph in photographs if photograph.corners is not None]
+    while len(found) >= FEWEST_BOARDS:
+        try:
+            solve_opencv.solve_camera(found, board, "fisheye")
+            return
+        except MisfitError as error:
+            for index in error.indices:
+                found[index].corners = None
+                found[index].reason = "its corners do not fit the lens of the other boards"
+            found = [photograph for photograph in found if photograph.corners is not None]
+        except SolveError:
+            return  # not a fisheye; the chosen lens decides
+    raise BoardError(
+        f"too few boards: {len(found)} of {len(photographs)} images of {photographs[0].camera} fit "
+        f"one lens, at least {FEWEST_BOARDS} are needed: is --board right, and was the zoom fixed?"
+    )
 
 
 def _by_camera(photographs: Sequence[Photograph]) -> list[list[Photograph]]:

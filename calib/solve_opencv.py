@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import cv2
@@ -11,7 +12,7 @@ import numpy as np
 from calib.board import Board, Photograph
 from calib.bundle import Observation, State, minimise
 from calib.corners import FEWEST_BOARDS
-from calib.errors import SolveError
+from calib.errors import MisfitError, SolveError
 from calib.lens import PIXEL_SHIFT, fisheye_projector
 from calib.rigid import compose, rotation_matrix, transform_points
 from calib.solution import LENSES, CameraSolution, find_outliers
@@ -22,7 +23,13 @@ _FOCAL_GUESSES = (1 / np.pi, 0.25, 0.5, 0.8, 1.2, 2.5)
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)  # steps, relative change
 _ROUNDS = 10  # of throwing outliers out and solving again
 _GOOD_START_PX = 2.0  # RMS with all corners; a start above it has found a wrong minimum
+_WHOLE = 0.5  # part of a board's corners that must fit
 _PARTS = (0.8, 0.6, 0.4, 0.25)  # of the boards, the innermost first, where all together fail
+# High coefficients bend a lens away where its boards end: hold them until the others are in.
+_HELD_AT_ZERO = (
+    cv2.fisheye.CALIB_FIX_K3 | cv2.fisheye.CALIB_FIX_K4,
+    cv2.fisheye.CALIB_FIX_K2 | cv2.fisheye.CALIB_FIX_K3 | cv2.fisheye.CALIB_FIX_K4,
+)
 _STEEPEST = np.radians(80.0)  # field angle to which a radial lens is started from a fisheye
 
 
@@ -46,6 +53,7 @@ def solve_camera(photographs: Sequence[Photograph], board: Board, lens: str) -> 
         guess = params
         residuals = _residuals(params, poses, observed, board, lens, size)
         again = ~find_outliers(residuals)
+        _require_whole_boards(again, photographs, lens)
         if np.array_equal(again, keep):
             break
         keep = again
@@ -63,6 +71,21 @@ def solve_camera(photographs: Sequence[Photograph], board: Board, lens: str) -> 
         residuals=residuals,
         outliers=~keep,
     )
+
+
+def _lost(good: np.ndarray) -> list[int]:
+    """Boards that lost half of their corners: their poses are wrong, or they are no boards."""
+    return [int(index) for index in np.flatnonzero(good.mean(axis=1) < _WHOLE)]
+
+
+def _require_whole_boards(good: np.ndarray, photographs: Sequence[Photograph], lens: str) -> None:
+    lost = _lost(good)
+    if lost:
+        raise MisfitError(
+            f"{photographs[lost[0]].path}: its corners do not fit the {lens} lens of the other "
+            "boards; leave it out, or try another --lens",
+            lost,
+        )
 
 
 def _fit(
@@ -108,28 +131,34 @@ def _fit_fisheye(observed, keep, board, size, guess) -> tuple[np.ndarray, np.nda
     degrees makes it fail. `bundle` has no such plane.
     """
     try:
-        return _fit_fisheye_at_once(observed, keep, board, size, guess)
+        params, poses = _fit_fisheye_at_once(observed, keep, board, size, guess)
+        left = _residuals(params, poses, observed, board, "fisheye", size)
+        if not _lost(~find_outliers(left)):
+            return params, poses
+        fallback = params, poses
+        problem = None
     except SolveError as error:
-        problem = error
+        fallback, problem = None, error
     centre = (np.array(size) - 1) / 2
     outermost = [np.linalg.norm(o - centre, axis=1).max() for o in observed]
     order = np.argsort(outermost)
-    for part in _PARTS:
+    for part, held in itertools.product(_PARTS, _HELD_AT_ZERO):
         inner = order[: max(FEWEST_BOARDS, int(part * len(order)))]
         try:
-            params, _ = _fit_fisheye_at_once(observed[inner], keep[inner], board, size, None)
+            params, _ = _fit_fisheye_at_once(observed[inner], keep[inner], board, size, None, held)
             return _refine(params, observed, keep, board, size)
         except SolveError:
             continue
+    if fallback is not None:
+        return fallback
     raise problem
 
 
 def _refine(params, observed, keep, board, size) -> tuple[np.ndarray, np.ndarray]:
     """The lens and all boards together, from a lens that some boards gave."""
-    points = board.points()
-    lens = gsut.Camera(
-        "kannala_brandt", [*params[:2], *(params[2:4] + PIXEL_SHIFT), *params[4:]], *size
-    )
+    points, project = board.points(), fisheye_projector(*size)
+    centre = params[2:4] + PIXEL_SHIFT
+    lens = gsut.Camera("kannala_brandt", [*params[:2], *centre, *params[4:]], *size)
     poses = []
     for pixels, good in zip(observed, keep, strict=True):
         directions, valid = lens.unproject(pixels[good] + PIXEL_SHIFT)
@@ -140,9 +169,7 @@ def _refine(params, observed, keep, board, size) -> tuple[np.ndarray, np.ndarray
         Observation(0, index, pixels[good], points[good])
         for index, (pixels, good) in enumerate(zip(observed, keep, strict=True))
     ]
-
     state = State([params], np.zeros((1, 6)), np.stack(poses))
-    project = fisheye_projector(*size)
     state = minimise(state, observations, [project])
     state = minimise(state, observations, [project], free_params=True)
     return state.params[0], state.boards
@@ -162,8 +189,10 @@ def _pose_of_rays(points: np.ndarray, directions: np.ndarray) -> np.ndarray:
     return compose(np.append(turn, np.zeros(3)), np.concatenate([rotation, translation]).ravel())
 
 
-def _fit_fisheye_at_once(observed, keep, board, size, guess) -> tuple[np.ndarray, np.ndarray]:
-    flags = (
+def _fit_fisheye_at_once(
+    observed, keep, board, size, guess, held=0
+) -> tuple[np.ndarray, np.ndarray]:
+    flags = held | (
         cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC
         | cv2.fisheye.CALIB_FIX_SKEW
         | cv2.fisheye.CALIB_USE_INTRINSIC_GUESS

@@ -12,7 +12,7 @@ from calib import solve_mrcal, solve_opencv
 from calib.board import Board, assign_cameras
 from calib.corners import find_boards
 from calib.cross_validation import compare, hold_out
-from calib.errors import SolveError
+from calib.errors import MisfitError, SolveError
 from calib.halves import agreement_angle, best_rotation
 from calib.lens import gsut_camera, rays
 from calib.lens_files import ANGLE_KEY, SIGMA_KEY, write_lens
@@ -80,6 +80,14 @@ def test_solve_displaced_corners_are_the_outliers(noisy):
         photographs[board].corners[corner] += (3.0, -2.0)
     found = solve_opencv.solve_camera(photographs, BOARD, "fisheye")
     assert {tuple(map(int, index)) for index in np.argwhere(found.outliers)} == set(moved)
+
+
+def test_solve_wrongly_found_board_is_named(noisy):
+    photographs, _ = corner_photographs(8, NOISE_PX, np.random.default_rng(6))
+    photographs[3].corners = np.roll(photographs[3].corners, 11, axis=0)
+    with pytest.raises(MisfitError, match=r"synthetic003\.png: its corners do not fit") as caught:
+        solve_opencv.solve_camera(photographs, BOARD, "fisheye")
+    assert caught.value.indices == [3]
 
 
 def test_uncertainty_repeated_solves_cover_the_truth_in_95_percent():
