@@ -1,5 +1,5 @@
-// The scalar double renderer and its backward: formulae as in the paper of 3DGUT, section 4, written
-// for one ray and one Gaussian, in world coordinates relative to the camera centre.
+// The scalar double renderer and its backward: formulae as in the paper of 3DGUT, section 4,
+// written for one ray and one Gaussian, in world coordinates relative to the camera centre.
 #include "gsut/raster/reference.h"
 
 #include <Eigen/Core>
@@ -26,10 +26,10 @@ constexpr int kBackwardBands = 8;
 // A Gaussian seen from one camera.
 struct Seen {
   std::int64_t index = 0;
-  float key = 0;       // order; rounded to float as the tiled path does
-  Matrix3d whiten;     // A = S^-1 R^T, world to whitened
-  Vector3d relative;   // m = mean - camera centre
-  Vector3d whitened;   // A m
+  float key = 0;      // order; rounded to float as the tiled path does
+  Matrix3d whiten;    // A = S^-1 R^T, world to whitened
+  Vector3d relative;  // m = mean - camera centre
+  Vector3d whitened;  // A m
   double opacity = 0;
   Vector3d color;
   bool clamped[3] = {false, false, false};
@@ -127,7 +127,8 @@ struct GradientSums {
 }  // namespace
 
 ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, const Camera& camera,
-                               const Pose& camera_from_world, const RenderSettings& settings) {
+                               const Pose& camera_from_world, const RenderSettings& settings,
+                               const std::uint8_t* chosen) {
   const std::vector<Seen> seen = SortedGaussians(gaussians, camera_from_world, settings);
   const RayTable& rays = camera.Rays();
   const std::int64_t pixels = static_cast<std::int64_t>(camera.width()) * camera.height();
@@ -141,7 +142,7 @@ ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, con
     std::vector<Hit> hits;
     for (std::int64_t pixel = begin; pixel < end; ++pixel) {
       const std::size_t p = static_cast<std::size_t>(pixel);
-      if (!rays.valid[p]) continue;
+      if (!rays.valid[p] || (chosen != nullptr && !chosen[p])) continue;
       const Vector3d ray = world_from_camera * Eigen::Map<const Vector3d>(&rays.rays[3 * p]);
       const double transmittance = Blend(seen, ray, settings.rule, &hits);
       Vector3d color = Vector3d::Zero();
@@ -162,7 +163,8 @@ ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, con
 void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const Camera& camera,
                              const Pose& camera_from_world, const RenderSettings& settings,
                              const double* dimage, const double* dalpha, const double* ddepth,
-                             const GaussiansView<double>& gradients, double* dpose) {
+                             const GaussiansView<double>& gradients, double* dpose,
+                             const std::uint8_t* chosen) {
   const std::vector<Seen> seen = SortedGaussians(gaussians, camera_from_world, settings);
   const RayTable& rays = camera.Rays();
   const int height = camera.height();
@@ -182,7 +184,7 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
     for (int row = row_begin; row < row_end; ++row) {
       for (int column = 0; column < width; ++column) {
         const std::size_t p = static_cast<std::size_t>(row) * width + column;
-        if (!rays.valid[p]) continue;
+        if (!rays.valid[p] || (chosen != nullptr && !chosen[p])) continue;
         const Vector3d ray_in_camera = Eigen::Map<const Vector3d>(&rays.rays[3 * p]);
         const Vector3d ray = rotation.transpose() * ray_in_camera;
         const double transmittance = Blend(seen, ray, settings.rule, &hits);
@@ -269,11 +271,12 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
     Matrix3d g_rotation;
     for (int k = 0; k < 3; ++k) {
       gradients.log_scales[3 * i + k] = -total.whiten.row(k).dot(s.whiten.row(k));
-      g_rotation.col(k) = total.whiten.row(k).transpose() * std::exp(-gaussians.log_scales[3 * i + k]);
+      g_rotation.col(k) =
+          total.whiten.row(k).transpose() * std::exp(-gaussians.log_scales[3 * i + k]);
     }
     const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> g_rotation_rows = g_rotation;
     RotationFromQuaternionBackward(gaussians.quats + 4 * i, g_rotation_rows.data(),
-                           gradients.quats + 4 * i);
+                                   gradients.quats + 4 * i);
   }
   // xi = (v, w): the centre moves by -R^T v, the rays turn by -w (in the camera frame).
   const Vector3d g_translation = rotation * center_sum;
