@@ -100,3 +100,65 @@ LENS_FILE_PARAMS = 2e-12
 SCALAR_IMAGE_RMS = 6e-7
 SCALAR_GRADIENT_RELATIVE = 2e-5
 BENCH_ROUNDING = 1e-12  # sums in double of numbers up to 100, in another order
+
+# --- projection, raster, training -----------------------------------------------------------------
+ORACLE_RAY = 1e-12  # gsplat inverts its lenses by Newton to 1e-6 of a pixel; its worst is 7e-14
+ORACLE_IMAGE = 1e-9  # double against double, sums of at most 200 terms; worst 4e-12
+ORACLE_GRADIENT = 1e-6  # relative L2
+ORACLE_PROJECTION = 1e-9  # px
+PROJECTION_FLOAT_PIXELS = 1e-4  # px
+PROJECTION_DOUBLE = 1e-9
+PROJECTION_FLOAT_COVARIANCE = 1e-4
+PROJECTION_FLOAT_DEPTH = 1e-6
+RENDER_DOUBLE = 1e-9
+RENDER_DIFFERENCES = 1e-6
+RENDER_SAME_SUMS = 1e-6
+RENDER_IDENTITY = 1e-9
+RENDER_FLOAT_ROUNDING = 1e-6
+RENDER_CUT_MARGIN = 1e-5
+RENDER_KEY_MARGIN = 1e-6
+RENDER_STOP_MARGIN = 1e-4
+RENDER_FLIP = 1e-4
+RENDER_IMAGE_RMS = 1e-5
+RENDER_DEPTH = 1e-4
+RENDER_GRADIENT = 1e-4
+RENDER_POSE_GRADIENT = 1e-4
+RENDER_MISS_MARGIN = 1e-4
+RENDER_ORIGIN_MARGIN = 1e-5
+RENDER_FLIPS_A_PIXEL = 1e-4
+
+# --- hard cases -----------------------------------------------------------------------------------
+HARD_ALPHA = 1e-4
+HARD_JUMPS_AN_IMAGE = 5
+HARD_ZERO_GRADIENT = 1e-2
+HARD_NEEDLE_GRADIENT = 1e-2
+HARD_IMAGE = 1e-4
+HARD_DEPTH = 1e-4
+HARD_GRADIENT = 1e-3
+HARD_WALL = 1e-4
+HARD_NEEDLE = 1e-3
+HARD_RESPONSE_ULPS = 0.5
+HARD_RESPONSE_FLOOR = 2e-6
+HARD_LAYERS = 1e-4
+HARD_PROJECTION_PIXELS = 2e-4
+HARD_DETERMINANT = 1e-4
+HARD_LAYERS_IMAGE = 1e-3
+# --- lenses ---------------------------------------------------------------------------------------
+# Area left at 1e-9 (relative) before the edge over that at 1e-6: it vanishes linearly, and sampled
+# domains end up to 1e-7 early; worst 0.084
+DOMAIN_EDGE_STEP = 0.17
+# As CAMERA_JACOBIAN where the second derivative jumps (quadratic splines at the knots, f-theta on
+# the axis): a difference errs by about the step of 1e-5 times the jump; worst 1.5e-5
+JUMPING_JACOBIAN = 3e-5
+# Pixels below 1e4 against pycolmap, libmrcal, cv2.omnidir and long double; a division lens behind
+# the camera, where the oracle's own formula cancels, is the worst: 9.8e-11
+LENS_ORACLE_PIXELS = 2e-10
+LENS_ORACLE_RELATIVE = 1e-12  # two lenses that are one, pixels of any size; see above
+PANORAMA_RAYS = 1e-15  # unit rays through a sine and a cosine: a few units in the last place
+LENS_RENDER_RMS = 1e-5  # what render promises of float32
+# Where a Gaussian's alpha is 1/255 to within rounding, it may be drawn by one path and not by the
+# other: a step, at this many pixels of an image at most, of 1/255 times a colour up to 1.5
+LENS_RENDER_STEP = 1e-4
+LENS_RENDER_STEPS = 4
+LENS_RENDER_CUTOFF = 6e-3
+LENS_GRADIENT_RELATIVE = 1e-4

@@ -81,23 +81,21 @@ T* MutableData(const py::handle& object, const char* name,
 }
 
 // View of a gsut.Gaussians (any object with means, quats, log_scales, opacity_logits, sh as
-// C-contiguous arrays of dtype T). The caller keeps the object alive while the view is used.
-template <class T>
-GaussiansView<T> MutableGaussians(const py::handle& gaussians) {
-  GaussiansView<T> view;
+// C-contiguous arrays). View is GaussiansView<T>, or GaussiansView<const T> to read only, and
+// get(object, name, shape) the checked pointer. The caller keeps the object alive meanwhile.
+template <class View, class Get>
+View GaussiansOf(const py::handle& gaussians, Get&& get) {
+  View view;
   const py::object sh = gaussians.attr("sh");
   const py::object means = gaussians.attr("means");
+  const auto sh_array = py::reinterpret_borrow<py::array>(sh);
   view.size = static_cast<std::int64_t>(py::len(means));
-  view.sh_coefficients =
-      static_cast<int>(py::reinterpret_borrow<py::array>(sh).ndim() == 3
-                           ? py::reinterpret_borrow<py::array>(sh).shape(1)
-                           : 0);
-  view.means = MutableData<T>(means, "means", {view.size, 3});
-  view.quats = MutableData<T>(gaussians.attr("quats"), "quats", {view.size, 4});
-  view.log_scales = MutableData<T>(gaussians.attr("log_scales"), "log_scales", {view.size, 3});
-  view.opacity_logits =
-      MutableData<T>(gaussians.attr("opacity_logits"), "opacity_logits", {view.size});
-  view.sh = MutableData<T>(sh, "sh", {view.size, view.sh_coefficients, 3});
+  view.sh_coefficients = sh_array.ndim() == 3 ? static_cast<int>(sh_array.shape(1)) : 0;
+  view.means = get(means, "means", {view.size, 3});
+  view.quats = get(gaussians.attr("quats"), "quats", {view.size, 4});
+  view.log_scales = get(gaussians.attr("log_scales"), "log_scales", {view.size, 3});
+  view.opacity_logits = get(gaussians.attr("opacity_logits"), "opacity_logits", {view.size});
+  view.sh = get(sh, "sh", {view.size, view.sh_coefficients, 3});
   const int k = view.sh_coefficients;
   if (k != 1 && k != 4 && k != 9 && k != 16) {
     throw InputError("sh must have 1, 4, 9 or 16 coefficients (degree 0 to 3), found " +
@@ -107,27 +105,20 @@ GaussiansView<T> MutableGaussians(const py::handle& gaussians) {
 }
 
 template <class T>
+GaussiansView<T> MutableGaussians(const py::handle& gaussians) {
+  return GaussiansOf<GaussiansView<T>>(gaussians, [](const py::handle& array, const char* name,
+                                                     std::initializer_list<std::int64_t> shape) {
+    return MutableData<T>(array, name, shape);
+  });
+}
+
+template <class T>
 GaussiansView<const T> ConstGaussians(const py::handle& gaussians) {
-  GaussiansView<const T> view;
-  const py::object sh = gaussians.attr("sh");
-  const py::object means = gaussians.attr("means");
-  view.size = static_cast<std::int64_t>(py::len(means));
-  view.sh_coefficients =
-      static_cast<int>(py::reinterpret_borrow<py::array>(sh).ndim() == 3
-                           ? py::reinterpret_borrow<py::array>(sh).shape(1)
-                           : 0);
-  view.means = ConstData<T>(means, "means", {view.size, 3});
-  view.quats = ConstData<T>(gaussians.attr("quats"), "quats", {view.size, 4});
-  view.log_scales = ConstData<T>(gaussians.attr("log_scales"), "log_scales", {view.size, 3});
-  view.opacity_logits =
-      ConstData<T>(gaussians.attr("opacity_logits"), "opacity_logits", {view.size});
-  view.sh = ConstData<T>(sh, "sh", {view.size, view.sh_coefficients, 3});
-  const int k = view.sh_coefficients;
-  if (k != 1 && k != 4 && k != 9 && k != 16) {
-    throw InputError("sh must have 1, 4, 9 or 16 coefficients (degree 0 to 3), found " +
-                     std::to_string(k));
-  }
-  return view;
+  return GaussiansOf<GaussiansView<const T>>(
+      gaussians,
+      [](const py::handle& array, const char* name, std::initializer_list<std::int64_t> shape) {
+        return ConstData<T>(array, name, shape);
+      });
 }
 
 // A new uninitialised array.

@@ -9,8 +9,8 @@ PYBIND11_MODULE(_core, m) {
   using namespace gsut::bindings;  // NOLINT: the list below reads better without prefixes
   m.doc() = "C++ core of gsut; use the names of the gsut package.";
   m.attr("__version__") = GSUT_VERSION;
-  static const auto input_error = pybind11::register_exception<gsut::InputError>(
-      m, "InputError", PyExc_ValueError);
+  static const auto input_error =
+      pybind11::register_exception<gsut::InputError>(m, "InputError", PyExc_ValueError);
   static const auto calibration_error = pybind11::register_exception<gsut::CalibrationError>(
       m, "CalibrationError", input_error.ptr());
   pybind11::register_exception<gsut::SolveError>(m, "SolveError", PyExc_RuntimeError);

@@ -27,8 +27,7 @@ void BindPoses(py::module_& m) {
       "exp_pose",
       [](const py::handle& xi) {
         const auto array = ReadArray<double>(xi, "xi", {6});
-        return WritePose(
-            ExpPose(Eigen::Map<const Eigen::Matrix<double, 6, 1>>(array.data())));
+        return WritePose(ExpPose(Eigen::Map<const Eigen::Matrix<double, 6, 1>>(array.data())));
       },
       py::arg("xi"), "4x4 matrix of a twist (v, w): the left perturbation of a pose.");
   m.def(

@@ -187,18 +187,17 @@ void BindRaster(py::module_& m) {
            py::arg("sh_degree"), py::arg("unscented"), py::arg("image"), py::arg("alpha"),
            py::arg("depth"), py::arg("keep"))
       .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("dalpha"),
-           py::arg("ddepth"), py::arg("gradients"), py::arg("touched"),
-           py::arg("write_untouched"))
+           py::arg("ddepth"), py::arg("gradients"), py::arg("touched"), py::arg("write_untouched"))
       .def("distances", &BoundRenderer::Distances)
       .def("timings", &BoundRenderer::Timings)
       .def("statistics", &BoundRenderer::Statistics);
   m.def("render_reference", &RenderDouble, py::arg("gaussians"), py::arg("camera"),
-        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"),
-        py::arg("sh_degree"), py::arg("pixels") = py::none());
+        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"), py::arg("sh_degree"),
+        py::arg("pixels") = py::none());
   m.def("render_reference_backward", &BackwardDouble, py::arg("gaussians"), py::arg("camera"),
-        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"),
-        py::arg("sh_degree"), py::arg("dimage"), py::arg("dalpha"), py::arg("ddepth"),
-        py::arg("gradients"), py::arg("pixels") = py::none());
+        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"), py::arg("sh_degree"),
+        py::arg("dimage"), py::arg("dalpha"), py::arg("ddepth"), py::arg("gradients"),
+        py::arg("pixels") = py::none());
 }
 
 }  // namespace gsut::bindings

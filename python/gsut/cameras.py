@@ -64,7 +64,7 @@ class Camera(_core.Camera):
         self.valid_region = _checked_copy(valid_region, "valid_region", (None, 2))
 
     @property
-    def valid_field_angle(self) -> float | None:
+    def valid_field_angle(self) -> float | None:  # type: ignore[override]  # None, not infinity
         """Radians from the axis up to which the calibration is trusted; None: no limit known."""
         limit = super().valid_field_angle
         return None if limit == _NO_LIMIT else limit

@@ -1,4 +1,4 @@
-"""The command line: `gsut train`, `eval`, `render`, `demo`, `doctor`, `bench`.
+"""The command line: `gsut train`, `eval`, `render`, `calibrate`, `demo`, `doctor`, `bench`.
 
 Everything that takes long to import is imported by the command that needs it, so that `--help` and
 a wrong argument answer at once.
@@ -85,6 +85,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_train(commands)
     _add_eval(commands)
     _add_render(commands)
+    _add_calibrate(commands)
     _add_demo(commands)
     _add_doctor(commands)
     add_bench(commands, _Parser)
@@ -201,6 +202,19 @@ def _add_render(commands) -> None:
         help="new folder of PNG images, or video [default: RUN/orbit and so on]",
     )
     parser.set_defaults(run=_command("render"))
+
+
+def _add_calibrate(commands) -> None:
+    from gsut.calibrate import add_calibrate_flags, calibrate
+
+    parser = commands.add_parser(
+        "calibrate",
+        help="photographs of a chessboard to a lens file",
+        description="Finds the board in photographs, solves for the lens with OpenCV or mrcal, and "
+        "writes a lens file with the field angle to which it can be trusted, and a report.",
+    )
+    add_calibrate_flags(parser)
+    parser.set_defaults(run=calibrate)
 
 
 def _add_demo(commands) -> None:

@@ -43,9 +43,14 @@ class Gaussians:
         n = len(self.means)
         k = self.sh.shape[1] if self.sh.ndim == 3 else 0
         if k not in (1, 4, 9, 16):
-            raise InputError(f"sh must have shape (N, K, 3) with K 1, 4, 9 or 16, found {self.sh.shape}")
+            raise InputError(
+                f"sh must have shape (N, K, 3) with K 1, 4, 9 or 16, found {self.sh.shape}"
+            )
         expected = {
-            "means": (n, 3), "quats": (n, 4), "log_scales": (n, 3), "opacity_logits": (n,),
+            "means": (n, 3),
+            "quats": (n, 4),
+            "log_scales": (n, 3),
+            "opacity_logits": (n,),
             "sh": (n, k, 3),
         }
         for name, shape in expected.items():

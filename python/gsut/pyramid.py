@@ -50,7 +50,8 @@ class Level:
         size = (camera.height, camera.width)
         if size not in self._buffers:
             self._buffers[size] = (
-                np.zeros((*size, 3), np.float32), np.zeros((*size, 3), np.float32)
+                np.zeros((*size, 3), np.float32),
+                np.zeros((*size, 3), np.float32),
             )
         return self._buffers[size]
 

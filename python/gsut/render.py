@@ -51,7 +51,7 @@ def project(
     Args:
         gaussians: N Gaussians.
         camera: the lens and image size.
-        camera_from_world: (4, 4) rigid transform.
+        camera_from_world: (4, 4) rigid transform, or an object with such a `matrix`.
         method: "unscented".
         unscented: alpha, beta, kappa of the transform.
         alpha_min: opacity times response below which a Gaussian is not drawn; sets the extents.
@@ -61,27 +61,32 @@ def project(
         The footprints. Centres in float32 are within 1e-4 px of the reference for alpha >= 0.1.
 
     Raises:
-        InputError: unknown method, shapes, weights or pose.
+        InputError: unknown method or dtype, shapes, weights or pose.
     """
     if method not in _METHODS:
         raise InputError(f'projection method "{method}" is unknown; known: {", ".join(_METHODS)}')
     alpha, beta, kappa = (float(x) for x in unscented)
     if dtype == "float64":
         g = gaussians.astype(np.float64)
-        out = _core.project_reference(g, camera, camera_from_world, alpha, beta, kappa)
-        cov = out["covariances"]
+        exact = _core.project_reference(g, camera, camera_from_world, alpha, beta, kappa)
+        cov = exact["covariances"]
         variances = np.stack([cov[:, 0, 0], cov[:, 1, 1]], axis=1)
         opacity = 1.0 / (1.0 + np.exp(-g.opacity_logits))
         cutoff = 2.0 * np.log(np.maximum(opacity / alpha_min, 1.0))
-        pose = np.asarray(camera_from_world, dtype=np.float64)
+        pose = _pose_matrix(camera_from_world)
         depths = np.linalg.norm(g.means @ pose[:3, :3].T + pose[:3, 3], axis=1)
         extents = np.sqrt(cutoff[:, None] * variances)
-        return Projection(out["centers"], cov, extents, depths, out["valid"].astype(bool))
+        return Projection(exact["centers"], cov, extents, depths, exact["valid"].astype(bool))
+    if dtype != "float32":
+        raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     out = _core.project(
         gaussians.astype(np.float32), camera, camera_from_world, alpha, beta, kappa, alpha_min
     )
     return Projection(
-        out["centers"], out["covariances"], out["extents"], out["depths"],
+        out["centers"],
+        out["covariances"],
+        out["extents"],
+        out["depths"],
         np.isfinite(out["centers"][:, 0]),
     )
 
@@ -126,6 +131,10 @@ class Gradients:
     gaussians: Gaussians
     pose: np.ndarray
     touched: np.ndarray | None
+
+
+def _pose_matrix(camera_from_world: Any) -> np.ndarray:
+    return np.asarray(getattr(camera_from_world, "matrix", camera_from_world), dtype=np.float64)
 
 
 def _blend_rule(parity: str | None, blend: BlendRule | None) -> BlendRule:
@@ -173,12 +182,12 @@ def render(
     color = tuple(float(c) for c in background)
     if len(color) != 3:
         raise InputError(f"background must be 3 numbers, found {len(color)}")
-    pose = np.asarray(getattr(camera_from_world, "matrix", camera_from_world), dtype=np.float64)
+    pose = _pose_matrix(camera_from_world)
     degree = min(int(sh_degree), gaussians.sh_degree)
     if dtype == "float64":
         g = gaussians.astype(np.float64)
-        image, alpha, depth, _ = _core.render_reference(g, camera, pose, rule, color, degree)
-        return Render(image, alpha, depth, g, camera, pose, rule, color, degree, None)
+        exact = _core.render_reference(g, camera, pose, rule, color, degree)
+        return Render(*exact[:3], g, camera, pose, rule, color, degree, None)
     if dtype != "float32":
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     g = gaussians.astype(np.float32)
@@ -213,18 +222,24 @@ def render_backward(
         InputError: shapes differ from the image's.
     """
     g = result.gaussians
-    dtype = g.dtype
-    arrays = [
-        None if a is None else np.ascontiguousarray(a, dtype=dtype)
-        for a in (dimage, dalpha, ddepth)
-    ]
+    dimage = np.ascontiguousarray(dimage, dtype=g.dtype)
+    dalpha = None if dalpha is None else np.ascontiguousarray(dalpha, dtype=g.dtype)
+    ddepth = None if ddepth is None else np.ascontiguousarray(ddepth, dtype=g.dtype)
     out = Gaussians(*(np.zeros_like(getattr(g, f.name)) for f in dataclasses.fields(g)))
     if result.renderer is None:
         pose = _core.render_reference_backward(
-            g, result.camera, result.camera_from_world, result.rule, result.background,
-            result.sh_degree, *arrays, out,
+            g,
+            result.camera,
+            result.camera_from_world,
+            result.rule,
+            result.background,
+            result.sh_degree,
+            dimage,
+            dalpha,
+            ddepth,
+            out,
         )
         return Gradients(out, pose, None)
     touched = np.zeros(len(g), np.uint8)
-    pose = result.renderer.backward(*arrays, out, touched, True)
+    pose = result.renderer.backward(dimage, dalpha, ddepth, out, touched, True)
     return Gradients(out, pose, touched.astype(bool))

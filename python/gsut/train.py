@@ -17,7 +17,7 @@ from gsut.data.scene import Scene
 from gsut.evaluate import evaluate, run_metrics
 from gsut.gaussians import Gaussians
 from gsut.metrics import psnr
-from gsut.optimize import GaussianOptimizer, LearningRates, exponential_rate
+from gsut.optimize import GaussianOptimizer, LearningRates
 from gsut.options import TrainOptions
 from gsut.progress import TrainingProgress
 from gsut.pyramid import ImagePyramid
@@ -106,9 +106,7 @@ def train(
     gaussians = loop.gaussians.copy()
     indices = scene.test_indices or scene.train_indices[:_CURVE_VIEWS]
     renders = None if run is None else run.renders
-    evaluation = evaluate(
-        gaussians, scene, indices, background=o.background, render_folder=renders
-    )
+    evaluation = evaluate(gaussians, scene, indices, background=o.background, render_folder=renders)
     metrics = run_metrics(
         evaluation, gaussians, scene, o, steps=loop.step, train_seconds=loop.seconds
     )
@@ -164,8 +162,17 @@ class TrainingLoop:
         self._make_room(g)
         # cameras, poses -> projection -> raster
         self.renderer.render(
-            g, level.camera(view), self.scene.views[view].camera_from_world, self.rule,
-            o.background, degree, DEFAULT_UNSCENTED, image, None, None, True,
+            g,
+            level.camera(view),
+            self.scene.views[view].camera_from_world,
+            self.rule,
+            o.background,
+            degree,
+            DEFAULT_UNSCENTED,
+            image,
+            None,
+            None,
+            True,
         )
         lap("render")
         # loss, and back through the raster to every parameter
@@ -282,9 +289,17 @@ class TrainingLoop:
             camera = self.scene.camera(index)
             image = np.zeros((camera.height, camera.width, 3), np.float32)
             self.renderer.render(
-                self.gaussians, camera, self.scene.views[index].camera_from_world, self.rule,
-                self.options.background, self.options.sh_degree, DEFAULT_UNSCENTED, image, None,
-                None, False,
+                self.gaussians,
+                camera,
+                self.scene.views[index].camera_from_world,
+                self.rule,
+                self.options.background,
+                self.options.sh_degree,
+                DEFAULT_UNSCENTED,
+                image,
+                None,
+                None,
+                False,
             )
             truth = self.scene.image(index).astype(np.float32) / np.float32(255)
             values.append(psnr(np.clip(image, 0.0, 1.0), truth, self.scene.mask(index)))
@@ -294,8 +309,10 @@ class TrainingLoop:
 def first_gaussians(scene: Scene, options: TrainOptions) -> Gaussians:
     """The Gaussians that training starts from: on the scene's points, or random in view."""
     o = options
-    shape = {
-        "sh_degree": o.sh_degree, "scale_factor": o.init_scale, "opacity": o.init_opacity,
+    shape: dict[str, Any] = {
+        "sh_degree": o.sh_degree,
+        "scale_factor": o.init_scale,
+        "opacity": o.init_opacity,
         "seed": o.seed,
     }
     if o.init == "points" and len(scene.points) == 0:
@@ -306,7 +323,9 @@ def first_gaussians(scene: Scene, options: TrainOptions) -> Gaussians:
             [scene.cameras[view.camera_index] for view in views],
             np.array([view.camera_from_world for view in views]),
             min(o.init_count or _RANDOM_COUNT, o.max_gaussians),
-            near=_RANDOM_NEAR * scene.extent, far=_RANDOM_FAR * scene.extent, **shape,
+            near=_RANDOM_NEAR * scene.extent,
+            far=_RANDOM_FAR * scene.extent,
+            **shape,
         )
     most = min(o.init_count or len(scene.points), o.max_gaussians)
     return seed_from_points(scene.points, scene.point_colors, max_gaussians=most, **shape)
@@ -330,6 +349,8 @@ def _write_results(run: RunFolder, gaussians: Gaussians, metrics: dict[str, Any]
     from gsut.formats import save_ply
     from gsut.report import write_report
 
-    run.write("scene.ply", lambda path: save_ply(path, gaussians))
+    offset = " ".join(f"{value:.17g}" for value in metrics["world_offset"])
+    comment = f"gsut: dataset coordinates = these + {offset}"
+    run.write("scene.ply", lambda path: save_ply(path, gaussians, comments=(comment,)))
     run.write_json("metrics.json", metrics)
     write_report(run)

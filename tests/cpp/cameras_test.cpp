@@ -22,12 +22,22 @@
 namespace gsut::float_lenses {
 float Sqrt(float a) { return std::sqrt(a); }
 float Abs(float a) { return std::abs(a); }
+float Min(float a, float b) { return b < a ? b : a; }
+float Max(float a, float b) { return a < b ? b : a; }
 float Atan2(float y, float x) { return std::atan2(y, x); }
+float Atan(float a) { return std::atan(a); }
+float Asin(float a) { return std::asin(a); }
+float Tan(float a) { return std::tan(a); }
+float Floor(float a) { return std::floor(a); }
 float Sin(float a) { return std::sin(a); }
 float Cos(float a) { return std::cos(a); }
 float Select(bool mask, float a, float b) { return mask ? a : b; }
 bool AndMask(bool a, bool b) { return a && b; }
 bool OrMask(bool a, bool b) { return a || b; }
+template <class T>
+T At(const float* table, T index) {
+  return T(table[static_cast<int>(index)]);
+}
 #include "gsut_lens_files.inc"
 }  // namespace gsut::float_lenses
 
@@ -224,8 +234,11 @@ TEST(CameraTest, FloatTextMatchesDouble) {
       double pixel[2];
       std::uint8_t valid = 0;
       camera.Project(1, point, pixel, &valid);
-      const double radius =
-          std::hypot(pixel[0] - camera.params()[2], pixel[1] - camera.params()[3]);
+      const double forward[3] = {0, 0, 1};
+      double centre[2];
+      std::uint8_t centre_valid = 0;
+      camera.Project(1, forward, centre, &centre_valid);
+      const double radius = std::hypot(pixel[0] - centre[0], pixel[1] - centre[1]);
       if (!valid || radius > 4096) continue;
       float u = 0, v = 0;
       ASSERT_TRUE(
@@ -233,7 +246,8 @@ TEST(CameraTest, FloatTextMatchesDouble) {
           << FloatLens::kName << " " << angle;
       const double error = std::hypot(u - pixel[0], v - pixel[1]);
       worst = std::max(worst, error);
-      if (i < 0) {
+      if (i < 0 && std::string(FloatLens::kParamNames).starts_with("fx fy cx cy") &&
+          std::string(FloatLens::kName) != "cahvor") {
         // The offset itself, without the principal point's digits.
         std::vector<double> centred = camera.params();
         centred[2] = centred[3] = 0.0;

@@ -1,6 +1,7 @@
 """The lenses that the camera tests loop over, and the points they look at."""
 
 import numpy as np
+
 from gsut import _core
 from gsut.cameras import Camera, camera_models
 
@@ -19,9 +20,38 @@ HARD_LENSES = [
     ("kannala_brandt", [134.61, 134.88, 241.3, 238.9], 480, 480),
     ("kannala_brandt", [300, 310, 320, 240, -0.2], 640, 480),
     ("kannala_brandt", [26, 25.5, 31.7, 24.2, 0.05, -0.01, 0.003, -0.0005, 1e-5, -1e-6], 64, 48),
+    ("unified", [190, 191, 320, 240, 0.0], 640, 480),
+    ("unified", [190, 191, 320, 240, 0.5], 640, 480),
+    ("unified", [190, 191, 320, 240, 1.0], 640, 480),
+    ("extended_unified", [190, 191, 320, 240, 0.4, 0.3], 640, 480),
+    ("extended_unified", [190, 191, 320, 240, 0.9, 3.0], 640, 480),
+    ("double_sphere", [190, 191, 320, 240, -0.6, 0.2], 640, 480),
+    ("double_sphere", [190, 191, 320, 240, 0.9, 0.6], 640, 480),
+    ("double_sphere", [190, 191, 320, 240, 0.0, 0.5], 640, 480),
+    ("division", [300, 305, 320, 240, 0.0], 640, 480),
+    ("division", [300, 305, 320, 240, 0.6], 640, 480),
+    ("division", [300, 305, 320, 240, -2.0], 640, 480),
+    ("fov", [300, 305, 320, 240, 3.0], 640, 480),
+    ("fov", [300, 305, 320, 240, 1e-5], 640, 480),
+    ("mei", [300, 305, 320, 240, 2.0, 1.0, 0.01, 0.001, 1e-3, -2e-3], 640, 480),
+    ("mei", [300, 305, 320, 240, 0.0, 0.0, -0.2, 0.01, 0.0, 0.0], 640, 480),
+    ("mei", [300, 305, 320, 240, 0.0, 1.4, 0.0, 0.0, 0.0, 0.0], 640, 480),
+    (
+        "thin_prism_fisheye",
+        [90, 91, 128, 120, 0.1, -0.05, 5e-3, -6e-3, 0.01, 0, 0.02, 0.01],
+        256,
+        240,
+    ),
+    ("fisheye624", [90, 91, 128, 120, *[0.0] * 12], 256, 240),
+    ("equirectangular", [], 64, 32),
+    ("equirectangular", [], 101, 77),
+    ("cahvor", [300, 305, 320, 240, 0.2, -0.3, 0.01, -0.1, 0.02], 640, 480),
+    ("stereographic", [1e4, 3.0, -50.0, 20.0], 64, 48),
 ]
 # Real ones in the lens files of this version, and the hard ones above.
-NUM_LENSES = 10 + len(HARD_LENSES)
+NUM_LENSES = 32 + len(HARD_LENSES)
+# These see every direction; their image is no disc around the image of the axis.
+PANORAMAS = ("equirectangular", "latlon", "lonlat")
 
 
 def all_lenses() -> list[Camera]:
@@ -31,6 +61,11 @@ def all_lenses() -> list[Camera]:
         for _, params, width, height in _core.camera_examples(model):
             cameras.append(Camera(model, params, width, height))
     return cameras + [Camera(*lens) for lens in HARD_LENSES]
+
+
+def centre(camera: Camera) -> np.ndarray:
+    """(2,) the image of the axis, in pixels."""
+    return camera.project(np.array([[0.0, 0.0, 1.0]]))[0][0]
 
 
 def circle(angle: float, count: int) -> np.ndarray:

@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 import tolerances as tol
+
 from gsut.cameras import Camera, camera_models
-from lens_cases import NUM_LENSES, all_lenses, circle, polar_grid
+from lens_cases import NUM_LENSES, PANORAMAS, all_lenses, centre, circle, polar_grid
 
 LENSES = all_lenses()
+# Their domain does not end at a fold: a pixel derivative without bound, or a limit of its own.
+NO_FOLD = ("division", "ftheta")
 each_lens = pytest.mark.parametrize("camera", LENSES, ids=lambda c: f"{c.model}-{c.width}")
 
 
@@ -45,15 +48,16 @@ def test_unproject_whole_domain_returns_the_ray(camera, part):
 
 @each_lens
 def test_project_beyond_domain_is_invalid_and_nan(camera):
+    if camera.max_angle == np.pi:
+        return  # nothing lies beyond
     checked = 0
-    for factor in (1 + 1e-9, 1.01, 1.3, 2.0, 0.999 * np.pi / camera.max_angle):
-        if not camera.max_angle < factor * camera.max_angle < np.pi:
-            continue
-        pixels, valid = camera.project(circle(factor * camera.max_angle, 50))
+    rest = np.pi - camera.max_angle
+    for angle in (0.001 * rest, 0.1 * rest, 0.5 * rest, 0.999 * rest, 1e-9 * camera.max_angle):
+        pixels, valid = camera.project(circle(camera.max_angle + min(angle, rest), 50))
         assert not valid.any()
         assert np.isnan(pixels).all()
         checked += 1
-    assert checked >= 3 or camera.max_angle == np.pi
+    assert checked == 5
 
 
 @each_lens
@@ -66,14 +70,16 @@ def test_unproject_far_and_bad_pixels_are_invalid_and_nan(camera):
 
 @each_lens
 def test_unproject_around_edge_is_valid_inside_only(camera):
+    if camera.model in PANORAMAS:
+        return  # see test_panoramas.py
     # The image of a circle just inside the edge, scaled about the image of the axis.
     edge, valid = camera.project(circle(camera.max_angle * (1 - 1e-12), 64))
     assert valid.all()
-    centre = camera.params[2:4]
-    rays, valid = camera.unproject(centre + (edge - centre) * 1.001)
+    axis = centre(camera)
+    rays, valid = camera.unproject(axis + (edge - axis) * 1.001)
     assert not valid.any()
     assert np.isnan(rays).all()
-    _, valid = camera.unproject(centre + (edge - centre) * 0.999)
+    _, valid = camera.unproject(axis + (edge - axis) * 0.999)
     assert valid.all()
 
 
@@ -83,17 +89,19 @@ def test_domain_is_one_to_one(camera):
     for part in (0.1, 0.5, 0.9, 0.999, 1 - 1e-6):
         rays = circle(part * camera.max_angle, 721)
         assert (determinants(camera, rays) > 0).all()
+        checked += 1
+        if camera.model in PANORAMAS:
+            continue
         # Once around the image of the axis, strictly forward.
-        offset = camera.project(rays)[0] - camera.params[2:4]
+        offset = camera.project(rays)[0] - centre(camera)
         turn = np.angle(np.roll(offset @ [1, 1j], -1) / (offset @ [1, 1j]))
         assert (turn > 0).all() and turn.sum() == pytest.approx(2 * np.pi)
-        checked += 1
     assert checked == 5
 
 
 @each_lens
 def test_domain_is_tight(camera):
-    if camera.max_angle == np.pi:
+    if camera.max_angle == np.pi or camera.model in NO_FOLD:
         return  # nothing lies beyond
     edge = circle((1 - 1e-9) * camera.max_angle, 4096)
     pixels, valid = camera.project(edge)
@@ -102,9 +110,12 @@ def test_domain_is_tight(camera):
         return  # ended where pixels go to infinity
     # Somewhere on the edge the map folds: the determinant is nearly gone. Per area of the plane
     # (X/Z, Y/Z), for the lenses that have it: a steradian near 90 degrees is a large part of it.
-    area = 1.0 if camera.model == "kannala_brandt" else np.abs(edge[:, 2]) ** 3
+    gnomonic = camera.model in ("pinhole", "cahvor") or camera.model.startswith("opencv")
+    area = np.abs(edge[:, 2]) ** 3 if gnomonic else 1.0
     axis = determinants(camera, np.array([[0, 0, 1.0]]))[0]
-    assert (area * determinants(camera, edge)).min() < tol.DOMAIN_EDGE * axis
+    left = (area * determinants(camera, edge)).min()
+    before = determinants(camera, circle((1 - 1e-6) * camera.max_angle, 4096)).min()
+    assert left < max(tol.DOMAIN_EDGE * axis, tol.DOMAIN_EDGE_STEP * before)
 
 
 def test_max_angle_of_known_lenses_is_the_closed_form():

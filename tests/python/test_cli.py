@@ -9,9 +9,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
-import gsut
 import numpy as np
 import pytest
+
+import gsut
 import run_fakes
 from gsut.cli import main
 from gsut.commands import _demo_run

@@ -5,9 +5,10 @@ import struct
 from pathlib import Path
 
 import cv2
-import gsut
 import numpy as np
 import pytest
+
+import gsut
 import small_datasets as small
 from gsut.data import load_dataset
 from gsut.doctor import diagnose

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import small_datasets as small
 import tolerances
+
+import small_datasets as small
 from gsut.data import load_dataset
 
 WRITERS = {

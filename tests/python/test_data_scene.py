@@ -3,11 +3,12 @@
 import concurrent.futures
 
 import cv2
-import gsut
 import numpy as np
 import pytest
-import small_datasets as small
 import tolerances
+
+import gsut
+import small_datasets as small
 from gsut.data import load_dataset
 from gsut.data.images import decode_image, decode_mask, read_header, shrink_image, shrink_mask
 from gsut.data.scene import _LruCache

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import tolerances
+
 from gsut import InputError
 from gsut.demo_scene import dataset, make_demo_scene
 from gsut.demo_scene import views as demo_views

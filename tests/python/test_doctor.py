@@ -6,6 +6,7 @@ import shutil
 import cv2
 import numpy as np
 import pytest
+
 import small_datasets as small
 from gsut.doctor import Finding, diagnose, findings_text
 

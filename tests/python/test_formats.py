@@ -4,6 +4,7 @@ import os
 
 import numpy as np
 import pytest
+
 from gsut import Gaussians, InputError, formats
 
 COEFFICIENTS = (1, 4, 9, 16)

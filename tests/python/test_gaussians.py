@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 import tolerances
-from gsut import InputError, _core, seeding
 from scipy import special
 from scipy.spatial import cKDTree
+
+from gsut import InputError, _core, seeding
 
 
 def unit_vectors(rng, count):

@@ -1,6 +1,7 @@
 """Tests gsut.data.lens_files with bad files: one clear sentence with file, line and key."""
 
 import pytest
+
 from gsut import CalibrationError, InputError
 from gsut.cameras import load_camera
 from gsut.data.lens_files import nerfstudio_camera

@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+
 from gsut import InputError
 from gsut.option_fields import add_option_flags, flag_name, given_options, option_info
 from gsut.options import PRESETS, TrainOptions

@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+
 import run_fakes
 from gsut import InputError
 from gsut.options import TrainOptions

@@ -9,9 +9,10 @@ import sys
 import time
 from pathlib import Path
 
-import gsut
 import numpy as np
 import pytest
+
+import gsut
 from gsut import InputError
 from gsut.checkpoint import read_checkpoint, write_checkpoint
 from gsut.options import TrainOptions

@@ -19,7 +19,8 @@ class CalibrationError : public InputError {
   using InputError::InputError;
 };
 
-// A numerical solver failed; the message carries its summary. Python: gsut.SolveError(RuntimeError).
+// A numerical solver failed; the message carries its summary.
+// Python: gsut.SolveError(RuntimeError).
 class SolveError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

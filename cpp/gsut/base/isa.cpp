@@ -88,7 +88,8 @@ void SetIsa(const std::string& name) {
     }
     known += std::string(known.empty() ? "" : ", ") + isa.name;
   }
-  throw InputError("instruction set \"" + name + "\" (GSUT_ISA) is unknown or not available here; " +
+  throw InputError("instruction set \"" + name +
+                   "\" (GSUT_ISA) is unknown or not available here; " +
                    "this build and processor offer: " + known);
 }
 

@@ -72,7 +72,15 @@ HWY_INLINE Lane Cos(Lane a) { return Lane(hn::Cos(FloatTag(), a.v)); }
 HWY_INLINE Lane Tan(Lane a) { return Sin(a) / Cos(a); }
 HWY_INLINE Lane Atan(Lane a) { return Lane(hn::Atan(FloatTag(), a.v)); }
 HWY_INLINE Lane Asin(Lane a) { return Lane(hn::Asin(FloatTag(), a.v)); }
+HWY_INLINE Lane Floor(Lane a) { return Lane(hn::Floor(a.v)); }
 HWY_INLINE LaneMask IsFinite(Lane a) { return {hn::IsFinite(a.v)}; }
+
+// table[index] in each lane; index holds whole numbers. T is Lane, named as scalars name theirs.
+template <class T>
+HWY_INLINE T At(const float* table, T index) {
+  const FloatTag d;
+  return T(hn::GatherIndex(d, table, hn::ConvertTo(hn::RebindToSigned<FloatTag>(), index.v)));
+}
 
 // Arctangent of y / x in (-pi, pi]; 0 at the origin. Error at most 3 ulp of the result.
 HWY_INLINE Lane Atan2(Lane y, Lane x) {
@@ -110,8 +118,7 @@ HWY_INLINE FloatVec FastExp2(FloatVec x) {
   p = hn::MulAdd(p, f, hn::Set(d, 2.4022242083e-1f));
   p = hn::MulAdd(p, f, hn::Set(d, 6.9314697760e-1f));
   p = hn::MulAdd(p, f, hn::Set(d, 1.0f));
-  return hn::BitCast(
-      d, hn::Add(hn::BitCast(du, p), hn::ShiftLeft<23>(hn::BitCast(du, shifted))));
+  return hn::BitCast(d, hn::Add(hn::BitCast(du, p), hn::ShiftLeft<23>(hn::BitCast(du, shifted))));
 }
 
 // 1 / x to within 1 ulp or two: an estimate refined by Newton.

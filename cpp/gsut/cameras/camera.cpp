@@ -17,7 +17,8 @@ void CheckSize(int width, int height) {
                    std::to_string(height));
 }
 
-LensDomain CheckedDomain(LensModel lens, const std::vector<double>& params, double angle) {
+LensDomain CheckedDomain(LensModel lens, const std::vector<double>& params, int width, int height,
+                         double angle) {
   if (!(angle > 0.0)) {
     std::ostringstream message;
     message << "valid_field_angle is " << angle << "; it must be positive (radians)";
@@ -30,7 +31,12 @@ LensDomain CheckedDomain(LensModel lens, const std::vector<double>& params, doub
       throw InputError(std::string(Lens::kName) + " takes the parameters \"" + Lens::kParamNames +
                        "\", found " + std::to_string(num_params) + " values");
     }
-    return Lens::MakeDomain(params.data(), num_params, std::min(angle, kPi));
+    const double limit = std::min(angle, kPi);
+    if constexpr (requires { Lens::kTakesSize; }) {
+      return Lens::MakeDomain(params.data(), num_params, limit, width, height);
+    } else {
+      return Lens::MakeDomain(params.data(), num_params, limit);
+    }
   });
 }
 
@@ -40,7 +46,7 @@ Camera::Camera(std::string_view model, std::vector<double> params, int width, in
                double valid_field_angle) {
   const LensModel lens = LensFromName(model);
   CheckSize(width, height);
-  const LensDomain domain = CheckedDomain(lens, params, valid_field_angle);
+  const LensDomain domain = CheckedDomain(lens, params, width, height, valid_field_angle);
   auto state = std::make_shared<State>();
   state->lens = lens;
   state->params = std::move(params);

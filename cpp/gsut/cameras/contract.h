@@ -5,8 +5,9 @@
 // therefore has no include guard, no #include and no namespace, and holds one struct, named like
 // the file in PascalCase (opencv5.h -> Opencv5), that uses only the names below, unqualified. Text
 // that several lenses share lies under cameras/families by the same rules; the generated list of
-// files reads the families first. Everything that needs double only (domain, inverse) is called,
-// not written, there: it is declared by the headers that this one includes.
+// files reads the families first. What needs double only (domain, inverse) may use std::, and what
+// is longer than a closed form is called, not written, there: the headers that this one includes
+// declare it.
 //
 //   struct KannalaBrandt {
 //     static constexpr const char* kName = "kannala_brandt";
@@ -32,15 +33,31 @@
 //     // Optional: the parameters for an image resized by (scale_x, scale_y) about the pixel corner
 //     // (0, 0). Without it the first four parameters are taken as fx fy cx cy.
 //     static void Rescale(double* params, int num_params, double scale_x, double scale_y);
+//     // Optional: the image's size is part of the lens, and MakeDomain takes (..., angle_limit,
+//     // width, height).
+//     static constexpr bool kTakesSize = true;
+//     // Optional, for panoramas: the pixels after which the image repeats (0: never), and the sine
+//     // of the angle to the nearest direction around which pixels turn (a pole).
+//     static void Period(const LensDomain& domain, const double* params, double* period_u,
+//                        double* period_v);
+//     template <class T> static T PoleSine(T x, T y, T z);
+//     // Optional, for lenses with tables of parameters: Project takes `template <class T, class
+//     P>`
+//     // and `const P* params`; P is T for scalars and float for the lanes of a kernel. Entries are
+//     // read as T(params[i]) at an i known beforehand, or as At<T>(params, i) at an i of type T
+//     // that holds whole numbers.
+//     static constexpr bool kHasTable = true;
 //   };
 //
 // Names for T: + - * / unary -, < <= > >= (a mask: bool for scalars), and
-//   Sqrt Abs Min Max Atan2 Atan Sin Cos Tan Asin, Select(mask, a, b), AndMask(a, b), OrMask(a, b),
-//   T(double) for constants. No `if` on a T: use Select. With Dual, the branch that Select drops
-//   may hold NaN; the branch that it keeps must have finite derivatives.
+//   Sqrt Abs Min Max Atan2 Atan Sin Cos Tan Asin Floor, Select(mask, a, b), AndMask(a, b),
+//   OrMask(a, b), T(double) for constants. No `if` on a T: use Select. With Dual, the branch that
+//   Select drops may hold NaN; the branch that it keeps must have finite derivatives.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "gsut/cameras/lens_constants.h"
 
@@ -53,17 +70,23 @@ struct LensDomain {
   std::array<double, 4> limits = {};  // further limits; each lens says what it keeps here
 };
 
+inline constexpr int kMaxExampleParams = 80;
+
 // A real lens, as test material and as documentation of what parameters look like.
 struct LensExample {
   const char* origin;  // which device, solved by whom
   int width, height;   // pixels
   int num_params;
-  double params[20];
+  double params[kMaxExampleParams];
 };
 
 }  // namespace gsut
 
+#include "gsut/cameras/ftheta_map.h"
 #include "gsut/cameras/lens_checks.h"
 #include "gsut/cameras/odd_polynomial.h"
 #include "gsut/cameras/pinhole_map.h"
+#include "gsut/cameras/plane_chart.h"
+#include "gsut/cameras/radial_domain.h"
 #include "gsut/cameras/radial_tangential.h"
+#include "gsut/cameras/spline_map.h"

@@ -73,6 +73,7 @@ struct Dual {
     const double tangent = std::tan(a.value);
     return a.Chain(tangent, 1.0 + tangent * tangent);
   }
+  friend Dual Floor(const Dual& a) { return Dual(std::floor(a.value)); }
   friend Dual Select(bool mask, const Dual& a, const Dual& b) { return mask ? a : b; }
 };
 

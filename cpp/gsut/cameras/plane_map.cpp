@@ -185,6 +185,17 @@ ImageRadii ImageOfCircle(const PlaneMap& map, double radius) {
   return radii;
 }
 
+double RadiusWithin(const PlaneMap& map, double radius, double largest) {
+  if (ImageOfCircle(map, radius).largest < largest) return radius;
+  constexpr double kPrecision = 1e-9;
+  double low = 0.0, high = radius;
+  while (high - low > kPrecision * high) {
+    const double middle = 0.5 * (low + high);
+    (ImageOfCircle(map, middle).largest < largest ? low : high) = middle;
+  }
+  return low;
+}
+
 bool ImageOfDiscContains(const PlaneMap& map, double radius, double u, double v) {
   // The side of the target on which the image of a boundary point lies.
   const auto turn = [&](double azimuth) {

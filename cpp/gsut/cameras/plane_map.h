@@ -3,6 +3,8 @@
 
 #include <functional>
 
+#include "gsut/cameras/dual.h"
+
 namespace gsut {
 
 // Value and Jacobian of a map (x, y) -> (u, v) that takes (0, 0) to itself.
@@ -11,6 +13,16 @@ struct PlanePoint {
   double du_dx, du_dy, dv_dx, dv_dy;
 };
 using PlaneMap = std::function<PlanePoint(double x, double y)>;
+
+// The map of a function distort(x, y, u*, v*) written for Dual<2>.
+template <class Distort>
+PlaneMap MakePlaneMap(Distort distort) {
+  return [distort](double x, double y) {
+    Dual<2> u, v;
+    distort(Dual<2>(x, 0), Dual<2>(y, 1), &u, &v);
+    return PlanePoint{u.value, v.value, u.grad[0], u.grad[1], v.grad[0], v.grad[1]};
+  };
+}
 
 // The largest R <= limit (finite) such that on each circle of radius r < R, for all
 // azimuths, the determinant of the Jacobian is positive and the image of the circle turns strictly
@@ -26,6 +38,9 @@ struct ImageRadii {
   double smallest, largest;
 };
 ImageRadii ImageOfCircle(const PlaneMap& map, double radius);
+
+// The part of a disc, on which the map is regular, that it keeps within `largest` of the origin.
+double RadiusWithin(const PlaneMap& map, double radius, double largest);
 
 // Whether (u, v) lies in the image of the disc of this radius, by comparing it with the point of
 // the boundary's image in the same direction from the origin (unique: see RegularRadius).

@@ -77,16 +77,13 @@ double DistortRadius(const Coefficients& k, double r, double* derivative) {
 
 // The whole distortion with its Jacobian.
 PlaneMap MakePlaneMap(const Coefficients& k) {
-  return [&k](double x, double y) {
-    const Dual<2> dx(x, 0), dy(y, 1);
-    Dual<2> u, v;
+  return gsut::MakePlaneMap([&k](const Dual<2>& x, const Dual<2>& y, Dual<2>* u, Dual<2>* v) {
     if (k.has_tilt) {
-      lenses::RadialTangential<14>::Distort(k.c.data(), dx, dy, &u, &v);
+      lenses::RadialTangential<14>::Distort(k.c.data(), x, y, u, v);
     } else {
-      lenses::RadialTangential<12>::Distort(k.c.data(), dx, dy, &u, &v);
+      lenses::RadialTangential<12>::Distort(k.c.data(), x, y, u, v);
     }
-    return PlanePoint{u.value, v.value, u.grad[0], u.grad[1], v.grad[0], v.grad[1]};
-  };
+  });
 }
 
 // The radius <= `radius`, inside which the radial part rises, that it takes to `distorted`.
@@ -105,18 +102,6 @@ double CutRadius(const Coefficients& k, double radius, double largest) {
   const double at_end = DistortRadius(k, radius, nullptr);
   // At a pole the quotient is anything huge, of either sign.
   return at_end > 0.0 && at_end < largest ? radius : InvertRadius(k, radius, largest);
-}
-
-// The same for the whole distortion on a disc where it is regular.
-double CutRadius(const PlaneMap& map, double radius, double largest) {
-  if (ImageOfCircle(map, radius).largest < largest) return radius;
-  constexpr double kPrecision = 1e-9;
-  double low = 0.0, high = radius;
-  while (high - low > kPrecision * high) {
-    const double middle = 0.5 * (low + high);
-    (ImageOfCircle(map, middle).largest < largest ? low : high) = middle;
-  }
-  return low;
 }
 
 // (u, v) in focal lengths -> (x, y) in the disc of this radius.
@@ -158,7 +143,7 @@ LensDomain RadialTangentialDomain(const double* params, int num_params, double a
   const PlaneMap map = MakePlaneMap(k);
   const double largest = LargestDistortedRadius(params);
   double radius = CutRadius(k, RadialLimit(k), largest);
-  if (!k.is_radial) radius = CutRadius(map, RegularRadius(map, radius), largest);
+  if (!k.is_radial) radius = RadiusWithin(map, RegularRadius(map, radius), largest);
   // std::tan is finite and positive just below 90 degrees.
   if (angle_limit < 0.5 * kPi) radius = std::min(radius, std::tan(angle_limit));
   LensDomain domain;

@@ -17,8 +17,19 @@ inline double Asin(double a) { return std::asin(a); }
 inline double Sin(double a) { return std::sin(a); }
 inline double Cos(double a) { return std::cos(a); }
 inline double Tan(double a) { return std::tan(a); }
+inline double Floor(double a) { return std::floor(a); }
 inline double Select(bool mask, double a, double b) { return mask ? a : b; }
 inline bool AndMask(bool a, bool b) { return a && b; }
 inline bool OrMask(bool a, bool b) { return a || b; }
+
+// The entry of a table at a whole number; its derivatives are those of the entry.
+template <class T>
+T At(const T* table, const T& index) {
+  if constexpr (requires { index.value; }) {
+    return table[static_cast<int>(index.value)];
+  } else {
+    return table[static_cast<int>(index)];
+  }
+}
 
 }  // namespace gsut::lenses

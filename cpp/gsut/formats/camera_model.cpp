@@ -30,14 +30,46 @@ struct ModelName {
 constexpr ModelName kModels[] = {
     {"LENSMODEL_PINHOLE", "pinhole"},   {"LENSMODEL_OPENCV4", "opencv4"},
     {"LENSMODEL_OPENCV5", "opencv5"},   {"LENSMODEL_OPENCV8", "opencv8"},
-    {"LENSMODEL_OPENCV12", "opencv12"},
+    {"LENSMODEL_OPENCV12", "opencv12"}, {"LENSMODEL_STEREOGRAPHIC", "stereographic"},
+    {"LENSMODEL_LONLAT", "lonlat"},     {"LENSMODEL_LATLON", "latlon"},
+    {"LENSMODEL_CAHVOR", "cahvor"},
 };
+// Its configuration stands in the name (order=3_Nx=30_Ny=18_fov_x_deg=150), which in gsut are the
+// first parameters.
+constexpr const char* kSplined = "LENSMODEL_SPLINED_STEREOGRAPHIC";
+constexpr const char* kSplinedLens = "splined_stereographic";
+constexpr const char* kSplinedKeys[] = {"order", "Nx", "Ny", "fov_x_deg"};
+constexpr int kSplinedConfig = 4;
 
 std::string KnownModels() {
   std::string known;
   for (const ModelName& model : kModels)
     known += (known.empty() ? "" : ", ") + std::string(model.mrcal);
-  return known;
+  return known + ", " + kSplined;
+}
+
+// The lens of a name, and the parameters that the name holds; false if it is unknown.
+bool ParseName(const std::string& name, std::string* lens, std::vector<double>* config) {
+  for (const ModelName& model : kModels) {
+    if (name != model.mrcal) continue;
+    *lens = model.gsut;
+    return true;
+  }
+  if (name.rfind(kSplined, 0) != 0) return false;
+  *lens = kSplinedLens;
+  std::size_t position = std::string_view(kSplined).size();
+  for (const char* key : kSplinedKeys) {
+    const std::string wanted = "_" + std::string(key) + "=";
+    if (name.compare(position, wanted.size(), wanted) != 0) return false;
+    position += wanted.size();
+    double value = 0.0;
+    const auto [end, error] =
+        std::from_chars(name.data() + position, name.data() + name.size(), value);
+    if (error != std::errc()) return false;
+    config->push_back(value);
+    position = static_cast<std::size_t>(end - name.data());
+  }
+  return position == name.size();
 }
 
 // The file's dictionary with checked access to its keys.
@@ -94,29 +126,31 @@ class Reader {
     Fail(key, list.line, message.str());
   }
 
-  const char* Model() const {
+  // The lens, and the parameters that its name holds.
+  std::string Model(std::vector<double>* config) const {
     const PythonLiteral& name = Get("lensmodel");
     Expect("lensmodel", name, Kind::kString);
-    for (const ModelName& model : kModels) {
-      if (name.text == model.mrcal) return model.gsut;
-    }
+    std::string lens;
+    if (ParseName(name.text, &lens, config)) return lens;
     Fail("lensmodel", name.line,
          "'" + name.text + "' is not a lens of gsut; supported: " + KnownModels() +
              "; fit one of them with mrcal-convert-lensmodel");
   }
 
   Camera ReadCamera() const {
-    const char* model = Model();
+    std::vector<double> params;
+    const std::string model = Model(&params);
     const PythonLiteral& size_list = Get("imagersize");
     const std::vector<double> size = Numbers("imagersize", size_list, 2);
     const int width = Pixels("imagersize", size_list, size[0]);
     const int height = Pixels("imagersize", size_list, size[1]);
     const PythonLiteral& intrinsics = Get("intrinsics");
-    std::vector<double> params = Numbers("intrinsics", intrinsics, -1);
-    if (params.size() >= 4) {
-      params[2] += kPixelShift;
-      params[3] += kPixelShift;
+    std::vector<double> numbers = Numbers("intrinsics", intrinsics, -1);
+    if (numbers.size() >= 4) {
+      numbers[2] += kPixelShift;
+      numbers[3] += kPixelShift;
     }
+    params.insert(params.end(), numbers.begin(), numbers.end());
     double field_angle = kInfinity;
     if (const PythonLiteral* limit = root_.Find(kFieldAngleKey)) {
       field_angle = Number(kFieldAngleKey, *limit);
@@ -177,15 +211,22 @@ CameraModelFile ParseCameraModel(std::string_view text, const std::string& sourc
 
 std::string FormatCameraModel(const CameraModelFile& file) {
   const Camera& camera = file.camera;
-  const char* name = nullptr;
+  std::string name;
+  std::vector<double> params = camera.params();
   for (const ModelName& model : kModels) {
     if (camera.model() == model.gsut) name = model.mrcal;
   }
-  if (name == nullptr) {
+  if (camera.model() == kSplinedLens) {
+    name = kSplined;
+    for (int i = 0; i < kSplinedConfig; ++i) {
+      name += "_" + std::string(kSplinedKeys[i]) + "=" + Text(params[i]);
+    }
+    params.erase(params.begin(), params.begin() + kSplinedConfig);
+  }
+  if (name.empty()) {
     throw InputError("a .cameramodel file cannot hold the lens '" + camera.model() +
                      "'; it holds " + KnownModels());
   }
-  std::vector<double> params = camera.params();
   params[2] -= kPixelShift;
   params[3] -= kPixelShift;
   std::ostringstream out;

@@ -21,7 +21,8 @@ struct CameraModelFile {
   std::optional<std::vector<std::array<double, 2>>> valid_region;
 };
 
-// Models: LENSMODEL_PINHOLE, _OPENCV4, _OPENCV5, _OPENCV8, _OPENCV12. The key
+// Models: LENSMODEL_PINHOLE, _OPENCV4, _OPENCV5, _OPENCV8, _OPENCV12, _STEREOGRAPHIC, _LONLAT,
+// _LATLON, _CAHVOR, _SPLINED_STEREOGRAPHIC. The key
 // gsut_valid_field_angle (radians), which mrcal does not know, holds Camera::valid_field_angle;
 // mrcal's optimization_inputs are not kept. source: the file's name, for messages. Throws
 // CalibrationError naming source, line and key.

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <string>
+#include <vector>
 
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
@@ -18,6 +19,7 @@
 namespace gsut::HWY_NAMESPACE {
 using lenses::AndMask;
 using lenses::OrMask;
+using lenses::Select;
 }  // namespace gsut::HWY_NAMESPACE
 #include "gsut/projection/unscented-inl.h"
 
@@ -38,25 +40,25 @@ template <class T>
 auto FootprintOf(const GaussiansView<const T>& gaussians, std::int64_t i, const Camera& camera,
                  const Pose& camera_from_world, const UnscentedWeights& weights) {
   const Eigen::Vector3d mean =
-      camera_from_world.rotation *
-          Eigen::Map<const Eigen::Matrix<T, 3, 1>>(gaussians.means + 3 * i)
-              .template cast<double>() +
+      camera_from_world.rotation * Eigen::Map<const Eigen::Matrix<T, 3, 1>>(gaussians.means + 3 * i)
+                                       .template cast<double>() +
       camera_from_world.translation;
   double quat[4], r[9];
   for (int k = 0; k < 4; ++k) quat[k] = static_cast<double>(gaussians.quats[4 * i + k]);
   RotationFromQuaternion(quat, r);
-  const Eigen::Matrix3d q =
-      camera_from_world.rotation *
-      Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r);
+  const Eigen::Matrix3d q = camera_from_world.rotation *
+                            Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r);
   double axes[3][3], scale[3];
   for (int k = 0; k < 3; ++k) {
     scale[k] = ScaleFromLog(static_cast<double>(gaussians.log_scales[3 * i + k]));
     for (int row = 0; row < 3; ++row) axes[k][row] = q(row, k);
   }
   return VisitLens(camera.lens(), [&](auto lens) {
-    return HWY_NAMESPACE::Unscented<decltype(lens), double>(
-        camera.domain(), camera.params().data(), camera.num_params(), weights, mean.data(), axes,
-        scale);
+    using Lens = decltype(lens);
+    const double* params = camera.params().data();
+    return HWY_NAMESPACE::Unscented<Lens, double>(
+        camera.domain(), params, camera.num_params(),
+        HWY_NAMESPACE::PeriodOf<Lens>(camera.domain(), params), weights, mean.data(), axes, scale);
   });
 }
 
@@ -69,8 +71,7 @@ void RefineInDouble(const GaussiansView<const float>& gaussians, const Camera& c
     const std::size_t j = static_cast<std::size_t>(i);
     const auto footprint = FootprintOf(gaussians, i, camera, camera_from_world, weights);
     if (!footprint.all_valid) continue;
-    const double cutoff =
-        CutoffOf(Sigmoid(static_cast<double>(gaussians.opacity_logits[i])), rule);
+    const double cutoff = CutoffOf(Sigmoid(static_cast<double>(gaussians.opacity_logits[i])), rule);
     const double reach = std::sqrt(std::max(cutoff, 0.0));
     splats->u[j] = static_cast<float>(footprint.u);
     splats->v[j] = static_cast<float>(footprint.v);
@@ -85,17 +86,18 @@ void RefineInDouble(const GaussiansView<const float>& gaussians, const Camera& c
 }  // namespace
 
 UnscentedWeights MakeUnscentedWeights(const UnscentedOptions& options) {
-  const double lambda = options.alpha * options.alpha * (3.0 + options.kappa) - 3.0;
-  if (!(options.alpha > 0.0) || !std::isfinite(options.beta) || !(3.0 + lambda > 0.0) ||
-      !std::isfinite(lambda)) {
+  // 3 + lambda, formed without lambda: nearly -3 for a small alpha, it would lose digits.
+  const double reach = options.alpha * options.alpha * (3.0 + options.kappa);
+  if (!(options.alpha > 0.0) || !std::isfinite(options.beta) || !(reach > 0.0) ||
+      !std::isfinite(reach)) {
     throw InputError("unscented transform: alpha " + std::to_string(options.alpha) + ", beta " +
                      std::to_string(options.beta) + ", kappa " + std::to_string(options.kappa) +
                      " give no sigma points; alpha must be positive and kappa above -3");
   }
   UnscentedWeights weights;
-  weights.spread = std::sqrt(3.0 + lambda);
-  weights.mean_0 = lambda / (3.0 + lambda);
-  weights.mean_i = 0.5 / (3.0 + lambda);
+  weights.spread = std::sqrt(reach);
+  weights.mean_0 = (reach - 3.0) / reach;
+  weights.mean_i = 0.5 / reach;
   weights.cov_0 = weights.mean_0 + 1.0 - options.alpha * options.alpha + options.beta;
   return weights;
 }
@@ -125,18 +127,23 @@ void Project(const GaussiansView<const float>& gaussians, const Camera& camera,
   task.domain = camera.domain();
   task.params = camera.params().data();
   task.num_params = camera.num_params();
-  if (task.num_params > kMaxLensParams) {
-    throw InputError("the lens has " + std::to_string(task.num_params) +
-                     " parameters; at most " + std::to_string(kMaxLensParams) + " can be rendered");
+  const bool has_table = VisitLens(camera.lens(), [](auto lens) {
+    return requires { decltype(lens)::kHasTable; };
+  });
+  if (task.num_params > kMaxLensParams && !has_table) {
+    throw InputError("the lens has " + std::to_string(task.num_params) + " parameters; at most " +
+                     std::to_string(kMaxLensParams) + " can be rendered");
   }
+  std::vector<float> table;
+  if (has_table) table.assign(camera.params().begin(), camera.params().end());
+  task.table = table.data();
   task.width = camera.width();
   task.height = camera.height();
   task.view = MakeViewFloats(camera_from_world);
   task.weights = MakeUnscentedWeights(options);
   task.log2_alpha_min = static_cast<float>(std::log2(rule.alpha_min));
-  task.max_cutoff = rule.response_min > 0.0
-                        ? static_cast<float>(-2.0 * std::log(rule.response_min))
-                        : std::numeric_limits<float>::max();
+  task.max_cutoff = rule.response_min > 0.0 ? static_cast<float>(-2.0 * std::log(rule.response_min))
+                                            : std::numeric_limits<float>::max();
   task.wide = kWideFootprint;
   splats->Resize(gaussians.size);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
@@ -148,8 +155,8 @@ void Project(const GaussiansView<const float>& gaussians, const Camera& camera,
 }
 
 void ProjectReference(const GaussiansView<const double>& gaussians, const Camera& camera,
-                      const Pose& camera_from_world, const UnscentedOptions& options,
-                      double* means, double* covariances, std::uint8_t* valid) {
+                      const Pose& camera_from_world, const UnscentedOptions& options, double* means,
+                      double* covariances, std::uint8_t* valid) {
   const UnscentedWeights weights = MakeUnscentedWeights(options);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {

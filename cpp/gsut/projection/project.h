@@ -21,26 +21,29 @@ struct UnscentedOptions {
 };
 
 struct UnscentedWeights {
-  double spread;      // sqrt(3 + lambda)
+  double spread;          // sqrt(3 + lambda)
   double mean_0, mean_i;  // weights of the mean
-  double cov_0;       // weight of the central point in the covariance; the others have mean_i
+  double cov_0;           // weight of the central point in the covariance; the others have mean_i
 };
 
 // Throws InputError unless alpha > 0, all are finite and 3 + lambda > 0.
 UnscentedWeights MakeUnscentedWeights(const UnscentedOptions& options);
 
 enum class SplatStatus : std::uint8_t {
-  kUnseen = 0,     // surely no pixel sees it
-  kSmall = 1,      // small and far: the ellipse, widened by kSmallMargin, surely holds the footprint
-  kEllipse = 2,    // all sigma points have a pixel: the ellipse is the footprint's estimate
-  kUncertain = 3,  // near the camera or across the domain's edge: no ellipse bounds it; the renderer
-                   // finds its tiles by an exact test
+  kUnseen = 0,   // surely no pixel sees it
+  kSmall = 1,    // small and far: the ellipse, widened by kSmallMargin, surely holds the footprint
+  kEllipse = 2,  // all sigma points have a pixel: the ellipse is the footprint's estimate
+  kUncertain = 3,  // near the camera or across the domain's edge: no ellipse bounds it; the
+                   // renderer finds its tiles by an exact test
 };
 
-// A Gaussian is small if its cut-off sphere is seen under less than this (sine of the half angle);
-// its extents then err by less than kSmallMargin times that sine, relative (tested on every lens).
+// A Gaussian is small if its cut-off sphere is seen under less than this (Splats::sine) and lies
+// within this share of the lens' largest angle (panoramas apart): towards a fold the lens bends too
+// much. Its extents then err by less than kSmallMargin times that sine, relative (tested on every
+// lens; worst 2.4).
 inline constexpr double kSmallSine = 0.1;
-inline constexpr double kSmallMargin = 2.0;
+inline constexpr double kSmallAngle = 0.75;
+inline constexpr double kSmallMargin = 4.0;
 
 // One splat a Gaussian, structure of arrays of `size` floats. Unless the status is kEllipse the
 // pixel quantities are NaN where sigma points are missing; they are never averaged from the rest.
@@ -48,9 +51,11 @@ struct Splats {
   std::int64_t size = 0;
   AlignedVector<float> u, v;                    // centre, pixels
   AlignedVector<float> cov_uu, cov_uv, cov_vv;  // pixels^2
-  AlignedVector<float> extent_u, extent_v;      // half width and height that hold alpha >= alpha_min
-  AlignedVector<float> distance;                // of the mean from the camera centre
-  AlignedVector<float> sine;                    // of the half angle of the cut-off sphere, at most 1
+  AlignedVector<float> extent_u, extent_v;  // half width and height that hold alpha >= alpha_min
+  AlignedVector<float> distance;            // of the mean from the camera centre
+  // Of the half angle of the cut-off sphere, over the angle within which the lens is smooth (to the
+  // edge of its domain or a panorama's pole, at most 1); at most 1.
+  AlignedVector<float> sine;
   AlignedVector<SplatStatus> status;
 
   void Resize(std::int64_t n);
@@ -70,8 +75,8 @@ void Project(const GaussiansView<const float>& gaussians, const Camera& camera,
 
 // The scalar double reference: means (N, 2), covariances (N, 2, 2), sigma points valid (N).
 void ProjectReference(const GaussiansView<const double>& gaussians, const Camera& camera,
-                      const Pose& camera_from_world, const UnscentedOptions& options,
-                      double* means, double* covariances, std::uint8_t* valid);
+                      const Pose& camera_from_world, const UnscentedOptions& options, double* means,
+                      double* covariances, std::uint8_t* valid);
 
 // D^2 at which a Gaussian of this opacity is cut off; <= 0 if it is never drawn.
 double CutoffOf(double opacity, const FootprintRule& rule);

@@ -29,16 +29,39 @@ inline constexpr double kNearFactor = 4.0;
 inline constexpr double kCullFactor = 3.0;
 inline constexpr double kCullPixels = 8.0;
 
+// Whether an interval of pixels meets [0, size].
+HWY_INLINE LaneMask Meets(Lane low, Lane high, Lane size) {
+  return AndMask(high >= Lane(0.0), low <= size);
+}
+
+// A panorama's image repeats: the same, for the interval's copies one period to either side.
+HWY_INLINE LaneMask CopyMeets(Lane low, Lane high, Lane size, double period) {
+  const Lane shift(period);
+  return OrMask(Meets(low + shift, high + shift, size), Meets(low - shift, high - shift, size));
+}
+
 template <class Lens>
 void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, Splats* splats) {
   const FloatTag d;
-  Lane params[kMaxLensParams];
-  for (int i = 0; i < task.num_params; ++i) params[i] = Lane(task.params[i]);
+  constexpr bool kHasTable = requires { Lens::kHasTable; };
+  constexpr bool kIsPanorama = requires { Lens::Period(task.domain, nullptr, nullptr, nullptr); };
+  Lane broadcast[kMaxLensParams];
+  if constexpr (!kHasTable) {
+    for (int i = 0; i < task.num_params; ++i) broadcast[i] = Lane(task.params[i]);
+  }
+  const auto* params = [&] {
+    if constexpr (kHasTable) {
+      return task.table;
+    } else {
+      return static_cast<const Lane*>(broadcast);
+    }
+  }();
+  const ImagePeriod period = PeriodOf<Lens>(task.domain, task.params);
   const Lane width(task.width), height(task.height);
   for (std::int64_t i = begin; i < end; i += kLanes) {
     const SeenLanes g =
         LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
-    const auto footprint = Unscented<Lens, Lane>(task.domain, params, task.num_params,
+    const auto footprint = Unscented<Lens, Lane>(task.domain, params, task.num_params, period,
                                                  task.weights, g.mean, g.axes, g.scale);
     const Lane reach = Sqrt(Max(g.cutoff, Lane(0.0)));
     const Lane extent_u = reach * Sqrt(footprint.cov_uu);
@@ -53,29 +76,44 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
     const LaneMask finite =
         AndMask(IsFinite(g2), IsFinite(g.mean[0] + g.mean[1] + g.mean[2] + g.distance));
     const LaneMask is_near = g2 <= Lane(kNearFactor) * g.cutoff;
-    // The cone around the bounding sphere: outside the lens' domain, no pixel can see it.
+    // The cone around the bounding sphere: outside the lens' domain, no pixel can see it. A sphere
+    // around the camera has no cone.
     const Lane largest = Max(g.scale[0], Max(g.scale[1], g.scale[2]));
-    const Lane sine = Min(reach * largest / g.distance, Lane(1.0));
-    const Lane angle =
-        Atan2(Sqrt(g.mean[0] * g.mean[0] + g.mean[1] * g.mean[1]), g.mean[2]) - Asin(sine);
+    Lane sine = Min(reach * largest / g.distance, Lane(1.0));
+    const Lane mean_angle = Atan2(Sqrt(g.mean[0] * g.mean[0] + g.mean[1] * g.mean[1]), g.mean[2]);
+    const Lane angle = mean_angle - Asin(sine);
     constexpr double kAngleSlack = 1e-5;  // float rounding of the angle
-    const LaneMask outside_domain =
-        AndMask(NotMask(is_near), angle > Lane(task.domain.max_angle + kAngleSlack));
-    const LaneMask whole = AndMask(
-        AndMask(footprint.all_valid, NotMask(is_near)),
-        IsFinite(footprint.u + footprint.v + footprint.cov_uu + footprint.cov_vv));
+    const LaneMask outside_domain = AndMask(AndMask(NotMask(is_near), sine < Lane(1.0)),
+                                            angle > Lane(task.domain.max_angle + kAngleSlack));
+    const LaneMask whole =
+        AndMask(AndMask(footprint.all_valid, NotMask(is_near)),
+                IsFinite(footprint.u + footprint.v + footprint.cov_uu + footprint.cov_vv));
     // The ellipse is an estimate: only what lies well outside the image by it is dropped here.
     const Lane margin_u = Lane(kCullFactor) * extent_u + Lane(kCullPixels);
     const Lane margin_v = Lane(kCullFactor) * extent_v + Lane(kCullPixels);
-    const LaneMask in_image = AndMask(AndMask(footprint.u + margin_u >= Lane(0.0),
-                                              footprint.u - margin_u <= width),
-                                      AndMask(footprint.v + margin_v >= Lane(0.0),
-                                              footprint.v - margin_v <= height));
+    const Lane low_u = footprint.u - margin_u, high_u = footprint.u + margin_u;
+    const Lane low_v = footprint.v - margin_v, high_v = footprint.v + margin_v;
+    const LaneMask in_image = AndMask(Meets(low_u, high_u, width), Meets(low_v, high_v, height));
     const LaneMask candidate = AndMask(AndMask(g.usable, finite), NotMask(outside_domain));
     // Wide footprints bend: they too go to the exact test.
     const LaneMask wide = OrMask(extent_u > Lane(task.wide), extent_v > Lane(task.wide));
-    const LaneMask ellipse = AndMask(AndMask(candidate, whole), AndMask(in_image, NotMask(wide)));
-    const LaneMask uncertain = AndMask(candidate, OrMask(NotMask(whole), wide));
+    LaneMask ellipse = AndMask(AndMask(candidate, whole), AndMask(in_image, NotMask(wide)));
+    LaneMask uncertain = AndMask(candidate, OrMask(NotMask(whole), wide));
+    // How far (sine or radians, at most 1) the lens is smooth around the Gaussian: its scale may
+    // change without bound towards the edge of the domain, and a panorama turns around its poles.
+    constexpr double kLeastSmooth = 1e-6;
+    Lane smooth = Lane(task.domain.max_angle) - mean_angle;
+    if constexpr (kIsPanorama) {
+      // No ellipse: what crosses the seam, and what is not small beside its distance from a pole.
+      smooth = Lens::PoleSine(g.mean[0], g.mean[1], g.mean[2]);
+      constexpr double kNearPole = 0.5;
+      LaneMask bent = sine > Lane(kNearPole) * smooth;
+      if (period.u > 0.0) bent = OrMask(bent, CopyMeets(low_u, high_u, width, period.u));
+      if (period.v > 0.0) bent = OrMask(bent, CopyMeets(low_v, high_v, height, period.v));
+      ellipse = AndMask(ellipse, NotMask(bent));
+      uncertain = OrMask(uncertain, AndMask(candidate, bent));
+    }
+    sine = Min(sine / Max(Min(smooth, Lane(1.0)), Lane(kLeastSmooth)), Lane(1.0));
 
     const auto store = [&](Lane value, AlignedVector<float>* array) HWY_ATTR {
       hn::StoreU(value.v, d, &(*array)[static_cast<std::size_t>(i)]);
@@ -89,8 +127,11 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
     store(extent_v, &splats->extent_v);
     store(g.distance, &splats->distance);
     store(sine, &splats->sine);
-    const std::uint64_t is_small =
-        MaskBits(AndMask(ellipse, sine < Lane(kSmallSine)).m);
+    LaneMask small = AndMask(ellipse, sine < Lane(kSmallSine));
+    if constexpr (!kIsPanorama) {
+      small = AndMask(small, mean_angle + sine < Lane(kSmallAngle * task.domain.max_angle));
+    }
+    const std::uint64_t is_small = MaskBits(small.m);
     const std::uint64_t is_ellipse = MaskBits(ellipse.m);
     const std::uint64_t is_uncertain = MaskBits(uncertain.m);
     const std::uint64_t has_pixels = MaskBits(footprint.all_valid.m);
@@ -114,9 +155,9 @@ void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, 
 
 void ProjectRange(const ProjectTask& task, std::int64_t begin, std::int64_t end, Splats* splats) {
   switch (task.lens) {
-#define GSUT_PROJECT_CASE(Lens)                                    \
-  case LensModel::k##Lens:                                         \
-    ProjectLens<lane_lenses::Lens>(task, begin, end, splats);      \
+#define GSUT_PROJECT_CASE(Lens)                               \
+  case LensModel::k##Lens:                                    \
+    ProjectLens<lane_lenses::Lens>(task, begin, end, splats); \
     return;
     GSUT_FOR_EACH_LENS(GSUT_PROJECT_CASE)
 #undef GSUT_PROJECT_CASE

@@ -10,7 +10,7 @@
 
 namespace gsut {
 
-// Most parameters a lens may have in the kernels.
+// Most parameters a lens without a table may have in the kernels.
 inline constexpr int kMaxLensParams = 64;
 
 struct ProjectTask {
@@ -19,6 +19,7 @@ struct ProjectTask {
   LensDomain domain;
   const double* params;
   int num_params;
+  const float* table;  // the parameters in float, for lenses with a table
   int width, height;
   ViewFloats view;
   UnscentedWeights weights;

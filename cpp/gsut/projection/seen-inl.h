@@ -29,6 +29,13 @@ struct SeenLanes {
   LaneMask usable;  // can be drawn at all: opacity above the cut-off
 };
 
+// Highway's Exp is garbage beyond 104: a larger exponent is taken as this one, the end of float.
+inline constexpr double kLargestExponent = 88.5;
+
+HWY_INLINE Lane SafeExp(Lane x) {
+  return Exp(Select(x > Lane(kLargestExponent), Lane(kLargestExponent), x));
+}
+
 HWY_INLINE Lane Dot3(const Lane* a, const Lane* b) {
   return MulAdd(a[0], b[0], MulAdd(a[1], b[1], a[2] * b[2]));
 }
@@ -88,17 +95,19 @@ HWY_INLINE void RotationOf(const Lane* q, Lane* r) {
 
 // alpha_min, response_min: see BlendRule; cut-offs of opacity * response and of response.
 HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t first,
-                              const ViewFloats& view, float log2_alpha_min,
-                              float max_cutoff) {
+                              const ViewFloats& view, float log2_alpha_min, float max_cutoff) {
   SeenLanes out;
   const std::int64_t available = g.size - first;
   LoadRows3(g.means + 3 * first, available, out.world);
   LoadRows4(g.quats + 4 * first, available, out.quat);
   LoadRows3(g.log_scales + 3 * first, available, out.scale);
   const Lane logit = LoadRows1(g.opacity_logits + first, available);
+  const Lane limit(kLargestExponent);
+  const LaneMask in_float =
+      AndMask(AndMask(out.scale[0] <= limit, out.scale[1] <= limit), out.scale[2] <= limit);
   for (int k = 0; k < 3; ++k) {
     out.world[k] = (out.world[k] - Lane(view.center_high[k])) - Lane(view.center_low[k]);
-    out.scale[k] = Exp(out.scale[k]);
+    out.scale[k] = SafeExp(out.scale[k]);
   }
   out.distance = Sqrt(Dot3(out.world, out.world));
   for (int k = 0; k < 3; ++k) {
@@ -113,9 +122,8 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
   const Lane inverse_largest = Lane(1.0) / Select(is_zero, Lane(1.0), largest);
   for (Lane& q : out.quat) q *= inverse_largest;
   out.quat[0] = Select(is_zero, Lane(1.0), out.quat[0]);
-  const Lane inverse_norm =
-      Lane(1.0) / Sqrt(out.quat[0] * out.quat[0] + out.quat[1] * out.quat[1] +
-                       out.quat[2] * out.quat[2] + out.quat[3] * out.quat[3]);
+  const Lane inverse_norm = Lane(1.0) / Sqrt(out.quat[0] * out.quat[0] + out.quat[1] * out.quat[1] +
+                                             out.quat[2] * out.quat[2] + out.quat[3] * out.quat[3]);
   for (Lane& q : out.quat) q *= inverse_norm;
   out.quat_scale = Select(is_zero, Lane(0.0), inverse_norm * inverse_largest);
   Lane r[9];
@@ -127,13 +135,13 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
       out.axes[k][row] = MulAdd(v0, r[k], MulAdd(v1, r[3 + k], v2 * r[6 + k]));
     }
   }
-  const Lane one_plus = Lane(1.0) + Exp(-logit);
+  const Lane one_plus = Lane(1.0) + SafeExp(-logit);
   out.opacity = Lane(1.0) / one_plus;
   out.log2_opacity = -Log2(one_plus);
   constexpr double kTwoLn2 = 1.38629436111989061883;
   const Lane cutoff = Lane(kTwoLn2) * (out.log2_opacity - Lane(log2_alpha_min));
   out.cutoff = Min(cutoff, Lane(max_cutoff));
-  out.usable = AndMask(cutoff > Lane(0.0), IsFinite(logit));
+  out.usable = AndMask(AndMask(cutoff > Lane(0.0), IsFinite(logit)), in_float);
   return out;
 }
 

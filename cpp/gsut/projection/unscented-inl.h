@@ -24,16 +24,39 @@ struct Footprint {
   Mask any_valid;
 };
 
-// mean[3], axes[k][3] and scale[3] in the camera frame; params broadcast to T.
+// Pixels after which a panorama repeats along u and v; 0 where it does not.
+struct ImagePeriod {
+  double u = 0.0, v = 0.0;
+};
+
+template <class Lens>
+ImagePeriod PeriodOf(const LensDomain& domain, const double* params) {
+  ImagePeriod period;
+  if constexpr (requires { Lens::Period(domain, params, &period.u, &period.v); }) {
+    Lens::Period(domain, params, &period.u, &period.v);
+  }
+  return period;
+}
+
+// A difference of pixels, both inside one period, taken the short way round.
+template <class T>
+HWY_INLINE T ShortWay(T difference, double period) {
+  const T whole(period), half(0.5 * period);
+  const T lowered = Select(difference > half, difference - whole, difference);
+  return Select(lowered < -half, lowered + whole, lowered);
+}
+
+// mean[3], axes[k][3] and scale[3] in the camera frame; params as Lens::Project takes them.
 // All differences are taken from the central point: with small alpha the weights are huge and
-// cancel, and sums of the points themselves would lose their digits.
-template <class Lens, class T>
-HWY_INLINE auto Unscented(const LensDomain& domain, const T* params, int num_params,
-                          const UnscentedWeights& weights, const T* mean, const T (*axes)[3],
-                          const T* scale) {
+// cancel, and sums of the points themselves would lose their digits. Across the seam of a panorama
+// they go the short way round; the centre may then lie beyond the seam.
+template <class Lens, class T, class P>
+HWY_INLINE auto Unscented(const LensDomain& domain, const P* params, int num_params,
+                          const ImagePeriod& period, const UnscentedWeights& weights, const T* mean,
+                          const T (*axes)[3], const T* scale) {
+  constexpr bool kIsPanorama = requires { Lens::Period(domain, nullptr, nullptr, nullptr); };
   T u0, v0;
-  auto all_valid =
-      Lens::Project(domain, params, num_params, mean[0], mean[1], mean[2], &u0, &v0);
+  auto all_valid = Lens::Project(domain, params, num_params, mean[0], mean[1], mean[2], &u0, &v0);
   auto any_valid = all_valid;
   T du[6], dv[6];
   T sum_u(0.0), sum_v(0.0);
@@ -43,13 +66,16 @@ HWY_INLINE auto Unscented(const LensDomain& domain, const T* params, int num_par
     for (int side = 0; side < 2; ++side) {
       const T sign(side == 0 ? 1.0 : -1.0);
       T u, v;
-      const auto valid =
-          Lens::Project(domain, params, num_params, mean[0] + sign * step[0],
-                        mean[1] + sign * step[1], mean[2] + sign * step[2], &u, &v);
+      const auto valid = Lens::Project(domain, params, num_params, mean[0] + sign * step[0],
+                                       mean[1] + sign * step[1], mean[2] + sign * step[2], &u, &v);
       all_valid = AndMask(all_valid, valid);
       any_valid = OrMask(any_valid, valid);
       du[2 * k + side] = u - u0;
       dv[2 * k + side] = v - v0;
+      if constexpr (kIsPanorama) {
+        if (period.u > 0.0) du[2 * k + side] = ShortWay(du[2 * k + side], period.u);
+        if (period.v > 0.0) dv[2 * k + side] = ShortWay(dv[2 * k + side], period.v);
+      }
       sum_u = sum_u + du[2 * k + side];
       sum_v = sum_v + dv[2 * k + side];
     }

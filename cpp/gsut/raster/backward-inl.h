@@ -20,7 +20,7 @@ inline constexpr int kBackwardJam = 4;
 enum PixelField {
   kFieldS,
   kFieldT,
-  kFieldRed,    // dL/dred ...
+  kFieldRed,  // dL/dred ...
   kFieldGreen,
   kFieldBlue,
   kFieldTransmittance,
@@ -32,14 +32,14 @@ enum PixelField {
   kFieldZ,
   kFieldReciprocal,  // 1 / (z^2 + k N), 0 where there is no hit
   kFieldU,
-  kFieldAlpha,       // 0 where there is no hit, negative where it is clamped
+  kFieldAlpha,  // 0 where there is no hit, negative where it is clamped
   kNumFields
 };
 
 // Gradients of L to the image's pixels of one tile, swizzled as the tile grid.
 struct PixelGradients {
   const float* color[3];
-  const float* depth;  // to depth, times the ray's length; null without depth
+  const float* depth;                // to depth, times the ray's length; null without depth
   const float* final_transmittance;  // to the transmittance that is left
 };
 
@@ -70,8 +70,8 @@ HWY_INLINE void SumLanes16(const FloatVec* v, float* out) {
     GSUT_UNROLL for (int i = 0; i < kLanes; ++i) w[i] = v[group + i];
 #if HWY_MAX_BYTES == 64
     GSUT_UNROLL for (int i = 0; i < 8; ++i) {
-      w[i] = hn::Add(hn::ConcatUpperLower(d, w[i + 8], w[i]),
-                     hn::ConcatLowerUpper(d, w[i + 8], w[i]));
+      w[i] =
+          hn::Add(hn::ConcatUpperLower(d, w[i + 8], w[i]), hn::ConcatLowerUpper(d, w[i + 8], w[i]));
     }
 #endif
     if constexpr (kLanes >= 8) {
@@ -94,9 +94,8 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
   const TileAxes from_tile = FromTileAxes(grid, tile);
   // One block more than the tile has: a dead block that fills up the last group.
   HWY_ALIGN float state[(kBlocks + 1) * kNumFields * kLanes];
-  const auto field = [&](int block, int f) HWY_ATTR {
-    return state + (block * kNumFields + f) * kLanes;
-  };
+  const auto field = [&](int block, int f)
+                         HWY_ATTR { return state + (block * kNumFields + f) * kLanes; };
   for (int b = 0; b < kBlocks; ++b) {
     const std::size_t o = pixel0 + static_cast<std::size_t>(b) * kLanes;
     hn::Store(hn::Load(d, &grid.s[o]), d, field(b, kFieldS));
@@ -209,10 +208,9 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
       sums[slot::kColor] = hn::MulAdd(weight, red, sums[slot::kColor]);
       sums[slot::kColor + 1] = hn::MulAdd(weight, green, sums[slot::kColor + 1]);
       sums[slot::kColor + 2] = hn::MulAdd(weight, blue, sums[slot::kColor + 2]);
-      FloatVec value =
-          hn::MulAdd(hn::Set(d, r[record::kColor]), red,
-                     hn::MulAdd(hn::Set(d, r[record::kColor + 1]), green,
-                                hn::Mul(hn::Set(d, r[record::kColor + 2]), blue)));
+      FloatVec value = hn::MulAdd(hn::Set(d, r[record::kColor]), red,
+                                  hn::MulAdd(hn::Set(d, r[record::kColor + 1]), green,
+                                             hn::Mul(hn::Set(d, r[record::kColor + 2]), blue)));
       const FloatVec reciprocal = get(kFieldReciprocal);
       const FloatVec z = get(kFieldZ);
       FloatVec to_depth = hn::Zero(d);  // weight x dL/ddepth

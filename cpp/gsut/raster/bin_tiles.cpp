@@ -28,9 +28,9 @@ struct Parts {
   std::int64_t grain;
 };
 
-// Float bits ordered as unsigned integers, negative numbers included.
+// Float bits ordered as unsigned integers, negative numbers included; both zeros alike.
 std::uint32_t SortableBits(float key) {
-  const std::uint32_t bits = std::bit_cast<std::uint32_t>(key);
+  const std::uint32_t bits = std::bit_cast<std::uint32_t>(key + 0.0f);
   return (bits & 0x80000000u) != 0 ? ~bits : bits | 0x80000000u;
 }
 

@@ -1,9 +1,24 @@
 // Presets of the blend rule.
 #include "gsut/raster/blend_rule.h"
 
+#include <sstream>
+
 #include "gsut/base/errors.h"
 
 namespace gsut {
+namespace {
+
+constexpr double kLeastAlphaMin = 1e-37;
+
+// Throws unless `holds`; a comparison with NaN does not.
+void Require(bool holds, const char* field, double value, const char* wanted) {
+  if (holds) return;
+  std::ostringstream message;
+  message << "the blend rule's " << field << " is " << value << "; it must be " << wanted;
+  throw InputError(message.str());
+}
+
+}  // namespace
 
 BlendRule BlendRule::Named(const std::string& name) {
   BlendRule rule;
@@ -20,6 +35,15 @@ BlendRule BlendRule::Named(const std::string& name) {
     throw InputError("parity \"" + name + "\" is unknown; known: gsplat, 3dgrut, or none");
   }
   return rule;
+}
+
+void BlendRule::Check() const {
+  Require(alpha_min >= kLeastAlphaMin && alpha_min < 1.0, "alpha_min", alpha_min, "in [1e-37, 1)");
+  Require(alpha_max > 0.0 && alpha_max < 1.0, "alpha_max", alpha_max, "in (0, 1)");
+  Require(response_min >= 0.0 && response_min < 1.0, "response_min", response_min, "in [0, 1)");
+  Require(transmittance_min >= 0.0 && transmittance_min < 1.0, "transmittance_min",
+          transmittance_min, "in [0, 1)");
+  Require(near_z <= far_z, "near_z", near_z, "a number, at most far_z");
 }
 
 }  // namespace gsut

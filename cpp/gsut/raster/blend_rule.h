@@ -33,6 +33,11 @@ struct BlendRule {
   // response > 0.0113. Both draw hits behind the origin in no case that this rule would not, but
   // 3dgrut does not test for them: gsut never draws them.
   static BlendRule Named(const std::string& name);
+
+  // Throws InputError, naming the field, unless 1e-37 <= alpha_min < 1 (float's exponent ends
+  // there), 0 < alpha_max < 1 (the backward divides by 1 - alpha), response_min and
+  // transmittance_min lie in [0, 1) and near_z <= far_z.
+  void Check() const;
 };
 
 struct RenderSettings {

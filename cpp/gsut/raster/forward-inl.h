@@ -96,12 +96,10 @@ HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
           r[i] = rows[index[i]];
         }
         GSUT_UNROLL for (int i = 0; i < kForwardJam; ++i) {
-          const FloatVec p =
-              hn::MulAdd(hn::Set(d, r[i][1]), s,
-                         hn::MulAdd(hn::Set(d, r[i][2]), t, hn::Set(d, r[i][0])));
-          const FloatVec q =
-              hn::MulAdd(hn::Set(d, r[i][4]), s,
-                         hn::MulAdd(hn::Set(d, r[i][5]), t, hn::Set(d, r[i][3])));
+          const FloatVec p = hn::MulAdd(hn::Set(d, r[i][1]), s,
+                                        hn::MulAdd(hn::Set(d, r[i][2]), t, hn::Set(d, r[i][0])));
+          const FloatVec q = hn::MulAdd(hn::Set(d, r[i][4]), s,
+                                        hn::MulAdd(hn::Set(d, r[i][5]), t, hn::Set(d, r[i][3])));
           z[i] = hn::MulAdd(hn::Set(d, r[i][7]), s,
                             hn::MulAdd(hn::Set(d, r[i][8]), t, hn::Set(d, r[i][6])));
           z[i] = hn::Max(z[i], hn::Zero(d));
@@ -126,8 +124,8 @@ HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
           weight[i] = hn::Mul(alpha[i], transmittance);
           transmittance = hn::Sub(transmittance, weight[i]);
         }
-        const FloatMask crossed = hn::And(open, kStopBefore ? hn::Le(transmittance, stop)
-                                                            : hn::Lt(transmittance, stop));
+        const FloatMask crossed =
+            hn::And(open, kStopBefore ? hn::Le(transmittance, stop) : hn::Lt(transmittance, stop));
         if (HWY_UNLIKELY(!hn::AllFalse(d, crossed))) {
           // A pixel stops inside this group: once more, Gaussian by Gaussian.
           transmittance = before;

@@ -10,8 +10,8 @@
 
 namespace gsut {
 
-// A Gaussian of a frame is one cache line of 16 floats. With d the direction of a ray (any length) in
-// the camera frame,
+// A Gaussian of a frame is one cache line of 16 floats. With d the direction of a ray (any length)
+// in the camera frame,
 //   p = a.d, q = b.d, z = c.d, N = p^2 + q^2, u = N / (z^2 + k N), and
 //   D^2 = u / s with kappa = -log2(e) / (2 s), so alpha = opacity 2^(kappa u),
 // where D is the smallest Mahalanobis distance along the ray. The forms are scaled so that
@@ -32,8 +32,8 @@ inline constexpr int kDepth = 15;        // distance of the mean
 inline constexpr int kSize = 16;
 }  // namespace record
 
-// A (tile, Gaussian) pair. Its slot is where the backward pass leaves the pair's gradient: slots are
-// numbered by Gaussian and then by tile, so sums over a Gaussian's slots have one order.
+// A (tile, Gaussian) pair. Its slot is where the backward pass leaves the pair's gradient: slots
+// are numbered by Gaussian and then by tile, so sums over a Gaussian's slots have one order.
 struct TilePair {
   std::uint32_t gaussian;
   std::uint32_t slot;
@@ -93,26 +93,26 @@ inline constexpr std::int64_t kRecordsPart = 2048;
 
 // Buffers are kept from frame to frame and only grow.
 struct Frame {
-  std::int64_t size = 0;  // Gaussians
-  AlignedVector<float> records;        // (size, 16)
-  AlignedVector<float> order_key;      // (size)
-  AlignedVector<TileRect> rects;       // (size); empty: not seen
+  std::int64_t size = 0;                        // Gaussians
+  AlignedVector<float> records;                 // (size, 16)
+  AlignedVector<float> order_key;               // (size)
+  AlignedVector<TileRect> rects;                // (size); empty: not seen
   std::vector<std::vector<RowSpan>> row_spans;  // one array a part of kRecordsPart Gaussians
-  AlignedVector<std::uint32_t> slot_begin;  // (size + 1)
-  AlignedVector<std::uint32_t> order;  // seen Gaussians, nearest first
-  AlignedVector<TilePair> pairs;       // by tile, nearest first
-  AlignedVector<std::uint32_t> tile_begin;  // (tiles + 1)
+  AlignedVector<std::uint32_t> slot_begin;      // (size + 1)
+  AlignedVector<std::uint32_t> order;           // seen Gaussians, nearest first
+  AlignedVector<TilePair> pairs;                // by tile, nearest first
+  AlignedVector<std::uint32_t> tile_begin;      // (tiles + 1)
 
   // Results of the forward pass by tile, swizzled as the tile grid (256 floats a tile).
   AlignedVector<float> transmittance;  // negative: stopped before the Gaussian that would cross
   AlignedVector<float> color[3];
   AlignedVector<float> depth;
-  AlignedVector<TileEntry> entries;         // at the offsets of `pairs`
+  AlignedVector<TileEntry> entries;          // at the offsets of `pairs`
   AlignedVector<std::uint32_t> entry_count;  // (tiles)
 
   // Results of the backward pass.
-  AlignedVector<float> slot_gradients;        // (slots, 16)
-  AlignedVector<std::uint8_t> slot_touched;   // (slots)
+  AlignedVector<float> slot_gradients;       // (slots, 16)
+  AlignedVector<std::uint8_t> slot_touched;  // (slots)
 
   const std::vector<RowSpan>& SpansOf(std::size_t gaussian) const {
     return row_spans[gaussian / static_cast<std::size_t>(kRecordsPart)];

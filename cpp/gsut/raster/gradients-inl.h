@@ -1,7 +1,8 @@
-// From the gradients of a Gaussian's linear forms to those of its parameters and of the camera pose.
+// From the gradients of a Gaussian's linear forms to those of its parameters and of the camera
+// pose.
 //
-// With M = a (dL/da)^T + b (dL/db)^T + c (dL/dc)^T + (dL/dm) m^T in the camera frame, m the mean and
-// q_i the Gaussian's axes (columns of Q):
+// With M = a (dL/da)^T + b (dL/db)^T + c (dL/dc)^T + (dL/dm) m^T in the camera frame, m the mean
+// and q_i the Gaussian's axes (columns of Q):
 //   dL/dm = a e1 + b e2 + c e3,  e1 = (k a.Gc - c.Ga) / |m|,  e2 = (k b.Gc - c.Gb) / |m|,
 //           e3 = (2 kappa dL/dkappa + |m| dL/d(depth scale)) / |m|,   Ga = dL/da ...
 //   dL/d(log scale i) = -q_i^T M q_i;  turning Q by w (left) gives w . axial(M^T);
@@ -113,7 +114,7 @@ HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, std::int6
       __builtin_memset(out.log_scales + 3 * first, 0, sizeof(float) * 3 * available);
       __builtin_memset(out.opacity_logits + first, 0, sizeof(float) * available);
       __builtin_memset(out.sh + 3 * coefficients * first, 0,
-                     sizeof(float) * 3 * coefficients * available);
+                       sizeof(float) * 3 * coefficients * available);
     }
     return;
   }
@@ -138,7 +139,8 @@ HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, std::int6
   const Lane inverse_distance = Lane(1.0) / s.distance;
   const Lane e1 = (r.k * Dot3(r.a, gc) - Dot3(r.c, ga)) * inverse_distance;
   const Lane e2 = (r.k * Dot3(r.b, gc) - Dot3(r.c, gb)) * inverse_distance;
-  const Lane e3 = Lane(2.0 * kLn2) * r.kappa * sums[slot::kHu] * inverse_distance + sums[slot::kDepth];
+  const Lane e3 =
+      Lane(2.0 * kLn2) * r.kappa * sums[slot::kHu] * inverse_distance + sums[slot::kDepth];
   Lane g_mean[3];  // camera frame, without the harmonics' part
   for (int k = 0; k < 3; ++k) g_mean[k] = r.a[k] * e1 + r.b[k] * e2 + r.c[k] * e3;
   // columns_of_mt[j] = M^T e_j ... kept as M[i][j].
@@ -166,18 +168,17 @@ HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, std::int6
   // A turn w of a unit quaternion q is q + (0, w) q / 2.
   const Lane two = Lane(2.0) * s.quat_scale;
   const Lane w = s.quat[0], x = s.quat[1], y = s.quat[2], z = s.quat[3];
-  Lane g_quat[4] = {-(turn[0] * x + turn[1] * y + turn[2] * z),
-                    turn[0] * w + turn[1] * z - turn[2] * y,
-                    turn[1] * w + turn[2] * x - turn[0] * z,
-                    turn[2] * w + turn[0] * y - turn[1] * x};
+  Lane g_quat[4] = {
+      -(turn[0] * x + turn[1] * y + turn[2] * z), turn[0] * w + turn[1] * z - turn[2] * y,
+      turn[1] * w + turn[2] * x - turn[0] * z, turn[2] * w + turn[0] * y - turn[1] * x};
   for (Lane& component : g_quat) component = Select(seen, two * component, Lane(0.0));
 
   // Colour.
   Lane direction[3];
   for (int k = 0; k < 3; ++k) direction[k] = s.world[k] * inverse_distance;
-  const auto row_offset = hn::Mul(
-      hn::Min(hn::Iota(di, 0), hn::Set(di, static_cast<int>(available - 1))),
-      hn::Set(di, 3 * coefficients));
+  const auto row_offset =
+      hn::Mul(hn::Min(hn::Iota(di, 0), hn::Set(di, static_cast<int>(available - 1))),
+              hn::Set(di, 3 * coefficients));
   const float* sh = g.sh + 3 * coefficients * first;
   Lane color[3];
   EvalColor(sh_degree, direction, sh, row_offset, color);
@@ -196,7 +197,8 @@ HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, std::int6
       const auto offset = hn::Add(row_offset, hn::Set(di, 3 * k + c));
       const Lane value(hn::GatherIndex(d, sh, offset));
       g_basis[k] = MulAdd(value, g_color[c], g_basis[k]);
-      hn::Store((basis[k] * g_color[c]).v, d, g_sh[c]);
+      // A row that is not drawn may have a direction that is no number.
+      hn::Store(Select(seen, basis[k] * g_color[c], Lane(0.0)).v, d, g_sh[c]);
     }
     for (int i = 0; i < available; ++i) {
       float* row = out.sh + 3 * (coefficients * (first + i) + k);

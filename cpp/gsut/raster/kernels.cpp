@@ -33,15 +33,15 @@ TileRect TilesOfSplat(const TileGrid& grid, const Splats& splats, std::size_t j,
   const bool is_small = status == SplatStatus::kSmall;
   const float widen = is_small ? 1.0f + static_cast<float>(kSmallMargin) * splats.sine[j] : 1.0f;
   constexpr float kRounding = 0.01f;  // pixels: of float coordinates up to 65 536
-  const TileWindow window = EllipseTiles(grid, splats.u[j], splats.v[j],
-                                         widen * splats.extent_u[j] + kRounding,
-                                         widen * splats.extent_v[j] + kRounding);
+  const TileWindow window =
+      EllipseTiles(grid, splats.u[j], splats.v[j], widen * splats.extent_u[j] + kRounding,
+                   widen * splats.extent_v[j] + kRounding);
   if (is_small) return BoundedTileRect(grid, row, window, rows, spans);
   return GrownTileRect(grid, row, window, rows, spans);
 }
 
-void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
-             std::int64_t begin, std::int64_t end, Frame* frame) {
+void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats, std::int64_t begin,
+             std::int64_t end, Frame* frame) {
   const FloatTag d;
   const hn::RebindToSigned<FloatTag> di;
   const int coefficients = task.gaussians.sh_coefficients;
@@ -65,13 +65,13 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
         hn::Mul(hn::Min(hn::Iota(di, 0), hn::Set(di, count - 1)), hn::Set(di, 3 * coefficients));
     EvalColor(task.sh_degree, direction, task.gaussians.sh + 3 * coefficients * i, row_offset,
               color);
-    const LaneMask in_range = AndMask(g.mean[2] >= Lane(task.near_z), g.mean[2] <= Lane(task.far_z));
+    const LaneMask in_range =
+        AndMask(g.mean[2] >= Lane(task.near_z), g.mean[2] <= Lane(task.far_z));
     const LaneMask finite_color = IsFinite(color[0] + color[1] + color[2]);
-    const std::uint64_t visible =
-        MaskBits(AndMask(AndMask(r.visible, in_range), finite_color).m);
-    const Lane* columns[] = {&r.a[0], &r.a[1], &r.a[2], &r.b[0], &r.b[1],
-                             &r.b[2], &r.c[0], &r.c[1], &r.c[2], &r.k,
-                             &r.kappa, &g.log2_opacity, nullptr, nullptr, nullptr, &g.distance};
+    const std::uint64_t visible = MaskBits(AndMask(AndMask(r.visible, in_range), finite_color).m);
+    const Lane* columns[] = {&r.a[0], &r.a[1], &r.a[2], &r.b[0],    &r.b[1],  &r.b[2],
+                             &r.c[0], &r.c[1], &r.c[2], &r.k,       &r.kappa, &g.log2_opacity,
+                             nullptr, nullptr, nullptr, &g.distance};
     HWY_ALIGN float values[record::kSize][kLanes];
     for (int k = 0; k < record::kSize; ++k) {
       if (columns[k] != nullptr) hn::Store(columns[k]->v, d, values[k]);
@@ -94,8 +94,8 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
 void Forward(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame, float* image,
              float* alpha, float* depth) {
   const auto run = [&](auto with_depth, auto keep, auto stop_before) HWY_ATTR {
-    ForwardTile<with_depth.value, keep.value, stop_before.value>(
-        grid, tile, task.alpha_max, task.transmittance_min, frame);
+    ForwardTile<with_depth.value, keep.value, stop_before.value>(grid, tile, task.alpha_max,
+                                                                 task.transmittance_min, frame);
   };
   const auto with_stop = [&](auto with_depth, auto keep) HWY_ATTR {
     if (task.stop_before) {
@@ -181,8 +181,8 @@ void BackwardKernel(const RasterTask& task, const TileGrid& grid, int tile,
 void GradientsKernel(const RasterTask& task, const Frame& frame, std::int64_t begin,
                      std::int64_t end, bool write_untouched, const GaussiansView<float>& gradients,
                      std::uint8_t* touched, double* dpose) {
-  HWY_DYNAMIC_DISPATCH(Gradients)(task, frame, begin, end, write_untouched, gradients, touched,
-                                  dpose);
+  HWY_DYNAMIC_DISPATCH(Gradients)
+  (task, frame, begin, end, write_untouched, gradients, touched, dpose);
 }
 
 }  // namespace gsut

@@ -43,8 +43,9 @@ HWY_INLINE void WritePixels(const TileGrid& grid, int tile, const Frame& frame,
     const auto red = hn::MulAdd(left, hn::Set(d, background[0]), hn::Load(d, &frame.color[0][o]));
     const auto green = hn::MulAdd(left, hn::Set(d, background[1]), hn::Load(d, &frame.color[1][o]));
     const auto blue = hn::MulAdd(left, hn::Set(d, background[2]), hn::Load(d, &frame.color[2][o]));
-    const auto far = with_depth ? hn::Mul(hn::Load(d, &frame.depth[o]), hn::Load(d, &grid.length[o]))
-                                : hn::Zero(d);
+    const auto far = with_depth
+                         ? hn::Mul(hn::Load(d, &frame.depth[o]), hn::Load(d, &grid.length[o]))
+                         : hn::Zero(d);
     if (count == kBlockWidth) {
       hn::StoreInterleaved3(red, green, blue, d, image + 3 * pixel);
       if (alpha != nullptr) hn::StoreU(opaque, d, alpha + pixel);
@@ -91,9 +92,9 @@ HWY_INLINE void ReadPixelGradients(const TileGrid& grid, int tile, const ImageGr
     }
     hn::Vec<Float4> red, green, blue;
     hn::LoadInterleaved3(d, color, red, green, blue);
-    auto final_t = hn::MulAdd(red, hn::Set(d, background[0]),
-                              hn::MulAdd(green, hn::Set(d, background[1]),
-                                         hn::Mul(blue, hn::Set(d, background[2]))));
+    auto final_t = hn::MulAdd(
+        red, hn::Set(d, background[0]),
+        hn::MulAdd(green, hn::Set(d, background[1]), hn::Mul(blue, hn::Set(d, background[2]))));
     if (alpha != nullptr) final_t = hn::Sub(final_t, hn::LoadU(d, alpha));
     float* out = buffer + offset;
     hn::Store(red, d, out);

@@ -20,8 +20,9 @@ struct RecordLanes {
   LaneMask visible;
 };
 
-// Below this fraction of 1 / g^2 the scale s is clamped: the camera is inside the Gaussian's cut-off
-// ellipsoid, every ray with z > 0 hits, and the test N < z^2 passes to within 1e-5 rad of z = 0.
+// Below this fraction of 1 / g^2 the scale s is clamped: the camera is inside the Gaussian's
+// cut-off ellipsoid, every ray with z > 0 hits, and the test N < z^2 passes to within 1e-5 rad of z
+// = 0.
 inline constexpr double kInsideScale = 0x1p-34;
 
 HWY_INLINE RecordLanes MakeRecord(const SeenLanes& g) {
@@ -73,8 +74,8 @@ HWY_INLINE RecordLanes MakeRecord(const SeenLanes& g) {
   const Lane n1 = Sqrt(Dot3(p1, p1));
   const Lane n2 = Sqrt(Dot3(p2, p2));
   // The product of the singular values is known in closed form: the small one keeps its digits.
-  const Lane product = dist2 * g.distance / Sqrt(g2) * inverse_scale[0] * inverse_scale[1] *
-                       inverse_scale[2];
+  const Lane product =
+      dist2 * g.distance / Sqrt(g2) * inverse_scale[0] * inverse_scale[1] * inverse_scale[2];
   const LaneMask first_is_large = n1 >= n2;
   const Lane sigma1 = Select(first_is_large, n1, product / n2);
   const Lane sigma2 = Select(first_is_large, product / n1, n2);

@@ -54,6 +54,7 @@ int UsedCoefficients(int sh_coefficients, int sh_degree) {
 
 std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Pose& pose,
                                   const RenderSettings& settings) {
+  settings.rule.Check();
   const Vector3d center = pose.CenterInSource();
   std::vector<Seen> seen;
   seen.reserve(static_cast<std::size_t>(g.size));
@@ -62,6 +63,15 @@ std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Po
     Seen s;
     s.index = i;
     s.relative = Eigen::Map<const Vector3d>(g.means + 3 * i) - center;
+    const Eigen::Map<const Eigen::VectorXd> sh(g.sh + i * g.sh_coefficients * 3,
+                                               3 * g.sh_coefficients);
+    // Before anything is compared: a comparison with NaN is false and would drop it silently.
+    if (!(s.relative.allFinite() && sh.allFinite())) {
+      throw InputError("Gaussian " + std::to_string(i) +
+                       " has a mean or a harmonic that is not finite");
+    }
+    // Centred on the camera: no ray has its nearest point ahead, and no direction to shade it by.
+    if (s.relative.isZero(0.0)) continue;
     const double z = pose.rotation.row(2) * s.relative;
     if (!(z >= settings.rule.near_z && z <= settings.rule.far_z)) continue;
     s.key = static_cast<float>(settings.rule.order == OrderKey::kDistance ? s.relative.norm() : z);
@@ -69,14 +79,14 @@ std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Po
     s.whiten = scale.cwiseInverse().asDiagonal() * Rotation(g.quats + 4 * i).transpose();
     s.whitened = s.whiten * s.relative;
     s.opacity = Sigmoid(g.opacity_logits[i]);
-    if (!(s.whiten.allFinite() && s.whitened.allFinite() && std::isfinite(s.opacity))) {
+    if (!(scale.allFinite() && s.whiten.allFinite() && s.whitened.allFinite() &&
+          std::isfinite(s.opacity))) {
       throw InputError("Gaussian " + std::to_string(i) +
-                       " has a mean, quaternion, scale or opacity that is not finite");
+                       " has a quaternion, scale or opacity that is not finite");
     }
     const Vector3d direction = s.relative.normalized();
     double basis[kMaxShCoefficients];
     HarmonicsBasis(ShDegree(used), direction.x(), direction.y(), direction.z(), basis);
-    const double* sh = g.sh + i * g.sh_coefficients * 3;
     for (int c = 0; c < 3; ++c) {
       double value = 0.5;
       for (int k = 0; k < used; ++k) value += basis[k] * sh[3 * k + c];

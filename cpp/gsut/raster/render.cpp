@@ -22,6 +22,7 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
                       const Pose& camera_from_world, const RenderSettings& settings,
                       const TiledOptions& options, float* image, float* alpha, float* depth) {
   rendered_ = false;
+  settings.rule.Check();
   ActiveIsa();  // applies GSUT_ISA before the first kernel runs
   grid_ = TilesOf(camera, ActiveLanes());
   if (grid_->too_wide) {

@@ -45,82 +45,146 @@ struct Box {
   }
 };
 
+// The rays of a rectangle of pixels.
+class PixelRays {
+ public:
+  PixelRays(const RayTable& rays, const TileGrid& grid, int x0, int y0, int size)
+      : rays_(rays),
+        width_(grid.width),
+        x0_(x0),
+        y0_(y0),
+        x1_(std::min(x0 + size, grid.width)),
+        y1_(std::min(y0 + size, grid.height)) {}
+
+  // visit(x, y, ray) for each pixel that has one.
+  template <class Visit>
+  void ForEach(Visit&& visit) const {
+    for (int y = y0_; y < y1_; ++y) {
+      for (int x = x0_; x < x1_; ++x) {
+        if (Valid(x, y)) visit(x, y, Ray(x, y));
+      }
+    }
+  }
+
+  // D: mean direction; E1: where rays go to the right; E2 = D x E1. False without any ray.
+  bool Frame(Vector3d* d, Vector3d* e1, Vector3d* e2) const {
+    Vector3d axis = Vector3d::Zero();
+    Vector3d along = Vector3d::Zero();
+    ForEach([&](int x, int y, const Vector3d& ray) {
+      axis += ray;
+      if (x + 1 < x1_ && Valid(x + 1, y)) along += Ray(x + 1, y) - ray;
+    });
+    const bool any = axis.squaredNorm() > 0;
+    *d = any ? axis.normalized() : Vector3d::UnitZ();
+    *e1 = along - *d * d->dot(along);
+    if (!(e1->norm() > 1e-9)) *e1 = d->unitOrthogonal();
+    e1->normalize();
+    *e2 = d->cross(*e1);
+    return any;
+  }
+
+ private:
+  bool Valid(int x, int y) const {
+    return rays_.valid[static_cast<std::size_t>(y) * width_ + x] != 0;
+  }
+  Vector3d Ray(int x, int y) const {
+    return Eigen::Map<const Vector3d>(&rays_.rays[3 * (static_cast<std::size_t>(y) * width_ + x)]);
+  }
+  const RayTable& rays_;
+  int width_, x0_, y0_, x1_, y1_;
+};
+
+RayBundle MakeBundle(const Vector3d& d, const Vector3d& e1, const Vector3d& e2, const Box& box) {
+  RayBundle bundle;
+  for (int k = 0; k < 3; ++k) {
+    bundle.values[k] = static_cast<float>(d[k]);
+    bundle.values[3 + k] = static_cast<float>(e1[k]);
+    bundle.values[6 + k] = static_cast<float>(e2[k]);
+  }
+  box.Store(&bundle.values[RayBundle::kCenter], &bundle.values[RayBundle::kCenter + 1],
+            &bundle.values[RayBundle::kHalf], &bundle.values[RayBundle::kHalf + 1]);
+  bundle.values[RayBundle::kHasRay] = box.empty() ? 0.0f : 1.0f;
+  return bundle;
+}
+
 // Fills one tile; returns false if its rays spread too wide.
 bool FillTile(const RayTable& rays, int tile, TileGrid* grid) {
   const int x0 = (tile % grid->tiles_x) * kTileSize;
   const int y0 = (tile / grid->tiles_x) * kTileSize;
-  const int x1 = std::min(x0 + kTileSize, grid->width);
-  const int y1 = std::min(y0 + kTileSize, grid->height);
-  const auto valid = [&](int x, int y) {
-    return rays.valid[static_cast<std::size_t>(y) * grid->width + x] != 0;
-  };
-  const auto ray = [&](int x, int y) -> Vector3d {
-    return Eigen::Map<const Vector3d>(
-        &rays.rays[3 * (static_cast<std::size_t>(y) * grid->width + x)]);
-  };
-  Vector3d axis = Vector3d::Zero();
-  Vector3d along = Vector3d::Zero();  // mean change of the ray per pixel to the right
-  for (int y = y0; y < y1; ++y) {
-    for (int x = x0; x < x1; ++x) {
-      if (!valid(x, y)) continue;
-      axis += ray(x, y);
-      if (x + 1 < x1 && valid(x + 1, y)) along += ray(x + 1, y) - ray(x, y);
-    }
-  }
-  const bool any = axis.squaredNorm() > 0;
-  axis = any ? axis.normalized() : Vector3d::UnitZ();
-  Vector3d e1 = along - axis * axis.dot(along);
-  if (!(e1.norm() > 1e-9)) e1 = axis.unitOrthogonal();
-  e1.normalize();
-  const Vector3d e2 = axis.cross(e1);
-  for (int k = 0; k < 3; ++k) {
-    grid->frame[k][tile] = static_cast<float>(axis[k]);
-    grid->frame[3 + k][tile] = static_cast<float>(e1[k]);
-    grid->frame[6 + k][tile] = static_cast<float>(e2[k]);
-  }
+  const PixelRays pixels(rays, *grid, x0, y0, kTileSize);
+  Vector3d d, e1, e2;
+  pixels.Frame(&d, &e1, &e2);
+  const std::size_t first = static_cast<std::size_t>(tile) * kTilePixels;
+  std::fill_n(&grid->s[first], kTilePixels, 0.0f);
+  std::fill_n(&grid->t[first], kTilePixels, 0.0f);
+  std::fill_n(&grid->start[first], kTilePixels, 0.0f);
+  std::fill_n(&grid->length[first], kTilePixels, 1.0f);
   Box tile_box;
   std::vector<Box> block_boxes(static_cast<std::size_t>(grid->blocks));
   bool narrow = true;
   std::uint64_t alive = 0;
-  for (int row = 0; row < kTileSize; ++row) {
-    for (int column = 0; column < kTileSize; ++column) {
-      const int offset = grid->PixelOffset(column, row);
-      const std::size_t i = static_cast<std::size_t>(tile) * kTilePixels + offset;
-      const int x = x0 + column;
-      const int y = y0 + row;
-      grid->s[i] = grid->t[i] = grid->start[i] = 0.0f;
-      grid->length[i] = 1.0f;
-      if (x >= x1 || y >= y1 || !valid(x, y)) continue;
-      const Vector3d d = ray(x, y);
-      const double cosine = d.dot(axis);
-      if (!(cosine > kMinCosine)) {
-        narrow = false;
-        continue;
-      }
-      const double s = d.dot(e1) / cosine;
-      const double t = d.dot(e2) / cosine;
-      grid->s[i] = static_cast<float>(s);
-      grid->t[i] = static_cast<float>(t);
-      grid->length[i] = static_cast<float>(std::sqrt(1.0 + s * s + t * t));
-      grid->start[i] = 1.0f;
-      const int block = offset / grid->lanes;
-      alive |= std::uint64_t{1} << block;
-      tile_box.Add(s, t);
-      block_boxes[static_cast<std::size_t>(block)].Add(s, t);
+  pixels.ForEach([&](int x, int y, const Vector3d& ray) {
+    const double cosine = ray.dot(d);
+    if (!(cosine > kMinCosine)) {
+      narrow = false;
+      return;
     }
-  }
-  grid->alive[tile] = alive;
-  grid->has_ray[tile] = alive != 0 ? 1.0f : 0.0f;
-  tile_box.Store(&grid->box[0][tile], &grid->box[1][tile], &grid->box[2][tile],
-                 &grid->box[3][tile]);
+    const int offset = grid->PixelOffset(x - x0, y - y0);
+    const std::size_t i = first + static_cast<std::size_t>(offset);
+    const double s = ray.dot(e1) / cosine;
+    const double t = ray.dot(e2) / cosine;
+    grid->s[i] = static_cast<float>(s);
+    grid->t[i] = static_cast<float>(t);
+    grid->length[i] = static_cast<float>(std::sqrt(1.0 + s * s + t * t));
+    grid->start[i] = 1.0f;
+    const int block = offset / grid->lanes;
+    alive |= std::uint64_t{1} << block;
+    tile_box.Add(s, t);
+    block_boxes[static_cast<std::size_t>(block)].Add(s, t);
+  });
+  grid->alive[static_cast<std::size_t>(tile)] = alive;
+  grid->bundles[static_cast<std::size_t>(tile)] = MakeBundle(d, e1, e2, tile_box);
   float* boxes = &grid->block_box[static_cast<std::size_t>(tile) * 4 * grid->block_stride];
   std::fill_n(boxes, 4 * grid->block_stride, 0.0f);
   for (int b = 0; b < grid->blocks; ++b) {
-    block_boxes[static_cast<std::size_t>(b)].Store(
-        &boxes[b], &boxes[grid->block_stride + b], &boxes[2 * grid->block_stride + b],
-        &boxes[3 * grid->block_stride + b]);
+    block_boxes[static_cast<std::size_t>(b)].Store(&boxes[b], &boxes[grid->block_stride + b],
+                                                   &boxes[2 * grid->block_stride + b],
+                                                   &boxes[3 * grid->block_stride + b]);
   }
   return narrow;
+}
+
+// Gathers the bundles of a cell's tiles and makes the cell's own.
+void FillCell(const RayTable& rays, int cell, TileGrid* grid) {
+  const int x0 = (cell % grid->cells_x) * kCellSize;
+  const int y0 = (cell / grid->cells_x) * kCellSize;
+  float* tiles = &grid->cell_tiles[static_cast<std::size_t>(cell) * RayBundle::kSize * kCellTiles];
+  std::fill_n(tiles, RayBundle::kSize * kCellTiles, 0.0f);
+  for (int y = y0; y < std::min(y0 + kCellSize, grid->tiles_y); ++y) {
+    for (int x = x0; x < std::min(x0 + kCellSize, grid->tiles_x); ++x) {
+      const RayBundle& bundle = grid->bundles[static_cast<std::size_t>(y) * grid->tiles_x + x];
+      const int place = (y - y0) * kCellSize + x - x0;
+      for (int k = 0; k < RayBundle::kSize; ++k) tiles[k * kCellTiles + place] = bundle.values[k];
+    }
+  }
+  const PixelRays pixels(rays, *grid, x0 * kTileSize, y0 * kTileSize, kCellSize * kTileSize);
+  Vector3d d, e1, e2;
+  pixels.Frame(&d, &e1, &e2);
+  Box box;
+  bool wide = false;
+  pixels.ForEach([&](int, int, const Vector3d& ray) {
+    const double cosine = ray.dot(d);
+    if (!(cosine > kMinCosine)) {
+      wide = true;
+    } else {
+      box.Add(ray.dot(e1) / cosine, ray.dot(e2) / cosine);
+    }
+  });
+  const RayBundle bundle = MakeBundle(d, e1, e2, box);
+  for (int k = 0; k < RayBundle::kSize; ++k) {
+    grid->cell_bundles[k][static_cast<std::size_t>(cell)] = bundle.values[k];
+  }
+  grid->cell_wide[static_cast<std::size_t>(cell)] = wide ? 1.0f : 0.0f;
 }
 
 std::shared_ptr<const TileGrid> BuildTiles(const Camera& camera, int lanes) {
@@ -136,9 +200,13 @@ std::shared_ptr<const TileGrid> BuildTiles(const Camera& camera, int lanes) {
   for (AlignedVector<float>* v : {&grid->s, &grid->t, &grid->start, &grid->length}) {
     v->resize(tiles * kTilePixels);
   }
-  for (AlignedVector<float>& v : grid->frame) v.assign(tiles + kTilePadding, 0.0f);
-  for (AlignedVector<float>& v : grid->box) v.assign(tiles + kTilePadding, 0.0f);
-  grid->has_ray.assign(tiles + kTilePadding, 0.0f);
+  grid->bundles.resize(tiles);
+  grid->cells_x = (grid->tiles_x + kCellSize - 1) / kCellSize;
+  grid->cells_y = (grid->tiles_y + kCellSize - 1) / kCellSize;
+  const std::size_t cells = static_cast<std::size_t>(grid->num_cells());
+  grid->cell_tiles.resize(cells * RayBundle::kSize * kCellTiles);
+  for (AlignedVector<float>& v : grid->cell_bundles) v.assign(cells + kCellPadding, 0.0f);
+  grid->cell_wide.assign(cells + kCellPadding, 0.0f);
   grid->block_box.resize(tiles * 4 * static_cast<std::size_t>(grid->block_stride));
   grid->alive.assign(tiles, 0);
   const RayTable& rays = camera.Rays();
@@ -146,6 +214,11 @@ std::shared_ptr<const TileGrid> BuildTiles(const Camera& camera, int lanes) {
   ParallelFor(grid->num_tiles(), 16, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t tile = begin; tile < end; ++tile) {
       narrow[static_cast<std::size_t>(tile)] = FillTile(rays, static_cast<int>(tile), grid.get());
+    }
+  });
+  ParallelFor(grid->num_cells(), 4, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t cell = begin; cell < end; ++cell) {
+      FillCell(rays, static_cast<int>(cell), grid.get());
     }
   });
   grid->too_wide = std::find(narrow.begin(), narrow.end(), 0) != narrow.end();

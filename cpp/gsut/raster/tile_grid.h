@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <vector>
 
 #include "gsut/base/aligned_vector.h"
 #include "gsut/cameras/camera.h"
@@ -12,11 +13,25 @@ namespace gsut {
 inline constexpr int kTileSize = 16;
 inline constexpr int kTilePixels = kTileSize * kTileSize;
 inline constexpr int kBlockWidth = 4;
-// Tile arrays are padded by this many entries so that vectors may read past the last tile.
-inline constexpr int kTilePadding = 16;
+// Tiles are searched in cells of 4 x 4.
+inline constexpr int kCellSize = 4;
+inline constexpr int kCellTiles = kCellSize * kCellSize;
+// Arrays over cells are padded by this many entries so that vectors may read past the last one.
+inline constexpr int kCellPadding = 16;
 
-// A ray of tile k is D + s E1 + t E2 (any length: the response of a Gaussian does not depend on it),
-// D the mean direction of the tile's rays and E1, E2 orthonormal to it: exact for any lens.
+// What bounds a bundle of rays: its gnomonic frame (D, E1, E2), the box around its (s, t) as centre
+// and half size, and whether it has rays at all.
+struct RayBundle {
+  static constexpr int kFrame = 0;   // 9 floats: D.x D.y D.z E1.x ... E2.z
+  static constexpr int kCenter = 9;  // s, t
+  static constexpr int kHalf = 11;   // s, t
+  static constexpr int kHasRay = 13;
+  static constexpr int kSize = 14;
+  float values[kSize] = {};
+};
+
+// A ray of tile k is D + s E1 + t E2 (any length: the response of a Gaussian does not depend on
+// it), D the mean direction of the tile's rays and E1, E2 orthonormal to it: exact for any lens.
 // Pixels are stored block by block, a block being as many pixels as a vector has lanes, 4 wide, so
 // that one load fills a vector. Built for a number of lanes; masked pixels have start = 0.
 struct TileGrid {
@@ -29,18 +44,22 @@ struct TileGrid {
   AlignedVector<float> s, t;    // (tiles * 256)
   AlignedVector<float> start;   // (tiles * 256) first transmittance: 1, or 0 where there is no ray
   AlignedVector<float> length;  // (tiles * 256) |D + s E1 + t E2|
-  // Nine arrays over tiles (SoA): D.x D.y D.z E1.x E1.y E1.z E2.x E2.y E2.z.
-  AlignedVector<float> frame[9];
-  // Box around the valid (s, t) of each tile: centre and half size, four arrays over tiles.
-  AlignedVector<float> box[4];
-  AlignedVector<float> has_ray;  // over tiles: 1 or 0
-  // The same box for each block: per tile 4 x block_stride floats (centre s, centre t, half s, half t).
+  std::vector<RayBundle> bundles;  // (tiles)
+  // The tiles' bundles again, cell by cell: 14 x 16 floats, the 16 tiles of a cell row by row.
+  int cells_x = 0, cells_y = 0;
+  AlignedVector<float> cell_tiles;  // (cells, 14, 16)
+  // Each cell as one bundle: 14 arrays over cells; cell_wide is 1 where its rays spread too far for
+  // a frame of their own, and the cell must always be looked into.
+  AlignedVector<float> cell_bundles[RayBundle::kSize];
+  AlignedVector<float> cell_wide;
+  // The box of each block: per tile 4 x block_stride floats (centre s, centre t, half s, half t).
   AlignedVector<float> block_box;
   AlignedVector<std::uint64_t> alive;  // per tile: bit b set if block b has a valid pixel
   // A tile whose rays spread over more than a hemisphere has no gnomonic plane (a panorama of a few
   // pixels); then the kernels cannot be used.
   bool too_wide = false;
 
+  int num_cells() const { return cells_x * cells_y; }
   int num_tiles() const { return tiles_x * tiles_y; }
   // Offset in a swizzled tile of the pixel (column, row) of the tile.
   int PixelOffset(int column, int row) const {
@@ -50,8 +69,8 @@ struct TileGrid {
   }
 };
 
-// The grid for vectors of `lanes` floats (4, 8 or 16); a camera's grids are kept with it for as long
-// as the camera lives, so that the second call costs nothing.
+// The grid for vectors of `lanes` floats (4, 8 or 16); a camera's grids are kept with it for as
+// long as the camera lives, so that the second call costs nothing.
 std::shared_ptr<const TileGrid> TilesOf(const Camera& camera, int lanes);
 
 }  // namespace gsut

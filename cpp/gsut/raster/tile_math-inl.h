@@ -43,8 +43,8 @@ class TileAxes {
     }
     for (int j = 0; j < 3; ++j) {
       factors_[j] = hn::Load(d, factors[j]);
-      hn::Store(hn::Load(hn::RebindToSigned<FloatTag>(), source[j]),
-                hn::RebindToSigned<FloatTag>(), source_[j]);
+      hn::Store(hn::Load(hn::RebindToSigned<FloatTag>(), source[j]), hn::RebindToSigned<FloatTag>(),
+                source_[j]);
     }
 #else
     const Float4 d;
@@ -98,7 +98,8 @@ class TileAxes {
 HWY_INLINE TileAxes ToTileAxes(const TileGrid& grid, int tile) {
   float axes[3][3];
   for (int k = 0; k < 3; ++k) {
-    for (int j = 0; j < 3; ++j) axes[k][j] = grid.frame[3 * k + j][tile];
+    for (int j = 0; j < 3; ++j)
+      axes[k][j] = grid.bundles[static_cast<std::size_t>(tile)].values[3 * k + j];
   }
   return TileAxes(axes);
 }
@@ -106,12 +107,14 @@ HWY_INLINE TileAxes ToTileAxes(const TileGrid& grid, int tile) {
 HWY_INLINE TileAxes FromTileAxes(const TileGrid& grid, int tile) {
   float axes[3][3];
   for (int k = 0; k < 3; ++k) {
-    for (int j = 0; j < 3; ++j) axes[k][j] = grid.frame[3 * j + k][tile];
+    for (int j = 0; j < 3; ++j)
+      axes[k][j] = grid.bundles[static_cast<std::size_t>(tile)].values[3 * j + k];
   }
   return TileAxes(axes);
 }
 
-// Bit b set where block b may hold a pixel with N < z^2, z > 0: interval bounds over the block's box.
+// Bit b set where block b may hold a pixel with N < z^2, z > 0: interval bounds over the block's
+// box.
 HWY_INLINE std::uint64_t TouchedBlocks(const float* r, const float* boxes) {
   const FloatTag d;
   const auto zero = hn::Zero(d);
@@ -129,8 +132,10 @@ HWY_INLINE std::uint64_t TouchedBlocks(const float* r, const float* boxes) {
     const auto t = hn::Load(d, boxes + kBlockStride + b);
     const auto hs = hn::Load(d, boxes + 2 * kBlockStride + b);
     const auto ht = hn::Load(d, boxes + 3 * kBlockStride + b);
-    const auto p = hn::Max(hn::Sub(hn::Abs(value(record::kA, s, t)), spread(record::kA, hs, ht)), zero);
-    const auto q = hn::Max(hn::Sub(hn::Abs(value(record::kB, s, t)), spread(record::kB, hs, ht)), zero);
+    const auto p =
+        hn::Max(hn::Sub(hn::Abs(value(record::kA, s, t)), spread(record::kA, hs, ht)), zero);
+    const auto q =
+        hn::Max(hn::Sub(hn::Abs(value(record::kB, s, t)), spread(record::kB, hs, ht)), zero);
     const auto z = hn::Max(hn::Add(value(record::kC, s, t), spread(record::kC, hs, ht)), zero);
     const auto hit = hn::Lt(hn::MulAdd(p, p, hn::Mul(q, q)), hn::Mul(z, z));
     blocks |= MaskBits(hit) << b;

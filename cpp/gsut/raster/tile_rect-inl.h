@@ -21,73 +21,110 @@ struct TileWindow {
   bool empty() const { return x0 >= x1 || y0 >= y1; }
 };
 
-// What was found row by row: the tiles' bits from column `base` on, for rows of up to 64 tiles, and
-// the span, for any.
+// What was found row by row: the tiles' bits from column `base_x` on, for windows of up to 64 tiles
+// in width, and the span, for any.
 struct TouchedRows {
   static constexpr int kMaxRows = 4096;
   int base_x, base_y;
   bool has_bits;
   std::uint64_t bits[kMaxRows];
   RowSpan spans[kMaxRows];
+
+  HWY_INLINE void Clear(const TileWindow& window) {
+    base_x = window.x0;
+    base_y = window.y0;
+    has_bits = window.x1 - window.x0 <= 64;
+    for (int row = 0; row < window.y1 - window.y0; ++row) {
+      bits[row] = 0;
+      spans[row] = {0, 0};
+    }
+  }
 };
 
-// The rectangle around the tiles of `window` that may hold a pixel with N < z^2, z > 0; empty if
-// there is none. Conservative: interval bounds of the record's linear forms over the box of each
-// tile's rays, in the tile's own frame.
-HWY_INLINE TileWindow TouchedTiles(const TileGrid& grid, const float* r, const TileWindow& window,
-                                   TouchedRows* rows) {
+// The linear forms of a record, in every lane.
+struct FormLanes {
+  FloatVec v[9];
+  HWY_INLINE explicit FormLanes(const float* r) {
+    for (int k = 0; k < 9; ++k) v[k] = hn::Set(FloatTag(), r[k]);
+  }
+};
+
+// Which bundles of rays may hold one with N < z^2, z > 0, a bundle a lane: conservative interval
+// bounds of the forms over the bundle's box, in its own frame. load(k): value k of RayBundle.
+template <class Load>
+HWY_INLINE FloatMask TouchedBundles(const FormLanes& forms, Load&& load) {
   const FloatTag d;
   const auto zero = hn::Zero(d);
+  FloatVec axes[9];
+  for (int k = 0; k < 9; ++k) axes[k] = load(k);
+  const auto cs = load(RayBundle::kCenter), ct = load(RayBundle::kCenter + 1);
+  const auto hs = load(RayBundle::kHalf), ht = load(RayBundle::kHalf + 1);
+  // Form at the box's centre and how far it can stray inside the box.
+  FloatVec value[3], spread[3];
+  for (int form = 0; form < 3; ++form) {
+    const auto dot = [&](int axis) HWY_ATTR {
+      return hn::MulAdd(forms.v[3 * form], axes[3 * axis],
+                        hn::MulAdd(forms.v[3 * form + 1], axes[3 * axis + 1],
+                                   hn::Mul(forms.v[3 * form + 2], axes[3 * axis + 2])));
+    };
+    const auto along_s = dot(1), along_t = dot(2);
+    value[form] = hn::MulAdd(along_s, cs, hn::MulAdd(along_t, ct, dot(0)));
+    spread[form] = hn::MulAdd(hn::Abs(along_s), hs, hn::Mul(hn::Abs(along_t), ht));
+  }
+  const auto p = hn::Max(hn::Sub(hn::Abs(value[0]), spread[0]), zero);
+  const auto q = hn::Max(hn::Sub(hn::Abs(value[1]), spread[1]), zero);
+  const auto z = hn::Max(hn::Add(value[2], spread[2]), zero);
+  return hn::And(hn::Lt(hn::MulAdd(p, p, hn::Mul(q, q)), hn::Mul(z, z)),
+                 hn::Gt(load(RayBundle::kHasRay), zero));
+}
+
+// Adds the touched tiles of one cell, as far as they lie in the window, to rows and hits.
+HWY_INLINE void TouchCell(const TileGrid& grid, const FormLanes& forms, int cell_x, int cell_y,
+                          const TileWindow& window, TouchedRows* rows, TileWindow* hits) {
+  const FloatTag d;
+  const float* tiles = &grid.cell_tiles[(static_cast<std::size_t>(cell_y) * grid.cells_x + cell_x) *
+                                        RayBundle::kSize * kCellTiles];
+  std::uint64_t touched = 0;
+  for (int i = 0; i < kCellTiles; i += kLanes) {
+    const auto load = [&](int k) HWY_ATTR { return hn::Load(d, tiles + k * kCellTiles + i); };
+    touched |= MaskBits(TouchedBundles(forms, load)) << i;
+  }
+  if (touched == 0) return;
+  const int x0 = cell_x * kCellSize;
+  for (int i = 0; i < kCellSize; ++i) {
+    const int y = cell_y * kCellSize + i;
+    unsigned bits = static_cast<unsigned>(touched >> (i * kCellSize)) & 0xFu;
+    if (x0 < window.x0) bits &= 0xFu << (window.x0 - x0);
+    if (x0 + kCellSize > window.x1) bits &= 0xFu >> (x0 + kCellSize - window.x1);
+    if (bits == 0 || y < window.y0 || y >= window.y1) continue;
+    const int first = x0 + __builtin_ctz(bits);
+    const int last = x0 + 32 - __builtin_clz(bits);
+    const int row = y - window.y0;
+    if (rows->has_bits) {
+      rows->bits[row] |= static_cast<std::uint64_t>(bits >> (first - x0)) << (first - window.x0);
+    }
+    RowSpan& span = rows->spans[row];
+    if (span.begin == span.end) {
+      span = {static_cast<std::uint16_t>(first), static_cast<std::uint16_t>(last)};
+    } else {
+      span.begin = static_cast<std::uint16_t>(HWY_MIN(static_cast<int>(span.begin), first));
+      span.end = static_cast<std::uint16_t>(HWY_MAX(static_cast<int>(span.end), last));
+    }
+    hits->x0 = HWY_MIN(hits->x0, first);
+    hits->x1 = HWY_MAX(hits->x1, last);
+    hits->y0 = HWY_MIN(hits->y0, y);
+    hits->y1 = HWY_MAX(hits->y1, y + 1);
+  }
+}
+
+// The rectangle around the tiles of `window` that the footprint may touch; empty if none.
+HWY_INLINE TileWindow TouchedTiles(const TileGrid& grid, const FormLanes& forms,
+                                   const TileWindow& window, TouchedRows* rows) {
   TileWindow hits = {window.x1, window.x0, window.y1, window.y0};
-  FloatVec forms[9];
-  for (int k = 0; k < 9; ++k) forms[k] = hn::Set(d, r[k]);
-  rows->base_x = window.x0;
-  rows->base_y = window.y0;
-  rows->has_bits = window.x1 - window.x0 <= 64;
-  for (int row = window.y0; row < window.y1; ++row) {
-    const int r_index = row - window.y0;
-    rows->bits[r_index] = 0;
-    rows->spans[r_index] = {0, 0};
-    for (int column = window.x0; column < window.x1; column += kLanes) {
-      const std::size_t tile = static_cast<std::size_t>(row) * grid.tiles_x + column;
-      const auto load = [&](const AlignedVector<float>& array) HWY_ATTR {
-        return hn::LoadU(d, &array[tile]);
-      };
-      FloatVec axes[9];
-      for (int k = 0; k < 9; ++k) axes[k] = load(grid.frame[k]);
-      const auto cs = load(grid.box[0]), ct = load(grid.box[1]);
-      const auto hs = load(grid.box[2]), ht = load(grid.box[3]);
-      // Form at the box's centre and how far it can stray inside the box.
-      FloatVec value[3], spread[3];
-      for (int form = 0; form < 3; ++form) {
-        const auto dot = [&](int axis) HWY_ATTR {
-          return hn::MulAdd(forms[3 * form], axes[3 * axis],
-                            hn::MulAdd(forms[3 * form + 1], axes[3 * axis + 1],
-                                       hn::Mul(forms[3 * form + 2], axes[3 * axis + 2])));
-        };
-        const auto along_s = dot(1), along_t = dot(2);
-        value[form] = hn::MulAdd(along_s, cs, hn::MulAdd(along_t, ct, dot(0)));
-        spread[form] = hn::MulAdd(hn::Abs(along_s), hs, hn::Mul(hn::Abs(along_t), ht));
-      }
-      const auto p = hn::Max(hn::Sub(hn::Abs(value[0]), spread[0]), zero);
-      const auto q = hn::Max(hn::Sub(hn::Abs(value[1]), spread[1]), zero);
-      const auto z = hn::Max(hn::Add(value[2], spread[2]), zero);
-      const auto hit = hn::And(hn::Lt(hn::MulAdd(p, p, hn::Mul(q, q)), hn::Mul(z, z)),
-                               hn::Gt(load(grid.has_ray), zero));
-      std::uint64_t bits = MaskBits(hit);
-      const int rest = window.x1 - column;
-      if (rest < kLanes) bits &= (std::uint64_t{1} << rest) - 1;
-      if (bits == 0) continue;
-      if (rows->has_bits) rows->bits[r_index] |= bits << (column - window.x0);
-      const int first = column + static_cast<int>(__builtin_ctzll(bits));
-      const int last = column + 64 - static_cast<int>(__builtin_clzll(bits));
-      RowSpan& span = rows->spans[r_index];
-      if (span.begin == span.end) span.begin = static_cast<std::uint16_t>(first);
-      span.end = static_cast<std::uint16_t>(last);
-      hits.x0 = HWY_MIN(hits.x0, first);
-      hits.x1 = HWY_MAX(hits.x1, last);
-      hits.y0 = HWY_MIN(hits.y0, row);
-      hits.y1 = row + 1;
+  rows->Clear(window);
+  for (int y = window.y0 / kCellSize; y <= (window.y1 - 1) / kCellSize; ++y) {
+    for (int x = window.x0 / kCellSize; x <= (window.x1 - 1) / kCellSize; ++x) {
+      TouchCell(grid, forms, x, y, window, rows, &hits);
     }
   }
   return hits;
@@ -120,11 +157,28 @@ HWY_INLINE TileRect RectOf(const TileWindow& hits, const TouchedRows& rows,
   return rect;
 }
 
-// Looks at every tile of the image.
+// Looks at every cell of the image, and into the touched ones.
 HWY_INLINE TileRect ExactTileRect(const TileGrid& grid, const float* r, TouchedRows* rows,
                                   std::vector<RowSpan>* spans) {
+  const FloatTag d;
+  const FormLanes forms(r);
   const TileWindow window = {0, grid.tiles_x, 0, grid.tiles_y};
-  return RectOf(TouchedTiles(grid, r, window, rows), *rows, spans);
+  TileWindow hits = {window.x1, window.x0, window.y1, window.y0};
+  rows->Clear(window);
+  const int cells = grid.num_cells();
+  for (int first = 0; first < cells; first += kLanes) {
+    const auto load = [&](int k) HWY_ATTR {
+      return hn::LoadU(d, &grid.cell_bundles[k][static_cast<std::size_t>(first)]);
+    };
+    const auto wide = hn::LoadU(d, &grid.cell_wide[static_cast<std::size_t>(first)]);
+    std::uint64_t bits = MaskBits(hn::Or(TouchedBundles(forms, load), hn::Gt(wide, hn::Zero(d))));
+    if (cells - first < kLanes) bits &= (std::uint64_t{1} << (cells - first)) - 1;
+    for (; bits != 0; bits &= bits - 1) {
+      const int cell = first + static_cast<int>(__builtin_ctzll(bits));
+      TouchCell(grid, forms, cell % grid.cells_x, cell / grid.cells_x, window, rows, &hits);
+    }
+  }
+  return RectOf(hits, *rows, spans);
 }
 
 // Looks inside a window that is known to hold the footprint.
@@ -134,20 +188,21 @@ HWY_INLINE TileRect BoundedTileRect(const TileGrid& grid, const float* r, const 
     return {static_cast<std::uint16_t>(window.x0), static_cast<std::uint16_t>(window.x1),
             static_cast<std::uint16_t>(window.y0), static_cast<std::uint16_t>(window.y1), 1};
   }
-  return RectOf(TouchedTiles(grid, r, window, rows), *rows, spans);
+  return RectOf(TouchedTiles(grid, FormLanes(r), window, rows), *rows, spans);
 }
 
 // Looks around `guess` and further out for as long as the footprint reaches the edge of what was
 // looked at: a footprint is connected, so nothing of it lies beyond a margin it does not touch.
 HWY_INLINE TileRect GrownTileRect(const TileGrid& grid, const float* r, const TileWindow& guess,
                                   TouchedRows* rows, std::vector<RowSpan>* spans) {
+  const FormLanes forms(r);
   TileWindow window = {guess.x0 - 1, guess.x1 + 1, guess.y0 - 1, guess.y1 + 1};
   for (int step = 2;; step *= 2) {
     window.x0 = HWY_MAX(window.x0, 0);
     window.y0 = HWY_MAX(window.y0, 0);
     window.x1 = HWY_MIN(window.x1, grid.tiles_x);
     window.y1 = HWY_MIN(window.y1, grid.tiles_y);
-    const TileWindow hits = TouchedTiles(grid, r, window, rows);
+    const TileWindow hits = TouchedTiles(grid, forms, window, rows);
     if (hits.empty()) return {};
     const bool left = hits.x0 == window.x0 && window.x0 > 0;
     const bool right = hits.x1 == window.x1 && window.x1 < grid.tiles_x;
@@ -163,7 +218,7 @@ HWY_INLINE TileRect GrownTileRect(const TileGrid& grid, const float* r, const Ti
 
 // The tiles that hold a pixel centre within the box centre +- extent (pixels).
 HWY_INLINE TileWindow EllipseTiles(const TileGrid& grid, float u, float v, float extent_u,
-                                    float extent_v) {
+                                   float extent_v) {
   // The outermost pixel centres lie half a pixel inside the image's edge.
   const auto tile_of = [](float pixel, int size) {
     const float limit = static_cast<float>(size) - 0.5f;

@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from gsut._core import InputError
-from gsut.data.findings import Finding, some_names
+from gsut.data.findings import DatasetError, Finding, some_names
 from gsut.data.images import shrink_mask
 from gsut.data.scene import Scene
 
@@ -61,7 +61,7 @@ def check_images(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
 
 def as_finding(error: InputError) -> Finding:
     """The finding of an error; errors of the lens files have no separate advice."""
-    if hasattr(error, "where"):
+    if isinstance(error, DatasetError):
         return Finding("error", error.where, error.what, error.advice)
     where, _, what = str(error).partition(": ")
     return Finding("error", where, what) if what else Finding("error", "dataset", where)

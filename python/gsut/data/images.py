@@ -7,7 +7,6 @@ import zlib
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from gsut.data.findings import DatasetError
@@ -85,6 +84,8 @@ def decode_image(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     Raises:
         DatasetError: not an image, or truncated (decoders fill the rest with grey in silence).
     """
+    import cv2  # here and below, because gsut --help needs none
+
     pixels = _decode(path)
     if pixels.dtype == np.uint16:
         pixels = ((pixels.astype(np.uint32) + 128) // 257).astype(np.uint8)
@@ -104,6 +105,8 @@ def decode_image(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
 
 
 def _decode(path: Path) -> np.ndarray:
+    import cv2
+
     with _open(path) as file:
         data = file.read()
     if not data:
@@ -188,6 +191,8 @@ def shrink_image(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
     """(H, W, 3) uint8 -> (height, width, 3): each pixel is the mean over its area."""
     if pixels.shape[:2] == (height, width):
         return pixels
+    import cv2
+
     return cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
 
 
@@ -197,6 +202,8 @@ def shrink_mask(valid: np.ndarray, width: int, height: int) -> np.ndarray:
         return valid
     if valid.all():
         return np.ones((height, width), bool)
+    import cv2
+
     invalid = cv2.integral((~valid).view(np.uint8))  # int32, one row and column of 0 in front
     top, bottom = _source_range(valid.shape[0], height)
     left, right = _source_range(valid.shape[1], width)

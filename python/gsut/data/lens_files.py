@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
+
 from gsut import _core
 from gsut._core import CalibrationError, InputError
 from gsut.cameras import Camera
@@ -102,22 +102,21 @@ def _parse_json(text: str, source: str) -> Any:
         ) from error
 
 
-class _FileStorageLoader(yaml.SafeLoader):
-    """YAML as OpenCV writes it: its matrices are tagged dictionaries."""
-
-
-_FileStorageLoader.add_constructor(
-    "tag:yaml.org,2002:opencv-matrix",
-    lambda loader, node: loader.construct_mapping(node, deep=True),
-)
-
-
 def _parse_yaml(text: str, source: str) -> Any:
+    import yaml  # here, because gsut --help needs none
+
+    class FileStorageLoader(yaml.SafeLoader):
+        """YAML as OpenCV writes it: its matrices are tagged dictionaries."""
+
+    FileStorageLoader.add_constructor(
+        "tag:yaml.org,2002:opencv-matrix",
+        lambda loader, node: loader.construct_mapping(node, deep=True),
+    )
     # OpenCV's directive "%YAML:1.0" is not YAML; an empty line keeps the line numbers.
     first, newline, rest = text.partition("\n")
     body = newline + rest if first.startswith("%YAML:") else text
     try:
-        return yaml.load(body, Loader=_FileStorageLoader)  # a SafeLoader
+        return yaml.load(body, Loader=FileStorageLoader)  # a SafeLoader
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}" if mark is not None else ""

@@ -1,0 +1,136 @@
+"""The chessboard, its corners in photographs, and which photographs belong together.
+
+Pixels everywhere in calib are OpenCV's and mrcal's: (0, 0) is the centre of the top-left pixel.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import BoardError
+
+_SIZE = re.compile(r"(\d+)\s*[xX×,]\s*(\d+)")
+_FEWEST_CORNERS_A_SIDE = 3  # what OpenCV's detectors can find
+
+
+@dataclass(frozen=True)
+class Board:
+    """A flat chessboard.
+
+    Args:
+        columns, rows: inner corners (where four squares meet) along and across.
+        spacing: side of a square, in the unit that the lens' extrinsics will have (metres).
+    """
+
+    columns: int
+    rows: int
+    spacing: float
+
+    def __post_init__(self) -> None:
+        if min(self.columns, self.rows) < _FEWEST_CORNERS_A_SIDE:
+            raise BoardError(
+                f"a board of {self.columns} x {self.rows} inner corners is too small; "
+                f"count the corners where four squares meet: at least "
+                f"{_FEWEST_CORNERS_A_SIDE} each way"
+            )
+        if not (np.isfinite(self.spacing) and self.spacing > 0):
+            raise BoardError(f"the side of a square must be > 0, found {self.spacing}")
+
+    @classmethod
+    def parse(cls, size: str, spacing: float) -> Board:
+        """A board from "9x6" and the side of a square."""
+        match = _SIZE.fullmatch(size.strip())
+        if match is None:
+            raise BoardError(
+                f"the board must be given as COLUMNSxROWS, such as 9x6; found {size!r}"
+            )
+        return cls(int(match[1]), int(match[2]), float(spacing))
+
+    @property
+    def corners(self) -> int:
+        """Number of inner corners."""
+        return self.columns * self.rows
+
+    def points(self) -> np.ndarray:
+        """(corners, 3) in the board's frame, row by row: x along a row, y across, z = 0."""
+        y, x = np.mgrid[0 : self.rows, 0 : self.columns]
+        flat = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
+        return flat * self.spacing
+
+    def __str__(self) -> str:
+        return f"{self.columns} x {self.rows}"
+
+
+@dataclass
+class Photograph:
+    """One image file and what was found in it.
+
+    Args:
+        path: the file. camera: name of the rig's camera. moment: equal for images taken together.
+        width, height: in pixels.
+        corners: (corners, 2) pixels in the order of `Board.points`, or None: no board found.
+        reason: why not, in words. detector: which one found them.
+        edge_width: pixels over which black turns to white at the squares' edges.
+        other_size: corners along and across of a board of another size, or of a part of one.
+        noise: (corners,) pixels by which each corner leaves a smooth grid; NaN where unknown.
+    """
+
+    path: Path
+    camera: str
+    moment: str
+    width: int = 0
+    height: int = 0
+    corners: np.ndarray | None = None
+    reason: str = ""
+    detector: str = ""
+    edge_width: float = float("nan")
+    other_size: tuple[int, int] | None = None
+    noise: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+
+def assign_cameras(paths: Sequence[Path], cameras: Sequence[str]) -> list[Photograph]:
+    """Tells which camera of a rig took each image, and which images were taken together.
+
+    The camera's name is looked for in the path, from its end; what is left of the path without it
+    names the moment: left12.jpg and right12.jpg, or cam0/12.png and cam1/12.png.
+
+    Args:
+        paths: image files.
+        cameras: names of the rig's cameras; empty or one: a single camera.
+
+    Raises:
+        BoardError: a path holds no camera's name, an image is given twice, or a camera has none.
+    """
+    resolved = [path.resolve() for path in paths]
+    twice = {path for path in resolved if resolved.count(path) > 1}
+    if twice:
+        raise BoardError(f"{min(twice)} is given twice; give every image once")
+    if len(cameras) <= 1:
+        name = cameras[0] if cameras else "camera"
+        return [Photograph(path, name, str(path)) for path in paths]
+    if len(set(cameras)) != len(cameras):
+        raise BoardError(f"the cameras of a rig need different names, found {', '.join(cameras)}")
+    photographs = []
+    for path in paths:
+        text = path.as_posix()
+        position, name = max((text.rfind(name), name) for name in cameras)
+        if position < 0:
+            raise BoardError(
+                f"{path}: its name holds none of the cameras' names {', '.join(cameras)}"
+            )
+        moment = text[:position] + "*" + text[position + len(name) :]
+        photographs.append(Photograph(path, name, moment))
+    for name in cameras:
+        if not any(photograph.camera == name for photograph in photographs):
+            raise BoardError(f"no image of camera {name}: no path holds its name")
+    return photographs
+
+
+def natural_key(text: str) -> list:
+    """A sorting key by which left2.jpg comes before left10.jpg."""
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", text)]

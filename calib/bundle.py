@@ -1,0 +1,190 @@
+"""Least squares over lenses, the rig's camera poses and the boards' poses: steps and covariance.
+
+Small and dense: a rig with 60 boards has some 400 unknowns. Poses change by a left perturbation
+(rotation vector, translation): p' = p + rotation x p + translation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.errors import SolveError
+from calib.rigid import compose, rotation_matrix, skew, transform_points
+
+# params (K,), points (N, 3) -> pixels (N, 2), dpixel_dpoint (N, 2, 3), dpixel_dparams (N, 2, K);
+# NaN where the lens has no image of the point.
+Projector = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+_MOST_STEPS = 60
+_FIRST_DAMPING, _MOST_DAMPING = 1e-6, 1e12  # relative to the diagonal of the normal equations
+_DONE = 1e-12  # relative decrease of the cost
+_TINY_PX = 1e-9  # RMS below which residuals are rounding: nothing is left to fit
+
+
+@dataclass
+class Observation:
+    """One board seen by one camera.
+
+    Args:
+        camera, board: indices. pixels: (N, 2). points: (N, 3) in the board's frame.
+    """
+
+    camera: int
+    board: int
+    pixels: np.ndarray
+    points: np.ndarray
+
+
+@dataclass
+class State:
+    """Unknowns: lenses' params, camera_from_reference (C, 6), reference_from_board (B, 6)."""
+
+    params: list[np.ndarray]
+    cameras: np.ndarray
+    boards: np.ndarray
+
+    def moved(self, step: np.ndarray, layout: Layout) -> State:
+        """The state after a step (unknowns,)."""
+        params = [p.copy() for p in self.params]
+        cameras, boards = self.cameras.copy(), self.boards.copy()
+        for index, (start, count) in enumerate(layout.params):
+            params[index][:count] += step[start : start + count]
+        for poses, starts in ((cameras, layout.cameras), (boards, layout.boards)):
+            for index, start in enumerate(starts):
+                if start is not None:
+                    poses[index] = compose(step[start : start + 6], poses[index])
+        return State(params, cameras, boards)
+
+
+@dataclass
+class Layout:
+    """Where each unknown stands in a step; params as (start, count), poses as start or None."""
+
+    params: list[tuple[int, int]]
+    cameras: list[int | None]
+    boards: list[int]
+    size: int
+
+    @classmethod
+    def of(cls, state: State, free_params: bool, free_cameras: bool) -> Layout:
+        """The first camera is the reference and never moves."""
+        size, params, cameras, boards = 0, [], [], []
+        for values in state.params:
+            count = len(values) if free_params else 0
+            params.append((size, count))
+            size += count
+        for index in range(len(state.cameras)):
+            free = free_cameras and index > 0
+            cameras.append(size if free else None)
+            size += 6 if free else 0
+        for _ in range(len(state.boards)):
+            boards.append(size)
+            size += 6
+        return cls(params, cameras, boards, size)
+
+
+def linearise(
+    state: State, layout: Layout, observations: Sequence[Observation], lenses: Sequence[Projector]
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Half the sum of squares, its gradient (unknowns,) and J^T J; the cost is inf where NaN."""
+    cost, gradient = 0.0, np.zeros(layout.size)
+    normal = np.zeros((layout.size, layout.size))
+    for seen in observations:
+        in_reference = transform_points(state.boards[seen.board], seen.points)
+        camera = state.cameras[seen.camera]
+        in_camera = transform_points(camera, in_reference)
+        pixels, by_point, by_params = lenses[seen.camera](state.params[seen.camera], in_camera)
+        residual = (pixels - seen.pixels).ravel()
+        if not np.all(np.isfinite(residual)):
+            return np.inf, gradient, normal
+        blocks, columns = [], []
+        start, count = layout.params[seen.camera]
+        if count:
+            blocks.append(by_params)
+            columns.append(np.arange(start, start + count))
+        if layout.cameras[seen.camera] is not None:
+            blocks.append(_by_left_step(by_point, in_camera))
+            columns.append(layout.cameras[seen.camera] + np.arange(6))
+        rotated = by_point @ rotation_matrix(camera[:3])
+        blocks.append(_by_left_step(rotated, in_reference))
+        columns.append(layout.boards[seen.board] + np.arange(6))
+        jacobian = np.concatenate(blocks, axis=2).reshape(len(residual), -1)
+        index = np.concatenate(columns)
+        cost += 0.5 * residual @ residual
+        gradient[index] += jacobian.T @ residual
+        normal[np.ix_(index, index)] += jacobian.T @ jacobian
+    return cost, gradient, normal
+
+
+def minimise(
+    state: State,
+    observations: Sequence[Observation],
+    lenses: Sequence[Projector],
+    free_params: bool = False,
+    free_cameras: bool = False,
+) -> State:
+    """Levenberg-Marquardt from `state`; boards are always free.
+
+    Raises:
+        SolveError: a corner has no image at the start.
+    """
+    layout = Layout.of(state, free_params, free_cameras)
+    count = sum(len(seen.points) for seen in observations)
+    cost, gradient, normal = linearise(state, layout, observations, lenses)
+    if not np.isfinite(cost):
+        raise SolveError("a corner of a board lies outside the lens' domain; try another --lens")
+    damping = _FIRST_DAMPING
+    for _ in range(_MOST_STEPS):
+        if cost < 0.5 * count * _TINY_PX**2:
+            break
+        damped = normal + damping * np.diag(np.diag(normal))
+        trial = state.moved(-np.linalg.solve(damped, gradient), layout)
+        trial_cost, trial_gradient, trial_normal = linearise(trial, layout, observations, lenses)
+        if trial_cost < cost:
+            gain = (cost - trial_cost) / cost
+            state, cost, gradient, normal = trial, trial_cost, trial_gradient, trial_normal
+            damping = max(damping / 10, 1e-15)
+            if gain < _DONE:
+                break
+        else:
+            damping *= 10
+            if damping > _MOST_DAMPING:
+                break
+    return state
+
+
+def covariance(
+    state: State,
+    observations: Sequence[Observation],
+    lenses: Sequence[Projector],
+    free_cameras: bool = False,
+) -> tuple[np.ndarray, Layout, float]:
+    """Covariance (unknowns, unknowns) of all unknowns at the minimum, its layout, and the noise.
+
+    The noise of a pixel coordinate comes from the residuals: sigma^2 = 2 cost / (2 N - unknowns).
+
+    Raises:
+        SolveError: the boards do not determine the lens.
+    """
+    layout = Layout.of(state, free_params=True, free_cameras=free_cameras)
+    cost, _, normal = linearise(state, layout, observations, lenses)
+    freedom = 2 * sum(len(seen.points) for seen in observations) - layout.size
+    scale = 1 / np.sqrt(np.diag(normal))
+    try:
+        if freedom <= 0 or not np.all(np.isfinite(scale)):
+            raise np.linalg.LinAlgError
+        inverse = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
+    except np.linalg.LinAlgError:
+        raise SolveError(
+            "these boards do not determine the lens: tilt the board, and show it near every edge"
+        ) from None
+    sigma = float(np.sqrt(2 * cost / freedom))
+    return sigma**2 * inverse, layout, sigma
+
+
+def _by_left_step(by_point: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(N, 2, 6): derivative to (rotation, translation) of the points' own frame."""
+    return np.concatenate([-by_point @ skew(points), by_point], axis=2)

@@ -1,0 +1,261 @@
+"""Finds the chessboard's corners in photographs, in one order in all of them, and judges them."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from calib.board import Board, Photograph
+from calib.errors import BoardError
+from calib.images import read_grey
+
+FEWEST_BOARDS = 4  # a lens with 8 coefficients needs 3 tilted boards; one more to see a mistake
+_LARGEST_WINDOW = 5  # half-side in pixels of cornerSubPix: 11 x 11 pixels
+_SUBPIX_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)  # steps, pixels
+_BLURRED = 0.4  # edge width over corner spacing; sharp boards of four real sets have 0.05 to 0.17
+_COARSER = (2, 4, 8)  # a board seen only at this fraction of the size is blurred
+_PROBE = 3  # corners a side of the smallest board asked for when looking for a board of any size
+_ENOUGH_OF_ANOTHER = 5  # first photographs without the board, before they are asked for another
+_FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+
+
+def find_boards(photographs: Sequence[Photograph], board: Board, progress: bool = True) -> None:
+    """Finds the board in every photograph; fills in its size, corners, and why there are none.
+
+    Raises:
+        BoardError: an unreadable file, images of one camera of different sizes, no board in any
+            image of a camera, too few boards, or a board of another size.
+    """
+    first: dict[str, Photograph] = {}
+    for photograph in _with_bar(photographs, progress):
+        image = read_grey(photograph.path)
+        photograph.height, photograph.width = image.shape
+        reference = first.setdefault(photograph.camera, photograph)
+        if (photograph.width, photograph.height) != (reference.width, reference.height):
+            raise BoardError(
+                f"{photograph.path} has {photograph.width} x {photograph.height} pixels, "
+                f"{reference.path} {reference.width} x {reference.height}: all images of one "
+                "camera must have one size; leave the others out"
+            )
+        find_board(image, photograph, board)
+        looked = photographs[: photographs.index(photograph) + 1]
+        if len(looked) == _ENOUGH_OF_ANOTHER and all(p.corners is None for p in looked):
+            _refuse_other_boards(looked, board)
+    for name in first:
+        _require_enough([p for p in photographs if p.camera == name], name, board)
+
+
+def find_board(image: np.ndarray, photograph: Photograph, board: Board) -> None:
+    """Finds the board in one grey image (H, W) uint8; fills in the photograph's findings."""
+    found, photograph.detector = _detect(image, board)
+    if found is None:
+        photograph.reason = _why_not(image, photograph, board)
+        return
+    grid = ordered(found.reshape(board.rows, board.columns, 2), image)
+    if not _is_grid(grid):
+        photograph.reason = "the corners that were found do not form a grid"
+        return
+    spacing = smallest_spacing(grid)
+    window = int(max(1, min(_LARGEST_WINDOW, spacing / 2 - 1)))
+    refined = cv2.cornerSubPix(
+        image,
+        grid.reshape(-1, 1, 2).astype(np.float32),
+        (window, window),
+        (-1, -1),
+        _SUBPIX_STOP,
+    )
+    corners = refined.reshape(-1, 2).astype(np.float64)
+    size = (board.columns, board.rows)
+    sharpness, _ = cv2.estimateChessboardSharpness(image, size, refined)
+    photograph.edge_width = float(sharpness[0])
+    if photograph.edge_width > _BLURRED * spacing:
+        photograph.reason = (
+            f"the board is blurred: its edges are {photograph.edge_width:.0f} px wide, "
+            f"its squares {spacing:.0f} px"
+        )
+        return
+    photograph.corners = corners
+    photograph.noise = corner_noise(corners.reshape(board.rows, board.columns, 2)).ravel()
+
+
+def _detect(image: np.ndarray, board: Board) -> tuple[np.ndarray | None, str]:
+    """(corners, 1, 2) of the first detector that finds the whole board, and its name."""
+    size = (board.columns, board.rows)
+    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, corners = cv2.findChessboardCorners(image, size, flags=flags)
+    if found:
+        return corners, "findChessboardCorners"
+    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+    for extra in (0, cv2.CALIB_CB_NORMALIZE_IMAGE):
+        found, corners = cv2.findChessboardCornersSB(image, size, flags=flags | extra)
+        if found:
+            return corners, "findChessboardCornersSB"
+    return None, ""
+
+
+def any_board(image: np.ndarray) -> tuple[int, int] | None:
+    """Corners along the longer and the shorter side of a chessboard of any size in the image."""
+    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE
+    found, _, meta = cv2.findChessboardCornersSBWithMeta(image, (_PROBE, _PROBE), flags)
+    return (max(meta.shape[:2]), min(meta.shape[:2])) if found else None
+
+
+def _why_not(image: np.ndarray, photograph: Photograph, board: Board) -> str:
+    seen = any_board(image)
+    wanted = (max(board.columns, board.rows), min(board.columns, board.rows))
+    if seen is not None and seen != wanted:
+        photograph.other_size = seen
+        if seen[0] <= wanted[0] and seen[1] <= wanted[1]:
+            return (
+                f"only {seen[0]} x {seen[1]} of {board} inner corners are seen: the board is "
+                "cropped, covered or too oblique"
+            )
+        return f"it shows a board of {seen[0]} x {seen[1]} inner corners"
+    size = (board.columns, board.rows)
+    for factor in _COARSER:
+        small = cv2.resize(image, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA)
+        if min(small.shape) < 2 * max(size):
+            break
+        flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+        if cv2.findChessboardCorners(small, size, flags=flags)[0]:
+            return f"the board is blurred: it is seen only at 1/{factor} of the size"
+    return "no board is seen: it is outside, cropped, blurred or too dark"
+
+
+def ordered(grid: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """One order of the corners in all photographs.
+
+    Never mirrored. Of the orders that a turn of the board allows, those whose first square is dark;
+    of these (there are two where columns + rows is even) the one whose rows point most to the
+    right. `turned` gives the other, for the cameras of a rig that see the board upside down.
+
+    Args:
+        grid: (rows, columns, 2) pixels in any of the board's orders. image: (H, W).
+    """
+    along = np.diff(grid, axis=1)[:-1]
+    across = np.diff(grid, axis=0)[:, :-1]
+    if np.sum(along[..., 0] * across[..., 1] - along[..., 1] * across[..., 0]) < 0:
+        grid = grid[:, ::-1]
+    turns = range(0, 4, 1 if grid.shape[0] == grid.shape[1] else 2)
+    candidates = [np.rot90(grid, turn) for turn in turns]
+    dark = [candidate for candidate in candidates if _first_is_dark(candidate, image)]
+    return max(dark or candidates, key=lambda c: np.diff(c[..., 0], axis=1).sum())
+
+
+def turned(corners: np.ndarray, board: Board) -> np.ndarray:
+    """(corners, 2) in the order of the board turned by 180 degrees."""
+    return corners[::-1] if corners.shape[0] == board.corners else corners
+
+
+def _first_is_dark(grid: np.ndarray, image: np.ndarray) -> bool:
+    """Whether the square between the first four corners is darker than its neighbours."""
+    centres = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
+    grey = cv2.remap(image, centres.astype(np.float32), None, cv2.INTER_LINEAR).astype(float)
+    rows, columns = np.indices(grey.shape)
+    even = (rows + columns) % 2 == 0
+    return bool(grey[even].mean() < grey[~even].mean())
+
+
+def smallest_spacing(grid: np.ndarray) -> float:
+    """Pixels between the closest neighbours of a grid (rows, columns, 2)."""
+    return float(min(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1)))
+
+
+def _is_grid(grid: np.ndarray) -> bool:
+    """Whether every square is convex and lies the same way round as the others."""
+    along, across = np.diff(grid, axis=1), np.diff(grid, axis=0)
+    for a, b in ((along[:-1], across[:, :-1]), (along[1:], across[:, 1:])):
+        if np.any(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0] <= 0):
+            return False
+    return True
+
+
+def corner_noise(grid: np.ndarray) -> np.ndarray:
+    """Pixels by which each corner leaves the smooth grid of its neighbours, whatever the lens.
+
+    The fourth difference along rows and columns, divided by its gain: a smooth lens leaves little
+    of it, a corner beside its place all. Needs five corners in a line; NaN elsewhere.
+
+    Args:
+        grid: (rows, columns, 2).
+    Returns:
+        (rows, columns).
+    """
+    noise = np.full(grid.shape[:2], np.nan)
+    for axis in (0, 1):
+        if grid.shape[axis] < len(_FOURTH_DIFFERENCE):
+            continue
+        lines = np.moveaxis(grid, axis, 0)
+        count = len(lines) - len(_FOURTH_DIFFERENCE) + 1
+        difference = sum(
+            weight * lines[i : i + count] for i, weight in enumerate(_FOURTH_DIFFERENCE)
+        )
+        size = np.linalg.norm(difference, axis=2) / np.linalg.norm(_FOURTH_DIFFERENCE)
+        middle = np.moveaxis(noise, axis, 0)[2 : 2 + count]
+        middle[...] = np.fmax(middle, size)
+    return noise
+
+
+def _require_enough(photographs: Sequence[Photograph], camera: str, board: Board) -> None:
+    found = [photograph for photograph in photographs if photograph.corners is not None]
+    count = len(photographs)
+    if len(found) < FEWEST_BOARDS:
+        _refuse_other_boards(photographs, board)
+    missed = next((p for p in photographs if p.corners is None), None)
+    example = f"; {missed.path}: {missed.reason}" if missed else ""
+    if not found:
+        images = "the image" if count == 1 else f"any of the {count} images of {camera}"
+        raise BoardError(f"no board of {board} inner corners in {images}{example}")
+    if len(found) < FEWEST_BOARDS:
+        raise BoardError(
+            f"too few boards: {len(found)} found in {count} images of {camera}, the last one in "
+            f"{found[-1].path}; at least {FEWEST_BOARDS} are needed, and 20 to 30 make a good lens"
+            f"{example}"
+        )
+    _refuse_part_of_a_board(found[0], board)
+
+
+def _refuse_other_boards(photographs: Sequence[Photograph], board: Board) -> None:
+    """Raises where most photographs show one board of another size."""
+    sizes = Counter(p.other_size for p in photographs if p.other_size is not None)
+    if not sizes:
+        return
+    (size, count), half = sizes.most_common(1)[0], len(photographs) / 2
+    if count > half:
+        shown = next(p for p in photographs if p.other_size == size)
+        raise BoardError(
+            f"wrong board size: {shown.path} and {count - 1} more of {len(photographs)} images "
+            f"show {size[0]} x {size[1]} inner corners, not {board}; "
+            f"give --board {size[0]}x{size[1]}, or show the whole board where it is cropped"
+        )
+
+
+def _refuse_part_of_a_board(photograph: Photograph, board: Board) -> None:
+    """A detector asked for too few corners may settle for a part of the board."""
+    seen = any_board(read_grey(photograph.path))
+    if (
+        seen is not None
+        and sum(seen) > board.columns + board.rows
+        and min(seen) >= min(board.columns, board.rows)
+    ):
+        raise BoardError(
+            f"wrong board size: {photograph.path} shows {seen[0]} x {seen[1]} inner corners, not "
+            f"{board}; give --board {seen[0]}x{seen[1]}"
+        )
+
+
+def _with_bar(photographs: Sequence[Photograph], progress: bool):
+    from tqdm import tqdm
+
+    return tqdm(
+        photographs,
+        desc="finding corners",
+        unit="image",
+        file=sys.stderr,
+        disable=not progress,
+        dynamic_ncols=True,
+    )

@@ -1,0 +1,148 @@
+"""Answers questions about lenses with mrcal's Python module; run by /usr/bin/python3 only.
+
+    /usr/bin/python3 inside_mrcal.py QUESTION.json ANSWER.json
+
+Imports mrcal, numpy 1 and those files of calib that need numpy alone; never gsut or OpenCV.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import mrcal
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+from calib.bundle import Observation, State, minimise
+
+
+def read_model(text: str) -> mrcal.cameramodel:
+    """A .cameramodel from its text."""
+    with tempfile.NamedTemporaryFile("w", suffix=".cameramodel") as file:
+        file.write(text)
+        file.flush()
+        return mrcal.cameramodel(file.name)
+
+
+def solved(question: dict) -> dict:
+    """What mrcal-calibrate-cameras left in a model: lens, boards, residuals, outliers."""
+    model = read_model(question["models"][0])
+    inputs = model.optimization_inputs()
+    lensmodel, params = model.intrinsics()
+    observed = inputs["observations_board"]
+    points = mrcal.hypothesis_board_corner_positions(model.icam_intrinsics(), **inputs)[0]
+    pixels = mrcal.project(points, lensmodel, params)
+    count = observed.shape[0]
+    warp = inputs.get("calobject_warp")
+    return {
+        "model": lensmodel,
+        "params": params.tolist(),
+        "camera_from_board": inputs["frames_rt_toref"].tolist(),
+        "residuals": (pixels - observed[..., :2]).reshape(count, -1, 2).tolist(),
+        "outliers": (observed[..., 2] <= 0).reshape(count, -1).tolist(),
+        "warp": None if warp is None else warp.tolist(),
+    }
+
+
+def solve_again(question: dict) -> dict:
+    """The same solve from another lens and other boards' poses, all corners given a new chance."""
+    inputs = read_model(question["models"][0]).optimization_inputs()
+    inputs["intrinsics"] = np.array([question["params"]])
+    inputs["frames_rt_toref"] = np.array(question["boards"])
+    inputs["calobject_warp"] = np.zeros(2)
+    weights = inputs["observations_board"][..., 2]
+    weights[weights < 0] *= -1
+    mrcal.optimize(**inputs)
+    model = mrcal.cameramodel(optimization_inputs=inputs, icam_intrinsics=0)
+    with tempfile.NamedTemporaryFile("r", suffix=".cameramodel") as file:
+        model.write(file.name)
+        return {"model": Path(file.name).read_text()}
+
+
+def uncertainty(question: dict) -> dict:
+    """Standard deviation, in its worst direction, of where a point at infinity is projected."""
+    model = read_model(question["models"][0])
+    rays = mrcal.unproject(np.array(question["pixels"]), *model.intrinsics(), normalize=True)
+    sigma = mrcal.projection_uncertainty(
+        rays, model=model, atinfinity=True, what="worstdirection-stdev"
+    )
+    return {"sigma": sigma.tolist()}
+
+
+def project(question: dict) -> dict:
+    """Pixels (N, 2) of points (N, 3) in the camera's frame."""
+    model = read_model(question["models"][0])
+    return {"pixels": mrcal.project(np.array(question["points"]), *model.intrinsics()).tolist()}
+
+
+def rays(question: dict) -> dict:
+    """Unit rays (N, 3) of pixels (N, 2); those that do not project back are NaN."""
+    model = read_model(question["models"][0])
+    pixels = np.array(question["pixels"])
+    found = mrcal.unproject(pixels, *model.intrinsics(), normalize=True)
+    back = mrcal.project(found, *model.intrinsics())
+    found[~(np.linalg.norm(back - pixels, axis=-1) < question["tolerance"])] = np.nan
+    return {"rays": found.tolist()}
+
+
+def determinant(question: dict) -> dict:
+    """Of the derivative direction -> pixel at rays (N, 3), and their pixels: 0 is a fold."""
+    model = read_model(question["models"][0])
+    points = np.array(question["rays"])
+    lensmodel, params = model.intrinsics()
+    pixels, by_point, _ = mrcal.project(points, lensmodel, params, get_gradients=True)
+    around = np.cross(points, np.roll(points, 1, axis=-1))
+    first = around / np.linalg.norm(around, axis=-1, keepdims=True)
+    second = np.cross(points, first)
+    a, b = (np.einsum("...ij,...j->...i", by_point, t) for t in (first, second))
+    area = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return {"determinant": area.tolist(), "pixels": pixels.tolist()}
+
+
+def fit_boards(question: dict) -> dict:
+    """Poses of boards (and, for a rig, of its cameras) with the lenses held; and the residuals."""
+    models = [read_model(text).intrinsics() for text in question["models"]]
+
+    def projector(lensmodel: str):
+        def project(params: np.ndarray, points: np.ndarray):
+            return mrcal.project(points, lensmodel, params, get_gradients=True)
+
+        return project
+
+    observations = [
+        Observation(o["camera"], o["board"], np.array(o["pixels"]), np.array(o["points"]))
+        for o in question["observations"]
+    ]
+    state = State(
+        [np.array(params) for _, params in models],
+        np.array(question["cameras"]),
+        np.array(question["boards"]),
+    )
+    lenses = [projector(lensmodel) for lensmodel, _ in models]
+    state = minimise(state, observations, lenses, free_cameras=len(models) > 1)
+    return {"cameras": state.cameras.tolist(), "boards": state.boards.tolist()}
+
+
+ANSWERS = {
+    "solved": solved,
+    "solve_again": solve_again,
+    "uncertainty": uncertainty,
+    "project": project,
+    "rays": rays,
+    "determinant": determinant,
+    "fit_boards": fit_boards,
+}
+
+
+def main() -> None:
+    """Reads the question's file, writes the answer's."""
+    question = json.loads(Path(sys.argv[1]).read_text())
+    answer = ANSWERS[question["do"]](question)
+    Path(sys.argv[2]).write_text(json.dumps(answer))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,143 @@
+"""The cameras of a rig to each other: which way up each saw the board, and their poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.board import Board, Photograph
+from calib.boards_fit import fit_poses, residuals
+from calib.bundle import Observation
+from calib.errors import SolveError
+from calib.rigid import compose, inverse, rotation_angle, rotation_matrix
+from calib.solution import CameraSolution
+
+_SAME_ROTATION = np.radians(10.0)  # between two moments of one rig: board poses are that good
+_SHAKY = 1.5  # times the cameras' own residuals: above it the moments were not simultaneous
+
+
+def unify_turns(cameras: Sequence[CameraSolution], board: Board) -> list[Photograph]:
+    """Photographs whose corners must be turned by 180 degrees to agree with the first camera's.
+
+    A board whose columns + rows is even looks the same upside down: two cameras may have numbered
+    its corners from opposite ends. The rig's rotation tells: of both readings of every moment, the
+    one that most moments agree on is right.
+
+    Args:
+        cameras: solved alone. board: the chessboard.
+    """
+    if (board.columns + board.rows) % 2 == 1:
+        return []
+    half_turn = np.diag([-1.0, -1.0, 1.0])
+    to_turn = []
+    first = cameras[0]
+    for camera in cameras[1:]:
+        pairs = shared_moments(first, camera)
+        rotations = [
+            [
+                rotation_matrix(camera.camera_from_board[j, :3])
+                @ turn
+                @ rotation_matrix(first.camera_from_board[i, :3]).T
+                for turn in (np.eye(3), half_turn)
+            ]
+            for i, j in pairs
+        ]
+        if not rotations:
+            continue
+        candidates = [rotation for pair in rotations for rotation in pair]
+        votes = [
+            sum(min(rotation_angle(c, r) for r in pair) < _SAME_ROTATION for pair in rotations)
+            for c in candidates
+        ]
+        agreed = candidates[int(np.argmax(votes))]
+        for (_, j), pair in zip(pairs, rotations, strict=True):
+            if rotation_angle(agreed, pair[1]) < rotation_angle(agreed, pair[0]):
+                to_turn.append(camera.photographs[j])
+    return to_turn
+
+
+def shared_moments(first: CameraSolution, second: CameraSolution) -> list[tuple[int, int]]:
+    """Indices of the photographs that two cameras took together."""
+    moments = {photograph.moment: i for i, photograph in enumerate(first.photographs)}
+    return [
+        (moments[photograph.moment], j)
+        for j, photograph in enumerate(second.photographs)
+        if photograph.moment in moments
+    ]
+
+
+def solve_rig(cameras: Sequence[CameraSolution], board: Board) -> tuple[float, list[str]]:
+    """Sets every camera's pose to the first, the lenses held, by all corners of shared moments.
+
+    The lenses come from each camera alone: photographs that were not quite simultaneous, or a
+    board that moved, would otherwise bend them.
+
+    Args:
+        cameras: solved alone, of one kind of lens; their camera_from_reference is set.
+        board: the chessboard.
+
+    Returns:
+        RMS (2-D, px) over the shared moments with one pose of the rig, and notes.
+
+    Raises:
+        SolveError: a camera shares no moment with the others.
+    """
+    poses = _starting_poses(cameras)
+    reference_from_board: dict[str, np.ndarray] = {}
+    for camera, pose in zip(cameras, poses, strict=True):
+        for photograph, board_pose in zip(
+            camera.photographs, camera.camera_from_board, strict=True
+        ):
+            reference_from_board.setdefault(photograph.moment, compose(inverse(pose), board_pose))
+    moments = list(reference_from_board)
+    observations = [
+        Observation(index, moments.index(photograph.moment), photograph.corners[good], points)
+        for index, camera in enumerate(cameras)
+        for photograph, good in zip(camera.photographs, ~camera.outliers, strict=True)
+        for points in [board.points()[good]]
+    ]
+    starts = np.stack([reference_from_board[moment] for moment in moments])
+    found, boards = fit_poses(cameras, observations, np.stack(poses), starts)
+    for camera, pose in zip(cameras, found, strict=True):
+        camera.camera_from_reference = pose
+    seen_by = np.bincount([o.board for o in observations], minlength=len(moments))
+    left = residuals(cameras, observations, found, boards)
+    shared = [r for r, o in zip(left, observations, strict=True) if seen_by[o.board] > 1]
+    rms = float(np.sqrt(np.mean(np.sum(np.concatenate(shared) ** 2, axis=1))))
+    alone = float(np.sqrt(np.mean([camera.rms_2d_px**2 for camera in cameras])))
+    notes = []
+    if rms > _SHAKY * alone:
+        notes.append(
+            f"with one pose of the rig the residuals are {rms:.2f} px, each camera alone has "
+            f"{alone:.2f}: the images of one moment were not taken together, or the rig bends; "
+            "the lenses were therefore solved camera by camera"
+        )
+    return rms, notes
+
+
+def _starting_poses(cameras: Sequence[CameraSolution]) -> list[np.ndarray]:
+    """Each camera from the first, through cameras already placed: the median moment's."""
+    poses: dict[int, np.ndarray] = {0: np.zeros(6)}
+    while len(poses) < len(cameras):
+        links = [
+            (len(shared_moments(cameras[i], cameras[j])), i, j)
+            for i in poses
+            for j in range(len(cameras))
+            if j not in poses
+        ]
+        count, placed, new = max(links)
+        if count == 0:
+            raise SolveError(
+                f"the camera {cameras[new].name} has no moment at which another camera saw the "
+                "board too: their pose to each other cannot be known"
+            )
+        relative = [
+            compose(
+                cameras[new].camera_from_board[j], inverse(cameras[placed].camera_from_board[i])
+            )
+            for i, j in shared_moments(cameras[placed], cameras[new])
+        ]
+        distance = [sum(np.linalg.norm(a - b) for b in relative) for a in relative]
+        poses[new] = compose(relative[int(np.argmin(distance))], poses[placed])
+    return [poses[index] for index in range(len(cameras))]

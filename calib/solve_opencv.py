@@ -1,0 +1,186 @@
+"""Solves for lenses with OpenCV: Kannala-Brandt fisheye and radial-tangential."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from calib.board import Board, Photograph
+from calib.errors import SolveError
+from calib.solution import LENSES, CameraSolution, find_outliers
+
+LENS_NAMES = ("fisheye", "opencv4", "opencv8")
+# First guesses of the focal length over the width: fisheyes of 180 degrees and more, down to tele.
+_FOCAL_GUESSES = (1 / np.pi, 0.25, 0.5, 0.8, 1.2, 2.5)
+_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)  # steps, relative change
+_ROUNDS = 10  # of throwing outliers out and solving again
+_GOOD_START_PX = 2.0  # RMS with all corners; a start above it has found a wrong minimum
+_STEEPEST = np.radians(80.0)  # field angle to which a radial lens is started from a fisheye
+
+
+def solve_camera(photographs: Sequence[Photograph], board: Board, lens: str) -> CameraSolution:
+    """One camera: solves, throws outliers out and solves again until none is new.
+
+    Args:
+        photographs: of one camera, all with corners. board: the chessboard.
+        lens: one of LENS_NAMES.
+
+    Raises:
+        SolveError: OpenCV finds no lens that fits.
+    """
+    first = photographs[0]
+    observed = np.stack([photograph.corners for photograph in photographs])
+    size = (first.width, first.height)
+    keep = np.ones(observed.shape[:2], bool)
+    guess = None
+    for _ in range(_ROUNDS):
+        params, poses = _fit(observed, keep, board, size, lens, guess)
+        guess = params
+        residuals = _residuals(params, poses, observed, board, lens)
+        again = ~find_outliers(residuals)
+        if np.array_equal(again, keep):
+            break
+        keep = again
+    return CameraSolution(
+        name=first.camera,
+        lens=lens,
+        solver="opencv",
+        width=first.width,
+        height=first.height,
+        model=LENSES[lens][1] or "KANNALA_BRANDT",
+        params=params,
+        camera_from_reference=np.zeros(6),
+        photographs=list(photographs),
+        camera_from_board=poses,
+        residuals=residuals,
+        outliers=~keep,
+    )
+
+
+def _fit(
+    observed: np.ndarray,
+    keep: np.ndarray,
+    board: Board,
+    size: tuple[int, int],
+    lens: str,
+    guess: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(K,) parameters and (V, 6) poses of the corners kept."""
+    if lens == "fisheye":
+        return _fit_fisheye(observed, keep, board, size, guess)
+    if guess is None:
+        guess = _radial_guess(observed, keep, board, size, lens)
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS
+    flags |= cv2.CALIB_RATIONAL_MODEL if lens == "opencv8" else cv2.CALIB_FIX_K3
+    points = board.points().astype(np.float32)
+    try:
+        rms, matrix, distortion, rotations, translations, *_ = cv2.calibrateCameraExtended(
+            [points[k] for k in keep],
+            [o[k].astype(np.float32) for o, k in zip(observed, keep, strict=True)],
+            size,
+            _matrix(guess),
+            np.concatenate([guess[4:], np.zeros(8)])[: 8 if lens == "opencv8" else 5],
+            flags=flags,
+            criteria=_STOP,
+        )
+    except cv2.error as error:
+        raise SolveError(_failed(lens, error)) from None
+    if not np.isfinite(rms):
+        raise SolveError(_failed(lens, "the residuals are not finite"))
+    return (
+        _params(matrix, distortion.ravel()[: LENSES[lens][2]]),
+        np.hstack([np.reshape(rotations, (-1, 3)), np.reshape(translations, (-1, 3))]),
+    )
+
+
+def _fit_fisheye(observed, keep, board, size, guess) -> tuple[np.ndarray, np.ndarray]:
+    flags = (
+        cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC
+        | cv2.fisheye.CALIB_FIX_SKEW
+        | cv2.fisheye.CALIB_USE_INTRINSIC_GUESS
+    )
+    points = [board.points()[k][None] for k in keep]
+    pixels = [o[k][None] for o, k in zip(observed, keep, strict=True)]
+    centre = [(size[0] - 1) / 2, (size[1] - 1) / 2]
+    starts = (
+        [guess]
+        if guess is not None
+        else [
+            np.array([f * size[0], f * size[0], *centre, 0, 0, 0, 0], float) for f in _FOCAL_GUESSES
+        ]
+    )
+    best, problem = None, "every start diverged"
+    for start in starts:
+        try:
+            rms, matrix, distortion, rotations, translations = cv2.fisheye.calibrate(
+                points, pixels, size, _matrix(start), start[4:].copy(), flags=flags, criteria=_STOP
+            )
+        except cv2.error as error:  # a start so far off that a board has no pose
+            problem = error
+            continue
+        if np.isfinite(rms) and (best is None or rms < best[0]):
+            best = (rms, matrix, distortion, rotations, translations)
+            if rms < _GOOD_START_PX:
+                break
+    if best is None:
+        raise SolveError(_failed("fisheye", problem))
+    _, matrix, distortion, rotations, translations = best
+    poses = np.hstack([np.reshape(rotations, (-1, 3)), np.reshape(translations, (-1, 3))])
+    return _params(matrix, distortion.ravel()), poses
+
+
+def _radial_guess(observed, keep, board, size, lens) -> np.ndarray:
+    """A radial-tangential lens near the fisheye that fits: linear in the coefficients.
+
+    r (1 + k1 r^2 + ...) = d (1 + k4 r^2 + ...) with r = tan(angle) and d of the fisheye.
+    """
+    params, _ = _fit_fisheye(observed, keep, board, size, None)
+    angle = np.linspace(0.01, 1.0, 100) * _STEEPEST
+    distorted = angle * (1 + np.polyval([*params[7:3:-1], 0.0], angle**2))
+    distorted = np.where(np.gradient(distorted) > 0, distorted, np.nan)
+    use = np.isfinite(distorted)
+    r = np.tan(angle[use])
+    d = distorted[use]
+    weight = np.cos(angle[use]) ** 2  # the last degrees, where r runs away, must not rule
+    if lens == "opencv8":
+        columns = [r**3, r**5, r**7, -d * r**2, -d * r**4, -d * r**6]
+    else:
+        columns = [r**3, r**5]
+        weight = weight**2
+    design = np.stack(columns, axis=1)
+    fit = np.linalg.lstsq(design * weight[:, None], (d - r) * weight, rcond=None)[0]
+    return np.concatenate([params[:4], fit[:2], [0.0, 0.0], fit[2:]])
+
+
+def _residuals(params, poses, observed, board, lens) -> np.ndarray:
+    points = board.points()
+    matrix, distortion = _matrix(params), params[4:]
+    predicted = []
+    for pose in poses:
+        if lens == "fisheye":
+            pixels, _ = cv2.fisheye.projectPoints(
+                points[None], pose[:3].copy(), pose[3:].copy(), matrix, distortion
+            )
+        else:
+            pixels, _ = cv2.projectPoints(points, pose[:3], pose[3:], matrix, distortion)
+        predicted.append(pixels.reshape(-1, 2))
+    return np.stack(predicted) - observed
+
+
+def _matrix(params: np.ndarray) -> np.ndarray:
+    fx, fy, cx, cy = params[:4]
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+def _params(matrix: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    return np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *coefficients])
+
+
+def _failed(lens: str, problem: object) -> str:
+    lines = str(problem).strip().splitlines()
+    return (
+        f"OpenCV found no {lens} lens that fits these boards ({lines[-1] if lines else problem}); "
+        "try another --lens or --solver mrcal, and look at the pictures of the corners"
+    )

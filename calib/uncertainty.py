@@ -1,0 +1,97 @@
+"""How far off a lens may be: the standard deviation of where a distant point is projected."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.board import Board
+from calib.bundle import Observation, State, covariance
+from calib.errors import SolveError
+from calib.lens import projector, rays
+from calib.mrcal_process import ask
+from calib.rigid import skew
+from calib.solution import CameraSolution
+
+GRID_COLUMNS = 40  # of the map; its rows follow from the image's shape
+UNKNOWN = float("nan")
+
+
+def grid_pixels(width: int, height: int) -> np.ndarray:
+    """(rows, columns, 2) pixels of the map: evenly spread, centre of corner to centre of corner."""
+    rows = max(2, round(GRID_COLUMNS * height / width))
+    x, y = np.meshgrid(np.linspace(0, width - 1, GRID_COLUMNS), np.linspace(0, height - 1, rows))
+    return np.stack([x, y], axis=-1)
+
+
+def uncertainty_map(camera: CameraSolution, board: Board) -> np.ndarray:
+    """(rows, columns) pixels: the standard deviation in its worst direction, of a point far away.
+
+    The noise of the corners, taken from the residuals, is propagated to the lens and the boards'
+    poses and from there to the projection of a direction that stays fixed to the boards: a lens
+    that is turned together with all boards is the same lens. mrcal's method; by mrcal's own code
+    for its solves, by `projection_sigma` for OpenCV's. NaN where the lens has no ray.
+    """
+    pixels = grid_pixels(camera.width, camera.height)
+    flat = pixels.reshape(-1, 2)
+    if camera.solver == "mrcal":
+        question = {"do": "uncertainty", "models": [camera.model_text], "pixels": flat.tolist()}
+        sigma = np.array(ask(question)["sigma"], float)
+    else:
+        _, cov, layout, _ = parameter_covariance(camera, board)
+        sigma = projection_sigma(camera, rays(camera, flat), cov, layout.boards)
+    return sigma.reshape(pixels.shape[:2])
+
+
+def parameter_covariance(camera: CameraSolution, board: Board):
+    """Standard deviations (K,) of a lens' parameters, the covariance of all unknowns, its layout
+    and the noise of a corner's coordinate in pixels; at an OpenCV solution.
+
+    Raises:
+        SolveError: the boards do not determine the lens.
+    """
+    points = board.points()
+    observations = [
+        Observation(0, index, photograph.corners[good], points[good])
+        for index, (photograph, good) in enumerate(
+            zip(camera.photographs, ~camera.outliers, strict=True)
+        )
+    ]
+    state = State([camera.params], np.zeros((1, 6)), camera.camera_from_board)
+    cov, layout, noise = covariance(state, observations, [projector(camera)])
+    return np.sqrt(np.diag(cov)[: len(camera.params)]), cov, layout, noise
+
+
+def projection_sigma(
+    camera: CameraSolution, directions: np.ndarray, cov: np.ndarray, boards: list[int]
+) -> np.ndarray:
+    """(N,) pixels: worst-direction deviation at unit rays (N, 3), given the covariance of all.
+
+    q = project(lens + d, v + mean(board rotations) x v).
+    """
+    count = len(camera.params)
+    valid = np.all(np.isfinite(directions), axis=1)
+    sigma = np.full(len(directions), UNKNOWN)
+    if not valid.any():
+        return sigma
+    _, by_point, by_params = projector(camera)(camera.params, directions[valid])
+    turn = -by_point @ skew(directions[valid])  # (N, 2, 3) by the mean rotation of the boards
+    mean = np.zeros((3, len(cov)))
+    for start in boards:
+        mean[:, start : start + 3] += np.eye(3) / len(boards)
+    select = np.zeros((count, len(cov)))
+    select[:, :count] = np.eye(count)
+    small = np.concatenate([select, mean])  # (K + 3, unknowns)
+    reduced = small @ cov @ small.T
+    jacobian = np.concatenate([by_params, turn], axis=2)
+    variance = jacobian @ reduced @ np.swapaxes(jacobian, 1, 2)
+    variance = np.where(np.isfinite(variance), variance, 0.0)
+    sigma[valid] = np.sqrt(np.maximum(np.linalg.eigvalsh(variance)[:, -1], 0.0))
+    return sigma
+
+
+def safe_uncertainty_map(camera: CameraSolution, board: Board) -> tuple[np.ndarray, str]:
+    """The map and an empty text, or NaN everywhere and why there is none."""
+    try:
+        return uncertainty_map(camera, board), ""
+    except SolveError as error:
+        return np.full(grid_pixels(camera.width, camera.height).shape[:2], UNKNOWN), str(error)

@@ -1,0 +1,344 @@
+"""Types of the C++ module gsut._core; tests/python/test_stubs.py compares them with the module."""
+
+from collections.abc import Sequence
+from typing import Any, Protocol, TypeAlias, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__version__: str
+
+class InputError(ValueError): ...
+class CalibrationError(InputError): ...
+class SolveError(RuntimeError): ...
+
+# What a binding reads as Gaussians: any object with these five arrays (gsut.Gaussians is one).
+class _Gaussians(Protocol):
+    means: NDArray[Any]  # (N, 3)
+    quats: NDArray[Any]  # (N, 4) w, x, y, z
+    log_scales: NDArray[Any]  # (N, 3)
+    opacity_logits: NDArray[Any]  # (N,)
+    sh: NDArray[Any]  # (N, K, 3)
+
+# A 4x4 matrix or an object whose attribute `matrix` is one.
+_PoseLike: TypeAlias = Any
+
+# --- base -----------------------------------------------------------------------------------------
+
+def set_num_threads(num_threads: int) -> None: ...
+def num_threads() -> int: ...
+def active_isa() -> str: ...
+def available_isas() -> list[str]: ...
+def set_isa(name: str) -> None: ...
+
+# --- cameras --------------------------------------------------------------------------------------
+
+class Camera:
+    def __init__(
+        self,
+        model: str,
+        params: Sequence[float] | NDArray[Any],
+        width: int,
+        height: int,
+        valid_field_angle: float = ...,
+    ) -> None: ...
+    @property
+    def model(self) -> str: ...
+    @property
+    def params(self) -> NDArray[np.float64]: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def max_angle(self) -> float: ...
+    @property
+    def valid_field_angle(self) -> float: ...
+    def project(
+        self, points_in_camera: NDArray[Any]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]: ...
+    def unproject(self, pixels: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]: ...
+    def project_jacobian(
+        self, points_in_camera: NDArray[Any]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+    def rays(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]]: ...
+    def resized(self, width: int, height: int) -> Camera: ...
+    def with_valid_field_angle(self, valid_field_angle: float) -> Camera: ...
+    def __eq__(self, other: object) -> bool: ...
+
+def camera_models() -> list[str]: ...
+def camera_param_names(model: str) -> str: ...
+def camera_examples(model: str) -> list[tuple[str, list[float], int, int]]: ...
+def parse_camera_model(
+    text: str, source: str
+) -> tuple[Camera, list[float], list[list[float]] | None]: ...
+def format_camera_model(
+    camera: Camera,
+    extrinsics: Sequence[float] | NDArray[np.float64],
+    valid_region: Sequence[Sequence[float]] | NDArray[np.float64] | None,
+) -> str: ...
+
+# --- poses ----------------------------------------------------------------------------------------
+
+def exp_pose(xi: ArrayLike) -> NDArray[np.float64]: ...
+def interpolate_pose(start: _PoseLike, end: _PoseLike, t: float) -> NDArray[np.float64]: ...
+def checked_pose(matrix: _PoseLike) -> NDArray[np.float64]: ...
+
+# --- gaussians ------------------------------------------------------------------------------------
+
+def harmonics_basis(degree: int, directions: ArrayLike) -> NDArray[np.float64]: ...
+def eval_harmonics(directions: ArrayLike, sh: ArrayLike) -> NDArray[np.float64]: ...
+def mean_neighbor_distances(points: ArrayLike) -> NDArray[np.float64]: ...
+def seed_from_points(
+    points: ArrayLike,
+    colors: ArrayLike,
+    gaussians: _Gaussians,
+    scale_factor: float,
+    opacity: float,
+) -> None: ...
+
+# --- projection -----------------------------------------------------------------------------------
+
+class _Projection(TypedDict):
+    centers: NDArray[np.float32]  # (N, 2)
+    covariances: NDArray[np.float32]  # (N, 2, 2)
+    extents: NDArray[np.float32]  # (N, 2)
+    depths: NDArray[np.float32]  # (N,)
+    status: NDArray[np.uint8]  # (N,)
+
+class _ReferenceProjection(TypedDict):
+    centers: NDArray[np.float64]  # (N, 2)
+    covariances: NDArray[np.float64]  # (N, 2, 2)
+    valid: NDArray[np.uint8]  # (N,)
+
+def project(
+    gaussians: _Gaussians,
+    camera: Camera,
+    camera_from_world: _PoseLike,
+    alpha: float,
+    beta: float,
+    kappa: float,
+    alpha_min: float,
+) -> _Projection: ...
+def project_reference(
+    gaussians: _Gaussians,
+    camera: Camera,
+    camera_from_world: _PoseLike,
+    alpha: float,
+    beta: float,
+    kappa: float,
+) -> _ReferenceProjection: ...
+
+# --- raster ---------------------------------------------------------------------------------------
+
+class BlendRule:
+    alpha_min: float
+    alpha_max: float
+    response_min: float
+    transmittance_min: float
+    stop_before: bool
+    near_z: float
+    far_z: float
+    order_by_z: bool
+    def __init__(self, parity: str = "") -> None: ...
+
+class Renderer:
+    def __init__(self) -> None: ...
+    def render(
+        self,
+        gaussians: _Gaussians,
+        camera: Camera,
+        camera_from_world: _PoseLike,
+        rule: BlendRule,
+        background: Sequence[float],
+        sh_degree: int,
+        unscented: Sequence[float],
+        image: NDArray[np.float32],
+        alpha: NDArray[np.float32] | None,
+        depth: NDArray[np.float32] | None,
+        keep: bool,
+    ) -> None: ...
+    def backward(
+        self,
+        dimage: NDArray[np.float32],
+        dalpha: NDArray[np.float32] | None,
+        ddepth: NDArray[np.float32] | None,
+        gradients: _Gaussians,
+        touched: NDArray[np.uint8],
+        write_untouched: bool,
+    ) -> NDArray[np.float64]: ...
+    def distances(self) -> NDArray[np.float32]: ...
+    def timings(self) -> dict[str, float]: ...
+    def statistics(self) -> dict[str, int]: ...
+
+def render_reference(
+    gaussians: _Gaussians,
+    camera: Camera,
+    camera_from_world: _PoseLike,
+    rule: BlendRule,
+    background: Sequence[float],
+    sh_degree: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...
+def render_reference_backward(
+    gaussians: _Gaussians,
+    camera: Camera,
+    camera_from_world: _PoseLike,
+    rule: BlendRule,
+    background: Sequence[float],
+    sh_degree: int,
+    dimage: NDArray[np.float64],
+    dalpha: NDArray[np.float64] | None,
+    ddepth: NDArray[np.float64] | None,
+    gradients: _Gaussians,
+) -> NDArray[np.float64]: ...
+
+# --- loss -----------------------------------------------------------------------------------------
+
+class PhotometricTarget:
+    def __init__(
+        self,
+        image: ArrayLike,
+        mask: ArrayLike | None = None,
+        window_rule: str = "partial",
+        keep_statistics: bool = False,
+    ) -> None: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def pixels(self) -> int: ...
+    @property
+    def ssim_pixels(self) -> int: ...
+    @property
+    def window_rule(self) -> str: ...
+    @property
+    def nbytes(self) -> int: ...
+    def value(
+        self, image: NDArray[np.float32], ssim_weight: float = 0.2
+    ) -> tuple[float, float, float]: ...
+
+def photometric_loss(
+    target: PhotometricTarget,
+    image: NDArray[np.float32],
+    grad_out: NDArray[np.float32] | None = None,
+    ssim_weight: float = 0.2,
+) -> tuple[float, NDArray[np.float32]]: ...
+def photometric_loss_reference(
+    target: ArrayLike,
+    image: ArrayLike,
+    mask: ArrayLike | None = None,
+    ssim_weight: float = 0.2,
+    window_rule: str = "partial",
+) -> tuple[float, NDArray[np.float64]]: ...
+def psnr(
+    a: ArrayLike, b: ArrayLike, mask: ArrayLike | None, weights: ArrayLike | None
+) -> float: ...
+def ssim(a: ArrayLike, b: ArrayLike, mask: ArrayLike | None, window_rule: str) -> float: ...
+
+# --- optimize -------------------------------------------------------------------------------------
+
+def adam_step(
+    params: list[NDArray[np.float32]],
+    grads: list[NDArray[np.float32]],
+    moment1: list[NDArray[np.float32]],
+    moment2: list[NDArray[np.float32]],
+    learning_rates: Sequence[Sequence[float]],
+    step: int,
+    rows: int,
+    visible: NDArray[np.uint8] | None = None,
+    active_columns: Sequence[int] = ...,
+    beta1: float = 0.9,
+    beta2: float = 0.999,
+    epsilon: float = 1e-15,
+) -> None: ...
+def mcmc_densify(
+    params: _Gaussians,
+    moment1: _Gaussians,
+    moment2: _Gaussians,
+    size: int,
+    target_size: int,
+    weights: NDArray[np.float32],
+    dead_opacity: float,
+    max_scale: float,
+    split: bool,
+    split_power: float,
+    seed: int,
+    step: int,
+) -> tuple[int, int, int]: ...
+def mcmc_noise(
+    params: _Gaussians,
+    size: int,
+    learning_rate: float,
+    noise_scale: float,
+    seed: int,
+    step: int,
+) -> None: ...
+def mcmc_regularize(
+    params: _Gaussians,
+    size: int,
+    grad_logits: NDArray[np.float32],
+    grad_log_scales: NDArray[np.float32],
+    opacity_weight: float,
+    scale_weight: float,
+) -> None: ...
+def mcmc_same_place(opacity: float, n: int) -> tuple[float, float]: ...
+
+class AdaptivePlan:
+    @property
+    def pruned(self) -> int: ...
+    @property
+    def cloned(self) -> int: ...
+    @property
+    def split(self) -> int: ...
+    @property
+    def size_after(self) -> int: ...
+    @property
+    def actions(self) -> NDArray[np.uint8]: ...
+
+def plan_adaptive(
+    params: _Gaussians,
+    size: int,
+    sums: NDArray[np.float32],
+    counts: NDArray[np.int32],
+    gradient_threshold: float,
+    clone_scale: float,
+    prune_opacity: float,
+    max_scale: float,
+    max_gaussians: int,
+) -> AdaptivePlan: ...
+def apply_adaptive(
+    params: _Gaussians,
+    moment1: _Gaussians,
+    moment2: _Gaussians,
+    size: int,
+    plan: AdaptivePlan,
+    seed: int,
+    step: int,
+) -> int: ...
+def reset_opacities(
+    params: _Gaussians, moment1: _Gaussians, moment2: _Gaussians, size: int, max_opacity: float
+) -> None: ...
+def accumulate_density(
+    dl_dmeans: NDArray[np.float32],
+    distances: NDArray[np.float32],
+    visible: NDArray[np.uint8] | None,
+    max: NDArray[np.float32],
+    sum: NDArray[np.float32],
+    count: NDArray[np.int32],
+) -> None: ...
+
+# --- formats --------------------------------------------------------------------------------------
+
+def read_ply(
+    path: str,
+) -> tuple[
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.float32],
+    int,
+]: ...
+def write_ply(path: str, gaussians: _Gaussians, comments: Sequence[str] = ...) -> None: ...
+def read_ply_points(path: str) -> tuple[NDArray[np.float64], NDArray[np.uint8], bool]: ...

@@ -1,0 +1,213 @@
+// Tests gsut/projection: weights, float against double, and that small splats bound silhouettes.
+#include "gsut/projection/project.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "gsut/base/errors.h"
+#include "gsut/base/isa.h"
+#include "gsut/gaussians/activations.h"
+#include "random_gaussians.h"
+
+namespace gsut {
+namespace {
+
+using testing_scenes::Draws;
+using testing_scenes::EveryLens;
+using testing_scenes::GaussiansInView;
+using testing_scenes::NamedCamera;
+using testing_scenes::OwnedGaussians;
+using testing_scenes::RandomPose;
+using testing_scenes::SceneKind;
+using testing_scenes::ToDouble;
+
+// Pixels; coordinates up to 200 px in float have a spacing of 1.5e-5. Observed 2.4e-5.
+constexpr double kFloatPixels = 1e-4;
+// The extents of a small splat may miss its silhouette by this many pixels more than kSmallMargin
+// says: the renderer widens them by as much for float rounding.
+constexpr double kRoundingPixels = 0.01;
+
+constexpr SceneKind kOrdinary = {"ordinary", 1.0, 6.0, 0.005, 0.1, 0.5, 0.0};
+constexpr SceneKind kSmallAndThin = {"small", 1.0, 6.0, 0.0005, 0.03, 1.0, 0.0};
+
+TEST(UnscentedTest, WeightsFollowTheirDefinitionAndSumToOne) {
+  int ran = 0;
+  for (const double alpha : {1e-3, 0.1, 0.5, 1.0, 1.7}) {
+    for (const double kappa : {-2.5, 0.0, 3.0}) {
+      const UnscentedWeights w = MakeUnscentedWeights({alpha, 2.0, kappa});
+      const double reach = alpha * alpha * (3.0 + kappa);
+      EXPECT_NEAR(w.spread * w.spread, reach, 1e-12 * reach);
+      EXPECT_NEAR((w.mean_0 + 6.0 * w.mean_i) * reach, reach, 1e-12);
+      EXPECT_NEAR(w.cov_0, w.mean_0 + 3.0 - alpha * alpha, 1e-9);
+      ++ran;
+    }
+  }
+  EXPECT_EQ(ran, 15);
+  // gsplat's: FACTS of its implementation.
+  const UnscentedWeights gsplat = MakeUnscentedWeights({0.1, 2.0, 0.0});
+  EXPECT_NEAR(gsplat.mean_0, -99.0, 1e-9);
+  EXPECT_NEAR(gsplat.cov_0, -96.01, 1e-9);
+  EXPECT_NEAR(gsplat.mean_i, 16.6666667, 1e-6);
+}
+
+TEST(UnscentedTest, OptionsWithoutSigmaPointsRaise) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double infinity = std::numeric_limits<double>::infinity();
+  int ran = 0;
+  for (const UnscentedOptions& options : std::vector<UnscentedOptions>{{0.0, 2.0, 0.0},
+                                                                       {-1.0, 2.0, 0.0},
+                                                                       {1.0, 2.0, -3.0},
+                                                                       {1.0, 2.0, -4.0},
+                                                                       {nan, 2.0, 0.0},
+                                                                       {1.0, nan, 0.0},
+                                                                       {1.0, 2.0, nan},
+                                                                       {infinity, 2.0, 0.0},
+                                                                       {1.0, infinity, 0.0}}) {
+    EXPECT_THROW(MakeUnscentedWeights(options), InputError) << options.alpha;
+    ++ran;
+  }
+  EXPECT_EQ(ran, 9);
+}
+
+TEST(CutoffTest, TakesTheNearerOfAlphaAndResponse) {
+  const FootprintRule own;
+  EXPECT_NEAR(CutoffOf(1.0, own), 2.0 * std::log(255.0), 1e-12);
+  EXPECT_NEAR(CutoffOf(1.0 / 255.0, own), 0.0, 1e-12);
+  EXPECT_LT(CutoffOf(1e-3, own), 0.0);
+  const FootprintRule with_response = {1.0 / 255.0, 0.0113};
+  EXPECT_NEAR(CutoffOf(1.0, with_response), -2.0 * std::log(0.0113), 1e-12);
+  EXPECT_NEAR(CutoffOf(0.1, with_response), 2.0 * std::log(25.5), 1e-12);
+}
+
+TEST(ProjectTest, FloatMatchesDoubleOnEveryLensAndInstructionSet) {
+  int ran = 0;
+  for (const NamedCamera& lens : EveryLens(100)) {
+    Draws draws(1, static_cast<std::uint64_t>(ran));
+    const Pose pose = RandomPose(&draws);
+    const auto g = GaussiansInView(lens.camera, pose, 203, kOrdinary, &draws);
+    const auto exact = ToDouble(g);
+    const std::size_t n = static_cast<std::size_t>(g.size());
+    std::vector<double> means(2 * n), covariances(4 * n);
+    std::vector<std::uint8_t> valid(n);
+    ProjectReference(exact.View(), lens.camera, pose, {}, means.data(), covariances.data(),
+                     valid.data());
+    for (const std::string& isa : AvailableIsas()) {
+      SetIsa(isa);
+      Splats splats;
+      Project(g.View(), lens.camera, pose, {}, {}, &splats);
+      ASSERT_EQ(splats.size, g.size());
+      int compared = 0;
+      for (std::size_t i = 0; i < n; ++i) {
+        const bool is_narrow = std::max(covariances[4 * i], covariances[4 * i + 3]) < 2500.0;
+        if (!valid[i] || !is_narrow) continue;
+        EXPECT_NEAR(splats.u[i], means[2 * i], kFloatPixels) << lens.name << " " << isa;
+        EXPECT_NEAR(splats.v[i], means[2 * i + 1], kFloatPixels) << lens.name << " " << isa;
+        ++compared;
+      }
+      EXPECT_GT(compared, 150) << lens.name;
+    }
+    ++ran;
+  }
+  SetIsa("");
+  EXPECT_EQ(ran, static_cast<int>(EveryLens(100).size()));
+  EXPECT_GE(ran, 5);
+}
+
+// Points of the silhouette of the ellipsoid {D^2 = cutoff} of Gaussian i, in the camera frame: the
+// tangent points of the cone of rays that touch it, exact. Empty if it holds the camera.
+std::vector<Eigen::Vector3d> Silhouette(const OwnedGaussians<double>& g, std::size_t i,
+                                        const Pose& pose, double cutoff) {
+  constexpr int kPoints = 48;
+  double r[9];
+  RotationFromQuaternion(&g.quats[4 * i], r);
+  const Eigen::Matrix3d axes =
+      pose.rotation * Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r);
+  const Eigen::Vector3d scale =
+      Eigen::Map<const Eigen::Vector3d>(&g.log_scales[3 * i]).array().exp();
+  const Eigen::Vector3d mean =
+      pose.rotation * Eigen::Map<const Eigen::Vector3d>(&g.means[3 * i]) + pose.translation;
+  // In whitened coordinates: a ball of radius sqrt(cutoff) at `center`, seen from the origin.
+  const Eigen::Vector3d center = (axes.transpose() * mean).cwiseQuotient(scale);
+  const double distance2 = center.squaredNorm();
+  if (distance2 <= cutoff) return {};
+  const Eigen::Vector3d toward = center.normalized();
+  const Eigen::Vector3d e1 = toward.unitOrthogonal();
+  const Eigen::Vector3d e2 = toward.cross(e1);
+  const double sine2 = cutoff / distance2;
+  const double radius = std::sqrt(cutoff * (1.0 - sine2));
+  std::vector<Eigen::Vector3d> points;
+  for (int k = 0; k < kPoints; ++k) {
+    const double angle = 2.0 * M_PI * k / kPoints;
+    const Eigen::Vector3d whitened =
+        center - sine2 * center + radius * (std::cos(angle) * e1 + std::sin(angle) * e2);
+    points.push_back(axes * scale.cwiseProduct(whitened));
+  }
+  return points;
+}
+
+// Whether a pixel lies in the image: beyond it nothing needs a bound.
+bool InImage(const Camera& camera, const double* pixel) {
+  return pixel[0] > 0.0 && pixel[0] < camera.width() && pixel[1] > 0.0 &&
+         pixel[1] < camera.height();
+}
+
+TEST(ProjectTest, SmallSplatsHoldTheirSilhouetteOnEveryLens) {
+  double worst =
+      0.0;  // (distance of the silhouette / extent - 1) / sine; must stay below the margin
+  int small = 0;
+  std::uint64_t stream = 0;
+  const FootprintRule rule;
+  for (const NamedCamera& lens : EveryLens(400)) {
+    int small_here = 0;
+    for (const SceneKind& kind : {kOrdinary, kSmallAndThin}) {
+      Draws draws(2, stream++);
+      const Pose pose = RandomPose(&draws);
+      const auto g = GaussiansInView(lens.camera, pose, 1500, kind, &draws);
+      const auto exact = ToDouble(g);
+      Splats splats;
+      Project(g.View(), lens.camera, pose, {}, rule, &splats);
+      for (std::size_t i = 0; i < static_cast<std::size_t>(g.size()); ++i) {
+        if (splats.status[i] != SplatStatus::kSmall) continue;
+        const double cutoff = CutoffOf(Sigmoid(exact.opacity_logits[i]), rule);
+        const auto points = Silhouette(exact, i, pose, cutoff);
+        ASSERT_FALSE(points.empty());
+        for (const Eigen::Vector3d& point : points) {
+          double pixel[2];
+          std::uint8_t valid = 0;
+          lens.camera.Project(1, point.data(), pixel, &valid);
+          if (!valid || !InImage(lens.camera, pixel)) continue;
+          const double off[2] = {std::abs(pixel[0] - splats.u[i]),
+                                 std::abs(pixel[1] - splats.v[i])};
+          const double extent[2] = {splats.extent_u[i], splats.extent_v[i]};
+          for (int k = 0; k < 2; ++k) {
+            const double excess = (off[k] - kRoundingPixels) / extent[k] - 1.0;
+            worst = std::max(worst, excess / splats.sine[i]);
+            EXPECT_LT(excess, kSmallMargin * splats.sine[i]) << lens.name << " Gaussian " << i;
+          }
+        }
+        ++small_here;
+      }
+    }
+    EXPECT_GT(small_here, 500) << lens.name;
+    small += small_here;
+  }
+  std::printf("%d small splats: silhouettes exceed extents by at most %.3f x sine (margin %.1f)\n",
+              small, worst, kSmallMargin);
+}
+
+TEST(ProjectTest, NoGaussiansGiveNoSplats) {
+  Splats splats;
+  const OwnedGaussians<float> none(0);
+  Project(none.View(), EveryLens(20).front().camera, Pose(), {}, {}, &splats);
+  EXPECT_EQ(splats.size, 0);
+}
+
+}  // namespace
+}  // namespace gsut

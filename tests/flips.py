@@ -1,0 +1,72 @@
+"""Where float and double may rightly choose differently: pixels on a discontinuity of the rule."""
+
+from __future__ import annotations
+
+import numpy as np
+import ray_model
+import tolerances
+
+import gsut
+
+REASONS = ("cut", "order", "origin", "stop", "thin")
+
+
+def reason(expected: gsut.Render, row: int, column: int, off: float) -> str:
+    """Why float may choose otherwise than double at a pixel; empty if there is no reason.
+
+    Args:
+        expected: the double reference's result.
+        off: by how much they differ there.
+
+    Returns:
+        "cut": a Gaussian's alpha, or response, lies on the rule's cut-off; "order": two Gaussians
+        that are seen have the same key to float; "origin": the nearest point of a Gaussian's line
+        lies on the camera; "stop": the transmittance lies on the rule's limit; "thin": Gaussians so
+        thin that the rounding of their place to float, over their thickness, explains `off`.
+    """
+    g, rule = expected.gaussians.astype(np.float64), expected.rule
+    pose, pixels = expected.camera_from_world, np.array([[row, column]])
+    traced = ray_model.trace(g, expected.camera, pose, rule, pixels=pixels)
+    distance2, along, alpha = traced.distance2[0], traced.along[0], traced.alpha[0]
+    response = np.exp(-0.5 * distance2)
+    opacity = 1 / (1 + np.exp(-g.opacity_logits))
+    # In float, D has the error of the camera-relative mean over the smallest scale.
+    distances = np.linalg.norm(g.means @ pose[:3, :3].T + pose[:3, 3], axis=1)
+    rounding = tolerances.RENDER_KEY_MARGIN * distances / np.exp(g.log_scales).min(axis=1)
+    wobble = opacity * response * np.sqrt(distance2) * rounding
+    margin = wobble + tolerances.RENDER_CUT_MARGIN
+    cut = np.abs(opacity * response - rule.alpha_min) < margin
+    cut |= (rule.response_min > 0) & (np.abs(response - rule.response_min) < margin)
+    if np.any(cut & (along > 0)):
+        return "cut"
+    at_origin = np.abs(along) < tolerances.RENDER_ORIGIN_MARGIN * (
+        distances + np.exp(g.log_scales).max(axis=1)
+    )
+    if np.any(at_origin & (opacity * response >= rule.alpha_min)):
+        return "origin"
+    seen = np.flatnonzero(alpha >= rule.alpha_min)
+    seen = seen[np.argsort(traced.keys[seen])]
+    keys = traced.keys[seen]
+    if np.any(np.diff(keys) < tolerances.RENDER_KEY_MARGIN * np.abs(keys[1:])):
+        return "order"
+    left = np.cumprod(1 - alpha[seen])
+    stop = rule.transmittance_min
+    if np.any(np.abs(left - stop) < tolerances.RENDER_STOP_MARGIN * stop):
+        return "stop"
+    return "thin" if off < np.sum(wobble[seen]) else ""
+
+
+def flipped(found: gsut.Render, expected: gsut.Render) -> tuple[np.ndarray, dict[str, int]]:
+    """Pixels that differ by more than RENDER_FLIP, each with a reason.
+
+    Returns:
+        (H, W) bool and the number of pixels by reason. Fails where there is no reason.
+    """
+    off = np.abs(found.image - expected.image).max(axis=2)
+    off = np.maximum(off, np.abs(found.alpha - expected.alpha))
+    counts = dict.fromkeys(REASONS, 0)
+    for row, column in np.argwhere(off > tolerances.RENDER_FLIP):
+        why = reason(expected, row, column, off[row, column])
+        assert why, f"pixel {row}, {column} is off by {off[row, column]} for no reason"
+        counts[why] += 1
+    return off > tolerances.RENDER_FLIP, counts

@@ -1,0 +1,315 @@
+"""The tiled float renderer against the double reference, on every lens and instruction set."""
+
+import collections
+import dataclasses
+
+import flips
+import numpy as np
+import pytest
+import tolerances
+from random_scenes import (
+    every_lens,
+    fisheye,
+    gaussians_in_view,
+    pinhole,
+    random_pose,
+    random_weights,
+    relative_error,
+)
+
+import gsut
+from gsut import InputError, _core
+
+LENSES = every_lens(width=48)
+PARITIES = (None, "gsplat", "3dgrut")
+FIELDS = tuple(field.name for field in dataclasses.fields(gsut.Gaussians))
+RANDOM_SCENES = 100
+
+
+@pytest.fixture(autouse=True)
+def best_isa():
+    """Whatever a test forces is undone."""
+    yield
+    gsut.set_isa("")
+
+
+@dataclasses.dataclass
+class Comparison:
+    """A scene with its double image and gradients."""
+
+    name: str
+    gaussians: gsut.Gaussians
+    camera: gsut.Camera
+    pose: np.ndarray
+    parity: str | None
+    weights: tuple[np.ndarray, np.ndarray, np.ndarray]
+    expected: gsut.Render
+
+
+def random_comparison(seed):
+    rng = np.random.default_rng([seed, 7])
+    name, camera = LENSES[seed % len(LENSES)]
+    pose = random_pose(rng)
+    g = gaussians_in_view(
+        rng, camera, pose, 150, sh_degree=seed % 4, sizes=(0.01, 0.3), opacity=0.5
+    )
+    parity = PARITIES[seed % len(PARITIES)]
+    expected = gsut.render(g, camera, pose, parity=parity, background=BACKGROUND, dtype="float64")
+    return Comparison(name, g, camera, pose, parity, random_weights(rng, camera), expected)
+
+
+BACKGROUND = (0.3, 0.1, 0.6)
+
+
+def rms(difference):
+    return float(np.sqrt(np.mean(np.square(difference, dtype=np.float64))))
+
+
+def test_render_float_hundred_scenes_every_lens_and_isa_match_double():
+    ran, pixels, counts = 0, 0, collections.Counter()
+    lenses = set()
+    for seed in range(RANDOM_SCENES):
+        case = random_comparison(seed)
+        expected = case.expected
+        assert (expected.alpha > 0.2).mean() > 0.1, case.name
+        lenses.add(case.name)
+        options = {"parity": case.parity, "background": BACKGROUND}
+        for isa in gsut.available_isas():
+            gsut.set_isa(isa)
+            found = gsut.render(case.gaussians, case.camera, case.pose, **options)
+            label = (seed, case.name, case.parity, isa)
+            off, reasons = flips.flipped(found, expected)
+            counts.update(reasons)
+            # A pixel that flipped is left out, here and in the loss: the rest must agree.
+            same = ~off
+            pixels += same.size
+            assert rms((found.image - expected.image)[same]) < tolerances.RENDER_IMAGE_RMS, label
+            assert rms((found.alpha - expected.alpha)[same]) < tolerances.RENDER_IMAGE_RMS, label
+            error = relative_error(found.depth[same], expected.depth[same])
+            assert error < tolerances.RENDER_DEPTH, (*label, "depth", error)
+            weights = [np.where(same if w.ndim == 2 else same[..., None], w, 0)
+                       for w in case.weights]  # fmt: skip
+            slopes = gsut.render_backward(found, *weights)
+            truth = gsut.render_backward(expected, *weights)
+            for field in FIELDS:
+                error = relative_error(
+                    getattr(slopes.gaussians, field), getattr(truth.gaussians, field)
+                )
+                assert error < tolerances.RENDER_GRADIENT, (*label, field, error)
+            error = relative_error(slopes.pose, truth.pose)
+            assert error < tolerances.RENDER_POSE_GRADIENT, (*label, "pose", error)
+            ran += 1
+    print(f"{ran} images, {pixels} pixels; of these flipped: {dict(counts)}")
+    assert sum(counts.values()) <= tolerances.RENDER_FLIPS_A_PIXEL * pixels
+    assert ran == RANDOM_SCENES * len(gsut.available_isas())
+    assert len(lenses) == len(LENSES)
+
+
+def test_render_float_every_isa_runs_its_own_kernels(rng):
+    # Fused or not, and in vectors of 4, 8 or 16: sums differ in their last bits.
+    camera, pose = fisheye(64), random_pose(rng)
+    g = gaussians_in_view(rng, camera, pose, 100)
+    bits = {}
+    for isa in gsut.available_isas():
+        gsut.set_isa(isa)
+        assert gsut.active_isa() == isa
+        found = gsut.render_backward(gsut.render(g, camera, pose), *random_weights(rng, camera))
+        bits[isa] = found.gaussians.means.tobytes()
+    assert len(bits) == len(gsut.available_isas())
+    assert len(set(bits.values())) == len(bits)
+
+
+KINDS = {
+    "ordinary": {},
+    "needles": {"aspect": 2.5},
+    "close": {"distances": (0.02, 0.5), "sizes": (0.1, 1.0)},
+    "huge": {"sizes": (0.5, 5.0)},
+    "tiny": {"sizes": (1e-4, 1e-2)},
+}
+MISS_ROUNDS = {"ordinary": 12, "needles": 12, "close": 10, "huge": 3, "tiny": 1}
+# 1e5 (Gaussian, camera) pairs in all, however many lenses there are.
+MISS_PAIRS = 100_000
+GAUSSIANS_A_CAMERA = -(-MISS_PAIRS // (sum(MISS_ROUNDS.values()) * len(LENSES)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_render_float_misses_no_gaussian_that_double_sees(rng, kind):
+    # Nothing hides anything (transmittance_min 0): whatever has a pixel with alpha >= alpha_min in
+    # the reference must be touched. The reference's cut-off is a little higher: rounding.
+    rule, strict = gsut.BlendRule(), gsut.BlendRule()
+    rule.transmittance_min = strict.transmittance_min = 0.0
+    strict.alpha_min = rule.alpha_min * (1 + tolerances.RENDER_MISS_MARGIN)
+    pairs = seen = missed = 0
+    for _ in range(MISS_ROUNDS[kind]):
+        for name, camera in every_lens(width=36):
+            pose = random_pose(rng)
+            g = gaussians_in_view(
+                rng, camera, pose, GAUSSIANS_A_CAMERA, sh_degree=0, opacity=-2.0, **KINDS[kind]
+            )
+            g.means[::10] += rng.normal(size=g.means[::10].shape) * 3  # some out of view
+            dimage = np.ones((camera.height, camera.width, 3))
+            truth = gsut.render(g, camera, pose, blend=strict, dtype="float64")
+            visible = gsut.render_backward(truth, dimage).gaussians.sh[:, 0, 0] > 0
+            found = gsut.render(g, camera, pose, blend=rule)
+            touched = gsut.render_backward(found, dimage).touched
+            pairs += len(g)
+            seen += int(visible.sum())
+            missed += int((visible & ~touched).sum())
+            assert not np.any(visible & ~touched), (name, np.flatnonzero(visible & ~touched))
+    print(f"{kind}: {missed} missed of {seen} seen in {pairs} (Gaussian, camera) pairs")
+    assert pairs == MISS_ROUNDS[kind] * len(LENSES) * GAUSSIANS_A_CAMERA
+    assert seen > pairs / 10
+
+
+def test_render_harmonics_above_the_degree_are_ignored_and_have_no_gradient(rng):
+    camera, pose = pinhole(32), random_pose(rng)
+    g = gaussians_in_view(rng, camera, pose, 30, sh_degree=3)
+    weights = random_weights(rng, camera)
+    for dtype in ("float32", "float64"):
+        for degree in range(4):
+            k = (degree + 1) ** 2
+            cut = gsut.Gaussians(*(getattr(g, f) for f in FIELDS[:-1]), g.sh[:, :k])
+            whole = gsut.render(g, camera, pose, sh_degree=degree, dtype=dtype)
+            short = gsut.render(cut, camera, pose, dtype=dtype)
+            assert np.array_equal(whole.image, short.image)
+            of_whole = gsut.render_backward(whole, *weights).gaussians.sh
+            of_short = gsut.render_backward(short, *weights).gaussians.sh
+            assert np.array_equal(of_whole[:, :k], of_short)
+            assert np.all(of_whole[:, k:] == 0)
+
+
+def test_render_pose_object_with_a_matrix_is_taken(rng):
+    class Placed:
+        matrix = random_pose(rng)
+
+    camera = pinhole(20)
+    g = gaussians_in_view(rng, camera, Placed.matrix, 10)
+    for dtype in ("float32", "float64"):
+        by_object = gsut.render(g, camera, Placed(), dtype=dtype)
+        assert np.array_equal(
+            by_object.image, gsut.render(g, camera, Placed.matrix, dtype=dtype).image
+        )
+        projected = gsut.project(g, camera, Placed(), dtype=dtype)
+        assert np.array_equal(
+            projected.depths, gsut.project(g, camera, Placed.matrix, dtype=dtype).depths
+        )
+
+
+def test_render_backward_touched_marks_what_a_pixel_saw(rng):
+    camera, pose = pinhole(32), np.eye(4)
+    g = gaussians_in_view(rng, camera, pose, 40, opacity=2.0)
+    g.means[20:, 2] *= -1  # behind the camera
+    result = gsut.render(g, camera, pose)
+    found = gsut.render_backward(result, *random_weights(rng, camera))
+    assert found.touched[:20].sum() > 10
+    assert not found.touched[20:].any()
+    for field in FIELDS:
+        assert np.all(getattr(found.gaussians, field)[~found.touched] == 0)
+    statistics = result.statistics()
+    assert statistics["num_visible"] <= 20
+    assert 0 < statistics["num_contributing_pairs"] <= statistics["num_pairs"]
+    assert gsut.render(g, camera, pose, dtype="float64").statistics() == {}
+
+
+def test_renderer_reused_for_other_sizes_gives_the_same_bits_as_a_new_one(rng):
+    renderer, pose = _core.Renderer(), random_pose(rng)
+    ran = 0
+    for size, count in ((40, 50), (100, 300), (33, 3), (1, 1), (70, 0), (40, 50)):
+        camera = fisheye(size)
+        g = gaussians_in_view(rng, camera, pose, count)
+        image = np.full((size, size, 3), np.nan, np.float32)
+        renderer.render(
+            g, camera, pose, gsut.BlendRule(), (0, 0, 0), 3, (1, 2, 0), image, None, None, True
+        )
+        expected = gsut.render(g, camera, pose)
+        assert np.array_equal(image, expected.image)
+        weights = random_weights(rng, camera)
+        gradients = gsut.render_backward(expected, weights[0])
+        out, touched = g.copy(), np.zeros(len(g), np.uint8)
+        dpose = renderer.backward(weights[0].astype(np.float32), None, None, out, touched, True)
+        assert np.array_equal(dpose, gradients.pose)
+        assert np.array_equal(out.means, gradients.gaussians.means)
+        assert np.array_equal(touched, gradients.touched)
+        ran += 1
+    assert ran == 6
+
+
+def test_renderer_untouched_rows_are_left_alone_on_request(rng):
+    camera, pose = pinhole(32), np.eye(4)
+    g = gaussians_in_view(rng, camera, pose, 64, opacity=2.0)
+    g.means[32:, 2] *= -1  # behind: whole vectors of untouched rows
+    g.means[:32:3, 2] *= -1  # and some beside touched ones
+    renderer = _core.Renderer()
+    image = np.zeros((32, 32, 3), np.float32)
+    renderer.render(
+        g, camera, pose, gsut.BlendRule(), (0, 0, 0), 3, (1, 2, 0), image, None, None, True
+    )
+    touched = np.zeros(64, np.uint8)
+    zeroed = gsut.Gaussians(*(np.full_like(getattr(g, f), 7) for f in FIELDS))
+    renderer.backward(np.ones_like(image), None, None, zeroed, touched, True)
+    assert 10 < touched.sum() <= 21
+    for field in FIELDS:
+        assert np.all(getattr(zeroed, field)[touched == 0] == 0)
+
+
+def test_renderer_backward_without_what_it_needs_is_refused(rng):
+    camera, pose = pinhole(16), np.eye(4)
+    g = gaussians_in_view(rng, camera, pose, 5)
+    image = np.zeros((16, 16, 3), np.float32)
+    depth = np.zeros((16, 16), np.float32)
+    touched = np.zeros(5, np.uint8)
+    arguments = (g, camera, pose, gsut.BlendRule(), (0, 0, 0), 3, (1, 2, 0), image, None)
+    renderer = _core.Renderer()
+    with pytest.raises(InputError):
+        renderer.backward(image, None, None, g.copy(), touched, True)
+    renderer.render(*arguments, None, False)
+    with pytest.raises(InputError, match="keep_for_backward"):
+        renderer.backward(image, None, None, g.copy(), touched, True)
+    renderer.render(*arguments, None, True)
+    with pytest.raises(InputError, match="depth"):
+        renderer.backward(image, None, depth, g.copy(), touched, True)
+    with pytest.raises(InputError):
+        renderer.backward(image, None, None, g[:4].copy(), touched[:4].copy(), True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"parity": "inria"}, "gsplat, 3dgrut"),
+        ({"parity": "gsplat", "blend": gsut.BlendRule()}, "parity or blend"),
+        ({"background": (0.0, 1.0)}, "3 numbers, found 2"),
+        ({"camera_from_world": np.diag([1.0, 1, -1, 1])}, "determinant"),
+        ({"camera_from_world": np.eye(4)[:3]}, "camera_from_world"),
+        ({"dtype": "float16"}, "float32, float64"),
+    ],
+)
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_render_bad_argument_is_refused_with_what_to_do(rng, arguments, message, dtype):
+    g = gaussians_in_view(rng, pinhole(), np.eye(4), 3)
+    arguments = {"camera_from_world": np.eye(4), "dtype": dtype, **arguments}
+    with pytest.raises(InputError, match=message):
+        gsut.render(g, pinhole(), **arguments)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_render_backward_wrong_shape_is_refused_with_its_name(rng, dtype):
+    camera = pinhole(20, 10)
+    g = gaussians_in_view(rng, camera, np.eye(4), 3)
+    result = gsut.render(g, camera, np.eye(4), dtype=dtype)
+    dimage = np.zeros((10, 20, 3))
+    for wrong, name in (
+        ((np.zeros((20, 10, 3)),), "dimage"),
+        ((dimage, np.zeros((20, 10))), "dalpha"),
+        ((dimage, None, np.zeros((10, 20, 1))), "ddepth"),
+    ):
+        with pytest.raises(InputError, match=name):
+            gsut.render_backward(result, *wrong)
+
+
+def test_render_image_too_small_for_its_field_is_refused_in_float_only(rng):
+    # One tile of 8 x 8 pixels over 300 degrees has no plane of its own.
+    camera = fisheye(8, degrees=300)
+    g = gaussians_in_view(rng, camera, np.eye(4), 5)
+    with pytest.raises(InputError, match="float64"):
+        gsut.render(g, camera, np.eye(4))
+    assert gsut.render(g, camera, np.eye(4), dtype="float64").alpha.max() > 0

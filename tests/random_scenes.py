@@ -1,0 +1,125 @@
+"""Seeded scenes for tests: a small camera of every lens, poses, Gaussians that they see."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import gsut
+from gsut import _core
+
+# A panorama of few pixels has tiles that span a hemisphere, which the tiled path refuses; images
+# that reach beyond this angle from the axis (radians) get three times the pixels.
+_PANORAMA_ANGLE = 2.0
+
+
+def small_camera(model: str, example: int = 0, width: int = 48) -> gsut.Camera:
+    """An example lens of a model, its image shrunk to `width` pixels: the field of view stays."""
+    _, params, full_width, full_height = _core.camera_examples(model)[example]
+    whole = gsut.Camera(model, params, full_width, full_height)
+    camera = whole.resized(width, max(1, round(full_height * width / full_width)))
+    rays, valid = camera.rays()
+    if np.arccos(rays[valid][:, 2].min()) > _PANORAMA_ANGLE:
+        width *= 3
+        camera = whole.resized(width, max(1, round(full_height * width / full_width)))
+    return camera
+
+
+def every_lens(width: int = 48) -> list[tuple[str, gsut.Camera]]:
+    """(name, small camera) of each example of each lens that this build has."""
+    return [
+        (f"{model}[{example}]", small_camera(model, example, width))
+        for model in gsut.camera_models()
+        for example in range(len(_core.camera_examples(model)))
+    ]
+
+
+def fisheye(width: int = 48, height: int | None = None, degrees: float = 190.0) -> gsut.Camera:
+    """An equidistant fisheye whose circle fills the image's width."""
+    height = width if height is None else height
+    focal = width / np.radians(degrees)
+    params = [focal, focal, width / 2, height / 2]
+    return gsut.Camera(
+        "kannala_brandt", params, width, height, valid_field_angle=np.radians(degrees) / 2
+    )
+
+
+def pinhole(width: int = 48, height: int | None = None, focal: float | None = None) -> gsut.Camera:
+    """A pinhole with its principal point in the middle; 53 degrees wide by default."""
+    height = width if height is None else height
+    focal = float(width) if focal is None else focal
+    return gsut.Camera("pinhole", [focal, focal, width / 2, height / 2], width, height)
+
+
+def random_pose(rng: np.random.Generator) -> np.ndarray:
+    """(4, 4) camera_from_world: any rotation, centre within a few units of the origin."""
+    return gsut.exp_pose(np.concatenate([rng.normal(size=3), rng.uniform(-2, 2, 3)]))
+
+
+def gaussians_in_view(
+    rng: np.random.Generator,
+    camera: gsut.Camera,
+    camera_from_world: np.ndarray,
+    count: int,
+    *,
+    sh_degree: int = 1,
+    distances: tuple[float, float] = (1.0, 6.0),
+    sizes: tuple[float, float] = (0.02, 0.2),
+    aspect: float = 0.5,
+    opacity: float = 0.0,
+) -> gsut.Gaussians:
+    """Float32 Gaussians on rays of the camera's valid pixels.
+
+    Args:
+        distances: range of the distance from the camera, world units, uniform in its logarithm.
+        sizes: range of the standard deviations over the distance, likewise.
+        aspect: standard deviation of the logarithm of each axis about the Gaussian's size.
+        opacity: mean of the opacity logits (standard deviation 1.5).
+    """
+    rays, valid = camera.rays()
+    chosen = rays[valid][rng.integers(int(valid.sum()), size=count)]
+    chosen = chosen + 0.02 * rng.normal(size=(count, 3))
+    distance = np.exp(rng.uniform(*np.log(distances), count))
+    size = distance * np.exp(rng.uniform(*np.log(sizes), count))
+    rotation, translation = camera_from_world[:3, :3], camera_from_world[:3, 3]
+    sh = 0.3 * rng.normal(size=(count, (sh_degree + 1) ** 2, 3))
+    sh[:, 0] += 0.5
+    arrays = (
+        (chosen * distance[:, None] - translation) @ rotation,
+        rng.normal(size=(count, 4)) * np.exp(rng.normal(size=(count, 1))),
+        np.log(size)[:, None] + aspect * rng.normal(size=(count, 3)),
+        opacity + 1.5 * rng.normal(size=count),
+        sh,
+    )
+    return gsut.Gaussians(*(array.astype(np.float32) for array in arrays))
+
+
+def no_gaussians(sh_degree: int = 0) -> gsut.Gaussians:
+    """None at all."""
+    k = (sh_degree + 1) ** 2
+    shapes = ((0, 3), (0, 4), (0, 3), (0,), (0, k, 3))
+    return gsut.Gaussians(*(np.zeros(shape, np.float32) for shape in shapes))
+
+
+def random_weights(
+    rng: np.random.Generator, camera: gsut.Camera
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """dimage (H, W, 3), dalpha and ddepth (H, W) of a loss that is linear in all three."""
+    size = (camera.height, camera.width)
+    return rng.normal(size=(*size, 3)), rng.normal(size=size), 0.3 * rng.normal(size=size)
+
+
+def loss_of(result: gsut.Render, weights: tuple[np.ndarray, np.ndarray, np.ndarray]) -> float:
+    """sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth)."""
+    dimage, dalpha, ddepth = weights
+    return float(
+        np.sum(dimage * result.image)
+        + np.sum(dalpha * result.alpha)
+        + np.sum(ddepth * result.depth)
+    )
+
+
+def relative_error(found: np.ndarray, expected: np.ndarray) -> float:
+    """|found - expected| / |expected| (Euclidean), 0 where both are 0."""
+    difference = np.linalg.norm(np.asarray(found, np.float64) - expected)
+    size = np.linalg.norm(expected)
+    return float(difference / size) if size > 0 else float(difference)
