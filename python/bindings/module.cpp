@@ -21,6 +21,7 @@ PYBIND11_MODULE(_core, m) {
   BindGaussians(m);
   BindProjection(m);
   BindRaster(m);
+  BindRasterBaseline(m);
   BindLoss(m);
   BindOptimize(m);
   BindFormats(m);

@@ -106,6 +106,7 @@ class BoundRenderer {
     out["num_uncertain"] = uncertain;
     out["num_pairs"] = renderer_.num_pairs();
     out["num_contributing_pairs"] = renderer_.num_contributing_pairs();
+    out["buffer_bytes"] = renderer_.buffer_bytes();
     return out;
   }
 
@@ -117,16 +118,17 @@ class BoundRenderer {
 
 py::tuple RenderDouble(const py::object& gaussians, const Camera& camera, const py::object& pose,
                        const BlendRule& rule, const std::array<double, 3>& background,
-                       int sh_degree) {
+                       int sh_degree, const py::object& pixels) {
   const auto view = ConstGaussians<double>(gaussians);
   const Pose camera_from_world = ReadPose(pose);
+  const py::ssize_t h = camera.height(), w = camera.width();
+  const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
   ReferenceImage result;
   {
     const py::gil_scoped_release release;
-    result =
-        RenderReference(view, camera, camera_from_world, Settings(rule, background, sh_degree));
+    result = RenderReference(view, camera, camera_from_world, Settings(rule, background, sh_degree),
+                             chosen);
   }
-  const py::ssize_t h = camera.height(), w = camera.width();
   py::array_t<double> image({h, w, py::ssize_t{3}}), alpha({h, w}), depth({h, w});
   py::array_t<int> samples({h, w});
   std::copy(result.image.begin(), result.image.end(), image.mutable_data());
@@ -140,7 +142,8 @@ py::array_t<double> BackwardDouble(const py::object& gaussians, const Camera& ca
                                    const py::object& pose, const BlendRule& rule,
                                    const std::array<double, 3>& background, int sh_degree,
                                    const py::object& dimage, const py::object& dalpha,
-                                   const py::object& ddepth, const py::object& gradients) {
+                                   const py::object& ddepth, const py::object& gradients,
+                                   const py::object& pixels) {
   const auto view = ConstGaussians<double>(gaussians);
   const auto out = MutableGaussians<double>(gradients);
   const Pose camera_from_world = ReadPose(pose);
@@ -148,11 +151,12 @@ py::array_t<double> BackwardDouble(const py::object& gaussians, const Camera& ca
   const double* image = ConstData<double>(dimage, "dimage", {h, w, 3});
   const double* alpha = OptionalData<double>(dalpha, "dalpha", {h, w});
   const double* depth = OptionalData<double>(ddepth, "ddepth", {h, w});
+  const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
   double dpose[6];
   {
     const py::gil_scoped_release release;
     RenderReferenceBackward(view, camera, camera_from_world, Settings(rule, background, sh_degree),
-                            image, alpha, depth, out, dpose);
+                            image, alpha, depth, out, dpose, chosen);
   }
   return Pose6(dpose);
 }
@@ -188,10 +192,12 @@ void BindRaster(py::module_& m) {
       .def("timings", &BoundRenderer::Timings)
       .def("statistics", &BoundRenderer::Statistics);
   m.def("render_reference", &RenderDouble, py::arg("gaussians"), py::arg("camera"),
-        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"), py::arg("sh_degree"));
+        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"), py::arg("sh_degree"),
+        py::arg("pixels") = py::none());
   m.def("render_reference_backward", &BackwardDouble, py::arg("gaussians"), py::arg("camera"),
         py::arg("camera_from_world"), py::arg("rule"), py::arg("background"), py::arg("sh_degree"),
-        py::arg("dimage"), py::arg("dalpha"), py::arg("ddepth"), py::arg("gradients"));
+        py::arg("dimage"), py::arg("dalpha"), py::arg("ddepth"), py::arg("gradients"),
+        py::arg("pixels") = py::none());
 }
 
 }  // namespace gsut::bindings

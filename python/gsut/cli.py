@@ -1,4 +1,4 @@
-"""The command line: `gsut train`, `eval`, `render`, `calibrate`, `demo`, `doctor`.
+"""The command line: `gsut train`, `eval`, `render`, `calibrate`, `demo`, `doctor`, `bench`.
 
 Everything that takes long to import is imported by the command that needs it, so that `--help` and
 a wrong argument answer at once.
@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from gsut import _core
+from gsut.bench.arguments import add_bench
 from gsut.option_fields import add_option_flags
 from gsut.options import TrainOptions
 
@@ -87,6 +88,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_calibrate(commands)
     _add_demo(commands)
     _add_doctor(commands)
+    add_bench(commands, _Parser)
     return parser
 
 

@@ -24,6 +24,7 @@ from gsut.pyramid import ImagePyramid
 from gsut.render import DEFAULT_UNSCENTED
 from gsut.run_folder import RunFolder
 from gsut.seeding import seed_from_points, seed_in_view
+from gsut.stopwatch import Stopwatch
 
 # Random first Gaussians lie between these distances from a camera, in units of the scene's extent.
 _RANDOM_NEAR, _RANDOM_FAR = 0.05, 4.0
@@ -135,6 +136,7 @@ class TrainingLoop:
         self.pyramid = ImagePyramid(scene, options.coarse_to_fine)
         self.renderer = _core.Renderer()
         self.rule = _core.BlendRule()
+        self.stopwatch = Stopwatch()  # of the steps' stages, for gsut bench train
         self._gradients = _empty_like(self.optimizer.gaussians)
         self._touched = np.zeros(len(start), np.uint8)
 
@@ -153,6 +155,8 @@ class TrainingLoop:
         degree = min(o.sh_degree, step // o.sh_every)
         rates = self._rates(fraction)
         began = time.perf_counter()
+        self.stopwatch.start()
+        lap = self.stopwatch.lap
 
         g = self.optimizer.gaussians
         self._make_room(g)
@@ -170,24 +174,31 @@ class TrainingLoop:
             None,
             True,
         )
+        lap("render")
         # loss, and back through the raster to every parameter
         loss, _ = _core.photometric_loss(target, image, dimage, o.ssim_weight)
+        lap("loss")
         self.renderer.backward(
             dimage, None, None, self._gradients, self._touched, not o.sparse_adam
         )
+        lap("backward")
         # optimize
         if o.strategy == "mcmc":
             self.optimizer.add_regularizer(
                 self._gradients, o.opacity_regularizer, o.scale_regularizer
             )
         self.optimizer.accumulate(self._gradients.means, self.renderer.distances(), self._touched)
+        lap("statistics")
         visible = self._touched if o.sparse_adam else None
         self.optimizer.step(self._gradients, rates, visible, degree)
+        lap("adam")
         self.step = step
         if o.noise and o.strategy == "mcmc":
             self.optimizer.add_noise(rates.means)
+            lap("noise")
         if step % o.densify_every == 0 and o.densify_from <= fraction <= o.densify_until:
             self._densify(fraction)
+            lap("densify")
         self.seconds += time.perf_counter() - began
         return loss
 

@@ -21,7 +21,7 @@ from gsut.progress import TrainingProgress
 from gsut.run_folder import CHECKPOINT, METRICS, REPORT, SCENE, RunFolder
 
 PACKAGE = str(Path(gsut.__file__).parent.parent)
-COMMANDS = ("train", "eval", "render", "demo", "doctor")
+COMMANDS = ("train", "eval", "render", "demo", "doctor", "bench")
 HELP_SECONDS = 1.0  # 0.15 to 0.3 on an idle machine; slow imports (cv2, matplotlib) take more
 
 

@@ -137,7 +137,8 @@ struct GradientSums {
 }  // namespace
 
 ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, const Camera& camera,
-                               const Pose& camera_from_world, const RenderSettings& settings) {
+                               const Pose& camera_from_world, const RenderSettings& settings,
+                               const std::uint8_t* chosen) {
   const std::vector<Seen> seen = SortedGaussians(gaussians, camera_from_world, settings);
   const RayTable& rays = camera.Rays();
   const std::int64_t pixels = static_cast<std::int64_t>(camera.width()) * camera.height();
@@ -151,7 +152,7 @@ ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, con
     std::vector<Hit> hits;
     for (std::int64_t pixel = begin; pixel < end; ++pixel) {
       const std::size_t p = static_cast<std::size_t>(pixel);
-      if (!rays.valid[p]) continue;
+      if (!rays.valid[p] || (chosen != nullptr && !chosen[p])) continue;
       const Vector3d ray = world_from_camera * Eigen::Map<const Vector3d>(&rays.rays[3 * p]);
       const double transmittance = Blend(seen, ray, settings.rule, &hits);
       Vector3d color = Vector3d::Zero();
@@ -172,7 +173,8 @@ ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, con
 void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const Camera& camera,
                              const Pose& camera_from_world, const RenderSettings& settings,
                              const double* dimage, const double* dalpha, const double* ddepth,
-                             const GaussiansView<double>& gradients, double* dpose) {
+                             const GaussiansView<double>& gradients, double* dpose,
+                             const std::uint8_t* chosen) {
   const std::vector<Seen> seen = SortedGaussians(gaussians, camera_from_world, settings);
   const RayTable& rays = camera.Rays();
   const int height = camera.height();
@@ -192,7 +194,7 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
     for (int row = row_begin; row < row_end; ++row) {
       for (int column = 0; column < width; ++column) {
         const std::size_t p = static_cast<std::size_t>(row) * width + column;
-        if (!rays.valid[p]) continue;
+        if (!rays.valid[p] || (chosen != nullptr && !chosen[p])) continue;
         const Vector3d ray_in_camera = Eigen::Map<const Vector3d>(&rays.rays[3 * p]);
         const Vector3d ray = rotation.transpose() * ray_in_camera;
         const double transmittance = Blend(seen, ray, settings.rule, &hits);

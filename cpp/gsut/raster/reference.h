@@ -2,6 +2,7 @@
 // backward. Slow by design; every kernel is tested against it.
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include "gsut/cameras/camera.h"
@@ -19,17 +20,21 @@ struct ReferenceImage {
   std::vector<int> samples;   // (H, W): Gaussians blended
 };
 
-// Throws InputError if a parameter is not finite.
+// chosen (H, W): only pixels that are not 0 are rendered, the others stay 0; null: all. Throws
+// InputError if a parameter is not finite.
 ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, const Camera& camera,
-                               const Pose& camera_from_world, const RenderSettings& settings);
+                               const Pose& camera_from_world, const RenderSettings& settings,
+                               const std::uint8_t* chosen = nullptr);
 
 // Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth); dalpha and
 // ddepth may be null. Writes (does not add) all of `gradients`, shaped like the Gaussians, and
 // dpose[6], the gradient to xi = (v, w) in camera_from_world <- ExpPose(xi) camera_from_world.
 // The cut-offs of the blend rule are not differentiated; a clamped alpha or colour has gradient 0.
+// chosen: as above; L sums over these pixels only.
 void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const Camera& camera,
                              const Pose& camera_from_world, const RenderSettings& settings,
                              const double* dimage, const double* dalpha, const double* ddepth,
-                             const GaussiansView<double>& gradients, double* dpose);
+                             const GaussiansView<double>& gradients, double* dpose,
+                             const std::uint8_t* chosen = nullptr);
 
 }  // namespace gsut

@@ -91,4 +91,19 @@ std::int64_t Renderer::num_contributing_pairs() const {
   return sum;
 }
 
+std::int64_t Renderer::buffer_bytes() const {
+  std::size_t sum = 0;
+  const auto add = [&](const auto&... vectors) {
+    ((sum += vectors.capacity() * sizeof(*vectors.data())), ...);
+  };
+  const Splats& s = splats_;
+  add(s.u, s.v, s.cov_uu, s.cov_uv, s.cov_vv, s.extent_u, s.extent_v, s.distance, s.sine, s.status);
+  const Frame& f = frame_;
+  add(f.records, f.order_key, f.rects, f.slot_begin, f.order, f.pairs, f.tile_begin,
+      f.transmittance, f.color[0], f.color[1], f.color[2], f.depth, f.entries, f.entry_count,
+      f.slot_gradients, f.slot_touched);
+  for (const std::vector<RowSpan>& spans : f.row_spans) add(spans);
+  return static_cast<std::int64_t>(sum);
+}
+
 }  // namespace gsut

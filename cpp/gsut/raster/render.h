@@ -52,6 +52,8 @@ class Renderer {
   // (tile, Gaussian) pairs listed, and of these the ones that touched a pixel (kept renders only).
   std::int64_t num_pairs() const { return static_cast<std::int64_t>(frame_.num_pairs()); }
   std::int64_t num_contributing_pairs() const;
+  // Bytes of the buffers that are kept from frame to frame (not of the camera's rays and tiles).
+  std::int64_t buffer_bytes() const;
 
  private:
   std::vector<StageTime> timings_;

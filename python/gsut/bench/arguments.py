@@ -1,0 +1,134 @@
+"""The flags of `gsut bench ...`; what they do stands in command.py, imported when it is called.
+
+A new benchmark is one more function `_add_...` in `add_bench` and one more in command.py.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+
+def add_bench(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
+    """Adds the command `bench` with its benchmarks.
+
+    Args:
+        commands: the subparsers of the program.
+        parser_class: of the benchmarks' parsers.
+    """
+    parser = commands.add_parser(
+        "bench",
+        help="speed against error, on this machine",
+        description="Measures speed and, beside it, error: against a double-precision reference, "
+        "against the truth, never speed alone.",
+    )
+    benchmarks = parser.add_subparsers(
+        title="benchmarks", metavar="BENCHMARK", required=True, parser_class=parser_class
+    )
+    _add_render(benchmarks)
+    _add_train(benchmarks)
+
+
+def _command(name: str):
+    """A benchmark's function out of gsut.bench.command, which is imported only when called."""
+
+    def run(arguments: argparse.Namespace) -> int:
+        from gsut.bench import command
+
+        return getattr(command, name)(arguments)
+
+    return run
+
+
+def _add_render(benchmarks: Any) -> None:
+    parser = benchmarks.add_parser(
+        "render",
+        help="forward, backward and training step, against the double reference and a scalar "
+        "baseline",
+        description="Times the renderer and a training step on scenes made from a seed, beside "
+        "their errors against the double-precision reference and the times of a plain scalar "
+        "renderer. A result that is wrong (image rms above 1e-5, gradients above 1e-4, relative) "
+        "prints no time.",
+    )
+    parser.add_argument(
+        "--scenes",
+        metavar="A,B",
+        help="synthetic_100k_640x480, synthetic_1m_1920x1080, peer_10k_480x480, "
+        "peer_100k_480x480, or alike with other numbers; trained [default: the first, second and "
+        "fourth]",
+    )
+    parser.add_argument("--isa", metavar="A,B", help="instruction sets [default: all there are]")
+    parser.add_argument(
+        "--threads", default="0", metavar="N,M", help="numbers of threads; 0 = all [default 0]"
+    )
+    parser.add_argument(
+        "--repeats", type=int, default=20, metavar="N",
+        help="most runs of each measurement, of which the shortest counts [default 20]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--scalar-repeats", type=int, default=2, metavar="N",
+        help="runs of the scalar baseline; 0 leaves it out [default 2]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--steps", type=int, metavar="N",
+        help="training steps timed; 0 leaves them out [default 10; with --scale 5]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--tiles", type=int, default=32, metavar="N",
+        help="16 x 16 tiles on which errors are measured, drawn at random [default 32]",
+    )  # fmt: skip
+    parser.add_argument("--ply", metavar="FILE", help="Gaussians of the scene trained")
+    parser.add_argument(
+        "--data", metavar="DATA",
+        help="dataset of the scene trained [default: the demo scene, trained shortly]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--scale",
+        action="store_true",
+        help="measure time and memory over numbers of Gaussians and image sizes instead",
+    )
+    parser.add_argument(
+        "--counts", metavar="N,M", help="with --scale: Gaussians [default 10k,100k,1m]"
+    )
+    parser.add_argument(
+        "--megapixels", metavar="X,Y", help="with --scale: image sizes [default 0.1,0.3,1,2,8]"
+    )
+    _add_files(
+        parser,
+        "speed against error of the first scene with one knob turned at a time; with --scale time "
+        "and memory",
+    )
+    parser.set_defaults(run=_command("render"))
+
+
+def _add_train(benchmarks: Any) -> None:
+    parser = benchmarks.add_parser(
+        "train",
+        help="held-out PSNR against seconds of each preset",
+        description="Trains with each preset and measures held-out PSNR on the way. Seconds "
+        "count from the reading of the dataset on; measuring does not count.",
+    )
+    parser.add_argument("data", metavar="DATA", help="dataset with held-out views")
+    parser.add_argument(
+        "--preset", metavar="A,B", help="presets [default: fast,balanced,best]", dest="presets"
+    )
+    parser.add_argument("--threads", type=int, default=0, metavar="N", help="0 = all [default 0]")
+    parser.add_argument(
+        "--scale", type=float, default=1.0, metavar="X",
+        help="size of the images used, of the originals' [default 1]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--steps", type=int, metavar="N", help="training steps instead of the preset's"
+    )
+    parser.add_argument(
+        "--measurements", type=int, default=12, metavar="N",
+        help="points of each curve [default 12]",
+    )  # fmt: skip
+    _add_files(parser, "PSNR against seconds")
+    parser.set_defaults(run=_command("train"))
+
+
+def _add_files(parser: argparse.ArgumentParser, plot: str) -> None:
+    parser.add_argument("--json", metavar="FILE", help="write the rows as JSON")
+    parser.add_argument("--csv", metavar="FILE", help="write the rows as CSV")
+    parser.add_argument("--plot", metavar="FILE", help=f"draw (svg, png or pdf) {plot}")

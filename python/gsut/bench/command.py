@@ -1,0 +1,206 @@
+"""What each benchmark of `gsut bench` does, step by step (see arguments.py for the flags)."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from gsut import _core
+from gsut._core import InputError
+from gsut.bench.plots import check_plot_path, plot_curves, plot_knobs, plot_scale
+from gsut.bench.report_rows import RENDER_COLUMNS, table_text, write_csv, write_json
+
+
+def render(arguments: argparse.Namespace) -> int:
+    """`gsut bench render`."""
+    _check_files(arguments)
+    if arguments.scale:
+        return _scale(arguments)
+    for flag in ("counts", "megapixels"):
+        if getattr(arguments, flag):
+            raise InputError(f"--{flag} goes with --scale")
+    from gsut.bench.knobs import KNOB_COLUMNS, knob_bench, knob_settings
+    from gsut.bench.render_bench import (
+        DEFAULT_SCENES,
+        RenderBenchOptions,
+        num_measurements,
+        render_bench,
+    )
+    from gsut.bench.scenes import make_scene
+
+    options = RenderBenchOptions(
+        scenes=_words(arguments.scenes) or DEFAULT_SCENES,
+        isas=_words(arguments.isa),
+        threads=_numbers(arguments.threads, int, "--threads"),
+        repeats=arguments.repeats,
+        scalar_repeats=arguments.scalar_repeats,
+        steps=10 if arguments.steps is None else arguments.steps,
+        tiles=arguments.tiles,
+        ply=arguments.ply,
+        data=arguments.data,
+    )
+    with _bar(num_measurements(options)) as advance:
+        rows = render_bench(options, advance)
+    _print_and_write(rows, RENDER_COLUMNS, arguments)
+    wrong = [row for row in rows if not row["valid"]]
+    for row in wrong:
+        print(
+            f"no times for {row['name']} with {row['isa']}: image rms {row['image_rms_error']:.1e},"
+            f" gradients {row['gradient_relative_error']:.1e} are out of bounds"
+        )
+    if arguments.plot:
+        scene = make_scene(options.scenes[0], ply=options.ply, data=options.data)
+        others = len(_core.available_isas()) - 1
+        with _bar(1 + len(knob_settings()) + others + 2 * bool(options.scalar_repeats)) as advance:
+            knobs = knob_bench(
+                scene, repeats=options.repeats, tiles=options.tiles,
+                with_scalar=bool(options.scalar_repeats), on_progress=advance,
+            )  # fmt: skip
+        print()
+        print(table_text(knobs, KNOB_COLUMNS))
+        plot_knobs(arguments.plot, knobs)
+    return 0
+
+
+def _scale(arguments: argparse.Namespace) -> int:
+    """`gsut bench render --scale`."""
+    from gsut.bench.scale_bench import (
+        DEFAULT_COUNTS,
+        DEFAULT_MEGAPIXELS,
+        SCALE_COLUMNS,
+        ScaleOptions,
+        add_linear_fit,
+        scale_bench,
+    )
+    from gsut.bench.scenes import parsed_count
+
+    (threads, *more) = _numbers(arguments.threads, int, "--threads")
+    if more:
+        raise InputError("--scale takes one number of --threads")
+    options = ScaleOptions(
+        counts=[parsed_count(word) for word in _words(arguments.counts)] or DEFAULT_COUNTS,
+        megapixels=_numbers(arguments.megapixels, float, "--megapixels") or DEFAULT_MEGAPIXELS,
+        threads=threads,
+        steps=5 if arguments.steps is None else arguments.steps,
+    )
+    before = _core.active_isa()
+    if arguments.isa:
+        _core.set_isa(arguments.isa)
+    try:
+        with _bar(len(options.counts) * len(options.megapixels)) as advance:
+            rows = scale_bench(options, advance)
+    finally:
+        _core.set_isa(before)
+    _print_and_write(rows, SCALE_COLUMNS, arguments)
+    per_gaussian, per_pixel = add_linear_fit(rows)
+    print(
+        f"step = {1e6 * per_gaussian:.0f} ns a Gaussian + {1e6 * per_pixel:.0f} ns a pixel "
+        "(processor time / threads)"
+    )
+    if arguments.plot:
+        plot_scale(arguments.plot, rows)
+    return 0
+
+
+def train(arguments: argparse.Namespace) -> int:
+    """`gsut bench train DATA`."""
+    from gsut.bench.train_bench import (
+        CURVE_COLUMNS,
+        TRAIN_COLUMNS,
+        TrainBenchOptions,
+        stage_rows,
+        train_bench,
+    )
+    from gsut.options import PRESETS
+    from gsut.progress import TrainingProgress
+
+    _check_files(arguments)
+    options = TrainBenchOptions(
+        data=arguments.data,
+        presets=_words(arguments.presets) or tuple(PRESETS),
+        measurements=arguments.measurements,
+        scale=arguments.scale,
+        threads=arguments.threads,
+        overrides={} if arguments.steps is None else {"steps": arguments.steps},
+    )
+    bars: dict[str, TrainingProgress] = {}
+
+    def on_step(state: dict[str, Any]) -> None:
+        if state["preset"] not in bars:
+            bars[state["preset"]] = TrainingProgress(state["steps"])
+        bar = bars[state["preset"]]
+        bar.update(state["step"], state["loss"], state["num_gaussians"], state["psnr"])
+        if state["step"] == state["steps"]:
+            bar.close()
+
+    rows = train_bench(options, on_step)
+    print(table_text([point for row in rows for point in row["curve"]], CURVE_COLUMNS))
+    print()
+    _print_and_write(rows, TRAIN_COLUMNS, arguments)
+    print("\nmilliseconds a step by stage (processor time / threads)")
+    columns = (("stage", "stage", ""), *((row["preset"], row["preset"], ".2f") for row in rows))
+    print(table_text(stage_rows(rows), columns))
+    for row in rows:
+        passed = ", ".join(f"{level} dB in {s:.1f} s" for level, s in row["seconds_to_db"].items())
+        print(f"{row['preset']}: {passed or 'no whole dB passed between two measurements'}")
+    if arguments.plot:
+        plot_curves(arguments.plot, {row["preset"]: row["curve"] for row in rows})
+    return 0
+
+
+def _print_and_write(
+    rows: list[dict[str, Any]],
+    columns: Sequence[tuple[str, str, str]],
+    arguments: argparse.Namespace,
+) -> None:
+    print(table_text(rows, columns))
+    if arguments.json:
+        write_json(arguments.json, rows)
+    if arguments.csv:
+        write_csv(arguments.csv, rows)
+
+
+def _check_files(arguments: argparse.Namespace) -> None:
+    """Refuses what cannot be written before anything is measured."""
+    if arguments.plot:
+        check_plot_path(arguments.plot)
+    for flag in ("json", "csv", "plot"):
+        path = getattr(arguments, flag)
+        if path and not Path(path).absolute().parent.is_dir():
+            raise InputError(f"--{flag} {path}: there is no such folder; make it first")
+
+
+def _words(text: str | None) -> list[str]:
+    return [word.strip() for word in (text or "").split(",") if word.strip()]
+
+
+def _numbers(text: str | None, kind: Callable[[str], Any], flag: str) -> list[Any]:
+    try:
+        return [kind(word) for word in _words(text)]
+    except ValueError:
+        raise InputError(f'{flag} takes numbers with commas between, found "{text}"') from None
+
+
+@contextlib.contextmanager
+def _bar(total: int) -> Iterator[Callable[[str], None]]:
+    """A progress bar on standard error; gives the function that is told what begins."""
+    from tqdm import tqdm
+
+    with tqdm(total=total, disable=None, dynamic_ncols=True, bar_format=_BAR) as bar:
+        begun = 0
+
+        def advance(text: str) -> None:
+            nonlocal begun
+            bar.set_postfix_str(text, refresh=False)
+            bar.update(min(begun, 1))
+            bar.refresh()
+            begun += 1
+
+        yield advance
+        bar.update(total - bar.n)
+
+
+_BAR = "{percentage:3.0f}% {bar:20} {n_fmt}/{total_fmt}{postfix}"
