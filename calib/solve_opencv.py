@@ -6,9 +6,9 @@ import itertools
 from collections.abc import Sequence
 
 import cv2
-import gsut
 import numpy as np
 
+import gsut
 from calib.board import Board, Photograph
 from calib.bundle import Observation, State, minimise
 from calib.corners import FEWEST_BOARDS

@@ -1,9 +1,10 @@
 """What gsut bench compares with: the scalar baseline, the sampled double reference, the scenes."""
 
-import gsut
 import numpy as np
 import pytest
 import tolerances as tol
+
+import gsut
 from gsut import _core
 from gsut.bench import accuracy, measure, scenes
 

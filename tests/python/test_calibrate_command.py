@@ -6,10 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import gsut
 import numpy as np
 import pytest
 import tolerances
+
+import gsut
 from calib_fakes import FISHEYE, ROOT, write_pictures
 from gsut.calibrate import _images
 
