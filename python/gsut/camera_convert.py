@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import argparse
 import dataclasses
 import math
@@ -109,7 +110,7 @@ def convert_camera(
     distance, angle = _distances(fitted, rays, pixels)
     edges = np.linspace(0.0, np.nextafter(angle.max(), np.inf), _RINGS + 1)
     rings = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in itertools.pairwise(edges):
         inside = distance[(angle >= low) & (angle <= high)]
         rings.append(
             Ring(math.degrees(low), math.degrees(high), len(inside), _rms(inside), _worst(inside))

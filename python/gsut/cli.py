@@ -1,4 +1,4 @@
-"""The command line: `gsut train`, `eval`, `render`, `calibrate`, `camera`, `demo`, `doctor`, `bench`.
+"""The command line: `gsut train`, `eval`, `render`, `calibrate`, `camera`, `demo`, `doctor` ...
 
 Everything that takes long to import is imported by the command that needs it, so that `--help` and
 a wrong argument answer at once.
