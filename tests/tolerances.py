@@ -113,3 +113,9 @@ LENS_RENDER_STEP = 1e-4
 LENS_RENDER_STEPS = 4
 LENS_RENDER_CUTOFF = 6e-3
 LENS_GRADIENT_RELATIVE = 1e-4
+# A sector of a splined lens ends at the nearest of its sides: up to 2 % before the control points,
+# or where this much of the area on the axis is left before a fold
+SPLINE_SECTOR = 0.98
+SPLINE_EDGE = 0.1
+# Fitting a lens by one that holds it: pixels, where Levenberg-Marquardt stops; worst 1e-9
+CONVERT_EXACT = 1e-6
