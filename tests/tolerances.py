@@ -209,3 +209,9 @@ CALIB_REAL_OPENCV8_PX = 0.172
 CALIB_REAL_SPLINED_PX = 0.152
 CALIB_DRAWN_LENS_PX = 0.6  # focal lengths and centre from ten drawn boards; worst 0.31
 CALIB_WIDE_PX = 0.25  # focal lengths and centre from 24 boards with 0.05 px of noise; found 0.11
+# A sector of a splined lens ends at the nearest of its sides: up to 2 % before the control points,
+# or where this much of the area on the axis is left before a fold
+SPLINE_SECTOR = 0.98
+SPLINE_EDGE = 0.1
+# Fitting a lens by one that holds it: pixels, where Levenberg-Marquardt stops; worst 1e-9
+CONVERT_EXACT = 1e-6

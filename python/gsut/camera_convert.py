@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import argparse
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -193,13 +194,19 @@ def _fit(
     angles = _angles(rays)
     for share in (0.25, 0.5, 0.75, 1.0):
         near = angles <= max(share * angles.max(), np.sort(angles)[min(60, len(angles) - 1)])
-        params = _levenberg_marquardt(model, params, camera, rays[near], pixels[near])
+        # What fits the centre may have a pole just beyond it: the first guess gets its chance too.
+        tries = [
+            _levenberg_marquardt(model, guess, camera, rays[near], pixels[near])
+            for guess in (params, start)
+        ]
+        params = min(tries, key=lambda found: found[1])[0]
     return params
 
 
 def _levenberg_marquardt(
     model: str, params: np.ndarray, camera: Camera, rays: np.ndarray, pixels: np.ndarray
-) -> np.ndarray:
+) -> tuple[np.ndarray, float]:
+    """The parameters and their cost."""
     free = [i for i in range(len(params)) if i not in _FIXED.get(model, ())]
     lens = Camera(model, params, camera.width, camera.height)
     cost, residual, valid = _cost(lens, rays, pixels)
@@ -231,7 +238,7 @@ def _levenberg_marquardt(
         damping = max(damping / 10, 1e-12)
         if gain <= 1e-12 * cost:
             break
-    return params
+    return params, cost
 
 
 def _cost(

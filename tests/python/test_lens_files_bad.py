@@ -75,7 +75,11 @@ BAD_FILES = [
         MRCAL.replace("PINHOLE", "SPLINED_STEREOGRAPHIC_order=3"),
         "line 2, key 'len",
     ),
-    ("a.cameramodel", MRCAL.replace("PINHOLE", SPLINED), "line 3, key 'intrinsics': .*40 values"),
+    (
+        "a.cameramodel",
+        MRCAL.replace("PINHOLE", SPLINED),
+        "line 3, key 'intrinsics': splined_stereographic takes",
+    ),
     ("a.json", '{"cameras": {"a": {"model": "X", "params": [1]}}}', "key 'model': 'X'"),
     ("cameras.txt", "1 PINHOLE 10 11 nan 1 1 1\n", "line 1.*fx is nan"),
 ]

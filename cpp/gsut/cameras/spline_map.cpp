@@ -59,14 +59,19 @@ bool IsRegular(const PlanePoint& p, double x, double y) {
 
 // The first radius in this direction where the map is not regular.
 double FirstFold(const Surface& surface, double direction_x, double direction_y) {
-  // Looked at four times between control points; beyond the last ones the polynomials are cubic.
+  // The outermost control points end the lens: what lies beyond is extrapolated, and soon folds.
+  const double half_x = 0.5 * (surface.params[1] - 1.0) / surface.density;
+  const double half_y = 0.5 * (surface.params[2] - 1.0) / surface.density;
+  const double end = std::min({kLargestRadius, half_x / std::abs(direction_x),
+                               half_y / std::abs(direction_y)});
+  // Looked at four times between control points.
   const double step = 0.25 / surface.density;
   const auto regular = [&](double r) {
     return IsRegular(surface(r * direction_x, r * direction_y), r * direction_x, r * direction_y);
   };
   double good = 0.0;
-  while (good < kLargestRadius) {
-    const double next = std::min(good + step, kLargestRadius);
+  while (good < end) {
+    const double next = std::min(good + step, end);
     if (regular(next)) {
       good = next;
       continue;

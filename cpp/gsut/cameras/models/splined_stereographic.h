@@ -6,12 +6,12 @@
 // Parameters: order (2 or 3), Nx, Ny, fov_x in degrees, the configuration; fx fy cx cy in pixels,
 // (0.5, 0.5) the centre of the top-left pixel; then the control points, dimensionless, row by row:
 // Ny rows of Nx points of two numbers. Control point (i, j) stands at x = (i - (Nx - 1)/2) / s,
-// y = (j - (Ny - 1)/2) / s with s = (Nx - order) / (4 tan(fov_x / 4)). Beyond the outermost
-// polynomials those go on, and soon fold. mrcal's LENSMODEL_SPLINED_STEREOGRAPHIC is this lens.
-// Domain: in each direction from the axis (512 sectors) up to the first fold, at most 168 degrees;
-// max_angle is the angle of the farthest. The derivatives to the configuration are 0. Inverse:
-// Newton, safeguarded (plane_map.h). Source: mrcal's documentation of its splined stereographic
-// model.
+// y = (j - (Ny - 1)/2) / s with s = (Nx - order) / (4 tan(fov_x / 4)). mrcal's
+// LENSMODEL_SPLINED_STEREOGRAPHIC is this lens. Domain: in each direction from the axis (512
+// sectors) up to the first fold or the outermost control points, beyond which the surface is only
+// extrapolated, at most 168 degrees; max_angle is the angle of the farthest. The derivatives to the
+// configuration are 0. Inverse: Newton, safeguarded (plane_map.h). Source: mrcal's documentation of
+// its splined stereographic model.
 
 struct SplinedStereographic {
   static constexpr const char* kName = "splined_stereographic";
