@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import sys
 
-import gsut
 import numpy as np
 
+import gsut
 from calib.board import Board
 from calib.lens import PIXEL_SHIFT, rays
 from calib.solution import LENSES

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import cv2
-import gsut
 import numpy as np
 
+import gsut
 from calib.board import Board, Photograph
 from calib.bundle import Observation, State, minimise
 from calib.corners import FEWEST_BOARDS

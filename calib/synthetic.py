@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import cv2
-import gsut
 import numpy as np
 
+import gsut
 from calib.board import Board, Photograph
 from calib.lens import PIXEL_SHIFT
 from calib.rigid import rotation_matrix, transform_points

@@ -101,7 +101,7 @@ ORACLE_IMAGE = 1e-9  # the issue's; double against double, up to 200 terms a pix
 ORACLE_GRADIENT = 1e-6  # the issue's, relative L2; worst 4.7e-13
 ORACLE_PROJECTION = 1e-9  # px, the issue's; weights of -99 magnify eps of 64 px; worst 4.1e-12
 PROJECTION_FLOAT_PIXELS = 1e-4  # px, the issue's; float spacing at 64 px is 4e-6; worst 1.3e-5
-# px; footprints of up to 1e6 px through steep lenses, times weights of 100, times eps; worst 3.4e-10
+# px; eps times footprints of up to 1e6 px through steep lenses, weights of 100; worst 3.4e-10
 PROJECTION_DOUBLE = 1e-9
 # relative to the larger of the covariance and 1 px^2; a dozen float operations; worst 1.2e-5
 PROJECTION_FLOAT_COVARIANCE = 2e-5
@@ -139,8 +139,8 @@ TRAIN_LEAST_PSNR = 25.0  # dB after 100 steps; least over all instruction sets 3
 HARD_IMAGE = 1e-4  # RENDER_FLIP: what differs by more has a reason and is left out; worst 9.9e-5
 HARD_ALPHA = 1e-5  # one Gaussian, also around the camera, with or without a jump; worst 1.9e-6
 HARD_DEPTH = 5e-6  # relative L2; worst 1e-6
-# relative L2 of each array; needles and near Gaussians: 6e-8 of the distance over the scale, in sums
-# that cancel; worst 6.9e-4
+# relative L2 of each array; needles and near Gaussians: 6e-8 of the distance over the scale, in
+# sums that cancel; worst 6.9e-4
 HARD_GRADIENT = 1e-3
 # A gradient below this share of the scene's largest is compared with that share: of a round
 # Gaussian, that to the quaternion is 0 but for rounding (4e-7 of the largest).

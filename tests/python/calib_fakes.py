@@ -4,8 +4,9 @@ import sys
 from pathlib import Path
 
 import cv2
-import gsut
 import numpy as np
+
+import gsut
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))

@@ -6,9 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import gsut
 import numpy as np
 import pytest
+
+import gsut
 import tolerances
 from calib_fakes import FISHEYE, ROOT, write_pictures
 from gsut.calibrate import _images

@@ -3,15 +3,15 @@
 import cv2
 import numpy as np
 import pytest
-import tolerances
-from calib_fakes import BOARD, FISHEYE, write_pictures
 
+import tolerances
 from calib.board import Board, Photograph, assign_cameras
 from calib.corner_files import read_vnl, write_board_picture, write_vnl
 from calib.corners import corner_noise, find_board, find_boards, ordered
 from calib.errors import BoardError
 from calib.images import read_grey
 from calib.rigid import transform_points
+from calib_fakes import BOARD, FISHEYE, write_pictures
 
 
 @pytest.fixture(scope="module")

@@ -2,12 +2,11 @@
 
 import ast
 
-import gsut
 import numpy as np
 import pytest
-import tolerances
-from calib_fakes import BOARD, FISHEYE, corner_photographs
 
+import gsut
+import tolerances
 from calib import solve_mrcal, solve_opencv
 from calib.board import Board, assign_cameras
 from calib.corners import find_boards
@@ -24,6 +23,7 @@ from calib.synthetic import photographs as see
 from calib.synthetic import random_poses
 from calib.trust import judge
 from calib.uncertainty import grid_pixels, uncertainty_map
+from calib_fakes import BOARD, FISHEYE, corner_photographs
 
 needs_mrcal = pytest.mark.skipif(
     not have_mrcal(), reason="mrcal is not installed: apt-get install mrcal python3-mrcal"
