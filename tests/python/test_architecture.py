@@ -78,9 +78,9 @@ PYTHON_MAY_USE: dict[str, set[str]] = {
 PYTHON_EXCEPTIONS = {("cameras", "data.lens_files")}
 # Library -> why gsut depends on it. Everything else outside Python's own library is forbidden.
 PYTHON_LIBRARIES = {"cv2", "jinja2", "matplotlib", "numpy", "tqdm", "yaml"}
-# calib/ is a program beside gsut: it calls gsut's public names like anybody, and gsut starts it as a
-# process. mrcal is imported in one file, which runs under the system's Python.
-CALIB_LIBRARIES = {"calib", "cv2", "gsut", "jinja2", "matplotlib", "numpy", "yaml"}
+# calib/ is a program beside gsut: it calls gsut's public names like anybody, and gsut starts it as
+# a process. mrcal is imported in one file, which runs under the system's Python.
+CALIB_LIBRARIES = PYTHON_LIBRARIES | {"calib", "gsut"}
 CALIB_WITH_MRCAL = {"calib/inside_mrcal.py"}
 
 MAX_LINES = 400  # a file with one job is shorter; most have fewer than 300
