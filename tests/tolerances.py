@@ -108,6 +108,7 @@ ORACLE_GRADIENT = 1e-6  # the issue's, relative L2; worst 4.7e-13
 ORACLE_PROJECTION = 1e-9  # px, the issue's; weights of -99 magnify eps of 64 px; worst 4.1e-12
 PROJECTION_FLOAT_PIXELS = 1e-4  # px, the issue's; float spacing at 64 px is 4e-6; worst 1.3e-5
 # px; footprints of up to 1e6 px in steep lenses, times weights of 100, times eps; worst 3.4e-10
+# px; eps times footprints of up to 1e6 px through steep lenses, weights of 100; worst 3.4e-10
 PROJECTION_DOUBLE = 1e-9
 # relative to the larger of the covariance and 1 px^2; a dozen float operations; worst 1.2e-5
 PROJECTION_FLOAT_COVARIANCE = 2e-5

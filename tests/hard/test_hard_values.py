@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-import tolerances
 from precision_paths import FIELDS, blob, errors_of, joined, run_every_path
-from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose, random_weights
 
 import gsut
+import tolerances
+from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose, random_weights
 
 EPS = float(np.finfo(np.float32).eps)
 BLACK_HARMONIC = 1 / np.sqrt(4 * np.pi)

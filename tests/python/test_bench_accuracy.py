@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-import tolerances as tol
 
 import gsut
+import tolerances as tol
 from gsut import _core
 from gsut.bench import accuracy, measure, scenes
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import tolerances
 
 import gsut
+import tolerances
 from calib_fakes import FISHEYE, ROOT, write_pictures
 from gsut.calibrate import _images
 

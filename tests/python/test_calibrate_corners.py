@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 import pytest
-import tolerances
 
+import tolerances
 from calib.board import Board, Photograph, assign_cameras
 from calib.corner_files import read_vnl, write_board_picture, write_vnl
 from calib.corners import corner_noise, find_board, find_boards, ordered

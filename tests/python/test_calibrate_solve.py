@@ -4,9 +4,9 @@ import ast
 
 import numpy as np
 import pytest
-import tolerances
 
 import gsut
+import tolerances
 from calib import solve_mrcal, solve_opencv
 from calib.board import Board, assign_cameras
 from calib.corners import find_boards

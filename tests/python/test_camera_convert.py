@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 import tolerances as tol
 from gsut import InputError, _core
 from gsut.camera_convert import convert_camera, format_conversion

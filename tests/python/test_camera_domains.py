@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-import tolerances as tol
 
+import tolerances as tol
 from gsut.cameras import Camera, camera_models
 from lens_cases import (
     NO_CONE,

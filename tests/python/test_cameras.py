@@ -5,8 +5,8 @@ import pickle
 import cv2
 import numpy as np
 import pytest
-import tolerances as tol
 
+import tolerances as tol
 from gsut import InputError, set_num_threads
 from gsut.cameras import Camera, camera_models
 from lens_cases import PANORAMAS, all_lenses, polar_grid

@@ -7,8 +7,8 @@ import struct
 import cv2
 import numpy as np
 import pytest
-import tolerances as tol
 
+import tolerances as tol
 from gsut import CalibrationError, InputError
 from gsut.cameras import Camera, load_camera
 from gsut.data.lens_files import colmap_camera, nerfstudio_camera

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-import tolerances
-from random_scenes import every_lens, fisheye, gaussians_in_view, no_gaussians, pinhole, random_pose
-from ray_model import rotations
 
 import gsut
+import tolerances
 from gsut import InputError
+from random_scenes import every_lens, fisheye, gaussians_in_view, no_gaussians, pinhole, random_pose
+from ray_model import rotations
 
 LENSES = dict(every_lens())
 # alpha, beta, kappa: gsut's own, gsplat's, and one with a positive central weight.

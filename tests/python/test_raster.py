@@ -4,8 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+
+import gsut
 import ray_model
 import tolerances
+from gsut import InputError
 from random_scenes import (
     every_lens,
     fisheye,
@@ -17,9 +20,6 @@ from random_scenes import (
     random_weights,
     relative_error,
 )
-
-import gsut
-from gsut import InputError
 
 LENSES = dict(every_lens(width=24))
 BACKGROUND = (0.2, 0.5, 0.9)

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import tolerances
-from random_scenes import pinhole
-from rendered_dataset import VIEWS, write_dataset
 
 import gsut
+import tolerances
 from gsut import InputError, TrainOptions
 from gsut.run_folder import HISTORY, SCENE
 from gsut.train import TrainingLoop, first_gaussians
+from random_scenes import pinhole
+from rendered_dataset import VIEWS, write_dataset
 
 STEPS = 60
 SHORT = {"steps": STEPS, "max_gaussians": 150, "eval_every": 20, "checkpoint_every": 5}
