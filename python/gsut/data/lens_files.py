@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+
 from gsut import _core
 from gsut._core import CalibrationError, InputError
 from gsut.cameras import Camera
