@@ -57,6 +57,7 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "report": {"report", "report_plots"},
     "scene tools": {"demo_scene*", "doctor", "render_path"},
     "training": {"evaluate", "pyramid", "train"},
+    "benchmarks": {"bench", "bench.*"},
     "command line": {"__main__", "calibrate", "camera_convert", "cli", "commands"},
     "package": {"gsut"},
 }
@@ -70,7 +71,10 @@ PYTHON_MAY_USE: dict[str, set[str]] = {
     "scene tools": {"faces", "data"},
     # The package: evaluate renders by the public name gsut.render.
     "training": {"faces", "data", "run", "report", "package"},
-    "command line": {"faces", "data", "run", "report", "scene tools", "training", "package"},
+    "benchmarks": {"faces", "data", "run", "scene tools", "training", "package"},
+    "command line": {
+        *("faces", "data", "run", "report", "scene tools", "training", "benchmarks", "package"),
+    },
     "package": {"faces", "data", "run", "training"},
 }
 # Single arrows beyond the table, inside functions only: Camera.save and gsut.load_camera are
