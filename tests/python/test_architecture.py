@@ -52,7 +52,7 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     # What a run is made of: settings, its folder, its words and pictures.
     "run": {
         *("checkpoint", "environment", "option_fields", "options", "pictures", "progress"),
-        "run_folder",
+        *("run_folder", "stopwatch"),
     },
     "report": {"report", "report_plots"},
     "scene tools": {"demo_scene*", "doctor", "render_path"},

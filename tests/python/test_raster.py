@@ -77,8 +77,8 @@ def differences(g, camera, pose, weights, options, field, indices, step=1e-5):
 # Entries of each array that differences are taken of: all but those of higher harmonics, of which
 # they are drawn at random.
 ENTRIES = 32
-# So small over their distance that the plane through the camera, behind which nothing is drawn, cuts
-# off less than 1e-16 of any.
+# So small over their distance that the plane through the camera, behind which nothing is drawn,
+# cuts off less than 1e-16 of any.
 FAR_ENOUGH = {"sizes": (0.02, 0.05), "aspect": 0.3}
 
 
