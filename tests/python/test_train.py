@@ -358,3 +358,14 @@ def test_train_every_isa_learns_alike(scene):
     assert len(found) == len(gsut.available_isas())
     # Rounding steers densification: like quality, not like numbers.
     assert min(found.values()) > tolerances.TRAIN_LEAST_PSNR, found
+
+
+def test_train_command_scale_is_applied_once(dataset, scene, tmp_path):
+    from gsut.cli import main
+
+    out = tmp_path / "run"
+    words = ["train", str(dataset), "-o", str(out), "--steps", "2", "--scale", "0.5", "--quiet"]
+    assert main(words) == 0
+    full = scene.cameras[0]
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["image_size"] == [[full.width // 2, full.height // 2]]
