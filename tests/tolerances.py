@@ -192,7 +192,7 @@ HARD_DETERMINANT = 1e-4  # of a covariance over the product of its variances; ro
 # --- calib: boards to lenses ----------------------------------------------------------------------
 # RMS of corners of small curved squares (9 to 20 px) drawn with 2 x 2 rays a pixel; worst 0.23
 CALIB_DRAWN_CORNER_PX = 0.4
-CALIB_DRAWN_OFFSET_PX = 0.1  # their mean: half a pixel would be a mistaken convention; worst 0.05
+CALIB_DRAWN_OFFSET_PX = 0.1  # their mean: half a pixel would be a mistaken convention
 CALIB_SAME_CORNER_PX = 0.02  # cornerSubPix of the same picture turned: its stop is 1e-3 px
 CALIB_RIGID = 1e-12  # rotation vectors through matrices up to half a turn: 1e4 eps near pi
 CALIB_EXACT_PARAMS = 1e-4  # pixels and coefficients: OpenCV stops at a relative change of 1e-10
@@ -200,7 +200,7 @@ CALIB_WRITTEN = 1e-12  # 17 digits, and half a pixel added and taken off
 CALIB_NOISE_RELATIVE = 0.06  # of a noise found from 700 corners: 3 standard deviations
 CALIB_COVERAGE_LEAST = 0.8  # of 95 % in 8 solves; 3 standard deviations of correlated trials
 CALIB_SPLINE_LIKE_PX = 0.02  # a spline with knots 9 degrees apart for a fisheye; method
-CALIB_RIG_DEGREES = 0.1  # of a rig from 12 boards with 0.02 px of noise; found 0.06
+CALIB_RIG_DEGREES = 0.1  # of a rig from 12 boards with 0.02 px of noise; 0.32 with 0.1 px
 CALIB_RIG_METRES = 0.0005  # the same
 CALIB_SIGMA_RATIO = (0.5, 2.0)  # mrcal's uncertainty over ours; other unknowns, other priors
 # RMS (2-D, px) of the real left fisheye, as found before gsut with each solver; found 0.1773,
