@@ -12,11 +12,12 @@ import numpy as np
 import gsut
 from calib import solve_mrcal, solve_opencv
 from calib.board import Board, Photograph, assign_cameras, natural_key
+from calib.choose import choose_lens, solve_camera
 from calib.corner_files import write_board_picture, write_vnl
-from calib.corners import find_boards, turned
-from calib.cross_validation import HeldOut, compare, hold_out
-from calib.errors import BoardError, SolveError
-from calib.halves import Halves, agreement_angle, compare_halves
+from calib.corners import FEWEST_BOARDS, find_boards, turned
+from calib.cross_validation import HeldOut
+from calib.errors import BoardError, MisfitError, SolveError
+from calib.halves import AGREEMENT_DEGREES, Halves, agreement_angle, compare_halves
 from calib.job import Job
 from calib.lens_files import write_lens
 from calib.mrcal_process import have_mrcal, require_mrcal
@@ -27,8 +28,10 @@ from calib.solution import CameraSolution
 from calib.trust import Trust, judge
 from calib.uncertainty import safe_uncertainty_map
 
-# Times the best lens' residuals above which a lens is not worth five more solves.
+# Times the lens' residuals above which another lens does not describe the camera at all.
 _HOPELESS = 3.0
+# Part of the trusted angle to which another lens must agree, or a note says so.
+_AGREES = 0.95
 CORNERS_FOLDER, CORNERS_FILE = "corners", "corners.vnl"
 
 
@@ -74,22 +77,24 @@ def calibrate(job: Job) -> Result:
     photographs = assign_cameras(paths, job.cameras)
     find_boards(photographs, board, job.progress)
     write_vnl(folder / CORNERS_FILE, photographs)
+    for group in _by_camera(photographs):
+        _drop_misfits(group, board)
     notes = _left_out(photographs)
     seen = [[p for p in group if p.corners is not None] for group in _by_camera(photographs)]
 
     held_out: dict[str, list[HeldOut]] = {}
     lens = job.lens
     if lens == "auto":
-        lens, reasons = _choose(job, seen, board, held_out)
+        lens, reasons = choose_lens(job, seen, board, held_out)
         notes += reasons
-    cameras = [_solve(job, group, board, lens) for group in seen]
+    cameras = [solve_camera(job, group, board, lens) for group in seen]
     rig_rms = None
     if len(cameras) > 1:
         turn = unify_turns(cameras, board)
         for photograph in turn:
             photograph.corners = turned(photograph.corners, board)
         if turn:
-            cameras = [_solve(job, group, board, lens) for group in seen]
+            cameras = [solve_camera(job, group, board, lens) for group in seen]
         rig_rms, rig_notes = solve_rig(cameras, board)
         notes += rig_notes
 
@@ -100,13 +105,20 @@ def calibrate(job: Job) -> Result:
         trusts.append(judge(camera, board, sigma))
         notes += trusts[-1].notes
     halves = [
-        compare_halves(camera, trust, board, lambda part: _solve(job, part, board, lens))
+        compare_halves(camera, trust, board, lambda part: solve_camera(job, part, board, lens))
         for camera, trust in zip(cameras, trusts, strict=True)
     ]
     second = [
         _second_lens(job, camera, trust, board)
         for camera, trust in zip(cameras, trusts, strict=True)
     ]
+    for camera, trust, other in zip(cameras, trusts, second, strict=True):
+        if other is not None and other[1] < _AGREES * trust.valid_angle:
+            notes.append(
+                f"{camera.name}: beyond {np.degrees(other[1]):.0f} degrees another lens of the "
+                f"same boards ({other[0]}) differs by more than {AGREEMENT_DEGREES} degree: both "
+                "fit, and only more boards there can tell which is right"
+            )
     pictures = _draw(folder / CORNERS_FOLDER, photographs, cameras, board)
     result = Result(
         job=job,
@@ -138,84 +150,6 @@ def calibrate(job: Job) -> Result:
     return result
 
 
-def _solve(job: Job, photographs: Sequence[Photograph], board: Board, lens: str) -> CameraSolution:
-    if job.solver_for(lens) == "opencv":
-        return solve_opencv.solve_camera(photographs, board, lens)
-    knots = job.knot_degrees
-    if lens == "splined" and knots is None and job.lens == "auto":
-        knots = solve_mrcal.COARSE_KNOTS_DEGREES
-    return solve_mrcal.solve_camera(photographs, board, lens, knots)
-
-
-def _choose(
-    job: Job,
-    seen: Sequence[Sequence[Photograph]],
-    board: Board,
-    held_out: dict[str, list[HeldOut]],
-) -> tuple[str, list[str]]:
-    """The lens for all cameras: where they disagree, the one with more parameters."""
-    lenses, notes = _candidates(job)
-    chosen: list[HeldOut] = []
-    for group in seen:
-        name = group[0].camera
-        results, outliers = _try_lenses(job, lenses, group, board)
-        reason = compare(results, outliers)
-        held_out[name] = results
-        chosen.append(next(result for result in results if result.chosen))
-        notes.append(f"{name}: {reason}")
-        notes += [f"{name}: {r.lens} was not considered: {r.problem}" for r in results if r.problem]
-    return max(chosen, key=lambda result: result.parameters).lens, notes
-
-
-def _candidates(job: Job) -> tuple[list[str], list[str]]:
-    lenses = ["fisheye", "opencv4", "opencv8", "splined"]
-    notes = []
-    if job.solver != "auto":
-        able = {"opencv": solve_opencv.LENS_NAMES, "mrcal": solve_mrcal.LENS_NAMES}[job.solver]
-        lenses = [lens for lens in lenses if lens in able]
-        if job.solver == "mrcal":
-            require_mrcal()
-    elif not have_mrcal():
-        lenses = ["fisheye"]
-        notes.append("mrcal is not installed: only the fisheye lens was tried")
-    if job.out.suffix.lower() != ".cameramodel" and "splined" in lenses:
-        lenses.remove("splined")
-        notes.append(f"splined was not considered: {job.out.suffix} files cannot hold it")
-    return lenses, notes
-
-
-def _try_lenses(
-    job: Job, lenses: Sequence[str], group: Sequence[Photograph], board: Board
-) -> tuple[list[HeldOut], list[np.ndarray]]:
-    """Cross-validation of each lens that fits at all, and the outliers of those scored."""
-    full: dict[str, CameraSolution] = {}
-    problems: dict[str, str] = {}
-    for lens in lenses:
-        try:
-            full[lens] = _solve(job, group, board, lens)
-            refusal = judge(full[lens], board, np.full((1, 1), np.nan)).refusal
-            if refusal:
-                problems[lens] = refusal
-        except SolveError as error:
-            problems[lens] = str(error)
-    best = min((solution.rms_2d_px for solution in full.values()), default=0.0)
-    results, outliers = [], []
-    for lens in lenses:
-        if lens not in problems and full[lens].rms_2d_px > _HOPELESS * best:
-            problems[lens] = f"its residuals of {full[lens].rms_2d_px:.2f} px rule it out"
-        if lens in problems:
-            results.append(HeldOut(lens, np.empty((0, 0)), problem=problems[lens]))
-            continue
-
-        def solve(part: Sequence[Photograph], lens: str = lens) -> CameraSolution:
-            return _solve(job, part, board, lens)
-
-        results.append(hold_out(lens, full[lens], group, board, solve))
-        if not results[-1].problem:
-            outliers.append(full[lens].outliers)
-    return results, outliers
-
-
 def _second_lens(
     job: Job, camera: CameraSolution, trust: Trust, board: Board
 ) -> tuple[str, float] | None:
@@ -229,6 +163,30 @@ def _second_lens(
         return other, agreement_angle(camera, second, trust.valid_angle)
     except (SolveError, gsut.InputError):
         return None
+
+
+def _drop_misfits(photographs: Sequence[Photograph], board: Board) -> None:
+    """Leaves out boards that a fisheye lens of the others does not fit: wrongly found ones.
+
+    Raises:
+        BoardError: too few are left.
+    """
+    found = [photograph for photograph in photographs if photograph.corners is not None]
+    while len(found) >= FEWEST_BOARDS:
+        try:
+            solve_opencv.solve_camera(found, board, "fisheye")
+            return
+        except MisfitError as error:
+            for index in error.indices:
+                found[index].corners = None
+                found[index].reason = "its corners do not fit the lens of the other boards"
+            found = [photograph for photograph in found if photograph.corners is not None]
+        except SolveError:
+            return  # not a fisheye; the chosen lens decides
+    raise BoardError(
+        f"too few boards: {len(found)} of {len(photographs)} images of {photographs[0].camera} fit "
+        f"one lens, at least {FEWEST_BOARDS} are needed: is --board right, and was the zoom fixed?"
+    )
 
 
 def _by_camera(photographs: Sequence[Photograph]) -> list[list[Photograph]]:

@@ -17,6 +17,9 @@ FEWEST_BOARDS = 4  # a lens with 8 coefficients needs 3 tilted boards; one more 
 _LARGEST_WINDOW = 5  # half-side in pixels of cornerSubPix: 11 x 11 pixels
 _SUBPIX_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)  # steps, pixels
 _BLURRED = 0.4  # edge width over corner spacing; sharp boards of four real sets have 0.05 to 0.17
+_SOFT_PX = 6.0  # of the sharpest edges; photographs in focus have 2 to 3
+_EMPTY_GREY = 5.0  # grey levels of deviation below which nothing is in the image
+_DARK, _SHARPEST = 2.0, 0.1  # percent of the pixels that are called dark, and sharp
 _COARSER = (2, 4, 8)  # a board seen only at this fraction of the size is blurred
 _PROBE = 3  # corners a side of the smallest board asked for when looking for a board of any size
 _ENOUGH_OF_ANOTHER = 5  # first photographs without the board, before they are asked for another
@@ -99,12 +102,33 @@ def _detect(image: np.ndarray, board: Board) -> tuple[np.ndarray | None, str]:
 
 def any_board(image: np.ndarray) -> tuple[int, int] | None:
     """Corners along the longer and the shorter side of a chessboard of any size in the image."""
+    # Without accuracy and normalisation a small pattern often does not grow to the whole board.
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE
+    flags |= cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
     found, _, meta = cv2.findChessboardCornersSBWithMeta(image, (_PROBE, _PROBE), flags)
     return (max(meta.shape[:2]), min(meta.shape[:2])) if found else None
 
 
+def sharpest_edge(image: np.ndarray) -> float:
+    """Pixels over which the sharpest edges of an image go from dark to light."""
+    calm = cv2.medianBlur(image, 3).astype(np.float32)  # single noisy pixels are no edges
+    slope = np.hypot(np.diff(calm, axis=1)[1:], np.diff(calm, axis=0)[:, 1:])
+    dark, light = np.percentile(calm, (_DARK, 100 - _DARK))
+    return float((light - dark) / max(np.percentile(slope, 100 - _SHARPEST), 1e-6))
+
+
 def _why_not(image: np.ndarray, photograph: Photograph, board: Board) -> str:
+    edge = sharpest_edge(image)
+    if edge > _SOFT_PX and image.std() > _EMPTY_GREY:
+        return f"the image is blurred: its sharpest edges are {edge:.0f} px wide"
+    size = (board.columns, board.rows)
+    for factor in _COARSER:
+        small = cv2.resize(image, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA)
+        if min(small.shape) < 2 * max(size):
+            break
+        flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+        if cv2.findChessboardCorners(small, size, flags=flags)[0]:
+            return f"the board is blurred: it is seen only at 1/{factor} of the size"
     seen = any_board(image)
     wanted = (max(board.columns, board.rows), min(board.columns, board.rows))
     if seen is not None and seen != wanted:
@@ -115,14 +139,6 @@ def _why_not(image: np.ndarray, photograph: Photograph, board: Board) -> str:
                 "cropped, covered or too oblique"
             )
         return f"it shows a board of {seen[0]} x {seen[1]} inner corners"
-    size = (board.columns, board.rows)
-    for factor in _COARSER:
-        small = cv2.resize(image, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA)
-        if min(small.shape) < 2 * max(size):
-            break
-        flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-        if cv2.findChessboardCorners(small, size, flags=flags)[0]:
-            return f"the board is blurred: it is seen only at 1/{factor} of the size"
     return "no board is seen: it is outside, cropped, blurred or too dark"
 
 

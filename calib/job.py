@@ -11,6 +11,7 @@ from calib import solve_mrcal, solve_opencv
 from calib.board import Board
 from calib.errors import BoardError
 from calib.lens_files import require_suffix
+from calib.mrcal_process import have_mrcal
 from calib.solution import LENSES
 
 LENS_CHOICES = ("auto", *LENSES)
@@ -74,7 +75,11 @@ class Job:
 
     def solver_for(self, lens: str) -> str:
         """Which solver a lens is solved with."""
-        return self.solver if self.solver != "auto" else _DEFAULT_SOLVER[lens]
+        if self.solver != "auto":
+            return self.solver
+        if self.lens == "auto" and not have_mrcal():
+            return "opencv"
+        return _DEFAULT_SOLVER[lens]
 
 
 def read_job(path: Path) -> Job:

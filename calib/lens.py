@@ -56,12 +56,14 @@ def projector(camera: CameraSolution) -> Projector:
     Radial-tangential lenses by OpenCV's formula, which knows no domain: a fit with a pole must be
     seen for what the solver saw. The fisheye by gsut, since OpenCV's is wrong behind the camera.
     """
-    return _fisheye(camera) if camera.lens == "fisheye" else _radial
+    return fisheye_projector(camera.width, camera.height) if camera.lens == "fisheye" else _radial
 
 
-def _fisheye(camera: CameraSolution) -> Projector:
+def fisheye_projector(width: int, height: int) -> Projector:
+    """gsut's Kannala-Brandt lens in calib's pixels."""
+
     def project(params: np.ndarray, points: np.ndarray):
-        lens = gsut.Camera("kannala_brandt", _shifted(params), camera.width, camera.height)
+        lens = gsut.Camera("kannala_brandt", _shifted(params), width, height)
         pixels, _ = lens.project(points)
         by_point, by_params = lens.project_jacobian(points)
         return pixels - PIXEL_SHIFT, by_point, by_params

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import shutil
@@ -22,6 +23,7 @@ _NOT_INHERITED = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
 _LINES_SHOWN = 3  # of what a failed program printed last
 
 
+@functools.cache
 def have_mrcal() -> bool:
     """Whether mrcal's command-line tools and Python module are installed."""
     if shutil.which(CALIBRATE) is None or not Path(PYTHON).exists():

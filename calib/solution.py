@@ -82,7 +82,8 @@ class CameraSolution:
 
 
 def find_outliers(residuals: np.ndarray) -> np.ndarray:
-    """(V, corners) bool: residuals (V, corners, 2) beyond OUTLIER_SIGMAS robust deviations."""
+    """(V, corners) bool: residuals (V, corners, 2) beyond OUTLIER_SIGMAS robust deviations, and
+    those that are NaN because the lens has no image there."""
     length = np.linalg.norm(residuals, axis=-1)
-    sigma = np.median(length) / _MEDIAN_OF_RAYLEIGH
-    return length > OUTLIER_SIGMAS * sigma
+    sigma = np.nanmedian(length) / _MEDIAN_OF_RAYLEIGH
+    return ~(length <= OUTLIER_SIGMAS * sigma)

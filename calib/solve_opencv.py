@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import cv2
 import numpy as np
 
+import gsut
 from calib.board import Board, Photograph
-from calib.errors import SolveError
+from calib.bundle import Observation, State, minimise
+from calib.corners import FEWEST_BOARDS
+from calib.errors import MisfitError, SolveError
+from calib.lens import PIXEL_SHIFT, fisheye_projector
+from calib.rigid import compose, rotation_matrix, transform_points
 from calib.solution import LENSES, CameraSolution, find_outliers
 
 LENS_NAMES = ("fisheye", "opencv4", "opencv8")
@@ -17,6 +23,13 @@ _FOCAL_GUESSES = (1 / np.pi, 0.25, 0.5, 0.8, 1.2, 2.5)
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)  # steps, relative change
 _ROUNDS = 10  # of throwing outliers out and solving again
 _GOOD_START_PX = 2.0  # RMS with all corners; a start above it has found a wrong minimum
+_WHOLE = 0.5  # part of a board's corners that must fit
+_PARTS = (0.8, 0.6, 0.4, 0.25)  # of the boards, the innermost first, where all together fail
+# High coefficients bend a lens away where its boards end: hold them until the others are in.
+_HELD_AT_ZERO = (
+    cv2.fisheye.CALIB_FIX_K3 | cv2.fisheye.CALIB_FIX_K4,
+    cv2.fisheye.CALIB_FIX_K2 | cv2.fisheye.CALIB_FIX_K3 | cv2.fisheye.CALIB_FIX_K4,
+)
 _STEEPEST = np.radians(80.0)  # field angle to which a radial lens is started from a fisheye
 
 
@@ -38,8 +51,9 @@ def solve_camera(photographs: Sequence[Photograph], board: Board, lens: str) -> 
     for _ in range(_ROUNDS):
         params, poses = _fit(observed, keep, board, size, lens, guess)
         guess = params
-        residuals = _residuals(params, poses, observed, board, lens)
+        residuals = _residuals(params, poses, observed, board, lens, size)
         again = ~find_outliers(residuals)
+        _require_whole_boards(again, photographs, lens)
         if np.array_equal(again, keep):
             break
         keep = again
@@ -57,6 +71,21 @@ def solve_camera(photographs: Sequence[Photograph], board: Board, lens: str) -> 
         residuals=residuals,
         outliers=~keep,
     )
+
+
+def _lost(good: np.ndarray) -> list[int]:
+    """Boards that lost half of their corners: their poses are wrong, or they are no boards."""
+    return [int(index) for index in np.flatnonzero(good.mean(axis=1) < _WHOLE)]
+
+
+def _require_whole_boards(good: np.ndarray, photographs: Sequence[Photograph], lens: str) -> None:
+    lost = _lost(good)
+    if lost:
+        raise MisfitError(
+            f"{photographs[lost[0]].path}: its corners do not fit the {lens} lens of the other "
+            "boards; leave it out, or try another --lens",
+            lost,
+        )
 
 
 def _fit(
@@ -96,7 +125,74 @@ def _fit(
 
 
 def _fit_fisheye(observed, keep, board, size, guess) -> tuple[np.ndarray, np.ndarray]:
-    flags = (
+    """OpenCV's fit; where a board defeats it, the outermost boards are added afterwards.
+
+    cv2.fisheye starts each board's pose on a plane in front of the camera, so that one corner at 90
+    degrees makes it fail. `bundle` has no such plane.
+    """
+    try:
+        params, poses = _fit_fisheye_at_once(observed, keep, board, size, guess)
+        left = _residuals(params, poses, observed, board, "fisheye", size)
+        if not _lost(~find_outliers(left)):
+            return params, poses
+        fallback = params, poses
+        problem = None
+    except SolveError as error:
+        fallback, problem = None, error
+    centre = (np.array(size) - 1) / 2
+    outermost = [np.linalg.norm(o - centre, axis=1).max() for o in observed]
+    order = np.argsort(outermost)
+    for part, held in itertools.product(_PARTS, _HELD_AT_ZERO):
+        inner = order[: max(FEWEST_BOARDS, int(part * len(order)))]
+        try:
+            params, _ = _fit_fisheye_at_once(observed[inner], keep[inner], board, size, None, held)
+            return _refine(params, observed, keep, board, size)
+        except SolveError:
+            continue
+    if fallback is not None:
+        return fallback
+    raise problem
+
+
+def _refine(params, observed, keep, board, size) -> tuple[np.ndarray, np.ndarray]:
+    """The lens and all boards together, from a lens that some boards gave."""
+    points, project = board.points(), fisheye_projector(*size)
+    centre = params[2:4] + PIXEL_SHIFT
+    lens = gsut.Camera("kannala_brandt", [*params[:2], *centre, *params[4:]], *size)
+    poses = []
+    for pixels, good in zip(observed, keep, strict=True):
+        directions, valid = lens.unproject(pixels[good] + PIXEL_SHIFT)
+        if not valid.all():
+            raise SolveError("a corner lies outside the lens of the inner boards")
+        poses.append(_pose_of_rays(points[good], directions))
+    observations = [
+        Observation(0, index, pixels[good], points[good])
+        for index, (pixels, good) in enumerate(zip(observed, keep, strict=True))
+    ]
+    state = State([params], np.zeros((1, 6)), np.stack(poses))
+    state = minimise(state, observations, [project])
+    state = minimise(state, observations, [project], free_params=True)
+    return state.params[0], state.boards
+
+
+def _pose_of_rays(points: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """(6,) pose of a board seen along unit rays (N, 3): the camera is turned to it first."""
+    middle = directions.mean(axis=0)
+    middle /= np.linalg.norm(middle)
+    axis = np.cross([0.0, 0.0, 1.0], middle)
+    sine = np.linalg.norm(axis)
+    turn = axis / max(sine, 1e-12) * np.arctan2(sine, middle[2])
+    ahead = directions @ rotation_matrix(turn)
+    _, rotation, translation = cv2.solvePnP(
+        points, ahead[:, :2] / ahead[:, 2:], np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+    )
+    return compose(np.append(turn, np.zeros(3)), np.concatenate([rotation, translation]).ravel())
+
+
+def _fit_fisheye_at_once(
+    observed, keep, board, size, guess, held=0
+) -> tuple[np.ndarray, np.ndarray]:
+    flags = held | (
         cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC
         | cv2.fisheye.CALIB_FIX_SKEW
         | cv2.fisheye.CALIB_USE_INTRINSIC_GUESS
@@ -154,15 +250,14 @@ def _radial_guess(observed, keep, board, size, lens) -> np.ndarray:
     return np.concatenate([params[:4], fit[:2], [0.0, 0.0], fit[2:]])
 
 
-def _residuals(params, poses, observed, board, lens) -> np.ndarray:
+def _residuals(params, poses, observed, board, lens, size) -> np.ndarray:
     points = board.points()
+    project = fisheye_projector(*size)
     matrix, distortion = _matrix(params), params[4:]
     predicted = []
     for pose in poses:
-        if lens == "fisheye":
-            pixels, _ = cv2.fisheye.projectPoints(
-                points[None], pose[:3].copy(), pose[3:].copy(), matrix, distortion
-            )
+        if lens == "fisheye":  # by gsut: OpenCV's is wrong behind the camera
+            pixels = project(params, transform_points(pose, points))[0]
         else:
             pixels, _ = cv2.projectPoints(points, pose[:3], pose[3:], matrix, distortion)
         predicted.append(pixels.reshape(-1, 2))

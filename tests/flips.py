@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import ray_model
-import tolerances
 
 import gsut
+import ray_model
+import tolerances
 
 REASONS = ("cut", "order", "origin", "stop", "thin")
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from random_scenes import pinhole
 
 import gsut
+from random_scenes import pinhole
 
 VIEWS = 12
 EVERY_TEST = 6  # views 0 and 6 are held out

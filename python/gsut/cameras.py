@@ -224,12 +224,14 @@ def load_camera(path: str | os.PathLike[str], camera_id: int | str | None = None
 
     Formats, told apart by name and content: mrcal .cameramodel, OpenCV YAML / JSON (FileStorage or
     ROS camera_info), Kalibr camchain YAML, COLMAP cameras.txt and cameras.bin, nerfstudio
-    transforms.json. Pixel conventions are converted: mrcal, OpenCV and Kalibr put the centre of the
-    top-left pixel at (0, 0), gsut, COLMAP and nerfstudio at (0.5, 0.5).
+    transforms.json, Project Aria calibration JSON. Pixel conventions are converted: mrcal, OpenCV,
+    Kalibr and Aria put the centre of the top-left pixel at (0, 0), gsut, COLMAP and nerfstudio at
+    (0.5, 0.5).
 
     Args:
         path: the file.
-        camera_id: which camera, for a file with several: COLMAP's number or Kalibr's "cam0".
+        camera_id: which camera, for a file with several: COLMAP's number, Kalibr's "cam0" or Aria's
+            label.
 
     Returns:
         The camera. The valid field angle is set where the file states one.

@@ -1,4 +1,4 @@
-"""The command line: `gsut train`, `eval`, `render`, `calibrate`, `demo`, `doctor`, `bench`.
+"""The command line: `gsut train`, `eval`, `render`, `calibrate`, `camera`, `demo`, `doctor` ...
 
 Everything that takes long to import is imported by the command that needs it, so that `--help` and
 a wrong argument answer at once.
@@ -88,6 +88,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_calibrate(commands)
     _add_demo(commands)
     _add_doctor(commands)
+    _add_camera(commands)
     add_bench(commands, _Parser)
     return parser
 
@@ -245,3 +246,39 @@ def _add_doctor(commands) -> None:
     )
     parser.add_argument("data", metavar="DATA", help="the dataset")
     parser.set_defaults(run=_command("doctor"))
+
+
+def _add_camera(commands) -> None:
+    parser = commands.add_parser(
+        "camera", help="convert a lens into another model", description="Works on lens files."
+    )
+    actions = parser.add_subparsers(metavar="ACTION", required=True, parser_class=_Parser)
+    convert = actions.add_parser(
+        "convert",
+        help="fit one lens model by another",
+        description="Fits a lens of MODEL to the lens in LENS over its whole image, prints the "
+        "worst error by field angle, and writes the result.",
+    )
+    convert.add_argument("lens", metavar="LENS", help="lens file")
+    convert.add_argument("model", metavar="MODEL", help="model to fit, such as opencv8")
+    convert.add_argument("-o", "--out", metavar="FILE", help="lens file to write; see Camera.save")
+    convert.add_argument("--camera-id", metavar="ID", help="which camera of LENS")
+    convert.add_argument(
+        "--max-angle",
+        type=float,
+        metavar="DEGREES",
+        help="leave out what is farther from the axis [default: the whole image]",
+    )
+    convert.add_argument(
+        "--num-params",
+        type=int,
+        metavar="N",
+        help="of a lens with any number of coefficients [default: four coefficients]",
+    )
+
+    def run(arguments: argparse.Namespace) -> int:
+        from gsut.camera_convert import run_convert
+
+        return run_convert(arguments)
+
+    convert.set_defaults(run=run)

@@ -147,9 +147,7 @@ def _train(
     data: str, run: RunFolder, options: TrainOptions, resume: bool, quiet: bool
 ) -> dict[str, Any]:
     """Loads, trains, and returns the content of metrics.json."""
-    scene = gsut.load_dataset(
-        data, test_every=options.test_every, test_names=options.test_names, scale=options.scale
-    )
+    scene = gsut.load_dataset(data, test_every=options.test_every, test_names=options.test_names)
     if not quiet:
         for note in scene.notes:
             print(f"gsut: note: {note}", file=sys.stderr)

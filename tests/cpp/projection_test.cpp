@@ -30,6 +30,9 @@ using testing_scenes::ToDouble;
 
 // Pixels; coordinates up to 200 px in float have a spacing of 1.5e-5. Observed 2.4e-5.
 constexpr double kFloatPixels = 1e-4;
+// Variance, pixels^2, beyond which a footprint is not compared: its sigma points lie at the pole of
+// a panorama, or where a polynomial lens is steep.
+constexpr double kWidest = 24.0 * 24.0;
 // The extents of a small splat may miss its silhouette by this many pixels more than kSmallMargin
 // says: the renderer widens them by as much for float rounding.
 constexpr double kRoundingPixels = 0.01;
@@ -103,15 +106,20 @@ TEST(ProjectTest, FloatMatchesDoubleOnEveryLensAndInstructionSet) {
       Splats splats;
       Project(g.View(), lens.camera, pose, {}, {}, &splats);
       ASSERT_EQ(splats.size, g.size());
-      int compared = 0;
+      int compared = 0, on_edge = 0;
       for (std::size_t i = 0; i < n; ++i) {
-        const bool is_narrow = std::max(covariances[4 * i], covariances[4 * i + 3]) < 2500.0;
+        const bool is_narrow = std::max(covariances[4 * i], covariances[4 * i + 3]) < kWidest;
         if (!valid[i] || !is_narrow) continue;
+        if (std::isnan(splats.u[i])) {  // a sigma point on the domain's edge, outside in float
+          ++on_edge;
+          continue;
+        }
         EXPECT_NEAR(splats.u[i], means[2 * i], kFloatPixels) << lens.name << " " << isa;
         EXPECT_NEAR(splats.v[i], means[2 * i + 1], kFloatPixels) << lens.name << " " << isa;
         ++compared;
       }
       EXPECT_GT(compared, 150) << lens.name;
+      EXPECT_LE(on_edge, 2) << lens.name;
     }
     ++ran;
   }

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 
-import flips
 import numpy as np
+
+import flips
+import gsut
 import tolerances
 from random_scenes import relative_error
-
-import gsut
 
 FIELDS = tuple(field.name for field in dataclasses.fields(gsut.Gaussians))
 

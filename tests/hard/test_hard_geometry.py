@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-import tolerances
 from precision_paths import FIELDS, blob, errors_of, joined, run_every_path
-from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose, random_weights
 
 import gsut
+import tolerances
+from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose, random_weights
 
 LENSES = {
     "pinhole": pinhole(40),

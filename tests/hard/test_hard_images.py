@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
-import tolerances
 from precision_paths import FIELDS, blob, errors_of, every_path, joined, run_every_path
+
+import gsut
+import tolerances
 from random_scenes import (
     fisheye,
     gaussians_in_view,
@@ -12,8 +14,6 @@ from random_scenes import (
     random_pose,
     random_weights,
 )
-
-import gsut
 
 
 @pytest.mark.parametrize(

@@ -88,6 +88,8 @@ def main():
             else:
                 oracle, pixels = "libmrcal 2.2", mrcal_pixels(sys.argv[1], model, params, points)
             keep = np.isfinite(pixels).all(axis=1)
+            # Of the splined lens, gsut leaves out what lies beyond the control points.
+            keep &= _core.Camera(model, params, width, height).project(points)[1]
             print(model, width, oracle, keep.sum(), "of", POINTS)
             vectors.append(
                 {

@@ -52,6 +52,8 @@ HARD_LENSES = [
 NUM_LENSES = 32 + len(HARD_LENSES)
 # These see every direction; their image is no disc around the image of the axis.
 PANORAMAS = ("equirectangular", "latlon", "lonlat")
+# The domain of these ends at another angle in each direction; max_angle is the farthest.
+NO_CONE = ("splined_stereographic",)
 
 
 def all_lenses() -> list[Camera]:

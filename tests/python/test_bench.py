@@ -4,8 +4,9 @@ import csv
 import json
 import re
 
-import gsut
 import pytest
+
+import gsut
 import small_datasets
 from gsut import _core
 from gsut.bench import measure, render_bench, scale_bench, scenes

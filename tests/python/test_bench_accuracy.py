@@ -1,8 +1,9 @@
 """What gsut bench compares with: the scalar baseline, the sampled double reference, the scenes."""
 
-import gsut
 import numpy as np
 import pytest
+
+import gsut
 import tolerances as tol
 from gsut import _core
 from gsut.bench import accuracy, measure, scenes

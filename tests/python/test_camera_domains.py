@@ -2,14 +2,24 @@
 
 import numpy as np
 import pytest
-import tolerances as tol
 
+import tolerances as tol
 from gsut.cameras import Camera, camera_models
-from lens_cases import NUM_LENSES, PANORAMAS, all_lenses, centre, circle, polar_grid
+from lens_cases import (
+    NO_CONE,
+    NUM_LENSES,
+    PANORAMAS,
+    all_lenses,
+    centre,
+    circle,
+    polar_grid,
+)
 
 LENSES = all_lenses()
 # Their domain does not end at a fold: a pixel derivative without bound, or a limit of its own.
 NO_FOLD = ("division", "ftheta")
+CONES = [camera for camera in LENSES if camera.model not in NO_CONE]
+each_cone = pytest.mark.parametrize("camera", CONES, ids=lambda c: f"{c.model}-{c.width}")
 each_lens = pytest.mark.parametrize("camera", LENSES, ids=lambda c: f"{c.model}-{c.width}")
 
 
@@ -30,6 +40,13 @@ def test_lens_cases_hold_every_model():
 def test_unproject_whole_domain_returns_the_ray(camera, part):
     points = polar_grid(part * camera.max_angle)
     pixels, valid = camera.project(points)
+    if camera.model in NO_CONE:
+        # Not between two sectors, where rounding chooses the edge.
+        for turn in (1e-9, -1e-9):
+            x, y, z = points.T
+            valid &= camera.project(np.stack([x - turn * y, y + turn * x, z], axis=1))[1]
+        assert valid.sum() > 2000
+        points, pixels, valid = points[valid], pixels[valid], valid[valid]
     assert valid.all()
     rays, found = camera.unproject(pixels)
     assert found.all()
@@ -68,7 +85,7 @@ def test_unproject_far_and_bad_pixels_are_invalid_and_nan(camera):
     assert np.isnan(rays).all()
 
 
-@each_lens
+@each_cone
 def test_unproject_around_edge_is_valid_inside_only(camera):
     if camera.model in PANORAMAS:
         return  # see test_panoramas.py
@@ -83,7 +100,7 @@ def test_unproject_around_edge_is_valid_inside_only(camera):
     assert valid.all()
 
 
-@each_lens
+@each_cone
 def test_domain_is_one_to_one(camera):
     checked = 0
     for part in (0.1, 0.5, 0.9, 0.999, 1 - 1e-6):
@@ -99,7 +116,7 @@ def test_domain_is_one_to_one(camera):
     assert checked == 5
 
 
-@each_lens
+@each_cone
 def test_domain_is_tight(camera):
     if camera.max_angle == np.pi or camera.model in NO_FOLD:
         return  # nothing lies beyond
@@ -116,6 +133,28 @@ def test_domain_is_tight(camera):
     left = (area * determinants(camera, edge)).min()
     before = determinants(camera, circle((1 - 1e-6) * camera.max_angle, 4096)).min()
     assert left < max(tol.DOMAIN_EDGE * axis, tol.DOMAIN_EDGE_STEP * before)
+
+
+@pytest.mark.parametrize(
+    "camera", [c for c in LENSES if c.model in NO_CONE], ids=lambda c: f"{c.model}-{c.params[0]:g}"
+)
+def test_domain_of_every_direction_ends_at_a_fold_or_the_control_points(camera):
+    order, nx, ny, fov = camera.params[:4]
+    density = (nx - order) / (4 * np.tan(np.radians(fov) / 4))
+    angles = np.linspace(0.001, camera.max_angle, 2000)
+    directions = np.linspace(0, 2 * np.pi, 37)[:-1]
+    for x, y in zip(np.cos(directions), np.sin(directions), strict=True):
+        rays = np.stack([np.sin(angles) * x, np.sin(angles) * y, np.cos(angles)], axis=1)
+        _, valid = camera.project(rays)
+        last = len(rays) if valid.all() else int(valid.argmin())
+        assert last > 200 and not valid[last:].any()  # connected to the axis
+        inside = determinants(camera, rays[:last])
+        assert (inside > 0).all()
+        radius = 2 * np.tan(angles[last - 1] / 2)
+        points_end = min((nx - 1) / 2 / max(abs(x), 1e-9), (ny - 1) / 2 / max(abs(y), 1e-9))
+        # Sectors end early by what their sides differ.
+        near_end = radius > tol.SPLINE_SECTOR * points_end / density
+        assert near_end or inside[-1] < tol.SPLINE_EDGE * inside[0]
 
 
 def test_max_angle_of_known_lenses_is_the_closed_form():

@@ -5,8 +5,8 @@ import pickle
 import cv2
 import numpy as np
 import pytest
-import tolerances as tol
 
+import tolerances as tol
 from gsut import InputError, set_num_threads
 from gsut.cameras import Camera, camera_models
 from lens_cases import PANORAMAS, all_lenses, polar_grid
@@ -81,8 +81,8 @@ def test_project_jacobian_matches_central_differences(camera, rng):
     # Short of the seam, where a difference would jump.
     widest = 80 if camera.model in PANORAMAS else 120
     points = polar_grid(0.95 * min(camera.max_angle, np.radians(widest)), 16, 20)
-    pixels, _ = camera.project(points)
-    points = points[np.abs(pixels).max(axis=1) < NEAR_PIXELS]
+    pixels, valid = camera.project(points)
+    points = points[valid & (np.abs(pixels).max(axis=1) < NEAR_PIXELS)]
     points = points * rng.uniform(0.5, 3.0, (len(points), 1))
     dpixel_dpoint, dpixel_dparams = camera.project_jacobian(points)
     assert dpixel_dpoint.shape == (len(points), 2, 3)

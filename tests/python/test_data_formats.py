@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import tolerances
 
 import small_datasets as small
+import tolerances
 from gsut.data import load_dataset
 
 WRITERS = {

@@ -5,10 +5,10 @@ import concurrent.futures
 import cv2
 import numpy as np
 import pytest
-import tolerances
 
 import gsut
 import small_datasets as small
+import tolerances
 from gsut.data import load_dataset
 from gsut.data.images import decode_image, decode_mask, read_header, shrink_image, shrink_mask
 from gsut.data.scene import _LruCache

@@ -6,8 +6,8 @@ import math
 import cv2
 import numpy as np
 import pytest
-import tolerances
 
+import tolerances
 from gsut import InputError
 from gsut.demo_scene import dataset, make_demo_scene
 from gsut.demo_scene import views as demo_views

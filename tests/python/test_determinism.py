@@ -4,6 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+
+import gsut
 from random_scenes import (
     every_lens,
     fisheye,
@@ -13,8 +15,6 @@ from random_scenes import (
     random_pose,
     random_weights,
 )
-
-import gsut
 
 FIELDS = tuple(field.name for field in dataclasses.fields(gsut.Gaussians))
 # The second time on eight threads: repeated with the buffers and caches of the first.

@@ -5,9 +5,9 @@ import math
 import cv2
 import numpy as np
 import pytest
-import tolerances
 
 import run_fakes
+import tolerances
 from gsut.evaluate import evaluate, field_angles, run_metrics
 from gsut.metrics import RING_EDGES_DEGREES
 from gsut.options import TrainOptions

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-import tolerances
 from scipy import special
 from scipy.spatial import cKDTree
 
+import tolerances
 from gsut import InputError, _core, seeding
 
 

@@ -7,8 +7,8 @@ import struct
 import cv2
 import numpy as np
 import pytest
-import tolerances as tol
 
+import tolerances as tol
 from gsut import CalibrationError, InputError
 from gsut.cameras import Camera, load_camera
 from gsut.data.lens_files import colmap_camera, nerfstudio_camera
@@ -24,12 +24,15 @@ FILE_NAMES = {
 }
 RADIAL = {"opencv4", "opencv5", "opencv8"}
 HOLDS = {
-    "mrcal": {"pinhole", *RADIAL, "opencv12"},
-    "opencv": {"pinhole", *RADIAL, "opencv12", "opencv14", "kannala_brandt"},
-    "opencv-json": {"pinhole", *RADIAL, "opencv12", "opencv14", "kannala_brandt"},
-    "kalibr": {"pinhole", "opencv4", "kannala_brandt"},
-    "nerfstudio": {"pinhole", *RADIAL, "kannala_brandt"},
-    "colmap": {"pinhole", *RADIAL, "kannala_brandt"},
+    "mrcal": {"pinhole", *RADIAL, "opencv12", "stereographic", "lonlat", "latlon", "cahvor"}
+    | {"splined_stereographic"},
+    "opencv": {"pinhole", *RADIAL, "opencv12", "opencv14", "kannala_brandt", "mei"},
+    "opencv-json": {"pinhole", *RADIAL, "opencv12", "opencv14", "kannala_brandt", "mei"},
+    "kalibr": {"pinhole", "opencv4", "kannala_brandt", "fov", "mei", "double_sphere"}
+    | {"extended_unified", "unified"},
+    "nerfstudio": {"pinhole", *RADIAL, "kannala_brandt", "fisheye624", "equirectangular"},
+    "colmap": {"pinhole", *RADIAL, "kannala_brandt", "fov", "thin_prism_fisheye", "fisheye624"}
+    | {"division", "extended_unified", "unified", "equirectangular"},
 }
 # Fisheye files other than gsut's own have four coefficients, exactly.
 MAX_FISHEYE_PARAMS = 8
@@ -39,6 +42,9 @@ FISHEYE = Camera("kannala_brandt", [300, 310, 320.25, 240.75, 0.01, -0.02, 0.003
 def assert_same_lens(found: Camera, expected: Camera) -> None:
     """The same lens; trailing coefficients that are zero may have come or gone."""
     assert (found.width, found.height) == (expected.width, expected.height)
+    if expected.model == "unified":  # the extended model with beta 1
+        assert found.model == "extended_unified" and found.params[5] == 1.0
+        found = Camera("unified", found.params[:5], found.width, found.height)
     longest = max(len(found.params), len(expected.params))
     padded = [np.pad(lens.params, (0, longest - len(lens.params))) for lens in (found, expected)]
     np.testing.assert_allclose(*padded, rtol=0, atol=tol.LENS_FILE_PARAMS)
@@ -55,7 +61,8 @@ def test_saved_camera_reads_back_or_is_refused(kind, tmp_path):
     for camera in all_lenses():
         path = tmp_path / FILE_NAMES[kind]
         too_long = camera.model == "kannala_brandt" and len(camera.params) > MAX_FISHEYE_PARAMS
-        if camera.model not in HOLDS[kind] or too_long:
+        skewed = kind == "kalibr" and camera.model == "mei" and camera.params[4] != 0.0
+        if camera.model not in HOLDS[kind] or too_long or skewed:
             with pytest.raises(InputError, match=camera.model):
                 camera.save(path)
             refused += 1
@@ -155,22 +162,24 @@ def test_mrcal_file_keeps_extrinsics_region_and_field(tmp_path):
     assert load_camera(path).valid_region.shape == (0, 2)
 
 
-def test_mrcal_real_files_are_read_or_named(shared):
+def test_mrcal_real_files_are_read(shared):
     folder = shared / "data" / "lenses" / "mrcal"
-    read = refused = 0
+    read = 0
     for path in sorted(folder.glob("*.cameramodel")):
-        if "opencv8" in path.name:
-            camera = load_camera(path)
-            assert camera.model == "opencv8" and camera.extrinsics.shape == (6,)
-            assert (camera.valid_region is not None) == ("figueroa" in path.name)
-            read += 1
-        else:
-            with pytest.raises(CalibrationError) as caught:
-                load_camera(path)
-            words = (path.name, "line", "lensmodel", "LENSMODEL_SPLINED", "LENSMODEL_OPENCV8")
-            assert all(word in str(caught.value) for word in words)
-            refused += 1
-    assert (read, refused) == (3, 3)
+        camera = load_camera(path)
+        splined = "splined" in path.name
+        assert camera.model == ("splined_stereographic" if splined else "opencv8")
+        assert camera.extrinsics.shape == (6,)
+        assert (camera.valid_region is not None) == ("figueroa" in path.name)
+        read += 1
+    assert read == 6
+    # The splined lens of a wide camera sees its image, but for a fold at the upper edge.
+    wide = load_camera(folder / "figueroa-overpass-looking-S_splined-0.cameramodel")
+    pixels = np.stack(np.meshgrid(np.linspace(0.5, 6015.5, 60), np.linspace(0.5, 4015.5, 40)), -1)
+    rays, valid = wide.unproject(pixels.reshape(-1, 2))
+    assert valid.mean() > 0.98
+    back, _ = wide.project(rays[valid])
+    assert np.abs(back - pixels.reshape(-1, 2)[valid]).max() < tol.ROUND_TRIP_PIXELS
     # cam0 has a fold inside the field; figueroa's principal point is moved by half a pixel.
     cam0 = load_camera(folder / "cam0.opencv8.cameramodel")
     assert np.degrees(cam0.max_angle) == pytest.approx(61.184, abs=1e-3)
@@ -201,7 +210,18 @@ COLMAP_CASES = [
     ("FULL_OPENCV", 6, [5, 6, 7, 8, *[0.1] * 8], "opencv8", [5, 6, 7, 8, *[0.1] * 8]),
     ("SIMPLE_RADIAL_FISHEYE", 8, [5, 7, 8, 0.1], "kannala_brandt", [5, 5, 7, 8, 0.1]),
     ("RADIAL_FISHEYE", 9, [5, 7, 8, 0.1, 0.2], "kannala_brandt", [5, 5, 7, 8, 0.1, 0.2]),
+    ("FOV", 7, [5, 6, 7, 8, 0.9], "fov", [5, 6, 7, 8, 0.9]),
+    ("THIN_PRISM_FISHEYE", 10, [5, 6, 7, 8, *[0.01] * 8], "thin_prism_fisheye", None),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", 11, [5, 6, 7, 8, *[0.01] * 12], "fisheye624", None),
+    ("SIMPLE_DIVISION", 12, [5, 7, 8, -0.1], "division", [5, 5, 7, 8, -0.1]),
+    ("DIVISION", 13, [5, 6, 7, 8, -0.1], "division", None),
+    ("SIMPLE_FISHEYE", 14, [5, 7, 8], "kannala_brandt", [5, 5, 7, 8]),
+    ("FISHEYE", 15, [5, 6, 7, 8], "kannala_brandt", None),
+    ("EUCM", 16, [5, 6, 7, 8, 0.6, 1.1], "extended_unified", None),
+    ("EQUIRECTANGULAR", 17, [14, 16], "equirectangular", []),
 ]
+# None: the same parameters.
+COLMAP_CASES = [(*case[:4], case[2] if case[4] is None else case[4]) for case in COLMAP_CASES]
 
 
 @pytest.mark.parametrize(("name", "number", "params", "model", "expected"), COLMAP_CASES)
@@ -212,7 +232,7 @@ def test_colmap_camera_by_name_and_number_is_the_lens(name, number, params, mode
 
 
 def colmap_files(folder) -> list:
-    """The same nine cameras (ids 10, 11 ...) as text and as binary."""
+    """The same cameras (ids 10, 11 ...) as text and as binary."""
     lines = ["# comment", ""]
     data = struct.pack("<Q", len(COLMAP_CASES))
     for key, (name, number, params, _, _) in enumerate(COLMAP_CASES, start=10):
@@ -261,7 +281,10 @@ def test_kalibr_chain_with_two_cameras_asks_for_camera_id(tmp_path):
         load_camera(path)
     expected = Camera("kannala_brandt", [300, 310, 320, 240, 0.1, 0.01, 0, 0], 640, 480)
     assert load_camera(path, camera_id="cam0") == load_camera(path, camera_id=0) == expected
-    with pytest.raises(CalibrationError, match=r"line 8, key 'camera_model': 'omni'"):
+    omni = Camera("mei", [300, 310, 320, 240, 0, 1, 0, 0, 0, 0], 640, 480)
+    assert load_camera(path, camera_id="cam1") == omni
+    path.write_text(path.read_text().replace("omni", "orbit"))
+    with pytest.raises(CalibrationError, match=r"line 8, key 'camera_model': 'orbit'"):
         load_camera(path, camera_id="cam1")
 
 
@@ -279,6 +302,11 @@ NERFSTUDIO = {"w": 640, "h": 480.0, "fl_x": 300, "fl_y": 310, "cx": 320, "cy": 2
         ({"camera_model": "FULL_OPENCV", "k4": 0.1}, "opencv8", [0, 0, 0, 0, 0, 0.1, 0, 0]),
         ({"camera_model": "OPENCV_FISHEYE", "k4": 0.1}, "kannala_brandt", [0, 0, 0, 0.1]),
         ({"is_fisheye": True, "k1": 0.1}, "kannala_brandt", [0.1, 0, 0, 0]),
+        (
+            {"camera_model": "FISHEYE624", "distortion_params": [0.1, *[0.0] * 10, 0.01]},
+            "fisheye624",
+            [0.1, *[0.0] * 10, 0.01],
+        ),
     ],
 )
 def test_nerfstudio_camera_of_each_model_is_the_lens(extra, model, coefficients):
@@ -305,3 +333,39 @@ def test_transforms_with_different_cameras_raises(tmp_path):
     path.write_text(json.dumps({**NERFSTUDIO, "frames": frames}))
     with pytest.raises(InputError, match="2 different cameras"):
         load_camera(path)
+
+
+def test_nerfstudio_panorama_needs_its_size_only():
+    camera = nerfstudio_camera({"camera_model": "EQUIRECTANGULAR", "w": 64, "h": 32, "fl_x": 7})
+    assert camera == Camera("equirectangular", [], 64, 32)
+
+
+def test_aria_calibrations_are_read(shared):
+    read = 0
+    for path in sorted((shared / "data" / "lenses" / "aria").glob("*/calibration.json")):
+        labels = json.loads(path.read_text())["cameras"]
+        for label, entry in labels.items():
+            camera = load_camera(path, camera_id=label)
+            assert camera.model == "fisheye624"
+            assert [camera.width, camera.height] == entry["size"]
+            assert camera.params[0] == camera.params[1] == entry["params"][0]
+            np.testing.assert_array_equal(camera.params[2:4], np.array(entry["params"][1:3]) + 0.5)
+            assert camera.valid_field_angle == entry["max_solid_angle"]
+            assert 0.98 * entry["max_solid_angle"] < camera.max_angle <= entry["max_solid_angle"]
+            read += 1
+        with pytest.raises(InputError, match="give camera_id, one of"):
+            load_camera(path)
+    assert read == 11
+
+
+def test_omnidir_file_written_by_opencv_is_read(tmp_path):
+    path = tmp_path / "omnidir.yaml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", 640)
+    storage.write("image_height", 480)
+    storage.write("camera_matrix", np.array([[300.0, 0.5, 319.5], [0, 310, 239.5], [0, 0, 1]]))
+    storage.write("distortion_coefficients", np.array([[-0.25, 0.01, 1e-3, -2e-3]]))
+    storage.write("xi", np.array([[1.25]]))
+    storage.release()
+    expected = [300, 310, 320, 240, 0.5, 1.25, -0.25, 0.01, 1e-3, -2e-3]
+    assert load_camera(path) == Camera("mei", expected, 640, 480)

@@ -12,7 +12,8 @@ BAD_NERFSTUDIO = [
     ({"w": 640.5}, "key 'w': expected a positive whole number"),
     ({"fl_x": "wide"}, "key 'fl_x': expected a finite number, found 'wide'"),
     ({"k1": float("nan")}, "key 'k1'"),
-    ({"camera_model": "EQUIRECTANGULAR"}, "EQUIRECTANGULAR.*supported: .*OPENCV_FISHEYE"),
+    ({"camera_model": "ORTHOPHOTO"}, "ORTHOPHOTO.*supported: .*OPENCV_FISHEYE"),
+    ({"camera_model": "FISHEYE624"}, "key 'distortion_params': is missing"),
     ({"camera_model": "OPENCV", "k4": 0.1}, "key 'k4': .*FULL_OPENCV"),
     ({"camera_model": "OPENCV_FISHEYE", "p1": 0.1}, "key 'p1'"),
     ({"camera_model": "PINHOLE", "k1": 0.1}, "yet the file gives distortion"),
@@ -30,6 +31,7 @@ MRCAL = (
     "{\n 'lensmodel': 'LENSMODEL_PINHOLE',\n 'intrinsics': [ 5., 6, 7, 8 ],\n"
     " 'extrinsics': [ 0,0,0,0,0,0 ],\n 'imagersize': [ 10, 11 ] }\n"
 )
+SPLINED = "SPLINED_STEREOGRAPHIC_order=3_Nx=4_Ny=4_fov_x_deg=90"
 OPENCV = (
     "%YAML:1.0\n---\nimage_width: 64\nimage_height: 48\ncamera_matrix: !!opencv-matrix\n"
     "   rows: 3\n   cols: 3\n   dt: d\n   data: [ 30., 0., 31.5, 0., 30., 23.5, 0., 0., 1. ]\n"
@@ -63,9 +65,22 @@ BAD_FILES = [
     ("cameras.txt", "1 PINHOLE 10 11 1 1 1\n", "PINHOLE has 4 parameters, found 3"),
     (
         "cameras.txt",
-        "\n1 FOV 10 11 1 1 1 1 1\n",
-        "line 2 .*FOV is not supported; supported: SIMPLE",
+        "\n1 VOF 10 11 1 1 1 1 1\n",
+        "line 2 .*VOF is not supported; supported: SIMPLE",
     ),
+    ("cameras.txt", "1 EQUIRECTANGULAR 10 5 20 10\n", "not the image's size 10 x 5"),
+    ("a.yaml", OPENCV + "xi: 1.5\nD: [1, 2, 3]\n", "line 11, key 'D': omnidir has 4"),
+    (
+        "a.cameramodel",
+        MRCAL.replace("PINHOLE", "SPLINED_STEREOGRAPHIC_order=3"),
+        "line 2, key 'len",
+    ),
+    (
+        "a.cameramodel",
+        MRCAL.replace("PINHOLE", SPLINED),
+        "line 3, key 'intrinsics': splined_stereographic takes",
+    ),
+    ("a.json", '{"cameras": {"a": {"model": "X", "params": [1]}}}', "key 'model': 'X'"),
     ("cameras.txt", "1 PINHOLE 10 11 nan 1 1 1\n", "line 1.*fx is nan"),
 ]
 

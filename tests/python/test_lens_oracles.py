@@ -6,8 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import tolerances as tol
 
+import tolerances as tol
 from gsut import _core
 from gsut.cameras import Camera
 from lens_cases import polar_grid

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-import tolerances as tol
 
+import tolerances as tol
 from gsut import Gaussians, InputError, render, render_backward
 from gsut.cameras import Camera
 from lens_cases import HARD_LENSES, PANORAMAS, all_lenses

@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 import pytest
-import tolerances
 
+import tolerances
 from gsut import InputError, _core, available_isas, metrics, set_isa, set_num_threads
 
 HEIGHT, WIDTH = 60, 52

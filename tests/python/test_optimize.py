@@ -5,8 +5,8 @@ from math import comb, sqrt
 
 import numpy as np
 import pytest
-import tolerances
 
+import tolerances
 from gsut import Gaussians, InputError, _core, set_num_threads
 from gsut.optimize import GaussianOptimizer, LearningRates, exponential_rate
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-import tolerances
-from random_scenes import relative_error
 
 import gsut
+import tolerances
+from random_scenes import relative_error
 
 # With the shared data absent, test_raster.py and test_projection.py cover the same ground with
 # vectors of this project's own.

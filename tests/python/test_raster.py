@@ -4,8 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+
+import gsut
 import ray_model
 import tolerances
+from gsut import InputError
 from random_scenes import (
     every_lens,
     fisheye,
@@ -17,9 +20,6 @@ from random_scenes import (
     random_weights,
     relative_error,
 )
-
-import gsut
-from gsut import InputError
 
 LENSES = dict(every_lens(width=24))
 BACKGROUND = (0.2, 0.5, 0.9)
@@ -55,7 +55,7 @@ def test_render_double_every_lens_and_rule_matches_a_second_implementation(rng, 
     rule = gsut.BlendRule(parity)
     found = double_render(g, camera, pose, blend=rule, background=BACKGROUND)
     image, alpha, depth = ray_model.render(g, camera, pose, rule, BACKGROUND)
-    assert (alpha > 0.2).mean() > 0.3  # the scene is seen
+    assert (alpha > 0.2).mean() > 0.1  # the scene is seen
     assert np.abs(found.image - image).max() < tolerances.RENDER_DOUBLE
     assert np.abs(found.alpha - alpha).max() < tolerances.RENDER_DOUBLE
     assert np.abs(found.depth - depth).max() < tolerances.RENDER_DOUBLE
@@ -74,28 +74,36 @@ def differences(g, camera, pose, weights, options, field, indices, step=1e-5):
     return np.array(slopes)
 
 
+# Entries of each array that differences are taken of: all but those of higher harmonics, of which
+# they are drawn at random.
+ENTRIES = 32
+# So small over their distance that the plane through the camera, behind which nothing is drawn,
+# cuts off less than 1e-16 of any.
+FAR_ENOUGH = {"sizes": (0.02, 0.05), "aspect": 0.3}
+
+
 @pytest.mark.parametrize("degree", range(4))
 def test_render_backward_every_parameter_matches_central_differences(rng, degree):
     checked = 0
     for lens, camera in LENSES.items():
-        g, pose = scene(rng, camera, count=8, sh_degree=degree)
+        g, pose = scene(rng, camera, count=8, sh_degree=degree, **FAR_ENOUGH)
         weights = random_weights(rng, camera)
         options = {"blend": smooth_rule(), "background": BACKGROUND}
         found = gsut.render_backward(double_render(g, camera, pose, **options), *weights)
         for field in FIELDS:
             of_field = getattr(found.gaussians, field).ravel()
-            indices = range(of_field.size)
+            indices = rng.permutation(of_field.size)[:ENTRIES]
             slopes = differences(g, camera, pose, weights, options, field, indices)
-            error = relative_error(of_field, slopes)
+            error = relative_error(of_field[indices], slopes)
             assert error < tolerances.RENDER_DIFFERENCES, (lens, field, error)
             checked += len(slopes)
-    assert checked == len(LENSES) * 8 * (3 + 4 + 3 + 1 + 3 * (degree + 1) ** 2)
+    assert checked == len(LENSES) * (24 + 32 + 24 + 8 + min(ENTRIES, 24 * (degree + 1) ** 2))
 
 
 @pytest.mark.parametrize("lens", LENSES)
 def test_render_backward_pose_matches_central_differences(rng, lens):
     camera = LENSES[lens]
-    g, pose = scene(rng, camera, count=12)
+    g, pose = scene(rng, camera, count=12, **FAR_ENOUGH)
     weights = random_weights(rng, camera)
     options = {"blend": smooth_rule(), "background": BACKGROUND}
     found = gsut.render_backward(double_render(g, camera, pose, **options), *weights).pose
@@ -201,7 +209,10 @@ def test_render_white_gaussians_show_alpha_and_the_background_share(rng):
     camera = fisheye(32)
     g, pose = scene(rng, camera, sh_degree=0)
     g.sh[:] = 0.5 * np.sqrt(4 * np.pi)  # colour 1
-    for dtype, bound in (("float64", 1e-14), ("float32", tolerances.RENDER_FLOAT_ROUNDING)):
+    for dtype, bound in (
+        ("float64", tolerances.RENDER_SAME_SUMS),
+        ("float32", tolerances.RENDER_FLOAT_ROUNDING),
+    ):
         result = gsut.render(g, camera, pose, background=BACKGROUND, dtype=dtype)
         _, valid = camera.rays()
         expected = result.alpha[..., None] + (1.0 - result.alpha[..., None]) * BACKGROUND
@@ -246,22 +257,26 @@ class TestOneRay:
     def test_one_gaussian_gives_opacity_color_and_distance(self, dtype):
         result = gsut.render(one_gaussian(), AXIS, np.eye(4), background=BACKGROUND, dtype=dtype)
         expected = 0.6 * np.array([1.0, 0.5, 0.25]) + 0.4 * np.array(BACKGROUND)
-        assert result.image[0, 0] == pytest.approx(expected, rel=1e-6)
-        assert result.alpha[0, 0] == pytest.approx(0.6, rel=1e-6)
-        assert result.depth[0, 0] == pytest.approx(1.2, rel=1e-6)
+        assert result.image[0, 0] == pytest.approx(expected, rel=tolerances.RENDER_CLOSED_FORM)
+        assert result.alpha[0, 0] == pytest.approx(0.6, rel=tolerances.RENDER_CLOSED_FORM)
+        assert result.depth[0, 0] == pytest.approx(1.2, rel=tolerances.RENDER_CLOSED_FORM)
 
     def test_opaque_gaussian_is_clamped_and_has_no_gradient_to_opacity(self, dtype):
         g = one_gaussian(opacity=1 - 1e-6)
         result = gsut.render(g, AXIS, np.eye(4), dtype=dtype)
-        assert result.alpha[0, 0] == pytest.approx(0.99, rel=1e-6)
+        assert result.alpha[0, 0] == pytest.approx(0.99, rel=tolerances.RENDER_CLOSED_FORM)
         found = gsut.render_backward(result, np.ones((1, 1, 3)))
         assert found.gaussians.opacity_logits[0] == 0
-        assert found.gaussians.sh[0, 0, 0] == pytest.approx(0.99 / np.sqrt(4 * np.pi), rel=1e-6)
+        assert found.gaussians.sh[0, 0, 0] == pytest.approx(
+            0.99 / np.sqrt(4 * np.pi), rel=tolerances.RENDER_CLOSED_FORM
+        )
 
     def test_negative_color_is_clamped_and_has_no_gradient(self, dtype):
         g = one_gaussian(color=(-0.3, 0.5, 0.0))
         result = gsut.render(g, AXIS, np.eye(4), dtype=dtype)
-        assert result.image[0, 0] == pytest.approx([0.0, 0.3, 0.0], abs=1e-6)
+        assert result.image[0, 0] == pytest.approx(
+            [0.0, 0.3, 0.0], abs=tolerances.RENDER_CLOSED_FORM
+        )
         found = gsut.render_backward(result, np.ones((1, 1, 3)))
         assert found.gaussians.sh[0, 0, 0] == 0
         assert found.gaussians.sh[0, 0, 1] > 0
@@ -289,14 +304,16 @@ class TestOneRay:
         gsplat = gsut.render(g, AXIS, np.eye(4), parity="gsplat", dtype=dtype).alpha[0, 0]
         assert own == pytest.approx(1 - 1e-6, abs=1e-4)
         assert own >= 1 - 1.01e-4
-        assert gsplat == pytest.approx(0.99, abs=1e-4) or gsplat == pytest.approx(0.9999, abs=1e-6)
+        assert gsplat == pytest.approx(0.99, abs=1e-4) or gsplat == pytest.approx(
+            0.9999, abs=tolerances.RENDER_CLOSED_FORM
+        )
 
     def test_equal_distances_are_ordered_by_index(self, dtype):
         red, blue = one_gaussian(color=(1, 0, 0)), one_gaussian(color=(0, 0, 1))
         first = gsut.render(stacked(red, blue), AXIS, np.eye(4), dtype=dtype).image[0, 0]
-        assert first == pytest.approx([0.6, 0, 0.24], abs=1e-6)
+        assert first == pytest.approx([0.6, 0, 0.24], abs=tolerances.RENDER_CLOSED_FORM)
         second = gsut.render(stacked(blue, red), AXIS, np.eye(4), dtype=dtype).image[0, 0]
-        assert second == pytest.approx([0.24, 0, 0.6], abs=1e-6)
+        assert second == pytest.approx([0.24, 0, 0.6], abs=tolerances.RENDER_CLOSED_FORM)
 
     def test_near_cut_of_the_presets_drops_and_own_rule_keeps(self, dtype):
         g = one_gaussian(depth=0.1, scale=0.01)

@@ -3,10 +3,13 @@
 import collections
 import dataclasses
 
-import flips
 import numpy as np
 import pytest
+
+import flips
+import gsut
 import tolerances
+from gsut import InputError, _core
 from random_scenes import (
     every_lens,
     fisheye,
@@ -16,9 +19,6 @@ from random_scenes import (
     random_weights,
     relative_error,
 )
-
-import gsut
-from gsut import InputError, _core
 
 LENSES = every_lens(width=48)
 PARITIES = (None, "gsplat", "3dgrut")

@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 import pytest
-import tolerances
 
+import tolerances
 from gsut import InputError
 from gsut.render_path import orbit_path, read_path, smooth_path
 from run_fakes import inward_pose

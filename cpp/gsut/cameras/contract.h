@@ -58,16 +58,22 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <memory>
+#include <vector>
 
 #include "gsut/cameras/lens_constants.h"
 
 namespace gsut {
 
-// The valid domain of one lens with its parameters: a cone about the axis.
+// The valid domain of one lens with its parameters: a cone about the axis, or what `edge` leaves of
+// it.
 struct LensDomain {
   double max_angle = 0.0;             // radians from the axis; the domain is angle < max_angle
   double max_radius = 0.0;            // largest distorted radius in the domain, in focal lengths
   std::array<double, 4> limits = {};  // further limits; each lens says what it keeps here
+  // For lenses whose domain ends at another angle in each direction: squared radii in the lens'
+  // plane, one a sector (families/star_edge.h). Null: a whole cone.
+  std::shared_ptr<const std::vector<float>> edge;
 };
 
 inline constexpr int kMaxExampleParams = 80;

@@ -23,12 +23,12 @@ inline bool AndMask(bool a, bool b) { return a && b; }
 inline bool OrMask(bool a, bool b) { return a || b; }
 
 // The entry of a table at a whole number; its derivatives are those of the entry.
-template <class T>
-T At(const T* table, const T& index) {
+template <class T, class P>
+T At(const P* table, const T& index) {
   if constexpr (requires { index.value; }) {
-    return table[static_cast<int>(index.value)];
+    return T(table[static_cast<int>(index.value)]);
   } else {
-    return table[static_cast<int>(index)];
+    return T(table[static_cast<int>(index)]);
   }
 }
 

@@ -1,14 +1,93 @@
-// The splined lens' parameters, and its surface as a map of the plane.
+// The splined lens: checks of its parameters, domain and inverse.
 #include "gsut/cameras/spline_map.h"
 
+#include <algorithm>
 #include <cmath>
+#include <memory>
 #include <sstream>
+#include <vector>
 
 #include "gsut/base/errors.h"
 #include "gsut/cameras/contract.h"
 #include "gsut/cameras/lens_registry.h"
+#include "gsut/cameras/plane_map.h"
 
 namespace gsut {
+namespace {
+
+using lenses::SplinedStereographic;
+using lenses::StarEdge;
+
+// The largest radius of the plane that is looked at: 168.6 degrees.
+constexpr double kLargestRadius = 20.0;
+
+// (x, y) -> (x', y') - offset, with the image of the origin as offset.
+struct Surface {
+  const double* params;
+  double density;
+  double offset[2];
+
+  explicit Surface(const double* p) : params(p), density(SplineDensity(p)), offset{0.0, 0.0} {
+    const PlanePoint origin = (*this)(0.0, 0.0);
+    offset[0] = origin.u;
+    offset[1] = origin.v;
+  }
+  PlanePoint operator()(double x, double y) const {
+    double value[2], dx[2], dy[2];
+    SplinedStereographic::Spline(params, density, x, y, value, dx, dy);
+    return {
+        x + value[0] - offset[0], y + value[1] - offset[1], 1.0 + dx[0], dy[0], dx[1], 1.0 + dy[1]};
+  }
+};
+
+// The direction (x, y) of a place around the square of diamond angles, in sectors.
+void DirectionOf(double sector, double* x, double* y) {
+  const double around = 4.0 * sector / StarEdge::kSectors - 2.0;
+  *x = 1.0 - std::abs(around);
+  *y = around < -1.0 ? -2.0 - around : around > 1.0 ? 2.0 - around : around;
+  const double norm = std::hypot(*x, *y);
+  *x /= norm;
+  *y /= norm;
+}
+
+// The map turns forward at this point: no fold, and once around the image of the origin.
+bool IsRegular(const PlanePoint& p, double x, double y) {
+  const double du = -p.du_dx * y + p.du_dy * x;
+  const double dv = -p.dv_dx * y + p.dv_dy * x;
+  return p.du_dx * p.dv_dy - p.du_dy * p.dv_dx > 0.0 && p.u * dv - p.v * du > 0.0;
+}
+
+// The first radius in this direction where the map is not regular.
+double FirstFold(const Surface& surface, double direction_x, double direction_y) {
+  // The outermost control points end the lens: what lies beyond is extrapolated, and soon folds.
+  const double half_x = 0.5 * (surface.params[1] - 1.0) / surface.density;
+  const double half_y = 0.5 * (surface.params[2] - 1.0) / surface.density;
+  const double end =
+      std::min({kLargestRadius, half_x / std::abs(direction_x), half_y / std::abs(direction_y)});
+  // Looked at four times between control points.
+  const double step = 0.25 / surface.density;
+  const auto regular = [&](double r) {
+    return IsRegular(surface(r * direction_x, r * direction_y), r * direction_x, r * direction_y);
+  };
+  double good = 0.0;
+  while (good < end) {
+    const double next = std::min(good + step, end);
+    if (regular(next)) {
+      good = next;
+      continue;
+    }
+    double bad = next;
+    constexpr int kHalvings = 30;
+    for (int i = 0; i < kHalvings; ++i) {
+      const double middle = 0.5 * (good + bad);
+      (regular(middle) ? good : bad) = middle;
+    }
+    break;
+  }
+  return good;
+}
+
+}  // namespace
 
 void CheckSplineParams(const char* lens, const double* params, int num_params) {
   constexpr double kMostPoints = 2000;  // in a row or column
@@ -39,12 +118,54 @@ double SplineDensity(const double* params) {
   return (params[1] - params[0]) / (4.0 * std::tan(0.25 * kRadians * params[3]));
 }
 
-PlaneMap SplineMap(const double* params) {
-  return [params, density = SplineDensity(params)](double x, double y) {
-    double value[2], dx[2], dy[2];
-    lenses::SplinedStereographic::Spline(params, density, x, y, value, dx, dy);
-    return PlanePoint{x + value[0], y + value[1], 1.0 + dx[0], dy[0], dx[1], 1.0 + dy[1]};
-  };
+LensDomain SplineDomain(const double* params, double angle_limit) {
+  const Surface surface(params);
+  // Each sector ends before the folds on its sides and in its middle, less what they may miss.
+  constexpr double kMargin = 1e-3;
+  std::vector<double> fold(2 * StarEdge::kSectors);
+  for (std::size_t i = 0; i < fold.size(); ++i) {
+    double x = 0.0, y = 0.0;
+    DirectionOf(0.5 * static_cast<double>(i), &x, &y);
+    fold[i] = FirstFold(surface, x, y);
+  }
+  auto edge = std::make_shared<std::vector<float>>(StarEdge::kSectors);
+  double farthest = 0.0;
+  for (std::size_t i = 0; i < edge->size(); ++i) {
+    const double after = fold[(2 * i + 2) % fold.size()];
+    const double radius = (1.0 - kMargin) * std::min({fold[2 * i], fold[2 * i + 1], after});
+    (*edge)[i] = static_cast<float>(radius * radius);
+    farthest = std::max(farthest, radius);
+  }
+  LensDomain domain;
+  SetCone(std::min(angle_limit, 2.0 * std::atan(0.5 * farthest)), &domain);
+  domain.max_radius = farthest;
+  domain.limits[2] = surface.density;
+  domain.edge = std::move(edge);
+  return domain;
+}
+
+bool UnprojectSpline(const LensDomain& domain, const double* params, double u, double v,
+                     double* ray) {
+  const double* focal = params + SplinedStereographic::kFocal;
+  const Surface surface(params);
+  double image_x = 0.0, image_y = 0.0;
+  if (!FromPixel(focal, u, v, &image_x, &image_y)) return false;
+  image_x -= surface.offset[0];
+  image_y -= surface.offset[1];
+  // From where the undistorted lens sees the pixel, no farther than the farthest edge.
+  const double distance = std::hypot(image_x, image_y);
+  constexpr double kInside = 0.95;
+  const double start =
+      distance > kInside * domain.max_radius ? kInside * domain.max_radius / distance : 1.0;
+  double x = start * image_x, y = start * image_y;
+  if (!InvertPlaneMap(surface, domain.max_radius, image_x, image_y, &x, &y)) return false;
+  if (!lenses::StarEdge::Contains(domain, x, y)) return false;
+  const PlanePoint back = surface(x, y);
+  const double back_u = focal[0] * (back.u + surface.offset[0]) + focal[2];
+  const double back_v = focal[1] * (back.v + surface.offset[1]) + focal[3];
+  const double gain = std::max(focal[0], focal[1]) * distance;
+  if (!InverseConverged(u, v, back_u, back_v, gain)) return false;
+  return RayInCone(domain, x, y, 1.0 - 0.25 * (x * x + y * y), ray);
 }
 
 }  // namespace gsut

@@ -59,7 +59,7 @@ bool ParseName(const std::string& name, std::string* lens, std::vector<double>* 
   *lens = kSplinedLens;
   std::size_t position = std::string_view(kSplined).size();
   for (const char* key : kSplinedKeys) {
-    const std::string wanted = "_" + std::string(key) + "=";
+    const std::string wanted = std::string("_").append(key).append("=");
     if (name.compare(position, wanted.size(), wanted) != 0) return false;
     position += wanted.size();
     double value = 0.0;
@@ -219,7 +219,7 @@ std::string FormatCameraModel(const CameraModelFile& file) {
   if (camera.model() == kSplinedLens) {
     name = kSplined;
     for (int i = 0; i < kSplinedConfig; ++i) {
-      name += "_" + std::string(kSplinedKeys[i]) + "=" + Text(params[i]);
+      name.append("_").append(kSplinedKeys[i]).append("=").append(Text(params[i]));
     }
     params.erase(params.begin(), params.begin() + kSplinedConfig);
   }

@@ -40,10 +40,10 @@ enum class SplatStatus : std::uint8_t {
 // A Gaussian is small if its cut-off sphere is seen under less than this (Splats::sine) and lies
 // within this share of the lens' largest angle (panoramas apart): towards a fold the lens bends too
 // much. Its extents then err by less than kSmallMargin times that sine, relative (tested on every
-// lens; worst 2.4).
+// lens; worst 6.8).
 inline constexpr double kSmallSine = 0.1;
 inline constexpr double kSmallAngle = 0.75;
-inline constexpr double kSmallMargin = 4.0;
+inline constexpr double kSmallMargin = 8.0;
 
 // One splat a Gaussian, structure of arrays of `size` floats. Unless the status is kEllipse the
 // pixel quantities are NaN where sigma points are missing; they are never averaged from the rest.

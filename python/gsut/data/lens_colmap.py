@@ -18,8 +18,8 @@ class _Model(NamedTuple):
 
     number: int
     num_params: int
-    lens: str | None
-    params: Callable[[_Values], list[float]] | None
+    lens: str
+    params: Callable[[_Values], list[float]]
 
 
 def _same(p: _Values) -> list[float]:
@@ -38,8 +38,11 @@ def _one_focal_radial2(p: _Values) -> list[float]:
     return [p[0], *p, 0.0, 0.0]
 
 
-# Number, length and order of the parameters: COLMAP, src/colmap/sensor/models.h. The models without
-# a lens are listed so that a file's other cameras can be read past them.
+def _none(p: _Values) -> list[float]:
+    return []
+
+
+# Number, length and order of the parameters: COLMAP, src/colmap/sensor/models.h.
 _MODELS = {
     "SIMPLE_PINHOLE": _Model(0, 3, "pinhole", _one_focal),
     "PINHOLE": _Model(1, 4, "pinhole", _same),
@@ -48,14 +51,28 @@ _MODELS = {
     "OPENCV": _Model(4, 8, "opencv4", _same),
     "OPENCV_FISHEYE": _Model(5, 8, "kannala_brandt", _same),
     "FULL_OPENCV": _Model(6, 12, "opencv8", _same),
-    "FOV": _Model(7, 5, None, None),
+    "FOV": _Model(7, 5, "fov", _same),
     "SIMPLE_RADIAL_FISHEYE": _Model(8, 4, "kannala_brandt", _one_focal),
     "RADIAL_FISHEYE": _Model(9, 5, "kannala_brandt", _one_focal),
-    "THIN_PRISM_FISHEYE": _Model(10, 12, None, None),
-    "RAD_TAN_THIN_PRISM_FISHEYE": _Model(11, 16, None, None),
+    "THIN_PRISM_FISHEYE": _Model(10, 12, "thin_prism_fisheye", _same),
+    "RAD_TAN_THIN_PRISM_FISHEYE": _Model(11, 16, "fisheye624", _same),
+    "SIMPLE_DIVISION": _Model(12, 4, "division", _one_focal),
+    "DIVISION": _Model(13, 5, "division", _same),
+    "SIMPLE_FISHEYE": _Model(14, 3, "kannala_brandt", _one_focal),
+    "FISHEYE": _Model(15, 4, "kannala_brandt", _same),
+    "EUCM": _Model(16, 6, "extended_unified", _same),
+    "EQUIRECTANGULAR": _Model(17, 2, "equirectangular", _none),
+}
+# Lenses that COLMAP has with the same parameters, beside those that format_colmap converts.
+_WRITTEN = {
+    "division": "DIVISION",
+    "extended_unified": "EUCM",
+    "fisheye624": "RAD_TAN_THIN_PRISM_FISHEYE",
+    "fov": "FOV",
+    "thin_prism_fisheye": "THIN_PRISM_FISHEYE",
 }
 _NAMES = {model.number: name for name, model in _MODELS.items()}
-_SUPPORTED = ", ".join(name for name, model in _MODELS.items() if model.lens)
+_SUPPORTED = ", ".join(_MODELS)
 
 
 def colmap_camera(
@@ -71,8 +88,10 @@ def colmap_camera(
 
     Returns:
         The camera: SIMPLE_PINHOLE and PINHOLE are `pinhole`; SIMPLE_RADIAL, RADIAL and OPENCV
-        `opencv4`; FULL_OPENCV `opencv8`; SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE and OPENCV_FISHEYE
-        `kannala_brandt` with 1, 2 and 4 coefficients.
+        `opencv4`; FULL_OPENCV `opencv8`; SIMPLE_FISHEYE, FISHEYE, SIMPLE_RADIAL_FISHEYE,
+        RADIAL_FISHEYE and OPENCV_FISHEYE `kannala_brandt` with 0, 0, 1, 2 and 4 coefficients;
+        RAD_TAN_THIN_PRISM_FISHEYE `fisheye624`; SIMPLE_DIVISION and DIVISION `division`; EUCM
+        `extended_unified`; FOV, THIN_PRISM_FISHEYE and EQUIRECTANGULAR the lenses of these names.
 
     Raises:
         CalibrationError: unknown or unsupported model, wrong number of parameters, no lens.
@@ -80,13 +99,18 @@ def colmap_camera(
     prefix = f"{source}: " if source else ""
     name = _NAMES.get(model, str(model)) if isinstance(model, int) else str(model)
     entry = _MODELS.get(name)
-    if entry is None or entry.lens is None or entry.params is None:
+    if entry is None:
         raise CalibrationError(
             f"{prefix}camera model {name} is not supported; supported: {_SUPPORTED}"
         )
     if len(params) != entry.num_params:
         raise CalibrationError(
             f"{prefix}camera model {name} has {entry.num_params} parameters, found {len(params)}"
+        )
+    if name == "EQUIRECTANGULAR" and list(params) != [width, height]:
+        raise CalibrationError(
+            f"{prefix}EQUIRECTANGULAR's parameters {list(params)} are not the image's size"
+            f" {width} x {height}; a part of a panorama is not supported"
         )
     lens_params = entry.params([float(value) for value in params])
     return LensValues({}, source).camera(entry.lens, lens_params, width, height)
@@ -181,6 +205,12 @@ def format_colmap(camera: Camera) -> str:
         name = "FULL_OPENCV"
     elif camera.model == "kannala_brandt" and len(params) <= _MODELS["OPENCV_FISHEYE"].num_params:
         name = "OPENCV_FISHEYE"
+    elif camera.model == "equirectangular":
+        name, params = "EQUIRECTANGULAR", [float(camera.width), float(camera.height)]
+    elif camera.model == "unified":
+        name, params = "EUCM", [*params, 1.0]
+    elif camera.model in _WRITTEN:
+        name = _WRITTEN[camera.model]
     else:
         raise InputError(
             f"COLMAP has no camera model for '{camera.model}' with {len(params)} parameters;"

@@ -15,6 +15,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import CalibrationError, InputError
 from gsut.cameras import Camera
+from gsut.data.lens_aria import is_aria, load_aria
 from gsut.data.lens_colmap import (
     colmap_camera,
     format_colmap,
@@ -58,7 +59,7 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
         return _load_keys(_parse_yaml(text, source), source, text, camera_id)
     raise InputError(
         f"{source}: unknown kind of lens file; known: .cameramodel (mrcal), .yaml, .yml and .json"
-        " (OpenCV, Kalibr, nerfstudio), cameras.txt and cameras.bin (COLMAP)"
+        " (OpenCV, Kalibr, nerfstudio, Project Aria), cameras.txt and cameras.bin (COLMAP)"
     )
 
 
@@ -81,15 +82,17 @@ def _load_keys(values: Any, source: str, text: str, camera_id: int | str | None)
         raise CalibrationError(
             f"{source}: expected keys with values, found {type(values).__name__}"
         )
+    if is_aria(values):
+        return load_aria(values, source, text, camera_id)
     if is_camchain(values):
         return load_kalibr(values, source, text, camera_id)
     if has_camera_matrix(values):
         return load_opencv(values, source, text)
-    if any(key in values for key in ("fl_x", "camera_angle_x", "frames")):
+    if any(key in values for key in ("fl_x", "camera_angle_x", "frames", "camera_model")):
         return load_nerfstudio(values, source, text)
     raise CalibrationError(
-        f"{source}: has neither camera_matrix (OpenCV) nor cam0 (Kalibr) nor fl_x (nerfstudio);"
-        " is it a lens file?"
+        f"{source}: has neither camera_matrix (OpenCV) nor cam0 (Kalibr) nor fl_x (nerfstudio) nor"
+        " cameras (Project Aria); is it a lens file?"
     )
 
 

@@ -23,12 +23,17 @@ _INTRINSIC_KEYS = (
     "camera_angle_x",
     "camera_angle_y",
     "max_theta_rad",
+    "distortion_params",
     *_DISTORTION_KEYS,
 )
 _PERSPECTIVE = ("OPENCV", "SIMPLE_RADIAL", "RADIAL")
 _FISHEYE = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 _PINHOLE = ("PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE")
-_SUPPORTED = ", ".join((*_PINHOLE, *_PERSPECTIVE, "FULL_OPENCV", *_FISHEYE))
+_KNOWN = (*_PINHOLE, *_PERSPECTIVE, "FULL_OPENCV", *_FISHEYE, "FISHEYE624", "EQUIRECTANGULAR")
+_SUPPORTED = ", ".join(_KNOWN)
+# k0 to k5, p0, p1, s0 to s3 under one key.
+_FISHEYE624_KEY = "distortion_params"
+_NUM_FISHEYE624 = 12
 
 
 def nerfstudio_camera(values: dict[str, Any], source: str = "", text: str = "") -> Camera:
@@ -45,13 +50,16 @@ def nerfstudio_camera(values: dict[str, Any], source: str = "", text: str = "") 
 
     Returns:
         The camera: `pinhole`; OPENCV is `opencv4`, or `opencv5` if k3 is not 0; FULL_OPENCV is
-        `opencv8`; the fisheyes are `kannala_brandt`.
+        `opencv8`; the fisheyes are `kannala_brandt`; FISHEYE624 (with distortion_params, 12
+        numbers) and EQUIRECTANGULAR (w and h only) are the lenses of these names.
 
     Raises:
         CalibrationError: a key is missing or no finite number, or the model is not supported.
     """
     reader = LensValues(values, source, text)
     width, height = reader.pixels("w"), reader.pixels("h")
+    if _model_name(reader) == "EQUIRECTANGULAR":  # files give focal lengths that mean nothing
+        return reader.camera("equirectangular", [], width, height)
     fl_x = _focal(reader, "fl_x", "camera_angle_x", width)
     # Square pixels unless the file says otherwise.
     has_own_y = any(values.get(key) is not None for key in ("fl_y", "camera_angle_y"))
@@ -61,6 +69,9 @@ def nerfstudio_camera(values: dict[str, Any], source: str = "", text: str = "") 
     limit = reader.number("max_theta_rad") if values.get("max_theta_rad") is not None else None
 
     model = _model_name(reader)
+    if model == "FISHEYE624":
+        params += reader.numbers(reader.need(_FISHEYE624_KEY), _NUM_FISHEYE624)
+        return reader.camera("fisheye624", params, width, height, limit)
     if model in _PINHOLE:
         if any(reader.number(key, 0.0) != 0.0 for key in _DISTORTION_KEYS):
             reader.fail("camera_model", f"is {model}, yet the file gives distortion; use OPENCV")
@@ -91,7 +102,7 @@ def _model_name(reader: LensValues) -> str:
             return "OPENCV_FISHEYE"
         distorted = any(reader.values.get(key) for key in _DISTORTION_KEYS)
         return "OPENCV" if distorted else "PINHOLE"
-    if model not in (*_PINHOLE, *_PERSPECTIVE, "FULL_OPENCV", *_FISHEYE):
+    if model not in _KNOWN:
         reader.fail("camera_model", f"{model!r} is not supported; supported: {_SUPPORTED}")
     return str(model)
 
@@ -140,13 +151,19 @@ def format_nerfstudio(camera: Camera) -> str:
     }
     name, keys = names.get(camera.model, ("", ()))
     coefficients = [float(value) for value in camera.params[4:]]
+    values: dict[str, Any] = {"camera_model": name, "w": camera.width, "h": camera.height}
+    if camera.model == "equirectangular":
+        values["camera_model"] = "EQUIRECTANGULAR"
+        return json.dumps(values, indent=2) + "\n"
+    if camera.model == "fisheye624":
+        values["camera_model"] = name = "FISHEYE624"
+        values[_FISHEYE624_KEY], coefficients = coefficients, []
     if not name or len(coefficients) > len(keys):
         raise InputError(
             f"nerfstudio has no camera model for '{camera.model}' with {len(camera.params)}"
             " parameters; save a .cameramodel or OpenCV file instead"
         )
     coefficients += [0.0] * (len(keys) - len(coefficients))
-    values: dict[str, Any] = {"camera_model": name, "w": camera.width, "h": camera.height}
     values.update(zip(("fl_x", "fl_y", "cx", "cy"), map(float, camera.params[:4]), strict=True))
     values.update(zip(keys, coefficients, strict=True))
     if camera.valid_field_angle is not None:

@@ -18,6 +18,9 @@ _MODEL_KEYS = ("distortion_model", "camera_model", "model")
 _FISHEYE_NAMES = ("equidistant", "fisheye", "equi", "kannala_brandt", "opencv_fisheye")
 _RADIAL_LENSES = {4: "opencv4", 5: "opencv5", 8: "opencv8", 12: "opencv12", 14: "opencv14"}
 _NUM_FISHEYE = 4
+# Its presence makes the lens one of the module omnidir: xi, skew, k1 k2 p1 p2.
+_XI_KEYS = ("xi",)
+_NUM_OMNIDIR = 4
 # Written beside OpenCV's own keys; OpenCV ignores it.
 _FIELD_ANGLE_KEY = "valid_field_angle"
 
@@ -32,13 +35,23 @@ def load_opencv(values: dict[str, Any], source: str, text: str) -> Camera:
     reader = LensValues(values, source, text)
     matrix_key = reader.need(*_MATRIX_KEYS)
     matrix = reader.numbers(matrix_key, 9)
-    if matrix[1] != 0.0 or matrix[3:4] + matrix[6:] != [0.0, 0.0, 0.0, 1.0]:
+    is_omnidir = reader.find(*_XI_KEYS) is not None
+    if (matrix[1] != 0.0 and not is_omnidir) or matrix[3:4] + matrix[6:] != [0.0, 0.0, 0.0, 1.0]:
         reader.fail(matrix_key, f"expected fx 0 cx, 0 fy cy, 0 0 1 (no skew), found {matrix}")
     params = [matrix[0], matrix[4], matrix[2] + PIXEL_SHIFT, matrix[5] + PIXEL_SHIFT]
     width, height = _size(reader)
     limit = reader.number(_FIELD_ANGLE_KEY) if _FIELD_ANGLE_KEY in values else None
     key = reader.find(*_DISTORTION_KEYS)
     coefficients = reader.numbers(key) if key is not None else []
+    if is_omnidir:
+        (xi,) = _as_list(reader, str(reader.find(*_XI_KEYS)), 1)
+        if len(coefficients) != _NUM_OMNIDIR:
+            reader.fail(
+                key or _DISTORTION_KEYS[0],
+                f"omnidir has {_NUM_OMNIDIR} coefficients, found {len(coefficients)}",
+            )
+        params += [matrix[1], xi, *coefficients]
+        return reader.camera("mei", params, width, height, limit)
     if _is_fisheye(reader):
         if len(coefficients) != _NUM_FISHEYE:
             reader.fail(
@@ -53,6 +66,13 @@ def load_opencv(values: dict[str, Any], source: str, text: str) -> Camera:
         known = ", ".join(map(str, _RADIAL_LENSES))
         reader.fail(str(key), f"expected {known} coefficients, found {len(coefficients)}")
     return reader.camera(lens, params + coefficients, width, height, limit)
+
+
+def _as_list(reader: LensValues, key: str, count: int) -> list[float]:
+    """The numbers of a list, a matrix, or of one plain number."""
+    if isinstance(reader.values[key], (int, float, str)):
+        return [reader.number(key)]
+    return reader.numbers(key, count)
 
 
 def _size(reader: LensValues) -> tuple[int, int]:
@@ -76,11 +96,16 @@ def _is_fisheye(reader: LensValues) -> bool:
 
 def _keys(camera: Camera) -> tuple[dict[str, int | float], list[float], list[float]]:
     """Plain keys, camera matrix and distortion coefficients of a camera."""
+    if camera.model == "equirectangular":
+        raise InputError("OpenCV has no camera model for 'equirectangular'")
     fx, fy, cx, cy, *coefficients = (float(value) for value in camera.params)
+    skew, xi = 0.0, None
+    if camera.model == "mei":
+        skew, xi, *coefficients = coefficients
     fisheye = camera.model == "kannala_brandt"
     if fisheye and len(coefficients) <= _NUM_FISHEYE:
         coefficients += [0.0] * (_NUM_FISHEYE - len(coefficients))
-    elif camera.model not in ("pinhole", *_RADIAL_LENSES.values()):
+    elif camera.model not in ("pinhole", "mei", *_RADIAL_LENSES.values()):
         raise InputError(
             f"OpenCV has no camera model for '{camera.model}' with {len(camera.params)} parameters"
         )
@@ -91,7 +116,9 @@ def _keys(camera: Camera) -> tuple[dict[str, int | float], list[float], list[flo
     }
     if camera.valid_field_angle is not None:
         plain[_FIELD_ANGLE_KEY] = camera.valid_field_angle
-    matrix = [fx, 0.0, cx - PIXEL_SHIFT, 0.0, fy, cy - PIXEL_SHIFT, 0.0, 0.0, 1.0]
+    if xi is not None:
+        plain["xi"] = xi
+    matrix = [fx, skew, cx - PIXEL_SHIFT, 0.0, fy, cy - PIXEL_SHIFT, 0.0, 0.0, 1.0]
     return plain, matrix, coefficients
 
 

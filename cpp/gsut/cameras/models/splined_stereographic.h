@@ -6,9 +6,10 @@
 // Parameters: order (2 or 3), Nx, Ny, fov_x in degrees, the configuration; fx fy cx cy in pixels,
 // (0.5, 0.5) the centre of the top-left pixel; then the control points, dimensionless, row by row:
 // Ny rows of Nx points of two numbers. Control point (i, j) stands at x = (i - (Nx - 1)/2) / s,
-// y = (j - (Ny - 1)/2) / s with s = (Nx - order) / (4 tan(fov_x / 4)). Beyond the outermost
-// polynomials those go on. mrcal's LENSMODEL_SPLINED_STEREOGRAPHIC is this lens. Domain: up to the
-// first circle on which the map folds (plane_chart.h), at most 168 degrees. The derivatives to the
+// y = (j - (Ny - 1)/2) / s with s = (Nx - order) / (4 tan(fov_x / 4)). mrcal's
+// LENSMODEL_SPLINED_STEREOGRAPHIC is this lens. Domain: in each direction from the axis (512
+// sectors) up to the first fold or the outermost control points, beyond which the surface is only
+// extrapolated, at most 168 degrees; max_angle is the angle of the farthest. The derivatives to the
 // configuration are 0. Inverse: Newton, safeguarded (plane_map.h). Source: mrcal's documentation of
 // its splined stereographic model.
 
@@ -48,13 +49,10 @@ struct SplinedStereographic {
 
   static bool AcceptsParams(int num_params) { return num_params > kPoints; }
 
-  // limits[2]: control points per unit of x. The rest: see plane_chart.h.
+  // limits[2]: control points per unit of x; limits[3]: see families/cone.h.
   static LensDomain MakeDomain(const double* params, int num_params, double angle_limit = kPi) {
     CheckSplineParams(kName, params, num_params);
-    LensDomain domain = PlaneChartDomain(PlaneChart::kStereographic, params + kFocal,
-                                         SplineMap(params), angle_limit);
-    domain.limits[2] = SplineDensity(params);
-    return domain;
+    return SplineDomain(params, angle_limit);
   }
 
   template <class T, class P>
@@ -64,8 +62,8 @@ struct SplinedStereographic {
     const T n = Sqrt(square + z * z);
     const T scale = Select(z > T(0.0), T(2.0) / (n + z), T(2.0) * (n - z) / square);
     const T plane_x = scale * x, plane_y = scale * y;
-    const T radius_square = plane_x * plane_x + plane_y * plane_y;
-    const auto inside = AndMask(n > T(0.0), radius_square < T(domain.limits[0]));
+    const auto inside = AndMask(Cone::Contains(domain, Sqrt(square), z, n),
+                                StarEdge::Contains(domain, plane_x, plane_y));
     // Outside, indices may be anything: they are kept off the table.
     const T zero(0.0);
     const T safe_x = Select(inside, plane_x, zero), safe_y = Select(inside, plane_y, zero);
@@ -78,8 +76,7 @@ struct SplinedStereographic {
 
   static bool Unproject(const LensDomain& domain, const double* params, int /*num_params*/,
                         double u, double v, double* ray) {
-    return UnprojectPlaneChart(PlaneChart::kStereographic, domain, params + kFocal,
-                               SplineMap(params), u, v, ray);
+    return UnprojectSpline(domain, params, u, v, ray);
   }
 
   static void Rescale(double* params, int /*num_params*/, double scale_x, double scale_y) {

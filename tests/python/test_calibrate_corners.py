@@ -1,0 +1,183 @@
+"""Finding chessboards: corners in their places and in one order, and a clear sentence otherwise."""
+
+import cv2
+import numpy as np
+import pytest
+
+import tolerances
+from calib.board import Board, Photograph, assign_cameras
+from calib.corner_files import read_vnl, write_board_picture, write_vnl
+from calib.corners import corner_noise, find_board, find_boards, ordered
+from calib.errors import BoardError
+from calib.images import read_grey
+from calib.rigid import transform_points
+from calib_fakes import BOARD, FISHEYE, write_pictures
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    """Six drawn boards through a fisheye and their poses."""
+    folder = tmp_path_factory.mktemp("boards")
+    return write_pictures(folder, 6, np.random.default_rng(7))
+
+
+def _found(paths, board=BOARD):
+    photographs = assign_cameras(paths, [])
+    find_boards(photographs, board, progress=False)
+    return photographs
+
+
+def test_corners_drawn_boards_lie_where_the_lens_puts_them(pictures):
+    paths, poses = pictures
+    photographs = _found(paths)
+    checked = 0
+    for photograph, pose in zip(photographs, poses, strict=True):
+        truth = FISHEYE.project(transform_points(pose, BOARD.points()))[0] - 0.5
+        assert photograph.corners is not None, photograph.reason
+        # 7 + 5 is even: the board may be numbered from either end
+        error = min(
+            (corners - truth for corners in (photograph.corners, photograph.corners[::-1])),
+            key=lambda difference: np.abs(difference).max(),
+        )
+        assert np.abs(error.mean(axis=0)).max() < tolerances.CALIB_DRAWN_OFFSET_PX
+        rms = np.sqrt(np.mean(np.sum(error**2, axis=1)))
+        assert rms < tolerances.CALIB_DRAWN_CORNER_PX
+        checked += 1
+    assert checked == 6
+
+
+def test_corners_image_upside_down_keep_their_order_where_colours_tell(tmp_path):
+    board = Board(6, 5, 0.03)  # 6 + 5 is odd: the first square's colour tells the ends apart
+    (path, *_), _ = write_pictures(tmp_path, 1, np.random.default_rng(3), board=board)
+    image = read_grey(path)
+    upright = Photograph(path, "camera", "0")
+    find_board(image, upright, board)
+    turned = Photograph(path, "camera", "0")
+    find_board(np.ascontiguousarray(image[::-1, ::-1]), turned, board)
+    back = np.array(image.shape[::-1]) - 1 - turned.corners
+    assert np.abs(back - upright.corners).max() < tolerances.CALIB_SAME_CORNER_PX
+
+
+def test_ordered_mirrored_grid_is_turned_back(pictures):
+    photograph = _found(pictures[0])[0]
+    grid = photograph.corners.reshape(BOARD.rows, BOARD.columns, 2)
+    image = read_grey(photograph.path)
+    assert np.array_equal(ordered(grid[:, ::-1], image), grid)
+    assert np.array_equal(ordered(grid[::-1], image), grid)
+
+
+def test_corner_noise_displaced_corner_stands_out(pictures):
+    grid = _found(pictures[0])[0].corners.reshape(BOARD.rows, BOARD.columns, 2)
+    before = np.nanmax(corner_noise(grid))
+    moved = grid.copy()
+    moved[2, 3] += (3.0, 0.0)
+    assert np.unravel_index(np.nanargmax(corner_noise(moved)), grid.shape[:2]) == (2, 3)
+    assert np.nanmax(corner_noise(moved)) > before + 2.0  # 6 / sqrt(70) of 3 px
+
+
+def test_vnl_written_and_read_gives_the_same_corners(pictures, tmp_path):
+    photographs = _found(pictures[0])
+    write_vnl(tmp_path / "corners.vnl", photographs)
+    assert (tmp_path / "corners.vnl").read_text().startswith("# filename x y level\n")
+    read = read_vnl(tmp_path / "corners.vnl", BOARD)
+    assert len(read) == 6
+    for photograph in photographs:
+        assert np.abs(read[str(photograph.path)] - photograph.corners).max() < 1e-5
+
+
+def test_board_picture_is_written_for_found_and_missed_boards(pictures, tmp_path):
+    found = _found(pictures[0])[0]
+    missed = Photograph(found.path, "other", "0", reason="no board")
+    for photograph in (found, missed):
+        path = write_board_picture(tmp_path, photograph, BOARD)
+        assert cv2.imread(str(path)).shape == (320, 420, 3)
+
+
+def test_assign_cameras_pairs_by_name():
+    from pathlib import Path
+
+    paths = [Path(name) for name in ("left1.png", "right1.png", "left2.png")]
+    photographs = assign_cameras(paths, ["left", "right"])
+    assert [p.camera for p in photographs] == ["left", "right", "left"]
+    assert photographs[0].moment == photographs[1].moment != photographs[2].moment
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        ("unreadable", "spoiled.png: not a readable image"),
+        ("cut off", "spoiled.png: the image is cut off"),
+        ("missing", "spoiled.png: cannot be read"),
+        ("other size", "spoiled.png has 210 x 160 pixels"),
+    ],
+)
+def test_find_boards_spoiled_file_is_named(pictures, tmp_path, spoil, sentence):
+    spoiled = tmp_path / "spoiled.png"
+    whole = pictures[0][0].read_bytes()
+    if spoil == "unreadable":
+        spoiled.write_text("this is no image")
+    elif spoil == "cut off":
+        spoiled.write_bytes(whole[: len(whole) // 2])
+    elif spoil == "other size":
+        cv2.imwrite(str(spoiled), cv2.resize(cv2.imread(str(pictures[0][0])), (210, 160)))
+    with pytest.raises(BoardError, match=sentence):
+        _found([*pictures[0], spoiled])
+
+
+def test_find_boards_no_board_names_the_first_file(tmp_path):
+    paths = []
+    for index in range(3):
+        paths.append(tmp_path / f"empty{index}.png")
+        cv2.imwrite(str(paths[-1]), np.full((120, 160), 128, np.uint8))
+    with pytest.raises(BoardError, match=r"no board of 7 x 5 .*empty0\.png: no board is seen"):
+        _found(paths)
+
+
+def test_find_boards_too_few_says_how_many(pictures):
+    with pytest.raises(BoardError, match="too few boards: 2 found in 2 images"):
+        _found(pictures[0][:2])
+
+
+@pytest.mark.parametrize("board", [Board(8, 6, 0.03), Board(6, 4, 0.03)])
+def test_find_boards_wrong_size_says_the_right_one(pictures, board):
+    with pytest.raises(BoardError, match=r"wrong board size: .*board\d\.png.* 7 x 5"):
+        _found(pictures[0], board)
+
+
+def test_find_board_blurred_and_cropped_say_so(pictures):
+    image = read_grey(pictures[0][0])
+    photograph = Photograph(pictures[0][0], "camera", "0")
+    find_board(image, photograph, BOARD)
+    left, right = photograph.corners[:, 0].min(), photograph.corners[:, 0].max()
+    cropped = Photograph(pictures[0][0], "camera", "0")
+    find_board(image[:, : int(left + 0.6 * (right - left))], cropped, BOARD)
+    assert cropped.corners is None
+    assert "cropped" in cropped.reason
+    blurred = Photograph(pictures[0][0], "camera", "0")
+    find_board(cv2.GaussianBlur(image, (0, 0), 7), blurred, BOARD)
+    assert blurred.corners is None
+    assert "blurred" in blurred.reason
+
+
+def test_board_parse_nonsense_is_refused():
+    for text in ("9", "9x", "2x2", "axb"):
+        with pytest.raises(BoardError, match="board"):
+            Board.parse(text, 0.02)
+    with pytest.raises(BoardError, match="side of a square"):
+        Board.parse("9x6", 0.0)
+    assert Board.parse("9x6", 0.02).corners == 54
+
+
+def test_find_boards_real_rig_finds_all(shared):
+    folder = shared / "data" / "boards" / "fisheye_stereo"
+    photographs = assign_cameras(sorted(folder.glob("*.jpg")), ["left", "right"])
+    find_boards(photographs, Board(9, 6, 0.02423), progress=False)
+    assert len(photographs) == 58
+    assert all(photograph.corners is not None for photograph in photographs)
+
+
+def test_find_boards_real_wide_fisheye_finds_all_but_one(shared):
+    folder = shared / "data" / "boards" / "ocam_fisheye1"
+    photographs = assign_cameras(sorted(folder.glob("*.jpg")), [])
+    find_boards(photographs, Board(6, 8, 0.0325), progress=False)
+    assert sum(photograph.corners is not None for photograph in photographs) >= 14

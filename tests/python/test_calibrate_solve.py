@@ -1,0 +1,283 @@
+"""Solving for lenses: truth recovered, its uncertainty right, bad lenses refused; real boards."""
+
+import ast
+
+import numpy as np
+import pytest
+
+import gsut
+import tolerances
+from calib import solve_mrcal, solve_opencv
+from calib.board import Board, assign_cameras
+from calib.corners import find_boards
+from calib.cross_validation import compare, hold_out
+from calib.errors import MisfitError, SolveError
+from calib.halves import agreement_angle, best_rotation
+from calib.lens import gsut_camera, rays
+from calib.lens_files import ANGLE_KEY, SIGMA_KEY, write_lens
+from calib.measure_uncertainty import coverage
+from calib.mrcal_process import ask, have_mrcal
+from calib.rig import solve_rig, unify_turns
+from calib.rigid import compose, inverse, rodrigues_vector, rotation_matrix
+from calib.synthetic import photographs as see
+from calib.synthetic import random_poses
+from calib.trust import judge
+from calib.uncertainty import grid_pixels, uncertainty_map
+from calib_fakes import BOARD, FISHEYE, corner_photographs
+
+needs_mrcal = pytest.mark.skipif(
+    not have_mrcal(), reason="mrcal is not installed: apt-get install mrcal python3-mrcal"
+)
+NOISE_PX = 0.1
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    """Twenty boards through a fisheye with noise, and OpenCV's solution of them."""
+    photographs, _ = corner_photographs(20, NOISE_PX, np.random.default_rng(11))
+    return photographs, solve_opencv.solve_camera(photographs, BOARD, "fisheye")
+
+
+def test_rigid_compose_and_inverse_cancel(rng):
+    checked = 0
+    for size in (1e-12, 1e-3, 1.0, 3.14):
+        axis = rng.standard_normal(3)
+        pose = np.concatenate([axis / np.linalg.norm(axis) * size, rng.standard_normal(3)])
+        assert np.abs(compose(pose, inverse(pose))).max() < tolerances.CALIB_RIGID
+        again = rodrigues_vector(rotation_matrix(pose[:3]))
+        assert np.abs(again - pose[:3]).max() < tolerances.CALIB_RIGID
+        checked += 1
+    assert checked == 4
+
+
+def test_solve_fisheye_without_noise_recovers_the_lens(rng):
+    photographs, _ = corner_photographs(10, 0.0, rng)
+    found = solve_opencv.solve_camera(photographs, BOARD, "fisheye")
+    assert np.abs(gsut_camera(found).params - FISHEYE.params).max() < tolerances.CALIB_EXACT_PARAMS
+    assert found.outliers.sum() == 0
+
+
+def test_solve_fisheye_boards_past_ninety_degrees_are_used(rng):
+    wide = gsut.Camera("kannala_brandt", [90.0, 91.0, 212.0, 209.0, 0.02, -0.01, 0, 0], 420, 420)
+    board = Board(7, 5, 0.03)
+    poses = random_poses(wide, board, 24, 95.0, rng)
+    found = solve_opencv.solve_camera(see(wide, board, poses, 0.05, rng), board, "fisheye")
+    assert np.degrees(found.field_angles(board).max()) > 100.0
+    assert found.rms_axis_px == pytest.approx(0.05, rel=tolerances.CALIB_NOISE_RELATIVE)
+    assert np.abs(gsut_camera(found).params - wide.params)[:4].max() < tolerances.CALIB_WIDE_PX
+
+
+def test_rms_both_conventions_differ_by_root_two(noisy):
+    _, solution = noisy
+    assert solution.rms_2d_px == pytest.approx(np.sqrt(2) * solution.rms_axis_px, rel=1e-12)
+    assert solution.rms_axis_px == pytest.approx(NOISE_PX, rel=tolerances.CALIB_NOISE_RELATIVE)
+
+
+def test_solve_displaced_corners_are_the_outliers(noisy):
+    photographs, _ = corner_photographs(12, NOISE_PX, np.random.default_rng(5))
+    moved = [(0, 3), (4, 17), (9, 30)]
+    for board, corner in moved:
+        photographs[board].corners[corner] += (3.0, -2.0)
+    found = solve_opencv.solve_camera(photographs, BOARD, "fisheye")
+    assert {tuple(map(int, index)) for index in np.argwhere(found.outliers)} == set(moved)
+
+
+def test_solve_wrongly_found_board_is_named(noisy):
+    photographs, _ = corner_photographs(8, NOISE_PX, np.random.default_rng(6))
+    photographs[3].corners = np.roll(photographs[3].corners, 11, axis=0)
+    with pytest.raises(MisfitError, match=r"synthetic003\.png: its corners do not fit") as caught:
+        solve_opencv.solve_camera(photographs, BOARD, "fisheye")
+    assert caught.value.indices == [3]
+
+
+def test_uncertainty_repeated_solves_cover_the_truth_in_95_percent():
+    solves, parameters = 8, 8
+    within, projected, ratio = coverage("fisheye", solves)
+    # 64 parameters, correlated: 3 standard deviations of a share of 95 % are 7 % and more.
+    assert len(within) == parameters
+    assert within.mean() > tolerances.CALIB_COVERAGE_LEAST
+    assert projected > tolerances.CALIB_COVERAGE_LEAST
+    assert ratio == pytest.approx(1.0, abs=tolerances.CALIB_NOISE_RELATIVE)
+
+
+def test_uncertainty_map_grows_away_from_the_boards(noisy):
+    _, solution = noisy
+    sigma = uncertainty_map(solution, BOARD)
+    rows, columns = sigma.shape
+    assert sigma.shape == grid_pixels(420, 320).shape[:2]
+    assert sigma[rows // 2, columns // 2] < 0.1 * np.nanmax(sigma)
+
+
+def test_trust_good_fisheye_reaches_as_far_as_its_boards(noisy):
+    _, solution = noisy
+    trust = judge(solution, BOARD, uncertainty_map(solution, BOARD))
+    assert not trust.refusal
+    assert trust.valid_angle <= trust.reach < trust.domain
+    assert np.degrees(trust.valid_angle) > 50
+
+
+def test_trust_lens_with_a_pole_inside_the_boards_is_refused(noisy):
+    _, solution = noisy
+    radial = solve_opencv.solve_camera(solution.photographs, BOARD, "opencv8")
+    radial.params[8:] = 0.0  # the denominator
+    radial.params[9] = -1.0  # 1 - r^4: a pole at 45 degrees
+    trust = judge(radial, BOARD, np.full((2, 2), np.nan))
+    assert "pole or fold at" in trust.refusal
+    assert np.degrees(trust.domain) <= 45.0 + 1e-6
+
+
+def test_cross_validation_prefers_the_lens_that_predicts(noisy):
+    photographs, fisheye = noisy
+    radial = solve_opencv.solve_camera(photographs, BOARD, "opencv4")
+    results = [
+        hold_out(
+            full.lens,
+            full,
+            photographs,
+            BOARD,
+            lambda part, full=full: solve_opencv.solve_camera(part, BOARD, full.lens),
+        )
+        for full in (radial, fisheye)
+    ]
+    reason = compare(results, [radial.outliers, fisheye.outliers])
+    assert [result.chosen for result in results] == [False, True]
+    assert "fisheye predicts unseen boards best" in reason
+    assert np.isfinite(results[1].errors).all()
+
+
+def test_agreement_angle_same_lens_turned_agrees_everywhere(noisy):
+    _, solution = noisy
+    assert agreement_angle(solution, solution, 1.0) == 1.0
+    turn = rotation_matrix([0.1, -0.2, 0.3])
+    directions = rays(solution, grid_pixels(420, 320).reshape(-1, 2))
+    directions = directions[np.isfinite(directions).all(axis=1)]
+    found = best_rotation(directions, directions @ turn.T)
+    assert np.abs(found - turn).max() < tolerances.CALIB_RIGID
+
+
+def _rig(generator, board, noise_px, turned_ones=()):
+    """Two cameras 11 cm apart that see the same boards; some numbered upside down by the second."""
+    pose = np.array([0.02, -0.05, 0.01, -0.11, 0.002, 0.004])
+    cameras = []
+    left = random_poses(FISHEYE, board, 12, 25.0, generator)
+    right = np.stack([compose(pose, board_pose) for board_pose in left])
+    for name, poses in (("left", left), ("right", right)):
+        photographs = see(FISHEYE, board, poses, noise_px, generator)
+        for index, photograph in enumerate(photographs):
+            photograph.camera = name
+            if name == "right" and index in turned_ones:
+                photograph.corners = photograph.corners[::-1]
+        cameras.append(solve_opencv.solve_camera(photographs, board, "fisheye"))
+    return cameras, pose
+
+
+def test_rig_relative_pose_is_recovered(rng):
+    noise_px = 0.02
+    cameras, truth = _rig(rng, BOARD, noise_px)
+    rms, notes = solve_rig(cameras, BOARD)
+    error = compose(cameras[1].camera_from_reference, inverse(truth))
+    assert np.degrees(np.linalg.norm(error[:3])) < tolerances.CALIB_RIG_DEGREES
+    assert np.linalg.norm(error[3:]) < tolerances.CALIB_RIG_METRES
+    assert rms < 2 * noise_px
+    assert not notes
+
+
+def test_rig_boards_seen_upside_down_are_found(rng):
+    cameras, _ = _rig(rng, BOARD, NOISE_PX, turned_ones=(1, 5, 6))
+    right = cameras[1].photographs
+    assert unify_turns(cameras, BOARD) == [right[1], right[5], right[6]]
+
+
+def test_rig_without_common_moment_is_an_error(rng):
+    cameras, _ = _rig(rng, BOARD, NOISE_PX)
+    for photograph in cameras[1].photographs:
+        photograph.moment += "-later"
+    with pytest.raises(SolveError, match="right has no moment"):
+        solve_rig(cameras, BOARD)
+
+
+def test_lens_file_fisheye_reads_back_exactly_and_as_nearest_splined(noisy, tmp_path):
+    _, solution = noisy
+    trust = judge(solution, BOARD, uncertainty_map(solution, BOARD))
+    notes = write_lens(tmp_path / "lens.cameramodel", solution, trust, "made by a test")
+    exact = gsut.load_camera(tmp_path / "lens.yaml")
+    assert exact.model == "kannala_brandt"
+    assert np.abs(exact.params - gsut_camera(solution).params).max() < tolerances.CALIB_WRITTEN
+    assert exact.valid_field_angle == pytest.approx(trust.valid_angle, rel=1e-12)
+    text = (tmp_path / "lens.cameramodel").read_text()
+    values = ast.literal_eval(text)
+    assert text.startswith("# made by a test\n")
+    assert values["lensmodel"].startswith("LENSMODEL_SPLINED_STEREOGRAPHIC_order=3")
+    assert np.array(values[SIGMA_KEY]).shape == trust.sigma.shape
+    assert values[ANGLE_KEY] == trust.valid_angle
+    assert "px off at most" in notes[-1]
+    if not have_mrcal():
+        return
+    directions = rays(solution, grid_pixels(420, 320).reshape(-1, 2))
+    seen = np.isfinite(directions).all(axis=1) & (directions[:, 2] > 0)
+    answer = ask({"do": "project", "models": [text], "points": directions[seen].tolist()})
+    off = np.array(answer["pixels"]) - grid_pixels(420, 320).reshape(-1, 2)[seen]
+    assert np.abs(off).max() < tolerances.CALIB_SPLINE_LIKE_PX
+
+
+@pytest.fixture(scope="module")
+def by_mrcal(noisy):
+    """mrcal's solution of the same boards with a rational lens, and its uncertainty."""
+    found = solve_mrcal.solve_camera(noisy[0], BOARD, "opencv8")
+    return found, uncertainty_map(found, BOARD)
+
+
+@needs_mrcal
+def test_mrcal_opencv8_agrees_with_the_fisheye_of_opencv(noisy, by_mrcal):
+    found, _ = by_mrcal
+    assert found.rms_axis_px == pytest.approx(NOISE_PX, rel=tolerances.CALIB_NOISE_RELATIVE)
+    assert agreement_angle(found, noisy[1], 0.8) == 0.8
+
+
+@needs_mrcal
+def test_mrcal_lens_file_is_read_by_mrcal_and_gsut(by_mrcal, tmp_path):
+    found, sigma = by_mrcal
+    trust = judge(found, BOARD, sigma)
+    write_lens(tmp_path / "lens.cameramodel", found, trust, "made by a test")
+    lens = gsut.load_camera(tmp_path / "lens.cameramodel")
+    assert lens.model == "opencv8"
+    assert lens.valid_field_angle == pytest.approx(trust.valid_angle, rel=1e-12)
+    text = (tmp_path / "lens.cameramodel").read_text()
+    assert ask({"do": "solved", "models": [text]})["model"] == "LENSMODEL_OPENCV8"
+
+
+@needs_mrcal
+def test_mrcal_uncertainty_agrees_with_ours_for_the_same_lens(noisy, by_mrcal):
+    ours = solve_opencv.solve_camera(noisy[0], BOARD, "opencv8")
+    middle = (slice(10, 20), slice(12, 28))  # where both know most
+    ratio = by_mrcal[1][middle] / uncertainty_map(ours, BOARD)[middle]
+    # mrcal also solves for the board's shape and pulls coefficients to 0
+    low, high = tolerances.CALIB_SIGMA_RATIO
+    assert low < np.median(ratio) < high
+
+
+@pytest.fixture(scope="module")
+def real_left(shared):
+    """The left camera's photographs of the real rig, with corners."""
+    folder = shared / "data" / "boards" / "fisheye_stereo"
+    photographs = assign_cameras(sorted(folder.glob("left*.jpg")), [])
+    board = Board(9, 6, 0.02423)
+    find_boards(photographs, board, progress=False)
+    return photographs, board
+
+
+def test_solve_real_fisheye_meets_the_anchor(real_left):
+    photographs, board = real_left
+    assert len(photographs) == 29
+    found = solve_opencv.solve_camera(photographs, board, "fisheye")
+    assert found.rms_2d_px <= tolerances.CALIB_REAL_FISHEYE_PX
+
+
+@needs_mrcal
+def test_solve_real_fisheye_with_mrcal_meets_the_anchors(real_left):
+    photographs, board = real_left
+    for lens, anchor in (
+        ("opencv8", tolerances.CALIB_REAL_OPENCV8_PX),
+        ("splined", tolerances.CALIB_REAL_SPLINED_PX),
+    ):
+        assert solve_mrcal.solve_camera(photographs, board, lens).rms_2d_px <= anchor
