@@ -168,7 +168,25 @@ class Renderer:
         write_untouched: bool,
     ) -> NDArray[np.float64]: ...
     def distances(self) -> NDArray[np.float32]: ...
-    def timings(self) -> dict[str, float]: ...
+    def timings(self) -> dict[str, tuple[float, float]]: ...  # wall and processor seconds
+    def statistics(self) -> dict[str, int]: ...
+
+class ScalarRenderer:
+    def __init__(self, widen: float = 1.0) -> None: ...
+    def render(
+        self,
+        gaussians: _Gaussians,
+        camera: Camera,
+        camera_from_world: _PoseLike,
+        rule: BlendRule,
+        background: Sequence[float],
+        sh_degree: int,
+        unscented: Sequence[float],
+        image: NDArray[np.float32],
+        alpha: NDArray[np.float32],
+    ) -> None: ...
+    def backward(self, dimage: NDArray[np.float32], gradients: _Gaussians) -> None: ...
+    def timings(self) -> dict[str, tuple[float, float]]: ...  # wall and processor seconds
     def statistics(self) -> dict[str, int]: ...
 
 def render_reference(
@@ -178,6 +196,7 @@ def render_reference(
     rule: BlendRule,
     background: Sequence[float],
     sh_degree: int,
+    pixels: NDArray[np.uint8] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...
 def render_reference_backward(
     gaussians: _Gaussians,
@@ -190,6 +209,7 @@ def render_reference_backward(
     dalpha: NDArray[np.float64] | None,
     ddepth: NDArray[np.float64] | None,
     gradients: _Gaussians,
+    pixels: NDArray[np.uint8] | None = None,
 ) -> NDArray[np.float64]: ...
 
 # --- loss -----------------------------------------------------------------------------------------

@@ -52,11 +52,12 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     # What a run is made of: settings, its folder, its words and pictures.
     "run": {
         *("checkpoint", "environment", "option_fields", "options", "pictures", "progress"),
-        "run_folder",
+        *("run_folder", "stopwatch"),
     },
     "report": {"report", "report_plots"},
     "scene tools": {"demo_scene*", "doctor", "render_path"},
     "training": {"evaluate", "pyramid", "train"},
+    "bench": {"bench", "bench.*"},  # measures all of the above, and is used by none of it
     "command line": {"__main__", "calibrate", "camera_convert", "cli", "commands"},
     "package": {"gsut"},
 }
@@ -70,7 +71,10 @@ PYTHON_MAY_USE: dict[str, set[str]] = {
     "scene tools": {"faces", "data"},
     # The package: evaluate renders by the public name gsut.render.
     "training": {"faces", "data", "run", "report", "package"},
-    "command line": {"faces", "data", "run", "report", "scene tools", "training", "package"},
+    "bench": {"faces", "data", "run", "scene tools", "training", "package"},
+    "command line": {
+        *("faces", "data", "run", "report", "scene tools", "training", "bench", "package"),
+    },
     "package": {"faces", "data", "run", "training"},
 }
 # Single arrows beyond the table, inside functions only: Camera.save and gsut.load_camera are

@@ -62,8 +62,8 @@ double FirstFold(const Surface& surface, double direction_x, double direction_y)
   // The outermost control points end the lens: what lies beyond is extrapolated, and soon folds.
   const double half_x = 0.5 * (surface.params[1] - 1.0) / surface.density;
   const double half_y = 0.5 * (surface.params[2] - 1.0) / surface.density;
-  const double end = std::min({kLargestRadius, half_x / std::abs(direction_x),
-                               half_y / std::abs(direction_y)});
+  const double end =
+      std::min({kLargestRadius, half_x / std::abs(direction_x), half_y / std::abs(direction_y)});
   // Looked at four times between control points.
   const double step = 0.25 / surface.density;
   const auto regular = [&](double r) {
