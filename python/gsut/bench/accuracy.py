@@ -184,7 +184,7 @@ def _sampled_pixels(
         (y, x) for y in range(0, camera.height, _TILE) for x in range(0, camera.width, _TILE)
     ]
     pixels = np.zeros(valid.shape, np.uint8)
-    chosen = []
+    chosen: list[np.ndarray] = []
     for place in rng.permutation(len(corners)):
         if len(chosen) == tiles:
             break

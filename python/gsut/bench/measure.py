@@ -162,7 +162,7 @@ def step_loop(scene: BenchScene, repeats: int) -> TrainingLoop:
     from gsut.train import TrainingLoop
 
     steps = 1000 * max(1, repeats)
-    rates = dict.fromkeys(
+    rates: dict[str, Any] = dict.fromkeys(
         ("lr_means", "lr_scales", "lr_quats", "lr_opacity", "lr_sh0", "lr_sh_rest"), 0.0
     )
     options = TrainOptions(

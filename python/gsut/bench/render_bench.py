@@ -183,6 +183,7 @@ def _row(
         "image_rms_error": errors.image_rms,
         "gradient_relative_error": errors.gradient_relative,
         "valid": errors.image_rms <= IMAGE_RMS_BOUND
+        and errors.gradient_relative is not None
         and errors.gradient_relative <= GRADIENT_RELATIVE_BOUND,
         # The blend alone and the tiles' backward alone, as the study's "forward" and "backward".
         "blend_ms": times.wall_ms("forward"),
@@ -230,7 +231,7 @@ def _row(
 
 
 def _scalar_times(scalar: _Scalar | None) -> dict[str, float | None]:
-    t = None if scalar is None else scalar.times
+    t: Any = None if scalar is None else scalar.times
     return {
         "scalar_forward_ms": t and t.wall_ms(*SCALAR_FORWARD_STAGES),
         "scalar_backward_ms": t and t.wall_ms(*BACKWARD_STAGES),

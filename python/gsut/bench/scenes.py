@@ -212,7 +212,7 @@ def _trained_scene(ply: str | None, data: str | None) -> BenchScene:
 
     if (ply is None) != (data is None):
         raise InputError("the scene trained needs both --ply and --data, or neither (the demo)")
-    if ply is None:
+    if ply is None or data is None:
         scene, gaussians, origin = _trained_demo()
     else:
         scene, gaussians, origin = gsut.load_dataset(data), gsut.load_ply(ply), f"{ply}"

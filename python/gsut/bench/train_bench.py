@@ -236,7 +236,8 @@ class _PausedClock:
 
     def __exit__(self, *_: object) -> None:
         now = time.perf_counter(), time.process_time()
-        self._begun = tuple(
+        wall, cpu = (
             begun + end - start
             for begun, start, end in zip(self._begun, self._entered, now, strict=True)
         )
+        self._begun = wall, cpu
