@@ -55,6 +55,7 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
     }
     for (int k = 0; k < count; ++k) frame->rects[static_cast<std::size_t>(i + k)] = {};
     if (!any) continue;
+    FetchNextHarmonics<false>(task.gaussians.sh, coefficients, i, task.gaussians.size);
     const SeenLanes g =
         LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
     const RecordLanes r = MakeRecord(g);
