@@ -113,6 +113,12 @@ PROJECTION_DOUBLE = 1e-9
 # relative to the larger of the covariance and 1 px^2; a dozen float operations; worst 1.2e-5
 PROJECTION_FLOAT_COVARIANCE = 2e-5
 PROJECTION_FLOAT_DEPTH = 3e-7  # relative: a square root of three squares, 2-3 ulp; worst 1.6e-7
+# Pixels, Gaussians of 0.02 degrees through a fisheye: second order of the lens and float; worst 0
+PROJECTION_METHODS_CENTER = 1e-3
+# The same of covariances, relative to the trace; worst 0
+PROJECTION_METHODS_COVARIANCE = 1e-2
+# Pixels: boxes of outlines may be narrower than their ellipse by the second order; worst 0
+PROJECTION_METHODS_BOX = 1e-2
 # second order: the perspective of a sphere, (scale / distance)^2 = 1e-4, and its curvature
 PROJECTION_SMALL_ANGLE = 1e-3
 # double against numpy, 60 terms; the inverse covariance has a condition up to 1e3; worst 1.4e-14

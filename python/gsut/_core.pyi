@@ -129,6 +129,25 @@ def project_reference(
     kappa: float,
 ) -> _ReferenceProjection: ...
 
+class _FootprintArrays(TypedDict):
+    centers: NDArray[Any]  # (N, 2)
+    covariances: NDArray[Any]  # (N, 2, 2)
+    boxes: NDArray[Any]  # (N, 4)
+    status: NDArray[np.uint8]
+    method: NDArray[np.uint8]
+
+class Footprinter:
+    def __init__(
+        self, method: int, unscented: Sequence[float], alpha_min: float, max_error_px: float
+    ) -> None: ...
+    def find(
+        self, gaussians: _Gaussians, camera: Camera, camera_from_world: _PoseLike
+    ) -> tuple[float, float]: ...  # wall and processor seconds
+    def arrays(self) -> _FootprintArrays: ...
+    def reference(
+        self, gaussians: _Gaussians, camera: Camera, camera_from_world: _PoseLike
+    ) -> _FootprintArrays: ...
+
 # --- raster ---------------------------------------------------------------------------------------
 
 class BlendRule:
