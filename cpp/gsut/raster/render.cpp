@@ -10,6 +10,7 @@
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/projection/project_kernels.h"
 #include "gsut/raster/bin_tiles.h"
+#include "gsut/raster/view_rays.h"
 
 namespace gsut {
 namespace {
@@ -19,10 +20,12 @@ constexpr std::size_t kPadding = 16;
 }  // namespace
 
 void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera& camera,
-                      const Pose& camera_from_world, const RenderSettings& settings,
+                      const CameraMotion& motion, const RenderSettings& settings,
                       const TiledOptions& options, float* image, float* alpha, float* depth) {
   rendered_ = false;
   settings.rule.Check();
+  if (!HasOneCenter(camera, motion)) throw InputError("not yet");
+  const Pose& camera_from_world = motion.start;
   ActiveIsa();  // applies GSUT_ISA before the first kernel runs
   grid_ = TilesOf(camera, ActiveLanes());
   if (grid_->too_wide) {

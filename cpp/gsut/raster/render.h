@@ -8,7 +8,7 @@
 #include "gsut/base/stopwatch.h"
 #include "gsut/cameras/camera.h"
 #include "gsut/gaussians/gaussians.h"
-#include "gsut/poses/pose.h"
+#include "gsut/poses/shutter.h"
 #include "gsut/projection/project.h"
 #include "gsut/raster/blend_rule.h"
 #include "gsut/raster/frame.h"
@@ -32,7 +32,7 @@ class Renderer {
   // A Gaussian with a parameter that is not finite, or centred on the camera, is not drawn. The
   // arrays behind `gaussians` must live, unchanged, until the backward call.
   void Render(const GaussiansView<const float>& gaussians, const Camera& camera,
-              const Pose& camera_from_world, const RenderSettings& settings,
+              const CameraMotion& motion, const RenderSettings& settings,
               const TiledOptions& options, float* image, float* alpha, float* depth);
 
   // Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth) for the last
