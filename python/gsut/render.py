@@ -157,15 +157,16 @@ def camera_motion(
         return camera_from_world
     if isinstance(shutter, str):
         shutter = _core.Shutter(shutter)
-    rolls = shutter is not None and not shutter.is_global
+    if shutter is not None and shutter.is_global:
+        shutter = None
     if not _is_pair(camera_from_world):
-        if rolls:
+        if shutter is not None:
             raise InputError(
                 f'shutter is "{shutter.direction}", but camera_from_world is one pose; give the '
                 "pair (start, end)"
             )
         return _pose_matrix(camera_from_world)
-    if shutter is None or not rolls:
+    if shutter is None:
         raise InputError(
             "camera_from_world is a pair of poses, but there is no rolling shutter; give "
             'shutter="top_to_bottom" or another direction, or one pose'
@@ -177,11 +178,9 @@ def camera_motion(
 def _is_pair(camera_from_world: Any) -> bool:
     if isinstance(camera_from_world, np.ndarray):
         return camera_from_world.ndim == 3 and len(camera_from_world) == 2
-    return (
-        isinstance(camera_from_world, Sequence)
-        and len(camera_from_world) == 2
-        and np.ndim(getattr(camera_from_world[0], "matrix", camera_from_world[0])) == 2
-    )
+    if not isinstance(camera_from_world, Sequence) or len(camera_from_world) != 2:
+        return False
+    return _pose_matrix(camera_from_world[0]).ndim == 2
 
 
 def _blend_rule(parity: str | None, blend: BlendRule | None) -> BlendRule:
