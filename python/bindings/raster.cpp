@@ -68,9 +68,10 @@ class BoundRenderer {
                      image_data, alpha_data, depth_data);
   }
 
-  py::array_t<double> Backward(const py::object& dimage, const py::object& dalpha,
-                               const py::object& ddepth, const py::object& gradients,
-                               const py::object& touched, bool write_untouched) {
+  // None without with_poses.
+  py::object Backward(const py::object& dimage, const py::object& dalpha, const py::object& ddepth,
+                      const py::object& gradients, const py::object& touched, bool write_untouched,
+                      bool with_poses) {
     const float* image = ConstData<float>(dimage, "dimage", {height_, width_, 3});
     const float* alpha = OptionalData<float>(dalpha, "dalpha", {height_, width_});
     const float* depth = OptionalData<float>(ddepth, "ddepth", {height_, width_});
@@ -79,8 +80,10 @@ class BoundRenderer {
     double dpose[12] = {};
     {
       const py::gil_scoped_release release;
-      renderer_.Backward(image, alpha, depth, write_untouched, view, touched_data, dpose);
+      renderer_.Backward(image, alpha, depth, write_untouched, view, touched_data,
+                         with_poses ? dpose : nullptr);
     }
+    if (!with_poses) return py::none();
     return PoseGradient(dpose, motion_);
   }
 
@@ -253,7 +256,8 @@ void BindRaster(py::module_& m) {
            py::arg("sh_degree"), py::arg("unscented"), py::arg("image"), py::arg("alpha"),
            py::arg("depth"), py::arg("keep"))
       .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("dalpha"),
-           py::arg("ddepth"), py::arg("gradients"), py::arg("touched"), py::arg("write_untouched"))
+           py::arg("ddepth"), py::arg("gradients"), py::arg("touched"), py::arg("write_untouched"),
+           py::arg("with_poses") = true)
       .def("distances", &BoundRenderer::Distances)
       .def("timings", &BoundRenderer::Timings)
       .def("statistics", &BoundRenderer::Statistics);

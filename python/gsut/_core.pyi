@@ -188,7 +188,8 @@ class Renderer:
         gradients: _Gaussians,
         touched: NDArray[np.uint8],
         write_untouched: bool,
-    ) -> NDArray[np.float64]: ...
+        with_poses: bool = True,
+    ) -> Any: ...  # NDArray[np.float64], or None without with_poses
     def distances(self) -> NDArray[np.float32]: ...
     def timings(self) -> dict[str, tuple[float, float]]: ...  # wall and processor seconds
     def statistics(self) -> dict[str, int]: ...

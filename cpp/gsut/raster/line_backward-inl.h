@@ -179,16 +179,17 @@ HWY_INLINE void BackwardBlock(const LineChunk& chunk, int j, float alpha_max,
       turn_y = hn::NegMulAdd(reach, r_y, turn_y);
       put(kLineToSlide, hn::Sub(get(kLineToSlide), to_x));
     }
-    // d/da = cut-off alpha q_x, and so on, alpha over k.
+    // d/da = cut-off (x_a q_x + y_a q_y), and so on.
     constexpr float kTwoLn2 = 1.38629436111989061883f;
     const float cutoff = -kTwoLn2 * chunk.values[C::kKappa][j];
-    const FloatVec alpha_k = hn::Set(d, cutoff * chunk.values[C::kAlpha][j]);
-    const FloatVec beta_k = hn::Set(d, cutoff * chunk.values[C::kBeta][j]);
-    const FloatVec gamma_k = hn::Set(d, cutoff * chunk.values[C::kGamma][j]);
-    put(kLineToA, hn::MulAdd(alpha_k, q_x, get(kLineToA)));
-    put(kLineToB, hn::MulAdd(beta_k, q_x, hn::MulAdd(gamma_k, q_y, get(kLineToB))));
-    put(kLineToS, hn::MulAdd(alpha_k, turn_x, get(kLineToS)));
-    put(kLineToT, hn::MulAdd(beta_k, turn_x, hn::MulAdd(gamma_k, turn_y, get(kLineToT))));
+    const FloatVec x_a = hn::Set(d, cutoff * chunk.values[C::kXa][j]);
+    const FloatVec x_b = hn::Set(d, cutoff * chunk.values[C::kXb][j]);
+    const FloatVec y_a = hn::Set(d, cutoff * chunk.values[C::kYa][j]);
+    const FloatVec y_b = hn::Set(d, cutoff * chunk.values[C::kYb][j]);
+    put(kLineToA, hn::MulAdd(x_a, q_x, hn::MulAdd(y_a, q_y, get(kLineToA))));
+    put(kLineToB, hn::MulAdd(x_b, q_x, hn::MulAdd(y_b, q_y, get(kLineToB))));
+    put(kLineToS, hn::MulAdd(x_a, turn_x, hn::MulAdd(y_a, turn_y, get(kLineToS))));
+    put(kLineToT, hn::MulAdd(x_b, turn_x, hn::MulAdd(y_b, turn_y, get(kLineToT))));
   }
 }
 

@@ -2,11 +2,12 @@
 //
 // In the frame (D, E1, E2) of a bundle of lines a E1 + b E2 + x (D + s E1 + t E2), let m be the
 // Gaussian's mean, sd^2 its variance along D, and M = S^-1 R^T. In whitened coordinates turned so
-// that M E1 = (alpha, 0, 0) and M E2 = (beta, gamma, 0), a direction has M (D + s E1 + t E2) =
+// that M E1 = (x_a, y_a, 0) and M E2 = (x_b, y_b, 0), a direction has M (D + s E1 + t E2) =
 // (w_x, w_y, 1) / sd, and the line meets the plane x = m.D through the mean at a distance from it
 // of
-//   e_x = alpha A + beta B, e_y = gamma B, A = (m.E1 - a) - (m.D) s, B = (m.E2 - b) - (m.D) t:
-// the differences are taken first, from small numbers, so that float keeps its digits. Then
+//   e_x = x_a A + x_b B, e_y = y_a A + y_b B, A = (m.E1 - a) - (m.D) s, B = (m.E2 - b) - (m.D) t:
+// the differences are taken first, from small numbers, so that float keeps its digits. The turn
+// within the plane makes (x_a, x_b) and (y_a, y_b) orthogonal: bounds by intervals are tight. Then
 //   tau = (e.w) / (1 + w_x^2 + w_y^2), residual = (e_x - tau w_x, e_y - tau w_y, -tau),
 //   D^2 = |residual|^2, and the nearest point lies at x = m.D + sd tau.
 // e is divided by the square root k of the cut-off of D^2, so that a Gaussian is drawn where
@@ -36,12 +37,22 @@ inline constexpr int kLog2Opacity = 12;
 inline constexpr int kColor = 13;  // 3 floats
 }  // namespace line_record
 
+// 1 / sqrt(x) to within an ulp or two, x > 0 and in float's range.
+HWY_INLINE Lane InverseRoot(Lane x) {
+#if HWY_TARGET == HWY_EMU128 || HWY_TARGET == HWY_SCALAR
+  return Lane(1.0) / Sqrt(x);
+#else
+  const Lane r(hn::ApproximateReciprocalSqrt(x.v));
+  return r * (Lane(1.5) - Lane(0.5) * x * r * r);
+#endif
+}
+
 // Gaussians, one a lane or one in all.
 struct GaussianLanes {
   Lane mean[3], whiten[3][3];
   Lane variance[3];     // along its axes
   Lane inverse_volume;  // 1 / (s1 s2 s3), as the norms of M's rows
-  Lane log2_opacity, cutoff;
+  Lane log2_opacity, cutoff, k, inverse_k;
 };
 
 // load(k): float k of the records.
@@ -59,16 +70,19 @@ HWY_INLINE GaussianLanes LoadGaussians(float log2_alpha_min, float max_cutoff, L
   g.log2_opacity = load(line_record::kLog2Opacity);
   constexpr double kTwoLn2 = 1.38629436111989061883;
   g.cutoff = Min(Lane(kTwoLn2) * (g.log2_opacity - Lane(log2_alpha_min)), Lane(max_cutoff));
+  g.k = Sqrt(g.cutoff);
+  g.inverse_k = Lane(1.0) / g.k;
   return g;
 }
 
 // What a Gaussian is in the frame of a bundle.
 struct LinePair {
-  Lane m[3];                          // mean along E1, E2, D
-  Lane alpha, beta, gamma;            // over k
-  Lane w_x0, w_xs, w_xt, w_y0, w_yt;  // w_x = w_x0 + w_xs s + w_xt t, w_y = w_y0 + w_yt t
-  Lane reach;                         // k sd: how far along D it reaches
-  Lane q1[3], q2[3];                  // axes of the turned whitened frame, in the Gaussian's own
+  Lane m[3];                // mean along E1, E2, D
+  Lane x_a, x_b, y_a, y_b;  // over k
+  Lane w_x0, w_xs, w_xt;    // w_x = w_x0 + w_xs s + w_xt t
+  Lane w_y0, w_ys, w_yt;
+  Lane reach;         // k sd: how far along D it reaches
+  Lane q1[3], q2[3];  // axes x, y of the turned whitened frame, in the Gaussian's own
 };
 
 // axes[3 k + j]: component j of D, E1, E2.
@@ -87,30 +101,50 @@ HWY_INLINE LinePair PlaceInFrame(const GaussianLanes& g, const Lane* axes) {
     w2[k] = Dot3(g.whiten[k], e2);
     normal[k] = g.variance[k] * w0[k];  // across M E1 and M E2: exact, also for needles
   }
-  const Lane alpha = Sqrt(Dot3(w1, w1));
-  const Lane inverse_alpha = Lane(1.0) / alpha;
-  const Lane sd = Sqrt(Dot3(normal, normal));
-  const Lane inverse_sd = Lane(1.0) / sd;
+  // First so that M E1 = (alpha, 0, 0) and M E2 = (beta, gamma, 0).
+  const Lane square = Dot3(w1, w1), variance = Dot3(normal, normal);
+  const Lane inverse_alpha = InverseRoot(square), inverse_sd = InverseRoot(variance);
+  const Lane alpha = square * inverse_alpha, sd = variance * inverse_sd;
+  Lane q1[3], q2[3];
   for (int k = 0; k < 3; ++k) {
-    p.q1[k] = w1[k] * inverse_alpha;
+    q1[k] = w1[k] * inverse_alpha;
     normal[k] *= inverse_sd;
   }
-  p.q2[0] = normal[1] * p.q1[2] - normal[2] * p.q1[1];
-  p.q2[1] = normal[2] * p.q1[0] - normal[0] * p.q1[2];
-  p.q2[2] = normal[0] * p.q1[1] - normal[1] * p.q1[0];
-  const Lane beta = Dot3(p.q1, w2);
-  const Lane gamma = g.inverse_volume * inverse_alpha * sd;
-  const Lane k = Sqrt(g.cutoff);
-  const Lane inverse_k = Lane(1.0) / k;
-  p.alpha = alpha * inverse_k;
-  p.beta = beta * inverse_k;
-  p.gamma = gamma * inverse_k;
+  q2[0] = normal[1] * q1[2] - normal[2] * q1[1];
+  q2[1] = normal[2] * q1[0] - normal[0] * q1[2];
+  q2[2] = normal[0] * q1[1] - normal[1] * q1[0];
+  const Lane beta = Dot3(q1, w2);
+  const Lane gamma = g.inverse_volume * inverse_alpha * sd;  // exact, too
+  // Then one Jacobi rotation, which makes the rows (alpha, beta) and (0, gamma) orthogonal.
+  const Lane gap = gamma * gamma - (alpha * alpha + beta * beta);
+  const Lane twice = Lane(2.0) * beta * gamma;
+  const Lane below = Abs(gap) + Sqrt(gap * gap + twice * twice);
+  const Lane tangent = Select(gap >= Lane(0.0), Lane(1.0), Lane(-1.0)) * twice /
+                       Select(below > Lane(0.0), below, Lane(1.0));
+  const Lane cosine = InverseRoot(MulAdd(tangent, tangent, Lane(1.0)));
+  const Lane sine = cosine * tangent;
+  const Lane first[2] = {cosine * alpha, cosine * beta - sine * gamma};
+  const Lane second[2] = {sine * alpha, sine * beta + cosine * gamma};
+  const Lane first2 = first[0] * first[0] + first[1] * first[1];
+  const Lane second2 = second[0] * second[0] + second[1] * second[1];
+  // The longer row keeps its digits; the other is orthogonal to it, with the area alpha gamma.
+  const LaneMask first_is_long = first2 >= second2;
+  const Lane ratio = alpha * gamma / Max(first2, second2);
+  p.x_a = Select(first_is_long, first[0], second[1] * ratio) * g.inverse_k;
+  p.x_b = Select(first_is_long, first[1], -(second[0] * ratio)) * g.inverse_k;
+  p.y_a = Select(first_is_long, -(first[1] * ratio), second[0]) * g.inverse_k;
+  p.y_b = Select(first_is_long, first[0] * ratio, second[1]) * g.inverse_k;
+  for (int k = 0; k < 3; ++k) {
+    p.q1[k] = cosine * q1[k] - sine * q2[k];
+    p.q2[k] = sine * q1[k] + cosine * q2[k];
+  }
+  p.reach = g.k * sd;
   p.w_x0 = Dot3(p.q1, w0) * sd;
   p.w_y0 = Dot3(p.q2, w0) * sd;
-  p.w_xs = alpha * sd;
-  p.w_xt = beta * sd;
-  p.w_yt = gamma * sd;
-  p.reach = k * sd;
+  p.w_xs = p.x_a * p.reach;
+  p.w_xt = p.x_b * p.reach;
+  p.w_ys = p.y_a * p.reach;
+  p.w_yt = p.y_b * p.reach;
   return p;
 }
 
@@ -126,14 +160,14 @@ HWY_INLINE LaneMask MayHit(const LinePair& p, const Lane* center, const Lane* ha
   const Lane b = (p.m[1] - center[1]) - p.m[2] * center[3];
   const Lane half_a = half[0] + x * half[2] + slack;
   const Lane half_b = half[1] + x * half[3] + slack;
-  const Lane e_x = p.alpha * a + p.beta * b;
-  const Lane e_y = p.gamma * b;
-  const Lane half_x = p.alpha * half_a + Abs(p.beta) * half_b;
-  const Lane half_y = p.gamma * half_b;
+  const Lane e_x = p.x_a * a + p.x_b * b;
+  const Lane e_y = p.y_a * a + p.y_b * b;
+  const Lane half_x = Abs(p.x_a) * half_a + Abs(p.x_b) * half_b;
+  const Lane half_y = Abs(p.y_a) * half_a + Abs(p.y_b) * half_b;
   const Lane w_x = p.w_x0 + p.w_xs * center[2] + p.w_xt * center[3];
-  const Lane w_y = p.w_y0 + p.w_yt * center[3];
-  const Lane half_wx = p.w_xs * half[2] + Abs(p.w_xt) * half[3];
-  const Lane half_wy = p.w_yt * half[3];
+  const Lane w_y = p.w_y0 + p.w_ys * center[2] + p.w_yt * center[3];
+  const Lane half_wx = Abs(p.w_xs) * half[2] + Abs(p.w_xt) * half[3];
+  const Lane half_wy = Abs(p.w_ys) * half[2] + Abs(p.w_yt) * half[3];
   const Lane zero(0.0), one(1.0);
   const Lane least_x = Max(Abs(e_x) - half_x, zero);
   const Lane least_y = Max(Abs(e_y) - half_y, zero);
@@ -158,13 +192,15 @@ struct LineChunk {
     kM1,
     kM2,
     kMd,
-    kAlpha,
-    kBeta,
-    kGamma,
+    kXa,
+    kXb,
+    kYa,
+    kYb,
     kWx0,
     kWxs,
     kWxt,
     kWy0,
+    kWys,
     kWyt,
     kReach,
     kKappa,
@@ -183,9 +219,8 @@ struct LineChunk {
 
   HWY_INLINE LineChunk() {
     for (int c = 0; c < kColumns; ++c) values[c][kMissing] = 0.0f;
-    // Two cut-offs beside the line.
-    values[kGamma][kMissing] = values[kM2][kMissing] = 0.0f;
-    values[kAlpha][kMissing] = 1.0f;
+    // Far beside any line.
+    values[kXa][kMissing] = 1.0f;
     values[kM1][kMissing] = 1e9f;
   }
 
@@ -194,7 +229,6 @@ struct LineChunk {
   HWY_INLINE void Fill(const float* records, const float* bundle, float log2_alpha_min,
                        float max_cutoff, int count, Ids&& ids) {
     const FloatTag d;
-    const hn::RebindToSigned<FloatTag> di;
     Lane axes[9];
     for (int k = 0; k < 9; ++k) axes[k] = Lane(bundle[LineBundle::kD + k]);
     for (int first = 0; first < count; first += kLanes) {
@@ -212,13 +246,15 @@ struct LineChunk {
       store(kM1, p.m[0]);
       store(kM2, p.m[1]);
       store(kMd, p.m[2]);
-      store(kAlpha, p.alpha);
-      store(kBeta, p.beta);
-      store(kGamma, p.gamma);
+      store(kXa, p.x_a);
+      store(kXb, p.x_b);
+      store(kYa, p.y_a);
+      store(kYb, p.y_b);
       store(kWx0, p.w_x0);
       store(kWxs, p.w_xs);
       store(kWxt, p.w_xt);
       store(kWy0, p.w_y0);
+      store(kWys, p.w_ys);
       store(kWyt, p.w_yt);
       store(kReach, p.reach);
       constexpr double kHalfLog2E = 0.72134752044448170368;
@@ -230,7 +266,6 @@ struct LineChunk {
         store(kQ2 + k, p.q2[k]);
       }
     }
-    (void)di;
   }
 
   HWY_INLINE FloatVec Get(int column, int pair) const {
@@ -244,13 +279,15 @@ struct LineChunk {
     const auto get = [&](int column) HWY_ATTR { return Lane(Get(column, pair)); };
     LinePair p;
     for (int k = 0; k < 3; ++k) p.m[k] = get(kM1 + k);
-    p.alpha = get(kAlpha);
-    p.beta = get(kBeta);
-    p.gamma = get(kGamma);
+    p.x_a = get(kXa);
+    p.x_b = get(kXb);
+    p.y_a = get(kYa);
+    p.y_b = get(kYb);
     p.w_x0 = get(kWx0);
     p.w_xs = get(kWxs);
     p.w_xt = get(kWxt);
     p.w_y0 = get(kWy0);
+    p.w_ys = get(kWys);
     p.w_yt = get(kWyt);
     p.reach = get(kReach);
     std::uint64_t blocks = 0;
@@ -285,11 +322,12 @@ HWY_INLINE LineHit HitOf(const LineChunk& chunk, int j, const LinePixels& line) 
   const FloatVec depth = chunk.Get(C::kMd, j);
   const FloatVec a = hn::NegMulAdd(depth, line.s, hn::Sub(chunk.Get(C::kM1, j), line.a));
   const FloatVec b = hn::NegMulAdd(depth, line.t, hn::Sub(chunk.Get(C::kM2, j), line.b));
-  const FloatVec e_x = hn::MulAdd(chunk.Get(C::kAlpha, j), a, hn::Mul(chunk.Get(C::kBeta, j), b));
-  const FloatVec e_y = hn::Mul(chunk.Get(C::kGamma, j), b);
+  const FloatVec e_x = hn::MulAdd(chunk.Get(C::kXa, j), a, hn::Mul(chunk.Get(C::kXb, j), b));
+  const FloatVec e_y = hn::MulAdd(chunk.Get(C::kYa, j), a, hn::Mul(chunk.Get(C::kYb, j), b));
   hit.w_x = hn::MulAdd(chunk.Get(C::kWxs, j), line.s,
                        hn::MulAdd(chunk.Get(C::kWxt, j), line.t, chunk.Get(C::kWx0, j)));
-  hit.w_y = hn::MulAdd(chunk.Get(C::kWyt, j), line.t, chunk.Get(C::kWy0, j));
+  hit.w_y = hn::MulAdd(chunk.Get(C::kWys, j), line.s,
+                       hn::MulAdd(chunk.Get(C::kWyt, j), line.t, chunk.Get(C::kWy0, j)));
   hit.reciprocal =
       FastReciprocal(hn::MulAdd(hit.w_x, hit.w_x, hn::MulAdd(hit.w_y, hit.w_y, hn::Set(d, 1.0f))));
   hit.tau = hn::Mul(hn::MulAdd(e_x, hit.w_x, hn::Mul(e_y, hit.w_y)), hit.reciprocal);

@@ -14,24 +14,61 @@ HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
-// Bit i set where node i of a group may hold a line that hits the Gaussian (in every lane of g).
-HWY_INLINE std::uint64_t TouchedNodes(const GaussianLanes& g, const float* group) {
-  const FloatTag d;
-  std::uint64_t touched = 0;
-  for (int i = 0; i < LineLevel::kGroup; i += kLanes) {
-    const auto load = [&](int k)
-                          HWY_ATTR { return Lane(hn::Load(d, group + k * LineLevel::kGroup + i)); };
-    Lane axes[9], center[4], half[4];
+// A bundle a lane, from the values of a group.
+struct BundleLanes {
+  Lane axes[9], center[4], half[4], slide, state;
+
+  HWY_INLINE BundleLanes(const float* group, int first) {
+    const FloatTag d;
+    const auto load = [&](int k) HWY_ATTR {
+      return Lane(hn::Load(d, group + k * LineLevel::kGroup + first));
+    };
     for (int k = 0; k < 9; ++k) axes[k] = load(LineBundle::kD + k);
     for (int k = 0; k < 4; ++k) {
       center[k] = load(LineBundle::kCenter + k);
       half[k] = load(LineBundle::kHalf + k);
     }
-    const Lane state = load(LineBundle::kState);
-    const LinePair pair = PlaceInFrame(g, axes);
-    const LaneMask hit = MayHit(pair, center, half, load(LineBundle::kSlide));
-    const LaneMask narrow = AndMask(hit, state > Lane(LineBundle::kEmpty));
-    touched |= MaskBits(OrMask(narrow, state > Lane(LineBundle::kNarrow)).m) << i;
+    slide = load(LineBundle::kSlide);
+    state = load(LineBundle::kState);
+  }
+};
+
+// Whether lines may pass the sphere of this radius around the mean: cheaper than MayHit, and as
+// tight where bundles are larger than the Gaussian.
+HWY_INLINE LaneMask MayPass(const GaussianLanes& g, Lane radius, const BundleLanes& bundle) {
+  constexpr double kRounding = 1e-6;
+  const Lane d = Dot3(g.mean, bundle.axes);
+  const Lane m1 = Dot3(g.mean, bundle.axes + 3), m2 = Dot3(g.mean, bundle.axes + 6);
+  const Lane slack = Lane(kRounding) * (Abs(m1) + Abs(m2) + Abs(d));
+  const auto least = [&](Lane m, int of_origin, int of_direction) HWY_ATTR {
+    const Lane at = (m - bundle.center[of_origin]) - d * bundle.center[of_direction];
+    const Lane half = bundle.half[of_origin] + Abs(d) * bundle.half[of_direction] + slack;
+    return Max(Abs(at) - half, Lane(0.0));
+  };
+  const Lane a = least(m1, 0, 2), b = least(m2, 1, 3);
+  const Lane s = Abs(bundle.center[2]) + bundle.half[2], t = Abs(bundle.center[3]) + bundle.half[3];
+  // A line at (A, B) in the plane through the mean passes it at no less than |(A, B)| over the
+  // length of (s, t, 1).
+  const Lane most = radius * radius * (Lane(1.0) + s * s + t * t);
+  constexpr double kRelative = 1e-5;
+  const LaneMask misses = a * a + b * b > most * Lane(1.0 + kRelative);
+  return NotMask(OrMask(misses, d + radius + slack < bundle.slide));
+}
+
+// Bit i set where node i of a group may hold a line that hits the Gaussian (in every lane of g).
+// exact: by the Gaussian itself, else by the sphere around it.
+HWY_INLINE std::uint64_t TouchedNodes(const GaussianLanes& g, Lane radius, const float* group,
+                                      bool exact) {
+  const FloatTag d;
+  std::uint64_t touched = 0;
+  for (int i = 0; i < LineLevel::kGroup; i += kLanes) {
+    const BundleLanes bundle(group, i);
+    LaneMask hit = AndMask(MayPass(g, radius, bundle), bundle.state > Lane(LineBundle::kEmpty));
+    if (exact && !hn::AllFalse(d, hit.m)) {
+      const LinePair pair = PlaceInFrame(g, bundle.axes);
+      hit = AndMask(hit, MayHit(pair, bundle.center, bundle.half, bundle.slide));
+    }
+    touched |= MaskBits(OrMask(hit, bundle.state > Lane(LineBundle::kNarrow)).m) << i;
   }
   return touched;
 }
@@ -46,11 +83,13 @@ HWY_INLINE void TouchGroup(const LineGrid& grid, const GaussianLanes& g, const T
   constexpr int kMaxOpen = 160;
   Place open[kMaxOpen];
   int count = 0;
+  const Lane radius = g.k * Sqrt(Max(g.variance[0], Max(g.variance[1], g.variance[2])));
   open[count++] = {static_cast<int>(grid.levels.size()) - 1, 0, 0};
   while (count > 0) {
     const Place place = open[--count];
     const LineLevel& level = grid.levels[static_cast<std::size_t>(place.level)];
-    std::uint64_t touched = TouchedNodes(g, level.Group(place.x, place.y));
+    std::uint64_t touched =
+        TouchedNodes(g, radius, level.Group(place.x, place.y), place.level == 0);
     if (place.level == 0) {
       AddTouched(touched, place.x, place.y, window, rows, hits);
       continue;
