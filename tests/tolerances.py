@@ -105,6 +105,11 @@ BENCH_ROUNDING = 1e-12  # sums in double of numbers up to 100, in another order
 ORACLE_RAY = 1e-12  # gsplat inverts its lenses by Newton; its own error is 7e-14; worst 7.3e-14
 ORACLE_IMAGE = 1e-9  # the issue's; double against double, up to 200 terms a pixel; worst 3.7e-12
 ORACLE_GRADIENT = 1e-6  # the issue's, relative L2; worst 4.7e-13
+# gsplat's slerp errs by about 1e-8 between the two poses (its README: 2e-8); the image and the
+# gradients of exact poses differ from its own by that, times the slopes of the scene
+ORACLE_SLERP = 3e-8  # worst 2.1e-8
+ORACLE_SLERP_IMAGE = 2e-6  # worst 1.0e-6
+ORACLE_SLERP_GRADIENT = 1e-6  # worst 3.3e-7
 ORACLE_PROJECTION = 1e-9  # px, the issue's; weights of -99 magnify eps of 64 px; worst 4.1e-12
 PROJECTION_FLOAT_PIXELS = 1e-4  # px, the issue's; float spacing at 64 px is 4e-6; worst 1.3e-5
 # px; footprints of up to 1e6 px in steep lenses, times weights of 100, times eps; worst 3.4e-10

@@ -22,6 +22,8 @@ class _Gaussians(Protocol):
 
 # A 4x4 matrix or an object whose attribute `matrix` is one.
 _PoseLike: TypeAlias = Any
+# The same, or a CameraMotion.
+_MotionLike: TypeAlias = Any
 
 # --- base -----------------------------------------------------------------------------------------
 
@@ -79,6 +81,26 @@ def format_camera_model(
 ) -> str: ...
 
 # --- poses ----------------------------------------------------------------------------------------
+
+class Shutter:
+    def __init__(self, direction: str = "global", parity: str | None = None) -> None: ...
+    @property
+    def direction(self) -> str: ...
+    @property
+    def parity(self) -> str | None: ...
+    @property
+    def is_global(self) -> bool: ...
+    def line_times(self, width: int, height: int) -> NDArray[np.float64]: ...
+
+class CameraMotion:
+    def __init__(self, start: _PoseLike, end: _PoseLike, shutter: Shutter) -> None: ...
+    @property
+    def start(self) -> NDArray[np.float64]: ...
+    @property
+    def end(self) -> NDArray[np.float64]: ...
+    @property
+    def shutter(self) -> Shutter: ...
+    def at(self, t: float) -> NDArray[np.float64]: ...
 
 def exp_pose(xi: ArrayLike) -> NDArray[np.float64]: ...
 def interpolate_pose(start: _PoseLike, end: _PoseLike, t: float) -> NDArray[np.float64]: ...
@@ -167,7 +189,7 @@ class Renderer:
         self,
         gaussians: _Gaussians,
         camera: Camera,
-        camera_from_world: _PoseLike,
+        camera_from_world: _MotionLike,
         rule: BlendRule,
         background: Sequence[float],
         sh_degree: int,
@@ -185,7 +207,8 @@ class Renderer:
         gradients: _Gaussians,
         touched: NDArray[np.uint8],
         write_untouched: bool,
-    ) -> NDArray[np.float64]: ...
+        with_poses: bool = True,
+    ) -> Any: ...  # NDArray[np.float64], or None without with_poses
     def distances(self) -> NDArray[np.float32]: ...
     def timings(self) -> dict[str, tuple[float, float]]: ...  # wall and processor seconds
     def statistics(self) -> dict[str, int]: ...
@@ -211,7 +234,7 @@ class ScalarRenderer:
 def render_reference(
     gaussians: _Gaussians,
     camera: Camera,
-    camera_from_world: _PoseLike,
+    camera_from_world: _MotionLike,
     rule: BlendRule,
     background: Sequence[float],
     sh_degree: int,
@@ -220,7 +243,7 @@ def render_reference(
 def render_reference_backward(
     gaussians: _Gaussians,
     camera: Camera,
-    camera_from_world: _PoseLike,
+    camera_from_world: _MotionLike,
     rule: BlendRule,
     background: Sequence[float],
     sh_degree: int,
@@ -229,6 +252,19 @@ def render_reference_backward(
     ddepth: NDArray[np.float64] | None,
     gradients: _Gaussians,
     pixels: NDArray[np.uint8] | None = None,
+) -> NDArray[np.float64]: ...
+def render_lines_reference(
+    gaussians: _Gaussians, lines: ArrayLike, reference: _PoseLike, rule: BlendRule
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...
+def render_lines_reference_backward(
+    gaussians: _Gaussians,
+    lines: ArrayLike,
+    reference: _PoseLike,
+    rule: BlendRule,
+    dimage: NDArray[np.float64],
+    dalpha: NDArray[np.float64] | None,
+    ddepth: NDArray[np.float64] | None,
+    gradients: _Gaussians,
 ) -> NDArray[np.float64]: ...
 
 # --- loss -----------------------------------------------------------------------------------------
