@@ -123,13 +123,14 @@ class TrainingLoop:
     Args:
         scene: training views, cameras and points, at the resolution to train at.
         options: resolved.
+        start: the first Gaussians; None: `first_gaussians`.
     """
 
-    def __init__(self, scene: Scene, options: TrainOptions) -> None:
+    def __init__(self, scene: Scene, options: TrainOptions, start: Gaussians | None = None) -> None:
         self.scene, self.options = scene, options
         self.step = 0
         self.seconds = 0.0  # of the steps alone, without reading images and measuring PSNR
-        start = first_gaussians(scene, options)
+        start = first_gaussians(scene, options) if start is None else start
         self.first_count = len(start)
         capacity = max(options.max_gaussians, len(start)) if options.strategy == "mcmc" else None
         self.optimizer = GaussianOptimizer(start, capacity, seed=options.seed)
