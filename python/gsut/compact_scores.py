@@ -100,8 +100,9 @@ def lightgaussian_scores(
     log_volume = gaussians.log_scales.astype(np.float64).sum(axis=1)
     if len(log_volume) == 0:
         return log_volume
-    relative = np.minimum(log_volume - np.percentile(log_volume, _VOLUME_PERCENTILE), 0.0)
-    return blend_weights(gaussians, views, on_view) * np.exp(_VOLUME_POWER * relative)
+    volume = np.exp(log_volume - log_volume.max())  # in units of the largest
+    relative = np.minimum(volume / np.percentile(volume, _VOLUME_PERCENTILE), 1.0)
+    return blend_weights(gaussians, views, on_view) * relative**_VOLUME_POWER
 
 
 def pup_scores(

@@ -43,8 +43,28 @@ double Product(const Bump& a, const Bump& b) {
          std::exp(-0.5 * square);
 }
 
-// Squared difference of the two fields' sum and the merged field, over their own squares' sum;
-// seen along the three axes of the merged Gaussian.
+// The product of two is a bump again; with a minus, for what overlaps in a blend of the two.
+Bump MinusOverlap(const Bump& a, const Bump& b) {
+  const double xx = a.xx + b.xx, xy = a.xy + b.xy, yy = a.yy + b.yy;
+  const double determinant = xx * yy - xy * xy;
+  const double dx = b.x - a.x, dy = b.y - a.y;
+  // (A + B)^-1 (b - a), and C = A (A + B)^-1 B.
+  const double ux = (yy * dx - xy * dy) / determinant;
+  const double uy = (xx * dy - xy * dx) / determinant;
+  const double bxx = (yy * b.xx - xy * b.xy) / determinant;
+  const double bxy = (yy * b.xy - xy * b.yy) / determinant;
+  const double byx = (xx * b.xy - xy * b.xx) / determinant;
+  const double byy = (xx * b.yy - xy * b.xy) / determinant;
+  return {-a.amplitude * b.amplitude * std::exp(-0.5 * (dx * ux + dy * uy)),
+          a.x + a.xx * ux + a.xy * uy,
+          a.y + a.xy * ux + a.yy * uy,
+          a.xx * bxx + a.xy * byx,
+          a.xx * bxy + a.xy * byy,
+          a.xy * bxy + a.yy * byy};
+}
+
+// Squared difference of the two blended and the merged field, over the two's own squares; seen
+// along the three axes of the merged Gaussian.
 double FieldDifference(const Cluster& a, const Cluster& b, const Cluster& merged) {
   Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
   solver.computeDirect(merged.moments.covariance);
@@ -61,15 +81,22 @@ double FieldDifference(const Cluster& a, const Cluster& b, const Cluster& merged
   double difference = 0.0, own = 0.0;
   for (int along = 0; along < 3; ++along) {
     const int x = (along + 1) % 3, y = (along + 2) % 3;
-    Bump bump[3];
+    Bump bump[4];  // a, b, what they share, and the merged with a minus
     for (int i = 0; i < 3; ++i) {
-      bump[i] = {all[i]->opacity,     mean[i][x],          mean[i][y],
-                 covariance[i](x, x), covariance[i](x, y), covariance[i](y, y)};
+      bump[i == 2 ? 3 : i] = {i == 2 ? -all[i]->opacity : all[i]->opacity,
+                              mean[i][x],
+                              mean[i][y],
+                              covariance[i](x, x),
+                              covariance[i](x, y),
+                              covariance[i](y, y)};
     }
-    const double squares = Product(bump[0], bump[0]) + Product(bump[1], bump[1]);
-    difference += squares + Product(bump[2], bump[2]) + 2.0 * Product(bump[0], bump[1]) -
-                  2.0 * Product(bump[0], bump[2]) - 2.0 * Product(bump[1], bump[2]);
-    own += squares;
+    bump[2] = MinusOverlap(bump[0], bump[1]);
+    for (int i = 0; i < 4; ++i) {
+      const double square = Product(bump[i], bump[i]);
+      difference += square;
+      if (i < 2) own += square;
+      for (int k = 0; k < i; ++k) difference += 2.0 * Product(bump[i], bump[k]);
+    }
   }
   return own > 0.0 ? std::max(difference / own, 0.0) : 0.0;
 }
