@@ -10,9 +10,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from gsut import _core
 from gsut._core import InputError
 from gsut.compact import Compaction, check_keep, check_method, compact, looks_at_views
 from gsut.compact_scores import SeenView, seen_views
@@ -20,9 +17,8 @@ from gsut.data.scene import Scene
 from gsut.evaluate import evaluate, run_metrics
 from gsut.finetune import finetune, finetune_options
 from gsut.gaussians import Gaussians
-from gsut.metrics import psnr
+from gsut.held_out import mean_psnr
 from gsut.options import TrainOptions
-from gsut.render import DEFAULT_UNSCENTED
 from gsut.run_folder import METRICS, SCENE, RunFolder
 
 # The search for the smallest number stops when its bounds are this close, as a ratio.
@@ -176,7 +172,7 @@ class RunCompactor:
     def _search(self) -> Gaussians:
         """Bisection over the logarithm of the number: fewer Gaussians, lower PSNR."""
         assert self.options.target_psnr_drop is not None
-        whole = mean_psnr(self.scene, self.gaussians, self.train_options)
+        whole = self._psnr(self.gaussians)
         wanted = whole - self.options.target_psnr_drop
         high = len(self.gaussians)
         low = max(1, round(_SEARCH_LEAST * high))
@@ -186,7 +182,7 @@ class RunCompactor:
             if count in (low, high):
                 break
             tried = self._try(count=count)
-            found = mean_psnr(self.scene, tried, self.train_options)
+            found = self._psnr(tried)
             self.on_try(count, found)
             if found >= wanted:
                 high, best = count, tried
@@ -194,30 +190,9 @@ class RunCompactor:
                 low = count
         return best
 
-
-def mean_psnr(scene: Scene, gaussians: Gaussians, options: TrainOptions) -> float:
-    """Mean PSNR in dB over the held-out views, or the training views where none is held out."""
-    renderer, rule, values = _core.Renderer(), _core.BlendRule(), []
-    g = gaussians.astype(np.float32)
-    for index in scene.test_indices or scene.train_indices:
-        camera = scene.camera(index)
-        image = np.zeros((camera.height, camera.width, 3), np.float32)
-        renderer.render(
-            g,
-            camera,
-            scene.views[index].camera_from_world,
-            rule,
-            options.background,
-            g.sh_degree,
-            DEFAULT_UNSCENTED,
-            image,
-            None,
-            None,
-            False,
-        )
-        truth = scene.image(index).astype(np.float32) / np.float32(255)
-        values.append(psnr(np.clip(image, 0.0, 1.0), truth, scene.mask(index)))
-    return float(np.mean(values))
+    def _psnr(self, gaussians: Gaussians) -> float:
+        indices = self.scene.test_indices or self.scene.train_indices
+        return mean_psnr(self.scene, gaussians, indices, self.train_options.background)
 
 
 def write_compacted_run(

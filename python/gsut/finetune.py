@@ -37,6 +37,7 @@ def finetune_options(options: TrainOptions, steps: int, count: int) -> TrainOpti
         densify_every=steps + 1,  # never
         noise=False,
         sh_every=1,
+        compact_at=None,
         opacity_regularizer=0.0,
         scale_regularizer=0.0,
         **_RATES,

@@ -57,7 +57,9 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "report": {"report", "report_plots"},
     "scene tools": {"demo_scene*", "doctor", "render_path"},
     "compaction": {"compact", "compact_scores"},
-    "training": {"evaluate", "pyramid", "train", "finetune", "compact_run"},
+    "training": {
+        *("compact_run", "evaluate", "finetune", "growth", "held_out", "pyramid", "train"),
+    },
     "benchmarks": {"bench", "bench.*"},
     "command line": {
         *("__main__", "calibrate", "camera_convert", "cli", "commands", "compact_command"),

@@ -171,7 +171,7 @@ def test_compact_scores_without_views_are_refused(scene, method):
 
 
 def test_compact_neither_keep_nor_count_is_refused(scene):
-    with pytest.raises(InputError, match="keep .* or count"):
+    with pytest.raises(InputError, match=r"keep .* or count"):
         compact(scene)
     with pytest.raises(InputError, match="at least one"):
         compact(scene, count=0)
