@@ -24,5 +24,6 @@ PYBIND11_MODULE(_core, m) {
   BindRasterBaseline(m);
   BindLoss(m);
   BindOptimize(m);
+  BindCompact(m);
   BindFormats(m);
 }

@@ -16,6 +16,8 @@ from gsut._core import (
     set_num_threads,
 )
 from gsut.cameras import Camera, camera_models
+from gsut.compact import compact
+from gsut.compact_scores import seen_views
 from gsut.data.lens_files import load_camera
 from gsut.data.load import load_dataset
 from gsut.data.scene import Scene, View
@@ -51,6 +53,7 @@ __all__ = [
     "active_isa",
     "available_isas",
     "camera_models",
+    "compact",
     "evaluate",
     "exp_pose",
     "load_camera",
@@ -64,6 +67,7 @@ __all__ = [
     "save_ply",
     "seed_from_points",
     "seed_in_view",
+    "seen_views",
     "set_isa",
     "set_num_threads",
     "ssim",

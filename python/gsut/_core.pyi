@@ -20,6 +20,15 @@ class _Gaussians(Protocol):
     opacity_logits: NDArray[Any]  # (N,)
     sh: NDArray[Any]  # (N, K, 3)
 
+# means, quats, log_scales, opacity_logits, sh of new Gaussians.
+_Arrays: TypeAlias = tuple[
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.float32],
+]
+
 # A 4x4 matrix or an object whose attribute `matrix` is one.
 _PoseLike: TypeAlias = Any
 # The same, or a CameraMotion.
@@ -402,6 +411,24 @@ def accumulate_density(
     sum: NDArray[np.float32],
     count: NDArray[np.int32],
 ) -> None: ...
+def herd_paper(
+    gaussians: _Gaussians,
+    keep: float,
+    depth: int = 10,
+    max_rounds: int = 100,
+    tolerance: float = 1e-5,
+    least_variance: float = 1e-6,
+    seed: int = 0,
+) -> _Arrays: ...
+def merge_pairs(
+    gaussians: _Gaussians,
+    target: int,
+    weights: NDArray[np.float32] | None = None,
+    divergence_weight: float = 0.0,
+    field_weight: float = 0.1,
+    neighbors: int = 10,
+    block_rows: int = 1024,
+) -> _Arrays: ...
 
 # --- formats --------------------------------------------------------------------------------------
 

@@ -86,6 +86,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_eval(commands)
     _add_render(commands)
     _add_calibrate(commands)
+    _add_compact(commands)
     _add_demo(commands)
     _add_doctor(commands)
     _add_camera(commands)
@@ -216,6 +217,19 @@ def _add_calibrate(commands) -> None:
     )
     add_calibrate_flags(parser)
     parser.set_defaults(run=calibrate)
+
+
+def _add_compact(commands) -> None:
+    from gsut.compact_command import add_compact_flags, compact_command
+
+    parser = commands.add_parser(
+        "compact",
+        help="fewer Gaussians for the same picture",
+        description="Merges or prunes the Gaussians of a finished run, or of a PLY file, and "
+        "writes a new run or file. Nothing in RUN changes.",
+    )
+    add_compact_flags(parser)
+    parser.set_defaults(run=compact_command)
 
 
 def _add_demo(commands) -> None:
