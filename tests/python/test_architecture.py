@@ -28,7 +28,7 @@ CPP_MAY_USE: dict[str, set[str]] = {
 }
 # C++ library (start of its include) -> folders that may use it.
 CPP_LIBRARIES: dict[str, set[str]] = {
-    "hwy": {"base", "projection", "raster", "loss", "optimize"},  # folders with SIMD kernels
+    "hwy": {"base", "poses", "projection", "raster", "loss", "optimize"},  # folders with SIMD kernels
     # Everybody else calls ParallelFor; cameras isolates the making of a ray table.
     "tbb": {"base", "cameras"},
     "Eigen": set(CPP_MAY_USE) | {"bindings"},
@@ -55,6 +55,7 @@ PYTHON_GROUPS: dict[str, set[str]] = {
         *("run_folder", "stopwatch"),
     },
     "report": {"report", "report_plots"},
+    "structure": {"structure", "structure.*"},  # poses of photographs
     "scene tools": {"demo_scene*", "doctor", "render_path"},
     "training": {"evaluate", "pyramid", "train"},
     "benchmarks": {"bench", "bench.*"},
@@ -68,12 +69,14 @@ PYTHON_MAY_USE: dict[str, set[str]] = {
     "data": {"faces"},
     "run": set(),
     "report": {"run"},
+    "structure": {"faces", "data", "run"},
     "scene tools": {"faces", "data"},
     # The package: evaluate renders by the public name gsut.render.
     "training": {"faces", "data", "run", "report", "package"},
-    "benchmarks": {"faces", "data", "run", "scene tools", "training", "package"},
+    "benchmarks": {"faces", "data", "run", "scene tools", "structure", "training", "package"},
     "command line": {
-        *("faces", "data", "run", "report", "scene tools", "training", "benchmarks", "package"),
+        *("faces", "data", "run", "report", "scene tools", "structure", "training", "benchmarks"),
+        "package",
     },
     "package": {"faces", "data", "run", "training"},
 }
