@@ -86,6 +86,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_eval(commands)
     _add_render(commands)
     _add_calibrate(commands)
+    _add_poses(commands)
     _add_demo(commands)
     _add_doctor(commands)
     _add_camera(commands)
@@ -216,6 +217,19 @@ def _add_calibrate(commands) -> None:
     )
     add_calibrate_flags(parser)
     parser.set_defaults(run=calibrate)
+
+
+def _add_poses(commands) -> None:
+    from gsut.poses_command import add_poses_flags, poses
+
+    parser = commands.add_parser(
+        "poses",
+        help="camera poses and points of photographs, without COLMAP",
+        description="Finds where photographs were taken, through any lens, and points that they "
+        "see; writes a dataset that `gsut train` reads.",
+    )
+    add_poses_flags(parser)
+    parser.set_defaults(run=poses)
 
 
 def _add_demo(commands) -> None:

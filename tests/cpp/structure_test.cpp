@@ -206,11 +206,23 @@ TEST(RelativePose, FindsThePoseThroughAWideLensWithHalfTheMatchesWrong) {
   EXPECT_LE(found.num_inliers, 230);
   const Eigen::AngleAxisd turn(found.second_from_first.rotation *
                                views.second_from_first.rotation.transpose());
-  // 0.3 px over 200 matches of 300 px a radian: a tenth of a milliradian and some; worst 1.1e-4
-  EXPECT_LT(std::abs(turn.angle()), 5e-4);
+  // A baseline of 0.8 seen over depths of 2 to 6: turn and translation trade against each other;
+  // worst 1.9e-3. Better proof: it fits the matches at least as well as the truth does.
+  EXPECT_LT(std::abs(turn.angle()), 4e-3);
   EXPECT_GT(
       found.second_from_first.translation.dot(views.second_from_first.translation.normalized()),
-      1.0 - 1e-5);
+      1.0 - 5e-5);  // worst 2.2e-5
+  Pose unit = views.second_from_first;
+  unit.translation.normalize();
+  const auto cost = [&](const Pose& pose) {
+    double sum = 0.0;
+    for (std::size_t i = 0; i < views.first.size(); ++i) {
+      const double error = EpipolarError(EssentialMatrix(pose), views.first[i], views.second[i]);
+      sum += std::min(error * error, 4.0);  // the default largest error, squared
+    }
+    return sum;
+  };
+  EXPECT_LE(cost(found.second_from_first), cost(unit));
   EXPECT_LT(found.num_rotation_inliers, found.num_inliers / 2);
 }
 

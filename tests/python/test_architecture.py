@@ -28,7 +28,14 @@ CPP_MAY_USE: dict[str, set[str]] = {
 }
 # C++ library (start of its include) -> folders that may use it.
 CPP_LIBRARIES: dict[str, set[str]] = {
-    "hwy": {"base", "poses", "projection", "raster", "loss", "optimize"},  # folders with SIMD kernels
+    "hwy": {
+        "base",
+        "poses",
+        "projection",
+        "raster",
+        "loss",
+        "optimize",
+    },  # folders with SIMD kernels
     # Everybody else calls ParallelFor; cameras isolates the making of a ray table.
     "tbb": {"base", "cameras"},
     "Eigen": set(CPP_MAY_USE) | {"bindings"},
@@ -59,7 +66,7 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "scene tools": {"demo_scene*", "doctor", "render_path"},
     "training": {"evaluate", "pyramid", "train"},
     "benchmarks": {"bench", "bench.*"},
-    "command line": {"__main__", "calibrate", "camera_convert", "cli", "commands"},
+    "command line": {"__main__", "calibrate", "camera_convert", "cli", "commands", "poses_command"},
     "package": {"gsut"},
 }
 # Python group -> groups that it may import, besides itself and core.

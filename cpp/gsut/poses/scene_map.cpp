@@ -15,6 +15,10 @@ namespace {
 
 constexpr std::int64_t kTrackGrain = 256;  // tracks a chunk of parallel work
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+// Cauchy's loss bends at this fraction of the largest error before residuals are known, and never
+// below this many pixels.
+constexpr double kStartLoss = 4.0;
+constexpr double kLeastLoss = 0.02;
 constexpr int kScoreLevels = 5;  // grids of 2 x 2 to 32 x 32 cells
 
 }  // namespace
@@ -28,7 +32,8 @@ SceneMap::SceneMap(std::vector<Camera> cameras, const std::vector<ImageFeatures>
       has_ray_(images.size()),
       tracks_of_image_(images.size()),
       registered_(images.size(), 0),
-      poses_(images.size()) {
+      poses_(images.size()),
+      loss_pixels_(options.max_error / kStartLoss) {
   UpdateBearings();
   std::vector<int> counts;
   for (const ImageFeatures& image : images_)
@@ -57,6 +62,21 @@ void SceneMap::UpdateBearings() {
   for (std::size_t i = 0; i < images_.size(); ++i) {
     bearings_[i] = MakeBearings(cameras_[images_[i].camera], images_[i].pixels, &has_ray_[i]);
   }
+}
+
+void SceneMap::UpdateLoss() {
+  std::vector<double> lengths;
+  for (const Track& track : tracks_) {
+    if (!track.has_point) continue;
+    for (const Sight& sight : track.sights) {
+      if (sight.used) lengths.push_back(Residual(track, sight));
+    }
+  }
+  if (lengths.empty()) return;
+  const auto middle = lengths.begin() + static_cast<std::ptrdiff_t>(lengths.size() / 2);
+  std::nth_element(lengths.begin(), middle, lengths.end());
+  loss_pixels_ = std::clamp(options_.loss_scale * *middle, kLeastLoss,
+                            std::max(kLeastLoss, options_.max_error / kStartLoss));
 }
 
 void SceneMap::Register(int image, const Pose& camera_from_world) {
@@ -252,7 +272,7 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, Bundle
                                      images_[sight.image].pixels[sight.feature]});
     }
   }
-  options->loss_scale = options_.loss_scale;
+  options->loss_scale = loss_pixels_;
   options->num_threads = NumThreads();
   const auto placed = [&](int image) { return image < 0 ? -1 : place[image]; };
   options->gauge_image = placed(gauge_first_);
@@ -316,6 +336,7 @@ BundleSummary SceneMap::AdjustGlobally(int max_iterations, double tolerance, boo
     cameras_ = bundle.cameras;
     UpdateBearings();
   }
+  UpdateLoss();
   return summary;
 }
 

@@ -81,6 +81,7 @@ class SceneMap {
   bool HasRay(const Sight& sight) const { return has_ray_[sight.image][sight.feature] != 0; }
   int CompleteTrack(Track* track);
   void UpdateBearings();
+  void UpdateLoss();
   Bundle MakeBundle(const std::vector<std::uint8_t>* images_free, BundleOptions* options,
                     std::vector<int>* image_of, std::vector<int>* track_of) const;
   void TakeBack(const Bundle& bundle, const std::vector<int>& image_of,
@@ -96,6 +97,7 @@ class SceneMap {
   std::vector<std::uint8_t> registered_;
   std::vector<Pose> poses_;
   int num_registered_ = 0;
+  double loss_pixels_;  // where Cauchy's loss bends now
   int gauge_first_ = -1, gauge_second_ = -1;
 };
 

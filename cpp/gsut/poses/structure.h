@@ -23,7 +23,7 @@ struct StructureOptions {
   double max_error = 4.0;          // pixels: a sight farther off is an outlier
   double min_angle = 0.026;        // radians (1.5 degrees): smallest angle of a triangulated point
   int min_inliers = 15;            // points that a photograph must see to be registered
-  double loss_scale = 1.0;         // pixels, of Cauchy's loss
+  double loss_scale = 1.5;         // of Cauchy's loss, in medians of the residuals' lengths
   double global_growth = 1.2;      // everything is adjusted when images or points grew by this
   int local_images = 6;            // adjusted when one is registered, with those that see the most
                                    // of its points

@@ -86,7 +86,7 @@ def find_features(
     small = shrink_image(pixels, max(1, round(scale * width)), max(1, round(scale * height)))
     factor = np.array([width / small.shape[1], height / small.shape[0]])
     valid = _valid_pixels(camera, alpha, mask_path, width, height)
-    sift = cv2.SIFT_create(contrastThreshold=options.contrast, enable_precise_upscale=True)
+    sift = cv2.SIFT.create(contrastThreshold=options.contrast, enable_precise_upscale=True)
     grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY)
     small_mask = None
     if valid is not None:

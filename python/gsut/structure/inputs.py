@@ -7,8 +7,8 @@ from pathlib import Path
 
 from gsut._core import InputError
 from gsut.cameras import Camera
+from gsut.data.colmap import find_mask
 from gsut.data.folder import find_images, find_lens_file
-from gsut.data.images import read_header
 from gsut.data.lens_files import load_camera
 from gsut.data.load import read_dataset
 
@@ -79,8 +79,6 @@ def _of_dataset(path: Path) -> Photographs:
 
 
 def _of_folder(path: Path, *, with_lens: bool) -> Photographs:
-    from gsut.data.assemble import find_mask
-
     paths = find_images(path)
     root = path / "images" if (path / "images").is_dir() else path
     names = [p.relative_to(root).as_posix() for p in paths]
@@ -103,9 +101,3 @@ def _lens_of(path: Path) -> Camera:
     if file is None:
         raise InputError(f"{path} holds neither a transforms.json nor a lens file")
     return load_camera(file)
-
-
-def image_size(path: Path) -> tuple[int, int]:
-    """(width, height) of an image file."""
-    header = read_header(path)
-    return header.width, header.height

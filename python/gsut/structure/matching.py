@@ -53,20 +53,31 @@ def preview_pairs(
     Args:
         features: of all images, largest first.
         pairs: (P, 2).
-        options: preview_features and preview_matches.
+        options: preview_features, preview_matches and partners.
         on_pairs: told how many more pairs are done.
 
     Returns:
         (Q, 2), a subset of pairs.
     """
     largest = [f.unit_descriptors(options.preview_features) for f in features]
-    kept = []
+    counts = np.zeros(len(pairs), np.int64)
     for begin in range(0, len(pairs), _BATCH):
         batch = pairs[begin : begin + _BATCH]
         found = _core.match_pairs(largest, batch, options.max_ratio, options.max_distance)
-        kept += [pair for pair, m in zip(batch, found, strict=True) if len(m) >= options.preview_matches]
+        counts[begin : begin + len(batch)] = [len(m) for m in found]
         on_pairs(len(batch))
-    return np.array(kept, np.int64).reshape(-1, 2)
+    good = np.flatnonzero(counts >= options.preview_matches)
+    # Of either image the best partners: a pair is kept if one of both wants it.
+    order = good[np.argsort(-counts[good], kind="stable")]
+    used = np.zeros(len(features), np.int64)
+    kept = []
+    for index in order:
+        first, second = pairs[index]
+        if min(used[first], used[second]) < options.partners:
+            used[first] += 1
+            used[second] += 1
+            kept.append(index)
+    return pairs[sorted(kept)]
 
 
 def match_and_verify(
@@ -97,8 +108,7 @@ def match_and_verify(
         batch = pairs[begin : begin + _BATCH]
         found = _core.match_pairs(descriptors, batch, options.max_ratio, options.max_distance)
         found = [
-            m[valid[a][m[:, 0]] & valid[b][m[:, 1]]]
-            for (a, b), m in zip(batch, found, strict=True)
+            m[valid[a][m[:, 0]] & valid[b][m[:, 1]]] for (a, b), m in zip(batch, found, strict=True)
         ]
         verified = _core.verify_pairs(bearings, batch, found, max_error, options.seed)
         for (a, b), matches, (inliers, pose, rotation, parallax, ok) in zip(
