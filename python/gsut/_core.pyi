@@ -115,6 +115,38 @@ def exp_pose(xi: ArrayLike) -> NDArray[np.float64]: ...
 def interpolate_pose(start: _PoseLike, end: _PoseLike, t: float) -> NDArray[np.float64]: ...
 def checked_pose(matrix: _PoseLike) -> NDArray[np.float64]: ...
 
+# --- structure from motion ------------------------------------------------------------------------
+
+class ImageBearings:
+    def __init__(self, camera: Camera, pixels: ArrayLike) -> None: ...
+    @property
+    def valid(self) -> NDArray[np.bool_]: ...
+
+def match_pairs(
+    descriptors: Sequence[NDArray[np.float32]],
+    pairs: ArrayLike,
+    max_ratio: float,
+    max_distance: float,
+) -> list[NDArray[np.int32]]: ...
+def verify_pairs(
+    images: Sequence[ImageBearings],
+    pairs: ArrayLike,
+    matches: Sequence[NDArray[np.int32]],
+    max_error: float,
+    seed: int,
+) -> list[tuple[NDArray[np.bool_], NDArray[np.float64], int, float, bool]]: ...
+def absolute_pose(
+    image: ImageBearings, features: ArrayLike, points: ArrayLike, max_error: float, seed: int
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]: ...
+def estimate_poses(
+    cameras: Sequence[Camera],
+    camera_of_image: Sequence[int],
+    pixels: Sequence[NDArray[np.float64]],
+    verified: Sequence[tuple[Any, ...]],
+    settings: dict[str, Any],
+    on_progress: Any,
+) -> dict[str, Any]: ...
+
 # --- gaussians ------------------------------------------------------------------------------------
 
 def harmonics_basis(degree: int, directions: ArrayLike) -> NDArray[np.float64]: ...

@@ -90,8 +90,8 @@ HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, std::int6
   for (Lane& component : g_quat) component = Select(seen, two * component, Lane(0.0));
 
   // Colour.
-  FetchNextHarmonics<false>(g.sh, coefficients, first, g.size);
-  FetchNextHarmonics<true>(out.sh, coefficients, first, g.size);
+  FetchNextHarmonics<false>(g.sh, g.sh_coefficients, first, g.size);
+  FetchNextHarmonics<true>(out.sh, g.sh_coefficients, first, g.size);
   Lane direction[3];
   for (int k = 0; k < 3; ++k) direction[k] = s.world[k] * inverse_distance;
   Lane g_direction[3];
