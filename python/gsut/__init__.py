@@ -33,6 +33,7 @@ from gsut.seeding import seed_from_points, seed_in_view
 from gsut.train import TrainResult, train
 
 __all__ = [
+    "PROJECTION_METHODS",
     "BlendRule",
     "CalibrationError",
     "Camera",
@@ -40,7 +41,6 @@ __all__ = [
     "Gaussians",
     "Gradients",
     "InputError",
-    "PROJECTION_METHODS",
     "Projection",
     "Render",
     "Scene",
