@@ -22,6 +22,7 @@ from gsut.formats import load_ply, save_ply
 from gsut.gaussians import Gaussians
 from gsut.metrics import psnr, ssim
 from gsut.options import TrainOptions
+from gsut.low_pass import filter_radii, low_pass, low_pass_backward
 from gsut.projection import METHODS as PROJECTION_METHODS
 from gsut.projection import Projection, project
 from gsut.render import Gradients, Render, render, render_backward
@@ -29,13 +30,13 @@ from gsut.seeding import seed_from_points, seed_in_view
 from gsut.train import TrainResult, train
 
 __all__ = [
+    "PROJECTION_METHODS",
     "BlendRule",
     "CalibrationError",
     "Camera",
     "Gaussians",
     "Gradients",
     "InputError",
-    "PROJECTION_METHODS",
     "Projection",
     "Render",
     "Scene",
@@ -49,9 +50,12 @@ __all__ = [
     "camera_models",
     "evaluate",
     "exp_pose",
+    "filter_radii",
     "load_camera",
     "load_dataset",
     "load_ply",
+    "low_pass",
+    "low_pass_backward",
     "num_threads",
     "project",
     "psnr",

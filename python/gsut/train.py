@@ -16,6 +16,7 @@ from gsut._core import InputError
 from gsut.data.scene import Scene
 from gsut.evaluate import evaluate, run_metrics
 from gsut.gaussians import Gaussians
+from gsut.low_pass import filter_radii, low_pass, low_pass_backward
 from gsut.metrics import psnr
 from gsut.optimize import GaussianOptimizer, LearningRates
 from gsut.options import TrainOptions
@@ -35,6 +36,8 @@ _CURVE_VIEWS = 8
 # that separate cloning from splitting and that are pruned, in units of the extent.
 _RESET_FRACTION = 0.1
 _CLONE_SCALE, _PRUNE_SCALE = 0.01, 0.1
+# Steps after which the low-pass filter's radii are found again (Mip-Splatting: 100).
+_RADII_EVERY = 100
 
 
 @dataclasses.dataclass
@@ -103,7 +106,7 @@ def train(
             if run is not None and o.checkpoint_every and loop.step % o.checkpoint_every == 0:
                 run.save_checkpoint(loop.step, loop.state_dict())
 
-    gaussians = loop.gaussians.copy()
+    gaussians = loop.drawn().copy()
     indices = scene.test_indices or scene.train_indices[:_CURVE_VIEWS]
     renders = None if run is None else run.renders
     evaluation = evaluate(gaussians, scene, indices, background=o.background, render_folder=renders)
@@ -139,11 +142,21 @@ class TrainingLoop:
         self.stopwatch = Stopwatch()  # of the steps' stages, for gsut bench train
         self._gradients = _empty_like(self.optimizer.gaussians)
         self._touched = np.zeros(len(start), np.uint8)
+        self._radii: np.ndarray | None = None  # of the low-pass filter, where there is one
 
     @property
     def gaussians(self) -> Gaussians:
         """The Gaussians as they are now: views, valid until the next step."""
         return self.optimizer.gaussians
+
+    def drawn(self) -> Gaussians:
+        """The Gaussians as they are rendered and saved: behind the low-pass filter, if any."""
+        g = self.optimizer.gaussians
+        if not self.options.low_pass:
+            return g
+        if self._radii is None or len(self._radii) != len(g):
+            self._radii = self._filter_radii(g)
+        return low_pass(g, self._radii)
 
     def advance(self) -> float:
         """One training step on one image; returns its loss."""
@@ -160,9 +173,12 @@ class TrainingLoop:
 
         g = self.optimizer.gaussians
         self._make_room(g)
+        if step % _RADII_EVERY == 0:
+            self._radii = None
+        drawn = self.drawn()
         # cameras, poses -> projection -> raster
         self.renderer.render(
-            g,
+            drawn,
             level.camera(view),
             self.scene.views[view].camera_from_world,
             self.rule,
@@ -181,6 +197,8 @@ class TrainingLoop:
         self.renderer.backward(
             dimage, None, None, self._gradients, self._touched, not o.sparse_adam
         )
+        if self._radii is not None:
+            low_pass_backward(g, self._radii, self._gradients)
         lap("backward")
         # optimize
         if o.strategy == "mcmc":
@@ -198,6 +216,7 @@ class TrainingLoop:
             lap("noise")
         if step % o.densify_every == 0 and o.densify_from <= fraction <= o.densify_until:
             self._densify(fraction)
+            self._radii = None
             lap("densify")
         self.seconds += time.perf_counter() - began
         return loss
@@ -225,6 +244,7 @@ class TrainingLoop:
             "seconds": self.seconds,
             "first_count": self.first_count,
             "optimizer": self.optimizer.state_dict(),
+            **({} if self._radii is None else {"radii": self._radii}),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -233,6 +253,17 @@ class TrainingLoop:
         self.seconds = float(state["seconds"])
         self.first_count = int(state["first_count"])
         self.optimizer.load_state_dict(state["optimizer"])
+        self._radii = state.get("radii")
+
+    def _filter_radii(self, g: Gaussians) -> np.ndarray:
+        views = [self.scene.views[i] for i in self.scene.train_indices]
+        radii = filter_radii(
+            g.means,
+            [self.scene.cameras[view.camera_index] for view in views],
+            np.array([view.camera_from_world for view in views]),
+            self.options.low_pass,
+        )
+        return radii.astype(np.float32)
 
     def _view_of(self, step: int) -> int:
         """Every training view once an epoch, in an order that depends on seed and epoch only."""
@@ -285,11 +316,12 @@ class TrainingLoop:
         test = self.scene.test_indices
         chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
         values = []
+        drawn = self.drawn()
         for index in chosen:
             camera = self.scene.camera(index)
             image = np.zeros((camera.height, camera.width, 3), np.float32)
             self.renderer.render(
-                self.gaussians,
+                drawn,
                 camera,
                 self.scene.views[index].camera_from_world,
                 self.rule,
