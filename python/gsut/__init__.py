@@ -20,9 +20,9 @@ from gsut.data.scene import Scene, View
 from gsut.evaluate import evaluate
 from gsut.formats import load_ply, save_ply
 from gsut.gaussians import Gaussians
+from gsut.low_pass import filter_radii, low_pass, low_pass_backward
 from gsut.metrics import psnr, ssim
 from gsut.options import TrainOptions
-from gsut.low_pass import filter_radii, low_pass, low_pass_backward
 from gsut.projection import METHODS as PROJECTION_METHODS
 from gsut.projection import Projection, project
 from gsut.render import Gradients, Render, render, render_backward

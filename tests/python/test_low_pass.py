@@ -1,4 +1,4 @@
-"""The 3D low-pass filter: derivatives, light kept, radii through the lens, zooming out, training."""
+"""The 3D low-pass filter: derivatives, light, radii through the lens, zooming out, training."""
 
 import dataclasses
 
@@ -132,7 +132,7 @@ def test_filter_radii_are_a_pixel_at_the_nearest_camera_through_every_lens(rng):
         ok = np.ones(50, bool)
         edges = []
         for du, dv in ((step, 0), (-step, 0), (0, step), (0, -step)):
-            moved, inside = camera.unproject(pixels + [du, dv])
+            moved, inside = camera.unproject(pixels + np.array([du, dv]))
             edges.append(moved)
             ok &= inside
         across = np.cross(edges[0] - edges[1], edges[2] - edges[3]) / (4 * step**2)
