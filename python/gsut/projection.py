@@ -103,8 +103,9 @@ def project(
     pose = np.asarray(getattr(camera_from_world, "matrix", camera_from_world), dtype=np.float64)
     depths = found.get("depths")
     if depths is None:
-        in_camera = g.means.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
-        depths = np.linalg.norm(in_camera, axis=1).astype(g.dtype)
+        with np.errstate(invalid="ignore", over="ignore"):
+            in_camera = g.means.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
+            depths = np.linalg.norm(in_camera, axis=1).astype(g.dtype)
     centers, boxes = found["centers"], found["boxes"]
     extents = found.get("extents")
     if extents is None:

@@ -176,14 +176,22 @@ def projection(arguments: argparse.Namespace) -> int:
         rows = projection_bench(options, advance)
     _print_and_write(rows, PROJECTION_COLUMNS, arguments)
     if not arguments.no_million:
+        from gsut.bench.lens_cost import lens_cost_row
+
         row = million_row()
+        cost = lens_cost_row()
+        print(
+            f"render through a splined lens / a pinhole: "
+            f"{cost['splined_over_pinhole_forward_backward_ms']:.3f}, "
+            f"{cost['splined_over_pinhole_ns_per_pair']:.3f} a pair of tile and Gaussian"
+        )
         print(
             f"unscented projection of {row['num_gaussians']} Gaussians: {row['cpu_seconds']:.4f} "
             f"CPU-s; gsplat's PyTorch reference {row['peer_cpu_seconds']:g} CPU-s, "
             f"{row['peer_over_gsut']:.0f} times as much"
         )
         if arguments.json:
-            write_json(arguments.json, [*rows, row])
+            write_json(arguments.json, [*rows, row, cost])
     if arguments.plots:
         plot_projection(arguments.plots, rows)
     return 0

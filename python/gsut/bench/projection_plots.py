@@ -58,6 +58,9 @@ def plot_lens(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> N
         axes.axhline(_FLOOR[key], color=_MUTED, linestyle="--", linewidth=0.8)
         axes.set_xscale("log")
         axes.set_yscale("log")
+        axes.set_xticks([10, 20, 50, 100, 200, 500], minor=False)
+        axes.set_xticks([], minor=True)
+        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     _legend(figure)
     _save(figure, path)
 
