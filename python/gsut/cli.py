@@ -177,6 +177,14 @@ def _add_render(commands) -> None:
         "--size", metavar="WxH", help="size of the images in pixels; the lens is scaled to it"
     )
     parser.add_argument(
+        "--low-pass",
+        type=float,
+        default=0.0,
+        metavar="PIXELS",
+        help="widen what is below a pixel of each image: standard deviation of a 3D filter; 0.3 "
+        "against the aliasing of distant views and small images [default 0: none]",
+    )
+    parser.add_argument(
         "--path",
         default="orbit",
         metavar="{orbit,test,train,FILE}",
