@@ -233,9 +233,9 @@ class TrainOptions:
         """The same options with every value that depends on the number of steps filled in.
 
         Returns:
-            TrainOptions in which only `preset`, `test_names` and `init_count` may be None (the
-            last two depend on the data). Values that were given are kept; resolving twice changes
-            nothing.
+            TrainOptions in which only `preset`, `test_names`, `readout_time` and `init_count` may
+            be None (all but the first depend on the data). Values that were given are kept;
+            resolving twice changes nothing.
         """
         steps = self.steps
         means_low, means_high = _MEANS_LR_RANGE

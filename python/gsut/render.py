@@ -27,6 +27,8 @@ class Projection:
         extents: (N, 2) half width and height in pixels that hold alpha >= alpha_min.
         depths: (N,) distances from the camera centre.
         valid: (N,) bool, every sigma point has a pixel.
+        converged: (N,) bool, with a rolling shutter: every sigma point settled on the line that
+            sees it; where it is False the footprint is NaN. None without one.
     """
 
     centers: np.ndarray
@@ -34,13 +36,15 @@ class Projection:
     extents: np.ndarray
     depths: np.ndarray
     valid: np.ndarray
+    converged: np.ndarray | None = None
 
 
 def project(
     gaussians: Gaussians,
     camera: _core.Camera,
-    camera_from_world: np.ndarray,
+    camera_from_world: Any,
     *,
+    shutter: _core.Shutter | str | None = None,
     method: str = "unscented",
     unscented: Sequence[float] = DEFAULT_UNSCENTED,
     alpha_min: float = 1.0 / 255.0,
@@ -51,7 +55,10 @@ def project(
     Args:
         gaussians: N Gaussians.
         camera: the lens and image size.
-        camera_from_world: (4, 4) rigid transform, or an object with such a `matrix`.
+        camera_from_world: (4, 4) rigid transform, or an object with such a `matrix`; with a rolling
+            shutter the pair of them, as `render` takes it.
+        shutter: of a pair of poses. Each sigma point is then placed by the pose of the line that
+            sees it, found by iteration in double; depths are those at the middle of the exposure.
         method: "unscented".
         unscented: alpha, beta, kappa of the transform.
         alpha_min: opacity times response below which a Gaussian is not drawn; sets the extents.
@@ -66,22 +73,28 @@ def project(
     if method not in _METHODS:
         raise InputError(f'projection method "{method}" is unknown; known: {", ".join(_METHODS)}')
     alpha, beta, kappa = (float(x) for x in unscented)
-    if dtype == "float64":
+    place = camera_motion(camera_from_world, shutter)
+    if dtype not in ("float32", "float64"):
+        raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
+    if dtype == "float64" or isinstance(place, _core.CameraMotion):
         g = gaussians.astype(np.float64)
-        exact = _core.project_reference(g, camera, camera_from_world, alpha, beta, kappa)
+        converged = None
+        exact: Any
+        if isinstance(place, _core.CameraMotion):
+            exact = _core.project_moving(g, camera, place, alpha, beta, kappa)
+            converged, pose = exact["converged"].astype(bool), place.at(0.5)
+        else:
+            exact, pose = _core.project_reference(g, camera, place, alpha, beta, kappa), place
         cov = exact["covariances"]
         variances = np.stack([cov[:, 0, 0], cov[:, 1, 1]], axis=1)
         opacity = 1.0 / (1.0 + np.exp(-g.opacity_logits))
         cutoff = 2.0 * np.log(np.maximum(opacity / alpha_min, 1.0))
-        pose = _pose_matrix(camera_from_world)
         depths = np.linalg.norm(g.means @ pose[:3, :3].T + pose[:3, 3], axis=1)
         extents = np.sqrt(cutoff[:, None] * variances)
-        return Projection(exact["centers"], cov, extents, depths, exact["valid"].astype(bool))
-    if dtype != "float32":
-        raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
-    out = _core.project(
-        gaussians.astype(np.float32), camera, camera_from_world, alpha, beta, kappa, alpha_min
-    )
+        arrays = (exact["centers"], cov, extents, depths)
+        centers, cov, extents, depths = (array.astype(dtype) for array in arrays)
+        return Projection(centers, cov, extents, depths, exact["valid"].astype(bool), converged)
+    out = _core.project(gaussians.astype(np.float32), camera, place, alpha, beta, kappa, alpha_min)
     return Projection(
         out["centers"],
         out["covariances"],
