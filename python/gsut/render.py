@@ -28,7 +28,7 @@ class Projection:
         depths: (N,) distances from the camera centre.
         valid: (N,) bool, every sigma point has a pixel.
         converged: (N,) bool, with a rolling shutter: every sigma point settled on the line that
-            sees it; where it is False the footprint is NaN. None without one.
+            sees it; where it is False the footprint is NaN. Without one always True.
     """
 
     centers: np.ndarray
@@ -36,7 +36,7 @@ class Projection:
     extents: np.ndarray
     depths: np.ndarray
     valid: np.ndarray
-    converged: np.ndarray | None = None
+    converged: np.ndarray
 
 
 def project(
@@ -78,7 +78,7 @@ def project(
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     if dtype == "float64" or isinstance(place, _core.CameraMotion):
         g = gaussians.astype(np.float64)
-        converged = None
+        converged = np.ones(len(g), bool)
         exact: Any
         if isinstance(place, _core.CameraMotion):
             exact = _core.project_moving(g, camera, place, alpha, beta, kappa)
@@ -101,6 +101,7 @@ def project(
         out["extents"],
         out["depths"],
         np.isfinite(out["centers"][:, 0]),
+        np.ones(len(gaussians), bool),
     )
 
 
