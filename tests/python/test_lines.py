@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import gsut
+import rendered_dataset
 import tolerances
 from gsut import InputError, _core
 from random_scenes import (
@@ -373,3 +374,28 @@ def test_cahvore_with_perspective_and_a_still_pupil_is_cahvor(rng):
 def test_cahvore_wrong_parameters_say_what_to_do(params, says):
     with pytest.raises(InputError, match=says):
         gsut.Camera("cahvore", params, 640, 480)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        gsut.Camera("orthographic", [17.0, 17.0, 24.0, 24.0], 48, 48),
+        small_camera("cahvore", 0, 48),
+    ],
+    ids=lambda camera: camera.model,
+)
+@pytest.mark.parametrize("init", ["points", "random"])
+def test_train_through_a_lens_without_one_centre_learns(tmp_path, rng, camera, init):
+    read = gsut.load_dataset(rendered_dataset.write_dataset(tmp_path / "d", rng, camera=camera))
+    scene = gsut.Scene(
+        read.path, [camera], read.views, read.points, read.point_colors, read.train_indices,
+        read.test_indices, read.world_offset,
+    )  # fmt: skip
+    options = gsut.TrainOptions(steps=150, max_gaussians=800, init=init, sh_degree=0)
+    found = gsut.train(scene, options, progress=False).metrics["psnr"]
+    print(camera.model, init, found)
+    least = {
+        "points": tolerances.TRAIN_LEAST_PSNR,
+        "random": tolerances.LINES_TRAIN_RANDOM_PSNR,
+    }
+    assert found > least[init]
