@@ -25,12 +25,13 @@ def small_camera(model: str, example: int = 0, width: int = 48) -> gsut.Camera:
 
 
 def every_lens(width: int = 48) -> list[tuple[str, gsut.Camera]]:
-    """(name, small camera) of each example of each lens that this build has."""
-    return [
+    """(name, small camera) of each example of each central lens that this build has."""
+    cameras = [
         (f"{model}[{example}]", small_camera(model, example, width))
         for model in gsut.camera_models()
         for example in range(len(_core.camera_examples(model)))
     ]
+    return [(name, camera) for name, camera in cameras if camera.is_central]
 
 
 def fisheye(width: int = 48, height: int | None = None, degrees: float = 190.0) -> gsut.Camera:

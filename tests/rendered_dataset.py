@@ -59,7 +59,7 @@ def write_dataset(
     """A transforms.json with images, points and, if given, a mask.
 
     Args:
-        camera: a pinhole; None: 48 x 48.
+        camera: a pinhole, which is what the file says in any case; None: 48 x 48.
         with_points: writes the truth's centres, moved by 0.02, with their colours.
         with_test: names views 0 and 6 as the test split; else all views train.
         mask: (H, W) bool; True where pixels count.
@@ -80,7 +80,7 @@ def write_dataset(
         frames.append(frame)
     if mask is not None:
         cv2.imwrite(str(path / "mask.png"), 255 * mask.astype(np.uint8))
-    fx, fy, cx, cy = camera.params
+    fx, fy, cx, cy = camera.params[:4]
     names = [frame["file_path"] for frame in frames]
     test = names[::EVERY_TEST] if with_test else []
     content = {

@@ -3,6 +3,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <array>
 #include <optional>
 #include <string>
@@ -90,6 +91,45 @@ py::tuple Rays(const Camera& camera) {
   return py::make_tuple(rays, valid);
 }
 
+// Views of the table, as Rays(); zeros for a central lens.
+py::array Origins(const Camera& camera) {
+  const py::ssize_t height = camera.height();
+  const py::ssize_t width = camera.width();
+  if (camera.IsCentral()) {
+    auto zeros = NewArray<double>({height, width, 3});
+    std::fill_n(zeros.mutable_data(), zeros.size(), 0.0);
+    return zeros;
+  }
+  const RayTable* table = nullptr;
+  {
+    const Released released;
+    table = &camera.Rays();
+  }
+  const auto owner =
+      py::capsule(new Camera(camera), [](void* copy) { delete static_cast<Camera*>(copy); });
+  const py::array origins(py::dtype::of<double>(), {height, width, py::ssize_t{3}}, {},
+                          table->origins.data(), owner);
+  origins.attr("setflags")(py::arg("write") = false);
+  return origins;
+}
+
+py::tuple RayOrigins(const Camera& camera, const py::object& pixels_object) {
+  const auto pixels = ReadArray<double>(pixels_object, "pixels", {kAny, 2});
+  const py::ssize_t count = pixels.shape(0);
+  auto rays = NewArray<double>({count, 3});
+  auto origins = NewArray<double>({count, 3});
+  auto valid = NewArray<bool>({count});
+  const double* in = pixels.data();
+  double* of_rays = rays.mutable_data();
+  double* of_origins = origins.mutable_data();
+  std::uint8_t* mask = MaskData(valid);
+  {
+    const Released released;
+    camera.UnprojectLines(count, in, of_origins, of_rays, mask);
+  }
+  return py::make_tuple(origins, valid);
+}
+
 py::list Examples(const std::string& model) {
   py::list examples;
   for (const LensExample& example : LensExamples(LensFromName(model))) {
@@ -133,6 +173,10 @@ void BindCameras(py::module_& m) {
       .def("unproject", &Unproject, py::arg("pixels"))
       .def("project_jacobian", &ProjectJacobian, py::arg("points_in_camera"))
       .def("rays", &Rays)
+      .def("origins", &Origins)
+      .def("ray_origins", &RayOrigins, py::arg("pixels"))
+      .def_property_readonly("is_central", &Camera::IsCentral)
+      .def_property_readonly("is_parallel", &Camera::IsParallel)
       .def("resized", &Camera::Resized, py::arg("width"), py::arg("height"))
       .def("with_valid_field_angle", &Camera::WithValidFieldAngle, py::arg("valid_field_angle"))
       .def(py::self == py::self);

@@ -11,6 +11,7 @@
 #include "gsut/base/stopwatch.h"
 #include "gsut/projection/footprint.h"
 #include "gsut/projection/project.h"
+#include "gsut/projection/project_moving.h"
 
 namespace gsut::bindings {
 namespace {
@@ -153,9 +154,35 @@ class Footprinter {
   Footprints<float> found_;
 };
 
+py::dict ProjectMotion(const py::object& gaussians, const Camera& camera,
+                       const CameraMotion& motion, double alpha, double beta, double kappa) {
+  const auto view = ConstGaussians<double>(gaussians);
+  const py::ssize_t n = static_cast<py::ssize_t>(view.size);
+  py::array_t<double> centers({n, py::ssize_t{2}});
+  py::array_t<double> covariances({n, py::ssize_t{2}, py::ssize_t{2}});
+  py::array_t<std::uint8_t> valid(n), converged(n);
+  double* centers_data = centers.mutable_data();
+  double* covariances_data = covariances.mutable_data();
+  std::uint8_t* valid_data = valid.mutable_data();
+  std::uint8_t* converged_data = converged.mutable_data();
+  {
+    const py::gil_scoped_release release;
+    ProjectMoving(view, camera, motion, Options(alpha, beta, kappa), centers_data, covariances_data,
+                  valid_data, converged_data);
+  }
+  py::dict out;
+  out["centers"] = centers;
+  out["covariances"] = covariances;
+  out["valid"] = valid;
+  out["converged"] = converged;
+  return out;
+}
+
 }  // namespace
 
 void BindProjection(py::module_& m) {
+  m.def("project_moving", &ProjectMotion, py::arg("gaussians"), py::arg("camera"),
+        py::arg("motion"), py::arg("alpha"), py::arg("beta"), py::arg("kappa"));
   m.def("project", &ProjectFloat, py::arg("gaussians"), py::arg("camera"),
         py::arg("camera_from_world"), py::arg("alpha"), py::arg("beta"), py::arg("kappa"),
         py::arg("alpha_min"));

@@ -103,6 +103,25 @@ class Camera(_core.Camera):
         """
         return super().unproject(pixels)
 
+    def ray_origins(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the rays of pixels start: points on them, in the camera frame.
+
+        Args:
+            pixels: (N, 2), as for `unproject`.
+
+        Returns:
+            origins (N, 3) float64, 0 for a central lens and NaN where invalid; valid (N,) bool.
+            origin + t ray, t > 0, projects to the pixel.
+
+        Raises:
+            InputError: wrong shape.
+        """
+        return super().ray_origins(pixels)
+
+    def origins(self) -> np.ndarray:
+        """(H, W, 3) origins of `rays`, as `ray_origins`; 0 for a central lens."""
+        return super().origins()
+
     def project_jacobian(self, points_in_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Exact derivatives of `project`, by forward-mode differentiation.
 

@@ -257,9 +257,9 @@ class TrainOptions:
         """The same options with every value that depends on the number of steps filled in.
 
         Returns:
-            TrainOptions in which only `preset`, `test_names`, `init_count` (they depend on the
-            data) and `compact_at` (never) may be None. Values that were given are kept; resolving
-            twice changes nothing.
+            TrainOptions in which only `preset`, `test_names`, `readout_time`, `init_count` (all but
+            the first depend on the data) and `compact_at` (never) may be None. Values that were
+            given are kept; resolving twice changes nothing.
         """
         steps = self.steps
         means_low, means_high = _MEANS_LR_RANGE

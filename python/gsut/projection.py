@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.camera_motion import camera_motion
 from gsut.gaussians import Gaussians
 
 # In the order of the core's enumeration.
@@ -36,6 +37,8 @@ class Projection:
             may reach across the seam and then means its copy one period further, too.
         bounded: (N,) bool, the method says which pixels see the Gaussian (or that none does).
         methods: (N,) names of the methods used; "adaptive" names its choice.
+        converged: (N,) bool, with a rolling shutter: every sigma point settled on the line that
+            sees it; where it is False the footprint is NaN. Without one always True.
     """
 
     centers: np.ndarray
@@ -46,13 +49,15 @@ class Projection:
     boxes: np.ndarray
     bounded: np.ndarray
     methods: np.ndarray
+    converged: np.ndarray
 
 
 def project(
     gaussians: Gaussians,
     camera: _core.Camera,
-    camera_from_world: np.ndarray,
+    camera_from_world: Any,
     *,
+    shutter: _core.Shutter | str | None = None,
     method: str = "unscented",
     unscented: Sequence[float] = DEFAULT_UNSCENTED,
     alpha_min: float = 1.0 / 255.0,
@@ -64,7 +69,11 @@ def project(
     Args:
         gaussians: N Gaussians.
         camera: the lens and image size.
-        camera_from_world: (4, 4) rigid transform, or an object with such a `matrix`.
+        camera_from_world: (4, 4) rigid transform, or an object with such a `matrix`; with a rolling
+            shutter the pair of them, as `render` takes it.
+        shutter: of a pair of poses, for the method "unscented" only. Each sigma point is then
+            placed by the pose of the line that sees it, found by iteration in double; depths are
+            those at the middle of the exposure.
         method: "ewa": the lens' Jacobian at the mean. "unscented": 7 sigma points. "simplex",
             "cubature", "gauss_hermite": 4, 6 and 27 points. "silhouette": the cone of rays that
             touch the ellipsoid where alpha falls to alpha_min, through the lens; its boxes are
@@ -81,30 +90,36 @@ def project(
         The footprints. Centres in float32 are within 1e-4 px of the reference for alpha >= 0.1.
 
     Raises:
-        InputError: unknown method or dtype, shapes, weights, max_error_px or pose.
+        InputError: unknown method or dtype, shapes, weights, max_error_px, pose or shutter.
     """
     if method not in METHODS:
         raise InputError(f'projection method "{method}" is unknown; known: {", ".join(METHODS)}')
     if dtype not in ("float32", "float64"):
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
-    g = gaussians.astype(np.dtype(dtype))
     weights = tuple(float(x) for x in unscented)
+    place = camera_motion(camera_from_world, shutter)
+    if isinstance(place, _core.CameraMotion):
+        if method != "unscented":
+            raise InputError(
+                f'method "{method}" knows no rolling shutter; give method="unscented", or one pose'
+            )
+        return _moving(gaussians, camera, place, weights, float(alpha_min), dtype)
+    g = gaussians.astype(np.dtype(dtype))
     found: dict[str, Any]
     footprinter = _core.Footprinter(
         METHODS.index(method), weights, float(alpha_min), float(max_error_px)
     )
     if dtype == "float64":
-        found = dict(footprinter.reference(g, camera, camera_from_world))
+        found = dict(footprinter.reference(g, camera, place))
     else:
-        footprinter.find(g, camera, camera_from_world)
+        footprinter.find(g, camera, place)
         found = dict(footprinter.arrays())
     if method == "unscented":  # Gaussians that cannot be seen have centres and extents, too
-        found.update(_unscented(g, camera, camera_from_world, weights, float(alpha_min)))
-    pose = np.asarray(getattr(camera_from_world, "matrix", camera_from_world), dtype=np.float64)
+        found.update(_unscented(g, camera, place, weights, float(alpha_min)))
     depths = found.get("depths")
     if depths is None:
         with np.errstate(invalid="ignore", over="ignore"):
-            in_camera = g.means.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
+            in_camera = g.means.astype(np.float64) @ place[:3, :3].T + place[:3, 3]
             depths = np.linalg.norm(in_camera, axis=1).astype(g.dtype)
     centers, boxes = found["centers"], found["boxes"]
     extents = found.get("extents")
@@ -114,6 +129,7 @@ def project(
     return Projection(
         centers, found["covariances"], extents, depths, np.isfinite(centers[:, 0]), boxes,
         found["status"] != _UNKNOWN, np.asarray(METHODS)[found["method"]],
+        np.ones(len(g), bool),
     )  # fmt: skip
 
 
@@ -128,13 +144,43 @@ def _unscented(
     if g.dtype == np.float64:
         exact = _core.project_reference(g, camera, pose, alpha, beta, kappa)
         cov = exact["covariances"]
-        variances = np.stack([cov[:, 0, 0], cov[:, 1, 1]], axis=1)
-        opacity = 1.0 / (1.0 + np.exp(-g.opacity_logits))
-        cutoff = 2.0 * np.log(np.maximum(opacity / alpha_min, 1.0))
-        extents = np.sqrt(cutoff[:, None] * variances)
+        extents = _extents(g, cov, alpha_min)
         return {"centers": exact["centers"], "covariances": cov, "extents": extents}
     out = _core.project(g, camera, pose, alpha, beta, kappa, alpha_min)
     return {
         "centers": out["centers"], "covariances": out["covariances"],
         "extents": out["extents"], "depths": out["depths"],
     }  # fmt: skip
+
+
+def _extents(g: Gaussians, cov: np.ndarray, alpha_min: float) -> np.ndarray:
+    """(N, 2) half width and height of what holds alpha >= alpha_min; g in float64."""
+    variances = np.stack([cov[:, 0, 0], cov[:, 1, 1]], axis=1)
+    opacity = 1.0 / (1.0 + np.exp(-g.opacity_logits))
+    cutoff = 2.0 * np.log(np.maximum(opacity / alpha_min, 1.0))
+    return np.sqrt(cutoff[:, None] * variances)
+
+
+def _moving(
+    gaussians: Gaussians,
+    camera: _core.Camera,
+    motion: _core.CameraMotion,
+    weights: tuple[float, ...],
+    alpha_min: float,
+    dtype: str,
+) -> Projection:
+    """The unscented transform through a moving camera, in double."""
+    g = gaussians.astype(np.float64)
+    alpha, beta, kappa = weights
+    found = _core.project_moving(g, camera, motion, alpha, beta, kappa)
+    converged, valid = found["converged"].astype(bool), found["valid"].astype(bool)
+    centers, cov, pose = found["centers"], found["covariances"], motion.at(0.5)
+    extents = _extents(g, cov, alpha_min)
+    depths = np.linalg.norm(g.means @ pose[:3, :3].T + pose[:3, 3], axis=1)
+    boxes = np.concatenate([centers - extents, centers + extents], axis=1)
+    arrays = (array.astype(dtype) for array in (centers, cov, extents, depths, boxes))
+    centers, cov, extents, depths, boxes = arrays
+    names = np.full(len(g), "unscented")
+    return Projection(
+        centers, cov, extents, depths, valid, boxes, valid & converged, names, converged
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -132,19 +132,29 @@ def points_in_view(
         distance = 1.0 / (1.0 / far + fraction * (1.0 / near - 1.0 / far))
     points = np.empty((count, 3))
     directions: dict[int, np.ndarray] = {}
+    starts: dict[int, np.ndarray] = {}
     for index in np.unique(chosen):
         camera = one_a_pose[index]
         if id(camera) not in directions:
             rays, valid = camera.rays()
             directions[id(camera)] = rays[np.asarray(valid, dtype=bool)]
+            if not getattr(camera, "is_central", True):
+                starts[id(camera)] = _origins(camera)[np.asarray(valid, dtype=bool)]
         rays = directions[id(camera)]
         if len(rays) == 0:
             raise InputError(f"camera {index} has no valid pixel")
         rows = np.flatnonzero(chosen == index)
-        in_camera = rays[(pixel[rows] * len(rays)).astype(np.int64)] * distance[rows, None]
+        drawn = (pixel[rows] * len(rays)).astype(np.int64)
+        in_camera = rays[drawn] * distance[rows, None]
+        if id(camera) in starts:
+            in_camera += starts[id(camera)][drawn]
         rotation, translation = poses[index, :3, :3], poses[index, :3, 3]
         points[rows] = (in_camera - translation) @ rotation
     return points
+
+
+def _origins(camera: Any) -> np.ndarray:
+    return np.asarray(camera.origins())
 
 
 def seed_in_view(

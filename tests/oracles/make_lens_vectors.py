@@ -29,6 +29,7 @@ COLMAP = {
 # gsut's lens -> libmrcal's model; its pixel (0, 0) is gsut's (0.5, 0.5).
 MRCAL = {
     "cahvor": "LENSMODEL_CAHVOR",
+    "cahvore": "LENSMODEL_CAHVORE",
     "latlon": "LENSMODEL_LATLON",
     "lonlat": "LENSMODEL_LONLAT",
     "stereographic": "LENSMODEL_STEREOGRAPHIC",
@@ -66,6 +67,9 @@ def mrcal_pixels(program, model, params, points):
         order, nx, ny, fov = (int(value) for value in values[:4])
         name += f"_order={order}_Nx={nx}_Ny={ny}_fov_x_deg={fov}"
         values = values[4:]
+    if model == "cahvore":
+        name += f"_linearity={values[-1]:.2f}"
+        values = values[:-1]
     values[2:4] -= 0.5
     rows = [[len(values)], values.tolist(), [len(points)], points.ravel().tolist()]
     text = "\n".join([name, *(" ".join(map(repr, row)) for row in rows)])
@@ -76,12 +80,16 @@ def mrcal_pixels(program, model, params, points):
 def main():
     rng = np.random.default_rng(7)
     vectors = []
-    for model in sorted((*COLMAP, *MRCAL)):
+    # cahvore came later and is drawn last: the others stay as they are.
+    for model in sorted((*COLMAP, *MRCAL), key=lambda model: (model == "cahvore", model)):
         for _, params, width, height in _core.camera_examples(model):
             limit = 0.98 * _core.Camera(model, params, width, height).max_angle
             if model in FRONT_ONLY:
                 limit = min(limit, np.radians(88))
             points = directions(rng, limit)
+            if model == "cahvore":
+                # Its image depends on the distance; libmrcal takes every point at distance 1.
+                points /= np.linalg.norm(points, axis=1, keepdims=True)
             if model in COLMAP:
                 oracle = f"pycolmap {pycolmap.__version__}"
                 pixels = colmap_pixels(model, params, width, height, points)

@@ -53,7 +53,16 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "core": {"_core"},
     # Thin faces of the C++ folders: numpy in, numpy out.
     "faces": {
-        *("cameras", "formats", "gaussians", "low_pass", "metrics", "optimize", "projection"),
+        *(
+            "camera_motion",
+            "cameras",
+            "formats",
+            "gaussians",
+            "low_pass",
+            "metrics",
+            "optimize",
+            "projection",
+        ),
         *("render", "seeding"),
     },
     "data": {"data", "data.*"},  # dataset and lens files

@@ -32,7 +32,8 @@ def determinants(camera: Camera, rays: np.ndarray) -> np.ndarray:
 
 def test_lens_cases_hold_every_model():
     assert len(LENSES) >= NUM_LENSES
-    assert {camera.model for camera in LENSES} == set(camera_models())
+    # The others, whose rays do not meet, have tests of their own in test_lines.py.
+    assert {camera.model for camera in LENSES} == set(camera_models()) - {"orthographic", "cahvore"}
 
 
 @each_lens

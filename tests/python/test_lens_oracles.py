@@ -25,8 +25,8 @@ def examples(model: str) -> list[Camera]:
 
 
 def test_lens_vectors_cover_the_lenses():
-    assert len(VECTORS) == 20
-    assert len({vector["model"] for vector in VECTORS}) == 12
+    assert len(VECTORS) == 22
+    assert len({vector["model"] for vector in VECTORS}) == 13
 
 
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda v: f"{v['model']}-{v['width']}")

@@ -281,3 +281,54 @@ def test_render_wrong_poses_or_shutter_says_what_to_do(rng, poses, shutter, says
 def test_shutter_unknown_parity_lists_the_known():
     with pytest.raises(InputError, match="gsplat"):
         gsut.Shutter("top_to_bottom", "colmap")
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_project_rolling_centre_of_a_point_is_where_its_own_line_sees_it(rng, direction):
+    camera = fisheye(60)
+    g, pair = scene(rng, camera, count=200, sizes=(1e-5, 2e-5), aspect=0.1)
+    shutter = gsut.Shutter(direction)
+    found = gsut.project(g, camera, pair, shutter=shutter, dtype="float64")
+    motion = gsut.CameraMotion(*pair, shutter)
+    checked = 0
+    for mean, (u, v), valid in zip(g.means, found.centers, found.valid, strict=True):
+        if not valid or not (0 < u < 60 and 0 < v < 60):
+            continue
+        t = (v if direction in DIRECTIONS[:2] else u) / 60
+        pose = motion.at(t if direction in ("top_to_bottom", "left_to_right") else 1 - t)
+        pixel, seen = camera.project((pose[:3, :3] @ mean + pose[:3, 3])[None])
+        # Second order: the curvature over a Gaussian of 2e-5 of its distance.
+        assert seen[0] and np.abs(pixel[0] - (u, v)).max() < 1e-5
+        checked += 1
+    assert checked > 100 and found.converged.sum() > 150
+
+
+def test_project_pair_of_equal_poses_is_the_still_projection(rng):
+    camera = fisheye(40)
+    g, (start, _) = scene(rng, camera, count=100)
+    rolling = gsut.project(g, camera, (start, start), shutter="top_to_bottom", dtype="float64")
+    still = gsut.project(g, camera, start, dtype="float64")
+    assert still.converged.all() and rolling.converged.all()
+    assert np.array_equal(rolling.valid, still.valid) and still.valid.sum() > 50
+    inside = still.valid
+    assert np.abs(rolling.centers - still.centers)[inside].max() < tolerances.PROJECTION_DOUBLE
+
+
+def test_oracle_projection_of_the_rolling_shutter_matches(oracle):
+    # gsplat takes floor(row) / (H - 1) as a point's time, steps of one line, and does not say
+    # whether its ten iterations settled; gsut's time is continuous: half a line's motion apart.
+    found = gsut.project(
+        oracle.gaussians, oracle.camera, oracle.pair, shutter=oracle.shutter, dtype="float64"
+    )
+    ends = [
+        gsut.project(oracle.gaussians, oracle.camera, pose, dtype="float64") for pose in oracle.pair
+    ]
+    motion = np.abs(ends[1].centers - ends[0].centers).max(axis=1)
+    compared = found.valid & oracle["proj_a1_ut_valid"] & np.isfinite(motion)
+    inside = (found.centers > 0) & (found.centers < (oracle.camera.width, oracle.camera.height))
+    compared &= inside.all(axis=1)
+    off = np.abs(found.centers - oracle["proj_a1_raw_means2d"]).max(axis=1)
+    assert compared.sum() > 80
+    lines = 1.5 * motion[compared] / (oracle.camera.height - 1)
+    assert np.mean(off[compared] <= lines + 1e-3) > 0.9
+    assert np.median(off[compared]) < 0.1

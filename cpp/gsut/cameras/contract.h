@@ -100,6 +100,7 @@ struct LensExample {
 #include "gsut/cameras/odd_polynomial.h"
 #include "gsut/cameras/pinhole_map.h"
 #include "gsut/cameras/plane_chart.h"
+#include "gsut/cameras/pupil_chart.h"
 #include "gsut/cameras/radial_domain.h"
 #include "gsut/cameras/radial_tangential.h"
 #include "gsut/cameras/spline_map.h"

@@ -198,11 +198,12 @@ def _sampled_pixels(
 
 def _reaching_rows(scene: BenchScene, alpha_min: float, tiles: list[np.ndarray]) -> np.ndarray:
     """Gaussians whose cut-off ellipsoid's sphere meets the cone of a tile's rays."""
-    g, pose = scene.gaussians, scene.camera_from_world
+    g = scene.gaussians
+    pose, shift, turn = _middle(scene.camera_from_world)
     means = g.means.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
     opacity = 1.0 / (1.0 + np.exp(-g.opacity_logits.astype(np.float64)))
     cutoff = 2.0 * np.log(np.maximum(opacity / alpha_min, 1.0))
-    radius = np.sqrt(cutoff) * np.exp(g.log_scales.max(axis=1).astype(np.float64))
+    radius = np.sqrt(cutoff) * np.exp(g.log_scales.max(axis=1).astype(np.float64)) + shift
     distance = np.linalg.norm(means, axis=1)
     reach = np.where(
         radius < distance, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-300), 1.0)), np.pi
@@ -215,5 +216,16 @@ def _reaching_rows(scene: BenchScene, alpha_min: float, tiles: list[np.ndarray])
         half_angle = np.arccos(np.clip(rays @ axis, -1.0, 1.0)).max()
         between = np.arccos(np.clip(direction @ axis, -1.0, 1.0))
         # arccos is coarse next to 0 and pi: 1e-8.
-        meets |= between <= reach + half_angle + _SLACK + 2e-8
+        meets |= between <= reach + half_angle + turn + _SLACK + 2e-8
     return np.flatnonzero(meets & (opacity >= alpha_min * (1.0 - _SLACK)))
+
+
+def _middle(place: np.ndarray | _core.CameraMotion) -> tuple[np.ndarray, float, float]:
+    """The pose in the middle of the exposure, and how far (units, radians) others are from it."""
+    if not isinstance(place, _core.CameraMotion):
+        return place, 0.0, 0.0
+    start, end = place.start, place.end
+    shift = start[:3, :3].T @ start[:3, 3] - end[:3, :3].T @ end[:3, 3]
+    cosine = (np.trace(start[:3, :3] @ end[:3, :3].T) - 1.0) / 2.0
+    turn = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    return place.at(0.5), 0.5 * float(np.linalg.norm(shift)), 0.5 * turn

@@ -56,8 +56,8 @@ def _add_render(benchmarks: Any) -> None:
         "--scenes",
         metavar="A,B",
         help="synthetic_100k_640x480, synthetic_1m_1920x1080, peer_10k_480x480, "
-        "peer_100k_480x480, or alike with other numbers; trained [default: the first, second and "
-        "fourth]",
+        "peer_100k_480x480, rolling_shutter_100k_640x480, or alike with other numbers; trained "
+        "[default: all but the third and the last]",
     )
     parser.add_argument("--isa", metavar="A,B", help="instruction sets [default: all there are]")
     parser.add_argument(

@@ -111,7 +111,7 @@ class FastRun:
         )  # fmt: skip
         self.renderer.backward(
             self._dimage if dimage is None else dimage, None, None, self.gradients, self._touched,
-            True,
+            True, False,
         )  # fmt: skip
         return self.renderer.timings()
 

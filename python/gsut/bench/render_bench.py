@@ -25,7 +25,7 @@ from gsut.bench.scenes import KNOWN_SCENES, BenchScene, make_scene
 # Bounds of a right result, against the double reference.
 IMAGE_RMS_BOUND = 1e-5
 GRADIENT_RELATIVE_BOUND = 1e-4
-DEFAULT_SCENES = KNOWN_SCENES[:2] + KNOWN_SCENES[3:4]
+DEFAULT_SCENES = KNOWN_SCENES[:2] + KNOWN_SCENES[3:5]
 # Keys of a row that are times or follow from times: null where the result is wrong.
 _TIMED = (
     "forward_ms", "backward_ms", "step_ms", "forward_speedup", "backward_speedup", "blend_ms",
@@ -97,7 +97,10 @@ def render_bench(
                 _core.set_num_threads(threads)
                 _core.set_isa("")
                 scalar = None
-                if options.scalar_repeats:
+                # The scalar baseline knows one pose a picture only.
+                if options.scalar_repeats and not isinstance(
+                    scene.camera_from_world, _core.CameraMotion
+                ):
                     on_progress(f"{name}: scalar baseline, {_core.num_threads()} threads")
                     scalar = _measure_scalar(scene, rule, truth, options.scalar_repeats)
                 for isa in isas:
@@ -112,8 +115,12 @@ def render_bench(
 
 def num_measurements(options: RenderBenchOptions) -> int:
     """How often `render_bench` calls on_progress."""
-    each = len(checked_isas(options.isas)) + bool(options.scalar_repeats)
-    return len(options.scenes) * (1 + len(options.threads) * each)
+    isas = len(checked_isas(options.isas))
+    each = [
+        isas + bool(options.scalar_repeats and not name.startswith("rolling_shutter"))
+        for name in options.scenes
+    ]
+    return sum(1 + len(options.threads) * count for count in each)
 
 
 def checked_isas(isas: Sequence[str]) -> list[str]:

@@ -6,10 +6,11 @@ import dataclasses
 import math
 import re
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
-from gsut._core import InputError
+from gsut._core import CameraMotion, InputError, Shutter, exp_pose
 from gsut.cameras import Camera
 from gsut.gaussians import Gaussians
 
@@ -18,9 +19,14 @@ KNOWN_SCENES = (
     "synthetic_1m_1920x1080",
     "peer_10k_480x480",
     "peer_100k_480x480",
+    "rolling_shutter_100k_640x480",
     "trained",
 )
 _SYNTHETIC = re.compile(r"synthetic_(\d+(?:\.\d+)?[km]?)_(\d+)x(\d+)")
+_ROLLING = re.compile(r"rolling_shutter_(\d+(?:\.\d+)?[km]?)_(\d+)x(\d+)")
+# Left twist of the end pose against the middle one, the start as far on the other side: 8 cm and
+# 4 degrees in one frame, in a room of 5 to 10 m.
+_ROLLING_TWIST = (0.02, 0.01, -0.03, 0.03, 0.02, -0.01)
 _PEER = re.compile(r"peer_(\d+(?:\.\d+)?[km]?)_(\d+)x(\d+)")
 _SH_C0 = 0.28209479177387814
 _BLOCK = 1 << 17  # Gaussians made at a time: bounds the memory of a scene of millions
@@ -44,14 +50,14 @@ class BenchScene:
         name: as in the rows.
         gaussians: float32.
         camera: lens and image size.
-        camera_from_world: (4, 4).
+        camera_from_world: (4, 4), or a CameraMotion.
         origin: one sentence on where the scene comes from.
     """
 
     name: str
     gaussians: Gaussians
     camera: Camera
-    camera_from_world: np.ndarray
+    camera_from_world: Any
     origin: str
 
 
@@ -59,8 +65,9 @@ def make_scene(name: str, *, ply: str | None = None, data: str | None = None) ->
     """A scene by name.
 
     Args:
-        name: synthetic_N_WxH (room through a fisheye of about 180 degrees), peer_N_WxH (the scene
-            that other projects were measured on) with N such as 10k or 1m; or trained.
+        name: synthetic_N_WxH (room through a fisheye of about 180 degrees), rolling_shutter_N_WxH
+            (the same, read out line by line as the camera moves), peer_N_WxH (the scene that other
+            projects were measured on) with N such as 10k or 1m; or trained.
         ply: Gaussians of `trained`; None: the demo scene, trained shortly.
         data: dataset that `ply` was trained on: its first held-out view is measured.
 
@@ -70,6 +77,13 @@ def make_scene(name: str, *, ply: str | None = None, data: str | None = None) ->
     match = _SYNTHETIC.fullmatch(name)
     if match:
         return synthetic_scene(parsed_count(match[1]), int(match[2]), int(match[3]), name=name)
+    match = _ROLLING.fullmatch(name)
+    if match:
+        scene = synthetic_scene(parsed_count(match[1]), int(match[2]), int(match[3]), name=name)
+        twist = np.array(_ROLLING_TWIST)
+        start, end = (exp_pose(sign * twist) @ scene.camera_from_world for sign in (-1.0, 1.0))
+        motion = CameraMotion(start, end, Shutter("top_to_bottom"))
+        return dataclasses.replace(scene, camera_from_world=motion)
     match = _PEER.fullmatch(name)
     if match:
         return peer_scene(parsed_count(match[1]), int(match[2]), int(match[3]), name=name)

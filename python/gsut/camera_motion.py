@@ -1,0 +1,60 @@
+"""Where a camera is while it takes a picture: one pose, or with a rolling shutter a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError
+
+
+def pose_matrix(camera_from_world: Any) -> np.ndarray:
+    return np.asarray(getattr(camera_from_world, "matrix", camera_from_world), dtype=np.float64)
+
+
+def camera_motion(
+    camera_from_world: Any, shutter: _core.Shutter | str | None = None
+) -> np.ndarray | _core.CameraMotion:
+    """What the core takes as a camera's place: one pose, or a moving camera.
+
+    Args:
+        camera_from_world: (4, 4), an object with such a `matrix`, or a pair of these: the poses at
+            the start and at the end of the exposure. A `CameraMotion` is returned as it is.
+        shutter: of a pair; a name stands for `Shutter(name)`.
+
+    Raises:
+        InputError: a pair without a rolling shutter, or a rolling shutter without a pair.
+    """
+    if isinstance(camera_from_world, _core.CameraMotion):
+        if shutter is not None:
+            raise InputError("the camera's motion has its shutter already: leave shutter out")
+        return camera_from_world
+    if isinstance(shutter, str):
+        shutter = _core.Shutter(shutter)
+    if shutter is not None and shutter.is_global:
+        shutter = None
+    if not _is_pair(camera_from_world):
+        if shutter is not None:
+            raise InputError(
+                f'shutter is "{shutter.direction}", but camera_from_world is one pose; give the '
+                "pair (start, end)"
+            )
+        return pose_matrix(camera_from_world)
+    if shutter is None:
+        raise InputError(
+            "camera_from_world is a pair of poses, but there is no rolling shutter; give "
+            'shutter="top_to_bottom" or another direction, or one pose'
+        )
+    start, end = (pose_matrix(pose) for pose in camera_from_world)
+    return _core.CameraMotion(start, end, shutter)
+
+
+def _is_pair(camera_from_world: Any) -> bool:
+    if isinstance(camera_from_world, np.ndarray):
+        return camera_from_world.ndim == 3 and len(camera_from_world) == 2
+    if not isinstance(camera_from_world, Sequence) or len(camera_from_world) != 2:
+        return False
+    return pose_matrix(camera_from_world[0]).ndim == 2
