@@ -18,6 +18,7 @@ PYBIND11_MODULE(_core, m) {
   BindBase(m);
   BindCameras(m);
   BindPoses(m);
+  BindStructure(m);
   BindGaussians(m);
   BindProjection(m);
   BindRaster(m);

@@ -8,6 +8,7 @@ namespace gsut::bindings {
 void BindBase(pybind11::module_& m);
 void BindCameras(pybind11::module_& m);
 void BindPoses(pybind11::module_& m);
+void BindStructure(pybind11::module_& m);
 void BindGaussians(pybind11::module_& m);
 void BindProjection(pybind11::module_& m);
 void BindRaster(pybind11::module_& m);

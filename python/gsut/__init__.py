@@ -3,7 +3,9 @@
 from gsut._core import (
     BlendRule,
     CalibrationError,
+    CameraMotion,
     InputError,
+    Shutter,
     SolveError,
     __version__,
     active_isa,
@@ -24,7 +26,9 @@ from gsut.formats import load_ply, save_ply
 from gsut.gaussians import Gaussians
 from gsut.metrics import psnr, ssim
 from gsut.options import TrainOptions
-from gsut.render import Gradients, Projection, Render, project, render, render_backward
+from gsut.projection import METHODS as PROJECTION_METHODS
+from gsut.projection import Projection, project
+from gsut.render import Gradients, Render, render, render_backward
 from gsut.seeding import seed_from_points, seed_in_view
 from gsut.train import TrainResult, train
 
@@ -32,12 +36,15 @@ __all__ = [
     "BlendRule",
     "CalibrationError",
     "Camera",
+    "CameraMotion",
     "Gaussians",
     "Gradients",
     "InputError",
+    "PROJECTION_METHODS",
     "Projection",
     "Render",
     "Scene",
+    "Shutter",
     "SolveError",
     "TrainOptions",
     "TrainResult",

@@ -31,6 +31,8 @@ _Arrays: TypeAlias = tuple[
 
 # A 4x4 matrix or an object whose attribute `matrix` is one.
 _PoseLike: TypeAlias = Any
+# The same, or a CameraMotion.
+_MotionLike: TypeAlias = Any
 
 # --- base -----------------------------------------------------------------------------------------
 
@@ -89,9 +91,61 @@ def format_camera_model(
 
 # --- poses ----------------------------------------------------------------------------------------
 
+class Shutter:
+    def __init__(self, direction: str = "global", parity: str | None = None) -> None: ...
+    @property
+    def direction(self) -> str: ...
+    @property
+    def parity(self) -> str | None: ...
+    @property
+    def is_global(self) -> bool: ...
+    def line_times(self, width: int, height: int) -> NDArray[np.float64]: ...
+
+class CameraMotion:
+    def __init__(self, start: _PoseLike, end: _PoseLike, shutter: Shutter) -> None: ...
+    @property
+    def start(self) -> NDArray[np.float64]: ...
+    @property
+    def end(self) -> NDArray[np.float64]: ...
+    @property
+    def shutter(self) -> Shutter: ...
+    def at(self, t: float) -> NDArray[np.float64]: ...
+
 def exp_pose(xi: ArrayLike) -> NDArray[np.float64]: ...
 def interpolate_pose(start: _PoseLike, end: _PoseLike, t: float) -> NDArray[np.float64]: ...
 def checked_pose(matrix: _PoseLike) -> NDArray[np.float64]: ...
+
+# --- structure from motion ------------------------------------------------------------------------
+
+class ImageBearings:
+    def __init__(self, camera: Camera, pixels: ArrayLike) -> None: ...
+    @property
+    def valid(self) -> NDArray[np.bool_]: ...
+
+def match_pairs(
+    descriptors: Sequence[NDArray[np.float32]],
+    pairs: ArrayLike,
+    max_ratio: float,
+    max_distance: float,
+) -> list[NDArray[np.int32]]: ...
+def verify_pairs(
+    images: Sequence[ImageBearings],
+    pairs: ArrayLike,
+    matches: Sequence[NDArray[np.int32]],
+    max_error: float,
+    seed: int,
+) -> list[tuple[NDArray[np.bool_], NDArray[np.float64], int, float, bool]]: ...
+def absolute_pose(
+    image: ImageBearings, features: ArrayLike, points: ArrayLike, max_error: float, seed: int
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]: ...
+def estimate_poses(
+    cameras: Sequence[Camera],
+    camera_of_image: Sequence[int],
+    pixels: Sequence[NDArray[np.float64]],
+    verified: Sequence[tuple[Any, ...]],
+    settings: dict[str, Any],
+    on_progress: Any,
+) -> dict[str, Any]: ...
 
 # --- gaussians ------------------------------------------------------------------------------------
 
@@ -138,6 +192,25 @@ def project_reference(
     kappa: float,
 ) -> _ReferenceProjection: ...
 
+class _FootprintArrays(TypedDict):
+    centers: NDArray[Any]  # (N, 2)
+    covariances: NDArray[Any]  # (N, 2, 2)
+    boxes: NDArray[Any]  # (N, 4)
+    status: NDArray[np.uint8]
+    method: NDArray[np.uint8]
+
+class Footprinter:
+    def __init__(
+        self, method: int, unscented: Sequence[float], alpha_min: float, max_error_px: float
+    ) -> None: ...
+    def find(
+        self, gaussians: _Gaussians, camera: Camera, camera_from_world: _PoseLike
+    ) -> tuple[float, float]: ...  # wall and processor seconds
+    def arrays(self) -> _FootprintArrays: ...
+    def reference(
+        self, gaussians: _Gaussians, camera: Camera, camera_from_world: _PoseLike
+    ) -> _FootprintArrays: ...
+
 # --- raster ---------------------------------------------------------------------------------------
 
 class BlendRule:
@@ -157,7 +230,7 @@ class Renderer:
         self,
         gaussians: _Gaussians,
         camera: Camera,
-        camera_from_world: _PoseLike,
+        camera_from_world: _MotionLike,
         rule: BlendRule,
         background: Sequence[float],
         sh_degree: int,
@@ -175,7 +248,8 @@ class Renderer:
         gradients: _Gaussians,
         touched: NDArray[np.uint8],
         write_untouched: bool,
-    ) -> NDArray[np.float64]: ...
+        with_poses: bool = True,
+    ) -> Any: ...  # NDArray[np.float64], or None without with_poses
     def distances(self) -> NDArray[np.float32]: ...
     def timings(self) -> dict[str, tuple[float, float]]: ...  # wall and processor seconds
     def statistics(self) -> dict[str, int]: ...
@@ -201,7 +275,7 @@ class ScalarRenderer:
 def render_reference(
     gaussians: _Gaussians,
     camera: Camera,
-    camera_from_world: _PoseLike,
+    camera_from_world: _MotionLike,
     rule: BlendRule,
     background: Sequence[float],
     sh_degree: int,
@@ -210,7 +284,7 @@ def render_reference(
 def render_reference_backward(
     gaussians: _Gaussians,
     camera: Camera,
-    camera_from_world: _PoseLike,
+    camera_from_world: _MotionLike,
     rule: BlendRule,
     background: Sequence[float],
     sh_degree: int,
@@ -219,6 +293,19 @@ def render_reference_backward(
     ddepth: NDArray[np.float64] | None,
     gradients: _Gaussians,
     pixels: NDArray[np.uint8] | None = None,
+) -> NDArray[np.float64]: ...
+def render_lines_reference(
+    gaussians: _Gaussians, lines: ArrayLike, reference: _PoseLike, rule: BlendRule
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...
+def render_lines_reference_backward(
+    gaussians: _Gaussians,
+    lines: ArrayLike,
+    reference: _PoseLike,
+    rule: BlendRule,
+    dimage: NDArray[np.float64],
+    dalpha: NDArray[np.float64] | None,
+    ddepth: NDArray[np.float64] | None,
+    gradients: _Gaussians,
 ) -> NDArray[np.float64]: ...
 
 # --- loss -----------------------------------------------------------------------------------------

@@ -86,7 +86,11 @@ def build_parser() -> argparse.ArgumentParser:
     _add_eval(commands)
     _add_render(commands)
     _add_calibrate(commands)
+<<<<<<< HEAD
     _add_compact(commands)
+=======
+    _add_poses(commands)
+>>>>>>> poses
     _add_demo(commands)
     _add_doctor(commands)
     _add_camera(commands)
@@ -219,6 +223,7 @@ def _add_calibrate(commands) -> None:
     parser.set_defaults(run=calibrate)
 
 
+<<<<<<< HEAD
 def _add_compact(commands) -> None:
     from gsut.compact_command import add_compact_flags, compact_command
 
@@ -230,6 +235,19 @@ def _add_compact(commands) -> None:
     )
     add_compact_flags(parser)
     parser.set_defaults(run=compact_command)
+=======
+def _add_poses(commands) -> None:
+    from gsut.poses_command import add_poses_flags, poses
+
+    parser = commands.add_parser(
+        "poses",
+        help="camera poses and points of photographs, without COLMAP",
+        description="Finds where photographs were taken, through any lens, and points that they "
+        "see; writes a dataset that `gsut train` reads.",
+    )
+    add_poses_flags(parser)
+    parser.set_defaults(run=poses)
+>>>>>>> poses
 
 
 def _add_demo(commands) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 
 import gsut
 from gsut._core import InputError
+from gsut.data.shutter import with_shutter
 from gsut.evaluate import evaluate as evaluate_scene
 from gsut.option_fields import given_options
 from gsut.options import TrainOptions
@@ -175,6 +176,10 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Any, A
     scene = gsut.load_dataset(
         data, test_every=options.test_every, test_names=options.test_names, scale=options.scale
     )
+    if isinstance(scene, gsut.Scene):
+        scene = with_shutter(
+            scene, options.shutter, options.readout_time, options.readout_direction
+        )
     return options, scene, gsut.load_ply(path)
 
 

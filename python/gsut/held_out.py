@@ -38,7 +38,7 @@ def mean_psnr(
         renderer.render(
             gaussians,
             camera,
-            scene.views[index].camera_from_world,
+            scene.views[index].motion,
             rule,
             background,
             gaussians.sh_degree,

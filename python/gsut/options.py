@@ -93,6 +93,20 @@ class TrainOptions:
         none="the data's own split",
     )
 
+    shutter: str = option(
+        "auto", "Data", "rolling: each line of an image has its own pose; global: one pose an "
+        "image; auto: as the data says", choices=("auto", "global", "rolling"),
+    )
+    readout_time: float | None = option(
+        None, "Data", "time from the first line of an image to its last, for a video with one pose "
+        "a frame; the velocity is found from neighbouring frames", unit="x time between frames",
+        low=0.0, high=1.0, low_open=True, none="the data's start and end poses",
+    )
+    readout_direction: str = option(
+        "top_to_bottom", "Data", "order in which --readout-time reads the lines",
+        choices=("top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left"),
+    )
+
     max_gaussians: int = option(
         None, "Gaussians", "at most so many Gaussians; auto: growth ends when it no longer helps "
         "training views that are set aside for that", low=1, high=100_000_000, words=(AUTO,),

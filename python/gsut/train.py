@@ -16,6 +16,7 @@ from gsut._core import InputError
 from gsut.compact import compact
 from gsut.compact_scores import seen_views
 from gsut.data.scene import Scene
+from gsut.data.shutter import with_shutter
 from gsut.evaluate import evaluate, run_metrics
 from gsut.gaussians import Gaussians
 from gsut.growth import GrowthLimit
@@ -86,6 +87,7 @@ def train(
     run = None if out is None else _create_run(out, o, scene, resume)
     if o.scale != 1.0:
         scene = scene.scaled(o.scale)
+    scene = with_shutter(scene, o.shutter, o.readout_time, o.readout_direction)
     loop = TrainingLoop(scene, o)
     checkpoint = run.load_checkpoint() if run is not None and resume else None
     if checkpoint is not None:
@@ -170,7 +172,7 @@ class TrainingLoop:
         self.renderer.render(
             g,
             level.camera(view),
-            self.scene.views[view].camera_from_world,
+            self.scene.views[view].motion,
             self.rule,
             o.background,
             degree,
@@ -185,7 +187,7 @@ class TrainingLoop:
         loss, _ = _core.photometric_loss(target, image, dimage, o.ssim_weight)
         lap("loss")
         self.renderer.backward(
-            dimage, None, None, self._gradients, self._touched, not o.sparse_adam
+            dimage, None, None, self._gradients, self._touched, not o.sparse_adam, False
         )
         lap("backward")
         # optimize

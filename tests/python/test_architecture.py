@@ -28,7 +28,14 @@ CPP_MAY_USE: dict[str, set[str]] = {
 }
 # C++ library (start of its include) -> folders that may use it.
 CPP_LIBRARIES: dict[str, set[str]] = {
-    "hwy": {"base", "projection", "raster", "loss", "optimize"},  # folders with SIMD kernels
+    "hwy": {
+        "base",
+        "poses",
+        "projection",
+        "raster",
+        "loss",
+        "optimize",
+    },  # folders with SIMD kernels
     # Everybody else calls ParallelFor; cameras isolates the making of a ray table.
     "tbb": {"base", "cameras"},
     "Eigen": set(CPP_MAY_USE) | {"bindings"},
@@ -46,7 +53,8 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "core": {"_core"},
     # Thin faces of the C++ folders: numpy in, numpy out.
     "faces": {
-        *("cameras", "formats", "gaussians", "metrics", "optimize", "render", "seeding"),
+        *("cameras", "formats", "gaussians", "metrics", "optimize", "projection", "render"),
+        "seeding",
     },
     "data": {"data", "data.*"},  # dataset and lens files
     # What a run is made of: settings, its folder, its words and pictures.
@@ -55,6 +63,7 @@ PYTHON_GROUPS: dict[str, set[str]] = {
         *("run_folder", "stopwatch"),
     },
     "report": {"report", "report_plots"},
+    "structure": {"structure", "structure.*"},  # poses of photographs
     "scene tools": {"demo_scene*", "doctor", "render_path"},
     "compaction": {"compact", "compact_harmonics", "compact_scores"},
     "training": {
@@ -63,6 +72,7 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "benchmarks": {"bench", "bench.*"},
     "command line": {
         *("__main__", "calibrate", "camera_convert", "cli", "commands", "compact_command"),
+        "poses_command",
     },
     "package": {"gsut"},
 }
@@ -73,16 +83,17 @@ PYTHON_MAY_USE: dict[str, set[str]] = {
     "data": {"faces"},
     "run": set(),
     "report": {"run"},
+    "structure": {"faces", "data", "run"},
     "scene tools": {"faces", "data"},
     # The package: evaluate renders by the public name gsut.render.
     "compaction": {"faces"},
     "training": {"faces", "compaction", "data", "run", "report", "package"},
     "benchmarks": {
-        *("faces", "compaction", "data", "run", "scene tools", "training", "package"),
+        *("faces", "compaction", "data", "run", "scene tools", "structure", "training", "package"),
     },
     "command line": {
-        *("faces", "compaction", "data", "run", "report", "scene tools", "training", "benchmarks"),
-        "package",
+        *("faces", "compaction", "data", "run", "report", "scene tools", "structure", "training"),
+        *("benchmarks", "package"),
     },
     "package": {"faces", "compaction", "data", "run", "training"},
 }

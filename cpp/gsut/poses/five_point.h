@@ -1,0 +1,18 @@
+// Essential matrices of five pairs of bearings.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <vector>
+
+namespace gsut {
+
+// All real E with ray2^T E ray1 = 0 for the five pairs, det E = 0 and 2 E E^T E = tr(E E^T) E; at
+// most 10, of Frobenius norm sqrt(2). Rays may point anywhere on the sphere. Degenerate input gives
+// few or meaningless ones: the caller counts inliers.
+// Source: Stewenius, Engels, Nister, "Recent developments on direct relative orientation", 2006
+// (the null space's combinations, their ten cubics, eigenvectors of the action matrix).
+std::vector<Eigen::Matrix3d> FivePoint(const std::array<Eigen::Vector3d, 5>& rays1,
+                                       const std::array<Eigen::Vector3d, 5>& rays2);
+
+}  // namespace gsut

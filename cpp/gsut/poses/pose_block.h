@@ -1,0 +1,118 @@
+// A pose as Ceres sees it: quaternion and centre, changed by a turn from the left and a shift.
+#pragma once
+
+#include <ceres/manifold.h>
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+
+#include "gsut/poses/pose.h"
+
+namespace gsut {
+
+// (x, y, z, w, centre in the world): p = R (X - centre). The tangent is (centre, turn) with
+// R <- exp(turn) R. Cost functions give their derivatives by the tangent, in the first columns of
+// the block: the manifold's Jacobian below is written to match, and is no derivative by itself.
+using PoseBlock = std::array<double, 7>;
+inline constexpr int kPoseTangent = 6;
+
+inline PoseBlock ToBlock(const Pose& pose) {
+  PoseBlock block;
+  Eigen::Map<Eigen::Quaterniond>(block.data()) = Eigen::Quaterniond(pose.rotation).normalized();
+  Eigen::Map<Eigen::Vector3d>(block.data() + 4) = pose.CenterInSource();
+  return block;
+}
+
+inline Eigen::Matrix3d RotationOf(const double* block) {
+  return Eigen::Map<const Eigen::Quaterniond>(block).toRotationMatrix();
+}
+
+inline Eigen::Vector3d CenterOf(const double* block) {
+  return Eigen::Map<const Eigen::Vector3d>(block + 4);
+}
+
+inline Pose FromBlock(const PoseBlock& block) {
+  Pose pose;
+  pose.rotation = RotationOf(block.data());
+  pose.translation = -(pose.rotation * CenterOf(block.data()));
+  return pose;
+}
+
+// dp/d(centre, turn) of p = R (X - centre), times dout_dp: (rows, 6).
+template <int kRows>
+Eigen::Matrix<double, kRows, kPoseTangent> ByPose(const Eigen::Matrix<double, kRows, 3>& dout_dp,
+                                                  const Eigen::Matrix3d& rotation,
+                                                  const Eigen::Vector3d& p) {
+  Eigen::Matrix<double, kRows, kPoseTangent> jacobian;
+  jacobian.template leftCols<3>() = -(dout_dp * rotation);
+  jacobian.col(3) = dout_dp * Eigen::Vector3d(0, -p.z(), p.y());
+  jacobian.col(4) = dout_dp * Eigen::Vector3d(p.z(), 0, -p.x());
+  jacobian.col(5) = dout_dp * Eigen::Vector3d(-p.y(), p.x(), 0);
+  return jacobian;
+}
+
+class PoseManifold : public ceres::Manifold {
+ public:
+  // held: component of the centre that does not change, or -1.
+  explicit PoseManifold(int held = -1) : held_(held) {}
+  int AmbientSize() const override { return 7; }
+  int TangentSize() const override { return held_ < 0 ? kPoseTangent : kPoseTangent - 1; }
+
+  bool Plus(const double* x, const double* delta, double* x_plus_delta) const override {
+    Eigen::Matrix<double, kPoseTangent, 1> change = Eigen::Matrix<double, kPoseTangent, 1>::Zero();
+    for (int i = 0, j = 0; i < kPoseTangent; ++i) {
+      if (i != held_) change[i] = delta[j++];
+    }
+    const Eigen::Vector3d turn = change.tail<3>();
+    const double half = 0.5 * turn.norm();
+    // sin(half) / (2 half), by its series where it would be 0 / 0.
+    constexpr double kSmall = 1e-4;
+    const double factor =
+        half < kSmall ? 0.5 * (1.0 - half * half / 6.0) : 0.5 * std::sin(half) / half;
+    const Eigen::Quaterniond step(std::cos(half), factor * turn.x(), factor * turn.y(),
+                                  factor * turn.z());
+    const Eigen::Map<const Eigen::Quaterniond> before(x);
+    Eigen::Map<Eigen::Quaterniond> after(x_plus_delta);
+    after = (step * before).normalized();
+    for (int i = 0; i < 3; ++i) x_plus_delta[4 + i] = x[4 + i] + change[i];
+    return true;
+  }
+
+  bool PlusJacobian(const double*, double* jacobian) const override {
+    Eigen::Map<Eigen::Matrix<double, 7, Eigen::Dynamic, Eigen::RowMajor>> matrix(jacobian, 7,
+                                                                                 TangentSize());
+    matrix.setZero();
+    for (int i = 0, j = 0; i < kPoseTangent; ++i) {
+      if (i != held_) matrix(i, j++) = 1.0;
+    }
+    return true;
+  }
+
+  bool Minus(const double* y, const double* x, double* y_minus_x) const override {
+    const Eigen::AngleAxisd turn(Eigen::Map<const Eigen::Quaterniond>(y) *
+                                 Eigen::Map<const Eigen::Quaterniond>(x).conjugate());
+    Eigen::Matrix<double, kPoseTangent, 1> change;
+    change << CenterOf(y) - CenterOf(x), turn.angle() * turn.axis();
+    for (int i = 0, j = 0; i < kPoseTangent; ++i) {
+      if (i != held_) y_minus_x[j++] = change[i];
+    }
+    return true;
+  }
+
+  bool MinusJacobian(const double*, double* jacobian) const override {
+    Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, 7, Eigen::RowMajor>> matrix(jacobian,
+                                                                                 TangentSize(), 7);
+    matrix.setZero();
+    for (int i = 0, j = 0; i < kPoseTangent; ++i) {
+      if (i != held_) matrix(j++, i) = 1.0;
+    }
+    return true;
+  }
+
+ private:
+  int held_;
+};
+
+}  // namespace gsut

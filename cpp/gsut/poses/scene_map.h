@@ -1,0 +1,104 @@
+// The growing structure: which tracks have points, which sights agree, what to adjust.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "gsut/poses/bearing.h"
+#include "gsut/poses/bundle.h"
+#include "gsut/poses/structure.h"
+#include "gsut/poses/triangulate.h"
+
+namespace gsut {
+
+class SceneMap {
+ public:
+  struct Sight {
+    int image = 0;
+    int feature = 0;
+    bool used = false;      // agrees with the track's point
+    bool held_out = false;  // never used, but judged at the end
+  };
+  struct Track {
+    std::vector<Sight> sights;
+    Eigen::Vector3d position = Eigen::Vector3d::Zero();
+    bool has_point = false;
+  };
+
+  // images are kept by reference.
+  SceneMap(std::vector<Camera> cameras, const std::vector<ImageFeatures>& images,
+           std::span<const VerifiedPair> pairs, const StructureOptions& options);
+
+  int num_images() const { return static_cast<int>(images_.size()); }
+  int num_registered() const { return num_registered_; }
+  int num_points() const;
+  bool registered(int image) const { return registered_[image] != 0; }
+  const Pose& pose(int image) const { return poses_[image]; }
+  const std::vector<Track>& tracks() const { return tracks_; }
+  const std::vector<Camera>& cameras() const { return cameras_; }
+  const Bearing& bearing(int image, int feature) const { return bearings_[image][feature]; }
+
+  void Register(int image, const Pose& camera_from_world);
+  // Forgets all poses and points.
+  void Reset();
+
+  // Sights of points by an image: bearings and positions, and the tracks that they belong to.
+  struct Visible {
+    std::vector<Bearing> bearings;
+    std::vector<Eigen::Vector3d> points;
+    std::vector<int> tracks;
+  };
+  Visible VisiblePoints(int image) const;
+  // How many points an image sees and how evenly: occupied cells of finer and finer grids.
+  double VisibleScore(int image, int* count) const;
+
+  // New points, and new sights of old points, of the tracks that an image has (-1: of all).
+  // Returns the number of sights that became used.
+  int Complete(int image);
+  // Drops sights beyond the largest error and points without two good ones and the smallest angle.
+  // Returns the number of sights dropped. tracks: the ones to look at (null: all).
+  int Filter(double max_error);
+
+  // Bundle adjustment around an image with those that share most points with it.
+  void AdjustLocally(int image);
+  // Of everything. through_lens: see BundleOptions. Lenses are free where the options say so.
+  BundleSummary AdjustGlobally(int max_iterations, double tolerance, bool through_lens,
+                               bool lens_free);
+  // Unregisters images that see too few points now; returns how many.
+  int DropWeakImages();
+
+  void SetGauge(int first, int second) {
+    gauge_first_ = first;
+    gauge_second_ = second;
+  }
+  // The result, without `initial`, `restarts` and `failure`.
+  Structure Result(bool covariances) const;
+
+ private:
+  double Residual(const Track& track, const Sight& sight) const;
+  bool HasRay(const Sight& sight) const { return has_ray_[sight.image][sight.feature] != 0; }
+  int CompleteTrack(Track* track);
+  void UpdateBearings();
+  void UpdateLoss();
+  Bundle MakeBundle(const std::vector<std::uint8_t>* images_free, BundleOptions* options,
+                    std::vector<int>* image_of, std::vector<int>* track_of) const;
+  void TakeBack(const Bundle& bundle, const std::vector<int>& image_of,
+                const std::vector<int>& track_of);
+
+  std::vector<Camera> cameras_;
+  const std::vector<ImageFeatures>& images_;
+  const StructureOptions& options_;
+  std::vector<std::vector<Bearing>> bearings_;
+  std::vector<std::vector<std::uint8_t>> has_ray_;
+  std::vector<Track> tracks_;
+  std::vector<std::vector<int>> tracks_of_image_;
+  std::vector<std::uint8_t> registered_;
+  std::vector<Pose> poses_;
+  int num_registered_ = 0;
+  double loss_pixels_;  // where Cauchy's loss bends now
+  int gauge_first_ = -1, gauge_second_ = -1;
+};
+
+}  // namespace gsut

@@ -1,0 +1,281 @@
+"""Photographs and a lens in, poses and points out: the stages of `gsut poses` in order."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError, SolveError
+from gsut.data.findings import some_names
+from gsut.structure.features import Features, find_all_features, no_features
+from gsut.structure.inputs import Photographs, find_photographs
+from gsut.structure.lens_search import LensSearch, first_guess, search_lens
+from gsut.structure.matching import PairMatches, match_and_verify, preview_pairs
+from gsut.structure.options import PosesOptions
+from gsut.structure.output import FIGURES, TRANSFORMS, check_lenses, figures, write_dataset
+from gsut.structure.pairs import choose_pairs
+from gsut.structure.report import REPORT, write_report
+from gsut.structure.solution import Solution, solve
+from gsut.structure.stages import Stages, write_atomically
+
+# Told (stage, done, total, text) as the work goes on.
+OnProgress = Callable[[str, int, int, str], None]
+
+
+@dataclasses.dataclass(frozen=True)
+class PosesResult:
+    """What `estimate_poses` found and wrote.
+
+    Args:
+        path: the output folder.
+        solution: poses and points.
+        figures: the content of poses.json.
+    """
+
+    path: Path
+    solution: Solution
+    figures: dict[str, Any]
+
+
+def estimate_poses(
+    images: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    camera: str | os.PathLike[str] | None = None,
+    unknown_lens: bool = False,
+    fov_degrees: float | None = None,
+    options: PosesOptions | None = None,
+    on_progress: OnProgress | None = None,
+    notes_to: Callable[[str], None] | None = None,
+) -> PosesResult:
+    """Camera poses and sparse points of photographs, without COLMAP, through any lens.
+
+    Killed at any moment, the same call goes on from the last stage that was finished (features of
+    each image, matches). Unreadable images are left out and named in the notes.
+
+    Args:
+        images: folder of photographs, or a dataset (its poses are not looked at).
+        out: output folder: transforms.json, points3D.ply, sparse/0 (COLMAP text), poses.json and
+            report.html. Images stay where they are.
+        camera: lens file, or a dataset whose lens is used; None: the lens file beside the images,
+            or the dataset's own; if there is none the lens is estimated.
+        unknown_lens: estimate the lens even where one lies beside the images.
+        fov_degrees: rough horizontal field of view, for an unknown lens; None: several are tried.
+        options: see PosesOptions.
+        on_progress: told (stage, done, total, text).
+        notes_to: told each note as it arises (an image left out, say).
+
+    Raises:
+        InputError: too few images, wrong lens, or a file that cannot be written.
+        SolveError: nothing could be reconstructed: no overlap, images all the same, or a camera
+            that only turned; says which.
+    """
+    options = options or PosesOptions()
+    show = on_progress or (lambda stage, done, total, text: None)
+    folder = Path(out)
+    notes: list[str] = []
+
+    def note(text: str) -> None:
+        notes.append(text)
+        if notes_to is not None:
+            notes_to(text)
+
+    photographs = find_photographs(Path(images), None if camera is None else Path(camera))
+    if unknown_lens:
+        photographs = dataclasses.replace(photographs, cameras=[None] * len(photographs))
+    known = all(c is not None for c in photographs.cameras)
+    check_lenses([c for c in photographs.cameras if c is not None])
+    folder.mkdir(parents=True, exist_ok=True)
+    stages = Stages(folder, _key(photographs, options, fov_degrees))
+    seconds: dict[str, float] = {}
+    watch = time.perf_counter()
+
+    def lap(stage: str) -> None:
+        nonlocal watch
+        now = time.perf_counter()
+        seconds[stage] = seconds.get(stage, 0.0) + now - watch
+        watch = now
+
+    before = _core.num_threads()
+    if options.threads:
+        _core.set_num_threads(options.threads)
+    try:
+        features = _features(photographs, options, stages, show, note)
+        lap("features")
+        if not known:
+            photographs = first_guess(photographs, fov_degrees)
+        pairs = _matches(photographs, features, options, stages, show)
+        lap("matching")
+        _require_overlap(photographs, features, pairs)
+        search: LensSearch | None = None
+        cameras = [c for c in photographs.cameras if c is not None]
+        if known:
+            solution = solve(
+                photographs.names, cameras, features, pairs, options,
+                lambda done, total, points, step: show(
+                    "mapping", done, total, f"{points:,} points"),
+            )  # fmt: skip
+        else:
+            search = search_lens(photographs, features, pairs, options, fov_degrees, show)
+            solution = search.solution
+        lap("mapping")
+    finally:
+        _core.set_num_threads(before if options.threads else 0)
+    if solution.num_registered < len(photographs):
+        note(
+            f"{solution.num_registered} of {len(photographs)} images were registered; without a "
+            f"pose: {some_names(solution.unregistered_names())}"
+        )
+    for text in write_dataset(solution, photographs, folder):
+        note(text)
+    extra: dict[str, Any] = {"lens": "known" if known else "estimated"}
+    if search is not None:
+        extra["lens_search"] = search.rows
+    lap("writing")
+    values = figures(solution, seconds, notes, extra)
+    write_report(folder, solution, values)
+    write_atomically(folder / FIGURES, (json.dumps(values, indent=1) + "\n").encode())
+    stages.remove()
+    return PosesResult(folder, solution, values)
+
+
+def _key(photographs: Photographs, options: PosesOptions, fov: float | None) -> dict[str, Any]:
+    """All that features and matches depend on."""
+    files = []
+    for path in photographs.paths:
+        state = path.stat()
+        files.append([str(path.resolve()), state.st_size, state.st_mtime_ns])
+    return {
+        "version": _core.__version__,
+        "files": files,
+        "masks": [str(mask) for mask in photographs.masks],
+        "lenses": [repr(camera) for camera in photographs.cameras],
+        "options": dataclasses.asdict(options),
+        "fov": fov,
+    }
+
+
+def _features(
+    photographs: Photographs,
+    options: PosesOptions,
+    stages: Stages,
+    show: OnProgress,
+    note: Callable[[str], None],
+) -> list[Features]:
+    """Of all images, from the stage files where they are there; none of unreadable ones."""
+    found = [stages.load_features(i) for i in range(len(photographs))]
+    absent = [i for i, features in enumerate(found) if features is None]
+    done = len(photographs) - len(absent)
+    show("features", done, len(photographs), "")
+    broken = []
+
+    def on_image(place: int, features: Features | None, error: Exception | None) -> None:
+        nonlocal done
+        index = absent[place]
+        if features is None:
+            broken.append(index)
+            note(f"left out: {error}")
+            features = no_features()
+        else:
+            stages.save_features(index, features)
+        found[index] = features
+        done += 1
+        show("features", done, len(photographs), f"{len(features):,} in {photographs.names[index]}")
+
+    find_all_features(
+        [photographs.paths[i] for i in absent],
+        [photographs.cameras[i] for i in absent],
+        [photographs.masks[i] for i in absent],
+        options,
+        on_image,
+    )
+    features = [f for f in found if f is not None]
+    if len(photographs) - len(broken) < 2:
+        raise InputError(
+            f"{len(photographs) - len(broken)} of {len(photographs)} images can be read; poses "
+            "need at least 2 that overlap"
+        )
+    return features
+
+
+def _matches(
+    photographs: Photographs,
+    features: list[Features],
+    options: PosesOptions,
+    stages: Stages,
+    show: OnProgress,
+) -> list[PairMatches]:
+    """Verified pairs, from the stage file where it is there."""
+    kept = stages.load_matches()
+    if kept is not None:
+        return kept
+    cameras = [c for c in photographs.cameras if c is not None]
+    pairs = choose_pairs(photographs.names, features, options)
+    total = len(pairs)
+    done = 0
+
+    def on_preview(count: int) -> None:
+        nonlocal done
+        done += count
+        show("preview", done, total, f"{total} pairs")
+
+    pairs = preview_pairs(features, pairs, options, on_preview)
+    done = 0
+
+    def on_match(count: int) -> None:
+        nonlocal done
+        done += count
+        show("matching", done, len(pairs), f"{len(pairs)} pairs")
+
+    verified = match_and_verify(features, cameras, pairs, options, on_match)
+    stages.save_matches(verified)
+    return verified
+
+
+def _require_overlap(
+    photographs: Photographs, features: list[Features], pairs: list[PairMatches]
+) -> None:
+    """Says in words why there is nothing to reconstruct."""
+    if not pairs:
+        few = [n for n, f in zip(photographs.names, features, strict=True) if len(f) < 50]
+        if len(few) * 2 > len(photographs):
+            raise SolveError(
+                f"{len(few)} of {len(photographs)} images have almost no features"
+                f" ({some_names(few)}); photograph something with texture, in focus and well lit"
+            )
+        raise SolveError(
+            f"no two of the {len(photographs)} images have matches that agree; photographs must "
+            "overlap by more than half, and the lens must be that of the images"
+        )
+    parallax = np.array([pair.parallax for pair in pairs])
+    turned = np.array([pair.rotation_matches > 0.9 * len(pair.matches) for pair in pairs])
+    if not turned.all():
+        return
+    if np.degrees(np.median(parallax)) < 0.02 or all(_same(pair) for pair in pairs):
+        raise SolveError(
+            "all images are the same: matched features do not move; give photographs from "
+            "different places"
+        )
+    raise SolveError(
+        f"in all {len(pairs)} overlapping pairs the camera only turned, so there is no depth; walk "
+        "between the photographs instead of turning on the spot"
+    )
+
+
+def _same(pair: PairMatches) -> bool:
+    """Whether neither turn nor shift is seen."""
+    turn = np.arccos(np.clip((np.trace(pair.second_from_first[:3, :3]) - 1) / 2, -1, 1))
+    return bool(np.degrees(turn) < 0.05)
+
+
+def is_finished(out: Path) -> bool:
+    """Whether a folder holds the result of a finished run."""
+    return (out / FIGURES).is_file() and (out / TRANSFORMS).is_file() and (out / REPORT).is_file()

@@ -1,0 +1,157 @@
+"""The result of `gsut poses`, and the call of the mapper that makes it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut.cameras import Camera
+from gsut.structure.features import Features
+from gsut.structure.matching import PairMatches
+from gsut.structure.options import PosesOptions
+
+
+@dataclasses.dataclass(frozen=True)
+class Solution:
+    """Poses of photographs and the points that they see.
+
+    Args:
+        names: of all images.
+        cameras: the lens of each image; the estimated one where it was unknown.
+        registered: (N,) bool.
+        camera_from_world: (N, 4, 4) float64, OpenCV axes; identity where not registered.
+        covariances: (N, 6, 6) of the centre in the world and the turn in the camera frame
+            (radians, camera_from_world <- exp(turn) camera_from_world); 0 for what the gauge
+            holds, NaN where not determined.
+        points: (P, 3) float64.
+        colors: (P, 3) uint8, mean of the sights.
+        point_errors: (P,) pixels, mean over the sights.
+        sights: (S, 3) int32: point, image, feature.
+        pixels: (S, 2) float64 of the sights.
+        residuals: (S, 2) float64, pixels through the lens minus pixels seen.
+        field_angles: (S,) radians between the sights' rays and the lens' axis.
+        initial_pair: the images it began with.
+        restarts: how often it began again.
+        rms, median: of the residuals' lengths, in pixels.
+        held_out: median length at sights that no adjustment used, in pixels; None if there are
+            none.
+    """
+
+    names: list[str]
+    cameras: list[Camera]
+    registered: np.ndarray
+    camera_from_world: np.ndarray
+    covariances: np.ndarray
+    points: np.ndarray
+    colors: np.ndarray
+    point_errors: np.ndarray
+    sights: np.ndarray
+    pixels: np.ndarray
+    residuals: np.ndarray
+    field_angles: np.ndarray
+    initial_pair: tuple[int, int]
+    restarts: int
+    rms: float
+    median: float
+    held_out: float | None
+
+    @property
+    def num_registered(self) -> int:
+        """Number of images with a pose."""
+        return int(self.registered.sum())
+
+    def unregistered_names(self) -> list[str]:
+        """Images without a pose."""
+        return [n for n, r in zip(self.names, self.registered, strict=True) if not r]
+
+
+def solve(
+    names: Sequence[str],
+    cameras: Sequence[Camera],
+    features: Sequence[Features],
+    pairs: Sequence[PairMatches],
+    options: PosesOptions,
+    on_progress: Callable[[int, int, int, str], None],
+    *,
+    lens_free: np.ndarray | None = None,
+    hold_out_every: int = 0,
+) -> Solution:
+    """Runs the mapper.
+
+    Args:
+        names, cameras, features: of all images.
+        pairs: verified matches.
+        options: see PosesOptions.
+        on_progress: told (registered, images, points, step) after each step.
+        lens_free: (K,) bool, which parameters of the lens are estimated too; one lens then.
+        hold_out_every: every n-th longer track keeps one sight out of all adjustments; 0: none.
+
+    Raises:
+        SolveError: nothing could be reconstructed; says why.
+    """
+    lenses = list(dict.fromkeys(cameras))
+    settings: dict[str, Any] = {
+        "max_error": options.max_error * diagonal(lenses) / 1000,
+        "min_angle": math.radians(options.min_angle),
+        "min_inliers": options.min_inliers,
+        "loss_scale": options.loss_scale,
+        "hold_out_every": hold_out_every,
+        "seed": options.seed,
+    }
+    if lens_free is not None:
+        settings["lens_free"] = [[int(flag) for flag in lens_free] for _ in lenses]
+    found = _core.estimate_poses(
+        lenses, [lenses.index(c) for c in cameras], [f.pixels for f in features],
+        [p.as_tuple() for p in pairs], settings, on_progress,
+    )  # fmt: skip
+    if found["failure"]:
+        raise _core.SolveError(found["failure"])
+    solved = [
+        Camera(c.model, p, c.width, c.height, valid_field_angle=c.valid_field_angle)
+        if lens_free is not None
+        else c
+        for c, p in zip(lenses, found["lens_params"], strict=True)
+    ]
+    own = [solved[lenses.index(c)] for c in cameras]
+    sights = found["sights"]
+    pixels, residuals, angles, colors = _at_sights(found, own, features)
+    return Solution(
+        list(names), own, found["registered"], found["camera_from_world"], found["covariances"],
+        found["points"], colors, found["point_errors"], sights, pixels, residuals, angles,
+        found["initial_pair"], found["restarts"], found["rms"], found["median"],
+        found["held_out"] if found["num_held_out"] else None,
+    )  # fmt: skip
+
+
+def diagonal(cameras: Sequence[Camera]) -> float:
+    """Of the largest image, in pixels."""
+    return max(math.hypot(c.width, c.height) for c in cameras)
+
+
+def _at_sights(
+    found: dict[str, Any], cameras: Sequence[Camera], features: Sequence[Features]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels, residuals and field angles of all sights, and colours of all points."""
+    sights = found["sights"]
+    pixels = np.zeros((len(sights), 2))
+    residuals = np.full((len(sights), 2), np.nan)
+    angles = np.zeros(len(sights))
+    colors = np.zeros((len(found["points"]), 3))
+    for image, camera in enumerate(cameras):
+        rows = np.flatnonzero(sights[:, 1] == image)
+        if not len(rows):
+            continue
+        chosen = sights[rows, 2]
+        pose = found["camera_from_world"][image]
+        p = found["points"][sights[rows, 0]] @ pose[:3, :3].T + pose[:3, 3]
+        pixels[rows] = features[image].pixels[chosen]
+        residuals[rows] = camera.project(p)[0] - pixels[rows]
+        angles[rows] = np.arctan2(np.hypot(p[:, 0], p[:, 1]), p[:, 2])
+        np.add.at(colors, sights[rows, 0], features[image].colors[chosen])
+    counts = np.bincount(sights[:, 0], minlength=len(colors)).clip(1)
+    return pixels, residuals, angles, np.rint(colors / counts[:, None]).astype(np.uint8)
