@@ -86,11 +86,8 @@ def build_parser() -> argparse.ArgumentParser:
     _add_eval(commands)
     _add_render(commands)
     _add_calibrate(commands)
-<<<<<<< HEAD
     _add_compact(commands)
-=======
     _add_poses(commands)
->>>>>>> poses
     _add_demo(commands)
     _add_doctor(commands)
     _add_camera(commands)
@@ -223,7 +220,6 @@ def _add_calibrate(commands) -> None:
     parser.set_defaults(run=calibrate)
 
 
-<<<<<<< HEAD
 def _add_compact(commands) -> None:
     from gsut.compact_command import add_compact_flags, compact_command
 
@@ -235,7 +231,8 @@ def _add_compact(commands) -> None:
     )
     add_compact_flags(parser)
     parser.set_defaults(run=compact_command)
-=======
+
+
 def _add_poses(commands) -> None:
     from gsut.poses_command import add_poses_flags, poses
 
@@ -247,7 +244,6 @@ def _add_poses(commands) -> None:
     )
     add_poses_flags(parser)
     parser.set_defaults(run=poses)
->>>>>>> poses
 
 
 def _add_demo(commands) -> None:

@@ -31,20 +31,18 @@ class SeenView:
 
     Attributes:
         camera: lens and image size.
-        camera_from_world: (4, 4).
+        camera_from_world: (4, 4), or the camera's motion behind a rolling shutter.
         mask: (H, W) bool, pixels that count.
     """
 
     camera: Any
-    camera_from_world: np.ndarray
+    camera_from_world: Any
     mask: np.ndarray
 
 
 def seen_views(scene: Any, indices: Sequence[int]) -> list[SeenView]:
     """The given views of a scene with their masks (dataset's mask and the lens' valid field)."""
-    return [
-        SeenView(scene.camera(i), scene.views[i].camera_from_world, scene.mask(i)) for i in indices
-    ]
+    return [SeenView(scene.camera(i), scene.views[i].motion, scene.mask(i)) for i in indices]
 
 
 def blend_weights(

@@ -339,3 +339,15 @@ def test_drop_harmonics_that_nobody_needs_makes_the_array_narrow(scene, views):
     lowered = drop_harmonics(flat, views, lambda g: 30.0, 0.0)
     assert lowered.gaussians.sh.shape == (COUNT, 1, 3)
     assert lowered.gaussians.sh.tobytes() == np.ascontiguousarray(flat.sh[:, :1]).tobytes()
+
+
+def test_blend_weights_behind_a_rolling_shutter_add_up_to_alpha(scene, views):
+    start, end = views[0].camera_from_world.copy(), views[0].camera_from_world.copy()
+    end[0, 3] += 0.3
+    motion = gsut.CameraMotion(start, end, gsut.Shutter("top_to_bottom"))
+    moving = dataclasses.replace(views[0], camera_from_world=motion)
+    whole = float(gsut.render(scene, moving.camera, motion).alpha[moving.mask].sum())
+    found = blend_weights(scene, [moving])
+    assert abs(found.sum() - whole) < tolerances.COMPACT_WEIGHTS * whole
+    still = blend_weights(scene, [views[0]])
+    assert np.abs(found - still).max() > 0.01 * still.max()
