@@ -236,6 +236,7 @@ CONVERT_EXACT = 1e-6
 # --- compaction -----------------------------------------------------------------------------------
 # relative L2 of blend weights and their sum: float sums over some thousand pixels; worst 1.3e-7
 COMPACT_WEIGHTS = 2.6e-7
+COMPACT_SUMS = 1e-7  # relative: sums of some thousand floats in other orders; worst 1.8e-8
 COMPACT_SCORE = 1e-6  # relative: one formula in two orders of rounding
 # log det of Fisher matrices from 1800 random signs: 6 x sqrt(2 / 1800) = 0.2; worst 0.095
 COMPACT_FISHER = 0.19

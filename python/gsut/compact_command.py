@@ -44,6 +44,11 @@ def add_compact_flags(parser: argparse.ArgumentParser) -> None:
         help="train the result so many steps on the photographs [default 0: no photograph is used]",
     )  # fmt: skip
     parser.add_argument(
+        "--harmonics-drop", type=float, metavar="DB",
+        help="lower each Gaussian's degree of harmonics as far as the held-out views lose at most "
+        "so many dB by it [default: leave them]",
+    )  # fmt: skip
+    parser.add_argument(
         "--data", metavar="DATA", help="the dataset, if it is not where training read it"
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="[default 0]")
@@ -64,6 +69,7 @@ def compact_command(arguments: argparse.Namespace) -> int:
         target_psnr_drop=arguments.target_psnr_drop,
         target_bytes=None if size is None else parsed_bytes(size),
         finetune=arguments.finetune,
+        harmonics_drop=arguments.harmonics_drop,
         seed=arguments.seed,
     )
     if Path(arguments.source).suffix.lower() == _PLY or Path(arguments.source).is_file():
@@ -83,9 +89,11 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
     from gsut.compact import check_method, compact
     from gsut.compact_run import count_for_bytes
 
-    if options.finetune or options.target_psnr_drop is not None:
+    wishes = (options.target_psnr_drop, options.harmonics_drop)
+    if options.finetune or any(wish is not None for wish in wishes):
         raise InputError(
-            "--finetune and --target-psnr-drop need photographs; give the folder of a run"
+            "--finetune, --target-psnr-drop and --harmonics-drop need photographs; give the folder "
+            "of a run"
         )
     check_method(options.method, False)
     out = Path(arguments.out)
@@ -171,6 +179,9 @@ def _print_summary(metrics: dict[str, Any], size: int) -> None:
     )
     if done["dropped"]:
         print(f"{done['dropped']} Gaussians with values that are not finite were left out")
+    if done["harmonics_degrees"]:
+        counts = enumerate(done["harmonics_degrees"])
+        print("harmonics: " + ", ".join(f"{count:,} of degree {d}" for d, count in counts))
     if metrics["psnr"] is not None:
         before = done["source_psnr"]
         was = "" if before is None else f" (before {before:.2f} dB)"

@@ -10,8 +10,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gsut._core import InputError
 from gsut.compact import Compaction, check_keep, check_method, compact, looks_at_views
+from gsut.compact_harmonics import drop_harmonics
 from gsut.compact_scores import SeenView, seen_views
 from gsut.data.scene import Scene
 from gsut.evaluate import evaluate, run_metrics
@@ -42,6 +45,8 @@ class CompactOptions:
             lost, fine-tuning included; the smallest number that holds it is searched by bisection.
         target_bytes: size of scene.ply that is not exceeded.
         finetune: steps on the photographs afterwards, at a fixed number of Gaussians.
+        harmonics_drop: dB of the same PSNR that may be lost by lowering each Gaussian's degree of
+            harmonics afterwards; None leaves the harmonics alone.
         seed: of the methods that draw.
 
     Raises:
@@ -53,6 +58,7 @@ class CompactOptions:
     target_psnr_drop: float | None = None
     target_bytes: int | None = None
     finetune: int = 0
+    harmonics_drop: float | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -64,6 +70,9 @@ class CompactOptions:
         drop = self.target_psnr_drop
         if drop is not None and not (math.isfinite(drop) and drop > 0):
             raise InputError(f"--target-psnr-drop must be above 0 dB, found {drop}")
+        drop = self.harmonics_drop
+        if drop is not None and not (math.isfinite(drop) and drop >= 0):
+            raise InputError(f"--harmonics-drop must be 0 dB or more, found {drop}")
         if self.finetune < 0:
             raise InputError(f"--finetune must be 0 or more steps, found {self.finetune}")
         check_method(self.method, True)
@@ -135,9 +144,19 @@ class RunCompactor:
         self.compact_seconds = 0.0
         self.finetune_seconds = 0.0
         self.dropped = 0
+        self.degrees: list[int] | None = None  # how many Gaussians have harmonics of degree 0, 1 ..
 
     def make(self) -> Gaussians:
         """The compacted (and fine-tuned) Gaussians."""
+        small, drop = self._fewer(), self.options.harmonics_drop
+        if drop is None:
+            return small
+        views = self.views or seen_views(self.scene, self.scene.train_indices)
+        lowered = drop_harmonics(small, views, self._psnr, drop, self.on_view)
+        self.degrees = np.bincount(lowered.degrees, minlength=small.sh_degree + 1).tolist()
+        return lowered.gaussians
+
+    def _fewer(self) -> Gaussians:
         o = self.options
         if o.keep is not None:
             return self._try(keep=o.keep)
@@ -246,6 +265,7 @@ def write_compacted_run(
         "source_psnr": before.get("psnr"),
         "source_render_ms": before.get("render_ms"),
         "dropped": compactor.dropped,
+        "harmonics_degrees": compactor.degrees,
         "finetune_steps": o.finetune,
         "compact_seconds": compactor.compact_seconds,
         "finetune_seconds": compactor.finetune_seconds,

@@ -31,20 +31,18 @@ class SeenView:
 
     Attributes:
         camera: lens and image size.
-        camera_from_world: (4, 4).
+        camera_from_world: (4, 4), or the camera's motion behind a rolling shutter.
         mask: (H, W) bool, pixels that count.
     """
 
     camera: Any
-    camera_from_world: np.ndarray
+    camera_from_world: Any
     mask: np.ndarray
 
 
 def seen_views(scene: Any, indices: Sequence[int]) -> list[SeenView]:
     """The given views of a scene with their masks (dataset's mask and the lens' valid field)."""
-    return [
-        SeenView(scene.camera(i), scene.views[i].camera_from_world, scene.mask(i)) for i in indices
-    ]
+    return [SeenView(scene.camera(i), scene.views[i].motion, scene.mask(i)) for i in indices]
 
 
 def blend_weights(
@@ -65,16 +63,38 @@ def blend_weights(
     Returns:
         (N,) float64, in pixels; 0 for what no valid pixel sees.
     """
-    grey = _grey(gaussians)
-    sums = np.zeros(len(gaussians))
+    return np.maximum(_sums(_grey(gaussians, 0), views, on_view)[:, 0] / _SH0, 0.0)
+
+
+def basis_sums(
+    gaussians: Gaussians,
+    views: Sequence[SeenView],
+    on_view: Callable[[], object] = lambda: None,
+) -> np.ndarray:
+    """Sum over all valid pixels of blend weight times the harmonics' basis in the ray's direction.
+
+    Args:
+        gaussians: N Gaussians with K coefficients.
+        views: at least one.
+        on_view: called after each.
+
+    Returns:
+        (N, K) float64; column 0 is 0.2821 x `blend_weights`. With coefficients sh,
+        sum_k sums_k sh_k / (sum of blend weights) is the mean colour seen of them.
+    """
+    return _sums(_grey(gaussians, gaussians.sh_degree), views, on_view)
+
+
+def _sums(grey: Gaussians, views: Sequence[SeenView], on_view: Callable[[], object]) -> np.ndarray:
+    sums = np.zeros(grey.sh.shape[:2])
     passes = _Passes(grey)
     for view in _needed(views):
         dimage = np.zeros((*view.mask.shape, 3), np.float32)
         dimage[..., 0] = view.mask
         passes.render(view)
-        sums += passes.backward(dimage).sh[:, 0, 0].astype(np.float64) / _SH0
+        sums += passes.backward(dimage).sh[:, :, 0]
         on_view()
-    return np.maximum(sums, 0.0)
+    return sums
 
 
 def lightgaussian_scores(
@@ -185,14 +205,14 @@ class _Passes:
         return self._gradients
 
 
-def _grey(gaussians: Gaussians) -> Gaussians:
-    """The same shapes in mid-grey: no colour is clamped, so no gradient is cut off."""
+def _grey(gaussians: Gaussians, degree: int) -> Gaussians:
+    """In mid-grey with harmonics of this degree: no colour is clamped, so no gradient is cut."""
     return Gaussians(
         gaussians.means,
         gaussians.quats,
         gaussians.log_scales,
         gaussians.opacity_logits,
-        np.zeros((len(gaussians), 1, 3), gaussians.dtype),
+        np.zeros((len(gaussians), (degree + 1) ** 2, 3), gaussians.dtype),
     )
 
 

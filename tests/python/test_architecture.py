@@ -74,7 +74,7 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "report": {"report", "report_plots"},
     "structure": {"structure", "structure.*"},  # poses of photographs
     "scene tools": {"demo_scene*", "doctor", "render_path"},
-    "compaction": {"compact", "compact_scores"},
+    "compaction": {"compact", "compact_harmonics", "compact_scores"},
     "training": {
         *("compact_run", "evaluate", "finetune", "growth", "held_out", "pyramid", "train"),
     },

@@ -9,7 +9,14 @@ import gsut
 import tolerances
 from gsut import InputError, _core
 from gsut.compact import METHODS, compact
-from gsut.compact_scores import SeenView, blend_weights, lightgaussian_scores, pup_scores
+from gsut.compact_harmonics import drop_harmonics
+from gsut.compact_scores import (
+    SeenView,
+    basis_sums,
+    blend_weights,
+    lightgaussian_scores,
+    pup_scores,
+)
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
 
 COUNT = 300
@@ -287,3 +294,60 @@ def _quaternion_product(a, b):
         ],
         axis=1,
     )
+
+
+def test_basis_sums_give_the_mean_colour_seen(scene, views):
+    """The images' sum is linear in the coefficients: sums times coefficients, colours unclamped."""
+    bright = scene.copy()
+    bright.sh[:, 0] += 3.0
+    sums = basis_sums(bright, views)
+    expected = sum(
+        gsut.render(bright, v.camera, v.camera_from_world).image[v.mask].sum(axis=0, dtype=float)
+        for v in views
+    )
+    weights = blend_weights(bright, views)
+    found = 0.5 * weights.sum() + np.einsum("nk,nkc->c", sums, bright.sh)
+    np.testing.assert_allclose(found, expected, rtol=tolerances.COMPACT_SUMS)
+    np.testing.assert_allclose(sums[:, 0], weights * 0.28209479177387814, atol=1e-9)
+
+
+def test_drop_harmonics_keeps_within_the_drop_and_the_mean_colour(scene, views):
+    calls = []
+
+    def measure(g):
+        calls.append(len(g))
+        errors = [
+            np.mean((gsut.render(g, v.camera, v.camera_from_world).image - truth)[v.mask] ** 2)
+            for v, truth in zip(views, truths, strict=True)
+        ]
+        return float(-10 * np.log10(np.mean(errors) + 1e-4))
+
+    truths = [gsut.render(scene, v.camera, v.camera_from_world).image for v in views]
+    lowered = drop_harmonics(scene, views, measure, 1.0)
+    assert measure(lowered.gaussians) >= measure(scene) - 1.0
+    assert 0 < np.count_nonzero(lowered.degrees == 0) < COUNT
+    assert len(calls) <= 15
+    zero = lowered.degrees == 0
+    assert np.all(lowered.gaussians.sh[zero, 1:] == 0)
+    same = ~zero
+    np.testing.assert_array_equal(lowered.gaussians.sh[same], scene.sh[same])
+
+
+def test_drop_harmonics_that_nobody_needs_makes_the_array_narrow(scene, views):
+    flat = scene.copy()
+    flat.sh[:, 1:] = 0
+    lowered = drop_harmonics(flat, views, lambda g: 30.0, 0.0)
+    assert lowered.gaussians.sh.shape == (COUNT, 1, 3)
+    assert lowered.gaussians.sh.tobytes() == np.ascontiguousarray(flat.sh[:, :1]).tobytes()
+
+
+def test_blend_weights_behind_a_rolling_shutter_add_up_to_alpha(scene, views):
+    start, end = views[0].camera_from_world.copy(), views[0].camera_from_world.copy()
+    end[0, 3] += 0.3
+    motion = gsut.CameraMotion(start, end, gsut.Shutter("top_to_bottom"))
+    moving = dataclasses.replace(views[0], camera_from_world=motion)
+    whole = float(gsut.render(scene, moving.camera, motion).alpha[moving.mask].sum())
+    found = blend_weights(scene, [moving])
+    assert abs(found.sum() - whole) < tolerances.COMPACT_WEIGHTS * whole
+    still = blend_weights(scene, [views[0]])
+    assert np.abs(found - still).max() > 0.01 * still.max()

@@ -222,3 +222,14 @@ def test_auto_trains_and_resumes_to_the_same_bits(scene):
         again.advance()
     assert arrays_of(again.gaussians) == arrays_of(loop.gaussians)
     assert loop.limit.ended
+
+
+def test_harmonics_drop_lowers_degrees_within_it(run, tmp_path):
+    out = tmp_path / "flat"
+    words = ["compact", str(run), "--keep", "1", "--harmonics-drop", "0.3", "-o", str(out)]
+    assert main([*words, "--quiet"]) == 0
+    found = metrics_of(out)
+    assert found["psnr"] >= metrics_of(run)["psnr"] - 0.3
+    degrees = found["compaction"]["harmonics_degrees"]
+    assert sum(degrees) == 300
+    assert degrees[0] > 0

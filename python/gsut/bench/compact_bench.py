@@ -12,6 +12,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.compact import METHODS, check_keep, check_method, compact, looks_at_views
 from gsut.compact_scores import SeenView, seen_views
+from gsut.data.shutter import with_shutter
 from gsut.evaluate import evaluate
 from gsut.finetune import finetune, finetune_options
 from gsut.options import TrainOptions
@@ -130,6 +131,9 @@ def _bench_run(
         test_names=train_options.test_names,
         scale=train_options.scale,
     )
+    scene = with_shutter(
+        scene, train_options.shutter, train_options.readout_time, train_options.readout_direction
+    )
     if not scene.test_indices:
         raise InputError(f"{scene.path} has no held-out views to measure PSNR on")
     gaussians = gsut.load_ply(run.path / SCENE)
@@ -220,6 +224,9 @@ def _rival_options(options: TrainOptions, count: int, steps: int) -> TrainOption
         seed=options.seed,
         threads=options.threads,
         background=options.background,
+        shutter=options.shutter,
+        readout_time=options.readout_time,
+        readout_direction=options.readout_direction,
         test_every=options.test_every,
         test_names=options.test_names,
     ).resolved()

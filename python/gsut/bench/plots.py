@@ -10,6 +10,7 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.bench.report_rows import write_whole
+from gsut.compact import METHODS
 
 FORMATS = (".svg", ".png", ".pdf")
 _INK, _MUTED, _GRID = "#1d2733", "#6b7785", "#e3e8ee"
@@ -130,13 +131,16 @@ def plot_compact(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -
         for axes, key in zip(panels, ("num_gaussians", "render_ms"), strict=True):
             _lines(axes, of_scene, key)
             axes.set_xscale("log")
+            axes.xaxis.set_major_formatter(lambda value, _: f"{value:,g}")
+            axes.xaxis.set_minor_formatter(lambda value, _: "")
         panels[0].legend(frameon=False, fontsize=8)
     _save(figure, path)
 
 
 def _lines(axes: Any, rows: Sequence[dict[str, Any]], key: str) -> None:
     methods = list(dict.fromkeys(row["method"] for row in rows if row["method"] != "whole"))
-    for index, method in enumerate(methods):
+    for method in methods:
+        index = METHODS.index(method)  # one colour a method in all panels
         line = sorted((row for row in rows if row["method"] == method), key=lambda row: row["keep"])
         color, marker = _COLORS[index % 6], _MARKERS[index % len(_MARKERS)]
         for kind, form, label in (("tuned", "-", method), ("free", ":", None)):

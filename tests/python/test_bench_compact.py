@@ -1,0 +1,56 @@
+"""`gsut bench compact`: rows, files and refusals on a small scene."""
+
+import json
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut import InputError, TrainOptions
+from gsut.bench.compact_bench import CompactBenchOptions, compact_bench, num_parts
+from gsut.cli import main
+from rendered_dataset import write_dataset
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bench")
+    scene = gsut.load_dataset(write_dataset(folder / "data", np.random.default_rng(20260821)))
+    options = TrainOptions(steps=60, max_gaussians=200, checkpoint_every=0)
+    gsut.train(scene, options, out=folder / "run", progress=False)
+    return folder / "run"
+
+
+def test_bench_compact_has_a_row_a_method_and_the_rival_in_each(run, tmp_path, capsys):
+    files = [tmp_path / name for name in ("rows.json", "rows.csv", "plot.svg")]
+    words = ["--json", str(files[0]), "--csv", str(files[1]), "--plot", str(files[2])]
+    words += ["--keep", "0.5,0.25", "--methods", "ghap,lightgaussian", "--finetune", "5"]
+    assert main(["bench", "compact", str(run), *words]) == 0
+    rows = json.loads(files[0].read_text())
+    assert [row["method"] for row in rows] == ["whole", *["ghap", "lightgaussian"] * 2]
+    for row in rows[1:]:
+        assert row["num_gaussians"] == round(200 * row["keep"]) == row["rival"]["num_gaussians"]
+        assert row["total_seconds"] > 0 and row["rival"]["total_seconds"] > 0
+        for kind in ("free", "tuned", "rival", "source"):
+            assert 5 < row[kind]["psnr"] < 60
+            assert row[kind]["render_ms"] > 0
+    assert files[1].is_file() and files[2].stat().st_size > 1000
+    assert "rival dB" in capsys.readouterr().out
+
+
+def test_bench_compact_tells_what_begins(run):
+    options = CompactBenchOptions([str(run)], ["ghap"], [0.5], finetune=2, rival=False)
+    told = []
+    rows = compact_bench(options, told.append)
+    assert len(told) == num_parts(options) == 2
+    assert told[-1].endswith("ghap 0.5")
+    assert "rival" not in rows[-1]
+
+
+def test_bench_compact_refuses_wrong_options():
+    with pytest.raises(InputError, match="known: ghap"):
+        CompactBenchOptions(["run"], ["best"])
+    with pytest.raises(InputError, match="keep must be above 0"):
+        CompactBenchOptions(["run"], keeps=[0.0])
+    with pytest.raises(InputError, match="--finetune must be at least 1"):
+        CompactBenchOptions(["run"], finetune=0)
