@@ -225,3 +225,4 @@ SFM_EXACT = 1e-7  # pose of exact points, P3P refined by Gauss-Newton; worst 1e-
 SFM_SPONZA_DEGREES = 0.1  # median, 12 images of sponza_fisheye; worst 0.04
 SFM_SPONZA_ATE_PERCENT = 0.15  # of their extent; worst 0.05
 SIFT_BLOB_PIXELS = 0.1  # SIFT's place of a Gaussian blob; worst 0.05
+SFM_REPEAT_DEGREES = 1e-3  # two runs on the same images: sums in another order; worst 2e-6

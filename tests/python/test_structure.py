@@ -16,7 +16,8 @@ from gsut.structure import estimate
 from gsut.structure.align import compare_poses, rotation_angles, similarity
 from gsut.structure.estimate import estimate_poses
 from gsut.structure.features import Features, find_features
-from gsut.structure.lens_search import guessed_lens
+from gsut.structure.inputs import Photographs
+from gsut.structure.lens_search import connected_pairs, guessed_lens, search_lens
 from gsut.structure.matching import match_and_verify, preview_pairs
 from gsut.structure.options import PosesOptions
 from gsut.structure.output import quaternion_of
@@ -445,3 +446,42 @@ def test_poses_options_are_checked():
         PosesOptions(pairs="some")
     with pytest.raises(gsut.InputError, match="--max-ratio"):
         PosesOptions(max_ratio=0.0)
+
+
+# --- unknown lens and benchmark -------------------------------------------------------------------
+
+
+def test_search_lens_finds_the_fisheye_of_a_synthetic_walk(rng, tmp_path):
+    scene = Synthetic(rng, images=8, points=700, noise=0.1)
+    count = len(scene.features)
+    guess = guessed_lens(1000, 1010, 180.0)
+    names = [f"{i}.png" for i in range(count)]
+    photographs = Photographs(
+        tmp_path, names, [tmp_path / n for n in names], [None] * count, [guess] * count
+    )
+    options = PosesOptions(max_two_view_error=4.0, max_error=5.0)
+    pairs = choose_pairs(names, scene.features, options)
+    verified = match_and_verify(scene.features, [guess] * count, pairs, options, quiet)
+    found = search_lens(photographs, scene.features, verified, options, 180.0, lambda *_: None)
+    assert found.solution.num_registered == count
+    lens = found.solution.cameras[0]
+    assert lens.model == "kannala_brandt"
+    assert abs(lens.params[0] / scene.camera.params[0] - 1) < tolerances.SFM_FOCAL
+    assert len(found.rows) == 2 and found.rows[-1]["held_out_px"] < 0.5
+
+
+def test_connected_images_are_as_many_as_asked_for(rng):
+    verified = Synthetic(rng, images=8).verified()
+    few = connected_pairs(verified, 4)
+    assert len({i for pair in few for i in (pair.first, pair.second)}) == 4
+    assert connected_pairs(verified, 20) == verified
+
+
+def test_bench_poses_prints_errors_beside_seconds(some_sponza, solved_sponza, tmp_path, capsys):
+    arguments = ["bench", "poses", str(solved_sponza), "--json", str(tmp_path / "rows.json")]
+    assert main(arguments) == 0
+    (row,) = json.loads((tmp_path / "rows.json").read_text())
+    assert row["registered"] == row["images"] == IMAGES
+    # The same images and lens: the same poses but for the order in which threads add up.
+    assert row["rotation_max_degrees"] < tolerances.SFM_REPEAT_DEGREES
+    assert row["total_seconds"] > 0 and "ATE" in capsys.readouterr().out
