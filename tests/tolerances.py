@@ -105,6 +105,11 @@ BENCH_ROUNDING = 1e-12  # sums in double of numbers up to 100, in another order
 ORACLE_RAY = 1e-12  # gsplat inverts its lenses by Newton; its own error is 7e-14; worst 7.3e-14
 ORACLE_IMAGE = 1e-9  # the issue's; double against double, up to 200 terms a pixel; worst 3.7e-12
 ORACLE_GRADIENT = 1e-6  # the issue's, relative L2; worst 4.7e-13
+# gsplat's slerp errs by about 1e-8 between the two poses (its README: 2e-8); the image and the
+# gradients of exact poses differ from its own by that, times the slopes of the scene
+ORACLE_SLERP = 3e-8  # worst 2.1e-8
+ORACLE_SLERP_IMAGE = 2e-6  # worst 1.0e-6
+ORACLE_SLERP_GRADIENT = 1e-6  # worst 3.3e-7
 ORACLE_PROJECTION = 1e-9  # px, the issue's; weights of -99 magnify eps of 64 px; worst 4.1e-12
 PROJECTION_FLOAT_PIXELS = 1e-4  # px, the issue's; float spacing at 64 px is 4e-6; worst 1.3e-5
 # px; footprints of up to 1e6 px in steep lenses, times weights of 100, times eps; worst 3.4e-10
@@ -113,6 +118,12 @@ PROJECTION_DOUBLE = 1e-9
 # relative to the larger of the covariance and 1 px^2; a dozen float operations; worst 1.2e-5
 PROJECTION_FLOAT_COVARIANCE = 2e-5
 PROJECTION_FLOAT_DEPTH = 3e-7  # relative: a square root of three squares, 2-3 ulp; worst 1.6e-7
+# Pixels, Gaussians of 0.02 degrees through a fisheye: second order of the lens and float; worst 0
+PROJECTION_METHODS_CENTER = 1e-3
+# The same of covariances, relative to the trace; worst 0
+PROJECTION_METHODS_COVARIANCE = 1e-2
+# Pixels: boxes of outlines may be narrower than their ellipse by the second order; worst 0
+PROJECTION_METHODS_BOX = 1e-2
 # second order: the perspective of a sphere, (scale / distance)^2 = 1e-4, and its curvature
 PROJECTION_SMALL_ANGLE = 1e-3
 # double against numpy, 60 terms; the inverse covariance has a condition up to 1e3; worst 1.4e-14
@@ -226,3 +237,14 @@ SFM_SPONZA_DEGREES = 0.1  # median, 12 images of sponza_fisheye; worst 0.04
 SFM_SPONZA_ATE_PERCENT = 0.15  # of their extent; worst 0.05
 SIFT_BLOB_PIXELS = 0.1  # SIFT's place of a Gaussian blob; worst 0.05
 SFM_REPEAT_DEGREES = 1e-3  # two runs on the same images: sums in another order; worst 2e-6
+
+# --- compaction -----------------------------------------------------------------------------------
+# relative L2 of blend weights and their sum: float sums over some thousand pixels; worst 1.3e-7
+COMPACT_WEIGHTS = 2.6e-7
+COMPACT_SCORE = 1e-6  # relative: one formula in two orders of rounding
+# log det of Fisher matrices from 1800 random signs: 6 x sqrt(2 / 1800) = 0.2; worst 0.095
+COMPACT_FISHER = 0.19
+# Image rms after merging pairs of equal Gaussians back; some merge with neighbours; worst 0.016
+COMPACT_DUPLICATES = 0.032
+COMPACT_INVARIANCE_DB = 1e-3  # what is promised; worst 8e-6
+COMPACT_SECONDS = 12.0  # processor seconds of 100 000: a million in 60 s on two cores; found 3.2

@@ -25,5 +25,6 @@ PYBIND11_MODULE(_core, m) {
   BindRasterBaseline(m);
   BindLoss(m);
   BindOptimize(m);
+  BindCompact(m);
   BindFormats(m);
 }

@@ -15,6 +15,7 @@ void BindRaster(pybind11::module_& m);
 void BindRasterBaseline(pybind11::module_& m);
 void BindLoss(pybind11::module_& m);
 void BindOptimize(pybind11::module_& m);
+void BindCompact(pybind11::module_& m);
 void BindFormats(pybind11::module_& m);
 
 }  // namespace gsut::bindings

@@ -16,6 +16,11 @@ Pose ReadPose(const py::handle& object) {
       Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(array.data()));
 }
 
+CameraMotion ReadMotion(const py::handle& object) {
+  if (py::isinstance<CameraMotion>(object)) return object.cast<CameraMotion>();
+  return CameraMotion(ReadPose(object));
+}
+
 py::array_t<double> WritePose(const Pose& pose) {
   py::array_t<double> array({4, 4});
   Eigen::Map<Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(array.mutable_data()) = pose.Matrix();
@@ -23,6 +28,43 @@ py::array_t<double> WritePose(const Pose& pose) {
 }
 
 void BindPoses(py::module_& m) {
+  py::class_<Shutter>(m, "Shutter")
+      .def(py::init([](const std::string& direction, const py::object& parity) {
+             return Shutter::Named(direction,
+                                   parity.is_none() ? std::string() : std::string(py::str(parity)));
+           }),
+           py::arg("direction") = "global", py::arg("parity") = py::none())
+      .def_property_readonly("direction", &Shutter::DirectionName)
+      .def_property_readonly("parity",
+                             [](const Shutter& shutter) -> py::object {
+                               if (!shutter.gsplat_parity) return py::none();
+                               return py::str("gsplat");
+                             })
+      .def_property_readonly("is_global", &Shutter::IsGlobal)
+      .def(
+          "line_times",
+          [](const Shutter& shutter, int width, int height) {
+            const int lines = shutter.NumLines(width, height);
+            auto times = NewArray<double>({lines});
+            for (int i = 0; i < lines; ++i) {
+              times.mutable_at(i) = shutter.LineTime(i, width, height);
+            }
+            return times;
+          },
+          py::arg("width"), py::arg("height"));
+  py::class_<CameraMotion>(m, "CameraMotion")
+      .def(py::init([](const py::handle& start, const py::handle& end, const Shutter& shutter) {
+             return CameraMotion(ReadPose(start), ReadPose(end), shutter);
+           }),
+           py::arg("start"), py::arg("end"), py::arg("shutter"))
+      .def_property_readonly("start",
+                             [](const CameraMotion& motion) { return WritePose(motion.start); })
+      .def_property_readonly("end",
+                             [](const CameraMotion& motion) { return WritePose(motion.end); })
+      .def_readonly("shutter", &CameraMotion::shutter)
+      .def(
+          "at", [](const CameraMotion& motion, double t) { return WritePose(motion.At(t)); },
+          py::arg("t"));
   m.def(
       "exp_pose",
       [](const py::handle& xi) {

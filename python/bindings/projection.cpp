@@ -2,9 +2,14 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <array>
+#include <string>
+
 #include "bindings/arrays.h"
 #include "bindings/module.h"
 #include "bindings/poses.h"
+#include "gsut/base/stopwatch.h"
+#include "gsut/projection/footprint.h"
 #include "gsut/projection/project.h"
 
 namespace gsut::bindings {
@@ -70,6 +75,84 @@ py::dict ProjectDouble(const py::object& gaussians, const Camera& camera, const 
   return out;
 }
 
+// Columns of N footprints as arrays of T.
+template <class T>
+py::dict FootprintArrays(const Footprints<T>& found) {
+  const py::ssize_t n = static_cast<py::ssize_t>(found.size);
+  py::array_t<T> centers({n, py::ssize_t{2}}), boxes({n, py::ssize_t{4}});
+  py::array_t<T> covariances({n, py::ssize_t{2}, py::ssize_t{2}});
+  py::array_t<std::uint8_t> status(n), method(n);
+  T* center = centers.mutable_data();
+  T* box = boxes.mutable_data();
+  T* covariance = covariances.mutable_data();
+  for (py::ssize_t i = 0; i < n; ++i) {
+    const std::size_t j = static_cast<std::size_t>(i);
+    center[2 * i] = found.u[j];
+    center[2 * i + 1] = found.v[j];
+    covariance[4 * i] = found.cov_uu[j];
+    covariance[4 * i + 1] = covariance[4 * i + 2] = found.cov_uv[j];
+    covariance[4 * i + 3] = found.cov_vv[j];
+    box[4 * i] = found.low_u[j];
+    box[4 * i + 1] = found.low_v[j];
+    box[4 * i + 2] = found.high_u[j];
+    box[4 * i + 3] = found.high_v[j];
+    status.mutable_data()[i] = static_cast<std::uint8_t>(found.status[j]);
+    method.mutable_data()[i] = static_cast<std::uint8_t>(found.method[j]);
+  }
+  py::dict out;
+  out["centers"] = centers;
+  out["covariances"] = covariances;
+  out["boxes"] = boxes;
+  out["status"] = status;
+  out["method"] = method;
+  return out;
+}
+
+// Keeps the arrays of footprints from call to call, so that a timing does not count their making.
+class Footprinter {
+ public:
+  Footprinter(int method, const std::array<double, 3>& unscented, double alpha_min,
+              double max_error_px) {
+    if (method < 0 || method > static_cast<int>(ProjectionMethod::kAdaptive)) {
+      throw InputError("projection method " + std::to_string(method) + " is unknown");
+    }
+    options_.method = static_cast<ProjectionMethod>(method);
+    options_.unscented = Options(unscented[0], unscented[1], unscented[2]);
+    options_.rule.alpha_min = alpha_min;
+    options_.max_error_px = max_error_px;
+  }
+
+  // Finds them and returns (wall, processor) seconds.
+  py::tuple Find(const py::object& gaussians, const Camera& camera, const py::object& pose) {
+    const auto view = ConstGaussians<float>(gaussians);
+    const Pose camera_from_world = ReadPose(pose);
+    const py::gil_scoped_release release;
+    Stopwatch watch;
+    FindFootprints(view, camera, camera_from_world, options_, &found_);
+    const StageTime time = watch.Lap("project");
+    const py::gil_scoped_acquire acquire;
+    return py::make_tuple(time.wall_seconds, time.cpu_seconds);
+  }
+
+  py::dict Arrays() const { return FootprintArrays(found_); }
+
+  py::dict Reference(const py::object& gaussians, const Camera& camera,
+                     const py::object& pose) const {
+    const auto view = ConstGaussians<double>(gaussians);
+    const Pose camera_from_world = ReadPose(pose);
+    Footprints<double> found;
+    {
+      const py::gil_scoped_release release;
+      FindFootprintsReference(view, camera, camera_from_world, options_, &found);
+    }
+    return FootprintArrays(found);
+  }
+
+ private:
+  FootprintOptions options_;
+  Footprints<float> found_;
+};
+
 }  // namespace
 
 void BindProjection(py::module_& m) {
@@ -78,6 +161,14 @@ void BindProjection(py::module_& m) {
         py::arg("alpha_min"));
   m.def("project_reference", &ProjectDouble, py::arg("gaussians"), py::arg("camera"),
         py::arg("camera_from_world"), py::arg("alpha"), py::arg("beta"), py::arg("kappa"));
+  py::class_<Footprinter>(m, "Footprinter", "Footprints by one method, with its buffers.")
+      .def(py::init<int, const std::array<double, 3>&, double, double>(), py::arg("method"),
+           py::arg("unscented"), py::arg("alpha_min"), py::arg("max_error_px"))
+      .def("find", &Footprinter::Find, py::arg("gaussians"), py::arg("camera"),
+           py::arg("camera_from_world"))
+      .def("arrays", &Footprinter::Arrays)
+      .def("reference", &Footprinter::Reference, py::arg("gaussians"), py::arg("camera"),
+           py::arg("camera_from_world"));
 }
 
 }  // namespace gsut::bindings

@@ -30,9 +30,15 @@ const T* OptionalData(const py::object& array, const char* name,
   return array.is_none() ? nullptr : ConstData<T>(array, name, shape);
 }
 
-py::array_t<double> Pose6(const double* dpose) {
-  py::array_t<double> out(6);
-  std::copy_n(dpose, 6, out.mutable_data());
+// dpose (6,) of one pose, or (2, 6) of the start and the end of a rolling shutter.
+py::array_t<double> PoseGradient(const double* dpose, const CameraMotion& motion) {
+  if (motion.shutter.IsGlobal()) {
+    py::array_t<double> out(6);
+    std::copy_n(dpose, 6, out.mutable_data());
+    return out;
+  }
+  py::array_t<double> out({2, 6});
+  std::copy_n(dpose, 12, out.mutable_data());
   return out;
 }
 
@@ -44,7 +50,7 @@ class BoundRenderer {
               const std::array<double, 3>& unscented, const py::object& image,
               const py::object& alpha, const py::object& depth, bool keep) {
     const auto view = ConstGaussians<float>(gaussians);
-    const Pose camera_from_world = ReadPose(pose);
+    motion_ = ReadMotion(pose);
     height_ = camera.height();
     width_ = camera.width();
     float* image_data = MutableData<float>(image, "image", {height_, width_, 3});
@@ -58,24 +64,27 @@ class BoundRenderer {
     options.keep_for_backward = keep;
     gaussians_ = gaussians;
     const py::gil_scoped_release release;
-    renderer_.Render(view, camera, camera_from_world, Settings(rule, background, sh_degree),
-                     options, image_data, alpha_data, depth_data);
+    renderer_.Render(view, camera, motion_, Settings(rule, background, sh_degree), options,
+                     image_data, alpha_data, depth_data);
   }
 
-  py::array_t<double> Backward(const py::object& dimage, const py::object& dalpha,
-                               const py::object& ddepth, const py::object& gradients,
-                               const py::object& touched, bool write_untouched) {
+  // None without with_poses.
+  py::object Backward(const py::object& dimage, const py::object& dalpha, const py::object& ddepth,
+                      const py::object& gradients, const py::object& touched, bool write_untouched,
+                      bool with_poses) {
     const float* image = ConstData<float>(dimage, "dimage", {height_, width_, 3});
     const float* alpha = OptionalData<float>(dalpha, "dalpha", {height_, width_});
     const float* depth = OptionalData<float>(ddepth, "ddepth", {height_, width_});
     const auto view = MutableGaussians<float>(gradients);
     std::uint8_t* touched_data = MutableData<std::uint8_t>(touched, "touched", {view.size});
-    double dpose[6];
+    double dpose[12] = {};
     {
       const py::gil_scoped_release release;
-      renderer_.Backward(image, alpha, depth, write_untouched, view, touched_data, dpose);
+      renderer_.Backward(image, alpha, depth, write_untouched, view, touched_data,
+                         with_poses ? dpose : nullptr);
     }
-    return Pose6(dpose);
+    if (!with_poses) return py::none();
+    return PoseGradient(dpose, motion_);
   }
 
   // Distances of the means of the last render (N,); a copy.
@@ -113,22 +122,11 @@ class BoundRenderer {
  private:
   Renderer renderer_;
   py::object gaussians_;
+  CameraMotion motion_;
   std::int64_t height_ = 0, width_ = 0;
 };
 
-py::tuple RenderDouble(const py::object& gaussians, const Camera& camera, const py::object& pose,
-                       const BlendRule& rule, const std::array<double, 3>& background,
-                       int sh_degree, const py::object& pixels) {
-  const auto view = ConstGaussians<double>(gaussians);
-  const Pose camera_from_world = ReadPose(pose);
-  const py::ssize_t h = camera.height(), w = camera.width();
-  const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
-  ReferenceImage result;
-  {
-    const py::gil_scoped_release release;
-    result = RenderReference(view, camera, camera_from_world, Settings(rule, background, sh_degree),
-                             chosen);
-  }
+py::tuple ReferenceArrays(const ReferenceImage& result, py::ssize_t h, py::ssize_t w) {
   py::array_t<double> image({h, w, py::ssize_t{3}}), alpha({h, w}), depth({h, w});
   py::array_t<int> samples({h, w});
   std::copy(result.image.begin(), result.image.end(), image.mutable_data());
@@ -136,6 +134,21 @@ py::tuple RenderDouble(const py::object& gaussians, const Camera& camera, const 
   std::copy(result.depth.begin(), result.depth.end(), depth.mutable_data());
   std::copy(result.samples.begin(), result.samples.end(), samples.mutable_data());
   return py::make_tuple(image, alpha, depth, samples);
+}
+
+py::tuple RenderDouble(const py::object& gaussians, const Camera& camera, const py::object& pose,
+                       const BlendRule& rule, const std::array<double, 3>& background,
+                       int sh_degree, const py::object& pixels) {
+  const auto view = ConstGaussians<double>(gaussians);
+  const CameraMotion motion = ReadMotion(pose);
+  const py::ssize_t h = camera.height(), w = camera.width();
+  const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
+  ReferenceImage result;
+  {
+    const py::gil_scoped_release release;
+    result = RenderReference(view, camera, motion, Settings(rule, background, sh_degree), chosen);
+  }
+  return ReferenceArrays(result, h, w);
 }
 
 py::array_t<double> BackwardDouble(const py::object& gaussians, const Camera& camera,
@@ -146,19 +159,75 @@ py::array_t<double> BackwardDouble(const py::object& gaussians, const Camera& ca
                                    const py::object& pixels) {
   const auto view = ConstGaussians<double>(gaussians);
   const auto out = MutableGaussians<double>(gradients);
-  const Pose camera_from_world = ReadPose(pose);
+  const CameraMotion motion = ReadMotion(pose);
   const std::int64_t h = camera.height(), w = camera.width();
   const double* image = ConstData<double>(dimage, "dimage", {h, w, 3});
   const double* alpha = OptionalData<double>(dalpha, "dalpha", {h, w});
   const double* depth = OptionalData<double>(ddepth, "ddepth", {h, w});
   const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
-  double dpose[6];
+  double dpose[12] = {};
   {
     const py::gil_scoped_release release;
-    RenderReferenceBackward(view, camera, camera_from_world, Settings(rule, background, sh_degree),
-                            image, alpha, depth, out, dpose, chosen);
+    RenderReferenceBackward(view, camera, motion, Settings(rule, background, sh_degree), image,
+                            alpha, depth, out, dpose, chosen);
   }
-  return Pose6(dpose);
+  return PoseGradient(dpose, motion);
+}
+
+// Rays given one by one: lines (H, W, 6), origins and unit directions in the world.
+ViewRays RaysOfLines(const py::object& lines, const py::object& reference) {
+  const auto array = ReadArray<double>(lines, "lines", {kAny, kAny, 6});
+  ViewRays view;
+  view.height = static_cast<int>(array.shape(0));
+  view.width = static_cast<int>(array.shape(1));
+  view.reference = ReadPose(reference);
+  const std::size_t pixels = static_cast<std::size_t>(array.size()) / 6;
+  view.rays.resize(3 * pixels);
+  view.origins.resize(3 * pixels);
+  view.valid.assign(pixels, 1);
+  using Eigen::Vector3d;
+  for (std::size_t i = 0; i < pixels; ++i) {
+    const Eigen::Map<const Vector3d> origin(array.data() + 6 * i), ray(array.data() + 6 * i + 3);
+    Eigen::Map<Vector3d>(&view.rays[3 * i]) = view.reference.rotation * ray;
+    Eigen::Map<Vector3d>(&view.origins[3 * i]) =
+        view.reference.rotation * origin + view.reference.translation;
+  }
+  return view;
+}
+
+py::tuple RenderLines(const py::object& gaussians, const py::object& lines,
+                      const py::object& reference, const BlendRule& rule) {
+  const ViewRays rays = RaysOfLines(lines, reference);
+  const ReferenceImage result =
+      RenderReference(ConstGaussians<double>(gaussians), rays, Settings(rule, {0, 0, 0}, 3));
+  return ReferenceArrays(result, rays.height, rays.width);
+}
+
+// The gradients to the lines (H, W, 6), in the world.
+py::array_t<double> BackwardLines(const py::object& gaussians, const py::object& lines,
+                                  const py::object& reference, const BlendRule& rule,
+                                  const py::object& dimage, const py::object& dalpha,
+                                  const py::object& ddepth, const py::object& gradients) {
+  const ViewRays view = RaysOfLines(lines, reference);
+  const std::int64_t h = view.height, w = view.width;
+  RayGradients rays;
+  ShadingGradient shading;
+  RenderReferenceBackward(ConstGaussians<double>(gaussians), view, Settings(rule, {0, 0, 0}, 3),
+                          ConstData<double>(dimage, "dimage", {h, w, 3}),
+                          OptionalData<double>(dalpha, "dalpha", {h, w}),
+                          OptionalData<double>(ddepth, "ddepth", {h, w}),
+                          MutableGaussians<double>(gradients), &rays, &shading);
+  auto out = NewArray<double>({view.height, view.width, 6});
+  using Eigen::Vector3d;
+  const Eigen::Matrix3d to_world = view.reference.rotation.transpose();
+  double* line = out.mutable_data();
+  for (std::size_t i = 0; i < view.valid.size(); ++i) {
+    Eigen::Map<Vector3d>(line + 6 * i) =
+        to_world * Eigen::Map<const Vector3d>(&rays.origins[3 * i]);
+    Eigen::Map<Vector3d>(line + 6 * i + 3) =
+        to_world * Eigen::Map<const Vector3d>(&rays.rays[3 * i]);
+  }
+  return out;
 }
 
 }  // namespace
@@ -187,7 +256,8 @@ void BindRaster(py::module_& m) {
            py::arg("sh_degree"), py::arg("unscented"), py::arg("image"), py::arg("alpha"),
            py::arg("depth"), py::arg("keep"))
       .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("dalpha"),
-           py::arg("ddepth"), py::arg("gradients"), py::arg("touched"), py::arg("write_untouched"))
+           py::arg("ddepth"), py::arg("gradients"), py::arg("touched"), py::arg("write_untouched"),
+           py::arg("with_poses") = true)
       .def("distances", &BoundRenderer::Distances)
       .def("timings", &BoundRenderer::Timings)
       .def("statistics", &BoundRenderer::Statistics);
@@ -198,6 +268,11 @@ void BindRaster(py::module_& m) {
         py::arg("camera_from_world"), py::arg("rule"), py::arg("background"), py::arg("sh_degree"),
         py::arg("dimage"), py::arg("dalpha"), py::arg("ddepth"), py::arg("gradients"),
         py::arg("pixels") = py::none());
+  m.def("render_lines_reference", &RenderLines, py::arg("gaussians"), py::arg("lines"),
+        py::arg("reference"), py::arg("rule"));
+  m.def("render_lines_reference_backward", &BackwardLines, py::arg("gaussians"), py::arg("lines"),
+        py::arg("reference"), py::arg("rule"), py::arg("dimage"), py::arg("dalpha"),
+        py::arg("ddepth"), py::arg("gradients"));
 }
 
 }  // namespace gsut::bindings

@@ -3,7 +3,9 @@
 from gsut._core import (
     BlendRule,
     CalibrationError,
+    CameraMotion,
     InputError,
+    Shutter,
     SolveError,
     __version__,
     active_isa,
@@ -14,6 +16,8 @@ from gsut._core import (
     set_num_threads,
 )
 from gsut.cameras import Camera, camera_models
+from gsut.compact import compact
+from gsut.compact_scores import seen_views
 from gsut.data.lens_files import load_camera
 from gsut.data.load import load_dataset
 from gsut.data.scene import Scene, View
@@ -22,7 +26,9 @@ from gsut.formats import load_ply, save_ply
 from gsut.gaussians import Gaussians
 from gsut.metrics import psnr, ssim
 from gsut.options import TrainOptions
-from gsut.render import Gradients, Projection, Render, project, render, render_backward
+from gsut.projection import METHODS as PROJECTION_METHODS
+from gsut.projection import Projection, project
+from gsut.render import Gradients, Render, render, render_backward
 from gsut.seeding import seed_from_points, seed_in_view
 from gsut.train import TrainResult, train
 
@@ -30,12 +36,15 @@ __all__ = [
     "BlendRule",
     "CalibrationError",
     "Camera",
+    "CameraMotion",
     "Gaussians",
     "Gradients",
     "InputError",
+    "PROJECTION_METHODS",
     "Projection",
     "Render",
     "Scene",
+    "Shutter",
     "SolveError",
     "TrainOptions",
     "TrainResult",
@@ -44,6 +53,7 @@ __all__ = [
     "active_isa",
     "available_isas",
     "camera_models",
+    "compact",
     "evaluate",
     "exp_pose",
     "load_camera",
@@ -57,6 +67,7 @@ __all__ = [
     "save_ply",
     "seed_from_points",
     "seed_in_view",
+    "seen_views",
     "set_isa",
     "set_num_threads",
     "ssim",

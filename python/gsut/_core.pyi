@@ -20,8 +20,19 @@ class _Gaussians(Protocol):
     opacity_logits: NDArray[Any]  # (N,)
     sh: NDArray[Any]  # (N, K, 3)
 
+# means, quats, log_scales, opacity_logits, sh of new Gaussians.
+_Arrays: TypeAlias = tuple[
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.float32],
+]
+
 # A 4x4 matrix or an object whose attribute `matrix` is one.
 _PoseLike: TypeAlias = Any
+# The same, or a CameraMotion.
+_MotionLike: TypeAlias = Any
 
 # --- base -----------------------------------------------------------------------------------------
 
@@ -79,6 +90,26 @@ def format_camera_model(
 ) -> str: ...
 
 # --- poses ----------------------------------------------------------------------------------------
+
+class Shutter:
+    def __init__(self, direction: str = "global", parity: str | None = None) -> None: ...
+    @property
+    def direction(self) -> str: ...
+    @property
+    def parity(self) -> str | None: ...
+    @property
+    def is_global(self) -> bool: ...
+    def line_times(self, width: int, height: int) -> NDArray[np.float64]: ...
+
+class CameraMotion:
+    def __init__(self, start: _PoseLike, end: _PoseLike, shutter: Shutter) -> None: ...
+    @property
+    def start(self) -> NDArray[np.float64]: ...
+    @property
+    def end(self) -> NDArray[np.float64]: ...
+    @property
+    def shutter(self) -> Shutter: ...
+    def at(self, t: float) -> NDArray[np.float64]: ...
 
 def exp_pose(xi: ArrayLike) -> NDArray[np.float64]: ...
 def interpolate_pose(start: _PoseLike, end: _PoseLike, t: float) -> NDArray[np.float64]: ...
@@ -161,6 +192,25 @@ def project_reference(
     kappa: float,
 ) -> _ReferenceProjection: ...
 
+class _FootprintArrays(TypedDict):
+    centers: NDArray[Any]  # (N, 2)
+    covariances: NDArray[Any]  # (N, 2, 2)
+    boxes: NDArray[Any]  # (N, 4)
+    status: NDArray[np.uint8]
+    method: NDArray[np.uint8]
+
+class Footprinter:
+    def __init__(
+        self, method: int, unscented: Sequence[float], alpha_min: float, max_error_px: float
+    ) -> None: ...
+    def find(
+        self, gaussians: _Gaussians, camera: Camera, camera_from_world: _PoseLike
+    ) -> tuple[float, float]: ...  # wall and processor seconds
+    def arrays(self) -> _FootprintArrays: ...
+    def reference(
+        self, gaussians: _Gaussians, camera: Camera, camera_from_world: _PoseLike
+    ) -> _FootprintArrays: ...
+
 # --- raster ---------------------------------------------------------------------------------------
 
 class BlendRule:
@@ -180,7 +230,7 @@ class Renderer:
         self,
         gaussians: _Gaussians,
         camera: Camera,
-        camera_from_world: _PoseLike,
+        camera_from_world: _MotionLike,
         rule: BlendRule,
         background: Sequence[float],
         sh_degree: int,
@@ -198,7 +248,8 @@ class Renderer:
         gradients: _Gaussians,
         touched: NDArray[np.uint8],
         write_untouched: bool,
-    ) -> NDArray[np.float64]: ...
+        with_poses: bool = True,
+    ) -> Any: ...  # NDArray[np.float64], or None without with_poses
     def distances(self) -> NDArray[np.float32]: ...
     def timings(self) -> dict[str, tuple[float, float]]: ...  # wall and processor seconds
     def statistics(self) -> dict[str, int]: ...
@@ -224,7 +275,7 @@ class ScalarRenderer:
 def render_reference(
     gaussians: _Gaussians,
     camera: Camera,
-    camera_from_world: _PoseLike,
+    camera_from_world: _MotionLike,
     rule: BlendRule,
     background: Sequence[float],
     sh_degree: int,
@@ -233,7 +284,7 @@ def render_reference(
 def render_reference_backward(
     gaussians: _Gaussians,
     camera: Camera,
-    camera_from_world: _PoseLike,
+    camera_from_world: _MotionLike,
     rule: BlendRule,
     background: Sequence[float],
     sh_degree: int,
@@ -242,6 +293,19 @@ def render_reference_backward(
     ddepth: NDArray[np.float64] | None,
     gradients: _Gaussians,
     pixels: NDArray[np.uint8] | None = None,
+) -> NDArray[np.float64]: ...
+def render_lines_reference(
+    gaussians: _Gaussians, lines: ArrayLike, reference: _PoseLike, rule: BlendRule
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...
+def render_lines_reference_backward(
+    gaussians: _Gaussians,
+    lines: ArrayLike,
+    reference: _PoseLike,
+    rule: BlendRule,
+    dimage: NDArray[np.float64],
+    dalpha: NDArray[np.float64] | None,
+    ddepth: NDArray[np.float64] | None,
+    gradients: _Gaussians,
 ) -> NDArray[np.float64]: ...
 
 # --- loss -----------------------------------------------------------------------------------------
@@ -379,6 +443,24 @@ def accumulate_density(
     sum: NDArray[np.float32],
     count: NDArray[np.int32],
 ) -> None: ...
+def herd_paper(
+    gaussians: _Gaussians,
+    keep: float,
+    depth: int = 10,
+    max_rounds: int = 100,
+    tolerance: float = 1e-5,
+    least_variance: float = 1e-6,
+    seed: int = 0,
+) -> _Arrays: ...
+def merge_pairs(
+    gaussians: _Gaussians,
+    target: int,
+    weights: NDArray[np.float32] | None = None,
+    divergence_weight: float = 0.0,
+    field_weight: float = 0.1,
+    neighbors: int = 10,
+    block_rows: int = 1024,
+) -> _Arrays: ...
 
 # --- formats --------------------------------------------------------------------------------------
 

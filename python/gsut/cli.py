@@ -86,6 +86,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_eval(commands)
     _add_render(commands)
     _add_calibrate(commands)
+    _add_compact(commands)
     _add_poses(commands)
     _add_demo(commands)
     _add_doctor(commands)
@@ -176,6 +177,14 @@ def _add_render(commands) -> None:
         "--size", metavar="WxH", help="size of the images in pixels; the lens is scaled to it"
     )
     parser.add_argument(
+        "--low-pass",
+        type=float,
+        default=0.0,
+        metavar="PIXELS",
+        help="widen what is below a pixel of each image: standard deviation of a 3D filter; 0.3 "
+        "against the aliasing of distant views and small images [default 0: none]",
+    )
+    parser.add_argument(
         "--path",
         default="orbit",
         metavar="{orbit,test,train,FILE}",
@@ -217,6 +226,19 @@ def _add_calibrate(commands) -> None:
     )
     add_calibrate_flags(parser)
     parser.set_defaults(run=calibrate)
+
+
+def _add_compact(commands) -> None:
+    from gsut.compact_command import add_compact_flags, compact_command
+
+    parser = commands.add_parser(
+        "compact",
+        help="fewer Gaussians for the same picture",
+        description="Merges or prunes the Gaussians of a finished run, or of a PLY file, and "
+        "writes a new run or file. Nothing in RUN changes.",
+    )
+    add_compact_flags(parser)
+    parser.set_defaults(run=compact_command)
 
 
 def _add_poses(commands) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 
 import gsut
 from gsut._core import InputError
+from gsut.data.shutter import with_shutter
 from gsut.evaluate import evaluate as evaluate_scene
 from gsut.option_fields import given_options
 from gsut.options import TrainOptions
@@ -51,7 +52,7 @@ def train(arguments: argparse.Namespace) -> int:
 def evaluate(arguments: argparse.Namespace) -> int:
     """`gsut eval RUN`."""
     run = RunFolder.open(arguments.folder)
-    options, scene, gaussians = _trained(run, arguments.data)
+    options, scene, gaussians = read_trained(run, arguments.data)
     indices = {
         "test": scene.test_indices,
         "train": scene.train_indices,
@@ -89,7 +90,7 @@ def render(arguments: argparse.Namespace) -> int:
         raise InputError("--frames must be >= 1 and --fps > 0")
     size = _parsed_size(arguments.size) if arguments.size else None
     run = RunFolder.open(arguments.folder)
-    options, scene, gaussians = _trained(run, arguments.data)
+    options, scene, gaussians = read_trained(run, arguments.data)
     poses, names, cameras = _frames(arguments, scene)
     if size:
         resized = {id(camera): camera.resized(*size) for camera in cameras}
@@ -161,7 +162,7 @@ def _train(
     return run.read_json(METRICS)
 
 
-def _trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Any, Any]:
+def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Any, Any]:
     """Options, scene and Gaussians of a run."""
     path = run.path / SCENE
     if not path.is_file():
@@ -175,6 +176,10 @@ def _trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Any, Any]:
     scene = gsut.load_dataset(
         data, test_every=options.test_every, test_names=options.test_names, scale=options.scale
     )
+    if isinstance(scene, gsut.Scene):
+        scene = with_shutter(
+            scene, options.shutter, options.readout_time, options.readout_direction
+        )
     return options, scene, gsut.load_ply(path)
 
 

@@ -62,9 +62,7 @@ def evaluate(
         view, camera, mask = scene.views[index], scene.camera(index), scene.mask(index)
         truth = scene.image(index).astype(np.float32) / np.float32(255)
         started = time.perf_counter()
-        rendered = gsut.render(
-            gaussians, camera, view.camera_from_world, background=tuple(background)
-        )
+        rendered = gsut.render(gaussians, camera, view.motion, background=tuple(background))
         milliseconds = 1e3 * (time.perf_counter() - started)
         image = np.clip(rendered.image, 0.0, 1.0)
         row = {

@@ -17,6 +17,8 @@ from typing import Any
 from gsut._core import InputError
 from gsut.option_fields import check_options, option
 
+# --max-gaussians auto: see gsut.growth.
+AUTO = "auto"
 # Values a preset gives where the user gives none. "balanced" is also what no preset means.
 PRESETS: dict[str, dict[str, Any]] = {
     "fast": {"steps": 500, "max_gaussians": 50_000, "sh_degree": 1},
@@ -91,8 +93,23 @@ class TrainOptions:
         none="the data's own split",
     )
 
+    shutter: str = option(
+        "auto", "Data", "rolling: each line of an image has its own pose; global: one pose an "
+        "image; auto: as the data says", choices=("auto", "global", "rolling"),
+    )
+    readout_time: float | None = option(
+        None, "Data", "time from the first line of an image to its last, for a video with one pose "
+        "a frame; the velocity is found from neighbouring frames", unit="x time between frames",
+        low=0.0, high=1.0, low_open=True, none="the data's start and end poses",
+    )
+    readout_direction: str = option(
+        "top_to_bottom", "Data", "order in which --readout-time reads the lines",
+        choices=("top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left"),
+    )
+
     max_gaussians: int = option(
-        None, "Gaussians", "at most so many Gaussians", low=1, high=100_000_000,
+        None, "Gaussians", "at most so many Gaussians; auto: growth ends when it no longer helps "
+        "training views that are set aside for that", low=1, high=100_000_000, words=(AUTO,),
         none="fast 50000, balanced 200000, best 300000",
     )
     sh_degree: int = option(
@@ -192,6 +209,17 @@ class TrainOptions:
     )
     noise: bool = option(
         None, "Densification", "MCMC noise on the centres", none="from 1500 steps on")
+
+    compact_at: int | None = option(
+        None, "Compaction", "after so many steps the Gaussians are reduced (see gsut compact), and "
+        "their number stays", unit="steps", low=1, none="never",
+    )
+    keep: float = option(
+        0.2, "Compaction", "fraction that --compact-at keeps", low=0.0, high=1.0, low_open=True)
+    compact_method: str = option(
+        "ghap", "Compaction", "method of --compact-at",
+        choices=("ghap", "field", "ghap-paper", "lightgaussian", "pup"),
+    )
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -210,7 +238,12 @@ class TrainOptions:
                 f"--coarse-to-fine {fractions[0]:g},{fractions[1]:g}: the quarter resolution "
                 "must end before the half resolution does"
             )
-        if self.strategy == "mcmc" and self.init_count and self.init_count > self.max_gaussians:
+        if self.compact_at is not None and self.compact_at >= self.steps:
+            raise InputError(
+                f"--compact-at {self.compact_at} is not before the end of {self.steps} --steps"
+            )
+        auto = self.max_gaussians == AUTO
+        if self.strategy == "mcmc" and not auto and (self.init_count or 0) > self.max_gaussians:
             raise InputError(
                 f"--init-count {self.init_count} is more than --max-gaussians {self.max_gaussians}"
             )
@@ -219,9 +252,9 @@ class TrainOptions:
         """The same options with every value that depends on the number of steps filled in.
 
         Returns:
-            TrainOptions in which only `preset`, `test_names` and `init_count` may be None (the
-            last two depend on the data). Values that were given are kept; resolving twice changes
-            nothing.
+            TrainOptions in which only `preset`, `test_names`, `init_count` (they depend on the
+            data) and `compact_at` (never) may be None. Values that were given are kept; resolving
+            twice changes nothing.
         """
         steps = self.steps
         means_low, means_high = _MEANS_LR_RANGE

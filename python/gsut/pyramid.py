@@ -16,10 +16,14 @@ _TARGET_CACHE_BYTES = 2 << 30
 
 
 class Level:
-    """The scene at one resolution."""
+    """The scene at one resolution.
+
+    Attributes:
+        scene: with images and cameras of that size.
+    """
 
     def __init__(self, scene: Scene) -> None:
-        self._scene = scene
+        self.scene = scene
         self._targets: collections.OrderedDict[int, _core.PhotometricTarget] = (
             collections.OrderedDict()
         )
@@ -28,7 +32,7 @@ class Level:
 
     def camera(self, view: int) -> _core.Camera:
         """Camera of a view, at this resolution."""
-        return self._scene.camera(view)
+        return self.scene.camera(view)
 
     def target(self, view: int) -> _core.PhotometricTarget:
         """The view's photograph and mask with what the loss precomputes of them."""
@@ -36,7 +40,7 @@ class Level:
             self._targets.move_to_end(view)
             return self._targets[view]
         target = _core.PhotometricTarget(
-            self._scene.image(view), self._scene.mask(view), "partial", True
+            self.scene.image(view), self.scene.mask(view), "partial", True
         )
         self._targets[view] = target
         self._bytes += target.nbytes

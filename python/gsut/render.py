@@ -11,84 +11,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import BlendRule, InputError
 from gsut.gaussians import Gaussians
-
-_METHODS = ("unscented",)
-# alpha, beta, kappa of the unscented transform (FACTS: gsplat alpha 0.1, 3dgrut alpha 1).
-DEFAULT_UNSCENTED = (1.0, 2.0, 0.0)
-
-
-@dataclasses.dataclass
-class Projection:
-    """Footprints of N Gaussians in an image.
-
-    Attributes:
-        centers: (N, 2) pixels; NaN where a sigma point has no pixel.
-        covariances: (N, 2, 2) pixels squared, no dilation; NaN likewise.
-        extents: (N, 2) half width and height in pixels that hold alpha >= alpha_min.
-        depths: (N,) distances from the camera centre.
-        valid: (N,) bool, every sigma point has a pixel.
-    """
-
-    centers: np.ndarray
-    covariances: np.ndarray
-    extents: np.ndarray
-    depths: np.ndarray
-    valid: np.ndarray
-
-
-def project(
-    gaussians: Gaussians,
-    camera: _core.Camera,
-    camera_from_world: np.ndarray,
-    *,
-    method: str = "unscented",
-    unscented: Sequence[float] = DEFAULT_UNSCENTED,
-    alpha_min: float = 1.0 / 255.0,
-    dtype: str = "float32",
-) -> Projection:
-    """Projects Gaussians through the lens by the unscented transform.
-
-    Args:
-        gaussians: N Gaussians.
-        camera: the lens and image size.
-        camera_from_world: (4, 4) rigid transform, or an object with such a `matrix`.
-        method: "unscented".
-        unscented: alpha, beta, kappa of the transform.
-        alpha_min: opacity times response below which a Gaussian is not drawn; sets the extents.
-        dtype: "float32" (vectorised) or "float64" (the scalar reference).
-
-    Returns:
-        The footprints. Centres in float32 are within 1e-4 px of the reference for alpha >= 0.1.
-
-    Raises:
-        InputError: unknown method or dtype, shapes, weights or pose.
-    """
-    if method not in _METHODS:
-        raise InputError(f'projection method "{method}" is unknown; known: {", ".join(_METHODS)}')
-    alpha, beta, kappa = (float(x) for x in unscented)
-    if dtype == "float64":
-        g = gaussians.astype(np.float64)
-        exact = _core.project_reference(g, camera, camera_from_world, alpha, beta, kappa)
-        cov = exact["covariances"]
-        variances = np.stack([cov[:, 0, 0], cov[:, 1, 1]], axis=1)
-        opacity = 1.0 / (1.0 + np.exp(-g.opacity_logits))
-        cutoff = 2.0 * np.log(np.maximum(opacity / alpha_min, 1.0))
-        pose = _pose_matrix(camera_from_world)
-        depths = np.linalg.norm(g.means @ pose[:3, :3].T + pose[:3, 3], axis=1)
-        extents = np.sqrt(cutoff[:, None] * variances)
-        return Projection(exact["centers"], cov, extents, depths, exact["valid"].astype(bool))
-    if dtype != "float32":
-        raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
-    out = _core.project(
-        gaussians.astype(np.float32), camera, camera_from_world, alpha, beta, kappa, alpha_min
-    )
-    return Projection(
-        out["centers"],
-        out["covariances"],
-        out["extents"],
-        out["depths"],
-        np.isfinite(out["centers"][:, 0]),
-    )
+from gsut.projection import DEFAULT_UNSCENTED
 
 
 @dataclasses.dataclass
@@ -107,7 +30,7 @@ class Render:
     depth: np.ndarray
     gaussians: Gaussians
     camera: _core.Camera
-    camera_from_world: np.ndarray
+    camera_from_world: Any  # (4, 4), or a _core.CameraMotion
     rule: BlendRule
     background: tuple[float, float, float]
     sh_degree: int
@@ -124,7 +47,8 @@ class Gradients:
 
     Attributes:
         gaussians: shaped like the Gaussians; to means, quats, log_scales, opacity_logits, sh.
-        pose: (6,) to (v, w) in camera_from_world <- exp(v, w) camera_from_world.
+        pose: (6,) to (v, w) in camera_from_world <- exp(v, w) camera_from_world; with a rolling
+            shutter (2, 6), of the start and of the end pose.
         touched: (N,) bool, some pixel saw the Gaussian; None for the double reference.
     """
 
@@ -135,6 +59,51 @@ class Gradients:
 
 def _pose_matrix(camera_from_world: Any) -> np.ndarray:
     return np.asarray(getattr(camera_from_world, "matrix", camera_from_world), dtype=np.float64)
+
+
+def camera_motion(
+    camera_from_world: Any, shutter: _core.Shutter | str | None = None
+) -> np.ndarray | _core.CameraMotion:
+    """What the core takes as a camera's place: one pose, or a moving camera.
+
+    Args:
+        camera_from_world: (4, 4), an object with such a `matrix`, or a pair of these: the poses at
+            the start and at the end of the exposure. A `CameraMotion` is returned as it is.
+        shutter: of a pair; a name stands for `Shutter(name)`.
+
+    Raises:
+        InputError: a pair without a rolling shutter, or a rolling shutter without a pair.
+    """
+    if isinstance(camera_from_world, _core.CameraMotion):
+        if shutter is not None:
+            raise InputError("the camera's motion has its shutter already: leave shutter out")
+        return camera_from_world
+    if isinstance(shutter, str):
+        shutter = _core.Shutter(shutter)
+    if shutter is not None and shutter.is_global:
+        shutter = None
+    if not _is_pair(camera_from_world):
+        if shutter is not None:
+            raise InputError(
+                f'shutter is "{shutter.direction}", but camera_from_world is one pose; give the '
+                "pair (start, end)"
+            )
+        return _pose_matrix(camera_from_world)
+    if shutter is None:
+        raise InputError(
+            "camera_from_world is a pair of poses, but there is no rolling shutter; give "
+            'shutter="top_to_bottom" or another direction, or one pose'
+        )
+    start, end = (_pose_matrix(pose) for pose in camera_from_world)
+    return _core.CameraMotion(start, end, shutter)
+
+
+def _is_pair(camera_from_world: Any) -> bool:
+    if isinstance(camera_from_world, np.ndarray):
+        return camera_from_world.ndim == 3 and len(camera_from_world) == 2
+    if not isinstance(camera_from_world, Sequence) or len(camera_from_world) != 2:
+        return False
+    return _pose_matrix(camera_from_world[0]).ndim == 2
 
 
 def _blend_rule(parity: str | None, blend: BlendRule | None) -> BlendRule:
@@ -148,8 +117,9 @@ def _blend_rule(parity: str | None, blend: BlendRule | None) -> BlendRule:
 def render(
     gaussians: Gaussians,
     camera: _core.Camera,
-    camera_from_world: np.ndarray,
+    camera_from_world: Any,
     *,
+    shutter: _core.Shutter | str | None = None,
     background: Sequence[float] = (0.0, 0.0, 0.0),
     parity: str | None = None,
     blend: BlendRule | None = None,
@@ -162,7 +132,11 @@ def render(
     Args:
         gaussians: the scene.
         camera: lens and image size.
-        camera_from_world: (4, 4) rigid transform, or an object with such a `matrix`.
+        camera_from_world: (4, 4) rigid transform, or an object with such a `matrix`. With a
+            rolling shutter the pair of them at the start and at the end of the exposure.
+        shutter: the `Shutter` of a pair of poses, or its direction: "top_to_bottom",
+            "bottom_to_top", "left_to_right" or "right_to_left". Each line of the image is then
+            seen from its own pose; Gaussians are ordered and shaded from the middle one.
         background: colour behind everything.
         parity: blending rules of "gsplat" or "3dgrut"; None: gsut's own (distance order).
         blend: a `BlendRule` of your own in place of parity.
@@ -176,13 +150,13 @@ def render(
         reference.
 
     Raises:
-        InputError: shapes, pose, parity or dtype are wrong.
+        InputError: shapes, poses, shutter, parity or dtype are wrong.
     """
     rule = _blend_rule(parity, blend)
     color = tuple(float(c) for c in background)
     if len(color) != 3:
         raise InputError(f"background must be 3 numbers, found {len(color)}")
-    pose = _pose_matrix(camera_from_world)
+    pose = camera_motion(camera_from_world, shutter)
     degree = min(int(sh_degree), gaussians.sh_degree)
     if dtype == "float64":
         g = gaussians.astype(np.float64)

@@ -13,10 +13,14 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.compact import compact
+from gsut.compact_scores import seen_views
 from gsut.data.scene import Scene
+from gsut.data.shutter import with_shutter
 from gsut.evaluate import evaluate, run_metrics
 from gsut.gaussians import Gaussians
-from gsut.metrics import psnr
+from gsut.growth import GrowthLimit
+from gsut.held_out import mean_psnr
 from gsut.optimize import GaussianOptimizer, LearningRates
 from gsut.options import TrainOptions
 from gsut.progress import TrainingProgress
@@ -83,6 +87,7 @@ def train(
     run = None if out is None else _create_run(out, o, scene, resume)
     if o.scale != 1.0:
         scene = scene.scaled(o.scale)
+    scene = with_shutter(scene, o.shutter, o.readout_time, o.readout_direction)
     loop = TrainingLoop(scene, o)
     checkpoint = run.load_checkpoint() if run is not None and resume else None
     if checkpoint is not None:
@@ -123,13 +128,16 @@ class TrainingLoop:
     Args:
         scene: training views, cameras and points, at the resolution to train at.
         options: resolved.
+        start: the first Gaussians; None: `first_gaussians`.
     """
 
-    def __init__(self, scene: Scene, options: TrainOptions) -> None:
+    def __init__(self, scene: Scene, options: TrainOptions, start: Gaussians | None = None) -> None:
+        self.limit = GrowthLimit(scene, options)
+        options = dataclasses.replace(options, max_gaussians=self.limit.most)
         self.scene, self.options = scene, options
         self.step = 0
         self.seconds = 0.0  # of the steps alone, without reading images and measuring PSNR
-        start = first_gaussians(scene, options)
+        start = first_gaussians(scene, options) if start is None else start
         self.first_count = len(start)
         capacity = max(options.max_gaussians, len(start)) if options.strategy == "mcmc" else None
         self.optimizer = GaussianOptimizer(start, capacity, seed=options.seed)
@@ -164,7 +172,7 @@ class TrainingLoop:
         self.renderer.render(
             g,
             level.camera(view),
-            self.scene.views[view].camera_from_world,
+            self.scene.views[view].motion,
             self.rule,
             o.background,
             degree,
@@ -179,7 +187,7 @@ class TrainingLoop:
         loss, _ = _core.photometric_loss(target, image, dimage, o.ssim_weight)
         lap("loss")
         self.renderer.backward(
-            dimage, None, None, self._gradients, self._touched, not o.sparse_adam
+            dimage, None, None, self._gradients, self._touched, not o.sparse_adam, False
         )
         lap("backward")
         # optimize
@@ -198,6 +206,9 @@ class TrainingLoop:
             lap("noise")
         if step % o.densify_every == 0 and o.densify_from <= fraction <= o.densify_until:
             self._densify(fraction)
+            lap("densify")
+        if step == o.compact_at:
+            self._compact()
             lap("densify")
         self.seconds += time.perf_counter() - began
         return loss
@@ -224,6 +235,7 @@ class TrainingLoop:
             "step": self.step,
             "seconds": self.seconds,
             "first_count": self.first_count,
+            "limit": self.limit.state_dict(),
             "optimizer": self.optimizer.state_dict(),
         }
 
@@ -232,11 +244,13 @@ class TrainingLoop:
         self.step = int(state["step"])
         self.seconds = float(state["seconds"])
         self.first_count = int(state["first_count"])
+        self.limit.load_state_dict(state["limit"])
         self.optimizer.load_state_dict(state["optimizer"])
 
     def _view_of(self, step: int) -> int:
         """Every training view once an epoch, in an order that depends on seed and epoch only."""
-        views = self.scene.train_indices
+        aside = self.limit.aside
+        views = [view for view in self.scene.train_indices if view not in aside]
         epoch, place = divmod(step - 1, len(views))
         order = np.random.default_rng([self.options.seed, epoch]).permutation(len(views))
         return views[order[place]]
@@ -255,6 +269,8 @@ class TrainingLoop:
 
     def _densify(self, fraction: float) -> None:
         o = self.options
+        if self.limit.aside:
+            self._measure_growth(fraction)
         if o.strategy == "mcmc":
             self.optimizer.densify_mcmc(self._target_size(fraction), dead_opacity=o.dead_opacity)
             return
@@ -262,7 +278,7 @@ class TrainingLoop:
             clone_scale=_CLONE_SCALE * self.scene.extent,
             max_scale=_PRUNE_SCALE * self.scene.extent,
             prune_opacity=o.dead_opacity,
-            max_gaussians=o.max_gaussians,
+            max_gaussians=len(self.gaussians) if self._full_grown(fraction) else o.max_gaussians,
         )
         resets = max(1, round(_RESET_FRACTION * o.steps))
         if self.step % (math.ceil(resets / o.densify_every) * o.densify_every) == 0:
@@ -271,39 +287,45 @@ class TrainingLoop:
     def _target_size(self, fraction: float) -> int:
         """Geometric growth from the first count to the cap between two fractions of the steps."""
         o = self.options
+        if self._full_grown(fraction):
+            return len(self.gaussians)
         if fraction >= o.grow_until or self.first_count >= o.max_gaussians:
             return o.max_gaussians
         begun = max(0.0, fraction - o.densify_from) / max(1e-9, o.grow_until - o.densify_from)
         return round(self.first_count * (o.max_gaussians / self.first_count) ** begun)
+
+    def _full_grown(self, fraction: float) -> bool:
+        """Whether the number of Gaussians is to stay."""
+        o = self.options
+        if o.compact_at is not None and self.step >= o.compact_at:
+            return True
+        return self.limit.auto and self.limit.ended
+
+    def _measure_growth(self, fraction: float) -> None:
+        """With --max-gaussians auto: ends growth when it no longer helps, or at its cap."""
+        scene, o = self.pyramid.at(fraction).scene, self.options
+        found = mean_psnr(scene, self.gaussians, self.limit.aside, o.background, self.renderer)
+        self.limit.observe(found, scene.cameras[0].width)
+        if fraction >= o.grow_until:
+            self.limit.ended = True
 
     def _make_room(self, g: Gaussians) -> None:
         if len(self._gradients) != len(g):
             self._gradients = _empty_like(g)
             self._touched = np.zeros(len(g), np.uint8)
 
+    def _compact(self) -> None:
+        """Fewer Gaussians from here on, seen through the training views, with new moments."""
+        o, views = self.options, seen_views(self.scene, self.scene.train_indices)
+        reduced = compact(self.gaussians, o.keep, method=o.compact_method, views=views, seed=o.seed)
+        steps = self.optimizer.steps
+        self.optimizer = GaussianOptimizer(reduced.gaussians, seed=o.seed)
+        self.optimizer.steps = steps
+
     def _held_out_psnr(self) -> float:
         test = self.scene.test_indices
         chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
-        values = []
-        for index in chosen:
-            camera = self.scene.camera(index)
-            image = np.zeros((camera.height, camera.width, 3), np.float32)
-            self.renderer.render(
-                self.gaussians,
-                camera,
-                self.scene.views[index].camera_from_world,
-                self.rule,
-                self.options.background,
-                self.options.sh_degree,
-                DEFAULT_UNSCENTED,
-                image,
-                None,
-                None,
-                False,
-            )
-            truth = self.scene.image(index).astype(np.float32) / np.float32(255)
-            values.append(psnr(np.clip(image, 0.0, 1.0), truth, self.scene.mask(index)))
-        return float(np.mean(values))
+        return mean_psnr(self.scene, self.gaussians, chosen, self.options.background, self.renderer)
 
 
 def first_gaussians(scene: Scene, options: TrainOptions) -> Gaussians:

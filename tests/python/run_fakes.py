@@ -47,8 +47,8 @@ class FakeScene:
         self.world_offset = np.array([10.0, 20.0, 30.0])
         self.images = rng.integers(0, 256, (6, SIZE, SIZE, 3), dtype=np.uint8)
         self.views = [
-            SimpleNamespace(name=f"images/{i}.png", camera_from_world=inward_pose(i * math.pi / 3))
-            for i in range(6)
+            SimpleNamespace(name=f"images/{i}.png", camera_from_world=pose, motion=pose)
+            for i, pose in enumerate(inward_pose(i * math.pi / 3) for i in range(6))
         ]
         self.test_indices = [0, 3]
         self.train_indices = [1, 2, 4, 5]

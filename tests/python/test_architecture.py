@@ -53,7 +53,8 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "core": {"_core"},
     # Thin faces of the C++ folders: numpy in, numpy out.
     "faces": {
-        *("cameras", "formats", "gaussians", "metrics", "optimize", "render", "seeding"),
+        *("cameras", "formats", "gaussians", "metrics", "optimize", "projection", "render"),
+        "seeding",
     },
     "data": {"data", "data.*"},  # dataset and lens files
     # What a run is made of: settings, its folder, its words and pictures.
@@ -64,9 +65,15 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "report": {"report", "report_plots"},
     "structure": {"structure", "structure.*"},  # poses of photographs
     "scene tools": {"demo_scene*", "doctor", "render_path"},
-    "training": {"evaluate", "pyramid", "train"},
+    "compaction": {"compact", "compact_scores"},
+    "training": {
+        *("compact_run", "evaluate", "finetune", "growth", "held_out", "pyramid", "train"),
+    },
     "benchmarks": {"bench", "bench.*"},
-    "command line": {"__main__", "calibrate", "camera_convert", "cli", "commands", "poses_command"},
+    "command line": {
+        *("__main__", "calibrate", "camera_convert", "cli", "commands", "compact_command"),
+        "poses_command",
+    },
     "package": {"gsut"},
 }
 # Python group -> groups that it may import, besides itself and core.
@@ -79,13 +86,16 @@ PYTHON_MAY_USE: dict[str, set[str]] = {
     "structure": {"faces", "data", "run"},
     "scene tools": {"faces", "data"},
     # The package: evaluate renders by the public name gsut.render.
-    "training": {"faces", "data", "run", "report", "package"},
-    "benchmarks": {"faces", "data", "run", "scene tools", "structure", "training", "package"},
-    "command line": {
-        *("faces", "data", "run", "report", "scene tools", "structure", "training", "benchmarks"),
-        "package",
+    "compaction": {"faces"},
+    "training": {"faces", "compaction", "data", "run", "report", "package"},
+    "benchmarks": {
+        *("faces", "compaction", "data", "run", "scene tools", "structure", "training", "package"),
     },
-    "package": {"faces", "data", "run", "training"},
+    "command line": {
+        *("faces", "compaction", "data", "run", "report", "scene tools", "structure", "training"),
+        *("benchmarks", "package"),
+    },
+    "package": {"faces", "compaction", "data", "run", "training"},
 }
 # Single arrows beyond the table, inside functions only: Camera.save and gsut.load_camera are
 # cameras' own names for what data/lens_files does.

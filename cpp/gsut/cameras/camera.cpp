@@ -65,6 +65,18 @@ int Camera::height() const { return state_->height; }
 double Camera::valid_field_angle() const { return state_->valid_field_angle; }
 const LensDomain& Camera::domain() const { return state_->domain; }
 
+bool Camera::IsCentral() const {
+  return VisitLens(lens(), [](auto lens) {
+    return !requires { decltype(lens)::kHasOrigins; };
+  });
+}
+
+bool Camera::IsParallel() const {
+  return VisitLens(lens(), [](auto lens) {
+    return requires { decltype(lens)::kIsParallel; };
+  });
+}
+
 Camera Camera::Resized(int width, int height) const {
   CheckSize(width, height);
   const double scale_x = static_cast<double>(width) / state_->width;

@@ -16,6 +16,7 @@ namespace gsut {
 struct RayTable {
   std::vector<double> rays;         // (height, width, 3); NaN where there is none
   std::vector<std::uint8_t> valid;  // (height, width); 0 where the pixel has no ray
+  std::vector<double> origins;      // (height, width, 3), NaN likewise; empty for a central lens
 };
 
 // Immutable and cheap to copy: copies share the parameters, the domain and the ray table. Points
@@ -42,6 +43,10 @@ class Camera {
   const LensDomain& domain() const;
   // Radians: the domain is angle from the axis < MaxAngle().
   double MaxAngle() const { return domain().max_angle; }
+  // All rays start at the camera's origin.
+  bool IsCentral() const;
+  // All rays look along the axis; nearness is z, not the distance from the origin.
+  bool IsParallel() const;
 
   // points (count, 3) of any length but 0 -> pixels (count, 2), valid (count). Invalid: NaN pixels.
   void Project(std::int64_t count, const double* points, double* pixels, std::uint8_t* valid) const;
@@ -49,6 +54,11 @@ class Camera {
   // pixels (count, 2) -> unit rays (count, 3), valid (count). Invalid: NaN rays. Where valid,
   // projecting the ray gives the pixel to kInverseTolerance.
   void Unproject(std::int64_t count, const double* pixels, double* rays, std::uint8_t* valid) const;
+
+  // As Unproject, with the origins (count, 3) of the rays in the camera frame: 0 for a central
+  // lens.
+  void UnprojectLines(std::int64_t count, const double* pixels, double* origins, double* rays,
+                      std::uint8_t* valid) const;
 
   // As Project, with dpixel_dpoint (count, 2, 3) and dpixel_dparams (count, 2, num_params), exact
   // (forward mode) and NaN where invalid. Either may be null.

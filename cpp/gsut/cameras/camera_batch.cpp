@@ -25,9 +25,16 @@ double SafeScale(const double* point) {
   return extreme ? size : 1.0;
 }
 
+// The same for a lens: the image of a point depends on its length if the rays do not meet.
+template <class Lens>
+double SafeScaleFor(const double* point) {
+  return requires { Lens::kHasOrigins; }
+  ? 1.0 : SafeScale(point);
+}
+
 template <class Lens>
 bool ProjectPoint(const Camera& camera, const double* point, double* pixel) {
-  const double s = SafeScale(point);
+  const double s = SafeScaleFor<Lens>(point);
   const bool finite = std::isfinite(point[0]) && std::isfinite(point[1]) && std::isfinite(point[2]);
   const bool valid =
       finite && Lens::Project(camera.domain(), camera.params().data(), camera.num_params(),
@@ -48,7 +55,7 @@ bool ProjectDirections(const Camera& camera, const double* point, int first,
   };
   const int num_params = camera.num_params();
   for (int i = 0; i < num_params; ++i) (*params)[i] = seed(camera.params()[i], 3 + i);
-  const double s = SafeScale(point);
+  const double s = SafeScaleFor<Lens>(point);
   const T x = seed(point[0] / s, 0), y = seed(point[1] / s, 1), z = seed(point[2] / s, 2);
   return Lens::Project(camera.domain(), params->data(), num_params, x, y, z, u, v);
 }
@@ -81,6 +88,28 @@ void Camera::Unproject(std::int64_t count, const double* pixels, double* rays,
   });
 }
 
+void Camera::UnprojectLines(std::int64_t count, const double* pixels, double* origins, double* rays,
+                            std::uint8_t* valid) const {
+  VisitLens(lens(), [&](auto model) {
+    using Lens = decltype(model);
+    if constexpr (requires { Lens::kHasOrigins; }) {
+      ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t i = begin; i < end; ++i) {
+          double* origin = origins + 3 * i;
+          double* ray = rays + 3 * i;
+          valid[i] = Lens::UnprojectLine(domain(), params().data(), num_params(), pixels[2 * i],
+                                         pixels[2 * i + 1], origin, ray);
+          if (!valid[i]) std::fill_n(origin, 3, kNaN), std::fill_n(ray, 3, kNaN);
+        }
+      });
+    } else {
+      Unproject(count, pixels, rays, valid);
+      for (std::int64_t i = 0; i < count; ++i)
+        std::fill_n(origins + 3 * i, 3, valid[i] ? 0.0 : kNaN);
+    }
+  });
+}
+
 void Camera::ProjectJacobian(std::int64_t count, const double* points, double* pixels,
                              std::uint8_t* valid, double* dpixel_dpoint,
                              double* dpixel_dparams) const {
@@ -91,7 +120,7 @@ void Camera::ProjectJacobian(std::int64_t count, const double* points, double* p
     for (std::int64_t i = begin; i < end; ++i) {
       const double* point = points + 3 * i;
       valid[i] = ProjectPoint<decltype(model)>(*this, point, pixels + 2 * i);
-      const double scale = SafeScale(point);
+      const double scale = SafeScaleFor<decltype(model)>(point);
       const int directions = dpixel_dparams == nullptr ? 3 : 3 + k;
       for (int first = 0; first < directions; first += kDirections) {
         T u, v;

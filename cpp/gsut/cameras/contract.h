@@ -41,6 +41,13 @@
 //     static void Period(const LensDomain& domain, const double* params, double* period_u,
 //                        double* period_v);
 //     template <class T> static T PoleSine(T x, T y, T z);
+//     // Optional, for lenses whose rays do not meet in the origin. Project then depends on the
+//     // point's distance, and every ray has an origin of its own, in the camera frame.
+//     static constexpr bool kHasOrigins = true;
+//     static bool UnprojectLine(const LensDomain& domain, const double* params, int num_params,
+//                               double u, double v, double* origin, double* ray);
+//     // Optional, with kHasOrigins: every ray looks along the axis.
+//     static constexpr bool kIsParallel = true;
 //     // Optional, for lenses with tables of parameters: Project takes `template <class T, class
 //     P>`
 //     // and `const P* params`; P is T for scalars and float for the lanes of a kernel. Entries are

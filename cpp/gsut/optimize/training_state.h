@@ -43,6 +43,7 @@ enum class RandomUse : std::uint64_t {
   kMcmcPlace = 0x6d636d64u,      // where the copies go
   kMcmcNoise = 0x6d636d65u,      // exploration noise
   kAdaptiveSplit = 0x61646173u,  // where the halves of a split go
+  kHerdStart = 0x68657264u,      // first centres of a block (step: the block)
 };
 constexpr std::uint64_t RandomStream(RandomUse use, std::int64_t step) {
   return static_cast<std::uint64_t>(use) << 32 | (static_cast<std::uint64_t>(step) & 0xffffffffu);

@@ -123,15 +123,19 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
   const TileEntry* entries = &frame->entries[frame->tile_begin[tile]];
   const float* records = frame->records.data();
   constexpr double kLn2 = 0.69314718055994530942;
-  constexpr std::uint32_t kAhead = 10;
+  constexpr std::uint32_t kAhead = 8;
   for (std::uint32_t e = 0; e < count; ++e) {
     if (e + kAhead < count) {
-      hwy::Prefetch(records + std::size_t{record::kSize} * entries[e + kAhead].gaussian);
+      const TileEntry& next = entries[e + kAhead];
+      hwy::Prefetch(records + std::size_t{record::kSize} * next.gaussian);
+      // Slots lie in the order of the Gaussians: without this, each store waits for its line and
+      // those behind it wait too.
+      __builtin_prefetch(&frame->slot_gradients[std::size_t{16} * next.slot], 1);
     }
     HWY_ALIGN float r[record::kSize];
     to_tile.Turn(records + std::size_t{record::kSize} * entries[e].gaussian, r);
     FloatVec sums[16];
-    for (FloatVec& sum : sums) sum = hn::Zero(d);
+    GSUT_UNROLL for (int i = 0; i < 16; ++i) sums[i] = hn::Zero(d);
     const FloatVec k = hn::Set(d, r[record::kK]);
     const FloatVec kappa = hn::Set(d, r[record::kKappa]);
     const FloatVec log2_opacity = hn::Set(d, r[record::kLog2Opacity]);

@@ -17,6 +17,8 @@ constexpr std::int64_t kMaxParts = 64;
 constexpr std::int64_t kMinPart = 8192;
 constexpr int kRadixBits = 11;
 constexpr std::uint32_t kRadix = 1u << kRadixBits;
+// In depth order the Gaussians' rectangles lie anywhere: they are fetched so many ahead.
+constexpr std::int64_t kFetchAhead = 16;
 
 struct Parts {
   explicit Parts(std::int64_t n)
@@ -107,6 +109,11 @@ void BinTiles(const TileGrid& grid, Frame* frame) {
   const auto for_each_tile = [&](std::int64_t begin, std::int64_t end, auto&& visit) {
     std::uint32_t* count = &counts[static_cast<std::size_t>(begin / parts.grain) * tiles];
     for (std::int64_t i = begin; i < end; ++i) {
+      if (i + kFetchAhead < end) {
+        const std::uint32_t ahead = frame->order[static_cast<std::size_t>(i + kFetchAhead)];
+        __builtin_prefetch(&frame->rects[ahead]);
+        __builtin_prefetch(&frame->slot_begin[ahead]);
+      }
       const std::uint32_t gaussian = frame->order[static_cast<std::size_t>(i)];
       const TileRect rect = frame->rects[gaussian];
       std::uint32_t slot = frame->slot_begin[gaussian];

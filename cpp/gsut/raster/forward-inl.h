@@ -18,7 +18,7 @@ inline constexpr int kChunk = 64;
 // Gaussians blended together, to hide the latency of exponential and reciprocal.
 inline constexpr int kForwardJam = 4;
 // How far ahead records are fetched.
-inline constexpr int kPrefetch = 12;
+inline constexpr int kPrefetch = 16;
 
 // A record that hits nothing (N = 1, z = 0), to fill up the last group.
 HWY_INLINE void StoreMissingRecord(float* r) {

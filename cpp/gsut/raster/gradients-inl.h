@@ -17,7 +17,7 @@
 #define GSUT_RASTER_GRADIENTS_INL_H_
 #endif
 
-#include "gsut/raster/records-inl.h"
+#include "gsut/raster/slot_sums-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
@@ -29,60 +29,6 @@ HWY_INLINE void Cross(const Lane* a, const Lane* b, Lane* out) {
   out[2] += a[0] * b[1] - a[1] * b[0];
 }
 
-// Adds up the touched slots of one Gaussian, in order; returns whether there was any.
-HWY_INLINE bool SumSlots(const Frame& frame, std::int64_t gaussian, float* sums) {
-  const FloatTag d;
-  constexpr int kVectors = 16 / kLanes;
-  FloatVec total[kVectors];
-  for (FloatVec& v : total) v = hn::Zero(d);
-  bool touched = false;
-  const std::uint32_t end = frame.slot_begin[gaussian + 1];
-  for (std::uint32_t slot = frame.slot_begin[gaussian]; slot < end; ++slot) {
-    if (!frame.slot_touched[slot]) continue;
-    touched = true;
-    const float* row = &frame.slot_gradients[std::size_t{16} * slot];
-    for (int k = 0; k < kVectors; ++k) {
-      total[k] = hn::Add(total[k], hn::Load(d, row + k * kLanes));
-    }
-  }
-  for (int k = 0; k < kVectors; ++k) hn::Store(total[k], d, sums + k * kLanes);
-  return touched;
-}
-
-// Writes the rows first .. of an (N, 3) array from lanes, `available` of them.
-HWY_INLINE void StoreRows3(const Lane* v, std::int64_t available, float* rows) {
-  const FloatTag d;
-  if (available >= kLanes) {
-    hn::StoreInterleaved3(v[0].v, v[1].v, v[2].v, d, rows);
-    return;
-  }
-  HWY_ALIGN float padded[3 * kLanes];
-  hn::StoreInterleaved3(v[0].v, v[1].v, v[2].v, d, padded);
-  for (std::int64_t i = 0; i < 3 * available; ++i) rows[i] = padded[i];
-}
-
-HWY_INLINE void StoreRows4(const Lane* v, std::int64_t available, float* rows) {
-  const FloatTag d;
-  if (available >= kLanes) {
-    hn::StoreInterleaved4(v[0].v, v[1].v, v[2].v, v[3].v, d, rows);
-    return;
-  }
-  HWY_ALIGN float padded[4 * kLanes];
-  hn::StoreInterleaved4(v[0].v, v[1].v, v[2].v, v[3].v, d, padded);
-  for (std::int64_t i = 0; i < 4 * available; ++i) rows[i] = padded[i];
-}
-
-HWY_INLINE void StoreRows1(Lane v, std::int64_t available, float* rows) {
-  const FloatTag d;
-  if (available >= kLanes) {
-    hn::StoreU(v.v, d, rows);
-    return;
-  }
-  HWY_ALIGN float padded[kLanes];
-  hn::Store(v.v, d, padded);
-  for (std::int64_t i = 0; i < available; ++i) rows[i] = padded[i];
-}
-
 // Gradients of the Gaussians [first, first + kLanes) that exist; adds the pose's to dpose[6].
 // touched[i] = 1 where a pixel saw the Gaussian; rows of the others become 0 if write_untouched,
 // else they are left as they are.
@@ -92,40 +38,10 @@ HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, std::int6
                                   const GaussiansView<float>& out, std::uint8_t* touched,
                                   double* dpose) {
   const FloatTag d;
-  const hn::RebindToSigned<FloatTag> di;
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
-  HWY_ALIGN float rows[kLanes][16];
-  bool any = false;
-  HWY_ALIGN float seen_flag[kLanes];
-  for (int i = 0; i < kLanes; ++i) {
-    const bool seen = i < available && SumSlots(frame, first + i, rows[i]);
-    seen_flag[i] = seen ? 1.0f : 0.0f;
-    if (i < available) touched[first + i] = seen;
-    if (i >= available) {
-      for (float& x : rows[i]) x = 0.0f;
-    }
-    any = any || seen;
-  }
-  const int coefficients = g.sh_coefficients;
-  if (!any) {
-    if (write_untouched) {
-      __builtin_memset(out.means + 3 * first, 0, sizeof(float) * 3 * available);
-      __builtin_memset(out.quats + 4 * first, 0, sizeof(float) * 4 * available);
-      __builtin_memset(out.log_scales + 3 * first, 0, sizeof(float) * 3 * available);
-      __builtin_memset(out.opacity_logits + first, 0, sizeof(float) * available);
-      __builtin_memset(out.sh + 3 * coefficients * first, 0,
-                       sizeof(float) * 3 * coefficients * available);
-    }
-    return;
-  }
-  const LaneMask seen = {hn::Gt(hn::Load(d, seen_flag), hn::Zero(d))};
-  HWY_ALIGN float columns[16][kLanes];
-  for (int i = 0; i < kLanes; ++i) {
-    for (int k = 0; k < 16; ++k) columns[k][i] = rows[i][k];
-  }
+  LaneMask seen;
   Lane sums[16];
-  for (int k = 0; k < 16; ++k) sums[k] = Lane(hn::Load(d, columns[k]));
-
+  if (!LoadSlotSums(g, first, frame, write_untouched, out, touched, &seen, sums)) return;
   const SeenLanes s = LoadSeen(g, first, view, log2_alpha_min, max_cutoff);
   const RecordLanes r = MakeRecord(s);
   constexpr double kLn2 = 0.69314718055994530942;
@@ -174,44 +90,12 @@ HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, std::int6
   for (Lane& component : g_quat) component = Select(seen, two * component, Lane(0.0));
 
   // Colour.
+  FetchNextHarmonics<false>(g.sh, g.sh_coefficients, first, g.size);
+  FetchNextHarmonics<true>(out.sh, g.sh_coefficients, first, g.size);
   Lane direction[3];
   for (int k = 0; k < 3; ++k) direction[k] = s.world[k] * inverse_distance;
-  const auto row_offset =
-      hn::Mul(hn::Min(hn::Iota(di, 0), hn::Set(di, static_cast<int>(available - 1))),
-              hn::Set(di, 3 * coefficients));
-  const float* sh = g.sh + 3 * coefficients * first;
-  Lane color[3];
-  EvalColor(sh_degree, direction, sh, row_offset, color);
-  Lane basis[kMaxShCoefficients];
-  Lane g_basis[kMaxShCoefficients];
-  HarmonicsBasis(sh_degree, direction[0], direction[1], direction[2], basis);
-  Lane g_color[3];
-  for (int c = 0; c < 3; ++c) {
-    g_color[c] = Select(AndMask(seen, color[c] > Lane(0.0)), sums[slot::kColor + c], Lane(0.0));
-  }
-  const int used = (sh_degree + 1) * (sh_degree + 1);
-  for (int k = 0; k < used; ++k) {
-    g_basis[k] = Lane(0.0);
-    HWY_ALIGN float g_sh[3][kLanes];
-    for (int c = 0; c < 3; ++c) {
-      const auto offset = hn::Add(row_offset, hn::Set(di, 3 * k + c));
-      const Lane value(hn::GatherIndex(d, sh, offset));
-      g_basis[k] = MulAdd(value, g_color[c], g_basis[k]);
-      // A row that is not drawn may have a direction that is no number.
-      hn::Store(Select(seen, basis[k] * g_color[c], Lane(0.0)).v, d, g_sh[c]);
-    }
-    for (int i = 0; i < available; ++i) {
-      float* row = out.sh + 3 * (coefficients * (first + i) + k);
-      for (int c = 0; c < 3; ++c) row[c] = g_sh[c][i];
-    }
-  }
-  for (int i = 0; i < available; ++i) {
-    for (int k = 3 * used; k < 3 * coefficients; ++k) {
-      out.sh[3 * coefficients * (first + i) + k] = 0.0f;
-    }
-  }
   Lane g_direction[3];
-  HarmonicsBasisGradient(sh_degree, direction[0], direction[1], direction[2], g_basis, g_direction);
+  ColorGradients(g, first, sh_degree, seen, direction, &sums[slot::kColor], out, g_direction);
   const Lane along = Dot3(direction, g_direction);
   for (int k = 0; k < 3; ++k) {
     g_world[k] += (g_direction[k] - direction[k] * along) * inverse_distance;

@@ -31,11 +31,12 @@ TileRect TilesOfSplat(const TileGrid& grid, const Splats& splats, std::size_t j,
   const SplatStatus status = splats.status[j];
   if (status == SplatStatus::kUncertain) return ExactTileRect(grid, row, rows, spans);
   const bool is_small = status == SplatStatus::kSmall;
-  const float widen = is_small ? 1.0f + static_cast<float>(kSmallMargin) * splats.sine[j] : 1.0f;
   constexpr float kRounding = 0.01f;  // pixels: of float coordinates up to 65 536
+  const float extent_u = splats.extent_u[j], extent_v = splats.extent_v[j];
+  const float widen =
+      kRounding + (is_small ? BendMargin(splats.sine[j], extent_u, extent_v) : 0.0f);
   const TileWindow window =
-      EllipseTiles(grid, splats.u[j], splats.v[j], widen * splats.extent_u[j] + kRounding,
-                   widen * splats.extent_v[j] + kRounding);
+      EllipseTiles(grid, splats.u[j], splats.v[j], extent_u + widen, extent_v + widen);
   if (is_small) return BoundedTileRect(grid, row, window, rows, spans);
   return GrownTileRect(grid, row, window, rows, spans);
 }
@@ -55,6 +56,7 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
     }
     for (int k = 0; k < count; ++k) frame->rects[static_cast<std::size_t>(i + k)] = {};
     if (!any) continue;
+    FetchNextHarmonics<false>(task.gaussians.sh, coefficients, i, task.gaussians.size);
     const SeenLanes g =
         LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
     const RecordLanes r = MakeRecord(g);

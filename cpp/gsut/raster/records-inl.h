@@ -101,6 +101,18 @@ HWY_INLINE RecordLanes MakeRecord(const SeenLanes& g) {
   return out;
 }
 
+// Fetches the harmonics of the batch of Gaussians after [first, first + kLanes), which gathers
+// would wait for line by line; kWrite: to write there.
+template <bool kWrite>
+HWY_INLINE void FetchNextHarmonics(const float* sh, int coefficients, std::int64_t first,
+                                   std::int64_t size) {
+  constexpr int kLine = 16;  // floats in a cache line
+  const std::int64_t row = 3 * coefficients;
+  const std::int64_t begin = row * HWY_MIN(first + kLanes, size);
+  const std::int64_t end = row * HWY_MIN(first + 2 * kLanes, size);
+  for (std::int64_t o = begin; o < end; o += kLine) __builtin_prefetch(sh + o, kWrite ? 1 : 0);
+}
+
 // Colour of each lane from the harmonics up to `degree`, before clamping at 0.
 // sh points at the first lane's coefficients; `stride` is 3 K.
 template <class IndexVec>

@@ -1,5 +1,5 @@
 // The scalar double renderer and its backward: formulae as in the paper of 3DGUT, section 4,
-// written for one ray and one Gaussian, in world coordinates relative to the camera centre.
+// written for one ray and one Gaussian, in world coordinates relative to the reference's centre.
 #include "gsut/raster/reference.h"
 
 #include <Eigen/Core>
@@ -26,10 +26,11 @@ constexpr int kBackwardBands = 8;
 // A Gaussian seen from one camera.
 struct Seen {
   std::int64_t index = 0;
-  float key = 0;      // order; rounded to float as the tiled path does
-  Matrix3d whiten;    // A = S^-1 R^T, world to whitened
-  Vector3d relative;  // m = mean - camera centre
-  Vector3d whitened;  // A m
+  float key = 0;       // order; rounded to float as the tiled path does
+  Matrix3d whiten;     // A = S^-1 R^T, world to whitened
+  Vector3d relative;   // m = mean - reference's centre
+  Vector3d whitened;   // A m
+  Vector3d direction;  // shaded by: from the reference to the mean, or its axis
   double opacity = 0;
   Vector3d color;
   bool clamped[3] = {false, false, false};
@@ -52,9 +53,10 @@ int UsedCoefficients(int sh_coefficients, int sh_degree) {
   return std::min(sh_coefficients, (sh_degree + 1) * (sh_degree + 1));
 }
 
-std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Pose& pose,
+std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const ViewRays& view,
                                   const RenderSettings& settings) {
   settings.rule.Check();
+  const Pose& pose = view.reference;
   const Vector3d center = pose.CenterInSource();
   std::vector<Seen> seen;
   seen.reserve(static_cast<std::size_t>(g.size));
@@ -71,10 +73,11 @@ std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Po
                        " has a mean or a harmonic that is not finite");
     }
     // Centred on the camera: no ray has its nearest point ahead, and no direction to shade it by.
-    if (s.relative.isZero(0.0)) continue;
+    if (s.relative.isZero(0.0) && !view.is_parallel) continue;
     const double z = pose.rotation.row(2) * s.relative;
     if (!(z >= settings.rule.near_z && z <= settings.rule.far_z)) continue;
-    s.key = static_cast<float>(settings.rule.order == OrderKey::kDistance ? s.relative.norm() : z);
+    const bool by_distance = settings.rule.order == OrderKey::kDistance && !view.is_parallel;
+    s.key = static_cast<float>(by_distance ? s.relative.norm() : z);
     const Vector3d scale = Eigen::Map<const Vector3d>(g.log_scales + 3 * i).array().exp();
     s.whiten = scale.cwiseInverse().asDiagonal() * Rotation(g.quats + 4 * i).transpose();
     s.whitened = s.whiten * s.relative;
@@ -84,9 +87,9 @@ std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Po
       throw InputError("Gaussian " + std::to_string(i) +
                        " has a quaternion, scale or opacity that is not finite");
     }
-    const Vector3d direction = s.relative.normalized();
+    s.direction = view.is_parallel ? Vector3d(pose.rotation.row(2)) : s.relative.normalized();
     double basis[kMaxShCoefficients];
-    HarmonicsBasis(ShDegree(used), direction.x(), direction.y(), direction.z(), basis);
+    HarmonicsBasis(ShDegree(used), s.direction.x(), s.direction.y(), s.direction.z(), basis);
     for (int c = 0; c < 3; ++c) {
       double value = 0.5;
       for (int k = 0; k < used; ++k) value += basis[k] * sh[3 * k + c];
@@ -100,17 +103,33 @@ std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Po
   return seen;
 }
 
+// A pixel's ray in world axes, its origin relative to the reference's centre.
+struct Ray {
+  Vector3d origin, direction;
+};
+
+Ray RayOf(const ViewRays& view, std::size_t pixel) {
+  const Matrix3d& rotation = view.reference.rotation;
+  Ray ray{Vector3d::Zero(),
+          rotation.transpose() * Eigen::Map<const Vector3d>(&view.rays[3 * pixel])};
+  if (view.HasOrigins()) {
+    ray.origin = rotation.transpose() * Eigen::Map<const Vector3d>(&view.origins[3 * pixel]);
+  }
+  return ray;
+}
+
 // Blends all Gaussians along one ray; fills hits and returns the final transmittance.
-double Blend(const std::vector<Seen>& seen, const Vector3d& direction, const BlendRule& rule,
+double Blend(const std::vector<Seen>& seen, const Ray& ray, const BlendRule& rule,
              std::vector<Hit>* hits) {
   hits->clear();
   double transmittance = 1.0;
   for (std::size_t j = 0; j < seen.size(); ++j) {
     const Seen& s = seen[j];
-    const Vector3d w = s.whiten * direction;
-    const double t = s.whitened.dot(w) / w.squaredNorm();
+    const Vector3d w = s.whiten * ray.direction;
+    const Vector3d whitened = s.whitened - s.whiten * ray.origin;
+    const double t = whitened.dot(w) / w.squaredNorm();
     if (!(t > 0.0)) continue;
-    const Vector3d residual = s.whitened - t * w;
+    const Vector3d residual = whitened - t * w;
     const double response = std::exp(-0.5 * residual.squaredNorm());
     if (!(response > rule.response_min)) continue;
     const double raw = s.opacity * response;
@@ -136,25 +155,21 @@ struct GradientSums {
 
 }  // namespace
 
-ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, const Camera& camera,
-                               const Pose& camera_from_world, const RenderSettings& settings,
-                               const std::uint8_t* chosen) {
-  const std::vector<Seen> seen = SortedGaussians(gaussians, camera_from_world, settings);
-  const RayTable& rays = camera.Rays();
-  const std::int64_t pixels = static_cast<std::int64_t>(camera.width()) * camera.height();
+ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, const ViewRays& view,
+                               const RenderSettings& settings, const std::uint8_t* chosen) {
+  const std::vector<Seen> seen = SortedGaussians(gaussians, view, settings);
+  const std::int64_t pixels = static_cast<std::int64_t>(view.width) * view.height;
   ReferenceImage out;
   out.image.assign(static_cast<std::size_t>(3 * pixels), 0.0);
   out.alpha.assign(static_cast<std::size_t>(pixels), 0.0);
   out.depth.assign(static_cast<std::size_t>(pixels), 0.0);
   out.samples.assign(static_cast<std::size_t>(pixels), 0);
-  const Matrix3d world_from_camera = camera_from_world.rotation.transpose();
-  ParallelFor(pixels, camera.width(), [&](std::int64_t begin, std::int64_t end) {
+  ParallelFor(pixels, view.width, [&](std::int64_t begin, std::int64_t end) {
     std::vector<Hit> hits;
     for (std::int64_t pixel = begin; pixel < end; ++pixel) {
       const std::size_t p = static_cast<std::size_t>(pixel);
-      if (!rays.valid[p] || (chosen != nullptr && !chosen[p])) continue;
-      const Vector3d ray = world_from_camera * Eigen::Map<const Vector3d>(&rays.rays[3 * p]);
-      const double transmittance = Blend(seen, ray, settings.rule, &hits);
+      if (!view.valid[p] || (chosen != nullptr && !chosen[p])) continue;
+      const double transmittance = Blend(seen, RayOf(view, p), settings.rule, &hits);
       Vector3d color = Vector3d::Zero();
       for (const Hit& hit : hits) {
         color += hit.weight * seen[hit.seen].color;
@@ -170,23 +185,28 @@ ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, con
   return out;
 }
 
-void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const Camera& camera,
-                             const Pose& camera_from_world, const RenderSettings& settings,
-                             const double* dimage, const double* dalpha, const double* ddepth,
-                             const GaussiansView<double>& gradients, double* dpose,
-                             const std::uint8_t* chosen) {
-  const std::vector<Seen> seen = SortedGaussians(gaussians, camera_from_world, settings);
-  const RayTable& rays = camera.Rays();
-  const int height = camera.height();
-  const int width = camera.width();
-  const Matrix3d& rotation = camera_from_world.rotation;
+ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, const Camera& camera,
+                               const CameraMotion& motion, const RenderSettings& settings,
+                               const std::uint8_t* chosen) {
+  return RenderReference(gaussians, MakeViewRays(camera, motion), settings, chosen);
+}
+
+void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const ViewRays& view,
+                             const RenderSettings& settings, const double* dimage,
+                             const double* dalpha, const double* ddepth,
+                             const GaussiansView<double>& gradients, RayGradients* ray_gradients,
+                             ShadingGradient* shading, const std::uint8_t* chosen) {
+  const std::vector<Seen> seen = SortedGaussians(gaussians, view, settings);
+  const int height = view.height;
+  const int width = view.width;
+  const Matrix3d& rotation = view.reference.rotation;
   const Vector3d background(settings.background[0], settings.background[1], settings.background[2]);
+  ray_gradients->origins.assign(3 * view.valid.size(), 0.0);
+  ray_gradients->rays.assign(3 * view.valid.size(), 0.0);
 
   std::vector<std::vector<GradientSums>> sums(kBackwardBands);
-  std::vector<Vector3d> rotation_sums(kBackwardBands, Vector3d::Zero());
   ParallelFor(kBackwardBands, 1, [&](std::int64_t band, std::int64_t) {
     std::vector<GradientSums>& sum = sums[static_cast<std::size_t>(band)];
-    Vector3d& rotation_sum = rotation_sums[static_cast<std::size_t>(band)];
     sum.resize(seen.size());
     std::vector<Hit> hits;
     const int row_begin = static_cast<int>(height * band / kBackwardBands);
@@ -194,9 +214,8 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
     for (int row = row_begin; row < row_end; ++row) {
       for (int column = 0; column < width; ++column) {
         const std::size_t p = static_cast<std::size_t>(row) * width + column;
-        if (!rays.valid[p] || (chosen != nullptr && !chosen[p])) continue;
-        const Vector3d ray_in_camera = Eigen::Map<const Vector3d>(&rays.rays[3 * p]);
-        const Vector3d ray = rotation.transpose() * ray_in_camera;
+        if (!view.valid[p] || (chosen != nullptr && !chosen[p])) continue;
+        const Ray ray = RayOf(view, p);
         const double transmittance = Blend(seen, ray, settings.rule, &hits);
         const Vector3d g_color = Eigen::Map<const Vector3d>(dimage + 3 * p);
         const double g_alpha = dalpha == nullptr ? 0.0 : dalpha[p];
@@ -204,6 +223,7 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
         // What lies behind the current Gaussian, as seen by L: starts with the background.
         double behind = transmittance * (g_color.dot(background) - g_alpha);
         Vector3d g_ray = Vector3d::Zero();
+        Vector3d g_origin = Vector3d::Zero();
         double after = transmittance;
         for (std::size_t h = hits.size(); h-- > 0;) {
           const Hit& hit = hits[h];
@@ -219,17 +239,20 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
           gs.opacity += g_raw * hit.response;
           const double v = -0.5 * g_raw * s.opacity * hit.response;  // dL/dD^2
           const double e = hit.weight * g_depth;                     // dL/dt
-          const Vector3d w = s.whiten * ray;
+          const Vector3d w = s.whiten * ray.direction;
+          const Vector3d whitened = s.whitened - s.whiten * ray.origin;
           const double w2 = w.squaredNorm();
-          const Vector3d residual = s.whitened - hit.t * w;
+          const Vector3d residual = whitened - hit.t * w;
           const Vector3d g_whitened = 2.0 * v * residual + (e / w2) * w;
           const Vector3d g_w =
-              -2.0 * v * hit.t * residual + (e / w2) * (s.whitened - 2.0 * hit.t * w);
+              -2.0 * v * hit.t * residual + (e / w2) * (whitened - 2.0 * hit.t * w);
           gs.whitened += g_whitened;
-          gs.whiten += g_w * ray.transpose();
+          gs.whiten += g_w * ray.direction.transpose() - g_whitened * ray.origin.transpose();
           g_ray += s.whiten.transpose() * g_w;
+          g_origin -= s.whiten.transpose() * g_whitened;
         }
-        rotation_sum -= ray_in_camera.cross(rotation * g_ray);
+        Eigen::Map<Vector3d>(&ray_gradients->rays[3 * p]) = rotation * g_ray;
+        Eigen::Map<Vector3d>(&ray_gradients->origins[3 * p]) = rotation * g_origin;
       }
     }
   });
@@ -242,7 +265,7 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
   std::fill_n(gradients.opacity_logits, n, 0.0);
   std::fill_n(gradients.sh, 3 * k_all * n, 0.0);
   const int used = UsedCoefficients(k_all, settings.sh_degree);
-  Vector3d center_sum = Vector3d::Zero();
+  *shading = ShadingGradient();
   for (std::size_t j = 0; j < seen.size(); ++j) {
     GradientSums total;
     for (const std::vector<GradientSums>& sum : sums) {
@@ -257,8 +280,7 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
     Vector3d g_relative = s.whiten.transpose() * total.whitened;
 
     // Colour: harmonics in the direction from the camera to the mean.
-    const double distance = s.relative.norm();
-    const Vector3d direction = s.relative / distance;
+    const Vector3d& direction = s.direction;
     double basis[kMaxShCoefficients];
     double g_basis[kMaxShCoefficients] = {};
     HarmonicsBasis(ShDegree(used), direction.x(), direction.y(), direction.z(), basis);
@@ -272,10 +294,16 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
     Vector3d g_direction;
     HarmonicsBasisGradient(ShDegree(used), direction.x(), direction.y(), direction.z(), g_basis,
                            g_direction.data());
-    g_relative += (g_direction - direction * direction.dot(g_direction)) / distance;
+    if (view.is_parallel) {
+      shading->axis += g_direction;
+    } else {
+      const Vector3d by_direction =
+          (g_direction - direction * direction.dot(g_direction)) / s.relative.norm();
+      g_relative += by_direction;
+      shading->center -= by_direction;
+    }
 
     Eigen::Map<Vector3d>(gradients.means + 3 * i) = g_relative;
-    center_sum += g_relative;
     gradients.opacity_logits[i] = total.opacity * s.opacity * (1.0 - s.opacity);
     // A = S^-1 R^T: row k of A is column k of R divided by the scale k.
     Matrix3d g_rotation;
@@ -288,14 +316,19 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
     RotationFromQuaternionBackward(gaussians.quats + 4 * i, g_rotation_rows.data(),
                                    gradients.quats + 4 * i);
   }
-  // xi = (v, w): the centre moves by -R^T v, the rays turn by -w (in the camera frame).
-  const Vector3d g_translation = rotation * center_sum;
-  Vector3d g_rotation = Vector3d::Zero();
-  for (const Vector3d& sum : rotation_sums) g_rotation += sum;
-  for (int k = 0; k < 3; ++k) {
-    dpose[k] = g_translation[k];
-    dpose[3 + k] = g_rotation[k];
-  }
+}
+
+void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const Camera& camera,
+                             const CameraMotion& motion, const RenderSettings& settings,
+                             const double* dimage, const double* dalpha, const double* ddepth,
+                             const GaussiansView<double>& gradients, double* dpose,
+                             const std::uint8_t* chosen) {
+  const ViewRays view = MakeViewRays(camera, motion);
+  RayGradients rays;
+  ShadingGradient shading;
+  RenderReferenceBackward(gaussians, view, settings, dimage, dalpha, ddepth, gradients, &rays,
+                          &shading, chosen);
+  ChainToPoses(view, camera, motion, rays, shading, dpose);
 }
 
 }  // namespace gsut

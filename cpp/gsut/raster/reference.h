@@ -7,8 +7,9 @@
 
 #include "gsut/cameras/camera.h"
 #include "gsut/gaussians/gaussians.h"
-#include "gsut/poses/pose.h"
+#include "gsut/poses/shutter.h"
 #include "gsut/raster/blend_rule.h"
+#include "gsut/raster/view_rays.h"
 
 namespace gsut {
 
@@ -22,17 +23,30 @@ struct ReferenceImage {
 
 // chosen (H, W): only pixels that are not 0 are rendered, the others stay 0; null: all. Throws
 // InputError if a parameter is not finite.
+ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, const ViewRays& view,
+                               const RenderSettings& settings,
+                               const std::uint8_t* chosen = nullptr);
+
+// The same through a lens, each line of the image from its own pose.
 ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, const Camera& camera,
-                               const Pose& camera_from_world, const RenderSettings& settings,
+                               const CameraMotion& motion, const RenderSettings& settings,
                                const std::uint8_t* chosen = nullptr);
 
 // Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth); dalpha and
-// ddepth may be null. Writes (does not add) all of `gradients`, shaped like the Gaussians, and
-// dpose[6], the gradient to xi = (v, w) in camera_from_world <- ExpPose(xi) camera_from_world.
-// The cut-offs of the blend rule are not differentiated; a clamped alpha or colour has gradient 0.
-// chosen: as above; L sums over these pixels only.
+// ddepth may be null. Writes (does not add) all of `gradients`, shaped like the Gaussians, and the
+// gradients to rays and shading. The cut-offs of the blend rule are not differentiated; a clamped
+// alpha or colour has gradient 0. chosen: as above; L sums over these pixels only.
+void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const ViewRays& view,
+                             const RenderSettings& settings, const double* dimage,
+                             const double* dalpha, const double* ddepth,
+                             const GaussiansView<double>& gradients, RayGradients* rays,
+                             ShadingGradient* shading, const std::uint8_t* chosen = nullptr);
+
+// The same, with dpose[12] in place of the rays': the gradients to xi = (v, w) in
+// camera_from_world <- ExpPose(xi) camera_from_world of the start pose, then of the end pose; [6]
+// for a global shutter.
 void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const Camera& camera,
-                             const Pose& camera_from_world, const RenderSettings& settings,
+                             const CameraMotion& motion, const RenderSettings& settings,
                              const double* dimage, const double* dalpha, const double* ddepth,
                              const GaussiansView<double>& gradients, double* dpose,
                              const std::uint8_t* chosen = nullptr);

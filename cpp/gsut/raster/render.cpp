@@ -10,37 +10,63 @@
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/projection/project_kernels.h"
 #include "gsut/raster/bin_tiles.h"
+#include "gsut/raster/view_rays.h"
 
 namespace gsut {
 namespace {
 
 constexpr std::size_t kPadding = 16;
+constexpr const char* kTooWide =
+    "the image is too small for its field of view: a tile of 16 x 16 pixels spans more than 168 "
+    "degrees; render a larger image or use dtype=\"float64\"";
 
 }  // namespace
 
 void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera& camera,
-                      const Pose& camera_from_world, const RenderSettings& settings,
+                      const CameraMotion& motion, const RenderSettings& settings,
                       const TiledOptions& options, float* image, float* alpha, float* depth) {
   rendered_ = false;
   settings.rule.Check();
   ActiveIsa();  // applies GSUT_ISA before the first kernel runs
-  grid_ = TilesOf(camera, ActiveLanes());
-  if (grid_->too_wide) {
-    throw InputError(
-        "the image is too small for its field of view: a tile of 16 x 16 pixels spans more than "
-        "168 degrees; render a larger image or use dtype=\"float64\"");
-  }
+  lines_ = nullptr;
   timings_.clear();
+  if (!HasOneCenter(camera, motion)) {
+    FillTask(gaussians, motion.Middle(), settings, options);
+    camera_ = std::make_unique<Camera>(camera);
+    motion_ = motion;
+    RenderLines(image, alpha, depth);
+    return;
+  }
+  grid_ = TilesOf(camera, ActiveLanes());
+  if (grid_->too_wide) throw InputError(kTooWide);
   Stopwatch watch;
+  FillTask(gaussians, motion.start, settings, options);
   const FootprintRule footprint = {settings.rule.alpha_min, settings.rule.response_min};
-  Project(gaussians, camera, camera_from_world, options.unscented, footprint, &splats_);
+  Project(gaussians, camera, motion.start, options.unscented, footprint, &splats_);
   timings_.push_back(watch.Lap("project"));
+  ResizeFrame(*grid_);
+  ParallelFor(gaussians.size, kRecordsPart, [&](std::int64_t begin, std::int64_t end) {
+    frame_.row_spans[static_cast<std::size_t>(begin / kRecordsPart)].clear();
+    RecordsKernel(task_, *grid_, splats_, begin, end, &frame_);
+  });
+  timings_.push_back(watch.Lap("records"));
+  BinTiles(*grid_, &frame_);
+  timings_.push_back(watch.Lap("bin"));
+  ResizePairs(*grid_);
+  ParallelFor(grid_->num_tiles(), 1, [&](std::int64_t tile, std::int64_t) {
+    ForwardKernel(task_, *grid_, static_cast<int>(tile), &frame_, image, alpha, depth);
+  });
+  timings_.push_back(watch.Lap("forward"));
+  rendered_ = task_.keep;
+}
 
+void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Pose& camera_from_world,
+                        const RenderSettings& settings, const TiledOptions& options) {
   task_.gaussians = gaussians;
   task_.view = MakeViewFloats(camera_from_world);
   task_.log2_alpha_min = static_cast<float>(std::log2(settings.rule.alpha_min));
-  task_.max_cutoff = footprint.response_min > 0.0
-                         ? static_cast<float>(-2.0 * std::log(footprint.response_min))
+  task_.max_cutoff = settings.rule.response_min > 0.0
+                         ? static_cast<float>(-2.0 * std::log(settings.rule.response_min))
                          : std::numeric_limits<float>::max();
   task_.alpha_max = static_cast<float>(settings.rule.alpha_max);
   task_.transmittance_min = static_cast<float>(settings.rule.transmittance_min);
@@ -53,34 +79,25 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   task_.keep = options.keep_for_backward;
   const int stored_degree = ShDegree(gaussians.sh_coefficients);
   task_.sh_degree = settings.sh_degree < stored_degree ? settings.sh_degree : stored_degree;
+}
 
-  frame_.size = gaussians.size;
-  const std::size_t n = static_cast<std::size_t>(gaussians.size);
+void Renderer::ResizeFrame(const TileGrid& grid) {
+  frame_.size = task_.gaussians.size;
+  const std::size_t n = static_cast<std::size_t>(frame_.size);
   frame_.records.resize((n + kPadding) * record::kSize);
   frame_.order_key.resize(n + kPadding);
   frame_.rects.resize(n);
   frame_.row_spans.resize((n + kRecordsPart - 1) / kRecordsPart);
-  ParallelFor(gaussians.size, kRecordsPart, [&](std::int64_t begin, std::int64_t end) {
-    frame_.row_spans[static_cast<std::size_t>(begin / kRecordsPart)].clear();
-    RecordsKernel(task_, *grid_, splats_, begin, end, &frame_);
-  });
-  timings_.push_back(watch.Lap("records"));
-  BinTiles(*grid_, &frame_);
-  timings_.push_back(watch.Lap("bin"));
+  const std::size_t pixels = static_cast<std::size_t>(grid.num_tiles()) * kTilePixels;
+  frame_.transmittance.resize(pixels);
+  for (AlignedVector<float>& channel : frame_.color) channel.resize(pixels);
+  if (task_.with_depth) frame_.depth.resize(pixels);
+}
 
-  const std::size_t tiles = static_cast<std::size_t>(grid_->num_tiles());
-  frame_.transmittance.resize(tiles * kTilePixels);
-  for (AlignedVector<float>& channel : frame_.color) channel.resize(tiles * kTilePixels);
-  if (task_.with_depth) frame_.depth.resize(tiles * kTilePixels);
-  if (task_.keep) {
-    frame_.entries.resize(frame_.pairs.size());
-    frame_.entry_count.resize(tiles);
-  }
-  ParallelFor(grid_->num_tiles(), 1, [&](std::int64_t tile, std::int64_t) {
-    ForwardKernel(task_, *grid_, static_cast<int>(tile), &frame_, image, alpha, depth);
-  });
-  timings_.push_back(watch.Lap("forward"));
-  rendered_ = task_.keep;
+void Renderer::ResizePairs(const TileGrid& grid) {
+  if (!task_.keep) return;
+  frame_.entries.resize(frame_.pairs.size());
+  frame_.entry_count.resize(static_cast<std::size_t>(grid.num_tiles()));
 }
 
 std::int64_t Renderer::num_contributing_pairs() const {

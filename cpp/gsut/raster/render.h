@@ -8,12 +8,14 @@
 #include "gsut/base/stopwatch.h"
 #include "gsut/cameras/camera.h"
 #include "gsut/gaussians/gaussians.h"
-#include "gsut/poses/pose.h"
+#include "gsut/poses/shutter.h"
 #include "gsut/projection/project.h"
 #include "gsut/raster/blend_rule.h"
 #include "gsut/raster/frame.h"
 #include "gsut/raster/kernels.h"
+#include "gsut/raster/line_grid.h"
 #include "gsut/raster/tile_grid.h"
+#include "gsut/raster/view_rays.h"
 
 namespace gsut {
 
@@ -24,7 +26,9 @@ struct TiledOptions {
 };
 
 // Renders one camera after another with buffers that only grow. Not thread-safe; inside, all loops
-// are parallel and give the same bits on any number of threads.
+// are parallel and give the same bits on any number of threads. Rays that start at one point (a
+// central lens, standing still) and lines (a rolling shutter, a lens without one centre) have
+// kernels of their own.
 // Error against the double reference: image rms at most 1e-5 (tests/tolerances.py).
 class Renderer {
  public:
@@ -32,14 +36,15 @@ class Renderer {
   // A Gaussian with a parameter that is not finite, or centred on the camera, is not drawn. The
   // arrays behind `gaussians` must live, unchanged, until the backward call.
   void Render(const GaussiansView<const float>& gaussians, const Camera& camera,
-              const Pose& camera_from_world, const RenderSettings& settings,
+              const CameraMotion& motion, const RenderSettings& settings,
               const TiledOptions& options, float* image, float* alpha, float* depth);
 
   // Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth) for the last
   // Render; dalpha and ddepth may be null (ddepth needs with_depth). `gradients` is shaped like the
   // Gaussians and overwritten; rows of Gaussians that no pixel saw become 0 if write_untouched and
-  // are left alone otherwise. touched (N): 1 where a pixel saw the Gaussian. dpose[6]: gradient to
-  // xi = (v, w) in camera_from_world <- ExpPose(xi) camera_from_world.
+  // are left alone otherwise. touched (N): 1 where a pixel saw the Gaussian. dpose[12]: gradient to
+  // xi = (v, w) in camera_from_world <- ExpPose(xi) camera_from_world of the start pose, then of
+  // the end pose ([6] for a global shutter); null if not wanted, which saves time for lines.
   void Backward(const float* dimage, const float* dalpha, const float* ddepth, bool write_untouched,
                 const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose);
 
@@ -56,9 +61,22 @@ class Renderer {
   std::int64_t buffer_bytes() const;
 
  private:
+  void FillTask(const GaussiansView<const float>& gaussians, const Pose& camera_from_world,
+                const RenderSettings& settings, const TiledOptions& options);
+  void ResizeFrame(const TileGrid& grid);
+  void ResizePairs(const TileGrid& grid);
+  void RenderLines(float* image, float* alpha, float* depth);
+  void BackwardLines(const ImageGradients& image_gradients, bool write_untouched,
+                     const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose);
+  // From the kernels' gradients to a tile's lines to those of its pixels' rays.
+  void ToRays(int tile, const float* to_lines, const float* ddepth, RayGradients* rays) const;
+
   std::vector<StageTime> timings_;
   RasterTask task_;
   std::shared_ptr<const TileGrid> grid_;
+  std::shared_ptr<const LineGrid> lines_;  // null: rays from one point, `grid_` is used
+  std::unique_ptr<Camera> camera_;         // of the last render of lines
+  CameraMotion motion_;
   Splats splats_;
   Frame frame_;
   bool rendered_ = false;

@@ -26,12 +26,16 @@ void Renderer::Backward(const float* dimage, const float* dalpha, const float* d
       gradients.sh_coefficients != task_.gaussians.sh_coefficients) {
     throw InputError("gradients must be shaped like the rendered Gaussians");
   }
-  Stopwatch watch;
   const std::size_t slots = frame_.pairs.size();
   frame_.slot_gradients.resize(slots * 16);
   frame_.slot_touched.resize(slots);
   std::fill(frame_.slot_touched.begin(), frame_.slot_touched.end(), std::uint8_t{0});
   const ImageGradients image_gradients = {dimage, dalpha, ddepth};
+  if (lines_ != nullptr) {
+    BackwardLines(image_gradients, write_untouched, gradients, touched, dpose);
+    return;
+  }
+  Stopwatch watch;
   ParallelFor(grid_->num_tiles(), 1, [&](std::int64_t tile, std::int64_t) {
     BackwardKernel(task_, *grid_, static_cast<int>(tile), image_gradients, &frame_);
   });
@@ -44,6 +48,7 @@ void Renderer::Backward(const float* dimage, const float* dalpha, const float* d
     GradientsKernel(task_, frame_, begin, end, write_untouched, gradients, touched, sum.data());
   });
   timings_.push_back(watch.Lap("gradients"));
+  if (dpose == nullptr) return;
   std::fill_n(dpose, 6, 0.0);
   for (const std::array<double, 6>& sum : pose) {
     for (int k = 0; k < 6; ++k) dpose[k] += sum[static_cast<std::size_t>(k)];

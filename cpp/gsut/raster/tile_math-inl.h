@@ -13,7 +13,7 @@
 #include "gsut/raster/tile_grid.h"
 
 // Fully unrolls the loop over the Gaussians (or blocks) that are worked on together.
-#define GSUT_UNROLL _Pragma("GCC unroll 8")
+#define GSUT_UNROLL _Pragma("GCC unroll 16")
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {

@@ -78,17 +78,10 @@ HWY_INLINE FloatMask TouchedBundles(const FormLanes& forms, Load&& load) {
                  hn::Gt(load(RayBundle::kHasRay), zero));
 }
 
-// Adds the touched tiles of one cell, as far as they lie in the window, to rows and hits.
-HWY_INLINE void TouchCell(const TileGrid& grid, const FormLanes& forms, int cell_x, int cell_y,
-                          const TileWindow& window, TouchedRows* rows, TileWindow* hits) {
-  const FloatTag d;
-  const float* tiles = &grid.cell_tiles[(static_cast<std::size_t>(cell_y) * grid.cells_x + cell_x) *
-                                        RayBundle::kSize * kCellTiles];
-  std::uint64_t touched = 0;
-  for (int i = 0; i < kCellTiles; i += kLanes) {
-    const auto load = [&](int k) HWY_ATTR { return hn::Load(d, tiles + k * kCellTiles + i); };
-    touched |= MaskBits(TouchedBundles(forms, load)) << i;
-  }
+// Adds the touched tiles of one cell (bit 4 row + column of `touched`), as far as they lie in the
+// window, to rows and hits.
+HWY_INLINE void AddTouched(std::uint64_t touched, int cell_x, int cell_y, const TileWindow& window,
+                           TouchedRows* rows, TileWindow* hits) {
   if (touched == 0) return;
   const int x0 = cell_x * kCellSize;
   for (int i = 0; i < kCellSize; ++i) {
@@ -115,6 +108,20 @@ HWY_INLINE void TouchCell(const TileGrid& grid, const FormLanes& forms, int cell
     hits->y0 = HWY_MIN(hits->y0, y);
     hits->y1 = HWY_MAX(hits->y1, y + 1);
   }
+}
+
+// Looks at the tiles of one cell.
+HWY_INLINE void TouchCell(const TileGrid& grid, const FormLanes& forms, int cell_x, int cell_y,
+                          const TileWindow& window, TouchedRows* rows, TileWindow* hits) {
+  const FloatTag d;
+  const float* tiles = &grid.cell_tiles[(static_cast<std::size_t>(cell_y) * grid.cells_x + cell_x) *
+                                        RayBundle::kSize * kCellTiles];
+  std::uint64_t touched = 0;
+  for (int i = 0; i < kCellTiles; i += kLanes) {
+    const auto load = [&](int k) HWY_ATTR { return hn::Load(d, tiles + k * kCellTiles + i); };
+    touched |= MaskBits(TouchedBundles(forms, load)) << i;
+  }
+  AddTouched(touched, cell_x, cell_y, window, rows, hits);
 }
 
 // The rectangle around the tiles of `window` that the footprint may touch; empty if none.

@@ -27,6 +27,7 @@ def add_bench(commands: Any, parser_class: type[argparse.ArgumentParser]) -> Non
     )
     _add_render(benchmarks)
     _add_train(benchmarks)
+    _add_compact(benchmarks)
     _add_poses(benchmarks)
 
 
@@ -145,6 +146,28 @@ def _add_poses(benchmarks: Any) -> None:
     parser.add_argument("--json", metavar="FILE", help="write the rows as JSON")
     parser.add_argument("--csv", metavar="FILE", help="write the rows as CSV")
     parser.set_defaults(run=_command("poses"), plot=None)
+
+
+def _add_compact(benchmarks: Any) -> None:
+    parser = benchmarks.add_parser(
+        "compact",
+        help="quality, size and speed of each method of compaction",
+        description="Compacts finished runs with every method, with and without fine-tuning, and "
+        "trains a model with as many Gaussians from the start in the same total time.",
+    )
+    parser.add_argument("runs", metavar="RUN", nargs="+", help="finished runs of gsut train")
+    parser.add_argument("--methods", metavar="A,B", help="[default: all of gsut compact]")
+    parser.add_argument(
+        "--keep", metavar="X,Y", default="", help="fractions [default 0.05,0.1,0.2,0.5]"
+    )
+    parser.add_argument(
+        "--finetune", type=int, default=500, metavar="STEPS", help="[default 500]"
+    )  # fmt: skip
+    parser.add_argument(
+        "--no-rival", action="store_true", help="do not train models that small from the start"
+    )
+    _add_files(parser, "PSNR against Gaussians and render time")
+    parser.set_defaults(run=_command("compact"))
 
 
 def _add_files(parser: argparse.ArgumentParser, plot: str) -> None:

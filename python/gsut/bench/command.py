@@ -165,6 +165,39 @@ def poses(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def compact(arguments: argparse.Namespace) -> int:
+    """`gsut bench compact RUN...`."""
+    from gsut.bench.compact_bench import (
+        COMPACT_COLUMNS,
+        DEFAULT_KEEPS,
+        CompactBenchOptions,
+        compact_bench,
+        num_parts,
+    )
+    from gsut.bench.plots import plot_compact
+    from gsut.compact import METHODS
+
+    _check_files(arguments)
+    options = CompactBenchOptions(
+        runs=arguments.runs,
+        methods=_words(arguments.methods) or METHODS,
+        keeps=_numbers(arguments.keep, float, "--keep") or DEFAULT_KEEPS,
+        finetune=arguments.finetune,
+        rival=not arguments.no_rival,
+    )
+
+    def on_row(rows: list[dict[str, Any]]) -> None:
+        if arguments.json:  # after every row: it takes long
+            write_json(arguments.json, rows)
+
+    with _bar(num_parts(options)) as advance:
+        rows = compact_bench(options, advance, on_row)
+    _print_and_write(rows, COMPACT_COLUMNS, arguments)
+    if arguments.plot:
+        plot_compact(arguments.plot, rows)
+    return 0
+
+
 def _print_and_write(
     rows: list[dict[str, Any]],
     columns: Sequence[tuple[str, str, str]],

@@ -1,4 +1,4 @@
-"""The benchmarks' plots: speed against error, scale, PSNR against seconds."""
+"""The benchmarks' plots: speed against error, scale, PSNR against seconds and size."""
 
 from __future__ import annotations
 
@@ -109,6 +109,54 @@ def plot_curves(path: str | os.PathLike[str], curves: dict[str, list[dict[str, A
     axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.legend(frameon=False, fontsize=9, loc="lower right")
     _save(figure, path)
+
+
+def plot_compact(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
+    """One row of two panels a scene: lines are fine-tuned, dotted lines not, black the rival.
+
+    Args:
+        path: svg, png or pdf.
+        rows: of `compact_bench`.
+    """
+    from matplotlib.figure import Figure
+
+    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    figure = Figure(figsize=(11.0, 4.6 * len(scenes)), layout="constrained")
+    for place, scene in enumerate(scenes):
+        of_scene = [row for row in rows if row["scene"] == scene]
+        panels = [figure.add_subplot(len(scenes), 2, 2 * place + k + 1) for k in range(2)]
+        _style(panels[0], f"{scene}: held-out PSNR", "Gaussians", "dB")
+        _style(panels[1], "", "ms a view", "dB")
+        for axes, key in zip(panels, ("num_gaussians", "render_ms"), strict=True):
+            _lines(axes, of_scene, key)
+            axes.set_xscale("log")
+        panels[0].legend(frameon=False, fontsize=8)
+    _save(figure, path)
+
+
+def _lines(axes: Any, rows: Sequence[dict[str, Any]], key: str) -> None:
+    methods = list(dict.fromkeys(row["method"] for row in rows if row["method"] != "whole"))
+    for index, method in enumerate(methods):
+        line = sorted((row for row in rows if row["method"] == method), key=lambda row: row["keep"])
+        color, marker = _COLORS[index % 6], _MARKERS[index % len(_MARKERS)]
+        for kind, form, label in (("tuned", "-", method), ("free", ":", None)):
+            x = [row[key] if key in row else row[kind][key] for row in line]
+            y = [row[kind]["psnr"] for row in line]
+            axes.plot(
+                x, y, marker + form, color=color, label=label, markersize=5, linewidth=1.4
+            )  # fmt: skip
+    whole = next(row for row in rows if row["method"] == "whole")
+    at = whole[key] if key in whole else whole["free"][key]
+    axes.plot([at], [whole["free"]["psnr"]], "*", color="#000000", markersize=11, label="whole")
+    rivals = {
+        row["keep"]: row["rival"] for row in rows if row["method"] != "whole" and row.get("rival")
+    }
+    line = [rivals[keep] for keep in sorted(rivals)]
+    if line:
+        axes.plot(
+            [rival[key] for rival in line], [rival["psnr"] for rival in line], "X--",
+            color="#000000", label="trained that small, same seconds", markersize=6, linewidth=1.2,
+        )  # fmt: skip
 
 
 def _figure(title: str, x: str, y: str, size: tuple[float, float]) -> tuple[Any, Any]:

@@ -39,7 +39,8 @@ def table_text(rows: Sequence[dict[str, Any]], columns: Sequence[tuple[str, str,
     """The rows as lines of aligned text; what is null is a dash."""
     cells = [[heading for heading, _, _ in columns]]
     for row in rows:
-        cells.append([_cell(row.get(key), form) for _, key, form in columns])
+        flat = _flattened(row)
+        cells.append([_cell(flat.get(key), form) for _, key, form in columns])
     widths = [max(len(line[k]) for line in cells) for k in range(len(columns))]
     left = [form == "" for _, _, form in columns]
     lines = [

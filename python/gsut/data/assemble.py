@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gsut._core import InputError
+from gsut._core import InputError, Shutter
 from gsut.cameras import Camera
 from gsut.data.findings import DatasetError, OnError, some_names, stop
 from gsut.data.images import read_header
@@ -32,6 +32,7 @@ class Frame:
     world_from_camera_end: np.ndarray | None = None
     mask_path: Path | None = None
     depth_path: Path | None = None
+    shutter: Shutter | None = None
 
 
 @dataclasses.dataclass
@@ -229,6 +230,7 @@ def _views(frames: list[Frame], offset: np.ndarray) -> tuple[list[Camera], list[
                 recentred_if_given(frame.world_from_camera_end),
                 frame.mask_path,
                 frame.depth_path,
+                frame.shutter,
             )
         )
     return cameras, views

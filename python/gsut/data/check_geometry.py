@@ -129,7 +129,7 @@ def check_poses(scene: Scene) -> Iterator[Finding]:
             where,
             f"{len(rolling)} views have rolling-shutter poses (median motion in one frame"
             f" {moved[0]:.3g} units, {moved[1]:.2g} degrees)",
-            "training with the middle pose only blurs the scene",
+            "training sees each line from its own pose; --shutter global would blur the scene",
         )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut._core import InputError
+from gsut._core import InputError, Shutter
 from gsut.cameras import Camera
 from gsut.data.assemble import Frame, Listing
 from gsut.data.colmap import find_model, read_points
@@ -138,8 +138,21 @@ def _read_frame(
             end,
             _existing(frame, values, "mask_path", listing.path, where),
             _existing(frame, {}, "depth_file_path", listing.path, where),
+            None if start is None else _shutter(values, listing.source),
         )
     )
+
+
+def _shutter(values: dict, source: Path) -> Shutter:
+    """The direction in 'rolling_shutter' of the file, top to bottom where it says nothing."""
+    entry = values.get("rolling_shutter") or {}
+    name = entry.get("direction", "top_to_bottom") if isinstance(entry, dict) else entry
+    try:
+        return Shutter(str(name).lower())
+    except InputError as error:
+        raise DatasetError(
+            source, f"'rolling_shutter': {error}", "write one of these directions"
+        ) from error
 
 
 def _find_image(folder: Path, name: str) -> Path | None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gsut._core import InputError
+from gsut._core import CameraMotion, InputError, Shutter
 from gsut.cameras import Camera
 from gsut.data.findings import DatasetError
 from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mask
@@ -34,6 +34,7 @@ class View:
             rolling shutter, or None.
         mask_path: image that is white where pixels are valid, or None.
         depth_path: as the dataset names it, not read here, or None.
+        shutter: how the image was read out between the start and the end pose, or None.
     """
 
     name: str
@@ -44,6 +45,15 @@ class View:
     camera_from_world_end: np.ndarray | None = None
     mask_path: Path | None = None
     depth_path: Path | None = None
+    shutter: Shutter | None = None
+
+    @property
+    def motion(self) -> np.ndarray | CameraMotion:
+        """What `render` takes: the pose, or with a rolling shutter the motion between both."""
+        start, end = self.camera_from_world_start, self.camera_from_world_end
+        if self.shutter is None or start is None or end is None:
+            return self.camera_from_world
+        return CameraMotion(start, end, self.shutter)
 
     @property
     def camera_center(self) -> np.ndarray:
@@ -178,6 +188,13 @@ class Scene:
                 pass
         for index in range(len(self.views)):
             self.mask(index)
+
+    def with_views(self, views: Sequence[View]) -> Scene:
+        """The same scene with its views, in their order, replaced: other poses or shutters."""
+        return Scene(
+            self.path, self.cameras, views, self.points, self.point_colors, self.train_indices,
+            self.test_indices, self.world_offset, self.notes, full_cameras=self._full_cameras,
+        )  # fmt: skip
 
     def scaled(self, factor: float) -> Scene:
         """The same scene with images of `factor` (0 to 1] times the size.

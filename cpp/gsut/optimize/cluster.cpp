@@ -1,0 +1,174 @@
+// Clusters of Gaussians: merging, and the two costs of it.
+#include "gsut/optimize/cluster.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "gsut/gaussians/activations.h"
+
+namespace gsut {
+namespace {
+
+// Opacities that clusters compute with: the logit of the largest is 9.2.
+constexpr double kLeastOpacity = 1e-6;
+constexpr double kMostOpacity = 1.0 - 1e-4;
+// Added to covariances before they are compared, of their largest variance: surfaces have no
+// thickness to speak of, and shifts across it are not seen from where they are seen.
+constexpr double kThickness = 0.05 * 0.05;
+// sum over coefficients of the harmonics' squared difference / 4 pi = its mean over directions.
+constexpr double kInverseSphere = 0.25 / std::numbers::pi;
+
+double LogDeterminant(const Eigen::Matrix3d& covariance) {
+  const double floor = kThickness * covariance.trace();
+  return std::log((covariance + floor * Eigen::Matrix3d::Identity()).determinant());
+}
+
+// A Gaussian bump in the plane: amplitude, place, covariance.
+struct Bump {
+  double amplitude;
+  double x, y, xx, xy, yy;
+};
+
+// Integral over the plane of the product of two.
+double Product(const Bump& a, const Bump& b) {
+  const double xx = a.xx + b.xx, xy = a.xy + b.xy, yy = a.yy + b.yy;
+  const double determinant = xx * yy - xy * xy;
+  const double dx = a.x - b.x, dy = a.y - b.y;
+  const double square = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / determinant;
+  const double areas = (a.xx * a.yy - a.xy * a.xy) * (b.xx * b.yy - b.xy * b.xy);
+  return a.amplitude * b.amplitude * 2.0 * std::numbers::pi * std::sqrt(areas / determinant) *
+         std::exp(-0.5 * square);
+}
+
+// The product of two is a bump again; with a minus, for what overlaps in a blend of the two.
+Bump MinusOverlap(const Bump& a, const Bump& b) {
+  const double xx = a.xx + b.xx, xy = a.xy + b.xy, yy = a.yy + b.yy;
+  const double determinant = xx * yy - xy * xy;
+  const double dx = b.x - a.x, dy = b.y - a.y;
+  // (A + B)^-1 (b - a), and C = A (A + B)^-1 B.
+  const double ux = (yy * dx - xy * dy) / determinant;
+  const double uy = (xx * dy - xy * dx) / determinant;
+  const double bxx = (yy * b.xx - xy * b.xy) / determinant;
+  const double bxy = (yy * b.xy - xy * b.yy) / determinant;
+  const double byx = (xx * b.xy - xy * b.xx) / determinant;
+  const double byy = (xx * b.yy - xy * b.xy) / determinant;
+  return {-a.amplitude * b.amplitude * std::exp(-0.5 * (dx * ux + dy * uy)),
+          a.x + a.xx * ux + a.xy * uy,
+          a.y + a.xy * ux + a.yy * uy,
+          a.xx * bxx + a.xy * byx,
+          a.xx * bxy + a.xy * byy,
+          a.xy * bxy + a.yy * byy};
+}
+
+// Squared difference of the two blended and the merged field, over the two's own squares; seen
+// along the three axes of the merged Gaussian.
+double FieldDifference(const Cluster& a, const Cluster& b, const Cluster& merged) {
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
+  solver.computeDirect(merged.moments.covariance);
+  const Eigen::Matrix3d& axes = solver.eigenvectors();
+  const double floor = kThickness * std::max(solver.eigenvalues()[2], 0.0) + 1e-300;
+  const Cluster* all[3] = {&a, &b, &merged};
+  Eigen::Matrix3d covariance[3];
+  Eigen::Vector3d mean[3];
+  for (int i = 0; i < 3; ++i) {
+    covariance[i] = axes.transpose() * all[i]->moments.covariance * axes;
+    covariance[i].diagonal().array() += floor;
+    mean[i] = axes.transpose() * (all[i]->moments.mean - merged.moments.mean);
+  }
+  double difference = 0.0, own = 0.0;
+  for (int along = 0; along < 3; ++along) {
+    const int x = (along + 1) % 3, y = (along + 2) % 3;
+    Bump bump[4];  // a, b, what they share, and the merged with a minus
+    for (int i = 0; i < 3; ++i) {
+      bump[i == 2 ? 3 : i] = {i == 2 ? -all[i]->opacity : all[i]->opacity,
+                              mean[i][x],
+                              mean[i][y],
+                              covariance[i](x, x),
+                              covariance[i](x, y),
+                              covariance[i](y, y)};
+    }
+    bump[2] = MinusOverlap(bump[0], bump[1]);
+    for (int i = 0; i < 4; ++i) {
+      const double square = Product(bump[i], bump[i]);
+      difference += square;
+      if (i < 2) own += square;
+      for (int k = 0; k < i; ++k) difference += 2.0 * Product(bump[i], bump[k]);
+    }
+  }
+  return own > 0.0 ? std::max(difference / own, 0.0) : 0.0;
+}
+
+}  // namespace
+
+Cluster ClusterOf(const GaussiansView<const float>& gaussians, std::int64_t row, double weight,
+                  const double* origin) {
+  Cluster out;
+  for (int k = 0; k < 3; ++k) {
+    out.moments.mean[k] = static_cast<double>(gaussians.means[3 * row + k]) - origin[k];
+  }
+  out.moments.covariance = CovarianceOf(gaussians, row);
+  out.opacity = std::clamp(Sigmoid(static_cast<double>(gaussians.opacity_logits[row])),
+                           kLeastOpacity, kMostOpacity);
+  out.transparency = 1.0 - out.opacity;
+  const float* s = gaussians.log_scales + 3 * row;
+  const double area =
+      ShadowArea(ScaleFromLog(static_cast<double>(s[0])), ScaleFromLog(static_cast<double>(s[1])),
+                 ScaleFromLog(static_cast<double>(s[2])));
+  const double mass = out.opacity * area;
+  out.moments.weight = weight < 0.0 ? mass : weight;
+  out.density = mass > 0.0 ? out.moments.weight / mass : 0.0;
+  const int count = 3 * gaussians.sh_coefficients;
+  out.sh.assign(gaussians.sh + count * row, gaussians.sh + count * (row + 1));
+  out.log_determinant = LogDeterminant(out.moments.covariance);
+  return out;
+}
+
+Cluster Merge(const Cluster& a, const Cluster& b, bool with_sh) {
+  Cluster out;
+  out.merged = true;
+  out.moments = MergeMoments(a.moments, b.moments);
+  const double weight = out.moments.weight;
+  const double share = weight > 0.0 ? b.moments.weight / weight : 0.5;
+  out.transparency = a.transparency * b.transparency;
+  out.density = (1.0 - share) * a.density + share * b.density;
+  const double area = ShadowArea(out.moments.covariance);
+  const double kept = out.density * area > 0.0 ? weight / (out.density * area)
+                                               : (1.0 - share) * a.opacity + share * b.opacity;
+  out.opacity = std::clamp(std::min(kept, 1.0 - out.transparency), kLeastOpacity, kMostOpacity);
+  if (with_sh) {
+    out.sh.resize(a.sh.size());
+    for (std::size_t k = 0; k < a.sh.size(); ++k) {
+      out.sh[k] = (1.0 - share) * a.sh[k] + share * b.sh[k];
+    }
+  }
+  out.log_determinant = LogDeterminant(out.moments.covariance);
+  return out;
+}
+
+double CostOfMerging(const Cluster& a, const Cluster& b, const MergeOptions& options) {
+  const double weight_a = a.moments.weight, weight_b = b.moments.weight;
+  const double weight = weight_a + weight_b;
+  if (!(weight > 0.0)) return 0.0;
+  double square = 0.0;
+  for (std::size_t k = 0; k < a.sh.size(); ++k) {
+    const double difference = a.sh[k] - b.sh[k];
+    square += difference * difference;
+  }
+  const double color = weight_a * (weight_b / weight) * kInverseSphere * square;
+  double cost = color;
+  if (options.divergence_weight > 0.0) {
+    const Moments both = MergeMoments(a.moments, b.moments);
+    const double divergence = 0.5 * (weight * LogDeterminant(both.covariance) -
+                                     weight_a * a.log_determinant - weight_b * b.log_determinant);
+    cost += options.divergence_weight * std::max(divergence, 0.0);
+  }
+  if (options.field_weight > 0.0) {
+    cost += options.field_weight * weight * FieldDifference(a, b, Merge(a, b, false));
+  }
+  return cost;
+}
+
+}  // namespace gsut

@@ -1,0 +1,257 @@
+// Footprints of many Gaussians: in double by the scalar code, in float the kernels' put together.
+#include "gsut/projection/footprint.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "gsut/base/errors.h"
+#include "gsut/base/isa.h"
+#include "gsut/base/parallel.h"
+#include "gsut/cameras/lens_registry.h"
+#include "gsut/projection/footprint_error.h"
+#include "gsut/projection/footprint_kernels.h"
+#include "gsut/projection/footprint_scalar.h"
+#include "gsut/projection/lens_bend.h"
+#include "gsut/projection/project_kernels.h"
+
+namespace gsut {
+namespace {
+
+constexpr std::size_t kPadding = 16;
+constexpr std::int64_t kGrain = 4096;
+
+void CheckOptions(const FootprintOptions& options) {
+  if (!(options.max_error_px > 0.0) || !std::isfinite(options.max_error_px)) {
+    throw InputError("max_error_px must be a positive number of pixels, found " +
+                     std::to_string(options.max_error_px));
+  }
+}
+
+// Chosen Gaussians of a view, one after the other.
+struct PackedGaussians {
+  std::vector<float> means, quats, log_scales, opacity_logits;
+
+  void Fill(const GaussiansView<const float>& g, const std::vector<std::int64_t>& rows) {
+    means.resize(3 * rows.size());
+    quats.resize(4 * rows.size());
+    log_scales.resize(3 * rows.size());
+    opacity_logits.resize(rows.size());
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+      std::copy_n(g.means + 3 * rows[k], 3, &means[3 * k]);
+      std::copy_n(g.quats + 4 * rows[k], 4, &quats[4 * k]);
+      std::copy_n(g.log_scales + 3 * rows[k], 3, &log_scales[3 * k]);
+      opacity_logits[k] = g.opacity_logits[rows[k]];
+    }
+  }
+  GaussiansView<const float> View() const {
+    return {static_cast<std::int64_t>(opacity_logits.size()),
+            1,
+            means.data(),
+            quats.data(),
+            log_scales.data(),
+            opacity_logits.data(),
+            nullptr};
+  }
+};
+
+void CopyRow(const Footprints<float>& from, std::size_t k, std::size_t j, Footprints<float>* to) {
+  to->u[j] = from.u[k];
+  to->v[j] = from.v[k];
+  to->cov_uu[j] = from.cov_uu[k];
+  to->cov_uv[j] = from.cov_uv[k];
+  to->cov_vv[j] = from.cov_vv[k];
+  to->low_u[j] = from.low_u[k];
+  to->high_u[j] = from.high_u[k];
+  to->low_v[j] = from.low_v[k];
+  to->high_v[j] = from.high_v[k];
+  to->status[j] = from.status[k];
+  to->method[j] = from.method[k];
+}
+
+void Widen(std::size_t j, double by, Footprints<float>* out) {
+  const float wider = static_cast<float>(by);
+  out->low_u[j] -= wider;
+  out->high_u[j] += wider;
+  out->low_v[j] -= wider;
+  out->high_v[j] += wider;
+}
+
+// Adaptive, for one part: EWA for all, then the others where they are needed.
+class AdaptivePart {
+ public:
+  AdaptivePart(const FootprintTask& task, const LensBend& bend, double max_error_px)
+      : task_(task), bend_(bend), max_error_px_(max_error_px) {
+    task_.method = ProjectionMethod::kEwa;
+  }
+
+  void Run(std::int64_t begin, std::int64_t end, Footprints<float>* out) {
+    PackedPart(begin, end);
+    const std::size_t n = rows_.size();
+    Resize(n);
+    FootprintKernel(Packed(ProjectionMethod::kEwa), 0, static_cast<std::int64_t>(n), &part_,
+                    &places_);
+    std::vector<std::int64_t> unscented, silhouette;
+    std::vector<double> widths;
+    for (std::size_t k = 0; k < n; ++k) {
+      const std::size_t j = static_cast<std::size_t>(rows_[k]);
+      CopyRow(part_, k, j, out);
+      if (out->status[j] == FootprintStatus::kNothing) continue;
+      const float mean[3] = {places_.x[k], places_.y[k], places_.z[k]};
+      const float size = places_.size[k], reach = places_.reach[k];
+      const FootprintError error =
+          BoundFootprintError(bend_.At(mean, BendSine(size, reach)), size, reach);
+      if (out->status[j] == FootprintStatus::kBox && error.ewa <= max_error_px_) {
+        Widen(j, error.ewa, out);
+        continue;
+      }
+      // By EWA's size: whether the unscented box will do is not known before it is there.
+      const double half =
+          0.5 * std::max(out->high_u[j] - out->low_u[j], out->high_v[j] - out->low_v[j]);
+      if (error.unscented_center <= max_error_px_ && error.unscented_box <= kLooseBox * half) {
+        unscented.push_back(rows_[k]);
+        widths.push_back(error.unscented_box);
+      } else {
+        silhouette.push_back(rows_[k]);
+      }
+    }
+    Rerun(unscented, ProjectionMethod::kUnscented, out);
+    for (std::size_t k = 0; k < unscented.size(); ++k) {
+      const std::size_t j = static_cast<std::size_t>(unscented[k]);
+      if (out->status[j] == FootprintStatus::kBox) {
+        Widen(j, widths[k], out);
+      } else if (out->status[j] == FootprintStatus::kUnknown) {
+        silhouette.push_back(unscented[k]);
+      }
+    }
+    Rerun(silhouette, ProjectionMethod::kSilhouette, out);
+  }
+
+ private:
+  void PackedPart(std::int64_t begin, std::int64_t end) {
+    rows_.resize(static_cast<std::size_t>(end - begin));
+    for (std::size_t k = 0; k < rows_.size(); ++k) rows_[k] = begin + static_cast<std::int64_t>(k);
+    packed_.Fill(task_.gaussians, rows_);
+  }
+
+  void Resize(std::size_t n) {
+    part_.Resize(static_cast<std::int64_t>(n));
+    for (AlignedVector<float>* array :
+         {&places_.x, &places_.y, &places_.z, &places_.size, &places_.reach}) {
+      array->resize(n + kPadding);
+    }
+  }
+
+  FootprintTask Packed(ProjectionMethod method) const {
+    FootprintTask task = task_;
+    task.gaussians = packed_.View();
+    task.method = method;
+    return task;
+  }
+
+  void Rerun(const std::vector<std::int64_t>& rows, ProjectionMethod method,
+             Footprints<float>* out) {
+    if (rows.empty()) return;
+    packed_.Fill(task_.gaussians, rows);
+    part_.Resize(static_cast<std::int64_t>(rows.size()));
+    FootprintKernel(Packed(method), 0, static_cast<std::int64_t>(rows.size()), &part_, nullptr);
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+      CopyRow(part_, k, static_cast<std::size_t>(rows[k]), out);
+    }
+  }
+
+  FootprintTask task_;
+  const LensBend& bend_;
+  double max_error_px_;
+  std::vector<std::int64_t> rows_;
+  PackedGaussians packed_;
+  Footprints<float> part_;
+  GaussianPlaces places_;
+};
+
+}  // namespace
+
+template <class T>
+void Footprints<T>::Resize(std::int64_t n) {
+  size = n;
+  const std::size_t padded = static_cast<std::size_t>(n) + kPadding;
+  for (AlignedVector<T>* array :
+       {&u, &v, &cov_uu, &cov_uv, &cov_vv, &low_u, &high_u, &low_v, &high_v}) {
+    array->resize(padded);
+  }
+  status.resize(padded);
+  method.resize(padded);
+}
+
+template struct Footprints<float>;
+template struct Footprints<double>;
+
+void FindFootprintsReference(const GaussiansView<const double>& gaussians, const Camera& camera,
+                             const Pose& camera_from_world, const FootprintOptions& options,
+                             Footprints<double>* footprints) {
+  CheckOptions(options);
+  const ScalarFootprints scalar(camera, camera_from_world, options);
+  footprints->Resize(gaussians.size);
+  ParallelFor(gaussians.size, 64, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      StoreFootprint(scalar.Find(gaussians, i), 0.0, static_cast<std::size_t>(i), footprints);
+    }
+  });
+}
+
+void FindFootprints(const GaussiansView<const float>& gaussians, const Camera& camera,
+                    const Pose& camera_from_world, const FootprintOptions& options,
+                    Footprints<float>* footprints) {
+  CheckOptions(options);
+  ActiveIsa();  // applies GSUT_ISA before the first kernel runs
+  const bool adaptive = options.method == ProjectionMethod::kAdaptive;
+  const bool bounds = adaptive || options.method == ProjectionMethod::kSilhouette;
+  FootprintTask task;
+  task.gaussians = gaussians;
+  task.lens = camera.lens();
+  task.domain = camera.domain();
+  task.params = camera.params().data();
+  task.num_params = camera.num_params();
+  const bool has_table = VisitLens(camera.lens(), [](auto lens) {
+    return requires { decltype(lens)::kHasTable; };
+  });
+  if (task.num_params > kMaxLensParams && !has_table) {
+    throw InputError("the lens has " + std::to_string(task.num_params) + " parameters; at most " +
+                     std::to_string(kMaxLensParams) + " can be projected");
+  }
+  std::vector<float> table;
+  if (has_table) table.assign(camera.params().begin(), camera.params().end());
+  task.table = table.data();
+  task.view = MakeViewFloats(camera_from_world);
+  task.log2_alpha_min = static_cast<float>(std::log2(options.rule.alpha_min));
+  task.max_cutoff = options.rule.response_min > 0.0
+                        ? static_cast<float>(-2.0 * std::log(options.rule.response_min))
+                        : std::numeric_limits<float>::max();
+  task.method = options.method;
+  const SigmaRule rule = MakeSigmaRule(adaptive ? ProjectionMethod::kUnscented : options.method,
+                                       adaptive ? UnscentedOptions() : options.unscented);
+  task.rule = &rule;
+  FootprintOptions exact = options;
+  exact.method = ProjectionMethod::kSilhouette;
+  const ScalarFootprints scalar(camera, camera_from_world, exact);
+  const std::shared_ptr<const LensBend> bend = adaptive ? BendOf(camera) : nullptr;
+  footprints->Resize(gaussians.size);
+  ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    if (adaptive) {
+      AdaptivePart(task, *bend, options.max_error_px).Run(begin, end, footprints);
+    } else {
+      FootprintKernel(task, begin, end, footprints, nullptr);
+    }
+    if (!bounds) return;
+    for (std::int64_t i = begin; i < end; ++i) {
+      const std::size_t j = static_cast<std::size_t>(i);
+      if (footprints->status[j] != FootprintStatus::kUnknown) continue;
+      StoreFootprint(scalar.Find(gaussians, i), kBoxRounding, j, footprints);
+    }
+  });
+}
+
+}  // namespace gsut

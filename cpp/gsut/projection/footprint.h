@@ -1,0 +1,71 @@
+// Footprints of Gaussians by seven methods, from the linear one to the exact silhouette.
+#pragma once
+
+#include <cstdint>
+
+#include "gsut/base/aligned_vector.h"
+#include "gsut/cameras/camera.h"
+#include "gsut/gaussians/gaussians.h"
+#include "gsut/poses/pose.h"
+#include "gsut/projection/project.h"
+
+namespace gsut {
+
+// How a Gaussian's place, shape and bound in the image are found.
+enum class ProjectionMethod : std::uint8_t {
+  kEwa = 0,           // the lens' Jacobian at the mean (Zwicker et al., EWA Splatting, 2001)
+  kUnscented = 1,     // 7 sigma points with alpha, beta, kappa (3DGUT)
+  kSimplex = 2,       // 4 points, the corners of a regular tetrahedron
+  kCubature = 3,      // 6 points of the spherical-radial rule (Arasaratnam and Haykin, 2009)
+  kGaussHermite = 4,  // 27 points, 3 an axis
+  kSilhouette = 5,    // the cone of rays that touch the cut-off ellipsoid, through the lens: exact
+  kAdaptive = 6,      // the first of EWA, unscented and silhouette whose error is under a bound
+};
+
+struct FootprintOptions {
+  ProjectionMethod method = ProjectionMethod::kAdaptive;
+  UnscentedOptions unscented;
+  FootprintRule rule;
+  // Adaptive only: bound of the centre's error (pixels) where EWA or unscented is chosen, and of
+  // how far EWA's own box may be from the footprint's. The box misses nothing whatever the bound.
+  double max_error_px = 0.25;
+};
+
+enum class FootprintStatus : std::uint8_t {
+  kNothing = 0,  // no pixel sees it
+  kBox = 1,      // the box is what the method says holds every pixel with alpha >= alpha_min
+  kUnknown = 2,  // a point of the method has no pixel: it says nothing about this Gaussian
+};
+
+// One footprint a Gaussian, structure of arrays of `size` numbers. Of boxes, low > high where the
+// status is not kBox. On a panorama a box may reach beyond the seam: it means its copies, too.
+template <class T>
+struct Footprints {
+  std::int64_t size = 0;
+  AlignedVector<T> u, v;                    // centre, pixels
+  AlignedVector<T> cov_uu, cov_uv, cov_vv;  // pixels^2
+  AlignedVector<T> low_u, high_u, low_v, high_v;
+  AlignedVector<FootprintStatus> status;
+  AlignedVector<ProjectionMethod> method;  // that was used: adaptive names its choice
+
+  void Resize(std::int64_t n);
+};
+
+extern template struct Footprints<float>;
+extern template struct Footprints<double>;
+
+// The scalar double reference.
+void FindFootprintsReference(const GaussiansView<const double>& gaussians, const Camera& camera,
+                             const Pose& camera_from_world, const FootprintOptions& options,
+                             Footprints<double>* footprints);
+
+// Float path, vectorised and threaded. Boxes are kBoxRounding wider than the method says, so that
+// rounding to float loses nothing. What has no simple outline (the camera inside, cut by the
+// domain's edge, around a pole) is bounded by the scalar code.
+void FindFootprints(const GaussiansView<const float>& gaussians, const Camera& camera,
+                    const Pose& camera_from_world, const FootprintOptions& options,
+                    Footprints<float>* footprints);
+
+inline constexpr double kBoxRounding = 0.01;  // pixels: of float coordinates up to 65 536
+
+}  // namespace gsut

@@ -1,0 +1,43 @@
+// The call into the vectorised footprints of the active instruction set.
+#pragma once
+
+#include <cstdint>
+
+#include "gsut/cameras/lens_registry.h"
+#include "gsut/projection/footprint.h"
+#include "gsut/projection/sigma_rule.h"
+#include "gsut/projection/view.h"
+
+namespace gsut {
+
+// Points of an outline: float kernel and double reference.
+inline constexpr int kOutlinePoints = 16;
+inline constexpr int kOutlinePointsReference = 64;
+
+struct FootprintTask {
+  GaussiansView<const float> gaussians;  // sh is not read
+  LensModel lens;
+  LensDomain domain;
+  const double* params;
+  int num_params;
+  const float* table;  // the parameters in float, for lenses with a table
+  ViewFloats view;
+  float log2_alpha_min;
+  float max_cutoff;
+  ProjectionMethod method;  // not kAdaptive
+  const SigmaRule* rule;
+};
+
+// Where the Gaussians are; as many numbers as footprints.
+struct GaussianPlaces {
+  AlignedVector<float> x, y, z;  // mean, camera frame
+  AlignedVector<float> size;     // largest standard deviation over the mean's distance
+  AlignedVector<float> reach;    // root of the cut-off of D^2
+};
+
+// Footprints of the Gaussians [begin, end), begin a multiple of 16; places may be null. Arrays have
+// room for 16 more. Boxes come widened by kBoxRounding.
+void FootprintKernel(const FootprintTask& task, std::int64_t begin, std::int64_t end,
+                     Footprints<float>* footprints, GaussianPlaces* places);
+
+}  // namespace gsut

@@ -1,0 +1,105 @@
+"""How a scene's images were read out: as its files say, at once, or line by line."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import numpy as np
+
+from gsut._core import InputError, Shutter, interpolate_pose
+from gsut.data.poses import inverse
+from gsut.data.scene import Scene, View
+
+_NUMBER = re.compile(r"(\d+)\D*$")  # the last number of a name
+
+
+def with_shutter(
+    scene: Scene,
+    shutter: str = "auto",
+    readout_time: float | None = None,
+    direction: str = "top_to_bottom",
+) -> Scene:
+    """The scene with its views' shutters as they shall be treated.
+
+    Args:
+        scene: views with one pose each, or with a start and an end pose.
+        shutter: "auto": as the data says, rolling where `readout_time` is given; "global": one pose
+            an image; "rolling": start and end poses of the data, or `readout_time`.
+        readout_time: time from the first line to the last, over the time between two frames of the
+            video. Views without a start and an end pose get them from the velocity between their
+            neighbours, frames in the order of the numbers in their names.
+        direction: of these views' shutter, see `Shutter`.
+
+    Raises:
+        InputError: "rolling" without poses or a readout time, "global" with a readout time, or
+            fewer than two frames.
+    """
+    if shutter == "global":
+        if readout_time is not None:
+            raise InputError("--shutter global and --readout-time contradict each other: drop one")
+        views = [
+            dataclasses.replace(
+                view, camera_from_world_start=None, camera_from_world_end=None, shutter=None
+            )
+            for view in scene.views
+        ]
+        return scene.with_views(views)
+    still = [i for i, view in enumerate(scene.views) if view.shutter is None]
+    if not still or (shutter == "auto" and readout_time is None):
+        return scene
+    if readout_time is None:
+        raise InputError(
+            f"--shutter rolling, but {len(still)} of the {len(scene.views)} views of {scene.path} "
+            "have no transform_matrix_start and _end; give --readout-time"
+        )
+    moving = _moving_views(scene.views, readout_time, Shutter(direction))
+    return scene.with_views(
+        [moving[i] if view.shutter is None else view for i, view in enumerate(scene.views)]
+    )
+
+
+def _moving_views(views: list[View], readout_time: float, shutter: Shutter) -> list[View]:
+    """The views with a start and an end pose from their neighbours in time."""
+    if len(views) < 2:
+        raise InputError("--readout-time needs at least two frames to find the camera's velocity")
+    times = _frame_times(views)
+    order = np.argsort(times, kind="stable")
+    place = {int(index): rank for rank, index in enumerate(order)}
+    moving = []
+    for index, view in enumerate(views):
+        rank = place[index]
+        before, after = (int(order[np.clip(rank + side, 0, len(views) - 1)]) for side in (-1, 1))
+        share = 0.5 * readout_time / (times[after] - times[before])
+        start, end = _moved(view, views[before], views[after], share)
+        moving.append(
+            dataclasses.replace(
+                view, camera_from_world_start=start, camera_from_world_end=end, shutter=shutter
+            )
+        )
+    return moving
+
+
+def _frame_times(views: list[View]) -> np.ndarray:
+    """(N,) the last number of each name, or the place in the list where they are not unique."""
+    found = [_NUMBER.search(view.name) for view in views]
+    numbers = [float(match[1]) for match in found if match]
+    if len(set(numbers)) == len(views):
+        return np.array(numbers)
+    return np.arange(len(views), dtype=np.float64)
+
+
+def _moved(view: View, before: View, after: View, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """The poses `share` of the way from `before` to `after` earlier and later than the view's."""
+    turn = after.camera_from_world[:3, :3] @ before.camera_from_world[:3, :3].T
+    whole = np.eye(4)
+    whole[:3, :3] = turn
+    part = np.array(interpolate_pose(np.eye(4), whole, min(share, 1.0)))[:3, :3]
+    step = share * (after.camera_center - before.camera_center)
+    poses = []
+    for rotation, shift in ((part.T, -step), (part, step)):
+        world_from_camera = inverse(view.camera_from_world)
+        world_from_camera[:3, :3] = world_from_camera[:3, :3] @ rotation.T
+        world_from_camera[:3, 3] += shift
+        poses.append(inverse(world_from_camera))
+    return poses[0], poses[1]
