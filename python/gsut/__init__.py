@@ -24,6 +24,7 @@ from gsut.data.scene import Scene, View
 from gsut.evaluate import evaluate
 from gsut.formats import load_ply, save_ply
 from gsut.gaussians import Gaussians
+from gsut.low_pass import filter_radii, low_pass, low_pass_backward
 from gsut.metrics import psnr, ssim
 from gsut.options import TrainOptions
 from gsut.projection import METHODS as PROJECTION_METHODS
@@ -33,6 +34,7 @@ from gsut.seeding import seed_from_points, seed_in_view
 from gsut.train import TrainResult, train
 
 __all__ = [
+    "PROJECTION_METHODS",
     "BlendRule",
     "CalibrationError",
     "Camera",
@@ -40,7 +42,6 @@ __all__ = [
     "Gaussians",
     "Gradients",
     "InputError",
-    "PROJECTION_METHODS",
     "Projection",
     "Render",
     "Scene",
@@ -56,9 +57,12 @@ __all__ = [
     "compact",
     "evaluate",
     "exp_pose",
+    "filter_radii",
     "load_camera",
     "load_dataset",
     "load_ply",
+    "low_pass",
+    "low_pass_backward",
     "num_threads",
     "project",
     "psnr",

@@ -101,7 +101,8 @@ def render(arguments: argparse.Namespace) -> int:
 
         def images() -> Iterator[np.ndarray]:
             for pose, camera in zip(poses, cameras, strict=True):
-                result = gsut.render(gaussians, camera, pose, background=options.background)
+                drawn = _low_passed(gaussians, camera, pose, arguments.low_pass)
+                result = gsut.render(drawn, camera, pose, background=options.background)
                 yield to_uint8(result.image)
                 advance()
 
@@ -113,6 +114,15 @@ def render(arguments: argparse.Namespace) -> int:
                 write_png(out / f"{name}.png", image)
     print(f"{len(poses)} images: {out}")
     return 0
+
+
+def _low_passed(
+    gaussians: gsut.Gaussians, camera: gsut.Camera, pose: np.ndarray, pixels: float
+) -> gsut.Gaussians:
+    if not pixels:
+        return gaussians
+    radii = gsut.filter_radii(gaussians.means, [camera], np.asarray(pose)[None], pixels)
+    return gsut.low_pass(gaussians, radii)
 
 
 def demo(arguments: argparse.Namespace) -> int:

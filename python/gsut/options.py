@@ -136,6 +136,11 @@ class TrainOptions:
         (0.0, 0.0, 0.0), "Gaussians", "colour behind all Gaussians, red,green,blue",
         low=0.0, high=1.0,
     )
+    low_pass: float = option(
+        0.0, "Gaussians", "3D low-pass filter: standard deviation, in pixels of the camera that "
+        "sees a Gaussian best; 0 = none", unit="pixels", low=0.0, high=100.0,
+        reason="0.3 is a pixel's own; against aliasing of Gaussians below a pixel",
+    )
 
     lr_means: float = option(
         None, "Learning rates", "centres", unit="x scene extent", low=0.0, high=1.0,

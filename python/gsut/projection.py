@@ -89,21 +89,23 @@ def project(
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     g = gaussians.astype(np.dtype(dtype))
     weights = tuple(float(x) for x in unscented)
+    found: dict[str, Any]
     footprinter = _core.Footprinter(
         METHODS.index(method), weights, float(alpha_min), float(max_error_px)
     )
     if dtype == "float64":
-        found = footprinter.reference(g, camera, camera_from_world)
+        found = dict(footprinter.reference(g, camera, camera_from_world))
     else:
         footprinter.find(g, camera, camera_from_world)
-        found = footprinter.arrays()
+        found = dict(footprinter.arrays())
     if method == "unscented":  # Gaussians that cannot be seen have centres and extents, too
-        found |= _unscented(g, camera, camera_from_world, weights, float(alpha_min))
+        found.update(_unscented(g, camera, camera_from_world, weights, float(alpha_min)))
     pose = np.asarray(getattr(camera_from_world, "matrix", camera_from_world), dtype=np.float64)
     depths = found.get("depths")
     if depths is None:
-        in_camera = g.means.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
-        depths = np.linalg.norm(in_camera, axis=1).astype(g.dtype)
+        with np.errstate(invalid="ignore", over="ignore"):
+            in_camera = g.means.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
+            depths = np.linalg.norm(in_camera, axis=1).astype(g.dtype)
     centers, boxes = found["centers"], found["boxes"]
     extents = found.get("extents")
     if extents is None:
@@ -119,16 +121,20 @@ _BOX, _UNKNOWN = 1, 2  # of the core's FootprintStatus
 
 
 def _unscented(
-    g: Gaussians, camera: _core.Camera, pose: Any, weights: Sequence[float], alpha_min: float
+    g: Gaussians, camera: _core.Camera, pose: Any, weights: tuple[float, ...], alpha_min: float
 ) -> dict[str, np.ndarray]:
     """Centres, covariances and extents of the renderer's own unscented transform."""
+    alpha, beta, kappa = weights
     if g.dtype == np.float64:
-        exact = _core.project_reference(g, camera, pose, *weights)
+        exact = _core.project_reference(g, camera, pose, alpha, beta, kappa)
         cov = exact["covariances"]
         variances = np.stack([cov[:, 0, 0], cov[:, 1, 1]], axis=1)
         opacity = 1.0 / (1.0 + np.exp(-g.opacity_logits))
         cutoff = 2.0 * np.log(np.maximum(opacity / alpha_min, 1.0))
         extents = np.sqrt(cutoff[:, None] * variances)
         return {"centers": exact["centers"], "covariances": cov, "extents": extents}
-    out = _core.project(g, camera, pose, *weights, alpha_min)
-    return {name: out[name] for name in ("centers", "covariances", "extents", "depths")}
+    out = _core.project(g, camera, pose, alpha, beta, kappa, alpha_min)
+    return {
+        "centers": out["centers"], "covariances": out["covariances"],
+        "extents": out["extents"], "depths": out["depths"],
+    }  # fmt: skip

@@ -21,6 +21,7 @@ from gsut.evaluate import evaluate, run_metrics
 from gsut.gaussians import Gaussians
 from gsut.growth import GrowthLimit
 from gsut.held_out import mean_psnr
+from gsut.low_pass import filter_radii, low_pass, low_pass_backward
 from gsut.optimize import GaussianOptimizer, LearningRates
 from gsut.options import TrainOptions
 from gsut.progress import TrainingProgress
@@ -39,6 +40,8 @@ _CURVE_VIEWS = 8
 # that separate cloning from splitting and that are pruned, in units of the extent.
 _RESET_FRACTION = 0.1
 _CLONE_SCALE, _PRUNE_SCALE = 0.01, 0.1
+# Steps after which the low-pass filter's radii are found again (Mip-Splatting: 100).
+_RADII_EVERY = 100
 
 
 @dataclasses.dataclass
@@ -108,7 +111,7 @@ def train(
             if run is not None and o.checkpoint_every and loop.step % o.checkpoint_every == 0:
                 run.save_checkpoint(loop.step, loop.state_dict())
 
-    gaussians = loop.gaussians.copy()
+    gaussians = loop.drawn().copy()
     indices = scene.test_indices or scene.train_indices[:_CURVE_VIEWS]
     renders = None if run is None else run.renders
     evaluation = evaluate(gaussians, scene, indices, background=o.background, render_folder=renders)
@@ -147,11 +150,21 @@ class TrainingLoop:
         self.stopwatch = Stopwatch()  # of the steps' stages, for gsut bench train
         self._gradients = _empty_like(self.optimizer.gaussians)
         self._touched = np.zeros(len(start), np.uint8)
+        self._radii: np.ndarray | None = None  # of the low-pass filter, where there is one
 
     @property
     def gaussians(self) -> Gaussians:
         """The Gaussians as they are now: views, valid until the next step."""
         return self.optimizer.gaussians
+
+    def drawn(self) -> Gaussians:
+        """The Gaussians as they are rendered and saved: behind the low-pass filter, if any."""
+        g = self.optimizer.gaussians
+        if not self.options.low_pass:
+            return g
+        if self._radii is None or len(self._radii) != len(g):
+            self._radii = self._filter_radii(g)
+        return low_pass(g, self._radii)
 
     def advance(self) -> float:
         """One training step on one image; returns its loss."""
@@ -168,9 +181,12 @@ class TrainingLoop:
 
         g = self.optimizer.gaussians
         self._make_room(g)
+        if step % _RADII_EVERY == 0:
+            self._radii = None
+        drawn = self.drawn()
         # cameras, poses -> projection -> raster
         self.renderer.render(
-            g,
+            drawn,
             level.camera(view),
             self.scene.views[view].motion,
             self.rule,
@@ -189,6 +205,8 @@ class TrainingLoop:
         self.renderer.backward(
             dimage, None, None, self._gradients, self._touched, not o.sparse_adam, False
         )
+        if self._radii is not None:
+            low_pass_backward(g, self._radii, self._gradients)
         lap("backward")
         # optimize
         if o.strategy == "mcmc":
@@ -206,6 +224,7 @@ class TrainingLoop:
             lap("noise")
         if step % o.densify_every == 0 and o.densify_from <= fraction <= o.densify_until:
             self._densify(fraction)
+            self._radii = None
             lap("densify")
         if step == o.compact_at:
             self._compact()
@@ -237,6 +256,7 @@ class TrainingLoop:
             "first_count": self.first_count,
             "limit": self.limit.state_dict(),
             "optimizer": self.optimizer.state_dict(),
+            **({} if self._radii is None else {"radii": self._radii}),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -246,6 +266,17 @@ class TrainingLoop:
         self.first_count = int(state["first_count"])
         self.limit.load_state_dict(state["limit"])
         self.optimizer.load_state_dict(state["optimizer"])
+        self._radii = state.get("radii")
+
+    def _filter_radii(self, g: Gaussians) -> np.ndarray:
+        views = [self.scene.views[i] for i in self.scene.train_indices]
+        radii = filter_radii(
+            g.means,
+            [self.scene.cameras[view.camera_index] for view in views],
+            np.array([view.camera_from_world for view in views]),
+            self.options.low_pass,
+        )
+        return radii.astype(np.float32)
 
     def _view_of(self, step: int) -> int:
         """Every training view once an epoch, in an order that depends on seed and epoch only."""
@@ -325,7 +356,7 @@ class TrainingLoop:
     def _held_out_psnr(self) -> float:
         test = self.scene.test_indices
         chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
-        return mean_psnr(self.scene, self.gaussians, chosen, self.options.background, self.renderer)
+        return mean_psnr(self.scene, self.drawn(), chosen, self.options.background, self.renderer)
 
 
 def first_gaussians(scene: Scene, options: TrainOptions) -> Gaussians:

@@ -307,7 +307,7 @@ def test_blend_rule_that_divides_by_zero_is_refused_with_its_field(field, value)
 
 def test_gaussians_below_a_pixel_match_double_and_are_seen_by_chance_only(rng):
     # Point-sampled rays: a Gaussian of a tenth of a pixel is met by few rays or none. No path may
-    # invent or lose one that a ray meets. (A 3D low-pass filter against this does not exist yet.)
+    # invent or lose one that a ray meets. (The low-pass filter: test_hard_lenses.py.)
     camera, pose = pinhole(64), np.eye(4)
     g = gaussians_in_view(
         rng, camera, pose, 800, sh_degree=0, sizes=(5e-4, 4e-3), aspect=0.0, opacity=2.0

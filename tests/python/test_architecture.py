@@ -53,8 +53,8 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "core": {"_core"},
     # Thin faces of the C++ folders: numpy in, numpy out.
     "faces": {
-        *("cameras", "formats", "gaussians", "metrics", "optimize", "projection", "render"),
-        "seeding",
+        *("cameras", "formats", "gaussians", "low_pass", "metrics", "optimize", "projection"),
+        *("render", "seeding"),
     },
     "data": {"data", "data.*"},  # dataset and lens files
     # What a run is made of: settings, its folder, its words and pictures.

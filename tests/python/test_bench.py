@@ -215,3 +215,24 @@ def test_bench_refuses_in_one_sentence(capsys, words, message):
     assert status == 2
     assert err.count("\n") == 1
     assert re.search(message, err)
+
+
+def test_bench_projection_writes_rows_and_a_plot_a_lens(tmp_path, capsys):
+    from gsut.bench.projection_bench import BENCH_METHODS, RINGS, SIZES
+
+    files = ["--json", str(tmp_path / "p.json"), "--csv", str(tmp_path / "p.csv")]
+    arguments = ["bench", "projection", "--lenses", "kannala_brandt", "--samples", "2"]
+    assert main([*arguments, "--no-million", *files, "--plots", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "p.json").read_text())
+    assert len(rows) == len(BENCH_METHODS) * len(SIZES) * len(RINGS)
+    assert (tmp_path / "projection_kannala_brandt.svg").stat().st_size > 10_000
+    assert "ns" in capsys.readouterr().out
+    for row in rows:
+        assert row["ns_per_gaussian"] > 0
+        if row["method"] in ("silhouette", "adaptive"):
+            assert row["alpha_missed"] in (None, 0.0)
+    small = [r for r in rows if r["size"] == "small" and r["center_error_px"] is not None]
+    assert len(small) > 20
+    assert max(r["center_error_px"] for r in small if r["method"] == "gauss_hermite") < 1e-3
+    for bad in (["--lenses", "nonesuch"], ["--samples", "0"], ["--plots", "/nonesuch"]):
+        assert main(["bench", "projection", *bad]) != 0

@@ -40,7 +40,7 @@ inline T NormalizeQuaternion(const T* quat, T* unit) {
   T largest = T(0);
   for (int i = 0; i < 4; ++i) {
     const T magnitude = std::abs(quat[i]);
-    if (!(magnitude <= largest)) largest = magnitude;  // takes a NaN, too
+    if (largest == largest && !(magnitude <= largest)) largest = magnitude;  // takes and keeps NaN
   }
   if (largest == T(0)) {
     unit[0] = T(1);

@@ -72,8 +72,7 @@ void CopyRow(const Footprints<float>& from, std::size_t k, std::size_t j, Footpr
   to->method[j] = from.method[k];
 }
 
-void Widen(std::size_t j, double by, Footprints<float>* out) {
-  const float wider = static_cast<float>(by);
+void Widen(std::size_t j, float wider, Footprints<float>* out) {
   out->low_u[j] -= wider;
   out->high_u[j] += wider;
   out->low_v[j] -= wider;
@@ -83,39 +82,37 @@ void Widen(std::size_t j, double by, Footprints<float>* out) {
 // Adaptive, for one part: EWA for all, then the others where they are needed.
 class AdaptivePart {
  public:
-  AdaptivePart(const FootprintTask& task, const LensBend& bend, double max_error_px)
-      : task_(task), bend_(bend), max_error_px_(max_error_px) {
+  AdaptivePart(const FootprintTask& task, float max_error_px)
+      : task_(task), max_error_px_(max_error_px) {
     task_.method = ProjectionMethod::kEwa;
   }
 
   void Run(std::int64_t begin, std::int64_t end, Footprints<float>* out) {
-    PackedPart(begin, end);
-    const std::size_t n = rows_.size();
-    Resize(n);
-    FootprintKernel(Packed(ProjectionMethod::kEwa), 0, static_cast<std::int64_t>(n), &part_,
-                    &places_);
+    errors_.first = begin;
+    for (AlignedVector<float>* array :
+         {&errors_.ewa, &errors_.unscented_center, &errors_.unscented_box}) {
+      array->resize(static_cast<std::size_t>(end - begin) + kPadding);
+    }
+    FootprintKernel(task_, begin, end, out, &errors_);
     std::vector<std::int64_t> unscented, silhouette;
-    std::vector<double> widths;
-    for (std::size_t k = 0; k < n; ++k) {
-      const std::size_t j = static_cast<std::size_t>(rows_[k]);
-      CopyRow(part_, k, j, out);
+    std::vector<float> widths;
+    for (std::int64_t i = begin; i < end; ++i) {
+      const std::size_t j = static_cast<std::size_t>(i), k = static_cast<std::size_t>(i - begin);
       if (out->status[j] == FootprintStatus::kNothing) continue;
-      const float mean[3] = {places_.x[k], places_.y[k], places_.z[k]};
-      const float size = places_.size[k], reach = places_.reach[k];
-      const FootprintError error =
-          BoundFootprintError(bend_.At(mean, BendSine(size, reach)), size, reach);
-      if (out->status[j] == FootprintStatus::kBox && error.ewa <= max_error_px_) {
-        Widen(j, error.ewa, out);
+      const float ewa = errors_.ewa[k];
+      if (out->status[j] == FootprintStatus::kBox && ewa <= max_error_px_) {
+        Widen(j, ewa, out);
         continue;
       }
-      // By EWA's size: whether the unscented box will do is not known before it is there.
-      const double half =
-          0.5 * std::max(out->high_u[j] - out->low_u[j], out->high_v[j] - out->low_v[j]);
-      if (error.unscented_center <= max_error_px_ && error.unscented_box <= kLooseBox * half) {
-        unscented.push_back(rows_[k]);
-        widths.push_back(error.unscented_box);
+      // By EWA's size: the unscented box is not known before it is there.
+      const float half =
+          0.5f * std::max(out->high_u[j] - out->low_u[j], out->high_v[j] - out->low_v[j]);
+      if (errors_.unscented_center[k] <= max_error_px_ &&
+          errors_.unscented_box[k] <= static_cast<float>(kLooseBox) * half) {
+        unscented.push_back(i);
+        widths.push_back(errors_.unscented_box[k]);
       } else {
-        silhouette.push_back(rows_[k]);
+        silhouette.push_back(i);
       }
     }
     Rerun(unscented, ProjectionMethod::kUnscented, out);
@@ -131,20 +128,6 @@ class AdaptivePart {
   }
 
  private:
-  void PackedPart(std::int64_t begin, std::int64_t end) {
-    rows_.resize(static_cast<std::size_t>(end - begin));
-    for (std::size_t k = 0; k < rows_.size(); ++k) rows_[k] = begin + static_cast<std::int64_t>(k);
-    packed_.Fill(task_.gaussians, rows_);
-  }
-
-  void Resize(std::size_t n) {
-    part_.Resize(static_cast<std::int64_t>(n));
-    for (AlignedVector<float>* array :
-         {&places_.x, &places_.y, &places_.z, &places_.size, &places_.reach}) {
-      array->resize(n + kPadding);
-    }
-  }
-
   FootprintTask Packed(ProjectionMethod method) const {
     FootprintTask task = task_;
     task.gaussians = packed_.View();
@@ -164,12 +147,10 @@ class AdaptivePart {
   }
 
   FootprintTask task_;
-  const LensBend& bend_;
-  double max_error_px_;
-  std::vector<std::int64_t> rows_;
+  float max_error_px_;
   PackedGaussians packed_;
   Footprints<float> part_;
-  GaussianPlaces places_;
+  FootprintErrors errors_;
 };
 
 }  // namespace
@@ -238,10 +219,11 @@ void FindFootprints(const GaussiansView<const float>& gaussians, const Camera& c
   exact.method = ProjectionMethod::kSilhouette;
   const ScalarFootprints scalar(camera, camera_from_world, exact);
   const std::shared_ptr<const LensBend> bend = adaptive ? BendOf(camera) : nullptr;
+  if (adaptive) task.bend = bend->table();
   footprints->Resize(gaussians.size);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
     if (adaptive) {
-      AdaptivePart(task, *bend, options.max_error_px).Run(begin, end, footprints);
+      AdaptivePart(task, static_cast<float>(options.max_error_px)).Run(begin, end, footprints);
     } else {
       FootprintKernel(task, begin, end, footprints, nullptr);
     }

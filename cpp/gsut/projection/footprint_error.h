@@ -19,26 +19,24 @@ struct FootprintError {
 // The sine that LensBend::At is asked for: of the cone around the cut-off ball and the sigma
 // points. size: the largest standard deviation over the mean's distance; reach: root of the cut-off
 // of D^2.
-template <class T>
-T BendSine(T size, T reach) {
-  constexpr double kSigmaReach = 1.7320508075688772;  // sqrt(3), of the points of alpha = 1
-  return size * std::max(reach, T(kSigmaReach));
-}
+inline constexpr double kSigmaReach = 1.7320508075688772;  // sqrt(3), of the points of alpha = 1
+inline double BendSine(double size, double reach) { return size * std::max(reach, kSigmaReach); }
+
+// Third absolute moment of a standard normal vector in 3D, and of its sigma points: 3^1.5; over 3!.
+inline constexpr double kThirdMoments = (6.383 + 5.197) / 6.0;
 
 // For the unscented transform of alpha 1, beta 2, kappa 0, whose weights are positive.
 inline FootprintError BoundFootprintError(const Bend& bend, double size, double reach) {
-  // Third absolute moment of a standard normal vector in 3D, and of its sigma points: 3^1.5.
-  constexpr double kThirdMoments = 6.383 + 5.197;
   const double shrink = 1.0 / (1.0 - BendSine(size, reach));
   const double second = bend.second * size * size * shrink * shrink;
   FootprintError error;
   error.ewa = 0.5 * std::max(reach * reach, 3.0) * second;
   error.unscented_center =
-      kThirdMoments / 6.0 * bend.third * size * size * size * shrink * shrink * shrink;
+      kThirdMoments * bend.third * size * size * size * shrink * shrink * shrink;
   // Each sigma point strays by 3/2 `second` from the linear one, and so does their mean; the
   // standard deviation strays by the weighted norm of both: sqrt(1 + 2) times that.
   const double stray = 1.5 * second;
-  error.unscented_box = error.ewa + stray + reach * std::sqrt(3.0) * stray;
+  error.unscented_box = error.ewa + (1.0 + kSigmaReach * reach) * stray;
   return error;
 }
 

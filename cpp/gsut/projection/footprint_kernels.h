@@ -5,6 +5,7 @@
 
 #include "gsut/cameras/lens_registry.h"
 #include "gsut/projection/footprint.h"
+#include "gsut/projection/lens_bend.h"
 #include "gsut/projection/sigma_rule.h"
 #include "gsut/projection/view.h"
 
@@ -26,18 +27,18 @@ struct FootprintTask {
   float max_cutoff;
   ProjectionMethod method;  // not kAdaptive
   const SigmaRule* rule;
+  const Bend* bend = nullptr;  // LensBend::table()
 };
 
-// Where the Gaussians are; as many numbers as footprints.
-struct GaussianPlaces {
-  AlignedVector<float> x, y, z;  // mean, camera frame
-  AlignedVector<float> size;     // largest standard deviation over the mean's distance
-  AlignedVector<float> reach;    // root of the cut-off of D^2
+// Bounds of the errors (footprint_error.h) of the Gaussians from `first` on.
+struct FootprintErrors {
+  std::int64_t first = 0;
+  AlignedVector<float> ewa, unscented_center, unscented_box;
 };
 
-// Footprints of the Gaussians [begin, end), begin a multiple of 16; places may be null. Arrays have
-// room for 16 more. Boxes come widened by kBoxRounding.
+// Footprints of the Gaussians [begin, end), begin a multiple of 16; errors may be null, or
+// task.bend is there. Arrays have room for 16 more. Boxes come widened by kBoxRounding.
 void FootprintKernel(const FootprintTask& task, std::int64_t begin, std::int64_t end,
-                     Footprints<float>* footprints, GaussianPlaces* places);
+                     Footprints<float>* footprints, FootprintErrors* errors);
 
 }  // namespace gsut

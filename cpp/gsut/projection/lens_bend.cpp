@@ -18,11 +18,10 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr int kCells = 16;    // cells along a face's edge; 5.6 degrees and less
 constexpr int kSamples = 32;  // samples along a face's edge; 2.8 degrees and less
-constexpr int kFaces = 6;
-// Sines of the caps of the levels.
-constexpr std::array<double, 4> kSines = {0.02, 0.06, 0.15, LensBend::kLargestSine};
+constexpr int kCells = LensBend::kCells;
+constexpr int kFaces = LensBend::kFaces;
+constexpr int kLevels = LensBend::kLevels;
 constexpr double kCellRadius = 0.0885;  // from a cell's centre to its corner (radians)
 constexpr double kGap = 0.045;          // from a sample to the middle between four
 constexpr double kMargin = 1.2;
@@ -117,9 +116,9 @@ LensBend::LensBend(const Camera& camera) {
     }
   });
   constexpr int kNumCells = kFaces * kCells * kCells;
-  table_.assign(kSines.size() * kNumCells, Bend{0.0f, 0.0f});
-  std::array<double, kSines.size()> cosines, edge_cosines;
-  for (std::size_t level = 0; level < kSines.size(); ++level) {
+  table_.assign(static_cast<std::size_t>(kLevels) * kNumCells, Bend{0.0f, 0.0f});
+  std::array<double, kLevels> cosines, edge_cosines;
+  for (std::size_t level = 0; level < kLevels; ++level) {
     const double radius = std::asin(kSines[level]) + kCellRadius + kGap;
     cosines[level] = std::cos(radius);
     edge_cosines[level] = std::cos(radius + kEdge);
@@ -134,7 +133,7 @@ LensBend::LensBend(const Camera& camera) {
       for (std::size_t i = 0; i < directions.size(); ++i) {
         const double cosine = center.dot(directions[i]);
         const auto& limits = std::isfinite(bends[i].second) ? cosines : edge_cosines;
-        for (std::size_t level = 0; level < kSines.size(); ++level) {
+        for (std::size_t level = 0; level < kLevels; ++level) {
           if (cosine < limits[level]) continue;
           Bend& bend = table_[level * kNumCells + static_cast<std::size_t>(cell)];
           bend.second = std::max(bend.second, bends[i].second);
@@ -145,41 +144,37 @@ LensBend::LensBend(const Camera& camera) {
   });
 }
 
-template <class T>
-Bend LensBend::AtIndex(const T* mean, T sine) const {
+Bend LensBend::At(const double mean[3], double sine) const {
   constexpr float kInf = std::numeric_limits<float>::infinity();
-  if (!(sine < T(kLargestSine))) return {kInf, kInf};
+  if (!(sine < kLargestSine)) return {kInf, kInf};
   int level = 0;
-  while (!(sine < T(kSines[static_cast<std::size_t>(level)]))) ++level;
-  const T ax = std::abs(mean[0]), ay = std::abs(mean[1]), az = std::abs(mean[2]);
+  while (!(sine < kSines[level])) ++level;
+  const double ax = std::abs(mean[0]), ay = std::abs(mean[1]), az = std::abs(mean[2]);
   int face;
-  T x, y, largest;
+  double x, y, largest;
   if (ax >= ay && ax >= az) {
-    face = mean[0] < T(0) ? 1 : 0;
+    face = mean[0] < 0.0 ? 1 : 0;
     x = mean[1];
     y = mean[2];
     largest = ax;
   } else if (ay >= az) {
-    face = mean[1] < T(0) ? 3 : 2;
+    face = mean[1] < 0.0 ? 3 : 2;
     x = mean[0];
     y = mean[2];
     largest = ay;
   } else {
-    face = mean[2] < T(0) ? 5 : 4;
+    face = mean[2] < 0.0 ? 5 : 4;
     x = mean[0];
     y = mean[1];
     largest = az;
   }
-  const auto cell = [largest](T value) {
-    const int k = static_cast<int>((value / largest + T(1)) * T(0.5 * kCells));
+  const auto cell = [largest](double value) {
+    const int k = static_cast<int>((value / largest + 1.0) * (0.5 * kCells));
     return std::clamp(k, 0, kCells - 1);
   };
   const int index = ((level * kFaces + face) * kCells + cell(y)) * kCells + cell(x);
   return table_[static_cast<std::size_t>(index)];
 }
-
-template Bend LensBend::AtIndex<float>(const float*, float) const;
-template Bend LensBend::AtIndex<double>(const double*, double) const;
 
 std::shared_ptr<const LensBend> BendOf(const Camera& camera) {
   struct Kept {

@@ -26,14 +26,18 @@ class LensBend {
 
   // Caps of at most asin(kLargestSine) around the mean; larger ones are infinite.
   static constexpr double kLargestSine = 0.35;
-  Bend At(const double mean[3], double sine) const { return AtIndex(mean, sine); }
-  Bend At(const float mean[3], float sine) const { return AtIndex(mean, sine); }
+  Bend At(const double mean[3], double sine) const;
+
+  // The table by level (caps of sine below kSines[level]), face of a cube (+x, -x, +y, -y, +z, -z),
+  // row and column; row and column are the other two coordinates in order, over the largest.
+  static constexpr int kLevels = 4;
+  static constexpr double kSines[kLevels] = {0.02, 0.06, 0.15, kLargestSine};
+  static constexpr int kFaces = 6;
+  static constexpr int kCells = 16;  // along a face's edge; 5.6 degrees and less
+  const Bend* table() const { return table_.data(); }
 
  private:
-  template <class T>
-  Bend AtIndex(const T* mean, T sine) const;
-
-  std::vector<Bend> table_;  // level, face of a cube, row, column
+  std::vector<Bend> table_;
 };
 
 // The bend of a camera; the latest ones are kept.

@@ -29,6 +29,7 @@ def add_bench(commands: Any, parser_class: type[argparse.ArgumentParser]) -> Non
     _add_train(benchmarks)
     _add_compact(benchmarks)
     _add_poses(benchmarks)
+    _add_projection(benchmarks)
 
 
 def _command(name: str):
@@ -168,6 +169,33 @@ def _add_compact(benchmarks: Any) -> None:
     )
     _add_files(parser, "PSNR against Gaussians and render time")
     parser.set_defaults(run=_command("compact"))
+
+
+def _add_projection(benchmarks: Any) -> None:
+    parser = benchmarks.add_parser(
+        "projection",
+        help="every lens x method of projection x size x field angle: ns beside errors",
+        description="Times each method of projecting Gaussians, beside the errors of centre and "
+        "covariance against quadrature in double, and the share of alpha that falls outside the "
+        "method's box, on every lens, four sizes and four rings of the field angle.",
+    )
+    parser.add_argument("--lenses", metavar="A,B", help="models [default: all]")
+    parser.add_argument(
+        "--samples", type=int, default=6, metavar="N",
+        help="Gaussians a cell whose errors are measured [default 6]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--max-error-px", type=float, default=0.25, metavar="X",
+        help="bound of the adaptive method [default 0.25]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--no-million", action="store_true",
+        help="leave out the unscented projection of a million Gaussians",
+    )  # fmt: skip
+    parser.add_argument("--json", metavar="FILE", help="write the rows as JSON")
+    parser.add_argument("--csv", metavar="FILE", help="write the rows as CSV")
+    parser.add_argument("--plots", metavar="FOLDER", help="draw one picture a lens (svg) there")
+    parser.set_defaults(run=_command("projection"), plot=None)
 
 
 def _add_files(parser: argparse.ArgumentParser, plot: str) -> None:

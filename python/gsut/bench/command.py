@@ -198,6 +198,52 @@ def compact(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def projection(arguments: argparse.Namespace) -> int:
+    """`gsut bench projection`."""
+    from gsut.bench.projection_bench import (
+        PROJECTION_COLUMNS,
+        ProjectionBenchOptions,
+        bench_lenses,
+        million_row,
+        projection_bench,
+    )
+    from gsut.bench.projection_plots import plot_projection
+
+    _check_files(arguments)
+    if arguments.plots and not Path(arguments.plots).is_dir():
+        raise InputError(f"--plots {arguments.plots}: there is no such folder; make it first")
+    if arguments.samples < 1:
+        raise InputError(f"--samples must be at least 1, found {arguments.samples}")
+    options = ProjectionBenchOptions(
+        lenses=_words(arguments.lenses),
+        samples=arguments.samples,
+        max_error_px=arguments.max_error_px,
+    )
+    with _bar(len(bench_lenses(options.lenses))) as advance:
+        rows = projection_bench(options, advance)
+    _print_and_write(rows, PROJECTION_COLUMNS, arguments)
+    if not arguments.no_million:
+        from gsut.bench.lens_cost import lens_cost_row
+
+        row = million_row()
+        cost = lens_cost_row()
+        print(
+            f"render through a splined lens / a pinhole: "
+            f"{cost['splined_over_pinhole_forward_backward_ms']:.3f}, "
+            f"{cost['splined_over_pinhole_ns_per_pair']:.3f} a pair of tile and Gaussian"
+        )
+        print(
+            f"unscented projection of {row['num_gaussians']} Gaussians: {row['cpu_seconds']:.4f} "
+            f"CPU-s; gsplat's PyTorch reference {row['peer_cpu_seconds']:g} CPU-s, "
+            f"{row['peer_over_gsut']:.0f} times as much"
+        )
+        if arguments.json:
+            write_json(arguments.json, [*rows, row, cost])
+    if arguments.plots:
+        plot_projection(arguments.plots, rows)
+    return 0
+
+
 def _print_and_write(
     rows: list[dict[str, Any]],
     columns: Sequence[tuple[str, str, str]],

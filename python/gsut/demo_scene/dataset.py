@@ -17,9 +17,10 @@ from tqdm import tqdm
 
 from gsut._core import InputError, num_threads
 from gsut.cameras import Camera
+from gsut.data.lens_nerfstudio import format_nerfstudio
 from gsut.demo_scene.hall import Hall, make_hall
 from gsut.demo_scene.tracing import Tracer
-from gsut.demo_scene.views import MAX_ANGLE, camera_path, demo_camera
+from gsut.demo_scene.views import camera_path, demo_camera
 
 SAMPLES_PER_SIDE = 4  # rays a pixel: a grid of 4 x 4
 _BLOCK = 32  # pixels; rays of a block are traced together
@@ -37,6 +38,7 @@ def make_demo_scene(
     size: int = 200,
     seed: int = 0,
     progress: bool = True,
+    camera: Camera | None = None,
 ) -> Path:
     """Makes a small data set with exact truth: a furnished hall through a 190-degree fisheye.
 
@@ -52,12 +54,15 @@ def make_demo_scene(
         size: width and height of the images, pixels.
         seed: of textures, camera path and points; the same seed gives the same bytes.
         progress: show a progress bar on stderr.
+        camera: another lens that a nerfstudio file can hold, such as equirectangular; `size` then
+            does not count.
 
     Returns:
         The folder.
 
     Raises:
-        InputError: the folder exists or cannot be created, a number is out of range.
+        InputError: the folder exists or cannot be created, a number is out of range, or nerfstudio
+            has no such lens.
     """
     folder = Path(folder)
     for name, value, least in (("views", views, 1), ("test_views", test_views, 0),
@@ -77,7 +82,7 @@ def make_demo_scene(
             f"{folder} cannot be created ({error.strerror}); name a writable folder"
         ) from error
     try:
-        _write_dataset(partial, views, test_views, size, seed, progress)
+        _write_dataset(partial, views, test_views, camera or demo_camera(size), seed, progress)
         partial.chmod(_FOLDER_MODE)  # mkdtemp's is private
         partial.rename(folder)
     except BaseException:
@@ -87,11 +92,10 @@ def make_demo_scene(
 
 
 def _write_dataset(
-    folder: Path, views: int, test_views: int, size: int, seed: int, progress: bool
+    folder: Path, views: int, test_views: int, camera: Camera, seed: int, progress: bool
 ) -> None:
     for name in ("images", "depth"):
         (folder / name).mkdir()
-    camera = demo_camera(size)
     hall = make_hall(seed)
     poses = camera_path(views + test_views, seed)
     is_test = _test_places(views, test_views)
@@ -234,13 +238,7 @@ def _write_points(path: Path, points: np.ndarray, colors: np.ndarray) -> None:
 def _write_transforms(
     path: Path, camera: Camera, poses: list[np.ndarray], names: list[str], is_test: list[bool]
 ) -> None:
-    values = dict(
-        zip(
-            ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "k3", "k4"),
-            map(float, camera.params),
-            strict=True,
-        )
-    )
+    lens = json.loads(format_nerfstudio(camera))
     frames = []
     for pose, name, test in zip(poses, names, is_test, strict=True):
         frame = {
@@ -257,9 +255,8 @@ def _write_transforms(
     }
     text = json.dumps(
         {
-            "camera_model": "OPENCV_FISHEYE", "w": camera.width, "h": camera.height, **values,
-            "max_theta_rad": MAX_ANGLE, "pixel_center": 0.5, "ply_file_path": "points3D.ply",
-            **listed, "frames": frames,
+            **lens, "pixel_center": 0.5, "ply_file_path": "points3D.ply", **listed,
+            "frames": frames,
         },
         indent=1,
     )  # fmt: skip
