@@ -62,8 +62,8 @@ std::array<Pose, 4> Decompose(const Eigen::Matrix3d& e) {
 }
 
 // Which of the four decompositions has most inliers in front of both cameras along their rays.
-Pose InFront(const Eigen::Matrix3d& e, std::span<const Bearing> first,
-             std::span<const Bearing> second, double max_squared) {
+Pose ChooseInFront(const Eigen::Matrix3d& e, std::span<const Bearing> first,
+                   std::span<const Bearing> second, double max_squared) {
   Pose best;
   int most = -1;
   for (const Pose& pose : Decompose(e)) {
@@ -194,7 +194,7 @@ RelativePose EstimateRelativePose(std::span<const Bearing> first, std::span<cons
       }
     }
     if (!improved) continue;
-    Pose pose = InFront(best_e, first, second, max_squared);
+    Pose pose = ChooseInFront(best_e, first, second, max_squared);
     for (int round = 0; round < kRefinements; ++round) {
       pose = Refine(pose, first, second, max_squared);
       const Eigen::Matrix3d e = EssentialMatrix(pose);
@@ -211,7 +211,7 @@ RelativePose EstimateRelativePose(std::span<const Bearing> first, std::span<cons
         needed, SamplesNeeded(static_cast<double>(inliers) / count, kSample, options.max_samples));
   }
   if (best_e.isZero()) return result;
-  const Pose pose = InFront(best_e, first, second, max_squared);
+  const Pose pose = ChooseInFront(best_e, first, second, max_squared);
   std::vector<double> parallaxes;
   for (int i = 0; i < count; ++i) {
     if (!(SquaredError(best_e, first[i], second[i]) < max_squared)) continue;

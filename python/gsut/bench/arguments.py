@@ -28,6 +28,7 @@ def add_bench(commands: Any, parser_class: type[argparse.ArgumentParser]) -> Non
     _add_render(benchmarks)
     _add_train(benchmarks)
     _add_compact(benchmarks)
+    _add_poses(benchmarks)
     _add_projection(benchmarks)
 
 
@@ -128,6 +129,24 @@ def _add_train(benchmarks: Any) -> None:
     )  # fmt: skip
     _add_files(parser, "PSNR against seconds")
     parser.set_defaults(run=_command("train"))
+
+
+def _add_poses(benchmarks: Any) -> None:
+    parser = benchmarks.add_parser(
+        "poses",
+        help="seconds of gsut poses beside its errors against a dataset's own poses",
+        description="Estimates the poses of datasets that have some, and compares them after the "
+        "best similarity. Where the dataset's poses are COLMAP's, that is agreement, not truth.",
+    )
+    parser.add_argument("data", metavar="DATA", nargs="+", help="datasets with poses")
+    parser.add_argument(
+        "--lens", metavar="A,B", default="known", dest="lenses",
+        help="known, unknown or both [default known]",
+    )  # fmt: skip
+    parser.add_argument("--threads", type=int, default=0, metavar="N", help="0 = all [default 0]")
+    parser.add_argument("--json", metavar="FILE", help="write the rows as JSON")
+    parser.add_argument("--csv", metavar="FILE", help="write the rows as CSV")
+    parser.set_defaults(run=_command("poses"), plot=None)
 
 
 def _add_compact(benchmarks: Any) -> None:

@@ -151,6 +151,20 @@ def train(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def poses(arguments: argparse.Namespace) -> int:
+    """`gsut bench poses DATA...`."""
+    from gsut.bench.poses_bench import POSES_COLUMNS, PosesBenchOptions, poses_bench
+
+    _check_files(arguments)
+    options = PosesBenchOptions(
+        data=arguments.data, lenses=_words(arguments.lenses), threads=arguments.threads
+    )
+    with _bar(len(options.data) * len(options.lenses)) as advance:
+        rows = poses_bench(options, advance)
+    _print_and_write(rows, POSES_COLUMNS, arguments)
+    return 0
+
+
 def compact(arguments: argparse.Namespace) -> int:
     """`gsut bench compact RUN...`."""
     from gsut.bench.compact_bench import (

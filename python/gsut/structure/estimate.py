@@ -175,13 +175,15 @@ def _features(
     absent = [i for i, features in enumerate(found) if features is None]
     done = len(photographs) - len(absent)
     show("features", done, len(photographs), "")
-    broken = []
+    broken: list[int] = []
+    first_error = ""
 
     def on_image(place: int, features: Features | None, error: Exception | None) -> None:
-        nonlocal done
+        nonlocal done, first_error
         index = absent[place]
         if features is None:
             broken.append(index)
+            first_error = first_error or str(error)
             note(f"left out: {error}")
             features = no_features()
         else:
@@ -200,8 +202,8 @@ def _features(
     features = [f for f in found if f is not None]
     if len(photographs) - len(broken) < 2:
         raise InputError(
-            f"{len(photographs) - len(broken)} of {len(photographs)} images can be read; poses "
-            "need at least 2 that overlap"
+            f"{len(photographs) - len(broken)} of {len(photographs)} images can be used, and poses "
+            f"need at least 2 that overlap; {first_error}"
         )
     return features
 

@@ -25,8 +25,13 @@ _FIELDS = (45.0, 65.0, 95.0)
 _FISHEYE_FROM = 110.0  # degrees: wider guesses are fisheyes from the start
 _DEFAULT_FIELD = 60.0  # of the first matching
 _HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare a sight
+# Estimated first, of fx fy cx cy and four coefficients: focal lengths and the first coefficient.
+_START = np.array([1, 1, 0, 0, 1, 0, 0, 0], bool)
 # A lens with more parameters must predict held-out sights better by this share.
 _BETTER = 0.005
+# Images on which fields of view, and models, are compared: those best connected with each other.
+_FIELD_IMAGES = 12
+_MODEL_IMAGES = 25
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,8 +97,9 @@ def search_lens(
 ) -> LensSearch:
     """Estimates poses and lens together.
 
-    First the focal length and the first coefficient, from each guess of the field of view; the
-    matches are verified again through the best; then each model in full.
+    First the focal length and the first coefficient, from each guess of the field of view, on a few
+    images; the matches are verified again through the best; then the models on more images; at last
+    all images with the model chosen.
 
     Args:
         photographs: with the first guess as lenses.
@@ -111,10 +117,10 @@ def search_lens(
     rows: list[dict[str, Any]] = []
     fields = (fov_degrees,) if fov_degrees is not None else _FIELDS
     candidates = []
+    few = connected_pairs(pairs, _FIELD_IMAGES)
     for field in fields:
         lens = guessed_lens(*size, field)
-        free = np.array([1, 1, 0, 0, 1, 0, 0, 0], bool)
-        found = _try(photographs, lens, free, features, pairs, options, show, rows)
+        found = _try(photographs, lens, _START, features, few, options, show, rows)
         if found is not None:
             candidates.append(found)
     if not candidates:
@@ -129,31 +135,45 @@ def search_lens(
         features, [lens] * len(photographs), indices, options,
         lambda count: show("matching", count, len(indices), "again, with the lens found"),
     )  # fmt: skip
-    results = []
-    for model, free in _models(lens):
-        found = _try(photographs, model, free, features, again, options, show, rows)
+    more = connected_pairs(again, _MODEL_IMAGES)
+    results = [(best, _START)]
+    for model, free in _models(lens):  # fewest parameters first
+        found = _try(photographs, model, free, features, more, options, show, rows)
         if found is not None:
-            results.append(found)
-    if not results:
-        return LensSearch(best, rows)
-    chosen = results[0]  # fewest parameters first
-    for other in results[1:]:
-        if _rank(other)[0] < _rank(chosen)[0] or (
-            _rank(other)[0] == _rank(chosen)[0]
-            and (other.held_out or math.inf) < (1 - _BETTER) * (chosen.held_out or math.inf)
-        ):
-            chosen = other
+            results.append((found, free))
+    chosen, free = results[min(1, len(results) - 1)]
+    for other, other_free in results[2:]:
+        (missing, error), (least, bound) = _rank(other), _rank(chosen)
+        if missing < least or (missing == least and error < (1 - _BETTER) * bound):
+            chosen, free = other, other_free
     # The lens is chosen: now with every sight.
     model = chosen.cameras[0]
-    free = next(
-        f for m, f in _models(lens) if m.model == model.model and len(m.params) == len(model.params)
-    )
     final = solve(
         photographs.names, [model] * len(photographs), features, again, options,
         lambda done, total, points, step: show("mapping", done, total, f"{points:,} points"),
         lens_free=free,
     )  # fmt: skip
     return LensSearch(final, rows)
+
+
+def connected_pairs(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
+    """The pairs among `most` images: the best pair's, then always the one with most matches."""
+    matches: dict[int, dict[int, int]] = {}
+    for pair in pairs:
+        matches.setdefault(pair.first, {})[pair.second] = len(pair.matches)
+        matches.setdefault(pair.second, {})[pair.first] = len(pair.matches)
+    if len(matches) <= most:
+        return list(pairs)
+    start = max(pairs, key=lambda pair: len(pair.matches) * min(pair.parallax, 0.35))
+    chosen = {start.first, start.second}
+    while len(chosen) < most:
+        links = {
+            image: sum(count for other, count in found.items() if other in chosen)
+            for image, found in matches.items()
+            if image not in chosen
+        }
+        chosen.add(max(links, key=lambda image: links[image]))
+    return [pair for pair in pairs if pair.first in chosen and pair.second in chosen]
 
 
 def _models(lens: Camera) -> list[tuple[Camera, np.ndarray]]:

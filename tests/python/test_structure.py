@@ -1,0 +1,487 @@
+"""Structure from motion: pairs, matches, poses against truth, resume, outputs, bad input."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import gsut
+import tolerances
+from conftest import SHARED
+from gsut import _core
+from gsut.cli import main
+from gsut.structure import estimate
+from gsut.structure.align import compare_poses, rotation_angles, similarity
+from gsut.structure.estimate import estimate_poses
+from gsut.structure.features import Features, find_features
+from gsut.structure.inputs import Photographs
+from gsut.structure.lens_search import connected_pairs, guessed_lens, search_lens
+from gsut.structure.matching import match_and_verify, preview_pairs
+from gsut.structure.options import PosesOptions
+from gsut.structure.output import quaternion_of
+from gsut.structure.pairs import choose_pairs, counts_up
+
+SPONZA = SHARED / "data" / "sponza_fisheye"
+IMAGES = 12  # of sponza_fisheye, in a row: enough for a path, few enough for a test
+
+
+def quiet(count: int) -> None:
+    """Progress that nobody looks at."""
+
+
+# --- a synthetic scene: exact features through a lens of 200 degrees ------------------------------
+
+
+class Synthetic:
+    """Points around a walk, seen by features with noise and with descriptors that match."""
+
+    def __init__(self, rng, images=8, points=500, noise=0.2, turn_only=False):
+        self.camera = gsut.Camera(
+            "kannala_brandt", [300, 301, 500, 505, 0.02, -0.01, 0.002, -0.0003], 1000, 1010
+        )
+        self.points = rng.uniform([-4, -4, -3], [4, 4, 5], (points, 3))
+        self.poses = []
+        self.features = []
+        identity = rng.random((points, 128)) ** 4
+        for i in range(images):
+            pose = _core.exp_pose([0, 0, 0, 0.02 * i, 0.15 * i, 0.01 * i])
+            center = np.zeros(3) if turn_only else np.array([0.3 * i, 0.05 * i * i, 0.1 * (i % 2)])
+            pose[:3, 3] = -pose[:3, :3] @ center
+            p = self.points @ pose[:3, :3].T + pose[:3, 3]
+            pixels, valid = self.camera.project(p)
+            pixels = pixels + noise * rng.standard_normal(pixels.shape)
+            valid &= (pixels > 0).all(axis=1) & (pixels < [1000, 1010]).all(axis=1)
+            valid[valid] = self.camera.unproject(pixels[valid])[1]
+            values = np.sqrt(identity[valid] + 0.01 * rng.random((valid.sum(), 128)))
+            values /= np.linalg.norm(values, axis=1, keepdims=True)
+            count = int(valid.sum())
+            order = rng.permutation(count)
+            self.poses.append(pose)
+            self.features.append(
+                Features(
+                    pixels[valid][order],
+                    np.full(count, 3, np.float32),
+                    np.rint(512 * values[order]).clip(0, 255).astype(np.uint8),
+                    np.full((count, 3), 128, np.uint8),
+                )
+            )
+
+    def verified(self, options=None):
+        options = options or PosesOptions()
+        count = len(self.features)
+        pairs = choose_pairs([f"{i}" for i in range(count)], self.features, options)
+        pairs = preview_pairs(self.features, pairs, options, quiet)
+        return match_and_verify(self.features, [self.camera] * count, pairs, options, quiet)
+
+    def settings(self, **more):
+        return {"max_error": 2.5, "min_angle": 0.026, **more}
+
+    def solve(self, camera=None, **settings):
+        return _core.estimate_poses(
+            [camera or self.camera],
+            [0] * len(self.features),
+            [f.pixels for f in self.features],
+            [p.as_tuple() for p in self.verified()],
+            self.settings(**settings),
+            None,
+        )
+
+
+def test_estimate_poses_synthetic_walk_finds_all_poses_within_noise(rng):
+    scene = Synthetic(rng)
+    found = scene.solve()
+    assert found["registered"].all()
+    errors = compare_poses(found["camera_from_world"], np.array(scene.poses))
+    assert errors.rotation_degrees.max() < tolerances.SFM_SYNTHETIC_DEGREES
+    assert errors.ate_percent < tolerances.SFM_SYNTHETIC_ATE_PERCENT
+    assert len(found["points"]) > 400
+
+
+def test_estimate_poses_sees_beyond_ninety_degrees(rng):
+    scene = Synthetic(rng)
+    found = scene.solve()
+    sights = found["sights"]
+    behind = 0
+    for point, image, _ in sights:
+        pose = found["camera_from_world"][image]
+        behind += (pose[:3, :3] @ found["points"][point] + pose[:3, 3])[2] < 0
+    assert behind > 20  # sights behind the camera plane are used, not dropped
+
+
+def test_estimate_poses_covariances_hold_the_gauge_and_are_positive(rng):
+    found = Synthetic(rng).solve()
+    first, second = found["initial_pair"]
+    covariances = found["covariances"]
+    assert not covariances[first].any()
+    assert (np.diagonal(covariances[second])[:3] == 0).sum() == 1
+    free = [i for i in range(len(covariances)) if i not in (first, second)]
+    assert len(free) == 6
+    for i in free:
+        assert np.linalg.eigvalsh(covariances[i]).min() > 0
+
+
+def test_estimate_poses_unknown_lens_comes_back(rng):
+    scene = Synthetic(rng, images=10, points=900, noise=0.1)
+    guess = gsut.Camera("kannala_brandt", [320, 320, 500, 505, 0, 0, 0, 0], 1000, 1010)
+    found = scene.solve(guess, lens_free=[[1] * 8], max_error=8.0)
+    assert found["registered"].all()
+    focal = found["lens_params"][0][:2]
+    assert np.abs(focal / scene.camera.params[:2] - 1).max() < tolerances.SFM_FOCAL
+    errors = compare_poses(found["camera_from_world"], np.array(scene.poses))
+    assert errors.rotation_degrees.max() < 3 * tolerances.SFM_SYNTHETIC_DEGREES
+
+
+def test_estimate_poses_turn_on_the_spot_says_so(rng):
+    found = Synthetic(rng, turn_only=True).solve()
+    assert not found["registered"].any()
+    assert "rotation" in found["failure"]
+
+
+def test_estimate_poses_stopped_by_progress_raises_its_exception(rng):
+    scene = Synthetic(rng)
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        _core.estimate_poses(
+            [scene.camera], [0] * 8, [f.pixels for f in scene.features],
+            [p.as_tuple() for p in scene.verified()], scene.settings(), stop,
+        )  # fmt: skip
+
+
+def test_estimate_poses_unknown_setting_is_refused(rng):
+    with pytest.raises(gsut.InputError, match="no setting speed"):
+        _core.estimate_poses([], [], [], [], {"speed": 1}, None)
+
+
+def test_absolute_pose_finds_a_new_image(rng):
+    scene = Synthetic(rng, noise=0.0)
+    pose = scene.poses[3]
+    p = scene.points @ pose[:3, :3].T + pose[:3, 3]
+    pixels, valid = scene.camera.project(p)
+    bearings = _core.ImageBearings(scene.camera, pixels[valid])
+    wrong = scene.points[valid].copy()
+    wrong[::3] = rng.uniform(-4, 4, wrong[::3].shape)
+    found, inliers = _core.absolute_pose(bearings, np.arange(len(wrong)), wrong, 2.0, 0)
+    assert np.abs(found - pose).max() < tolerances.SFM_EXACT
+    assert inliers.sum() >= 0.6 * len(wrong)
+
+
+def test_relative_pose_agrees_with_opencv_on_a_narrow_lens(rng):
+    camera = gsut.Camera("pinhole", [800, 800, 320, 240], 640, 480)
+    points = rng.uniform([-2, -1.5, 4], [2, 1.5, 9], (300, 3))
+    pose = _core.exp_pose([0.4, 0.05, 0.1, 0.05, -0.1, 0.02])
+    first = camera.project(points)[0]
+    second = camera.project(points @ pose[:3, :3].T + pose[:3, 3])[0]
+    first += 0.2 * rng.standard_normal(first.shape)
+    second += 0.2 * rng.standard_normal(second.shape)
+    order = np.stack([np.arange(300)] * 2, axis=1).astype(np.int32)
+    images = [_core.ImageBearings(camera, first), _core.ImageBearings(camera, second)]
+    ((inliers, found, turned, _, ok),) = _core.verify_pairs(images, [[0, 1]], [order], 2.0, 0)
+    assert ok and inliers.mean() > 0.95 and turned < 0.5 * inliers.sum()
+    matrix = np.array([[800.0, 0, 319.5], [0, 800, 239.5], [0, 0, 1]])
+    a, b = first - 0.5, second - 0.5
+    essential, mask = cv2.findEssentialMat(a, b, matrix, threshold=1.0)
+    rotation, shift = cv2.recoverPose(essential, a, b, matrix, mask=mask)[1:3]
+    by_cv2 = np.degrees(rotation_angles((rotation @ pose[:3, :3].T)[None]))[0]
+    ours = np.degrees(rotation_angles((found[:3, :3] @ pose[:3, :3].T)[None]))[0]
+    assert ours < max(2 * by_cv2, 0.1)  # ours is refined on all inliers, cv2's is not
+    direction = pose[:3, 3] / np.linalg.norm(pose[:3, 3])
+    assert found[:3, 3] @ direction > min(float(shift.ravel() @ direction), 0.999)
+
+
+# --- pairs, features, alignment -------------------------------------------------------------------
+
+
+def test_choose_pairs_rules(rng):
+    scene = Synthetic(rng, images=5, points=100)
+    names = [f"f{i:03d}.png" for i in range(5)]
+    everything = choose_pairs(names, scene.features, PosesOptions())
+    assert len(everything) == 10
+    near = choose_pairs(names, scene.features, PosesOptions(pairs="sequential", window=1))
+    assert near.tolist() == [[0, 1], [0, 2], [0, 4], [1, 2], [1, 3], [2, 3], [2, 4], [3, 4]]
+    alike = choose_pairs(names, scene.features, PosesOptions(pairs="similar", neighbors=2))
+    assert 5 <= len(alike) <= 10 and (alike[:, 0] < alike[:, 1]).all()
+    assert counts_up(names) and not counts_up(["a1", "b2"]) and not counts_up(["a2", "a1"])
+
+
+def test_find_features_puts_a_blob_at_its_pixel(tmp_path):
+    y, x = np.mgrid[:200, :240] + 0.5
+    image = np.zeros((200, 240))
+    centers = [(60.25, 80.5), (150.75, 100.0), (190.0, 40.5)]
+    for cx, cy in centers:
+        image += np.exp(-((x - cx) ** 2 + (y - cy) ** 2) / (2 * 4.0**2))
+    path = tmp_path / "blobs.png"
+    cv2.imwrite(str(path), (255 * image).clip(0, 255).astype(np.uint8))
+    found = find_features(path, None, PosesOptions())
+    checked = 0
+    for center in centers:
+        nearest = np.linalg.norm(found.pixels - center, axis=1).min()
+        assert nearest < tolerances.SIFT_BLOB_PIXELS
+        checked += 1
+    assert checked == 3
+
+
+def test_find_features_leaves_out_what_has_no_ray(tmp_path):
+    rng = np.random.default_rng(3)
+    path = tmp_path / "noise.png"
+    cv2.imwrite(
+        str(path), cv2.GaussianBlur(rng.integers(0, 255, (200, 200), np.uint8), (0, 0), 1.5)
+    )
+    camera = gsut.Camera(
+        "kannala_brandt", [60, 60, 100, 100, 0, 0, 0, 0], 200, 200, valid_field_angle=1.0
+    )
+    found = find_features(path, camera, PosesOptions())
+    assert len(found) > 50
+    assert np.linalg.norm(found.pixels - 100, axis=1).max() < 60
+    with pytest.raises(gsut.InputError, match="the lens is for 100 x 100"):
+        find_features(path, camera.resized(100, 100), PosesOptions())
+
+
+def test_similarity_is_found_again(rng):
+    source = rng.standard_normal((10, 3))
+    rotation = _core.exp_pose([0, 0, 0, 0.3, -1.0, 2.0])[:3, :3]
+    target = 2.5 * source @ rotation.T + [1, 2, 3]
+    scale, found, shift = similarity(source, target)
+    assert abs(scale - 2.5) < 1e-12 and np.abs(found - rotation).max() < 1e-12
+    assert np.abs(shift - [1, 2, 3]).max() < 1e-12
+
+
+def test_quaternion_of_any_rotation(rng):
+    checked = 0
+    turns = [*rng.standard_normal((50, 3)), [np.pi, 0, 0], [0, np.pi, 0], [0, 0, 0]]
+    for turn in turns:
+        rotation = _core.exp_pose([0, 0, 0, *turn])[:3, :3]
+        w, x, y, z = quaternion_of(rotation)
+        skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        assert np.abs(np.eye(3) + 2 * w * skew + 2 * skew @ skew - rotation).max() < 1e-12
+        checked += 1
+    assert checked == 53
+
+
+def test_guessed_lens_has_the_field_of_view():
+    for fov in (50.0, 90.0, 150.0):
+        camera = guessed_lens(640, 480, fov)
+        edge = camera.unproject(np.array([[640.0, 240.0]]))[0][0]
+        assert abs(np.degrees(np.arctan2(edge[0], edge[2])) - fov / 2) < 1e-6
+    with pytest.raises(gsut.InputError, match="--fov"):
+        guessed_lens(640, 480, 1.0)
+
+
+# --- real images ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def some_sponza(tmp_path_factory):
+    """A folder with a few images of sponza_fisheye, their lens and their mask; and the truth."""
+    if not SPONZA.is_dir():
+        pytest.skip("shared data is absent")
+    folder = tmp_path_factory.mktemp("sponza")
+    (folder / "images").mkdir()
+    scene = gsut.load_dataset(SPONZA, test_every=0)
+    views = [v for v in scene.views if "train" in v.name][:IMAGES]
+    for view in views:
+        (folder / "images" / Path(view.name).name).symlink_to(view.image_path)
+    (folder / "mask.png").symlink_to(SPONZA / "mask.png")
+    scene.cameras[0].save(folder / "lens.yaml")
+    truth = {Path(v.name).name: v.camera_from_world for v in views}
+    return folder, truth, scene.cameras[0]
+
+
+@pytest.fixture(scope="module")
+def solved_sponza(some_sponza, tmp_path_factory):
+    """The same, solved by the command line."""
+    out = tmp_path_factory.mktemp("solved") / "data"
+    assert main(["poses", str(some_sponza[0]), "-o", str(out), "--quiet"]) == 0
+    return out
+
+
+def test_poses_command_sponza_poses_agree_with_truth(some_sponza, solved_sponza):
+    truth = some_sponza[1]
+    scene = gsut.load_dataset(solved_sponza, test_every=0)
+    assert len(scene.views) == IMAGES
+    found = np.array([view.camera_from_world for view in scene.views])
+    reference = np.array([truth[Path(view.name).name] for view in scene.views])
+    errors = compare_poses(found, reference)
+    assert np.median(errors.rotation_degrees) < tolerances.SFM_SPONZA_DEGREES
+    assert errors.ate_percent < tolerances.SFM_SPONZA_ATE_PERCENT
+    assert scene.views[0].mask_path is not None
+
+
+def test_poses_command_writes_figures_report_and_colmap(some_sponza, solved_sponza):
+    figures = json.loads((solved_sponza / "poses.json").read_text())
+    assert figures["registered"] == figures["images"] == IMAGES
+    assert set(figures["seconds"]) == {"features", "matching", "mapping", "writing", "total"}
+    assert 0 < figures["reprojection_error_px"]["median"] < 0.5
+    assert len(figures["views"]) == IMAGES
+    assert np.array(figures["views"][-1]["covariance"]).shape == (6, 6)
+    page = (solved_sponza / "report.html").read_text()
+    assert page.count("<svg") == 3 and "12 of 12 images" in page
+    assert not (solved_sponza / "stages").exists()
+    # The COLMAP model says the same as transforms.json.
+    scene = gsut.load_dataset(solved_sponza, test_every=0)
+    from gsut.data.colmap import read_colmap
+
+    colmap = solved_sponza / "sparse" / "0"
+    (solved_sponza / "images").symlink_to(some_sponza[0] / "images")
+    frames = {f.name: f for f in read_colmap(solved_sponza).frames}
+    (solved_sponza / "images").unlink()
+    assert colmap.is_dir() and len(frames) == IMAGES
+    for view in scene.views:
+        frame = frames[Path(view.name).name]
+        assert frame.camera == some_sponza[2].with_valid_field_angle(None)
+        own = np.linalg.inv(frame.world_from_camera)[:3, :3]
+        assert np.abs(own - view.camera_from_world[:3, :3]).max() < 1e-9
+
+
+def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path, monkeypatch):
+    out = tmp_path / "data"
+    calls = {"features": 0}
+    original = estimate.find_all_features
+
+    def counted(paths, *rest):
+        calls["features"] += len(paths)
+        original(paths, *rest)
+
+    def killed(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(estimate, "find_all_features", counted)
+    with monkeypatch.context() as patch:
+        patch.setattr(estimate, "solve", killed)
+        with pytest.raises(KeyboardInterrupt):
+            estimate_poses(some_sponza[0], out)
+    assert calls["features"] == IMAGES
+    with monkeypatch.context() as patch:  # features and matches are not made again
+        patch.setattr(estimate, "match_and_verify", killed)
+        result = estimate_poses(some_sponza[0], out)
+    assert calls["features"] == IMAGES
+    assert result.solution.num_registered == IMAGES
+
+
+def test_poses_command_corrupt_image_is_named_and_the_rest_kept(some_sponza, tmp_path):
+    folder = tmp_path / "in"
+    (folder / "images").mkdir(parents=True)
+    for i, path in enumerate(sorted((some_sponza[0] / "images").iterdir())):
+        target = folder / "images" / path.name
+        if i == 3:
+            target.write_bytes(path.read_bytes()[:5000])
+        elif i < 8:
+            target.symlink_to(path.resolve())
+    notes: list[str] = []
+    result = estimate_poses(
+        folder, tmp_path / "out", camera=some_sponza[0] / "lens.yaml", notes_to=notes.append
+    )
+    assert result.solution.num_registered == 7
+    name = result.solution.unregistered_names()[0]
+    assert any(name in note and "truncated" in note for note in notes)
+    assert any("7 of 8 images were registered" in note for note in notes)
+
+
+# --- bad input ------------------------------------------------------------------------------------
+
+
+def texture(path: Path, seed: int, size: int = 160) -> None:
+    """A picture with many features."""
+    noise = np.random.default_rng(seed).integers(0, 255, (size, size, 3), np.uint8)
+    cv2.imwrite(str(path), cv2.GaussianBlur(noise, (0, 0), 1.5))
+
+
+@pytest.mark.parametrize(
+    ("case", "words"),
+    [
+        ("absent", "is no folder"),
+        ("one", "holds 1 image"),
+        ("same", "all images are the same"),
+        ("apart", "matches that agree"),
+        ("flat", "almost no features"),
+        ("sizes", "different sizes"),
+    ],
+)
+def test_poses_command_bad_images_get_one_clear_sentence(case, words, tmp_path, capsys):
+    folder = tmp_path / "in"
+    if case != "absent":
+        folder.mkdir()
+    counts = {"absent": 0, "one": 1}
+    for i in range(counts.get(case, 4)):
+        path = folder / f"{i}.png"
+        if case == "flat":
+            cv2.imwrite(str(path), np.full((160, 160, 3), 90, np.uint8))
+        else:
+            texture(path, 0 if case == "same" else i, 160 + 8 * (case == "sizes" and i == 2))
+    assert main(["poses", str(folder), "-o", str(tmp_path / "out"), "--quiet", "--fov", "60"]) == 2
+    message = capsys.readouterr().err
+    assert words in message and message.count("\n") == 1
+    assert not (tmp_path / "out" / "transforms.json").exists()
+
+
+def test_poses_command_wrong_lens_size_says_so(tmp_path, capsys):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for i in range(3):
+        texture(folder / f"{i}.png", i)
+    gsut.Camera("pinhole", [100, 100, 50, 50], 100, 100).save(tmp_path / "lens.yaml")
+    arguments = ["poses", str(folder), "--camera", str(tmp_path / "lens.yaml"), "--quiet"]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) == 2
+    assert "the lens is for 100 x 100" in capsys.readouterr().err
+
+
+def test_poses_command_lens_that_no_format_holds_is_refused_first(tmp_path, capsys):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for i in range(2):
+        texture(folder / f"{i}.png", i)
+    lens = tmp_path / "lens.cameramodel"
+    gsut.Camera("stereographic", [100, 100, 80, 80], 160, 160).save(lens)
+    arguments = ["poses", str(folder), "--camera", str(lens), "-o", str(tmp_path / "out")]
+    assert main(arguments) == 2
+    assert "camera convert" in capsys.readouterr().err
+
+
+def test_poses_options_are_checked():
+    with pytest.raises(gsut.InputError, match="--pairs must be one of"):
+        PosesOptions(pairs="some")
+    with pytest.raises(gsut.InputError, match="--max-ratio"):
+        PosesOptions(max_ratio=0.0)
+
+
+# --- unknown lens and benchmark -------------------------------------------------------------------
+
+
+def test_search_lens_finds_the_fisheye_of_a_synthetic_walk(rng, tmp_path):
+    scene = Synthetic(rng, images=8, points=700, noise=0.1)
+    count = len(scene.features)
+    guess = guessed_lens(1000, 1010, 180.0)
+    names = [f"{i}.png" for i in range(count)]
+    photographs = Photographs(
+        tmp_path, names, [tmp_path / n for n in names], [None] * count, [guess] * count
+    )
+    options = PosesOptions(max_two_view_error=4.0, max_error=5.0)
+    pairs = choose_pairs(names, scene.features, options)
+    verified = match_and_verify(scene.features, [guess] * count, pairs, options, quiet)
+    found = search_lens(photographs, scene.features, verified, options, 180.0, lambda *_: None)
+    assert found.solution.num_registered == count
+    lens = found.solution.cameras[0]
+    assert lens.model == "kannala_brandt"
+    assert abs(lens.params[0] / scene.camera.params[0] - 1) < tolerances.SFM_FOCAL
+    assert len(found.rows) == 2 and found.rows[-1]["held_out_px"] < 0.5
+
+
+def test_connected_images_are_as_many_as_asked_for(rng):
+    verified = Synthetic(rng, images=8).verified()
+    few = connected_pairs(verified, 4)
+    assert len({i for pair in few for i in (pair.first, pair.second)}) == 4
+    assert connected_pairs(verified, 20) == verified
+
+
+def test_bench_poses_prints_errors_beside_seconds(some_sponza, solved_sponza, tmp_path, capsys):
+    arguments = ["bench", "poses", str(solved_sponza), "--json", str(tmp_path / "rows.json")]
+    assert main(arguments) == 0
+    (row,) = json.loads((tmp_path / "rows.json").read_text())
+    assert row["registered"] == row["images"] == IMAGES
+    # The same images and lens: the same poses but for the order in which threads add up.
+    assert row["rotation_max_degrees"] < tolerances.SFM_REPEAT_DEGREES
+    assert row["total_seconds"] > 0 and "ATE" in capsys.readouterr().out
