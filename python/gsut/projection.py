@@ -129,7 +129,8 @@ def _unscented(
         exact = _core.project_reference(g, camera, pose, alpha, beta, kappa)
         cov = exact["covariances"]
         variances = np.stack([cov[:, 0, 0], cov[:, 1, 1]], axis=1)
-        opacity = 1.0 / (1.0 + np.exp(-g.opacity_logits))
+        with np.errstate(over="ignore"):
+            opacity = 1.0 / (1.0 + np.exp(-g.opacity_logits))
         cutoff = 2.0 * np.log(np.maximum(opacity / alpha_min, 1.0))
         extents = np.sqrt(cutoff[:, None] * variances)
         return {"centers": exact["centers"], "covariances": cov, "extents": extents}
