@@ -156,7 +156,8 @@ def _unscented(
 def _extents(g: Gaussians, cov: np.ndarray, alpha_min: float) -> np.ndarray:
     """(N, 2) half width and height of what holds alpha >= alpha_min; g in float64."""
     variances = np.stack([cov[:, 0, 0], cov[:, 1, 1]], axis=1)
-    opacity = 1.0 / (1.0 + np.exp(-g.opacity_logits))
+    with np.errstate(over="ignore"):
+        opacity = 1.0 / (1.0 + np.exp(-g.opacity_logits))
     cutoff = 2.0 * np.log(np.maximum(opacity / alpha_min, 1.0))
     return np.sqrt(cutoff[:, None] * variances)
 

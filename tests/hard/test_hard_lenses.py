@@ -151,7 +151,11 @@ def test_low_pass_filter_forward_and_backward_in_every_path(rng):
 
     pixels = gsut.project(g, camera, pose).centers
     inside = np.all((pixels > 1) & (pixels < 63), axis=1)
-    assert seen(plain[0])[inside].mean() < 0.85 < 0.95 < seen(outcomes[0])[inside].mean()
+    # A pixel's centre is at most 0.71 px away: 1.41 deviations, a response of 0.37.
+    opacity = 1 / (1 + np.exp(-gsut.low_pass(g, radii).opacity_logits))
+    rows = inside & (opacity > 3 / 255)
+    assert rows.sum() > 150
+    assert seen(plain[0])[rows].mean() < 0.6 < 0.98 < seen(outcomes[0])[rows].mean()
     truth = outcomes[0].gradients.gaussians
     gsut.low_pass_backward(g.astype(np.float64), radii, truth)
     ran = 0
