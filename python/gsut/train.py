@@ -18,6 +18,7 @@ from gsut.compact_scores import seen_views
 from gsut.data.scene import Scene
 from gsut.data.shutter import with_shutter
 from gsut.evaluate import evaluate, run_metrics
+from gsut.first_gaussians import first_gaussians
 from gsut.gaussians import Gaussians
 from gsut.growth import GrowthLimit
 from gsut.held_out import mean_psnr
@@ -28,12 +29,8 @@ from gsut.progress import TrainingProgress
 from gsut.pyramid import ImagePyramid
 from gsut.render import DEFAULT_UNSCENTED
 from gsut.run_folder import RunFolder
-from gsut.seeding import seed_from_points, seed_in_view
 from gsut.stopwatch import Stopwatch
 
-# Random first Gaussians lie between these distances from a camera, in units of the scene's extent.
-_RANDOM_NEAR, _RANDOM_FAR = 0.05, 4.0
-_RANDOM_COUNT = 30_000
 # Held-out views that the curve of PSNR is measured on: a few, spread evenly.
 _CURVE_VIEWS = 8
 # 3DGS' adaptive density control: opacities are reset every so many steps of 30 000, and the sizes
@@ -357,31 +354,6 @@ class TrainingLoop:
         test = self.scene.test_indices
         chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
         return mean_psnr(self.scene, self.drawn(), chosen, self.options.background, self.renderer)
-
-
-def first_gaussians(scene: Scene, options: TrainOptions) -> Gaussians:
-    """The Gaussians that training starts from: on the scene's points, or random in view."""
-    o = options
-    shape: dict[str, Any] = {
-        "sh_degree": o.sh_degree,
-        "scale_factor": o.init_scale,
-        "opacity": o.init_opacity,
-        "seed": o.seed,
-    }
-    if o.init == "points" and len(scene.points) == 0:
-        raise InputError(f"{scene.path} has no points to start from; use --init random")
-    if o.init == "random" or len(scene.points) == 0:
-        views = [scene.views[i] for i in scene.train_indices]
-        return seed_in_view(
-            [scene.cameras[view.camera_index] for view in views],
-            np.array([view.camera_from_world for view in views]),
-            min(o.init_count or _RANDOM_COUNT, o.max_gaussians),
-            near=_RANDOM_NEAR * scene.extent,
-            far=_RANDOM_FAR * scene.extent,
-            **shape,
-        )
-    most = min(o.init_count or len(scene.points), o.max_gaussians)
-    return seed_from_points(scene.points, scene.point_colors, max_gaussians=most, **shape)
 
 
 def _empty_like(g: Gaussians) -> Gaussians:

@@ -76,7 +76,8 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "scene tools": {"demo_scene*", "doctor", "render_path"},
     "compaction": {"compact", "compact_harmonics", "compact_scores"},
     "training": {
-        *("compact_run", "evaluate", "finetune", "growth", "held_out", "pyramid", "train"),
+        *("compact_run", "evaluate", "finetune", "first_gaussians", "growth", "held_out"),
+        *("pyramid", "train"),
     },
     "benchmarks": {"bench", "bench.*"},
     "command line": {

@@ -14,8 +14,9 @@ import pytest
 import gsut
 import tolerances
 from gsut import InputError, TrainOptions
+from gsut.first_gaussians import first_gaussians
 from gsut.run_folder import HISTORY, SCENE
-from gsut.train import TrainingLoop, first_gaussians
+from gsut.train import TrainingLoop
 from random_scenes import pinhole
 from rendered_dataset import VIEWS, write_dataset
 
