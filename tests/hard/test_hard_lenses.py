@@ -116,9 +116,13 @@ def test_bounds_hold_hostile_gaussians_in_every_path(rng, method):
 def test_values_that_are_no_number_give_no_box_and_no_crash(method):
     camera = pinhole(32)
     ran = 0
-    for name in ("means", "quats", "log_scales", "opacity_logits"):
+    # A quaternion whose other components are 0: its only number is the one that is none.
+    for name, quat in (
+        *((name, (0.5, -0.1, 0.7, 0.4)) for name in ("means", "log_scales", "opacity_logits")),
+        *(("quats", quat) for quat in ((0.5, -0.1, 0.7, 0.4), (1.0, 0.0, 0.0, 0.0))),
+    ):
         for value in (np.nan, np.inf, -np.inf, 1e30, -1e30):
-            g = blob(quat=(0.5, -0.1, 0.7, 0.4))
+            g = blob(quat=quat)
             getattr(g, name).flat[0] = value
             for path in every_path():
                 gsut.set_isa("" if path == "float64" else path)
@@ -129,7 +133,7 @@ def test_values_that_are_no_number_give_no_box_and_no_crash(method):
                 if np.isnan(value):
                     assert box[0] > box[2], (path, name, box)
                 ran += 1
-    assert ran == 20 * (1 + len(gsut.available_isas()))
+    assert ran == 25 * (1 + len(gsut.available_isas()))
 
 
 def test_low_pass_filter_forward_and_backward_in_every_path(rng):

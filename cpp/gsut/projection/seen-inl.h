@@ -115,6 +115,9 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
                          Lane(view.rotation[3 * k + 2])};
     out.mean[k] = Dot3(row, out.world);
   }
+  // Told component by component: a maximum may hide what is no number.
+  const LaneMask quat_is_finite = AndMask(AndMask(IsFinite(out.quat[0]), IsFinite(out.quat[1])),
+                                          AndMask(IsFinite(out.quat[2]), IsFinite(out.quat[3])));
   // The largest component is divided out, so that no norm over- or underflows.
   const Lane largest =
       Max(Max(Abs(out.quat[0]), Abs(out.quat[1])), Max(Abs(out.quat[2]), Abs(out.quat[3])));
@@ -141,7 +144,8 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
   constexpr double kTwoLn2 = 1.38629436111989061883;
   const Lane cutoff = Lane(kTwoLn2) * (out.log2_opacity - Lane(log2_alpha_min));
   out.cutoff = Min(cutoff, Lane(max_cutoff));
-  out.usable = AndMask(AndMask(cutoff > Lane(0.0), IsFinite(logit)), in_float);
+  out.usable =
+      AndMask(AndMask(cutoff > Lane(0.0), IsFinite(logit)), AndMask(in_float, quat_is_finite));
   return out;
 }
 
