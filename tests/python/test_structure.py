@@ -1,6 +1,7 @@
 """Structure from motion: pairs, matches, poses against truth, resume, outputs, bad input."""
 
 import json
+import os
 from pathlib import Path
 
 import cv2
@@ -9,7 +10,6 @@ import pytest
 
 import gsut
 import tolerances
-from conftest import SHARED
 from gsut import _core
 from gsut.cli import main
 from gsut.structure import estimate
@@ -23,7 +23,8 @@ from gsut.structure.options import PosesOptions
 from gsut.structure.output import quaternion_of
 from gsut.structure.pairs import choose_pairs, counts_up
 
-SPONZA = SHARED / "data" / "sponza_fisheye"
+_BESIDE = Path(__file__).resolve().parents[3] / "shared"
+SPONZA = Path(os.environ.get("GSUT_SHARED", _BESIDE)) / "data" / "sponza_fisheye"
 IMAGES = 12  # of sponza_fisheye, in a row: enough for a path, few enough for a test
 
 
