@@ -112,6 +112,8 @@ ORACLE_SLERP_IMAGE = 2e-6  # worst 1.0e-6
 ORACLE_SLERP_GRADIENT = 1e-6  # worst 3.3e-7
 ORACLE_PROJECTION = 1e-9  # px, the issue's; weights of -99 magnify eps of 64 px; worst 4.1e-12
 PROJECTION_FLOAT_PIXELS = 1e-4  # px, the issue's; float spacing at 64 px is 4e-6; worst 1.3e-5
+# px, standard deviation up to which that holds; in proportion beyond; worst 0.87 of it, at a pole
+PROJECTION_FLOAT_WIDTH = 24.0
 # px; footprints of up to 1e6 px in steep lenses, times weights of 100, times eps; worst 3.4e-10
 # px; eps times footprints of up to 1e6 px through steep lenses, weights of 100; worst 3.4e-10
 PROJECTION_DOUBLE = 1e-9
