@@ -145,8 +145,8 @@ LensBend::LensBend(const Camera& camera) {
 }
 
 Bend LensBend::At(const double mean[3], double sine) const {
-  constexpr float kInf = std::numeric_limits<float>::infinity();
-  if (!(sine < kLargestSine)) return {kInf, kInf};
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  if (!(sine < kLargestSine)) return {kInfinity, kInfinity};
   int level = 0;
   while (!(sine < kSines[level])) ++level;
   const double ax = std::abs(mean[0]), ay = std::abs(mean[1]), az = std::abs(mean[2]);
