@@ -7,7 +7,7 @@
 #define GSUT_RASTER_FORWARD_INL_H_
 #endif
 
-#include "gsut/raster/tile_math-inl.h"
+#include "gsut/raster/blend-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
@@ -119,31 +119,8 @@ HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
         GSUT_UNROLL for (int i = 0; i < kForwardJam; ++i) {
           alpha[i] = hn::IfThenElseZero(hit[i], hn::Min(alpha[i], alpha_limit));
         }
-        const FloatVec before = transmittance;
-        GSUT_UNROLL for (int i = 0; i < kForwardJam; ++i) {
-          weight[i] = hn::Mul(alpha[i], transmittance);
-          transmittance = hn::Sub(transmittance, weight[i]);
-        }
-        const FloatMask crossed =
-            hn::And(open, kStopBefore ? hn::Le(transmittance, stop) : hn::Lt(transmittance, stop));
-        if (HWY_UNLIKELY(!hn::AllFalse(d, crossed))) {
-          // A pixel stops inside this group: once more, Gaussian by Gaussian.
-          transmittance = before;
-          GSUT_UNROLL for (int i = 0; i < kForwardJam; ++i) {
-            FloatMask blends = hn::And(hit[i], hn::Ge(transmittance, stop));
-            weight[i] = hn::Mul(alpha[i], transmittance);
-            if (kStopBefore) {
-              const FloatMask ends =
-                  hn::And(blends, hn::Le(hn::Sub(transmittance, weight[i]), stop));
-              transmittance = hn::IfThenElse(ends, hn::Neg(transmittance), transmittance);
-              blends = hn::AndNot(ends, blends);
-            }
-            hit[i] = blends;
-            weight[i] = hn::IfThenElseZero(blends, weight[i]);
-            transmittance = hn::Sub(transmittance, weight[i]);
-          }
-          open = hn::Ge(transmittance, stop);
-          if (hn::AllFalse(d, open)) todo = 0;
+        if (BlendGroup<kStopBefore, kForwardJam>(alpha, stop, hit, weight, &transmittance, &open)) {
+          todo = 0;
         }
         GSUT_UNROLL for (int i = 0; i < kForwardJam; ++i) {
           if (kKeep) {

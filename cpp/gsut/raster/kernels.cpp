@@ -8,7 +8,6 @@
 #include <hwy/highway.h>
 
 #include <memory>
-#include <type_traits>
 #include <vector>
 
 #include "gsut/gaussians/harmonics.h"
@@ -95,29 +94,14 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
 
 void Forward(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame, float* image,
              float* alpha, float* depth) {
-  const auto run = [&](auto with_depth, auto keep, auto stop_before) HWY_ATTR {
-    ForwardTile<with_depth.value, keep.value, stop_before.value>(grid, tile, task.alpha_max,
-                                                                 task.transmittance_min, frame);
-  };
-  const auto with_stop = [&](auto with_depth, auto keep) HWY_ATTR {
-    if (task.stop_before) {
-      run(with_depth, keep, std::true_type());
-    } else {
-      run(with_depth, keep, std::false_type());
-    }
-  };
-  const auto with_keep = [&](auto with_depth) HWY_ATTR {
-    if (task.keep) {
-      with_stop(with_depth, std::true_type());
-    } else {
-      with_stop(with_depth, std::false_type());
-    }
-  };
-  if (task.with_depth) {
-    with_keep(std::true_type());
-  } else {
-    with_keep(std::false_type());
-  }
+  WithFlag(task.with_depth, [&](auto with_depth) HWY_ATTR {
+    WithFlag(task.keep, [&](auto keep) HWY_ATTR {
+      WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
+        ForwardTile<with_depth.value, keep.value, stop_before.value>(grid, tile, task.alpha_max,
+                                                                     task.transmittance_min, frame);
+      });
+    });
+  });
   WritePixels(grid, tile, *frame, task.background, task.with_depth, image, alpha, depth);
 }
 
@@ -129,20 +113,12 @@ void Backward(const RasterTask& task, const TileGrid& grid, int tile,
   pixels.final_transmittance = buffer + 3 * kTilePixels;
   pixels.depth = buffer + 4 * kTilePixels;
   ReadPixelGradients(grid, tile, gradients, task.background, buffer);
-  const auto run = [&](auto with_depth, auto stop_before) HWY_ATTR {
-    BackwardTile<with_depth.value, stop_before.value>(grid, tile, task.alpha_max,
-                                                      task.transmittance_min, pixels, frame);
-  };
-  const bool with_depth = gradients.depth != nullptr;
-  if (with_depth && task.stop_before) {
-    run(std::true_type(), std::true_type());
-  } else if (with_depth) {
-    run(std::true_type(), std::false_type());
-  } else if (task.stop_before) {
-    run(std::false_type(), std::true_type());
-  } else {
-    run(std::false_type(), std::false_type());
-  }
+  WithFlag(gradients.depth != nullptr, [&](auto with_depth) HWY_ATTR {
+    WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
+      BackwardTile<with_depth.value, stop_before.value>(grid, tile, task.alpha_max,
+                                                        task.transmittance_min, pixels, frame);
+    });
+  });
 }
 
 void Gradients(const RasterTask& task, const Frame& frame, std::int64_t begin, std::int64_t end,

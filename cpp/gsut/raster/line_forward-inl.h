@@ -7,6 +7,7 @@
 #define GSUT_RASTER_LINE_FORWARD_INL_H_
 #endif
 
+#include "gsut/raster/blend-inl.h"
 #include "gsut/raster/kernels.h"
 #include "gsut/raster/line_pair-inl.h"
 #include "gsut/raster/tile_math-inl.h"
@@ -94,31 +95,8 @@ HWY_INLINE void ForwardLines(const RasterTask& task, const LineGrid& grid, int t
                                          chunk.Get(LineChunk::kLog2Opacity, index[i])));
           alpha[i] = hn::IfThenElseZero(hit[i], hn::Min(alpha[i], alpha_limit));
         }
-        const FloatVec before = transmittance;
-        GSUT_UNROLL for (int i = 0; i < kLineJam; ++i) {
-          weight[i] = hn::Mul(alpha[i], transmittance);
-          transmittance = hn::Sub(transmittance, weight[i]);
-        }
-        const FloatMask crossed =
-            hn::And(open, kStopBefore ? hn::Le(transmittance, stop) : hn::Lt(transmittance, stop));
-        if (HWY_UNLIKELY(!hn::AllFalse(d, crossed))) {
-          // A pixel stops inside this group: once more, Gaussian by Gaussian.
-          transmittance = before;
-          GSUT_UNROLL for (int i = 0; i < kLineJam; ++i) {
-            FloatMask blends = hn::And(hit[i], hn::Ge(transmittance, stop));
-            weight[i] = hn::Mul(alpha[i], transmittance);
-            if (kStopBefore) {
-              const FloatMask ends =
-                  hn::And(blends, hn::Le(hn::Sub(transmittance, weight[i]), stop));
-              transmittance = hn::IfThenElse(ends, hn::Neg(transmittance), transmittance);
-              blends = hn::AndNot(ends, blends);
-            }
-            hit[i] = blends;
-            weight[i] = hn::IfThenElseZero(blends, weight[i]);
-            transmittance = hn::Sub(transmittance, weight[i]);
-          }
-          open = hn::Ge(transmittance, stop);
-          if (hn::AllFalse(d, open)) todo = 0;
+        if (BlendGroup<kStopBefore, kLineJam>(alpha, stop, hit, weight, &transmittance, &open)) {
+          todo = 0;
         }
         GSUT_UNROLL for (int i = 0; i < kLineJam; ++i) {
           if (kKeep) {

@@ -8,7 +8,6 @@
 #include <hwy/highway.h>
 
 #include <memory>
-#include <type_traits>
 #include <vector>
 
 #include "gsut/gaussians/harmonics.h"
@@ -85,28 +84,13 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
 
 void LineForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame, float* image,
                  float* alpha, float* depth) {
-  const auto run = [&](auto with_depth, auto keep, auto stop_before) HWY_ATTR {
-    ForwardLines<with_depth.value, keep.value, stop_before.value>(task, grid, tile, frame);
-  };
-  const auto with_stop = [&](auto with_depth, auto keep) HWY_ATTR {
-    if (task.stop_before) {
-      run(with_depth, keep, std::true_type());
-    } else {
-      run(with_depth, keep, std::false_type());
-    }
-  };
-  const auto with_keep = [&](auto with_depth) HWY_ATTR {
-    if (task.keep) {
-      with_stop(with_depth, std::true_type());
-    } else {
-      with_stop(with_depth, std::false_type());
-    }
-  };
-  if (task.with_depth) {
-    with_keep(std::true_type());
-  } else {
-    with_keep(std::false_type());
-  }
+  WithFlag(task.with_depth, [&](auto with_depth) HWY_ATTR {
+    WithFlag(task.keep, [&](auto keep) HWY_ATTR {
+      WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
+        ForwardLines<with_depth.value, keep.value, stop_before.value>(task, grid, tile, frame);
+      });
+    });
+  });
   WritePixels(grid.tiles, tile, *frame, task.background, task.with_depth, image, alpha, depth);
 }
 
@@ -118,27 +102,14 @@ void LineBackward(const RasterTask& task, const LineGrid& grid, int tile,
   pixels.final_transmittance = buffer + 3 * kTilePixels;
   pixels.depth = buffer + 4 * kTilePixels;
   ReadPixelGradients(grid.tiles, tile, gradients, task.background, buffer);
-  const auto run = [&](auto with_depth, auto stop_before, auto with_poses) HWY_ATTR {
-    BackwardLines<with_depth.value, stop_before.value, with_poses.value>(task, grid, tile, pixels,
-                                                                         frame, to_lines);
-  };
-  const auto with_poses = [&](auto with_depth, auto stop_before) HWY_ATTR {
-    if (to_lines != nullptr) {
-      run(with_depth, stop_before, std::true_type());
-    } else {
-      run(with_depth, stop_before, std::false_type());
-    }
-  };
-  const bool with_depth = gradients.depth != nullptr;
-  if (with_depth && task.stop_before) {
-    with_poses(std::true_type(), std::true_type());
-  } else if (with_depth) {
-    with_poses(std::true_type(), std::false_type());
-  } else if (task.stop_before) {
-    with_poses(std::false_type(), std::true_type());
-  } else {
-    with_poses(std::false_type(), std::false_type());
-  }
+  WithFlag(gradients.depth != nullptr, [&](auto with_depth) HWY_ATTR {
+    WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
+      WithFlag(to_lines != nullptr, [&](auto with_poses) HWY_ATTR {
+        BackwardLines<with_depth.value, stop_before.value, with_poses.value>(
+            task, grid, tile, pixels, frame, to_lines);
+      });
+    });
+  });
 }
 
 void LineGradientsRange(const RasterTask& task, bool is_parallel, const Frame& frame,
