@@ -16,7 +16,7 @@
 #include "gsut/projection/footprint_kernels.h"
 #include "gsut/projection/footprint_scalar.h"
 #include "gsut/projection/lens_bend.h"
-#include "gsut/projection/project_kernels.h"
+#include "gsut/projection/projection_steps.h"
 
 namespace gsut {
 namespace {
@@ -191,26 +191,8 @@ void FindFootprints(const GaussiansView<const float>& gaussians, const Camera& c
   const bool adaptive = options.method == ProjectionMethod::kAdaptive;
   const bool bounds = adaptive || options.method == ProjectionMethod::kSilhouette;
   FootprintTask task;
-  task.gaussians = gaussians;
-  task.lens = camera.lens();
-  task.domain = camera.domain();
-  task.params = camera.params().data();
-  task.num_params = camera.num_params();
-  const bool has_table = VisitLens(camera.lens(), [](auto lens) {
-    return requires { decltype(lens)::kHasTable; };
-  });
-  if (task.num_params > kMaxLensParams && !has_table) {
-    throw InputError("the lens has " + std::to_string(task.num_params) + " parameters; at most " +
-                     std::to_string(kMaxLensParams) + " can be projected");
-  }
   std::vector<float> table;
-  if (has_table) table.assign(camera.params().begin(), camera.params().end());
-  task.table = table.data();
-  task.view = MakeViewFloats(camera_from_world);
-  task.log2_alpha_min = static_cast<float>(std::log2(options.rule.alpha_min));
-  task.max_cutoff = options.rule.response_min > 0.0
-                        ? static_cast<float>(-2.0 * std::log(options.rule.response_min))
-                        : std::numeric_limits<float>::max();
+  DescribeCamera(gaussians, camera, camera_from_world, options.rule, "projected", &table, &task);
   task.method = options.method;
   const SigmaRule rule = MakeSigmaRule(adaptive ? ProjectionMethod::kUnscented : options.method,
                                        adaptive ? UnscentedOptions() : options.unscented);

@@ -13,6 +13,7 @@
 #include "gsut/cameras/scalar_math.h"
 #include "gsut/gaussians/activations.h"
 #include "gsut/projection/project_kernels.h"
+#include "gsut/projection/projection_steps.h"
 
 // The scalar names that the transform's text uses; before its text.
 #include <hwy/highway.h>
@@ -122,28 +123,11 @@ void Project(const GaussiansView<const float>& gaussians, const Camera& camera,
              const Pose& camera_from_world, const UnscentedOptions& options,
              const FootprintRule& rule, Splats* splats) {
   ProjectTask task;
-  task.gaussians = gaussians;
-  task.lens = camera.lens();
-  task.domain = camera.domain();
-  task.params = camera.params().data();
-  task.num_params = camera.num_params();
-  const bool has_table = VisitLens(camera.lens(), [](auto lens) {
-    return requires { decltype(lens)::kHasTable; };
-  });
-  if (task.num_params > kMaxLensParams && !has_table) {
-    throw InputError("the lens has " + std::to_string(task.num_params) + " parameters; at most " +
-                     std::to_string(kMaxLensParams) + " can be rendered");
-  }
   std::vector<float> table;
-  if (has_table) table.assign(camera.params().begin(), camera.params().end());
-  task.table = table.data();
+  DescribeCamera(gaussians, camera, camera_from_world, rule, "rendered", &table, &task);
   task.width = camera.width();
   task.height = camera.height();
-  task.view = MakeViewFloats(camera_from_world);
   task.weights = MakeUnscentedWeights(options);
-  task.log2_alpha_min = static_cast<float>(std::log2(rule.alpha_min));
-  task.max_cutoff = rule.response_min > 0.0 ? static_cast<float>(-2.0 * std::log(rule.response_min))
-                                            : std::numeric_limits<float>::max();
   task.wide = kWideFootprint;
   splats->Resize(gaussians.size);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
@@ -161,14 +145,7 @@ void ProjectReference(const GaussiansView<const double>& gaussians, const Camera
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const auto footprint = FootprintOf(gaussians, i, camera, camera_from_world, weights);
-      const bool ok = footprint.all_valid;
-      const double nan = std::numeric_limits<double>::quiet_NaN();
-      valid[i] = ok;
-      means[2 * i] = ok ? footprint.u : nan;
-      means[2 * i + 1] = ok ? footprint.v : nan;
-      covariances[4 * i] = ok ? footprint.cov_uu : nan;
-      covariances[4 * i + 1] = covariances[4 * i + 2] = ok ? footprint.cov_uv : nan;
-      covariances[4 * i + 3] = ok ? footprint.cov_vv : nan;
+      WriteFootprint(footprint, i, means, covariances, valid);
     }
   });
 }

@@ -3,12 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "gsut/base/parallel.h"
 #include "gsut/cameras/lens_registry.h"
 #include "gsut/cameras/scalar_math.h"
 #include "gsut/gaussians/activations.h"
+#include "gsut/projection/projection_steps.h"
 
 // The scalar names that the transform's text uses; before its text.
 #include <hwy/highway.h>
@@ -82,15 +82,8 @@ void ProjectMoving(const GaussiansView<const double>& gaussians, const Camera& c
         const auto footprint = HWY_NAMESPACE::Unscented<MovingLens<Lens>, double>(
             camera.domain(), &params, camera.num_params(), period, weights, gaussians.means + 3 * i,
             axes, scale);
-        const bool ok = footprint.all_valid;
-        const double nan = std::numeric_limits<double>::quiet_NaN();
-        valid[i] = ok;
+        WriteFootprint(footprint, i, means, covariances, valid);
         converged[i] = settled;
-        means[2 * i] = ok ? footprint.u : nan;
-        means[2 * i + 1] = ok ? footprint.v : nan;
-        covariances[4 * i] = ok ? footprint.cov_uu : nan;
-        covariances[4 * i + 1] = covariances[4 * i + 2] = ok ? footprint.cov_uv : nan;
-        covariances[4 * i + 3] = ok ? footprint.cov_vv : nan;
       }
     });
   });
