@@ -273,7 +273,10 @@ class Renderer:
         touched: NDArray[np.uint8],
         write_untouched: bool,
         with_poses: bool = True,
+        with_lens: bool = False,
     ) -> Any: ...  # NDArray[np.float64], or None without with_poses
+    # (K,) and (H, W, 3) of the last backward; None if that was without the lens.
+    def lens_gradients(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None: ...
     def distances(self) -> NDArray[np.float32]: ...
     def timings(self) -> dict[str, tuple[float, float]]: ...  # wall and processor seconds
     def statistics(self) -> dict[str, int]: ...
@@ -317,7 +320,8 @@ def render_reference_backward(
     ddepth: NDArray[np.float64] | None,
     gradients: _Gaussians,
     pixels: NDArray[np.uint8] | None = None,
-) -> NDArray[np.float64]: ...
+    with_lens: bool = False,
+) -> tuple[NDArray[np.float64], tuple[NDArray[np.float64], NDArray[np.float64]] | None]: ...
 def render_lines_reference(
     gaussians: _Gaussians, lines: ArrayLike, reference: _PoseLike, rule: BlendRule
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...

@@ -133,7 +133,7 @@ void Forward(const RasterTask& task, const TileGrid& grid, int tile, Frame* fram
 }
 
 void Backward(const RasterTask& task, const TileGrid& grid, int tile,
-              const ImageGradients& gradients, Frame* frame) {
+              const ImageGradients& gradients, Frame* frame, float* to_rays) {
   HWY_ALIGN float buffer[5 * kTilePixels];
   PixelGradients pixels;
   for (int c = 0; c < 3; ++c) pixels.color[c] = buffer + c * kTilePixels;
@@ -142,8 +142,10 @@ void Backward(const RasterTask& task, const TileGrid& grid, int tile,
   ReadPixelGradients(grid, tile, gradients, task.background, buffer);
   WithFlag(gradients.depth != nullptr, [&](auto with_depth) HWY_ATTR {
     WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
-      BackwardTile<with_depth.value, stop_before.value>(grid, tile, task.alpha_max,
-                                                        task.transmittance_min, pixels, frame);
+      WithFlag(to_rays != nullptr, [&](auto with_rays) HWY_ATTR {
+        BackwardTile<with_depth.value, stop_before.value, with_rays.value>(
+            grid, tile, task.alpha_max, task.transmittance_min, pixels, frame, to_rays);
+      });
     });
   });
 }
@@ -179,8 +181,8 @@ void ForwardKernel(const RasterTask& task, const TileGrid& grid, int tile, Frame
 }
 
 void BackwardKernel(const RasterTask& task, const TileGrid& grid, int tile,
-                    const ImageGradients& gradients, Frame* frame) {
-  HWY_DYNAMIC_DISPATCH(Backward)(task, grid, tile, gradients, frame);
+                    const ImageGradients& gradients, Frame* frame, float* to_rays) {
+  HWY_DYNAMIC_DISPATCH(Backward)(task, grid, tile, gradients, frame, to_rays);
 }
 
 void GradientsKernel(const RasterTask& task, const Frame& frame, std::int64_t begin,
