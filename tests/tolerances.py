@@ -271,3 +271,7 @@ PANORAMA_SEAM_DB = 0.8  # dB that the columns at the seam may be below the other
 PANORAMA_SEAM_STEP = (
     1.5  # colour step across the seam over the step between its neighbours; observed 1.2
 )
+# --- calibration weights, lenses from data sets
+UNCERTAINTY_STORED_PX = (
+    2e-6  # maps are written with 6 decimals, interpolation is linear; worst 1e-6
+)
