@@ -278,3 +278,7 @@ LENS_OF_IMAGE_FLOAT = 1.4e-5  # relative L2; worst 7.0e-6
 RAYS_FLOAT = 1e-5  # the same, of every pixel's ray; worst 5e-6
 LENS_IDENTITY = 1e-9  # sums in double in another order
 ORACLE_LENS_GRADIENT = 3e-10  # gsplat's Newton stops at 1e-6; worst 1.5e-10
+# --- calibration weights, lenses from data sets
+UNCERTAINTY_STORED_PX = (
+    2e-6  # maps are written with 6 decimals, interpolation is linear; worst 1e-6
+)
