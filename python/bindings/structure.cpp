@@ -14,6 +14,7 @@
 #include "gsut/poses/absolute_pose.h"
 #include "gsut/poses/match.h"
 #include "gsut/poses/relative_pose.h"
+#include "gsut/poses/refine_structure.h"
 #include "gsut/poses/structure.h"
 
 namespace gsut::bindings {
@@ -186,6 +187,20 @@ std::vector<VerifiedPair> ReadVerified(const py::list& verified) {
   return pairs;
 }
 
+// (S, 3) int32: point, image, feature.
+py::array WriteSights(const Structure& structure,
+                      std::vector<TrackElement> StructurePoint::*elements) {
+  std::vector<std::int32_t> sights;
+  for (std::size_t i = 0; i < structure.points.size(); ++i) {
+    for (const TrackElement& sight : structure.points[i].*elements) {
+      sights.insert(sights.end(), {static_cast<std::int32_t>(i), sight.image, sight.feature});
+    }
+  }
+  auto array = NewArray<std::int32_t>({static_cast<py::ssize_t>(sights.size() / 3), 3});
+  std::copy(sights.begin(), sights.end(), array.mutable_data());
+  return array;
+}
+
 py::dict WriteStructure(const Structure& structure) {
   const auto images = static_cast<py::ssize_t>(structure.registered.size());
   const auto points = static_cast<py::ssize_t>(structure.points.size());
@@ -201,17 +216,11 @@ py::dict WriteStructure(const Structure& structure) {
   }
   auto positions = NewArray<double>({points, 3});
   auto errors = NewArray<double>({points});
-  std::vector<std::int32_t> sights;
   for (py::ssize_t i = 0; i < points; ++i) {
     const StructurePoint& point = structure.points[i];
     Eigen::Map<Eigen::Vector3d>(positions.mutable_data() + 3 * i) = point.position;
     errors.mutable_data()[i] = point.error;
-    for (const TrackElement& sight : point.sights) {
-      sights.insert(sights.end(), {static_cast<std::int32_t>(i), sight.image, sight.feature});
-    }
   }
-  auto sight_array = NewArray<std::int32_t>({static_cast<py::ssize_t>(sights.size() / 3), 3});
-  std::copy(sights.begin(), sights.end(), sight_array.mutable_data());
   py::list lens_params;
   for (const Camera& camera : structure.cameras) lens_params.append(camera.params());
   py::dict result;
@@ -220,7 +229,8 @@ py::dict WriteStructure(const Structure& structure) {
   result["covariances"] = covariances;
   result["points"] = positions;
   result["point_errors"] = errors;
-  result["sights"] = sight_array;
+  result["sights"] = WriteSights(structure, &StructurePoint::sights);
+  result["held_out_sights"] = WriteSights(structure, &StructurePoint::held_out);
   result["lens_params"] = lens_params;
   result["rms"] = structure.rms;
   result["median"] = structure.median;
@@ -232,22 +242,27 @@ py::dict WriteStructure(const Structure& structure) {
   return result;
 }
 
-py::dict Estimate(const std::vector<const Camera*>& cameras,
-                  const std::vector<int>& camera_of_image, const py::list& pixels,
-                  const py::list& verified, const py::dict& settings,
-                  const py::object& on_progress) {
+struct Inputs {
   std::vector<Camera> lenses;
-  for (const Camera* camera : cameras) lenses.push_back(*camera);
+  std::vector<ImageFeatures> images;
+  std::vector<VerifiedPair> pairs;
+  StructureOptions options;
+};
+
+Inputs ReadInputs(const std::vector<const Camera*>& cameras,
+                  const std::vector<int>& camera_of_image, const py::list& pixels,
+                  const py::list& verified, const py::dict& settings) {
+  Inputs inputs;
+  for (const Camera* camera : cameras) inputs.lenses.push_back(*camera);
   if (pixels.size() != camera_of_image.size()) {
     throw InputError("pixels must have one array an image, found " + std::to_string(pixels.size()) +
                      " for " + std::to_string(camera_of_image.size()));
   }
-  std::vector<ImageFeatures> images;
   for (std::size_t i = 0; i < camera_of_image.size(); ++i) {
-    images.push_back({camera_of_image[i], ReadPixels(pixels[i])});
+    inputs.images.push_back({camera_of_image[i], ReadPixels(pixels[i])});
   }
-  const std::vector<VerifiedPair> pairs = ReadVerified(verified);
-  StructureOptions options;
+  inputs.pairs = ReadVerified(verified);
+  StructureOptions& options = inputs.options;
   for (const auto& [key, value] : settings) {
     const auto name = py::cast<std::string>(key);
     if (name == "max_error")
@@ -269,8 +284,16 @@ py::dict Estimate(const std::vector<const Camera*>& cameras,
     else
       throw InputError("estimate_poses has no setting " + name);
   }
-  // An exception of the caller's function (Ctrl-C too) is kept, and raised again at the end.
-  std::function<bool(const StructureProgress&)> progress;
+  return inputs;
+}
+
+using OnProgress = std::function<bool(const StructureProgress&)>;
+
+// Runs the solver without the GIL. An exception of the caller's function (Ctrl-C too) is kept, and
+// raised again at the end.
+py::dict Solve(const py::object& on_progress,
+               const std::function<Structure(const OnProgress&)>& solver) {
+  OnProgress progress;
   bool raised = false;
   py::error_already_set* kept = nullptr;
   if (!on_progress.is_none()) {
@@ -288,7 +311,7 @@ py::dict Estimate(const std::vector<const Camera*>& cameras,
   Structure structure;
   try {
     const Released released;
-    structure = EstimatePoses(lenses, std::move(images), pairs, options, progress);
+    structure = solver(progress);
   } catch (const SolveError&) {
     if (!raised) throw;
   }
@@ -298,6 +321,29 @@ py::dict Estimate(const std::vector<const Camera*>& cameras,
     throw error;
   }
   return WriteStructure(structure);
+}
+
+py::dict Estimate(const std::vector<const Camera*>& cameras,
+                  const std::vector<int>& camera_of_image, const py::list& pixels,
+                  const py::list& verified, const py::dict& settings,
+                  const py::object& on_progress) {
+  Inputs inputs = ReadInputs(cameras, camera_of_image, pixels, verified, settings);
+  return Solve(on_progress, [&](const OnProgress& progress) {
+    return EstimatePoses(inputs.lenses, std::move(inputs.images), inputs.pairs, inputs.options,
+                         progress);
+  });
+}
+
+py::dict Refine(const std::vector<const Camera*>& cameras, const std::vector<int>& camera_of_image,
+                const py::list& pixels, const py::list& verified, const py::list& camera_from_world,
+                const py::dict& settings, const py::object& on_progress) {
+  const Inputs inputs = ReadInputs(cameras, camera_of_image, pixels, verified, settings);
+  std::vector<Pose> poses;
+  for (const py::handle& pose : camera_from_world) poses.push_back(ReadPose(pose));
+  return Solve(on_progress, [&](const OnProgress& progress) {
+    return RefineStructure(inputs.lenses, inputs.images, inputs.pairs, poses, inputs.options,
+                           progress);
+  });
 }
 
 }  // namespace
@@ -325,6 +371,9 @@ void BindStructure(py::module_& m) {
         py::arg("max_error"), py::arg("seed"));
   m.def("estimate_poses", &Estimate, py::arg("cameras"), py::arg("camera_of_image"),
         py::arg("pixels"), py::arg("verified"), py::arg("settings"), py::arg("on_progress"));
+  m.def("refine_structure", &Refine, py::arg("cameras"), py::arg("camera_of_image"),
+        py::arg("pixels"), py::arg("verified"), py::arg("camera_from_world"), py::arg("settings"),
+        py::arg("on_progress"));
 }
 
 }  // namespace gsut::bindings

@@ -154,6 +154,15 @@ def estimate_poses(
     settings: dict[str, Any],
     on_progress: Any,
 ) -> dict[str, Any]: ...
+def refine_structure(
+    cameras: Sequence[Camera],
+    camera_of_image: Sequence[int],
+    pixels: Sequence[NDArray[np.float64]],
+    verified: Sequence[tuple[Any, ...]],
+    camera_from_world: Sequence[NDArray[np.float64]],
+    settings: dict[str, Any],
+    on_progress: Any,
+) -> dict[str, Any]: ...
 
 # --- gaussians ------------------------------------------------------------------------------------
 

@@ -1,6 +1,7 @@
 """`gsut calibrate`: hands photographs of a board to calib/, which solves for the lens.
 
 Thin on purpose: writes a job file, runs `python -m calib` on it, and passes on what it says.
+`--from-dataset` needs no board and is done by gsut itself (calibrate_dataset.py).
 """
 
 from __future__ import annotations
@@ -27,19 +28,23 @@ _SOLVERS = ("auto", "opencv", "mrcal")
 def add_calibrate_flags(parser: argparse.ArgumentParser) -> None:
     """The arguments of `gsut calibrate`."""
     parser.add_argument(
-        "images", metavar="IMAGES", nargs="+", help="photographs of the board, or folders of them"
+        "images", metavar="IMAGES", nargs="*", help="photographs of the board, or folders of them"
+    )
+    parser.add_argument(
+        "--from-dataset",
+        metavar="DATA",
+        help="instead of a board: a data set with images, poses and a lens that is roughly right; "
+        "lens and poses are refined together",
     )
     parser.add_argument(
         "--board",
         metavar="COLUMNSxROWS",
-        required=True,
         help="inner corners of the chessboard, where four squares meet, such as 9x6",
     )
     parser.add_argument(
         "--spacing",
         metavar="METRES",
         type=float,
-        required=True,
         help="side of a square, in metres (or any unit: the poses of a rig then have it)",
     )
     parser.add_argument(
@@ -77,7 +82,8 @@ def add_calibrate_flags(parser: argparse.ArgumentParser) -> None:
         required=True,
         help="lens file, .cameramodel (mrcal) or .yaml (OpenCV); a rig's cameras get "
         "LENS-NAME; report.html, report.json, corners.vnl and the folder corners are written "
-        "beside it, and replace older ones",
+        "beside it, and replace older ones; with --from-dataset report.json and the folder "
+        "LENS-dataset",
     )
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
@@ -88,6 +94,15 @@ def calibrate(arguments: argparse.Namespace) -> int:
     Raises:
         InputError: no images, or calib/ is not installed.
     """
+    if arguments.from_dataset:
+        return _from_dataset(arguments)
+    for name in ("images", "board", "spacing"):
+        if getattr(arguments, name) in ([], None):
+            what = "photographs" if name == "images" else f"--{name}"
+            raise InputError(
+                f"{what} missing: give photographs of a chessboard with --board COLUMNSxROWS and "
+                "--spacing METRES, or --from-dataset DATA"
+            )
     job = {
         "images": [str(path) for path in _images(arguments.images)],
         "board": arguments.board,
@@ -99,6 +114,28 @@ def calibrate(arguments: argparse.Namespace) -> int:
         "out": arguments.out,
         "progress": not arguments.quiet,
     }
+    with tempfile.TemporaryDirectory(prefix="gsut-calibrate-") as folder:
+        file = Path(folder) / "job.json"
+        file.write_text(json.dumps(job))
+        return _run_calib("calib", str(file))
+
+
+def _from_dataset(arguments: argparse.Namespace) -> int:
+    """Refines; a lens that mrcal lacks is written again by calib, as the nearest it has."""
+    from gsut.calibrate_dataset import calibrate_from_dataset
+
+    written, wanted = calibrate_from_dataset(arguments), Path(arguments.out)
+    if written == wanted:
+        return 0
+    return _run_calib("calib.nearest_splined", str(written), str(wanted))
+
+
+def _run_calib(module: str, *words: str) -> int:
+    """`python -m MODULE WORDS...` with calib/ on its path; its exit status.
+
+    Raises:
+        InputError: calib/ is not installed.
+    """
     place = next((place for place in _PLACES if (place / "calib" / "__main__.py").is_file()), None)
     if place is None:
         raise InputError(
@@ -106,11 +143,8 @@ def calibrate(arguments: argparse.Namespace) -> int:
         )
     paths = [str(_HERE.parent), str(place), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)}
-    with tempfile.TemporaryDirectory(prefix="gsut-calibrate-") as folder:
-        file = Path(folder) / "job.json"
-        file.write_text(json.dumps(job))
-        command = [sys.executable, "-m", "calib", str(file)]
-        return subprocess.run(command, env=environment, check=False).returncode
+    command = [sys.executable, "-m", module, *words]
+    return subprocess.run(command, env=environment, check=False).returncode
 
 
 def _images(given: list[str]) -> list[Path]:

@@ -60,7 +60,7 @@ def poses(arguments: argparse.Namespace) -> int:
     if arguments.camera and arguments.unknown_lens:
         raise InputError("--unknown-lens contradicts --camera; give one of them")
     options = PosesOptions(**given_options(PosesOptions, arguments))
-    with _Bars(enabled=not arguments.quiet) as bars:
+    with StageBars(enabled=not arguments.quiet) as bars:
         result = estimate_poses(
             arguments.images,
             arguments.out,
@@ -88,7 +88,7 @@ def poses(arguments: argparse.Namespace) -> int:
     return 0
 
 
-class _Bars:
+class StageBars:
     """One progress bar a stage, on standard error."""
 
     def __init__(self, enabled: bool) -> None:
@@ -127,7 +127,7 @@ class _Bars:
             self._bar.close()
             self._bar = None
 
-    def __enter__(self) -> _Bars:
+    def __enter__(self) -> StageBars:
         return self
 
     def __exit__(self, *_: object) -> None:

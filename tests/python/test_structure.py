@@ -15,79 +15,21 @@ from gsut.cli import main
 from gsut.structure import estimate
 from gsut.structure.align import compare_poses, rotation_angles, similarity
 from gsut.structure.estimate import estimate_poses
-from gsut.structure.features import Features, find_features
+from gsut.structure.features import find_features
 from gsut.structure.inputs import Photographs
 from gsut.structure.lens_search import connected_pairs, guessed_lens, search_lens
-from gsut.structure.matching import match_and_verify, preview_pairs
+from gsut.structure.matching import match_and_verify
 from gsut.structure.options import PosesOptions
 from gsut.structure.output import quaternion_of
 from gsut.structure.pairs import choose_pairs, counts_up
+from synthetic_walk import Synthetic, quiet
 
 _BESIDE = Path(__file__).resolve().parents[3] / "shared"
 SPONZA = Path(os.environ.get("GSUT_SHARED", _BESIDE)) / "data" / "sponza_fisheye"
 IMAGES = 12  # of sponza_fisheye, in a row: enough for a path, few enough for a test
 
 
-def quiet(count: int) -> None:
-    """Progress that nobody looks at."""
-
-
-# --- a synthetic scene: exact features through a lens of 200 degrees ------------------------------
-
-
-class Synthetic:
-    """Points around a walk, seen by features with noise and with descriptors that match."""
-
-    def __init__(self, rng, images=8, points=500, noise=0.2, turn_only=False):
-        self.camera = gsut.Camera(
-            "kannala_brandt", [300, 301, 500, 505, 0.02, -0.01, 0.002, -0.0003], 1000, 1010
-        )
-        self.points = rng.uniform([-4, -4, -3], [4, 4, 5], (points, 3))
-        self.poses = []
-        self.features = []
-        identity = rng.random((points, 128)) ** 4
-        for i in range(images):
-            pose = _core.exp_pose([0, 0, 0, 0.02 * i, 0.15 * i, 0.01 * i])
-            center = np.zeros(3) if turn_only else np.array([0.3 * i, 0.05 * i * i, 0.1 * (i % 2)])
-            pose[:3, 3] = -pose[:3, :3] @ center
-            p = self.points @ pose[:3, :3].T + pose[:3, 3]
-            pixels, valid = self.camera.project(p)
-            pixels = pixels + noise * rng.standard_normal(pixels.shape)
-            valid &= (pixels > 0).all(axis=1) & (pixels < [1000, 1010]).all(axis=1)
-            valid[valid] = self.camera.unproject(pixels[valid])[1]
-            values = np.sqrt(identity[valid] + 0.01 * rng.random((valid.sum(), 128)))
-            values /= np.linalg.norm(values, axis=1, keepdims=True)
-            count = int(valid.sum())
-            order = rng.permutation(count)
-            self.poses.append(pose)
-            self.features.append(
-                Features(
-                    pixels[valid][order],
-                    np.full(count, 3, np.float32),
-                    np.rint(512 * values[order]).clip(0, 255).astype(np.uint8),
-                    np.full((count, 3), 128, np.uint8),
-                )
-            )
-
-    def verified(self, options=None):
-        options = options or PosesOptions()
-        count = len(self.features)
-        pairs = choose_pairs([f"{i}" for i in range(count)], self.features, options)
-        pairs = preview_pairs(self.features, pairs, options, quiet)
-        return match_and_verify(self.features, [self.camera] * count, pairs, options, quiet)
-
-    def settings(self, **more):
-        return {"max_error": 2.5, "min_angle": 0.026, **more}
-
-    def solve(self, camera=None, **settings):
-        return _core.estimate_poses(
-            [camera or self.camera],
-            [0] * len(self.features),
-            [f.pixels for f in self.features],
-            [p.as_tuple() for p in self.verified()],
-            self.settings(**settings),
-            None,
-        )
+# --- a synthetic scene: features through a lens of 200 degrees ------------------------------------
 
 
 def test_estimate_poses_synthetic_walk_finds_all_poses_within_noise(rng):

@@ -358,6 +358,7 @@ Structure SceneMap::Result(bool covariances) const {
       const double length = Residual(track, sight);
       if (sight.held_out) {
         held_out.push_back(length);
+        point.held_out.push_back({sight.image, sight.feature});
         continue;
       }
       lengths.push_back(length);

@@ -42,6 +42,7 @@ struct StructurePoint {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // in the world
   std::vector<TrackElement> sights;                    // that agree with it
   double error = 0.0;                                  // pixels: mean length of their residuals
+  std::vector<TrackElement> held_out;                  // sights that no adjustment used
 };
 
 struct Structure {

@@ -40,6 +40,7 @@ class Solution:
         rms, median: of the residuals' lengths, in pixels.
         held_out: median length at sights that no adjustment used, in pixels; None if there are
             none.
+        held_out_sights: (H, 3) int32 as `sights`: those.
     """
 
     names: list[str]
@@ -59,6 +60,7 @@ class Solution:
     rms: float
     median: float
     held_out: float | None
+    held_out_sights: np.ndarray
 
     @property
     def num_registered(self) -> int:
@@ -94,6 +96,50 @@ def solve(
     Raises:
         SolveError: nothing could be reconstructed; says why.
     """
+    lenses, lens_of, settings = _inputs(cameras, options, lens_free, hold_out_every)
+    found = _core.estimate_poses(
+        lenses, lens_of, [f.pixels for f in features],
+        [p.as_tuple() for p in pairs], settings, on_progress,
+    )  # fmt: skip
+    return _solution(names, cameras, features, found, lens_free is not None)
+
+
+def refine(
+    names: Sequence[str],
+    cameras: Sequence[Camera],
+    features: Sequence[Features],
+    pairs: Sequence[PairMatches],
+    camera_from_world: Sequence[np.ndarray],
+    options: PosesOptions,
+    on_progress: Callable[[int, int, int, str], None],
+    *,
+    lens_free: np.ndarray | None = None,
+    hold_out_every: int = 0,
+) -> Solution:
+    """Refines poses and points, and the lens if asked for, that are roughly right.
+
+    Args:
+        camera_from_world: (4, 4) poses, one an image; their world is kept.
+        others: as for `solve`.
+
+    Raises:
+        SolveError: too few points agree with the poses.
+    """
+    lenses, lens_of, settings = _inputs(cameras, options, lens_free, hold_out_every)
+    found = _core.refine_structure(
+        lenses, lens_of, [f.pixels for f in features],
+        [p.as_tuple() for p in pairs], list(camera_from_world), settings, on_progress,
+    )  # fmt: skip
+    return _solution(names, cameras, features, found, lens_free is not None)
+
+
+def _inputs(
+    cameras: Sequence[Camera],
+    options: PosesOptions,
+    lens_free: np.ndarray | None,
+    hold_out_every: int,
+) -> tuple[list[Camera], list[int], dict[str, Any]]:
+    """Lenses, the lens of each image, and the solver's settings."""
     lenses = list(dict.fromkeys(cameras))
     settings: dict[str, Any] = {
         "max_error": options.max_error * diagonal(lenses) / 1000,
@@ -105,15 +151,22 @@ def solve(
     }
     if lens_free is not None:
         settings["lens_free"] = [[int(flag) for flag in lens_free] for _ in lenses]
-    found = _core.estimate_poses(
-        lenses, [lenses.index(c) for c in cameras], [f.pixels for f in features],
-        [p.as_tuple() for p in pairs], settings, on_progress,
-    )  # fmt: skip
+    return lenses, [lenses.index(c) for c in cameras], settings
+
+
+def _solution(
+    names: Sequence[str],
+    cameras: Sequence[Camera],
+    features: Sequence[Features],
+    found: dict[str, Any],
+    lens_free: bool,
+) -> Solution:
     if found["failure"]:
         raise _core.SolveError(found["failure"])
+    lenses = list(dict.fromkeys(cameras))
     solved = [
         Camera(c.model, p, c.width, c.height, valid_field_angle=c.valid_field_angle)
-        if lens_free is not None
+        if lens_free
         else c
         for c, p in zip(lenses, found["lens_params"], strict=True)
     ]
@@ -124,7 +177,7 @@ def solve(
         list(names), own, found["registered"], found["camera_from_world"], found["covariances"],
         found["points"], colors, found["point_errors"], sights, pixels, residuals, angles,
         found["initial_pair"], found["restarts"], found["rms"], found["median"],
-        found["held_out"] if found["num_held_out"] else None,
+        found["held_out"] if found["num_held_out"] else None, found["held_out_sights"],
     )  # fmt: skip
 
 

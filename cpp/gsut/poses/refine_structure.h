@@ -1,0 +1,26 @@
+// Poses, points and lenses together, from poses and lenses that are roughly right.
+#pragma once
+
+#include <functional>
+#include <span>
+#include <vector>
+
+#include "gsut/poses/structure.h"
+
+namespace gsut {
+
+// As EstimatePoses, but from poses of all images: tracks are triangulated and everything is
+// adjusted, first with sights up to eight times options.max_error away, then with ever closer ones.
+// World: that of the poses, whose first image and one component of the farthest camera's centre are
+// held. Structure::failure says why nothing was found.
+// Args: pairs: verified matches; camera_from_world: one an image; options: lens_free says what of
+//   the lenses is adjusted; on_progress: as for EstimatePoses.
+// Throws InputError for an index out of range or fewer than two images.
+Structure RefineStructure(const std::vector<Camera>& cameras,
+                          const std::vector<ImageFeatures>& images,
+                          std::span<const VerifiedPair> pairs,
+                          const std::vector<Pose>& camera_from_world,
+                          const StructureOptions& options,
+                          const std::function<bool(const StructureProgress&)>& on_progress);
+
+}  // namespace gsut
