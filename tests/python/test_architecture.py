@@ -77,7 +77,7 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "compaction": {"compact", "compact_harmonics", "compact_scores"},
     "training": {
         *("compact_run", "evaluate", "finetune", "first_gaussians", "growth", "held_out"),
-        *("pyramid", "train"),
+        *("pyramid", "train", "trained_run"),
     },
     "benchmarks": {"bench", "bench.*"},
     "command line": {
