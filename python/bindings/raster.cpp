@@ -87,6 +87,30 @@ class BoundRenderer {
     return PoseGradient(dpose, motion_);
   }
 
+  // (winner (H, W) int32, distance (H, W) float32); significance (N,) grows.
+  py::tuple AddSignificance(const py::object& chosen, const py::object& significance) {
+    const auto* mask = OptionalData<std::uint8_t>(chosen, "chosen", {height_, width_});
+    double* sums = MutableData<double>(significance, "significance", {renderer_.frame().size});
+    py::array_t<std::int32_t> winner({height_, width_});
+    py::array_t<float> distance({height_, width_});
+    {
+      std::int32_t* winner_data = winner.mutable_data();
+      float* distance_data = distance.mutable_data();
+      const py::gil_scoped_release release;
+      renderer_.AddSignificance(mask, sums, winner_data, distance_data);
+    }
+    return py::make_tuple(winner, distance);
+  }
+
+  // fisher (N, 21) grows.
+  void AddFisher(const py::object& chosen, const py::object& fisher) {
+    const auto* mask = OptionalData<std::uint8_t>(chosen, "chosen", {height_, width_});
+    double* sums =
+        MutableData<double>(fisher, "fisher", {renderer_.frame().size, Renderer::kFisherSums});
+    const py::gil_scoped_release release;
+    renderer_.AddFisher(mask, sums);
+  }
+
   // Distances of the means of the last render (N,); a copy.
   py::array_t<float> Distances() const {
     const Splats& splats = renderer_.splats();
@@ -258,6 +282,9 @@ void BindRaster(py::module_& m) {
       .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("dalpha"),
            py::arg("ddepth"), py::arg("gradients"), py::arg("touched"), py::arg("write_untouched"),
            py::arg("with_poses") = true)
+      .def("add_significance", &BoundRenderer::AddSignificance, py::arg("chosen"),
+           py::arg("significance"))
+      .def("add_fisher", &BoundRenderer::AddFisher, py::arg("chosen"), py::arg("fisher"))
       .def("distances", &BoundRenderer::Distances)
       .def("timings", &BoundRenderer::Timings)
       .def("statistics", &BoundRenderer::Statistics);

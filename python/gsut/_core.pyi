@@ -274,6 +274,10 @@ class Renderer:
         write_untouched: bool,
         with_poses: bool = True,
     ) -> Any: ...  # NDArray[np.float64], or None without with_poses
+    def add_significance(
+        self, chosen: NDArray[np.uint8] | None, significance: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]: ...  # winner, distance
+    def add_fisher(self, chosen: NDArray[np.uint8] | None, fisher: NDArray[np.float64]) -> None: ...
     def distances(self) -> NDArray[np.float32]: ...
     def timings(self) -> dict[str, tuple[float, float]]: ...  # wall and processor seconds
     def statistics(self) -> dict[str, int]: ...
