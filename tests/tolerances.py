@@ -255,6 +255,7 @@ COMPACT_SUMS = 1e-7  # relative: sums of some thousand floats in other orders; w
 COMPACT_SCORE = 1e-6  # relative: one formula in two orders of rounding
 # Relative: double along rays that are stored as floats; worst 2.9e-9 and 1e-10
 COMPACT_HITS = 6e-9
+COMPACT_WINNER_POINT = 5e-7  # world units of about 1: a point in float; worst 2.7e-7
 COMPACT_WINNER = 1e-12  # two weights as equal as double can tell; worst 0
 # Relative: as above, squared derivatives; worst 4.0e-8
 COMPACT_FISHER = 8e-8

@@ -87,19 +87,19 @@ class BoundRenderer {
     return PoseGradient(dpose, motion_);
   }
 
-  // (winner (H, W) int32, distance (H, W) float32); significance (N,) grows.
+  // (winner (H, W) int32, point (H, W, 3) float32); significance (N,) grows.
   py::tuple AddSignificance(const py::object& chosen, const py::object& significance) {
     const auto* mask = OptionalData<std::uint8_t>(chosen, "chosen", {height_, width_});
     double* sums = MutableData<double>(significance, "significance", {renderer_.frame().size});
     py::array_t<std::int32_t> winner({height_, width_});
-    py::array_t<float> distance({height_, width_});
+    py::array_t<float> point({height_, width_, std::int64_t{3}});
     {
       std::int32_t* winner_data = winner.mutable_data();
-      float* distance_data = distance.mutable_data();
+      float* point_data = point.mutable_data();
       const py::gil_scoped_release release;
-      renderer_.AddSignificance(mask, sums, winner_data, distance_data);
+      renderer_.AddSignificance(mask, sums, winner_data, point_data);
     }
-    return py::make_tuple(winner, distance);
+    return py::make_tuple(winner, point);
   }
 
   // fisher (N, 21) grows.

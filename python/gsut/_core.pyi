@@ -276,7 +276,7 @@ class Renderer:
     ) -> Any: ...  # NDArray[np.float64], or None without with_poses
     def add_significance(
         self, chosen: NDArray[np.uint8] | None, significance: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]: ...  # winner, distance
+    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]: ...  # winner, point
     def add_fisher(self, chosen: NDArray[np.uint8] | None, fisher: NDArray[np.float64]) -> None: ...
     def distances(self) -> NDArray[np.float32]: ...
     def timings(self) -> dict[str, tuple[float, float]]: ...  # wall and processor seconds
@@ -429,6 +429,7 @@ def mcmc_regularize(
 def mcmc_same_place(opacity: float, n: int) -> tuple[float, float]: ...
 
 class AdaptivePlan:
+    def __init__(self, actions: NDArray[np.uint8]) -> None: ...
     @property
     def pruned(self) -> int: ...
     @property

@@ -208,8 +208,8 @@ def strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np.ndar
         view: whose valid pixels are looked at.
 
     Returns:
-        (H, W) int32, the Gaussian's number, -1 where there is none, and (H, W) float32, the
-        distance along the ray to where it is nearest to the Gaussian's centre, world units.
+        (H, W) int32, the Gaussian's number, -1 where there is none, and (H, W, 3) float32, the
+        point of the pixel's ray that is nearest to the Gaussian's centre, in the world.
     """
     passes = _Passes(_grey(gaussians, 0))
     passes.render(view)
@@ -249,7 +249,7 @@ class _Passes:
         return self._gradients
 
     def significance(self, mask: np.ndarray, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Adds to sums (N,); each pixel's strongest Gaussian (-1: none) and its distance."""
+        """Adds to sums (N,); each pixel's strongest Gaussian (-1: none) and where."""
         return self._renderer.add_significance(mask.view(np.uint8), sums)
 
     def fisher(self, mask: np.ndarray, sums: np.ndarray) -> None:

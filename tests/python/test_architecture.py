@@ -61,6 +61,7 @@ PYTHON_GROUPS: dict[str, set[str]] = {
             "low_pass",
             "metrics",
             "optimize",
+            "optimizer_arrays",
             "projection",
         ),
         *("render", "seeding"),
@@ -77,7 +78,7 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "compaction": {"compact", "compact_harmonics", "compact_scores"},
     "training": {
         *("compact_run", "evaluate", "finetune", "first_gaussians", "growth", "held_out"),
-        *("pyramid", "train", "trained_run"),
+        *("mini_splatting", "pyramid", "train", "trained_run"),
     },
     "benchmarks": {"bench", "bench.*"},
     "command line": {

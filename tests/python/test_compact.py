@@ -141,7 +141,7 @@ def test_lightgaussian_scores_are_hits_times_a_power_of_volume(scene, views):
 
 def test_winners_have_the_largest_blend_weight_of_their_pixels(scene, views):
     for view in views:
-        winner, distance = strongest(scene, view)
+        winner, point = strongest(scene, view)
         alpha, transmittance = blended_by_hand(scene, view)
         weights = alpha * transmittance
         chosen = view.mask & np.asarray(view.camera.rays()[1], bool)
@@ -152,10 +152,15 @@ def test_winners_have_the_largest_blend_weight_of_their_pixels(scene, views):
         # Of two equally strong ones either may win.
         assert np.all(of_winner >= weights.max(axis=1) - tolerances.COMPACT_WINNER)
         seen = winner >= 0
-        center = -view.camera_from_world[:3, :3].T @ view.camera_from_world[:3, 3]
-        to_mean = np.linalg.norm(scene.means[winner[seen]] - center, axis=1)
+        # The point lies on the pixel's ray, as near to the mean as the ray comes.
+        pose = view.camera_from_world
+        rays = np.asarray(view.camera.rays()[0])[seen] @ pose[:3, :3]
+        from_center = point[seen] + pose[:3, :3].T @ pose[:3, 3]
+        off = np.linalg.norm(np.cross(rays, from_center), axis=1)
+        assert off.max() < tolerances.COMPACT_WINNER_POINT
         largest = np.exp(scene.log_scales[winner[seen]].max(axis=1))
-        assert np.all(np.abs(distance[seen] - to_mean) < 4 * largest)
+        assert np.all(np.linalg.norm(point[seen] - scene.means[winner[seen]], axis=1) < 4 * largest)
+        assert np.all(point[~seen] == 0)
 
 
 def three_places(size):

@@ -54,9 +54,9 @@ class Renderer {
   // (H, W): pixels with 0 are left out, null: all with a ray. The same bits on any threads.
   // significance (N) grows by the sum over the pixels that draw it of opacity x transmittance in
   // front of it. winner (H, W): the Gaussian with the largest blend weight, -1 where there is none;
-  // distance (H, W): along the ray to where it is nearest to that Gaussian's centre.
+  // point (H, W, 3): where the ray is nearest to that Gaussian's centre, world axes; else 0.
   void AddSignificance(const std::uint8_t* chosen, double* significance, std::int32_t* winner,
-                       float* distance) const;
+                       float* point) const;
   // fisher (N, 21) grows by the sum over pixels and channels of J J^T, its upper triangle row by
   // row; J: derivative of the channel to the mean (world axes) and to the three scales (world
   // units), in this order.

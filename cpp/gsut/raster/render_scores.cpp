@@ -87,11 +87,12 @@ WalkScene Renderer::LastScene() const {
 }
 
 void Renderer::AddSignificance(const std::uint8_t* chosen, double* significance,
-                               std::int32_t* winner, float* distance) const {
+                               std::int32_t* winner, float* point) const {
   const WalkScene scene = LastScene();
   const std::int64_t pixels = std::int64_t{scene.tiles->width} * scene.tiles->height;
   std::fill_n(winner, pixels, -1);
-  std::fill_n(distance, pixels, 0.0f);
+  std::fill_n(point, 3 * pixels, 0.0f);
+  const Vector3d center = scene.camera_from_world.CenterInSource();
   const auto tile = [&](int number, double* sums) {
     TileWalk walk(scene, number, chosen);
     std::array<double, kTilePixels> most{};
@@ -101,7 +102,8 @@ void Renderer::AddSignificance(const std::uint8_t* chosen, double* significance,
       if (!(hit.weight > best)) return;
       best = hit.weight;
       winner[walk.pixel(offset)] = static_cast<std::int32_t>(g.index);
-      distance[walk.pixel(offset)] = static_cast<float>(hit.along * walk.direction(offset).norm());
+      Map<Eigen::Vector3f>(point + 3 * walk.pixel(offset)) =
+          (center + walk.PointAt(offset, hit.along)).cast<float>();
     });
   };
   AddOverTiles<1>(frame_, scene.tiles->num_tiles(), tile, significance);

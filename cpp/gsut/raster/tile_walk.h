@@ -83,9 +83,10 @@ class TileWalk {
     }
   }
 
-  // World axes; of no meaning for pixels without a ray.
-  const Eigen::Vector3d& direction(int offset) const {
-    return directions_[static_cast<std::size_t>(offset)];
+  // A point of the pixel's ray, `along` as in WalkHit; world axes about the reference's centre.
+  Eigen::Vector3d PointAt(int offset, double along) const {
+    const auto at = static_cast<std::size_t>(offset);
+    return origins_[at] + along * directions_[at];
   }
   // Row-major index of the pixel in the image; -1 outside of it.
   std::int64_t pixel(int offset) const { return pixels_[static_cast<std::size_t>(offset)]; }
