@@ -278,3 +278,10 @@ PANORAMA_SEAM_DB = 0.8  # dB that the columns at the seam may be below the other
 PANORAMA_SEAM_STEP = (
     1.5  # colour step across the seam over the step between its neighbours; observed 1.2
 )
+
+# --- gradients to lenses, refinement --------------------------------------------------------------
+LENS_OF_IMAGE_GRADIENT = 6e-6  # central differences of step 1e-5 in double; worst 3.1e-6
+LENS_OF_IMAGE_FLOAT = 1.4e-5  # relative L2; worst 7.0e-6
+RAYS_FLOAT = 1e-5  # the same, of every pixel's ray; worst 5e-6
+LENS_IDENTITY = 1e-9  # sums in double in another order
+ORACLE_LENS_GRADIENT = 3e-10  # gsplat's Newton stops at 1e-6; worst 1.5e-10

@@ -5,10 +5,13 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <memory>
+#include <vector>
 
 #include "bindings/arrays.h"
 #include "bindings/module.h"
 #include "bindings/poses.h"
+#include "gsut/raster/lens_gradients.h"
 #include "gsut/raster/reference.h"
 #include "gsut/raster/render.h"
 
@@ -42,6 +45,34 @@ py::array_t<double> PoseGradient(const double* dpose, const CameraMotion& motion
   return out;
 }
 
+// The gradients to an image's rays and to the lens behind them.
+struct LensGradient {
+  RayGradients to_rays;
+  std::vector<double> to_params;
+
+  // Also leaves only the part of the gradients that is across the ray: the rest has no meaning.
+  void Chain(const Camera& camera, const CameraMotion& motion) {
+    const ViewRays view = MakeViewRays(camera, motion);
+    to_params = ChainToLens(view, camera, motion, to_rays);
+    for (std::size_t i = 0; i < view.valid.size(); ++i) {
+      if (!view.valid[i]) continue;
+      const Eigen::Map<const Eigen::Vector3d> ray(&view.rays[3 * i]);
+      Eigen::Map<Eigen::Vector3d> gradient(&to_rays.rays[3 * i]);
+      gradient -= ray * ray.dot(gradient);
+    }
+  }
+
+  // (params (K,), rays (H, W, 3)), or None if not wanted.
+  py::object Arrays(const Camera& camera, bool wanted) const {
+    if (!wanted) return py::none();
+    py::array_t<double> params(static_cast<py::ssize_t>(to_params.size()));
+    std::copy(to_params.begin(), to_params.end(), params.mutable_data());
+    auto rays = NewArray<double>({camera.height(), camera.width(), 3});
+    std::copy(to_rays.rays.begin(), to_rays.rays.end(), rays.mutable_data());
+    return py::make_tuple(params, rays);
+  }
+};
+
 // A renderer and what its last image was made from.
 class BoundRenderer {
  public:
@@ -51,6 +82,7 @@ class BoundRenderer {
               const py::object& alpha, const py::object& depth, bool keep) {
     const auto view = ConstGaussians<float>(gaussians);
     motion_ = ReadMotion(pose);
+    camera_ = std::make_unique<Camera>(camera);
     height_ = camera.height();
     width_ = camera.width();
     float* image_data = MutableData<float>(image, "image", {height_, width_, 3});
@@ -71,18 +103,21 @@ class BoundRenderer {
   // None without with_poses.
   py::object Backward(const py::object& dimage, const py::object& dalpha, const py::object& ddepth,
                       const py::object& gradients, const py::object& touched, bool write_untouched,
-                      bool with_poses) {
+                      bool with_poses, bool with_lens) {
     const float* image = ConstData<float>(dimage, "dimage", {height_, width_, 3});
     const float* alpha = OptionalData<float>(dalpha, "dalpha", {height_, width_});
     const float* depth = OptionalData<float>(ddepth, "ddepth", {height_, width_});
     const auto view = MutableGaussians<float>(gradients);
     std::uint8_t* touched_data = MutableData<std::uint8_t>(touched, "touched", {view.size});
     double dpose[12] = {};
+    has_lens_ = false;
     {
       const py::gil_scoped_release release;
       renderer_.Backward(image, alpha, depth, write_untouched, view, touched_data,
-                         with_poses ? dpose : nullptr);
+                         with_poses ? dpose : nullptr, with_lens ? &lens_.to_rays : nullptr);
+      if (with_lens) lens_.Chain(*camera_, motion_);
     }
+    has_lens_ = with_lens;
     if (!with_poses) return py::none();
     return PoseGradient(dpose, motion_);
   }
@@ -109,6 +144,12 @@ class BoundRenderer {
         MutableData<double>(fisher, "fisher", {renderer_.frame().size, Renderer::kFisherSums});
     const py::gil_scoped_release release;
     renderer_.AddFisher(mask, sums);
+  }
+
+  // (params (K,), rays (H, W, 3)) of the last backward, or None if that was without the lens.
+  py::object OfLens() const {
+    if (!has_lens_) return py::none();
+    return lens_.Arrays(*camera_, true);
   }
 
   // Distances of the means of the last render (N,); a copy.
@@ -147,6 +188,9 @@ class BoundRenderer {
   Renderer renderer_;
   py::object gaussians_;
   CameraMotion motion_;
+  std::unique_ptr<Camera> camera_;
+  LensGradient lens_;
+  bool has_lens_ = false;
   std::int64_t height_ = 0, width_ = 0;
 };
 
@@ -175,12 +219,11 @@ py::tuple RenderDouble(const py::object& gaussians, const Camera& camera, const 
   return ReferenceArrays(result, h, w);
 }
 
-py::array_t<double> BackwardDouble(const py::object& gaussians, const Camera& camera,
-                                   const py::object& pose, const BlendRule& rule,
-                                   const std::array<double, 3>& background, int sh_degree,
-                                   const py::object& dimage, const py::object& dalpha,
-                                   const py::object& ddepth, const py::object& gradients,
-                                   const py::object& pixels) {
+py::tuple BackwardDouble(const py::object& gaussians, const Camera& camera, const py::object& pose,
+                         const BlendRule& rule, const std::array<double, 3>& background,
+                         int sh_degree, const py::object& dimage, const py::object& dalpha,
+                         const py::object& ddepth, const py::object& gradients,
+                         const py::object& pixels, bool with_lens) {
   const auto view = ConstGaussians<double>(gaussians);
   const auto out = MutableGaussians<double>(gradients);
   const CameraMotion motion = ReadMotion(pose);
@@ -190,12 +233,14 @@ py::array_t<double> BackwardDouble(const py::object& gaussians, const Camera& ca
   const double* depth = OptionalData<double>(ddepth, "ddepth", {h, w});
   const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
   double dpose[12] = {};
+  LensGradient lens;
   {
     const py::gil_scoped_release release;
     RenderReferenceBackward(view, camera, motion, Settings(rule, background, sh_degree), image,
-                            alpha, depth, out, dpose, chosen);
+                            alpha, depth, out, dpose, &lens.to_rays, chosen);
+    if (with_lens) lens.Chain(camera, motion);
   }
-  return PoseGradient(dpose, motion);
+  return py::make_tuple(PoseGradient(dpose, motion), lens.Arrays(camera, with_lens));
 }
 
 // Rays given one by one: lines (H, W, 6), origins and unit directions in the world.
@@ -281,10 +326,11 @@ void BindRaster(py::module_& m) {
            py::arg("depth"), py::arg("keep"))
       .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("dalpha"),
            py::arg("ddepth"), py::arg("gradients"), py::arg("touched"), py::arg("write_untouched"),
-           py::arg("with_poses") = true)
+           py::arg("with_poses") = true, py::arg("with_lens") = false)
       .def("add_significance", &BoundRenderer::AddSignificance, py::arg("chosen"),
            py::arg("significance"))
       .def("add_fisher", &BoundRenderer::AddFisher, py::arg("chosen"), py::arg("fisher"))
+      .def("lens_gradients", &BoundRenderer::OfLens)
       .def("distances", &BoundRenderer::Distances)
       .def("timings", &BoundRenderer::Timings)
       .def("statistics", &BoundRenderer::Statistics);
@@ -294,7 +340,7 @@ void BindRaster(py::module_& m) {
   m.def("render_reference_backward", &BackwardDouble, py::arg("gaussians"), py::arg("camera"),
         py::arg("camera_from_world"), py::arg("rule"), py::arg("background"), py::arg("sh_degree"),
         py::arg("dimage"), py::arg("dalpha"), py::arg("ddepth"), py::arg("gradients"),
-        py::arg("pixels") = py::none());
+        py::arg("pixels") = py::none(), py::arg("with_lens") = false);
   m.def("render_lines_reference", &RenderLines, py::arg("gaussians"), py::arg("lines"),
         py::arg("reference"), py::arg("rule"));
   m.def("render_lines_reference_backward", &BackwardLines, py::arg("gaussians"), py::arg("lines"),

@@ -273,11 +273,14 @@ class Renderer:
         touched: NDArray[np.uint8],
         write_untouched: bool,
         with_poses: bool = True,
+        with_lens: bool = False,
     ) -> Any: ...  # NDArray[np.float64], or None without with_poses
     def add_significance(
         self, chosen: NDArray[np.uint8] | None, significance: NDArray[np.float64]
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]: ...  # winner, point
     def add_fisher(self, chosen: NDArray[np.uint8] | None, fisher: NDArray[np.float64]) -> None: ...
+    # (K,) and (H, W, 3) of the last backward; None if that was without the lens.
+    def lens_gradients(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None: ...
     def distances(self) -> NDArray[np.float32]: ...
     def timings(self) -> dict[str, tuple[float, float]]: ...  # wall and processor seconds
     def statistics(self) -> dict[str, int]: ...
@@ -321,7 +324,8 @@ def render_reference_backward(
     ddepth: NDArray[np.float64] | None,
     gradients: _Gaussians,
     pixels: NDArray[np.uint8] | None = None,
-) -> NDArray[np.float64]: ...
+    with_lens: bool = False,
+) -> tuple[NDArray[np.float64], tuple[NDArray[np.float64], NDArray[np.float64]] | None]: ...
 def render_lines_reference(
     gaussians: _Gaussians, lines: ArrayLike, reference: _PoseLike, rule: BlendRule
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...

@@ -51,11 +51,16 @@ class Gradients:
         pose: (6,) to (v, w) in camera_from_world <- exp(v, w) camera_from_world; with a rolling
             shutter (2, 6), of the start and of the end pose.
         touched: (N,) bool, some pixel saw the Gaussian; None for the double reference.
+        lens: (K,) to the camera's parameters, in their order; None unless asked for.
+        rays: (H, W, 3) to the pixels' unit rays, across them, in the axes of the camera in the
+            middle of the exposure; None unless asked for.
     """
 
     gaussians: Gaussians
     pose: np.ndarray
     touched: np.ndarray | None
+    lens: np.ndarray | None = None
+    rays: np.ndarray | None = None
 
 
 def _blend_rule(parity: str | None, blend: BlendRule | None) -> BlendRule:
@@ -133,16 +138,22 @@ def render_backward(
     dimage: np.ndarray,
     dalpha: np.ndarray | None = None,
     ddepth: np.ndarray | None = None,
+    *,
+    with_lens: bool = False,
 ) -> Gradients:
     """Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth).
 
     Args:
         result: what `render` returned; its Gaussians must not have changed since.
         dimage: (H, W, 3), dalpha: (H, W), ddepth: (H, W); None stands for zeros.
+        with_lens: also the gradients to the lens and to each pixel's ray, which takes longer.
 
     Returns:
         Gradients to all parameters and to the pose. Exact but for the cut-offs of the blend rule,
-        which are not differentiated; a clamped alpha or colour has gradient 0.
+        which are not differentiated; a clamped alpha or colour has gradient 0. The lens' are
+        through the rays: pixels stay, their rays move (implicit function theorem on `project`);
+        which pixels have a ray at all is not differentiated, nor, for depths through a moving
+        pupil, where along itself a ray starts.
 
     Raises:
         InputError: shapes differ from the image's.
@@ -153,7 +164,7 @@ def render_backward(
     ddepth = None if ddepth is None else np.ascontiguousarray(ddepth, dtype=g.dtype)
     out = Gaussians(*(np.zeros_like(getattr(g, f.name)) for f in dataclasses.fields(g)))
     if result.renderer is None:
-        pose = _core.render_reference_backward(
+        pose, of_lens = _core.render_reference_backward(
             g,
             result.camera,
             result.camera_from_world,
@@ -164,8 +175,11 @@ def render_backward(
             dalpha,
             ddepth,
             out,
+            None,
+            with_lens,
         )
-        return Gradients(out, pose, None)
+        return Gradients(out, pose, None, *(of_lens or (None, None)))
     touched = np.zeros(len(g), np.uint8)
-    pose = result.renderer.backward(dimage, dalpha, ddepth, out, touched, True)
-    return Gradients(out, pose, touched.astype(bool))
+    pose = result.renderer.backward(dimage, dalpha, ddepth, out, touched, True, True, with_lens)
+    of_tiles = result.renderer.lens_gradients() or (None, None)
+    return Gradients(out, pose, touched.astype(bool), *of_tiles)

@@ -172,3 +172,24 @@ def test_project_float_every_isa_matches_raw_means(oracle, tag):
         ran += 1
     gsut.set_isa("")
     assert ran == len(gsut.available_isas()) >= 1
+
+
+def test_lens_and_ray_gradients_double_match(oracle):
+    found = gsut.render_backward(
+        render(oracle), oracle["w_rgb"], oracle["w_alpha"], oracle["w_depth"], with_lens=True
+    )
+    k = oracle["all_grad_K"][0]
+    expected = [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
+    if oracle.name == "fisheye":
+        expected += list(oracle["all_grad_radial"][0])
+    if oracle.name == "opencv12":
+        r, p, s = (oracle[f"all_grad_{name}"][0] for name in ("radial", "tangential", "thin_prism"))
+        expected += [r[0], r[1], p[0], p[1], r[2], r[3], r[4], r[5], *s]
+    assert len(expected) == len(oracle.camera.params)
+    assert relative_error(found.lens, np.array(expected)) < tolerances.ORACLE_LENS_GRADIENT
+    # gsplat takes a direction as three free numbers: only what is across the ray can be compared.
+    directions = oracle["rays"][:, 3:]
+    to_rays = oracle["all_grad_rays"][0, :, 3:]
+    to_rays = to_rays - directions * (to_rays * directions).sum(axis=1, keepdims=True)
+    in_world = found.rays.reshape(-1, 3) @ oracle.pose[:3, :3]
+    assert relative_error(in_world, to_rays) < tolerances.ORACLE_LENS_GRADIENT

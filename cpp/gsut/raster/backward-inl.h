@@ -33,6 +33,9 @@ enum PixelField {
   kFieldReciprocal,  // 1 / (z^2 + k N), 0 where there is no hit
   kFieldU,
   kFieldAlpha,  // 0 where there is no hit, negative where it is clamped
+  // Gradients to the ray, with rays only:
+  kFieldToS,
+  kFieldToT,
   kNumFields
 };
 
@@ -82,15 +85,18 @@ HWY_INLINE void SumLanes16(const FloatVec* v, float* out) {
   }
 }
 
-template <bool kDepth, bool kStopBefore>
+// to_rays: 2 x 256 gradients to s and t of the tile's pixels, swizzled; with kRays.
+template <bool kDepth, bool kStopBefore, bool kRays>
 HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
-                             float transmittance_min, const PixelGradients& gradients,
-                             Frame* frame) {
+                             float transmittance_min, const PixelGradients& gradients, Frame* frame,
+                             float* to_rays) {
   const FloatTag d;
   const std::uint32_t count = frame->entry_count[tile];
+  if (kRays) __builtin_memset(to_rays, 0, sizeof(float) * 2 * kTilePixels);
   if (count == 0) return;
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
   const TileAxes to_tile = ToTileAxes(grid, tile);
+  const float* center = &grid.center[static_cast<std::size_t>(tile) * kDirectionSize];
   const TileAxes from_tile = FromTileAxes(grid, tile);
   // One block more than the tile has: a dead block that fills up the last group.
   HWY_ALIGN float state[(kBlocks + 1) * kNumFields * kLanes];
@@ -114,6 +120,10 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
     }
     hn::Store(hn::Load(d, &grid.start[o]), d, field(b, kFieldTransmittance));
     hn::Store(behind, d, field(b, kFieldBehind));
+    if (kRays) {
+      hn::Store(hn::Zero(d), d, field(b, kFieldToS));
+      hn::Store(hn::Zero(d), d, field(b, kFieldToT));
+    }
   }
   for (int f = 0; f < kNumFields; ++f) hn::Store(hn::Zero(d), d, field(kBlocks, f));
 
@@ -128,12 +138,13 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
     if (e + kAhead < count) {
       const TileEntry& next = entries[e + kAhead];
       hwy::Prefetch(records + std::size_t{record::kSize} * next.gaussian);
+      FetchDirection(*frame, entries[e + kAhead / 2].gaussian);
       // Slots lie in the order of the Gaussians: without this, each store waits for its line and
       // those behind it wait too.
       __builtin_prefetch(&frame->slot_gradients[std::size_t{16} * next.slot], 1);
     }
     HWY_ALIGN float r[record::kSize];
-    to_tile.Turn(records + std::size_t{record::kSize} * entries[e].gaussian, r);
+    TurnRecord(to_tile, center, *frame, entries[e].gaussian, r);
     FloatVec sums[16];
     GSUT_UNROLL for (int i = 0; i < 16; ++i) sums[i] = hn::Zero(d);
     const FloatVec k = hn::Set(d, r[record::kK]);
@@ -257,11 +268,29 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
       sums[6] = hn::Add(sums[6], to_z);
       sums[7] = hn::MulAdd(to_z, s, sums[7]);
       sums[8] = hn::MulAdd(to_z, t, sums[8]);
+      if (kRays) {
+        const FloatVec scale = hn::Mul(hn::Set(d, static_cast<float>(2.0 * kLn2)), kappa);
+        const auto to_ray = [&](int field_at, int j) HWY_ATTR {
+          const FloatVec sum =
+              hn::NegMulAdd(to_z, hn::Set(d, r[record::kC + j]),
+                            hn::MulAdd(gp, hn::Set(d, r[record::kA + j]),
+                                       hn::Mul(gq, hn::Set(d, r[record::kB + j]))));
+          hn::Store(hn::MulAdd(scale, sum, get(field_at)), d, at + field_at * kLanes);
+        };
+        to_ray(kFieldToS, 1);
+        to_ray(kFieldToT, 2);
+      }
     }
     HWY_ALIGN float totals[16];
     SumLanes16(sums, totals);
     from_tile.Turn(totals, &frame->slot_gradients[std::size_t{16} * entries[e].slot]);
     frame->slot_touched[entries[e].slot] = 1;
+  }
+  if (kRays) {
+    for (int b = 0; b < kBlocks; ++b) {
+      hn::Store(hn::Load(d, field(b, kFieldToS)), d, to_rays + b * kLanes);
+      hn::Store(hn::Load(d, field(b, kFieldToT)), d, to_rays + kTilePixels + b * kLanes);
+    }
   }
 }
 

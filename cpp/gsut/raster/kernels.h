@@ -43,9 +43,10 @@ void RecordsKernel(const RasterTask& task, const TileGrid& grid, const Splats& s
 void ForwardKernel(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame,
                    float* image, float* alpha, float* depth);
 
-// Gradients of one tile's pairs into their slots.
+// Gradients of one tile's pairs into their slots. to_rays: null, or 2 x 256 floats for the
+// gradients to s and t of the tile's rays, swizzled.
 void BackwardKernel(const RasterTask& task, const TileGrid& grid, int tile,
-                    const ImageGradients& gradients, Frame* frame);
+                    const ImageGradients& gradients, Frame* frame, float* to_rays);
 
 // Gradients of the Gaussians [begin, end), begin a multiple of 16; adds the pose's to dpose[6].
 void GradientsKernel(const RasterTask& task, const Frame& frame, std::int64_t begin,

@@ -322,13 +322,14 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
                              const CameraMotion& motion, const RenderSettings& settings,
                              const double* dimage, const double* dalpha, const double* ddepth,
                              const GaussiansView<double>& gradients, double* dpose,
-                             const std::uint8_t* chosen) {
+                             RayGradients* rays, const std::uint8_t* chosen) {
   const ViewRays view = MakeViewRays(camera, motion);
-  RayGradients rays;
+  RayGradients of_view;
+  if (rays == nullptr) rays = &of_view;
   ShadingGradient shading;
-  RenderReferenceBackward(gaussians, view, settings, dimage, dalpha, ddepth, gradients, &rays,
+  RenderReferenceBackward(gaussians, view, settings, dimage, dalpha, ddepth, gradients, rays,
                           &shading, chosen);
-  ChainToPoses(view, camera, motion, rays, shading, dpose);
+  ChainToPoses(view, camera, motion, *rays, shading, dpose);
 }
 
 }  // namespace gsut

@@ -42,13 +42,13 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
                              const GaussiansView<double>& gradients, RayGradients* rays,
                              ShadingGradient* shading, const std::uint8_t* chosen = nullptr);
 
-// The same, with dpose[12] in place of the rays': the gradients to xi = (v, w) in
+// The same, with dpose[12] in place of the shading's: the gradients to xi = (v, w) in
 // camera_from_world <- ExpPose(xi) camera_from_world of the start pose, then of the end pose; [6]
-// for a global shutter.
+// for a global shutter. rays: as above, in the frame of MakeViewRays' reference; may be null.
 void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const Camera& camera,
                              const CameraMotion& motion, const RenderSettings& settings,
                              const double* dimage, const double* dalpha, const double* ddepth,
                              const GaussiansView<double>& gradients, double* dpose,
-                             const std::uint8_t* chosen = nullptr);
+                             RayGradients* rays = nullptr, const std::uint8_t* chosen = nullptr);
 
 }  // namespace gsut

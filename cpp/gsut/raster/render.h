@@ -46,9 +46,12 @@ class Renderer {
   // Gaussians and overwritten; rows of Gaussians that no pixel saw become 0 if write_untouched and
   // are left alone otherwise. touched (N): 1 where a pixel saw the Gaussian. dpose[12]: gradient to
   // xi = (v, w) in camera_from_world <- ExpPose(xi) camera_from_world of the start pose, then of
-  // the end pose ([6] for a global shutter); null if not wanted, which saves time for lines.
+  // the end pose ([6] for a global shutter); null if not wanted, which saves time for lines. rays:
+  // gradients to the image's rays, across them, in the frame of MakeViewRays' reference; their
+  // origins stay empty if all start at its centre; null if not wanted, which saves time.
   void Backward(const float* dimage, const float* dalpha, const float* ddepth, bool write_untouched,
-                const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose);
+                const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose,
+                RayGradients* rays = nullptr);
 
   // What the last kept render's pixels see of each Gaussian, in double along the same rays; chosen
   // (H, W): pixels with 0 are left out, null: all with a ray. The same bits on any threads.
@@ -82,10 +85,13 @@ class Renderer {
   void ResizePairs(const TileGrid& grid);
   void RenderLines(float* image, float* alpha, float* depth);
   void BackwardLines(const ImageGradients& image_gradients, bool write_untouched,
-                     const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose);
+                     const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose,
+                     RayGradients* rays);
   WalkScene LastScene() const;
   // From the kernels' gradients to a tile's lines to those of its pixels' rays.
   void ToRays(int tile, const float* to_lines, const float* ddepth, RayGradients* rays) const;
+  // The same for rays that start at one point: to_rays, the gradients to their s and t.
+  void ToCentralRays(int tile, const float* to_rays, const float* ddepth, RayGradients* rays) const;
 
   std::vector<StageTime> timings_;
   RasterTask task_;

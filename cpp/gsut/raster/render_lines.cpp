@@ -52,20 +52,22 @@ void Renderer::RenderLines(float* image, float* alpha, float* depth) {
 
 void Renderer::BackwardLines(const ImageGradients& image_gradients, bool write_untouched,
                              const GaussiansView<float>& gradients, std::uint8_t* touched,
-                             double* dpose) {
+                             double* dpose, RayGradients* rays) {
   Stopwatch watch;
   const TileGrid& tiles = lines_->tiles;
-  RayGradients rays;
-  if (dpose != nullptr) {
+  RayGradients of_image;
+  if (rays == nullptr) rays = &of_image;
+  const bool with_rays = dpose != nullptr || rays != &of_image;
+  if (with_rays) {
     const std::size_t pixels = static_cast<std::size_t>(tiles.width) * tiles.height;
-    rays.origins.assign(3 * pixels, 0.0);
-    rays.rays.assign(3 * pixels, 0.0);
+    rays->origins.assign(3 * pixels, 0.0);
+    rays->rays.assign(3 * pixels, 0.0);
   }
   ParallelFor(tiles.num_tiles(), 1, [&](std::int64_t tile, std::int64_t) {
     alignas(64) float to_lines[kLineGradients];
     LineBackwardKernel(task_, *lines_, static_cast<int>(tile), image_gradients, &frame_,
-                       dpose == nullptr ? nullptr : to_lines);
-    if (dpose != nullptr) ToRays(static_cast<int>(tile), to_lines, image_gradients.depth, &rays);
+                       with_rays ? to_lines : nullptr);
+    if (with_rays) ToRays(static_cast<int>(tile), to_lines, image_gradients.depth, rays);
   });
   timings_.push_back(watch.Lap("backward"));
   const std::int64_t chunks = (gradients.size + kGaussianGrain - 1) / kGaussianGrain;
@@ -83,7 +85,7 @@ void Renderer::BackwardLines(const ImageGradients& image_gradients, bool write_u
     shading.center += Map<const Vector3d>(sum.data());
     shading.axis += Map<const Vector3d>(sum.data() + 3);
   }
-  ChainToPoses(MakeViewRays(*camera_, motion_), *camera_, motion_, rays, shading, dpose);
+  ChainToPoses(MakeViewRays(*camera_, motion_), *camera_, motion_, *rays, shading, dpose);
   timings_.push_back(watch.Lap("poses"));
 }
 

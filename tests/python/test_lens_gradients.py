@@ -1,0 +1,180 @@
+"""Gradients to lenses and rays: central differences, gsplat's vectors, float against double."""
+
+import numpy as np
+import pytest
+
+import gsut
+import tolerances
+from random_scenes import gaussians_in_view, random_pose, relative_error, small_camera
+
+# One of each kind: radial, rational, prisms, two spheres, polynomials, moving pupil, parallel rays.
+LENSES = (
+    *("pinhole", "opencv12", "kannala_brandt", "fisheye624", "double_sphere", "mei"),
+    *("cahvor", "cahvore", "orthographic", "stereographic"),
+)
+STEP = 1e-5  # of central differences, relative to a parameter's size
+
+
+def scene(rng, camera, count=60):
+    pose = random_pose(rng)
+    if camera.is_central:
+        return gaussians_in_view(rng, camera, pose, count), pose
+    # On the lines of pixels, at distances of a few units.
+    rays, valid = camera.rays()
+    chosen = rng.choice(np.flatnonzero(valid), count)
+    distances = rng.uniform(1, 4, (count, 1))
+    points = (camera.origins() + 0.0).reshape(-1, 3)[chosen] + distances * rays.reshape(-1, 3)[
+        chosen
+    ]
+    means = (points - pose[:3, 3]) @ pose[:3, :3]
+    return (
+        gsut.Gaussians(
+            means.astype(np.float32),
+            rng.normal(size=(count, 4)).astype(np.float32),
+            np.log(rng.uniform(0.05, 0.4, (count, 3))).astype(np.float32),
+            rng.normal(0, 1.5, count).astype(np.float32),
+            rng.normal(0, 0.5, (count, 4, 3)).astype(np.float32),
+        ),
+        pose,
+    )
+
+
+def smooth_rule():
+    """No cut-offs, which central differences would see: every Gaussian at every pixel."""
+    rule = gsut.BlendRule()
+    rule.alpha_min, rule.response_min, rule.transmittance_min = 1e-12, 0.0, 1e-12
+    return rule
+
+
+def inner_weights(rng, camera):
+    """Weights on pixels that have a ray for all nearby lenses: valid with all their neighbours."""
+    _, valid = camera.rays()
+    inner = valid.copy()
+    for axis in (0, 1):
+        for shift in (-2, 2):
+            inner &= np.roll(valid, shift, axis)
+    shape = (camera.height, camera.width)
+    return [
+        rng.normal(size=(*shape, *tail)) * inner.reshape(*shape, *[1] * len(tail))
+        for tail in ((3,), (), ())
+    ]
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_lens_gradient_double_equals_central_differences(rng, model):
+    camera = small_camera(model, width=24)
+    g, pose = scene(rng, camera)
+    weights = inner_weights(rng, camera)
+    if model == "cahvore":
+        weights[2][:] = 0  # how its rays' starts slide along them is not differentiated
+    rule = smooth_rule()
+
+    def loss(lens):
+        r = gsut.render(g, lens, pose, blend=rule, dtype="float64")
+        return sum((w * x).sum() for w, x in zip(weights, (r.image, r.alpha, r.depth), strict=True))
+
+    result = gsut.render(g, camera, pose, blend=rule, dtype="float64")
+    found = gsut.render_backward(result, *weights, with_lens=True)
+    assert found.lens.shape == (len(camera.params),)
+    expected, steps = np.zeros(len(camera.params)), np.zeros(len(camera.params))
+    for k, value in enumerate(camera.params):
+        if found.lens[k] == 0.0:
+            continue  # a number that counts or switches
+        step = STEP * max(1e-2, abs(value))
+        sides = []
+        for sign in (1, -1):
+            params = list(camera.params)
+            params[k] += sign * step
+            sides.append(loss(gsut.Camera(model, params, camera.width, camera.height)))
+        expected[k] = (sides[0] - sides[1]) / (2 * step)
+        steps[k] = max(1e-2, abs(value))
+    assert (expected != 0).sum() >= 4
+    # Parameters have units of their own: compared as changes of the loss by relative changes.
+    assert relative_error(found.lens * steps, expected * steps) < tolerances.LENS_OF_IMAGE_GRADIENT
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_lens_gradient_float_equals_double(rng, model):
+    camera = small_camera(model)
+    g, pose = scene(rng, camera, 200)
+    weights = inner_weights(rng, camera)
+    exact = gsut.render(g, camera, pose, dtype="float64")
+    expected = gsut.render_backward(exact, *weights, with_lens=True)
+    result = gsut.render(g, camera, pose)
+    found = gsut.render_backward(result, *weights, with_lens=True)
+    size = np.maximum(1e-2, np.abs(camera.params))
+    assert np.abs(expected.lens).max() > 0
+    error = relative_error(found.lens * size, expected.lens * size)
+    assert error < tolerances.LENS_OF_IMAGE_FLOAT
+    rays, valid = camera.rays()
+    assert relative_error(found.rays, expected.rays) < tolerances.RAYS_FLOAT
+    across = np.abs((found.rays * rays).sum(axis=2))[valid]
+    assert across.max() < 1e-6 * np.abs(found.rays).max()
+    assert np.all(found.rays[~valid] == 0)
+
+
+def test_lens_gradient_is_left_out_unless_asked_for(rng):
+    camera = small_camera("kannala_brandt")
+    g, pose = scene(rng, camera)
+    weights = np.ones((camera.height, camera.width, 3))
+    for dtype in ("float32", "float64"):
+        result = gsut.render(g, camera, pose, dtype=dtype)
+        plain = gsut.render_backward(result, weights)
+        assert plain.lens is None and plain.rays is None
+        asked = gsut.render_backward(result, weights, with_lens=True)
+        assert np.array_equal(asked.gaussians.means, plain.gaussians.means)
+        assert np.array_equal(asked.pose, plain.pose)
+
+
+def test_lens_gradient_with_a_rolling_shutter_equals_central_differences(rng):
+    camera = small_camera("opencv12", width=24)
+    g, pose = scene(rng, camera)
+    end = gsut.exp_pose(rng.normal(0, 0.02, 6)) @ pose
+    weights, rule = inner_weights(rng, camera), smooth_rule()
+
+    def render(lens):
+        return gsut.render(
+            g, lens, (pose, end), shutter="top_to_bottom", blend=rule, dtype="float64"
+        )
+
+    found = gsut.render_backward(render(camera), *weights, with_lens=True)
+    ran = 0
+    for k in range(4):
+        sides = []
+        step = STEP * camera.params[k]
+        for sign in (1, -1):
+            params = list(camera.params)
+            params[k] += sign * step
+            r = render(gsut.Camera("opencv12", params, camera.width, camera.height))
+            images = (r.image, r.alpha, r.depth)
+            sides.append(sum((w * x).sum() for w, x in zip(weights, images, strict=True)))
+        expected = (sides[0] - sides[1]) / (2 * step)
+        tolerance = tolerances.LENS_OF_IMAGE_GRADIENT * np.abs(found.lens[:4]).max()
+        assert abs(found.lens[k] - expected) < tolerance
+        ran += 1
+    assert ran == 4
+
+
+def test_lens_gradient_of_a_scaled_image_of_a_pinhole_is_an_identity(rng):
+    """Focal lengths and principal point times one number leave rays, so the loss, at scaled pixels.
+
+    For a pinhole with its centre at c, moving c by one is moving all rays by -1 / f across x: the
+    sum of the gradients to rays says the same.
+    """
+    camera = small_camera("pinhole")
+    g, pose = scene(rng, camera, 100)
+    weights = inner_weights(rng, camera)
+    result = gsut.render(g, camera, pose, dtype="float64")
+    found = gsut.render_backward(result, *weights, with_lens=True)
+    rays, valid = camera.rays()
+    fx, _, cx, _ = camera.params
+    x = (np.arange(camera.width) + 0.5 - cx) / fx
+    # d(unit ray)/d(x) = e_x z - ray (ray . e_x) z, with z the ray's third component
+    z = rays[..., 2]
+    slope = np.zeros_like(rays)
+    slope[..., 0] = z
+    slope -= rays * (rays[..., :1] * z[..., None])
+    to_x = (found.rays * slope).sum(axis=2)
+    assert valid.all()
+    assert found.lens[2] == pytest.approx(-(to_x / fx).sum(), rel=tolerances.LENS_IDENTITY)
+    assert found.lens[0] == pytest.approx(-(to_x * x / fx).sum(), rel=tolerances.LENS_IDENTITY)
