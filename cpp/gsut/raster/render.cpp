@@ -41,6 +41,7 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   if (grid_->too_wide) throw InputError(kTooWide);
   Stopwatch watch;
   FillTask(gaussians, motion.start, settings, options);
+  rendered_pose_ = motion.start;
   const FootprintRule footprint = {settings.rule.alpha_min, settings.rule.response_min};
   Project(gaussians, camera, motion.start, options.unscented, footprint, &splats_);
   timings_.push_back(watch.Lap("project"));

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "gsut/base/stopwatch.h"
@@ -51,6 +52,13 @@ class Renderer {
                 const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose,
                 RayGradients* rays = nullptr);
 
+  // Derivatives of the colours of pixels (row-major indices) of the last Render, which was made with
+  // keep_for_backward through a lens with one centre and a global shutter: by_center (count, 3, 3),
+  // colour by the camera's centre, world axes, the change of shading included; by_ray (count, 3,
+  // 3), colour by the pixel's unit ray, across it, camera axes. Forward mode, exact as Backward is.
+  // A pixel without a ray has zeros.
+  void Jacobian(std::span<const std::uint32_t> pixels, double* by_center, double* by_ray);
+
   // Times of the last calls' stages, in order: "project", "records", "bin", "forward", "backward",
   // "gradients".
   const std::vector<StageTime>& timings() const { return timings_; }
@@ -83,6 +91,8 @@ class Renderer {
   std::shared_ptr<const LineGrid> lines_;  // null: rays from one point, `grid_` is used
   std::unique_ptr<Camera> camera_;         // of the last render of lines
   CameraMotion motion_;
+  Pose rendered_pose_;                   // of the last render of rays from one point
+  AlignedVector<float> shading_slopes_;  // of Jacobian
   Splats splats_;
   Frame frame_;
   bool rendered_ = false;
