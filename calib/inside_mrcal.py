@@ -63,12 +63,11 @@ def solve_again(question: dict) -> dict:
 
 
 def uncertainty(question: dict) -> dict:
-    """Standard deviation, in its worst direction, of where a point at infinity is projected."""
+    """Of a distant point's projection: standard deviation in its worst direction, or "what"."""
     model = read_model(question["models"][0])
     rays = mrcal.unproject(np.array(question["pixels"]), *model.intrinsics(), normalize=True)
-    sigma = mrcal.projection_uncertainty(
-        rays, model=model, atinfinity=True, what="worstdirection-stdev"
-    )
+    what = question.get("what", "worstdirection-stdev")
+    sigma = mrcal.projection_uncertainty(rays, model=model, atinfinity=True, what=what)
     return {"sigma": sigma.tolist()}
 
 

@@ -1,69 +1,123 @@
 """Does the truth lie within two standard deviations in 95 % of solves? Many synthetic solves.
 
-    PYTHONPATH=python:. python calib/measure_uncertainty.py [SOLVES]
+    PYTHONPATH=python:. python calib/measure_uncertainty.py [SOLVES] [SOLVER] [LENS]
 
-Known fisheye and radial lenses, random boards, Gaussian noise on every corner. Counts how often
-each parameter, and the projection of directions far away, lies within 2 sigma of the truth.
+Known lenses, random boards, Gaussian noise on every corner. Counts how often each parameter
+(OpenCV's solves), and the projection of directions far away, lies within 2 sigma of the truth; for
+mrcal's solves the sigma is mrcal's own.
 """
 
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 
 import numpy as np
 
 import gsut
+from calib import solve_mrcal, solve_opencv
 from calib.board import Board
 from calib.lens import PIXEL_SHIFT, rays
-from calib.solution import LENSES
-from calib.solve_opencv import solve_camera
+from calib.mrcal_process import ask, require_mrcal
+from calib.rigid import rodrigues_vector, rotation_matrix
+from calib.solution import LENSES, CameraSolution
 from calib.synthetic import photographs, random_poses
-from calib.uncertainty import parameter_covariance, projection_sigma
+from calib.uncertainty import parameter_covariance, projection_covariance
 
 NOISE_PX = 0.2
-_LENSES = {
-    "fisheye": [200.0, 201.0, 322.0, 238.0, 0.02, -0.01, 0.004, -0.001],
-    "opencv4": [420.0, 421.0, 322.0, 238.0, -0.2, 0.05, 0.001, -0.0005],
-}
-_WIDEST = {"fisheye": 65.0, "opencv4": 28.0}  # degrees of the boards' centres
+_BOARD = Board(8, 6, 0.03)
 _BOARDS = 20
+_WIDTH, _HEIGHT = 640, 480
+# Pixels whose directions are followed: a grid over most of the image.
+_COLUMNS, _ROWS = np.linspace(120, 520, 5), np.linspace(90, 390, 4)
 
 
-def coverage(lens: str, solves: int, seed: int = 1) -> tuple[np.ndarray, float, float]:
+@dataclass(frozen=True)
+class Case:
+    """A true lens.
+
+    Args:
+        params: fx fy cx cy and coefficients. widest_degrees: of the boards' centres.
+    """
+
+    params: tuple[float, ...]
+    widest_degrees: float
+
+
+CASES = {
+    "fisheye": Case((200.0, 201.0, 322.0, 238.0, 0.02, -0.01, 0.004, -0.001), 65.0),
+    "opencv4": Case((420.0, 421.0, 322.0, 238.0, -0.2, 0.05, 0.001, -0.0005), 28.0),
+    # Near an equidistant lens up to 75 degrees, without a pole.
+    "opencv8": Case(
+        (260.0, 261.0, 322.0, 238.0, 0.5, 0.034, 0.001, -0.0005, 2e-4, 0.81, 0.12, 0.0024), 45.0
+    ),
+}
+_SOLVERS = {"opencv": ("fisheye", "opencv4"), "mrcal": ("opencv4", "opencv8")}
+
+
+def coverage(
+    lens: str, solves: int, seed: int = 1, solver: str = "opencv"
+) -> tuple[np.ndarray, float, float]:
     """Solves many times.
 
     Args:
-        lens: "fisheye" or "opencv4". solves: how many. seed: of the noise.
+        lens: a key of CASES. solves: how many. seed: of poses and noise. solver: "opencv" or
+            "mrcal".
 
     Returns:
-        Part of solves in which each parameter (K,) lies within 2 sigma of the truth; the same for
-        the pixels of distant directions (in their worst direction's deviation, radial distance
-        below 2 sigma in each axis); mean of noise found over noise put in.
+        Part of solves in which each parameter (K,) lies within 2 sigma of the truth (none for
+        mrcal, which states none); the same for the coordinates of the pixels of distant
+        directions; mean of noise found over noise put in.
     """
     generator = np.random.default_rng(seed)
-    board = Board(8, 6, 0.03)
-    truth = np.array(_LENSES[lens])
-    camera = gsut.Camera(LENSES[lens][0], truth, 640, 480)
+    case = CASES[lens]
+    camera = gsut.Camera(LENSES[lens][0], case.params, _WIDTH, _HEIGHT)
     within, projected, ratio = [], [], []
     for _ in range(solves):
-        poses = random_poses(camera, board, _BOARDS, _WIDEST[lens], generator)
-        solved = solve_camera(photographs(camera, board, poses, NOISE_PX, generator), board, lens)
-        sigma, cov, layout, noise = parameter_covariance(solved, board)
-        found = solved.params.copy()
-        found[2:4] += PIXEL_SHIFT
-        within.append(np.abs(found - truth) <= 2 * sigma)
+        poses = random_poses(camera, _BOARD, _BOARDS, case.widest_degrees, generator)
+        seen = photographs(camera, _BOARD, poses, NOISE_PX, generator)
+        if solver == "opencv":
+            solved = solve_opencv.solve_camera(seen, _BOARD, lens)
+            sigma, cov, layout, noise = parameter_covariance(solved, _BOARD)
+            found = solved.params.copy()
+            found[2:4] += PIXEL_SHIFT
+            within.append(np.abs(found - case.params) <= 2 * sigma)
+        else:
+            solved = solve_mrcal.solve_camera(seen, _BOARD, lens)
+            noise = _noise(solved)
         ratio.append(noise / NOISE_PX)
-        projected.append(_projected_within(camera, solved, poses, cov, layout.boards))
-    return np.mean(within, axis=0), float(np.mean(projected)), float(np.mean(ratio))
+        pixels = np.stack(np.meshgrid(_COLUMNS, _ROWS), axis=-1).reshape(-1, 2)
+        if solver == "opencv":
+            spread = projection_covariance(
+                solved, rays(solved, pixels - PIXEL_SHIFT), cov, layout.boards
+            )
+        else:
+            spread = _mrcal_covariance(solved, pixels - PIXEL_SHIFT)
+        deviation = np.sqrt(np.einsum("nii->ni", spread))
+        error = _projected_again(camera, solved, poses, pixels) - pixels
+        projected.append(np.abs(error) <= 2 * deviation)
+    parts = np.mean(within, axis=0) if within else np.empty(0)
+    return parts, float(np.mean(projected)), float(np.mean(ratio))
 
 
-def _projected_within(camera, solved, poses, cov, boards) -> np.ndarray:
-    """Whether true directions, fixed to the boards, are projected within 2 sigma of the truth."""
-    from calib.rigid import rodrigues_vector, rotation_matrix
+def _noise(solved: CameraSolution) -> float:
+    """Of a corner's coordinate, from the residuals and the degrees of freedom."""
+    good = 2 * int(np.sum(~solved.outliers))
+    unknowns = len(solved.params) + 6 * len(solved.photographs) + 2  # 2: the board's warp
+    return solved.rms_axis_px * float(np.sqrt(good / (good - unknowns)))
 
-    x, y = np.meshgrid(np.linspace(200, 440, 4), np.linspace(140, 340, 3))
-    pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
-    true_rays = rays_of(camera, pixels)
+
+def _mrcal_covariance(solved: CameraSolution, pixels: np.ndarray) -> np.ndarray:
+    question = {"do": "uncertainty", "models": [solved.model_text], "pixels": pixels.tolist()}
+    return np.array(ask({**question, "what": "covariance"})["sigma"])
+
+
+def _projected_again(
+    camera: gsut.Camera, solved: CameraSolution, poses: np.ndarray, pixels: np.ndarray
+) -> np.ndarray:
+    """Where the solved lens projects true directions of pixels, which stay fixed to the boards."""
+    true_rays, valid = camera.unproject(pixels)
+    assert valid.all()
     turns = [
         rodrigues_vector(rotation_matrix(found[:3]) @ rotation_matrix(true[:3]).T)
         for found, true in zip(solved.camera_from_board, poses, strict=True)
@@ -72,28 +126,26 @@ def _projected_within(camera, solved, poses, cov, boards) -> np.ndarray:
     params = solved.params.copy()
     params[2:4] += PIXEL_SHIFT
     again, _ = gsut.Camera(camera.model, params, camera.width, camera.height).project(turned)
-    sigma = projection_sigma(solved, rays(solved, pixels - PIXEL_SHIFT), cov, boards)
-    return np.abs(again - pixels) <= 2 * sigma[:, None]
-
-
-def rays_of(camera: gsut.Camera, pixels: np.ndarray) -> np.ndarray:
-    """(N, 3) unit rays of pixels in gsut's convention."""
-    found, valid = camera.unproject(pixels)
-    assert valid.all()
-    return found
+    return again
 
 
 def main() -> None:
-    """Prints the coverage for each lens."""
+    """Prints the coverage for each solver and lens."""
     solves = int(sys.argv[1]) if len(sys.argv) > 1 else 100
-    for lens in _LENSES:
-        parameters, projected, ratio = coverage(lens, solves)
-        each = " ".join(f"{100 * part:.0f}" for part in parameters)
-        print(
-            f"{lens}: {solves} solves; parameters within 2 sigma: mean "
-            f"{100 * parameters.mean():.1f} % ({each}); projections {100 * projected:.1f} %; "
-            f"noise found / put in {ratio:.4f}"
-        )
+    for solver in sys.argv[2:3] or _SOLVERS:
+        if solver == "mrcal":
+            require_mrcal()
+        for lens in sys.argv[3:4] or _SOLVERS[solver]:
+            parameters, projected, ratio = coverage(lens, solves, solver=solver)
+            text = ""
+            if len(parameters):
+                each = " ".join(f"{100 * part:.0f}" for part in parameters)
+                text = f"parameters within 2 sigma: mean {100 * parameters.mean():.1f} % ({each}); "
+            print(
+                f"{lens} by {solver}: {solves} solves; {text}projections "
+                f"{100 * projected:.1f} %; noise found / put in {ratio:.4f}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

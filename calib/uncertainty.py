@@ -64,15 +64,26 @@ def parameter_covariance(camera: CameraSolution, board: Board):
 def projection_sigma(
     camera: CameraSolution, directions: np.ndarray, cov: np.ndarray, boards: list[int]
 ) -> np.ndarray:
-    """(N,) pixels: worst-direction deviation at unit rays (N, 3), given the covariance of all.
+    """(N,) pixels: worst-direction deviation at unit rays (N, 3), given the covariance of all."""
+    covariance = projection_covariance(camera, directions, cov, boards)
+    sigma = np.full(len(directions), UNKNOWN)
+    valid = np.all(np.isfinite(covariance), axis=(1, 2))
+    sigma[valid] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[valid])[:, -1], 0.0))
+    return sigma
+
+
+def projection_covariance(
+    camera: CameraSolution, directions: np.ndarray, cov: np.ndarray, boards: list[int]
+) -> np.ndarray:
+    """(N, 2, 2) square pixels at unit rays (N, 3), given the covariance of all; NaN without a ray.
 
     q = project(lens + d, v + mean(board rotations) x v).
     """
     count = len(camera.params)
     valid = np.all(np.isfinite(directions), axis=1)
-    sigma = np.full(len(directions), UNKNOWN)
+    spread = np.full((len(directions), 2, 2), UNKNOWN)
     if not valid.any():
-        return sigma
+        return spread
     _, by_point, by_params = projector(camera)(camera.params, directions[valid])
     turn = -by_point @ skew(directions[valid])  # (N, 2, 3) by the mean rotation of the boards
     mean = np.zeros((3, len(cov)))
@@ -81,12 +92,9 @@ def projection_sigma(
     select = np.zeros((count, len(cov)))
     select[:, :count] = np.eye(count)
     small = np.concatenate([select, mean])  # (K + 3, unknowns)
-    reduced = small @ cov @ small.T
     jacobian = np.concatenate([by_params, turn], axis=2)
-    variance = jacobian @ reduced @ np.swapaxes(jacobian, 1, 2)
-    variance = np.where(np.isfinite(variance), variance, 0.0)
-    sigma[valid] = np.sqrt(np.maximum(np.linalg.eigvalsh(variance)[:, -1], 0.0))
-    return sigma
+    spread[valid] = jacobian @ (small @ cov @ small.T) @ np.swapaxes(jacobian, 1, 2)
+    return spread
 
 
 def safe_uncertainty_map(camera: CameraSolution, board: Board) -> tuple[np.ndarray, str]:

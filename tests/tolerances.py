@@ -158,6 +158,11 @@ LINES_GRADIENT = 1e-4  # relative L2, the issue's; worst 1.2e-5, of the poses 2.
 LINES_TRAIN_RANDOM_PSNR = 15.0  # dB after 150 steps from random Gaussians; found 22.5, 30.3
 # dB, of helmet_distorted_rs after 250 steps at half size, found 3.1; 11.3 after 1000 at full size
 SHUTTER_LEAST_GAIN = 2.0
+# Share of the motion within a frame by which start and end poses from neighbours' velocities miss.
+READOUT_POSE_SHARE = 0.3
+# Standard errors of a million samples by which a quadrature may differ, of 160 comparisons; the
+# worst of as many normal numbers is 2.5 to 4.
+MONTE_CARLO_WORST_SCORE = 4.5
 TRAIN_LEAST_PSNR = 25.0  # dB after 100 steps; least over all instruction sets 32.8
 
 # --- hard cases -----------------------------------------------------------------------------------
@@ -278,3 +283,7 @@ LENS_OF_IMAGE_FLOAT = 1.4e-5  # relative L2; worst 7.0e-6
 RAYS_FLOAT = 1e-5  # the same, of every pixel's ray; worst 5e-6
 LENS_IDENTITY = 1e-9  # sums in double in another order
 ORACLE_LENS_GRADIENT = 3e-10  # gsplat's Newton stops at 1e-6; worst 1.5e-10
+# --- calibration weights, lenses from data sets
+UNCERTAINTY_STORED_PX = (
+    2e-6  # maps are written with 6 decimals, interpolation is linear; worst 1e-6
+)

@@ -117,11 +117,15 @@ def render(arguments: argparse.Namespace) -> int:
 
 
 def _low_passed(
-    gaussians: gsut.Gaussians, camera: gsut.Camera, pose: np.ndarray, pixels: float
+    gaussians: gsut.Gaussians,
+    camera: gsut.Camera,
+    place: np.ndarray | gsut.CameraMotion,
+    pixels: float,
 ) -> gsut.Gaussians:
     if not pixels:
         return gaussians
-    radii = gsut.filter_radii(gaussians.means, [camera], np.asarray(pose)[None], pixels)
+    poses = [place.start, place.end] if isinstance(place, gsut.CameraMotion) else [place]
+    radii = gsut.filter_radii(gaussians.means, [camera] * len(poses), np.stack(poses), pixels)
     return gsut.low_pass(gaussians, radii)
 
 
@@ -193,16 +197,20 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Any, A
     return options, scene, gsut.load_ply(path)
 
 
-def _frames(arguments: argparse.Namespace, scene: Any) -> tuple[np.ndarray, list[str], list[Any]]:
-    """Poses, names and cameras of the images to render."""
+def _frames(
+    arguments: argparse.Namespace, scene: Any
+) -> tuple[list[np.ndarray | gsut.CameraMotion], list[str], list[Any]]:
+    """Places, names and cameras of the images to render.
+
+    A held-out view keeps its rolling shutter; along a path the camera stands still for each image.
+    """
     lens = gsut.load_camera(arguments.camera) if arguments.camera else None
     if arguments.path == "test":
         views = [scene.views[index] for index in scene.test_indices]
         if not views:
             raise InputError(f"{scene.path} has no held-out views; choose another --path")
-        poses = np.stack([view.camera_from_world for view in views])
         cameras = [lens or scene.camera(index) for index in scene.test_indices]
-        return poses, picture_stems([view.name for view in views]), cameras
+        return [view.motion for view in views], picture_stems([v.name for v in views]), cameras
     keys = np.stack([scene.views[index].camera_from_world for index in scene.train_indices or [0]])
     if arguments.path == "orbit":
         poses = orbit_path(keys, arguments.frames)
@@ -211,7 +219,7 @@ def _frames(arguments: argparse.Namespace, scene: Any) -> tuple[np.ndarray, list
     else:
         poses = read_path(arguments.path, scene.world_offset)
     camera = lens or scene.camera((scene.train_indices or [0])[0])
-    return poses, [f"{number:05d}" for number in range(len(poses))], [camera] * len(poses)
+    return list(poses), [f"{number:05d}" for number in range(len(poses))], [camera] * len(poses)
 
 
 def _write_video(

@@ -186,6 +186,10 @@ class TrainOptions:
         "fraction of the steps; 0,0 = full resolution throughout", low=0.0, high=1.0,
         words=("auto",), reason="a third of the time less for 0.2 dB",
     )
+    calibration_weights: str | None = option(
+        None, "Loss", "lens file of `gsut calibrate`: residuals count less where that lens is "
+        "uncertain", none="all pixels count the same",
+    )
     sh_every: int = option(
         None, "Loss", "one more degree of harmonics every so many steps", unit="steps", low=1,
         none="0.6 steps / (degree + 1), at most 1000",

@@ -84,5 +84,7 @@ class ImagePyramid:
         factor = next((f for f, end in self._until if fraction <= end), 1.0)
         if self._level is None or factor != self._factor:
             self._factor = factor
-            self._level = Level(self._scene if factor == 1.0 else self._scene.scaled(factor))
+            self._level = Level(
+                self._scene if factor == 1.0 else self._scene.scaled(factor, keep_larger=True)
+            )
         return self._level

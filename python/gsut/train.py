@@ -13,6 +13,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.calibration_weights import CalibrationWeights
 from gsut.compact import compact
 from gsut.compact_scores import seen_views
 from gsut.data.scene import Scene
@@ -142,6 +143,8 @@ class TrainingLoop:
         capacity = max(options.max_gaussians, len(start)) if options.strategy == "mcmc" else None
         self.optimizer = GaussianOptimizer(start, capacity, seed=options.seed)
         self.pyramid = ImagePyramid(scene, options.coarse_to_fine)
+        lens = options.calibration_weights
+        self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
         self.renderer = _core.Renderer()
         self.rule = _core.BlendRule()
         self.stopwatch = Stopwatch()  # of the steps' stages, for gsut bench train
@@ -198,6 +201,8 @@ class TrainingLoop:
         lap("render")
         # loss, and back through the raster to every parameter
         loss, _ = _core.photometric_loss(target, image, dimage, o.ssim_weight)
+        if self.weights is not None:
+            self.weights.apply(dimage)
         lap("loss")
         self.renderer.backward(
             dimage, None, None, self._gradients, self._touched, not o.sparse_adam, False

@@ -38,6 +38,15 @@ template <class T>
 T At(const float* table, T index) {
   return T(table[static_cast<int>(index)]);
 }
+void SumRows(const float* table, float first, int stride, int rows, int columns,
+             const float* weight, float* sums) {
+  for (int k = 0; k < columns; ++k) {
+    sums[k] = 0.0f;
+    for (int j = 0; j < rows; ++j) {
+      sums[k] += weight[j] * At<float>(table, first + static_cast<float>(j * stride + k));
+    }
+  }
+}
 #include "gsut_lens_files.inc"
 }  // namespace gsut::float_lenses
 

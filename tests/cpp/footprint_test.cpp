@@ -106,15 +106,18 @@ Seen SeenPixels(const OwnedGaussians<double>& g, std::size_t i, const Camera& ca
   const double cutoff = 2.0 * std::log(Sigmoid(g.opacity_logits[i]) / alpha_min);
   Seen seen;
   if (!(cutoff > 0.0)) return seen;
-  const Eigen::Vector3d pull = whiten.transpose() * center;
   const RayTable& table = camera.Rays();
   std::array<double, 2> low = {1e9, 1e9}, high = {-1e9, -1e9};
   for (std::size_t p = 0; p < table.valid.size(); ++p) {
     if (!table.valid[p]) continue;
     const Eigen::Map<const Eigen::Vector3d> ray(&table.rays[3 * p]);
-    if (!(pull.dot(ray) > 0.0)) continue;
     const Eigen::Vector3d d = whiten * ray;
-    if (!(center.cross(d).squaredNorm() < cutoff * d.squaredNorm())) continue;
+    Eigen::Vector3d seen_from = center;
+    if (!table.origins.empty()) {
+      seen_from -= whiten * Eigen::Map<const Eigen::Vector3d>(&table.origins[3 * p]);
+    }
+    if (!(seen_from.dot(d) > 0.0)) continue;
+    if (!(seen_from.cross(d).squaredNorm() < cutoff * d.squaredNorm())) continue;
     const std::size_t width = static_cast<std::size_t>(camera.width());
     const std::array<double, 2> pixel = {static_cast<double>(p % width) + 0.5,
                                          static_cast<double>(p / width) + 0.5};
@@ -223,6 +226,75 @@ TEST(FootprintTest, SilhouetteAndAdaptiveMissNoPixelOnAnyLens) {
   }
   EXPECT_GE(pairs, GaussiansALens() * static_cast<std::int64_t>(EveryLens(48).size()));
   EXPECT_GT(counts[0][0].seen, pairs / 3);
+}
+
+// Gaussians on random lines of sight, some behind their origins.
+OwnedGaussians<float> OnLines(const Camera& camera, const Pose& pose, std::int64_t n,
+                              Draws* draws) {
+  const RayTable& table = camera.Rays();
+  OwnedGaussians<float> g(n);
+  for (std::int64_t i = 0; i < n; ++i) {
+    const std::size_t row = static_cast<std::size_t>(i);
+    std::size_t p = 0;
+    do {
+      p = static_cast<std::size_t>(draws->Index(static_cast<std::int64_t>(table.valid.size())));
+    } while (!table.valid[p]);
+    const double distance = draws->LogUniform(0.01, 10.0);
+    const Eigen::Vector3d in_camera = Eigen::Map<const Eigen::Vector3d>(&table.origins[3 * p]) +
+                                      (draws->Uniform(0, 1) < 0.1 ? -0.1 : 1.0) * distance *
+                                          Eigen::Map<const Eigen::Vector3d>(&table.rays[3 * p]);
+    const Eigen::Vector3d mean = pose.rotation.transpose() * (in_camera - pose.translation);
+    const double size = distance * draws->LogUniform(0.001, 1.0);
+    for (std::size_t k = 0; k < 3; ++k) {
+      g.means[3 * row + k] = static_cast<float>(mean[static_cast<int>(k)]);
+      g.log_scales[3 * row + k] = static_cast<float>(std::log(size) + draws->Normal());
+    }
+    for (std::size_t k = 0; k < 4; ++k) g.quats[4 * row + k] = static_cast<float>(draws->Normal());
+    g.opacity_logits[row] = static_cast<float>(1.5 * draws->Normal());
+  }
+  return g;
+}
+
+TEST(FootprintTest, SilhouetteAndAdaptiveMissNoPixelWhereRaysDoNotMeet) {
+  constexpr int kColumns = 48;
+  std::uint64_t stream = 900;
+  int lenses = 0;
+  for (const std::string& name : LensNames()) {
+    for (const LensExample& example : LensExamples(LensFromName(name))) {
+      const Camera whole(name, {example.params, example.params + example.num_params}, example.width,
+                         example.height);
+      if (whole.IsCentral()) continue;
+      const Camera camera = whole.Resized(kColumns, kColumns * example.height / example.width);
+      Draws draws(13, stream++);
+      const Pose pose = RandomPose(&draws);
+      const auto g = OnLines(camera, pose, GaussiansALens(), &draws);
+      const auto exact = ToDouble(g);
+      std::vector<Seen> truth, float_truth;
+      const FootprintRule rule;
+      for (std::size_t i = 0; i < static_cast<std::size_t>(g.size()); ++i) {
+        truth.push_back(SeenPixels(exact, i, camera, pose, rule.alpha_min, false));
+        float_truth.push_back(
+            SeenPixels(exact, i, camera, pose, rule.alpha_min * (1.0 + kMissMargin), false));
+      }
+      for (const ProjectionMethod method :
+           {ProjectionMethod::kSilhouette, ProjectionMethod::kAdaptive}) {
+        FootprintOptions options;
+        options.method = method;
+        Footprints<double> found;
+        FindFootprintsReference(exact.View(), camera, pose, options, &found);
+        Footprints<float> kernel;
+        FindFootprints(g.View(), camera, pose, options, &kernel);
+        MethodCount count, float_count;
+        CountMisses(found, truth, camera, &count);
+        CountMisses(kernel, float_truth, camera, &float_count);
+        EXPECT_EQ(count.missed, 0) << name;
+        EXPECT_EQ(float_count.missed, 0) << name;
+        EXPECT_GT(count.seen, GaussiansALens() / 2) << name;
+      }
+      ++lenses;
+    }
+  }
+  EXPECT_EQ(lenses, 3);
 }
 
 // Extents of the outline of 16 points in float against 64 in double, relative to the size: what may

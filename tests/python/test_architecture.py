@@ -76,12 +76,21 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "scene tools": {"demo_scene*", "doctor", "render_path"},
     "compaction": {"compact", "compact_harmonics", "compact_scores"},
     "training": {
-        *("compact_run", "evaluate", "finetune", "first_gaussians", "growth", "held_out"),
+        *(
+            "calibration_weights",
+            "compact_run",
+            "evaluate",
+            "finetune",
+            "first_gaussians",
+            "growth",
+            "held_out",
+        ),
         *("pyramid", "train"),
     },
     "benchmarks": {"bench", "bench.*"},
     "command line": {
-        *("__main__", "calibrate", "camera_convert", "cli", "commands", "compact_command"),
+        *("__main__", "calibrate", "calibrate_dataset", "camera_convert", "cli", "commands"),
+        "compact_command",
         "poses_command",
     },
     "package": {"gsut"},

@@ -25,7 +25,7 @@ FILE_NAMES = {
 RADIAL = {"opencv4", "opencv5", "opencv8"}
 HOLDS = {
     "mrcal": {"pinhole", *RADIAL, "opencv12", "stereographic", "lonlat", "latlon", "cahvor"}
-    | {"splined_stereographic"},
+    | {"splined_stereographic", "cahvore"},
     "opencv": {"pinhole", *RADIAL, "opencv12", "opencv14", "kannala_brandt", "mei"},
     "opencv-json": {"pinhole", *RADIAL, "opencv12", "opencv14", "kannala_brandt", "mei"},
     "kalibr": {"pinhole", "opencv4", "kannala_brandt", "fov", "mei", "double_sphere"}

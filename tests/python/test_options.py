@@ -61,7 +61,10 @@ def test_resolved_for_any_number_of_steps_leaves_only_what_depends_on_the_data()
     for steps in (1, 2, 9, 99, 700, 1001, 6999, 30_000):
         options = TrainOptions(steps=steps).resolved()
         empty = {f.name for f in FIELDS if getattr(options, f.name) is None}
-        assert empty == {"preset", "test_names", "init_count", "compact_at", "readout_time"}
+        assert empty == {
+            *("preset", "test_names", "init_count", "compact_at", "readout_time"),
+            "calibration_weights",
+        }
         assert options.resolved() == options
         count += 1
     assert count == 8

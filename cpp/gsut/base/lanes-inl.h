@@ -82,6 +82,45 @@ HWY_INLINE T At(const float* table, T index) {
   return T(hn::GatherIndex(d, table, hn::ConvertTo(hn::RebindToSigned<FloatTag>(), index.v)));
 }
 
+// Weighted sums of rows of a table, another place in each lane: see gsut/cameras/contract.h. Reads
+// kRowLength entries of each row whatever `columns` is, and writes so many sums; at most 4 rows.
+// Rows are read whole, lane after lane, which takes a fraction of the time of gathering entries.
+inline constexpr int kRowLength = 8;
+
+HWY_INLINE void SumRows(const float* table, Lane first, int stride, int rows, int /*columns*/,
+                        const Lane* weight, Lane* sums) {
+  constexpr int kMaxRows = 4;
+  const FloatTag d;
+  const hn::CappedTag<float, kRowLength> part;
+  constexpr int kPart = static_cast<int>(hn::MaxLanes(part));
+  HWY_ALIGN std::int32_t places[kLanes];
+  HWY_ALIGN float weights[kMaxRows][kLanes];
+  HWY_ALIGN float lines[kRowLength * kLanes];
+  hn::Store(hn::ConvertTo(hn::RebindToSigned<FloatTag>(), first.v), hn::RebindToSigned<FloatTag>(),
+            places);
+  for (int j = 0; j < rows; ++j) hn::Store(weight[j].v, d, weights[j]);
+  for (int lane = 0; lane < kLanes; ++lane) {
+    for (int k = 0; k < kRowLength; k += kPart) {
+      const float* row = table + places[lane] + k;
+      auto sum = hn::Mul(hn::Set(part, weights[0][lane]), hn::LoadU(part, row));
+      for (int j = 1; j < rows; ++j) {
+        row += stride;
+        sum = hn::MulAdd(hn::Set(part, weights[j][lane]), hn::LoadU(part, row), sum);
+      }
+      hn::Store(sum, part, lines + kRowLength * lane + k);
+    }
+  }
+  // Columns k and k + 4 alternate in what is loaded, the second half of the lanes in `b`.
+  constexpr int kHalf = kRowLength / 2;
+  FloatVec a[kHalf], b[kHalf];
+  hn::LoadInterleaved4(d, lines, a[0], a[1], a[2], a[3]);
+  hn::LoadInterleaved4(d, lines + kHalf * kLanes, b[0], b[1], b[2], b[3]);
+  for (int k = 0; k < kHalf; ++k) {
+    sums[k].v = hn::ConcatEven(d, b[k], a[k]);
+    sums[k + kHalf].v = hn::ConcatOdd(d, b[k], a[k]);
+  }
+}
+
 // Arctangent of y / x in (-pi, pi]; 0 at the origin. Error at most 3 ulp of the result.
 HWY_INLINE Lane Atan2(Lane y, Lane x) {
   const Lane ax = Abs(x);

@@ -51,8 +51,10 @@
 //     // Optional, for lenses with tables of parameters: Project takes `template <class T, class
 //     P>`
 //     // and `const P* params`; P is T for scalars and float for the lanes of a kernel. Entries are
-//     // read as T(params[i]) at an i known beforehand, or as At<T>(params, i) at an i of type T
-//     // that holds whole numbers.
+//     // read as T(params[i]) at an i known beforehand, or at an i of type T that holds whole
+//     // numbers: At<T>(params, i) for one, SumRows(params, i, stride, rows, columns, weight, sums)
+//     // for sums[k] = sum over j < rows of weight[j] params[i + j stride + k], k < columns; rows
+//     // at most 4, columns at most kMaxColumns. Tables in float have kMaxColumns more entries.
 //     static constexpr bool kHasTable = true;
 //   };
 //

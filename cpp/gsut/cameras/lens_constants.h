@@ -18,4 +18,7 @@ inline constexpr double kMaxPixel = 1e9;
 // then a few units in the last place of either.
 inline constexpr double kInverseTolerance = 1e-9;
 
+// Of SumRows: most columns, and the entries that a table in float has after its last (contract.h).
+inline constexpr int kMaxColumns = 8;
+
 }  // namespace gsut

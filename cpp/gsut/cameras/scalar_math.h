@@ -32,4 +32,16 @@ T At(const P* table, const T& index) {
   }
 }
 
+// Weighted sums of rows of a table: see contract.h.
+template <class T, class P>
+void SumRows(const P* table, const T& first, int stride, int rows, int columns, const T* weight,
+             T* sums) {
+  for (int k = 0; k < columns; ++k) {
+    sums[k] = T(0.0);
+    for (int j = 0; j < rows; ++j) {
+      sums[k] = sums[k] + weight[j] * At<T>(table, first + T(1.0 * (j * stride + k)));
+    }
+  }
+}
+
 }  // namespace gsut::lenses

@@ -34,31 +34,37 @@ constexpr ModelName kModels[] = {
     {"LENSMODEL_LONLAT", "lonlat"},     {"LENSMODEL_LATLON", "latlon"},
     {"LENSMODEL_CAHVOR", "cahvor"},
 };
-// Its configuration stands in the name (order=3_Nx=30_Ny=18_fov_x_deg=150), which in gsut are the
-// first parameters.
-constexpr const char* kSplined = "LENSMODEL_SPLINED_STEREOGRAPHIC";
-constexpr const char* kSplinedLens = "splined_stereographic";
-constexpr const char* kSplinedKeys[] = {"order", "Nx", "Ny", "fov_x_deg"};
-constexpr int kSplinedConfig = 4;
+// Lenses whose configuration stands in the name (order=3_Nx=30_Ny=18_fov_x_deg=150); in gsut it is
+// the first parameters, or the last.
+struct ConfiguredName {
+  const char* mrcal;
+  const char* gsut;
+  std::vector<const char*> keys;
+  bool is_first;
+};
+const std::vector<ConfiguredName>& ConfiguredModels() {
+  static const std::vector<ConfiguredName> models = {
+      {"LENSMODEL_SPLINED_STEREOGRAPHIC",
+       "splined_stereographic",
+       {"order", "Nx", "Ny", "fov_x_deg"},
+       true},
+      {"LENSMODEL_CAHVORE", "cahvore", {"linearity"}, false},
+  };
+  return models;
+}
 
 std::string KnownModels() {
   std::string known;
-  for (const ModelName& model : kModels)
-    known += (known.empty() ? "" : ", ") + std::string(model.mrcal);
-  return known + ", " + kSplined;
+  for (const ModelName& model : kModels) known += std::string(model.mrcal) + ", ";
+  for (const ConfiguredName& model : ConfiguredModels()) known += std::string(model.mrcal) + ", ";
+  return known.substr(0, known.size() - 2);
 }
 
-// The lens of a name, and the parameters that the name holds; false if it is unknown.
-bool ParseName(const std::string& name, std::string* lens, std::vector<double>* config) {
-  for (const ModelName& model : kModels) {
-    if (name != model.mrcal) continue;
-    *lens = model.gsut;
-    return true;
-  }
-  if (name.rfind(kSplined, 0) != 0) return false;
-  *lens = kSplinedLens;
-  std::size_t position = std::string_view(kSplined).size();
-  for (const char* key : kSplinedKeys) {
+// The values that follow `model.mrcal` in a name; false if they are not what the model needs.
+bool ParseConfig(const ConfiguredName& model, const std::string& name,
+                 std::vector<double>* config) {
+  std::size_t position = std::string_view(model.mrcal).size();
+  for (const char* key : model.keys) {
     const std::string wanted = std::string("_").append(key).append("=");
     if (name.compare(position, wanted.size(), wanted) != 0) return false;
     position += wanted.size();
@@ -70,6 +76,23 @@ bool ParseName(const std::string& name, std::string* lens, std::vector<double>* 
     position = static_cast<std::size_t>(end - name.data());
   }
   return position == name.size();
+}
+
+// The lens of a name, and the parameters that the name holds, before and after the intrinsics;
+// false if it is unknown.
+bool ParseName(const std::string& name, std::string* lens, std::vector<double>* first,
+               std::vector<double>* last) {
+  for (const ModelName& model : kModels) {
+    if (name != model.mrcal) continue;
+    *lens = model.gsut;
+    return true;
+  }
+  for (const ConfiguredName& model : ConfiguredModels()) {
+    if (name.rfind(std::string(model.mrcal) + "_", 0) != 0) continue;
+    *lens = model.gsut;
+    return ParseConfig(model, name, model.is_first ? first : last);
+  }
+  return false;
 }
 
 // The file's dictionary with checked access to its keys.
@@ -126,20 +149,20 @@ class Reader {
     Fail(key, list.line, message.str());
   }
 
-  // The lens, and the parameters that its name holds.
-  std::string Model(std::vector<double>* config) const {
+  // The lens, and the parameters that its name holds, before and after the intrinsics.
+  std::string Model(std::vector<double>* first, std::vector<double>* last) const {
     const PythonLiteral& name = Get("lensmodel");
     Expect("lensmodel", name, Kind::kString);
     std::string lens;
-    if (ParseName(name.text, &lens, config)) return lens;
+    if (ParseName(name.text, &lens, first, last)) return lens;
     Fail("lensmodel", name.line,
          "'" + name.text + "' is not a lens of gsut; supported: " + KnownModels() +
              "; fit one of them with mrcal-convert-lensmodel");
   }
 
   Camera ReadCamera() const {
-    std::vector<double> params;
-    const std::string model = Model(&params);
+    std::vector<double> params, last;
+    const std::string model = Model(&params, &last);
     const PythonLiteral& size_list = Get("imagersize");
     const std::vector<double> size = Numbers("imagersize", size_list, 2);
     const int width = Pixels("imagersize", size_list, size[0]);
@@ -151,6 +174,7 @@ class Reader {
       numbers[3] += kPixelShift;
     }
     params.insert(params.end(), numbers.begin(), numbers.end());
+    params.insert(params.end(), last.begin(), last.end());
     double field_angle = kInfinity;
     if (const PythonLiteral* limit = root_.Find(kFieldAngleKey)) {
       field_angle = Number(kFieldAngleKey, *limit);
@@ -216,12 +240,16 @@ std::string FormatCameraModel(const CameraModelFile& file) {
   for (const ModelName& model : kModels) {
     if (camera.model() == model.gsut) name = model.mrcal;
   }
-  if (camera.model() == kSplinedLens) {
-    name = kSplined;
-    for (int i = 0; i < kSplinedConfig; ++i) {
-      name.append("_").append(kSplinedKeys[i]).append("=").append(Text(params[i]));
+  for (const ConfiguredName& model : ConfiguredModels()) {
+    if (camera.model() != model.gsut) continue;
+    name = model.mrcal;
+    const auto count = static_cast<std::ptrdiff_t>(model.keys.size());
+    const auto config = model.is_first ? params.begin() : params.end() - count;
+    for (std::size_t i = 0; i < model.keys.size(); ++i) {
+      name.append("_").append(model.keys[i]).append("=");
+      name.append(Text(config[static_cast<std::ptrdiff_t>(i)]));
     }
-    params.erase(params.begin(), params.begin() + kSplinedConfig);
+    params.erase(config, config + count);
   }
   if (name.empty()) {
     throw InputError("a .cameramodel file cannot hold the lens '" + camera.model() +

@@ -116,6 +116,21 @@ requires std::is_same_v<T, DualLane> HWY_INLINE T At(const float* table, T index
   return DualLane(At<Lane>(table, index.value));
 }
 
+// Weighted sums of rows of a table: linear in the weights, so their derivatives are sums, too.
+HWY_INLINE void SumRows(const float* table, const DualLane& first, int stride, int rows,
+                        int columns, const DualLane* weight, DualLane* sums) {
+  constexpr int kMaxRows = 4;
+  Lane part[kMaxRows], part_sums[kRowLength];
+  for (int j = 0; j < rows; ++j) part[j] = weight[j].value;
+  SumRows(table, first.value, stride, rows, columns, part, part_sums);
+  for (int k = 0; k < kRowLength; ++k) sums[k].value = part_sums[k];
+  for (int i = 0; i < DualLane::kDirections; ++i) {
+    for (int j = 0; j < rows; ++j) part[j] = weight[j].grad[i];
+    SumRows(table, first.value, stride, rows, columns, part, part_sums);
+    for (int k = 0; k < kRowLength; ++k) sums[k].grad[i] = part_sums[k];
+  }
+}
+
 }  // namespace HWY_NAMESPACE
 }  // namespace gsut
 HWY_AFTER_NAMESPACE();

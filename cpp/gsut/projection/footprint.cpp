@@ -89,6 +89,7 @@ class AdaptivePart {
 
   void Run(std::int64_t begin, std::int64_t end, Footprints<float>* out) {
     errors_.first = begin;
+    errors_.limit = max_error_px_;
     for (AlignedVector<float>* array :
          {&errors_.ewa, &errors_.unscented_center, &errors_.unscented_box}) {
       array->resize(static_cast<std::size_t>(end - begin) + kPadding);
@@ -104,7 +105,8 @@ class AdaptivePart {
         Widen(j, ewa, out);
         continue;
       }
-      // By EWA's size: the unscented box is not known before it is there.
+      // By EWA's size: the unscented box is not known before it is there. Without EWA it is
+      // negative, and the silhouette is taken.
       const float half =
           0.5f * std::max(out->high_u[j] - out->low_u[j], out->high_v[j] - out->low_v[j]);
       if (errors_.unscented_center[k] <= max_error_px_ &&
@@ -198,12 +200,19 @@ void FindFootprints(const GaussiansView<const float>& gaussians, const Camera& c
                                        adaptive ? UnscentedOptions() : options.unscented);
   task.rule = &rule;
   FootprintOptions exact = options;
-  exact.method = ProjectionMethod::kSilhouette;
+  if (camera.IsCentral()) exact.method = ProjectionMethod::kSilhouette;
   const ScalarFootprints scalar(camera, camera_from_world, exact);
   const std::shared_ptr<const LensBend> bend = adaptive ? BendOf(camera) : nullptr;
   if (adaptive) task.bend = bend->table();
   footprints->Resize(gaussians.size);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    if (bounds && !camera.IsCentral()) {
+      for (std::int64_t i = begin; i < end; ++i) {
+        StoreFootprint(scalar.Find(gaussians, i), kBoxRounding, static_cast<std::size_t>(i),
+                       footprints);
+      }
+      return;
+    }
     if (adaptive) {
       AdaptivePart(task, static_cast<float>(options.max_error_px)).Run(begin, end, footprints);
     } else {

@@ -61,7 +61,8 @@ void FindFootprintsReference(const GaussiansView<const double>& gaussians, const
 
 // Float path, vectorised and threaded. Boxes are kBoxRounding wider than the method says, so that
 // rounding to float loses nothing. What has no simple outline (the camera inside, cut by the
-// domain's edge, around a pole) is bounded by the scalar code.
+// domain's edge, around a pole) is bounded by the scalar code; so is everything that silhouette and
+// adaptive find through a lens whose rays do not meet.
 void FindFootprints(const GaussiansView<const float>& gaussians, const Camera& camera,
                     const Pose& camera_from_world, const FootprintOptions& options,
                     Footprints<float>* footprints);

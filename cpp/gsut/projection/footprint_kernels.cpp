@@ -58,9 +58,9 @@ HWY_INLINE void StoreFootprints(const LaneFootprint& f, LaneMask possible, std::
   }
 }
 
-// LensBend::At and BoundFootprintError, a Gaussian a lane.
-HWY_INLINE void StoreErrors(const Bend* table, const PlacedGaussian<Lane>& g, Lane size,
-                            std::int64_t place, FootprintErrors* errors) {
+// LensBend::At and BoundFootprintError, a Gaussian a lane. Returns where an error is within limits.
+HWY_INLINE LaneMask StoreErrors(const Bend* table, const PlacedGaussian<Lane>& g, Lane size,
+                                std::int64_t place, FootprintErrors* errors) {
   const FloatTag d;
   const Lane zero(0.0), one(1.0);
   const Lane sine = size * Max(g.reach, Lane(kSigmaReach));
@@ -96,9 +96,11 @@ HWY_INLINE void StoreErrors(const Bend* table, const PlacedGaussian<Lane>& g, La
   const Lane stray = Lane(1.5) * second;
   const std::size_t j = static_cast<std::size_t>(place);
   hn::StoreU(ewa.v, d, &errors->ewa[j]);
-  hn::StoreU((Lane(kThirdMoments) * bend_third * (shrink * shrink * shrink)).v, d,
-             &errors->unscented_center[j]);
+  const Lane center = Lane(kThirdMoments) * bend_third * (shrink * shrink * shrink);
+  hn::StoreU(center.v, d, &errors->unscented_center[j]);
   hn::StoreU((ewa + (one + Lane(kSigmaReach) * g.reach) * stray).v, d, &errors->unscented_box[j]);
+  const Lane limit(errors->limit);
+  return OrMask(ewa <= limit, center <= limit);
 }
 
 template <class Lens>
@@ -153,6 +155,17 @@ void FootprintsOfLens(const FootprintTask& task, std::int64_t begin, std::int64_
         AndMask(sine<Lane(1.0), mean_angle - Asin(sine)> Lane(task.domain.max_angle + kAngleSlack));
     const LaneMask possible = AndMask(
         AndMask(AndMask(seen.usable, finite), seen.distance > Lane(0.0)), NotMask(outside_domain));
+    if (errors != nullptr) {
+      const LaneMask within = StoreErrors(task.bend, g, size, i - errors->first, errors);
+      if (MaskBits(AndMask(within, possible).m) == 0) {
+        LaneFootprint none;
+        none.u = none.v = none.cov_uu = none.cov_uv = none.cov_vv = Lane(0.0);
+        none.low_u = none.high_u = none.low_v = none.high_v = Lane(0.0);
+        none.valid = Lane(1.0) < Lane(0.0);
+        StoreFootprints(none, possible, i, count, task.method, out);
+        continue;
+      }
+    }
     LaneFootprint f;
     switch (task.method) {
       case ProjectionMethod::kEwa:
@@ -167,7 +180,6 @@ void FootprintsOfLens(const FootprintTask& task, std::int64_t begin, std::int64_
         break;
     }
     StoreFootprints(f, possible, i, count, task.method, out);
-    if (errors != nullptr) StoreErrors(task.bend, g, size, i - errors->first, errors);
   }
 }
 

@@ -30,9 +30,11 @@ struct FootprintTask {
   const Bend* bend = nullptr;  // LensBend::table()
 };
 
-// Bounds of the errors (footprint_error.h) of the Gaussians from `first` on.
+// Bounds of the errors (footprint_error.h) of the Gaussians from `first` on. Vectors of Gaussians
+// none of which has a centre within `limit` (pixels), by EWA or unscented, get no footprint.
 struct FootprintErrors {
   std::int64_t first = 0;
+  float limit = 0.0f;
   AlignedVector<float> ewa, unscented_center, unscented_box;
 };
 

@@ -120,6 +120,7 @@ bool ScalarFootprints::Place(const GaussiansView<const T>& gaussians, std::int64
     g2 += whitened * whitened;
     largest = std::max(largest, g->scale[k]);
   }
+  if (!camera_.IsCentral()) return std::isfinite(g2) && std::isfinite(largest);
   const double distance = mean.norm();
   if (!std::isfinite(g2) || !std::isfinite(largest) || !(distance > 0.0)) return false;
   const double sine = g->reach * largest / distance;
@@ -136,6 +137,7 @@ OneFootprint ScalarFootprints::By(ProjectionMethod method, const Placed& g) cons
     const HWY_NAMESPACE::ImagePeriod period = HWY_NAMESPACE::PeriodOf<Lens>(domain, params);
     if (method == ProjectionMethod::kEwa) return Ewa<Lens>(camera_, g);
     if (method == ProjectionMethod::kSilhouette) {
+      if constexpr (requires { Lens::kHasOrigins; }) return Found{};  // rays touch along no cone
       return HWY_NAMESPACE::SilhouetteFootprint<Lens, kOutlinePointsReference, double>(
           domain, params, num_params, period, circle_, g);
     }
@@ -164,6 +166,8 @@ void ScalarFootprints::Search(const Placed& g, OneFootprint* out) const {
     }
   }
   cone.cutoff = g.reach * g.reach;
+  std::copy_n(g.mean, 3, cone.mean);
+  cone.radius = g.reach * std::max({g.scale[0], g.scale[1], g.scale[2]});
   double box[4];
   if (!pyramid_->Box(camera_.Rays(), cone, box)) {
     out->status = FootprintStatus::kNothing;
@@ -177,6 +181,8 @@ void ScalarFootprints::Search(const Placed& g, OneFootprint* out) const {
 }
 
 OneFootprint ScalarFootprints::Adapt(const Placed& g) const {
+  // The bounds are those of an image that is the same along a ray from the origin, or linear.
+  if (!camera_.IsCentral() && !camera_.IsParallel()) return By(ProjectionMethod::kSilhouette, g);
   const double distance = Vector3d(g.mean[0], g.mean[1], g.mean[2]).norm();
   const double size = std::max({g.scale[0], g.scale[1], g.scale[2]}) / distance;
   const Bend bend = bend_->At(g.mean, BendSine(size, g.reach));

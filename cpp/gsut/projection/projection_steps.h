@@ -34,7 +34,10 @@ void DescribeCamera(const GaussiansView<const float>& gaussians, const Camera& c
     throw InputError("the lens has " + std::to_string(task->num_params) + " parameters; at most " +
                      std::to_string(kMaxLensParams) + " can be " + verb);
   }
-  if (has_table) table->assign(camera.params().begin(), camera.params().end());
+  if (has_table) {
+    table->assign(camera.params().begin(), camera.params().end());
+    table->resize(table->size() + kMaxColumns);
+  }
   task->table = table->data();
   task->view = MakeViewFloats(camera_from_world);
   task->log2_alpha_min = static_cast<float>(std::log2(rule.alpha_min));

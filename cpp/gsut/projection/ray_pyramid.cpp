@@ -22,6 +22,11 @@ Matrix3d Whiten(const RayCone& cone) {
   return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(&cone.whiten[0][0]);
 }
 
+Vector3d OriginOf(const RayTable& rays, std::size_t p) {
+  if (rays.origins.empty()) return Vector3d::Zero();
+  return Eigen::Map<const Vector3d>(&rays.origins[3 * p]);
+}
+
 }  // namespace
 
 RayPyramid::RayPyramid(const Camera& camera) : width_(camera.width()), height_(camera.height()) {
@@ -38,22 +43,32 @@ RayPyramid::RayPyramid(const Camera& camera) : width_(camera.width()), height_(c
           for (int y = by * size; y < y1; ++y) {
             for (int x = bx * size; x < x1; ++x) {
               const std::size_t p = static_cast<std::size_t>(y) * width_ + x;
-              if (rays.valid[p]) visit(Eigen::Map<const Vector3d>(&rays.rays[3 * p]));
+              if (rays.valid[p]) {
+                visit(Eigen::Map<const Vector3d>(&rays.rays[3 * p]), OriginOf(rays, p));
+              }
             }
           }
         };
-        Vector3d sum = Vector3d::Zero();
-        bool any = false;
-        for_each([&](const Vector3d& ray) {
+        Vector3d sum = Vector3d::Zero(), origins = Vector3d::Zero();
+        int count = 0;
+        for_each([&](const Vector3d& ray, const Vector3d& origin) {
           sum += ray;
-          any = true;
+          origins += origin;
+          ++count;
         });
         Node& node = level.nodes[static_cast<std::size_t>(by) * level.width + bx];
         const Vector3d axis = sum.norm() > 0.0 ? sum.normalized() : Vector3d::UnitZ();
+        origins /= std::max(count, 1);
         Eigen::Map<Eigen::Vector3f>(node.axis) = axis.cast<float>();
-        double chord = 0.0;
-        for_each([&](const Vector3d& ray) { chord = std::max(chord, (ray - axis).norm()); });
-        node.chord = any ? static_cast<float>(chord) + kFloatSlack : -1.0f;
+        Eigen::Map<Eigen::Vector3f>(node.origin) = origins.cast<float>();
+        double chord = 0.0, spread = 0.0;
+        for_each([&](const Vector3d& ray, const Vector3d& origin) {
+          chord = std::max(chord, (ray - axis).norm());
+          spread = std::max(spread, (origin - origins).norm());
+        });
+        node.chord = count > 0 ? static_cast<float>(chord) + kFloatSlack : -1.0f;
+        const double farthest = origins.cwiseAbs().maxCoeff() + spread;
+        node.spread = static_cast<float>(spread + kFloatSlack * farthest);
       }
     }
     levels_.push_back(level);
@@ -61,6 +76,43 @@ RayPyramid::RayPyramid(const Camera& camera) : width_(camera.width()), height_(c
     level.width = (level.width + 1) / 2;
     level.height = (level.height + 1) / 2;
   }
+}
+
+// Whether a ray of a block may see the Gaussian; rays from the camera's origin.
+bool RayPyramid::MayHold(const Node& node, const RayCone& cone) {
+  const Matrix3d whiten = Whiten(cone);
+  const Eigen::Map<const Vector3d> center(cone.center);
+  // Over |d - axis| <= chord, w.A d and the part of A d across w stray by at most their norm times
+  // the chord; D^2 |A d|^2 = |w x A d|^2.
+  const Vector3d axis = Eigen::Map<const Eigen::Vector3f>(node.axis).cast<double>();
+  const Vector3d pull = whiten.transpose() * center;
+  const double along = pull.dot(axis) + pull.norm() * node.chord;
+  if (!(along > 0.0)) return false;
+  const double g2 = center.squaredNorm();
+  if (!(g2 > cone.cutoff)) return true;
+  // Outside the ellipsoid the cone is |(I - c c^T) A d| < tan(cone) c.A d, c = w / |w|. The part
+  // across is linear in d, its norm by rows.
+  const Vector3d c = center / std::sqrt(g2);
+  const Matrix3d across = whiten - c * (c.transpose() * whiten);
+  const double tangent = std::sqrt(cone.cutoff / (g2 - cone.cutoff));
+  double sum = 0.0;
+  for (int row = 0; row < 3; ++row) {
+    const double least =
+        std::max(std::abs(across.row(row).dot(axis)) - across.row(row).norm() * node.chord, 0.0);
+    sum += least * least;
+  }
+  return std::sqrt(sum) < tangent * along / std::sqrt(g2);
+}
+
+// The same for rays with origins of their own: the line may meet the sphere around the Gaussian.
+// With p = mean - origin and unit d, |p x d| is the distance of the line from the mean; over the
+// block, p strays by `spread` and d by `chord`.
+bool RayPyramid::MayHoldLine(const Node& node, const RayCone& cone) {
+  const Vector3d axis = Eigen::Map<const Eigen::Vector3f>(node.axis).cast<double>();
+  const Vector3d p = Eigen::Map<const Vector3d>(cone.mean) -
+                     Eigen::Map<const Eigen::Vector3f>(node.origin).cast<double>();
+  const double stray = node.spread + p.norm() * node.chord;
+  return p.cross(axis).norm() - stray < cone.radius && p.dot(axis) + stray > -cone.radius;
 }
 
 void RayPyramid::Search(const RayTable& rays, const RayCone& cone, std::size_t level, int x, int y,
@@ -74,38 +126,21 @@ void RayPyramid::Search(const RayTable& rays, const RayCone& cone, std::size_t l
   if (x0 >= box[0] && x1 - 1 <= box[1] && y0 >= box[2] && y1 - 1 <= box[3]) return;
   const Node& node = here.nodes[static_cast<std::size_t>(y) * here.width + x];
   if (node.chord < 0.0f) return;
-  const Matrix3d whiten = Whiten(cone);
-  const Eigen::Map<const Vector3d> center(cone.center);
-  // Over |d - axis| <= chord, w.A d and the part of A d across w stray by at most their norm times
-  // the chord; D^2 |A d|^2 = |w x A d|^2.
-  const Vector3d axis = Eigen::Map<const Eigen::Vector3f>(node.axis).cast<double>();
-  const Vector3d pull = whiten.transpose() * center;
-  const double along = pull.dot(axis) + pull.norm() * node.chord;
-  if (!(along > 0.0)) return;
-  const double g2 = center.squaredNorm();
-  if (g2 > cone.cutoff) {
-    // Outside the ellipsoid the cone is |(I - c c^T) A d| < tan(cone) c.A d, c = w / |w|. The part
-    // across is linear in d, its norm by rows.
-    const Vector3d c = center / std::sqrt(g2);
-    const Matrix3d across = whiten - c * (c.transpose() * whiten);
-    const double tangent = std::sqrt(cone.cutoff / (g2 - cone.cutoff));
-    double sum = 0.0;
-    for (int row = 0; row < 3; ++row) {
-      const double least =
-          std::max(std::abs(across.row(row).dot(axis)) - across.row(row).norm() * node.chord, 0.0);
-      sum += least * least;
-    }
-    if (!(std::sqrt(sum) < tangent * along / std::sqrt(g2))) return;
-  }
+  if (!(rays.origins.empty() ? MayHold(node, cone) : MayHoldLine(node, cone))) return;
   if (level > 0) {
     for (int k = 0; k < 4; ++k) Search(rays, cone, level - 1, 2 * x + k % 2, 2 * y + k / 2, box);
     return;
   }
+  const Matrix3d whiten = Whiten(cone);
   for (int row = y0; row < y1; ++row) {
     for (int column = x0; column < x1; ++column) {
       const std::size_t p = static_cast<std::size_t>(row) * width_ + column;
       if (!rays.valid[p]) continue;
       const Vector3d d = whiten * Eigen::Map<const Vector3d>(&rays.rays[3 * p]);
+      Vector3d center = Eigen::Map<const Vector3d>(cone.center);
+      if (!rays.origins.empty()) {
+        center = whiten * (Eigen::Map<const Vector3d>(cone.mean) - OriginOf(rays, p));
+      }
       const double toward = center.dot(d);
       if (!(toward > 0.0)) continue;
       // |w x A d|^2 keeps its digits where |w|^2 - (w.A d)^2 / |A d|^2 would cancel.

@@ -8,15 +8,18 @@
 
 namespace gsut {
 
-// The rays that come within D^2 < cutoff of a Gaussian, in the camera frame: with w = A mean and
-// A = S^-1 R^T, those with w.A d > 0 and |w|^2 - (w.A d)^2 / |A d|^2 < cutoff.
+// The rays that come within D^2 < cutoff of a Gaussian, in the camera frame: with A = S^-1 R^T and
+// w = A (mean - the ray's origin), those with w.A d > 0 and |w|^2 - (w.A d)^2 / |A d|^2 < cutoff.
 struct RayCone {
   double whiten[3][3];  // A
-  double center[3];     // w
+  double center[3];     // A mean
   double cutoff;
+  double mean[3];
+  double radius;  // of the sphere around the mean that holds the ellipsoid
 };
 
-// Bounds of blocks of 2^k x 2^k pixels: the smallest cone (axis and half angle) around their rays.
+// Bounds of blocks of 2^k x 2^k pixels: the smallest cone (axis and half angle) around their rays,
+// and where rays do not meet the smallest ball around their origins.
 class RayPyramid {
  public:
   explicit RayPyramid(const Camera& camera);
@@ -30,11 +33,15 @@ class RayPyramid {
   struct Node {
     float axis[3];
     float chord;  // largest |ray - axis|; negative: no pixel has a ray
+    float origin[3];
+    float spread;  // largest |origin of a ray - origin|; both 0 for a central lens
   };
   struct Level {
     int width, height;
     std::vector<Node> nodes;
   };
+  static bool MayHold(const Node& node, const RayCone& cone);
+  static bool MayHoldLine(const Node& node, const RayCone& cone);
   void Search(const RayTable& rays, const RayCone& cone, std::size_t level, int x, int y,
               int box[4]) const;
 

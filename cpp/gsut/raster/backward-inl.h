@@ -96,6 +96,7 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
   if (count == 0) return;
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
   const TileAxes to_tile = ToTileAxes(grid, tile);
+  const float* center = &grid.center[static_cast<std::size_t>(tile) * kDirectionSize];
   const TileAxes from_tile = FromTileAxes(grid, tile);
   // One block more than the tile has: a dead block that fills up the last group.
   HWY_ALIGN float state[(kBlocks + 1) * kNumFields * kLanes];
@@ -137,12 +138,13 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
     if (e + kAhead < count) {
       const TileEntry& next = entries[e + kAhead];
       hwy::Prefetch(records + std::size_t{record::kSize} * next.gaussian);
+      FetchDirection(*frame, entries[e + kAhead / 2].gaussian);
       // Slots lie in the order of the Gaussians: without this, each store waits for its line and
       // those behind it wait too.
       __builtin_prefetch(&frame->slot_gradients[std::size_t{16} * next.slot], 1);
     }
     HWY_ALIGN float r[record::kSize];
-    to_tile.Turn(records + std::size_t{record::kSize} * entries[e].gaussian, r);
+    TurnRecord(to_tile, center, *frame, entries[e].gaussian, r);
     FloatVec sums[16];
     GSUT_UNROLL for (int i = 0; i < 16; ++i) sums[i] = hn::Zero(d);
     const FloatVec k = hn::Set(d, r[record::kK]);

@@ -26,10 +26,10 @@ HWY_INLINE void StoreMissingRecord(float* r) {
   r[record::kA] = 1.0f;
 }
 
-// kKeep: leaves the list of contributing pairs for the backward pass.
-template <bool kDepth, bool kKeep, bool kStopBefore>
+// keep: leaves the list of contributing pairs for the backward pass.
+template <bool kDepth, bool kStopBefore>
 HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
-                            float transmittance_min, Frame* frame) {
+                            float transmittance_min, bool keep, Frame* frame) {
   const FloatTag d;
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
   for (int i = 0; i < kTilePixels; i += kLanes) {
@@ -44,6 +44,7 @@ HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
   std::uint32_t entries = 0;
   std::uint64_t alive = grid.alive[tile];
   const TileAxes axes = ToTileAxes(grid, tile);
+  const float* center = &grid.center[static_cast<std::size_t>(tile) * kDirectionSize];
   const float* boxes = &grid.block_box[static_cast<std::size_t>(tile) * 4 * kBlockStride];
   const TilePair* pairs = frame->pairs.data();
   const float* records = frame->records.data();
@@ -60,15 +61,14 @@ HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
     for (int j = 0; j < count; ++j) {
       if (chunk + j + kPrefetch < end) {
         hwy::Prefetch(records + std::size_t{record::kSize} * pairs[chunk + j + kPrefetch].gaussian);
+        FetchDirection(*frame, pairs[chunk + j + kPrefetch / 2].gaussian);
       }
-      axes.Turn(records + std::size_t{record::kSize} * pairs[chunk + j].gaussian, rows[j]);
+      TurnRecord(axes, center, *frame, pairs[chunk + j].gaussian, rows[j]);
       blocks_of[j] = TouchedBlocks(rows[j], boxes) & alive;
     }
     for (int j = count; j < kChunk; ++j) blocks_of[j] = 0;
     TransposeMasks(blocks_of, gaussians_of);
-    if (kKeep) {
-      for (int j = 0; j < count; ++j) contributed[j] = 0;
-    }
+    for (int j = 0; j < count; ++j) contributed[j] = 0;
 
     for (std::uint64_t rest = alive; rest != 0; rest &= rest - 1) {
       const int block = __builtin_ctzll(rest);
@@ -123,9 +123,7 @@ HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
           todo = 0;
         }
         GSUT_UNROLL for (int i = 0; i < kForwardJam; ++i) {
-          if (kKeep) {
-            contributed[index[i]] |= static_cast<std::uint64_t>(!hn::AllFalse(d, hit[i])) << block;
-          }
+          contributed[index[i]] |= static_cast<std::uint64_t>(!hn::AllFalse(d, hit[i])) << block;
           red = hn::MulAdd(weight[i], hn::Set(d, r[i][record::kColor]), red);
           green = hn::MulAdd(weight[i], hn::Set(d, r[i][record::kColor + 1]), green);
           blue = hn::MulAdd(weight[i], hn::Set(d, r[i][record::kColor + 2]), blue);
@@ -144,7 +142,7 @@ HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
       if (kDepth) hn::Store(depth, d, &frame->depth[o]);
       if (hn::AllFalse(d, open)) alive &= ~(std::uint64_t{1} << block);
     }
-    if (kKeep) {
+    if (keep) {
       for (int j = 0; j < count; ++j) {
         if (contributed[j] == 0) continue;
         frame->entries[begin + entries] = {pairs[chunk + j].gaussian, pairs[chunk + j].slot,
@@ -153,7 +151,7 @@ HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
       }
     }
   }
-  if (kKeep) frame->entry_count[tile] = entries;
+  if (keep) frame->entry_count[tile] = entries;
 }
 
 }  // namespace HWY_NAMESPACE

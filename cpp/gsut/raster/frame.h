@@ -28,7 +28,7 @@ inline constexpr int kK = 9;             // k
 inline constexpr int kKappa = 10;        // kappa
 inline constexpr int kLog2Opacity = 11;  // log2(opacity)
 inline constexpr int kColor = 12;        // 3 floats
-inline constexpr int kDepth = 15;        // distance of the mean
+inline constexpr int kDepth = 15;  // distance of the mean; negative: sharp, see sharp_records.h
 inline constexpr int kSize = 16;
 }  // namespace record
 
@@ -95,6 +95,7 @@ inline constexpr std::int64_t kRecordsPart = 2048;
 struct Frame {
   std::int64_t size = 0;                        // Gaussians
   AlignedVector<float> records;                 // (size, 16)
+  AlignedVector<float> mean_direction;          // (size, 8), of sharp records
   AlignedVector<float> order_key;               // (size)
   AlignedVector<TileRect> rects;                // (size); empty: not seen
   std::vector<std::vector<RowSpan>> row_spans;  // one array a part of kRecordsPart Gaussians

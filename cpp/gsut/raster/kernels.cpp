@@ -7,11 +7,13 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include <cmath>
 #include <memory>
 #include <vector>
 
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/raster/kernels.h"
+#include "gsut/raster/sharp_records.h"
 
 #include "gsut/raster/harmonics-inl.h"
 #include "gsut/raster/records-inl.h"
@@ -24,6 +26,26 @@
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
+
+// The direction n of a mean, see sharp_records.h.
+void ExactDirection(const ViewFloats& view, const float* mean, float* out) {
+  double world[3], n[3];
+  for (int k = 0; k < 3; ++k) {
+    world[k] = static_cast<double>(mean[k]) - static_cast<double>(view.center_high[k]) -
+               static_cast<double>(view.center_low[k]);
+  }
+  for (int k = 0; k < 3; ++k) {
+    n[k] = 0.0;
+    for (int j = 0; j < 3; ++j) {
+      n[k] += (static_cast<double>(view.rotation[3 * k + j]) +
+               static_cast<double>(view.rotation_low[3 * k + j])) *
+              world[j];
+    }
+  }
+  const double inverse = 1.0 / std::sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+  for (double& component : n) component *= inverse;
+  SplitDirection(n, out);
+}
 
 TileRect TilesOfSplat(const TileGrid& grid, const Splats& splats, std::size_t j, const float* row,
                       TouchedRows* rows, std::vector<RowSpan>* spans) {
@@ -70,6 +92,8 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
         AndMask(g.mean[2] >= Lane(task.near_z), g.mean[2] <= Lane(task.far_z));
     const LaneMask finite_color = IsFinite(color[0] + color[1] + color[2]);
     const std::uint64_t visible = MaskBits(AndMask(AndMask(r.visible, in_range), finite_color).m);
+    const Lane steepest = Max(Dot3(r.a, r.a), Dot3(r.b, r.b));
+    const std::uint64_t sharp = MaskBits((steepest > Lane(double{kSharpForm} * kSharpForm)).m);
     const Lane* columns[] = {&r.a[0], &r.a[1], &r.a[2], &r.b[0],    &r.b[1],  &r.b[2],
                              &r.c[0], &r.c[1], &r.c[2], &r.k,       &r.kappa, &g.log2_opacity,
                              nullptr, nullptr, nullptr, &g.distance};
@@ -87,6 +111,11 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
       if (!((visible >> k) & 1) || splats.status[j] == SplatStatus::kUnseen) continue;
       float* row = &frame->records[j * record::kSize];
       for (int column = 0; column < record::kSize; ++column) row[column] = values[column][k];
+      if ((sharp >> k) & 1) {
+        row[record::kDepth] = -row[record::kDepth];
+        ExactDirection(task.view, task.gaussians.means + 3 * j,
+                       &frame->mean_direction[j * kDirectionSize]);
+      }
       frame->rects[j] = TilesOfSplat(grid, splats, j, row, rows.get(), spans);
     }
   }
@@ -95,11 +124,9 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
 void Forward(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame, float* image,
              float* alpha, float* depth) {
   WithFlag(task.with_depth, [&](auto with_depth) HWY_ATTR {
-    WithFlag(task.keep, [&](auto keep) HWY_ATTR {
-      WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
-        ForwardTile<with_depth.value, keep.value, stop_before.value>(grid, tile, task.alpha_max,
-                                                                     task.transmittance_min, frame);
-      });
+    WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
+      ForwardTile<with_depth.value, stop_before.value>(grid, tile, task.alpha_max,
+                                                       task.transmittance_min, task.keep, frame);
     });
   });
   WritePixels(grid, tile, *frame, task.background, task.with_depth, image, alpha, depth);

@@ -10,6 +10,7 @@
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/projection/project_kernels.h"
 #include "gsut/raster/bin_tiles.h"
+#include "gsut/raster/sharp_records.h"
 #include "gsut/raster/view_rays.h"
 
 namespace gsut {
@@ -86,6 +87,7 @@ void Renderer::ResizeFrame(const TileGrid& grid) {
   frame_.size = task_.gaussians.size;
   const std::size_t n = static_cast<std::size_t>(frame_.size);
   frame_.records.resize((n + kPadding) * record::kSize);
+  frame_.mean_direction.resize((n + kPadding) * kDirectionSize);
   frame_.order_key.resize(n + kPadding);
   frame_.rects.resize(n);
   frame_.row_spans.resize((n + kRecordsPart - 1) / kRecordsPart);
@@ -117,9 +119,9 @@ std::int64_t Renderer::buffer_bytes() const {
   const Splats& s = splats_;
   add(s.u, s.v, s.cov_uu, s.cov_uv, s.cov_vv, s.extent_u, s.extent_v, s.distance, s.sine, s.status);
   const Frame& f = frame_;
-  add(f.records, f.order_key, f.rects, f.slot_begin, f.order, f.pairs, f.tile_begin,
-      f.transmittance, f.color[0], f.color[1], f.color[2], f.depth, f.entries, f.entry_count,
-      f.slot_gradients, f.slot_touched);
+  add(f.records, f.mean_direction, f.order_key, f.rects, f.slot_begin, f.order, f.pairs,
+      f.tile_begin, f.transmittance, f.color[0], f.color[1], f.color[2], f.depth, f.entries,
+      f.entry_count, f.slot_gradients, f.slot_touched);
   for (const std::vector<RowSpan>& spans : f.row_spans) add(spans);
   return static_cast<std::int64_t>(sum);
 }

@@ -9,6 +9,7 @@
 #include <mutex>
 
 #include "gsut/base/parallel.h"
+#include "gsut/raster/sharp_records.h"
 
 namespace gsut {
 namespace {
@@ -144,6 +145,7 @@ bool FillTile(const RayTable& rays, int tile, TileGrid* grid) {
   });
   grid->alive[static_cast<std::size_t>(tile)] = alive;
   grid->bundles[static_cast<std::size_t>(tile)] = MakeBundle(d, e1, e2, tile_box);
+  SplitDirection(d.data(), &grid->center[static_cast<std::size_t>(tile) * kDirectionSize]);
   float* boxes = &grid->block_box[static_cast<std::size_t>(tile) * 4 * grid->block_stride];
   std::fill_n(boxes, 4 * grid->block_stride, 0.0f);
   for (int b = 0; b < grid->blocks; ++b) {
@@ -201,6 +203,7 @@ std::shared_ptr<const TileGrid> BuildTiles(const Camera& camera, int lanes) {
     v->resize(tiles * kTilePixels);
   }
   grid->bundles.resize(tiles);
+  grid->center.resize(tiles * kDirectionSize);
   grid->cells_x = (grid->tiles_x + kCellSize - 1) / kCellSize;
   grid->cells_y = (grid->tiles_y + kCellSize - 1) / kCellSize;
   const std::size_t cells = static_cast<std::size_t>(grid->num_cells());

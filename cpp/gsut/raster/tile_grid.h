@@ -45,6 +45,7 @@ struct TileGrid {
   AlignedVector<float> start;   // (tiles * 256) first transmittance: 1, or 0 where there is no ray
   AlignedVector<float> length;  // (tiles * 256) |D + s E1 + t E2|
   std::vector<RayBundle> bundles;  // (tiles)
+  AlignedVector<float> center;     // (tiles, 8) D rounded to float, 0, what rounding took, 0
   // The tiles' bundles again, cell by cell: 14 x 16 floats, the 16 tiles of a cell row by row.
   int cells_x = 0, cells_y = 0;
   AlignedVector<float> cell_tiles;  // (cells, 14, 16)

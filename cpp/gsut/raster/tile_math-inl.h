@@ -10,6 +10,7 @@
 
 #include "gsut/base/lanes-inl.h"
 #include "gsut/raster/frame.h"
+#include "gsut/raster/sharp_records.h"
 #include "gsut/raster/tile_grid.h"
 
 // Fully unrolls the loop over the Gaussians (or blocks) that are worked on together.
@@ -46,6 +47,11 @@ class TileAxes {
       hn::Store(hn::Load(hn::RebindToSigned<FloatTag>(), source[j]), hn::RebindToSigned<FloatTag>(),
                 source_[j]);
     }
+    for (int lane = 0; lane < 16; ++lane) {
+      along_center_[lane] = lane < 9 && lane % 3 == 0 ? 1.0f : 0.0f;
+      one_[lane] = lane == record::kC ? 1.0f : 0.0f;
+      sign_[lane] = lane == record::kDepth ? -1.0f : 1.0f;
+    }
 #else
     const Float4 d;
     for (int j = 0; j < 3; ++j) {
@@ -81,6 +87,34 @@ class TileAxes {
 #endif
   }
 
+  // Turn for a sharp record, see kSharpForm; center, direction: D and n of kDirectionSize floats.
+  HWY_INLINE void TurnSharp(const float* HWY_RESTRICT in, const float* HWY_RESTRICT center,
+                            const float* HWY_RESTRICT direction, float* HWY_RESTRICT out) const {
+    const Float4 d4;
+    HWY_ALIGN float delta[4];
+    hn::Store(hn::Add(hn::Sub(hn::Load(d4, center), hn::Load(d4, direction)),
+                      hn::Sub(hn::Load(d4, center + 4), hn::Load(d4, direction + 4))),
+              d4, delta);
+#if HWY_MAX_BYTES == 64
+    const FloatTag d;
+    const FloatVec v = hn::Mul(hn::Load(d, in), hn::Load(d, sign_));
+    const FloatMask along_center = hn::Gt(hn::Load(d, along_center_), hn::Zero(d));
+    FloatVec sum = hn::Load(d, one_);
+    for (int j = 0; j < 3; ++j) {
+      const FloatVec factor = hn::IfThenElse(along_center, hn::Set(d, delta[j]), factors_[j]);
+      sum = hn::MulAdd(Pick(v, j), factor, sum);
+    }
+    hn::Store(sum, d, out);
+#else
+    Turn(in, out);
+    for (int form = 0; form < 9; form += 3) {
+      out[form] = in[form] * delta[0] + in[form + 1] * delta[1] + in[form + 2] * delta[2];
+    }
+    out[record::kC] += 1.0f;
+    out[record::kDepth] = -out[record::kDepth];
+#endif
+  }
+
  private:
 #if HWY_MAX_BYTES == 64
   HWY_INLINE FloatVec Pick(FloatVec v, int j) const {
@@ -89,6 +123,9 @@ class TileAxes {
   }
   FloatVec factors_[3];
   HWY_ALIGN std::int32_t source_[3][16];
+  HWY_ALIGN float along_center_[16];  // 1 in the lanes of a.D, b.D and c.D
+  HWY_ALIGN float one_[16];           // 1 in the lane of c.D
+  HWY_ALIGN float sign_[16];          // -1 in the lane of the depth
 #else
   hn::Vec<Float4> columns_[3];
 #endif
@@ -111,6 +148,24 @@ HWY_INLINE TileAxes FromTileAxes(const TileGrid& grid, int tile) {
       axes[k][j] = grid.bundles[static_cast<std::size_t>(tile)].values[3 * j + k];
   }
   return TileAxes(axes);
+}
+
+// Fetches what TurnRecord will need beside the record, which must have been fetched before.
+HWY_INLINE void FetchDirection(const Frame& frame, std::size_t gaussian) {
+  if (frame.records[record::kSize * gaussian + record::kDepth] < 0.0f) {
+    hwy::Prefetch(&frame.mean_direction[kDirectionSize * gaussian]);
+  }
+}
+
+// The record of a Gaussian in the tile's frame; center: of the tile.
+HWY_INLINE void TurnRecord(const TileAxes& to_tile, const float* center, const Frame& frame,
+                           std::size_t gaussian, float* out) {
+  const float* r = &frame.records[record::kSize * gaussian];
+  if (r[record::kDepth] < 0.0f) {
+    to_tile.TurnSharp(r, center, &frame.mean_direction[kDirectionSize * gaussian], out);
+  } else {
+    to_tile.Turn(r, out);
+  }
 }
 
 // Bit b set where block b may hold a pixel with N < z^2, z > 0: interval bounds over the block's

@@ -41,11 +41,17 @@ struct TouchedRows {
   }
 };
 
-// The linear forms of a record, in every lane.
+// The linear forms of a record, in every lane, and how far rounding may put each of them off.
 struct FormLanes {
-  FloatVec v[9];
+  FloatVec v[9], slack[3];
   HWY_INLINE explicit FormLanes(const float* r) {
+    constexpr float kRounding = 0x1p-21f;
     for (int k = 0; k < 9; ++k) v[k] = hn::Set(FloatTag(), r[k]);
+    for (int form = 0; form < 3; ++form) {
+      const auto size = hn::Add(hn::Abs(v[3 * form]),
+                                hn::Add(hn::Abs(v[3 * form + 1]), hn::Abs(v[3 * form + 2])));
+      slack[form] = hn::Mul(size, hn::Set(FloatTag(), kRounding));
+    }
   }
 };
 
@@ -69,7 +75,8 @@ HWY_INLINE FloatMask TouchedBundles(const FormLanes& forms, Load&& load) {
     };
     const auto along_s = dot(1), along_t = dot(2);
     value[form] = hn::MulAdd(along_s, cs, hn::MulAdd(along_t, ct, dot(0)));
-    spread[form] = hn::MulAdd(hn::Abs(along_s), hs, hn::Mul(hn::Abs(along_t), ht));
+    spread[form] =
+        hn::MulAdd(hn::Abs(along_s), hs, hn::MulAdd(hn::Abs(along_t), ht, forms.slack[form]));
   }
   const auto p = hn::Max(hn::Sub(hn::Abs(value[0]), spread[0]), zero);
   const auto q = hn::Max(hn::Sub(hn::Abs(value[1]), spread[1]), zero);

@@ -228,9 +228,9 @@ def projection(arguments: argparse.Namespace) -> int:
         row = million_row()
         cost = lens_cost_row()
         print(
-            f"render through a splined lens / a pinhole: "
-            f"{cost['splined_over_pinhole_forward_backward_ms']:.3f}, "
-            f"{cost['splined_over_pinhole_ns_per_pair']:.3f} a pair of tile and Gaussian"
+            f"processor time through a splined lens over a pinhole of the same image: forward and "
+            f"backward {cost['ratio_forward_backward']:.3f}, forward {cost['ratio_forward']:.3f}, "
+            f"projection {cost['ratio_project']:.2f}"
         )
         print(
             f"unscented projection of {row['num_gaussians']} Gaussians: {row['cpu_seconds']:.4f} "

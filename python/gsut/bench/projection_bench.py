@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.bench.projection_truth import alpha_images, projected_moments
+from gsut.bench.projection_truth import alpha_images, periods, projected_moments
 from gsut.gaussians import Gaussians
 from gsut.projection import DEFAULT_MAX_ERROR_PX, METHODS
 
@@ -27,7 +27,8 @@ BENCH_METHODS: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
 )
 # Standard deviation over the distance, and the ratio of the longest axis to the others.
 SIZES = {"small": (0.003, 1.0), "medium": (0.02, 1.0), "large": (0.1, 1.0), "needle": (0.06, 30.0)}
-# Rings of the field angle, shares of the widest angle of a pixel's ray.
+# Rings of the field angle, shares of the widest angle of a pixel's ray; of a lens of parallel rays,
+# of the distance from the axis.
 RINGS = ((0.0, 0.25), (0.25, 0.5), (0.5, 0.75), (0.75, 1.0))
 # Gaussians a timing; enough that the call itself does not count.
 _TIMED = 8192
@@ -125,14 +126,19 @@ def _gaussians(
 ) -> Gaussians | None:
     """Gaussians of one size on rays of pixels in one ring; None if the ring has no pixel."""
     rays, valid = camera.rays()
-    candidates = rays[valid]
-    share = np.arccos(np.clip(candidates[:, 2], -1, 1)) / _widest_angle(camera)
-    candidates = candidates[(share >= ring[0]) & (share <= ring[1])]
-    if not len(candidates):
+    candidates, origins = rays[valid], camera.origins()[valid]
+    if camera.is_parallel:
+        off_axis = np.linalg.norm(origins[:, :2], axis=1)
+        share = off_axis / off_axis.max()
+    else:
+        share = np.arccos(np.clip(candidates[:, 2], -1, 1)) / _widest_angle(camera)
+    (in_ring,) = np.nonzero((share >= ring[0]) & (share <= ring[1]))
+    if not len(in_ring):
         return None
     deviation, aspect = SIZES[size]
     distance = np.exp(rng.uniform(0.0, 1.5, count))
-    means = candidates[rng.integers(len(candidates), size=count)] * distance[:, None]
+    picked = in_ring[rng.integers(len(in_ring), size=count)]
+    means = origins[picked] + candidates[picked] * distance[:, None]
     log_scales = np.log(deviation * distance)[:, None] + rng.normal(0.0, 0.2, (count, 3))
     log_scales[:, 1:] -= np.log(aspect)
     return Gaussians(
@@ -169,12 +175,12 @@ def _cell(
         found = footprinter.arrays()
         picked = slice(0, options.samples)
         off = found["centers"][picked].astype(np.float64) - centers
-        off -= _periods(camera) * np.round(off / _periods(camera))
+        off -= periods(camera) * np.round(off / periods(camera))
         center = np.linalg.norm(off, axis=1)
         covariance = np.linalg.norm(
             found["covariances"][picked].astype(np.float64) - covariances, axis=(1, 2)
         ) / np.linalg.norm(covariances, axis=(1, 2))
-        missed, loose = _box_quality(alphas, found["boxes"][picked], _periods(camera))
+        missed, loose = _box_quality(alphas, found["boxes"][picked], periods(camera))
         used = found["method"]
         rows.append({
             "lens": lens, "method": name, "size": size, "ring": f"{ring[0]:g}-{ring[1]:g}",
@@ -194,17 +200,6 @@ def _cell(
 def _median(values: np.ndarray) -> float | None:
     values = values[np.isfinite(values)]
     return float(np.median(values)) if len(values) else None
-
-
-def _periods(camera: _core.Camera) -> np.ndarray:
-    """(2,) pixels after which a panorama repeats along u and v; infinite for other lenses."""
-    period = np.full(2, 1e30)
-    if camera.model == "equirectangular":
-        period[0] = camera.width
-    elif camera.model in ("lonlat", "latlon"):
-        axis = 0 if camera.model == "lonlat" else 1
-        period[axis] = 2 * np.pi * camera.params[axis]
-    return period
 
 
 def _box_quality(

@@ -1,6 +1,8 @@
-"""What a projected Gaussian truly is: its moments by quadrature, its alpha at every pixel."""
+"""What a projected Gaussian truly is: moments by quadrature or samples, alpha at every pixel."""
 
 from __future__ import annotations
+
+import dataclasses
 
 import numpy as np
 from numpy.polynomial import hermite_e
@@ -64,31 +66,85 @@ def _moments(
         return None
     pixels, weights = pixels[valid], weights[valid] / weights[valid].sum()
     middle, _ = camera.project(mean[None])
-    off = pixels - middle
-    if camera.model in ("equirectangular", "lonlat", "latlon"):
-        period = np.array([camera.width, 1e30])
-        if camera.model != "equirectangular":
-            period = np.full(2, 1e30)
-            axis = 0 if camera.model == "lonlat" else 1
-            period[axis] = 2 * np.pi * camera.params[axis]
-        off -= period * np.round(off / period)
+    off = _short_way(pixels - middle, camera)
     shift = weights @ off
     off = off - shift
     return middle[0] + shift, np.einsum("n,ni,nj->ij", weights, off, off)
+
+
+def _short_way(difference: np.ndarray, camera: _core.Camera) -> np.ndarray:
+    """Differences of pixels (N, 2), on a panorama the short way round."""
+    period = periods(camera)
+    return difference - period * np.round(difference / period)
+
+
+def periods(camera: _core.Camera) -> np.ndarray:
+    """(2,) pixels after which a panorama repeats along u and v; 1e30 for other lenses."""
+    period = np.full(2, 1e30)
+    if camera.model == "equirectangular":
+        period[0] = camera.width
+    elif camera.model in ("lonlat", "latlon"):
+        axis = 0 if camera.model == "lonlat" else 1
+        period[axis] = 2 * np.pi * camera.params[axis]
+    return period
+
+
+@dataclasses.dataclass(frozen=True)
+class SampledMoments:
+    """Mean and covariance of projected samples, each with its standard error.
+
+    Attributes:
+        center, center_error: (2,) pixels.
+        covariance, covariance_error: (2, 2) pixels^2.
+        lost: share of the samples without a pixel; the moments are those of the others.
+    """
+
+    center: np.ndarray
+    center_error: np.ndarray
+    covariance: np.ndarray
+    covariance_error: np.ndarray
+    lost: float
+
+
+def sampled_moments(
+    gaussians: Gaussians, camera: _core.Camera, samples: int, rng: np.random.Generator
+) -> list[SampledMoments]:
+    """Monte Carlo: moments of `samples` random points of each Gaussian, camera at the origin."""
+    axes = _axes(gaussians)
+    found = []
+    for mean, own_axes in zip(gaussians.means, axes, strict=True):
+        pixels, valid = camera.project(mean + rng.standard_normal((samples, 3)) @ own_axes.T)
+        middle, _ = camera.project(mean[None])
+        off = _short_way(pixels[valid] - middle, camera)
+        root = np.sqrt(len(off))
+        shift = off.mean(axis=0)
+        off = off - shift
+        products = off[:, :, None] * off[:, None, :]
+        found.append(
+            SampledMoments(
+                middle[0] + shift, off.std(axis=0) / root, products.mean(axis=0),
+                products.std(axis=0) / root, 1 - len(off) / samples,
+            )
+        )  # fmt: skip
+    return found
 
 
 def alpha_images(gaussians: Gaussians, camera: _core.Camera, alpha_min: float) -> np.ndarray:
     """(N, H, W) opacity times response at every pixel, 0 below alpha_min; camera at the origin."""
     rays, valid = camera.rays()
     directions = np.where(valid[..., None], rays, 0.0).reshape(-1, 3)
+    origins = np.where(valid[..., None], camera.origins(), 0.0).reshape(-1, 3)
     alphas = np.zeros((len(gaussians), len(directions)))
     axes = _axes(gaussians)
     opacity = 1 / (1 + np.exp(-gaussians.opacity_logits))
     for i in range(len(gaussians)):
         inverse = np.linalg.inv(axes[i])
-        center, through = inverse @ gaussians.means[i], directions @ inverse.T
+        # Of a central lens one row, for all rays.
+        from_origin = gaussians.means[i] - (origins[:1] if camera.is_central else origins)
+        center, through = from_origin @ inverse.T, directions @ inverse.T
         square = np.sum(through**2, axis=1)
         miss = np.sum(np.cross(center, through) ** 2, axis=1) / np.where(square > 0, square, 1)
         alpha = opacity[i] * np.exp(-0.5 * miss)
-        alphas[i] = np.where((through @ center > 0) & (alpha >= alpha_min), alpha, 0.0)
+        ahead = np.sum(through * center, axis=1) > 0
+        alphas[i] = np.where(ahead & (alpha >= alpha_min), alpha, 0.0)
     return alphas.reshape(len(gaussians), *valid.shape)

@@ -168,10 +168,10 @@ def save_camera(camera: Camera, path: _Path, format: str | None = None) -> None:
     chosen = _format_of_name(file) if format is None else format
     if chosen not in _WRITERS:
         raise InputError(f"unknown lens file format {format!r}; known: {', '.join(_WRITERS)}")
-    _write_atomically(file, _WRITERS[chosen](camera, file))
+    write_atomically(file, _WRITERS[chosen](camera, file))
 
 
-def _write_atomically(path: Path, text: str) -> None:
+def write_atomically(path: Path, text: str) -> None:
     """Under a temporary name in the same folder, then renamed."""
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
     try:

@@ -122,8 +122,13 @@ class Scene:
         notes: Sequence[str] = (),
         *,
         full_cameras: Sequence[Camera] | None = None,
+        larger: Scene | None = None,
     ) -> None:
-        """`full_cameras`: the cameras at the size of the image files, if `cameras` are smaller."""
+        """A scene of images that are read when they are asked for.
+
+        `full_cameras`: the cameras at the size of the image files, if `cameras` are smaller.
+        `larger`: the same scene at a larger size, whose images are shrunk in place of the files'.
+        """
         self.path = Path(path)
         self.cameras = list(cameras)
         self.views = list(views)
@@ -134,6 +139,7 @@ class Scene:
         self.world_offset = np.asarray(world_offset, np.float64)
         self.notes = list(notes)
         self._full_cameras = list(full_cameras or self.cameras)
+        self._larger = larger
         self._images = _LruCache(IMAGE_CACHE_BYTES)
         self._masks = _LruCache(IMAGE_CACHE_BYTES)
 
@@ -194,12 +200,18 @@ class Scene:
         return Scene(
             self.path, self.cameras, views, self.points, self.point_colors, self.train_indices,
             self.test_indices, self.world_offset, self.notes, full_cameras=self._full_cameras,
+            larger=self._larger,
         )  # fmt: skip
 
-    def scaled(self, factor: float) -> Scene:
+    def scaled(self, factor: float, *, keep_larger: bool = False) -> Scene:
         """The same scene with images of `factor` (0 to 1] times the size.
 
         Images are averaged over areas; intrinsics scale about the pixel corner.
+
+        Args:
+            factor: of the size.
+            keep_larger: shrink this scene's own images and keep them, in place of the files'; for
+                when both sizes are needed: each file is decoded once.
         """
         if not 0 < factor <= 1:
             raise InputError(f"scale must be above 0 and at most 1, found {factor}; use e.g. 0.5")
@@ -210,6 +222,7 @@ class Scene:
         return Scene(
             self.path, cameras, self.views, self.points, self.point_colors, self.train_indices,
             self.test_indices, self.world_offset, self.notes, full_cameras=self._full_cameras,
+            larger=self if keep_larger else None,
         )  # fmt: skip
 
     def _pixels(self, index: int) -> tuple[np.ndarray, np.ndarray | None]:
@@ -217,6 +230,11 @@ class Scene:
 
     def _decode(self, index: int) -> tuple[np.ndarray, np.ndarray | None]:
         view, camera = self.views[index], self.camera(index)
+        if self._larger is not None:
+            pixels, valid = self._larger._pixels(index)
+            if valid is not None:
+                valid = shrink_mask(valid, camera.width, camera.height)
+            return shrink_image(pixels, camera.width, camera.height), valid
         pixels, valid = decode_image(view.image_path)
         full = self._full_cameras[view.camera_index]
         if pixels.shape[:2] != (full.height, full.width):

@@ -22,6 +22,7 @@ struct Cone {
 
   template <class T>
   static T HalfTangent(T h, T z, T n) {
-    return Select(z > T(0.0), h / (n + z), (n - z) / h);
+    const auto ahead = z > T(0.0);
+    return Select(ahead, h, n - z) / Select(ahead, n + z, h);
   }
 };

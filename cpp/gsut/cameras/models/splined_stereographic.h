@@ -60,7 +60,8 @@ struct SplinedStereographic {
                       T* u, T* v) {
     const T square = x * x + y * y;
     const T n = Sqrt(square + z * z);
-    const T scale = Select(z > T(0.0), T(2.0) / (n + z), T(2.0) * (n - z) / square);
+    const auto ahead = z > T(0.0);
+    const T scale = Select(ahead, T(2.0), T(2.0) * (n - z)) / Select(ahead, n + z, square);
     const T plane_x = scale * x, plane_y = scale * y;
     const auto inside = AndMask(Cone::Contains(domain, Sqrt(square), z, n),
                                 StarEdge::Contains(domain, plane_x, plane_y));
@@ -132,29 +133,27 @@ struct SplinedStereographic {
         Weights(cubic, x * T(density) + T(0.5 * (count_x - 1.0)), count_x, weight_x, slope_x);
     const T first_y =
         Weights(cubic, y * T(density) + T(0.5 * (count_y - 1.0)), count_y, weight_y, slope_y);
+    // Rows of the block first, one sum for each of its columns and both axes.
     const int taps = cubic ? 4 : 3;
+    const T first = T(2.0) * (first_y * T(count_x) + first_x) + T(1.0 * kPoints);
+    const int stride = static_cast<int>(2.0 * count_x);
+    T sums[kMaxColumns];
+    SumRows(params, first, stride, taps, 2 * taps, weight_y, sums);
     for (int axis = 0; axis < 2; ++axis) {
-      T sum(0.0), sum_dx(0.0), sum_dy(0.0);
-      for (int j = 0; j < taps; ++j) {
-        T row(0.0), row_dx(0.0);
-        const T first =
-            T(2.0) * ((first_y + T(1.0 * j)) * T(count_x) + first_x) + T(1.0 * (kPoints + axis));
-        for (int i = 0; i < taps; ++i) {
-          const T point = At<T>(params, first + T(2.0 * i));
-          row = row + weight_x[i] * point;
-          if (dx != nullptr) row_dx = row_dx + slope_x[i] * point;
-        }
-        sum = sum + weight_y[j] * row;
-        if (dx != nullptr) {
-          sum_dx = sum_dx + weight_y[j] * row_dx;
-          sum_dy = sum_dy + slope_y[j] * row;
-        }
+      value[axis] = weight_x[0] * sums[axis];
+      for (int i = 1; i < taps; ++i) value[axis] = value[axis] + weight_x[i] * sums[2 * i + axis];
+    }
+    if (dx == nullptr) return;
+    T slopes[kMaxColumns];
+    SumRows(params, first, stride, taps, 2 * taps, slope_y, slopes);
+    for (int axis = 0; axis < 2; ++axis) {
+      T along_x(0.0), along_y(0.0);
+      for (int i = 0; i < taps; ++i) {
+        along_x = along_x + slope_x[i] * sums[2 * i + axis];
+        along_y = along_y + weight_x[i] * slopes[2 * i + axis];
       }
-      value[axis] = sum;
-      if (dx != nullptr) {
-        dx[axis] = T(density) * sum_dx;
-        dy[axis] = T(density) * sum_dy;
-      }
+      dx[axis] = T(density) * along_x;
+      dy[axis] = T(density) * along_y;
     }
   }
 
