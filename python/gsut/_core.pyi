@@ -322,6 +322,7 @@ def render_reference_backward(
     pixels: NDArray[np.uint8] | None = None,
     with_lens: bool = False,
 ) -> tuple[NDArray[np.float64], tuple[NDArray[np.float64], NDArray[np.float64]] | None]: ...
+
 # Colours (n, 3) of pixels, and by_center and by_ray (n, 3, 3) of them.
 def color_jacobian(
     gaussians: _Gaussians,

@@ -85,13 +85,12 @@ PYTHON_GROUPS: dict[str, set[str]] = {
             "growth",
             "held_out",
         ),
-        *("pyramid", "train"),
+        *("pyramid", "refine", "train"),
     },
     "benchmarks": {"bench", "bench.*"},
     "command line": {
         *("__main__", "calibrate", "calibrate_dataset", "camera_convert", "cli", "commands"),
-        "compact_command",
-        "poses_command",
+        *("compact_command", "localize_command", "poses_command"),
     },
     "package": {"gsut"},
 }

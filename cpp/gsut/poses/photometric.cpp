@@ -240,7 +240,7 @@ Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const Photometri
   double sum = 0.0, total = 0.0;
   for (std::size_t i = 0; i < image.pixels.size(); ++i) {
     const ColorCost cost(state, &image.colors[3 * i], i, 0);
-    Vector3d residual;
+    Vector3d residual = Vector3d::Zero();
     const double* parameters[2] = {state.pose.data(), state.gain.data()};
     cost.Evaluate(parameters, residual.data(), nullptr);
     const double length = residual.norm();
@@ -256,12 +256,17 @@ Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const Photometri
     sum += weight * residual.squaredNorm();
     total += 3.0 * weight;
   }
-  const Eigen::LDLT<Eigen::MatrixXd> factors(normal);
-  if (factors.info() != Eigen::Success || !factors.isPositive() || !(factors.rcond() > 1e-14)) {
+  // To a diagonal of ones, so that units do not matter; Eigen solves a singular matrix in silence.
+  const Eigen::VectorXd scale =
+      normal.diagonal().cwiseSqrt().unaryExpr([](double d) { return d > 0.0 ? 1.0 / d : 0.0; });
+  const Eigen::LDLT<Eigen::MatrixXd> factors(scale.asDiagonal() * normal * scale.asDiagonal());
+  constexpr double kSingular = 1e-12;
+  if (factors.info() != Eigen::Success || !(factors.vectorD().minCoeff() > kSingular)) {
     throw SolveError("the photograph does not determine its pose: too little of it shows texture");
   }
   const double variance = sum / std::max(1.0, total - size);
-  return variance * factors.solve(Eigen::MatrixXd::Identity(size, size)).topLeftCorner<6, 6>();
+  const Eigen::MatrixXd inverse = factors.solve(Eigen::MatrixXd::Identity(size, size));
+  return variance * (scale.asDiagonal() * inverse * scale.asDiagonal()).topLeftCorner<6, 6>();
 }
 
 }  // namespace

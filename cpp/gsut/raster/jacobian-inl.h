@@ -51,7 +51,8 @@ HWY_INLINE void TileJacobian(const RasterTask& task, const TileGrid& grid, int t
       return hn::MulAdd(hn::Set(d, r[at + 1]), s,
                         hn::MulAdd(hn::Set(d, r[at + 2]), t, hn::Set(d, r[at])));
     };
-    const float* of_gaussian = shading + std::size_t{kShadingSlopes} * entries[e].gaussian;
+    const float* of_gaussian =
+        kShading ? shading + std::size_t{kShadingSlopes} * entries[e].gaussian : nullptr;
     for (std::uint64_t todo = entries[e].blocks & wanted; todo != 0; todo &= todo - 1) {
       const int block = __builtin_ctzll(todo);
       float* at = field(block, 0);

@@ -3,6 +3,7 @@
 #define HWY_TARGET_INCLUDE "gsut/raster/jacobian_kernel.cpp"
 #include "gsut/base/hwy_targets.h"
 
+#include <hwy/cache_control.h>
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 

@@ -41,8 +41,9 @@ void ShadingSlopes(const RasterTask& task, const Vector3d& center, const Frame& 
                               by_direction);
         const Vector3d slope = Map<const Eigen::Vector3f>(by_direction).cast<double>();
         const Vector3d by_center = -(slope - unit * unit.dot(slope)) / distance;
-        Map<Eigen::Vector3f>(&(*slopes)[kShadingSlopes * i + 3 * static_cast<std::size_t>(c)]) =
-            by_center.cast<float>();
+        Map<Eigen::Vector3f> out(slopes->data() + kShadingSlopes * i +
+                                 3 * static_cast<std::size_t>(c));
+        out = by_center.cast<float>();
       }
     }
   });
