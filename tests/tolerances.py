@@ -258,8 +258,15 @@ SFM_REPEAT_DEGREES = 1e-6
 COMPACT_WEIGHTS = 2.6e-7
 COMPACT_SUMS = 1e-7  # relative: sums of some thousand floats in other orders; worst 1.8e-8
 COMPACT_SCORE = 1e-6  # relative: one formula in two orders of rounding
-# log det of Fisher matrices from 1800 random signs: 6 x sqrt(2 / 1800) = 0.2; worst 0.095
-COMPACT_FISHER = 0.19
+# Relative: double along rays that are stored as floats; worst 2.9e-9 and 1e-10
+COMPACT_HITS = 6e-9
+COMPACT_WINNER_POINT = 5e-7  # world units of about 1: a point in float; worst 2.7e-7
+COMPACT_WINNER = 1e-12  # two weights as equal as double can tell; worst 0
+# Relative: as above, squared derivatives; worst 4.0e-8
+COMPACT_FISHER = 8e-8
+COMPACT_LOG_DET = 1e-6  # of a determinant of 6 x 6 numbers as good as that; worst 4.8e-7
+# Relative: central differences without the cut-off at 1/255, which is worth 1e-3; worst 3.8e-4
+COMPACT_FISHER_DIFFERENCES = 7.6e-4
 # Image rms after merging pairs of equal Gaussians back; some merge with neighbours; worst 0.016
 COMPACT_DUPLICATES = 0.032
 COMPACT_INVARIANCE_DB = 1e-3  # what is promised; worst 8e-6

@@ -164,6 +164,24 @@ AdaptivePlan Plan(const py::object& params, std::int64_t size, const py::object&
   return PlanAdaptive(view, size, sum_data, count_data, options);
 }
 
+// Of the actions of each row, as numbers.
+AdaptivePlan PlanOf(const py::object& actions) {
+  const auto array = ReadArray<std::uint8_t>(actions, "actions", {kAny});
+  AdaptivePlan plan;
+  for (py::ssize_t i = 0; i < array.size(); ++i) {
+    const std::uint8_t action = array.data()[i];
+    if (action > static_cast<std::uint8_t>(AdaptiveAction::kSplit)) {
+      throw InputError("action " + std::to_string(action) +
+                       " is none of 0 (keep), 1 (prune), 2 (clone), 3 (split)");
+    }
+    plan.actions.push_back(static_cast<AdaptiveAction>(action));
+  }
+  plan.pruned = std::count(plan.actions.begin(), plan.actions.end(), AdaptiveAction::kPrune);
+  plan.cloned = std::count(plan.actions.begin(), plan.actions.end(), AdaptiveAction::kClone);
+  plan.split = std::count(plan.actions.begin(), plan.actions.end(), AdaptiveAction::kSplit);
+  return plan;
+}
+
 std::int64_t Apply(const py::object& params, const py::object& moment1, const py::object& moment2,
                    std::int64_t size, const AdaptivePlan& plan, std::uint64_t seed,
                    std::int64_t step) {
@@ -212,6 +230,7 @@ void BindOptimize(pybind11::module_& m) {
   m.def("mcmc_same_place", &SamePlace, py::arg("opacity"), py::arg("n"),
         "Opacity and scale factor of n copies at the same place.");
   py::class_<AdaptivePlan>(m, "AdaptivePlan", "What adaptive densification is going to do.")
+      .def(py::init(&PlanOf), py::arg("actions"))
       .def_readonly("pruned", &AdaptivePlan::pruned)
       .def_readonly("cloned", &AdaptivePlan::cloned)
       .def_readonly("split", &AdaptivePlan::split)

@@ -122,6 +122,30 @@ class BoundRenderer {
     return PoseGradient(dpose, motion_);
   }
 
+  // (winner (H, W) int32, point (H, W, 3) float32); significance (N,) grows.
+  py::tuple AddSignificance(const py::object& chosen, const py::object& significance) {
+    const auto* mask = OptionalData<std::uint8_t>(chosen, "chosen", {height_, width_});
+    double* sums = MutableData<double>(significance, "significance", {renderer_.frame().size});
+    py::array_t<std::int32_t> winner({height_, width_});
+    py::array_t<float> point({height_, width_, std::int64_t{3}});
+    {
+      std::int32_t* winner_data = winner.mutable_data();
+      float* point_data = point.mutable_data();
+      const py::gil_scoped_release release;
+      renderer_.AddSignificance(mask, sums, winner_data, point_data);
+    }
+    return py::make_tuple(winner, point);
+  }
+
+  // fisher (N, 21) grows.
+  void AddFisher(const py::object& chosen, const py::object& fisher) {
+    const auto* mask = OptionalData<std::uint8_t>(chosen, "chosen", {height_, width_});
+    double* sums =
+        MutableData<double>(fisher, "fisher", {renderer_.frame().size, Renderer::kFisherSums});
+    const py::gil_scoped_release release;
+    renderer_.AddFisher(mask, sums);
+  }
+
   // (params (K,), rays (H, W, 3)) of the last backward, or None if that was without the lens.
   py::object OfLens() const {
     if (!has_lens_) return py::none();
@@ -303,6 +327,9 @@ void BindRaster(py::module_& m) {
       .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("dalpha"),
            py::arg("ddepth"), py::arg("gradients"), py::arg("touched"), py::arg("write_untouched"),
            py::arg("with_poses") = true, py::arg("with_lens") = false)
+      .def("add_significance", &BoundRenderer::AddSignificance, py::arg("chosen"),
+           py::arg("significance"))
+      .def("add_fisher", &BoundRenderer::AddFisher, py::arg("chosen"), py::arg("fisher"))
       .def("lens_gradients", &BoundRenderer::OfLens)
       .def("distances", &BoundRenderer::Distances)
       .def("timings", &BoundRenderer::Timings)

@@ -18,14 +18,14 @@ import numpy as np
 
 import gsut
 from gsut._core import InputError
-from gsut.data.shutter import with_shutter
 from gsut.evaluate import evaluate as evaluate_scene
 from gsut.option_fields import given_options
 from gsut.options import TrainOptions
 from gsut.pictures import picture_stems, to_uint8, write_png, write_video
 from gsut.render_path import orbit_path, read_path, smooth_path
 from gsut.report_plots import ring_text
-from gsut.run_folder import ENVIRONMENT, METRICS, OPTIONS, REPORT, SCENE, RunFolder
+from gsut.run_folder import METRICS, OPTIONS, REPORT, RunFolder
+from gsut.trained_run import read_trained
 
 _VIDEO_SUFFIX = ".mp4"
 
@@ -174,27 +174,6 @@ def _train(
             f"stopped; this goes on from the last checkpoint: {again}"
         ) from None
     return run.read_json(METRICS)
-
-
-def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Any, Any]:
-    """Options, scene and Gaussians of a run."""
-    path = run.path / SCENE
-    if not path.is_file():
-        raise InputError(f"{path} is absent: the run is not finished; resume it")
-    options = run.read_options()
-    data = data or (run.read_json(ENVIRONMENT) or {}).get("dataset")
-    if data is None:
-        raise InputError(f"{run.path} does not say which dataset it was trained on; give --data")
-    if not os.path.exists(data):
-        raise InputError(f"the dataset {data} is not there any more; say where it is with --data")
-    scene = gsut.load_dataset(
-        data, test_every=options.test_every, test_names=options.test_names, scale=options.scale
-    )
-    if isinstance(scene, gsut.Scene):
-        scene = with_shutter(
-            scene, options.shutter, options.readout_time, options.readout_direction
-        )
-    return options, scene, gsut.load_ply(path)
 
 
 def _frames(

@@ -59,7 +59,7 @@ def compact(
             "ghap-paper": the publication's k-means; "lightgaussian", "pup": pruning by score.
         views: from `seen_views`; lightgaussian and pup need them, ghap and field weigh by opacity
             times size without them, ghap-paper does not look.
-        seed: of ghap-paper's start and pup's signs.
+        seed: of ghap-paper's start.
         on_view: called after each view.
 
     Returns:
@@ -90,7 +90,7 @@ def compact(
     if method == "lightgaussian":
         scores = lightgaussian_scores(g, views, on_view)
     else:
-        scores = pup_scores(g, views, on_view, seed=seed)
+        scores = pup_scores(g, views, on_view)
     # Stable: among equal scores the first rows stay.
     best = np.argsort(-scores, kind="stable")[:target]
     return Compaction(g[np.sort(best)], dropped)

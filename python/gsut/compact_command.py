@@ -124,10 +124,10 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
 
 
 def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
-    from gsut.commands import read_trained
     from gsut.compact_run import RunCompactor, write_compacted_run
     from gsut.progress import TrainingProgress
     from gsut.run_folder import METRICS, SCENE, RunFolder
+    from gsut.trained_run import read_trained
 
     source, target = RunFolder.open(arguments.source), RunFolder(arguments.out)
     target.refuse_run()  # before anything that takes long

@@ -18,9 +18,8 @@ _SH0 = 0.28209479177387814
 # LightGaussian: volumes count by (V / V of the 90th percentile) to this power, at most 1 before it.
 _VOLUME_POWER = 0.1
 _VOLUME_PERCENTILE = 90.0
-# Random signs drawn for each view's Fisher matrices, each on three colour channels.
-_FISHER_PROBES = 2
 _PARAMETERS = 6  # position and scale
+_UPPER = np.triu_indices(_PARAMETERS)
 # Added to the diagonal of a Fisher matrix, of its trace: what few pixels saw has no full rank.
 _FISHER_RIDGE = 1e-9
 
@@ -97,15 +96,36 @@ def _sums(grey: Gaussians, views: Sequence[SeenView], on_view: Callable[[], obje
     return sums
 
 
+def hit_sums(
+    gaussians: Gaussians,
+    views: Sequence[SeenView],
+    on_view: Callable[[], object] = lambda: None,
+) -> np.ndarray:
+    """Sum of opacity x transmittance in front over all valid pixels that draw a Gaussian.
+
+    Args:
+        gaussians: N Gaussians.
+        views: at least one.
+        on_view: called after each.
+
+    Returns:
+        (N,) float64, in pixels; 0 for what no valid pixel sees.
+    """
+    sums = np.zeros(len(gaussians))
+    passes = _Passes(_grey(gaussians, 0))
+    for view in _needed(views):
+        passes.render(view)
+        passes.significance(view.mask, sums)
+        on_view()
+    return sums
+
+
 def lightgaussian_scores(
     gaussians: Gaussians,
     views: Sequence[SeenView],
     on_view: Callable[[], object] = lambda: None,
 ) -> np.ndarray:
-    """LightGaussian's global significance: blend weights times (V / V_90%)^0.1.
-
-    The publication sums opacity x transmittance of the rays that hit; here each hit counts with its
-    response too (alpha x transmittance), which is what the ray really sees.
+    """LightGaussian's global significance: `hit_sums` times (V / V_90%)^0.1.
 
     Args:
         gaussians: N Gaussians.
@@ -122,54 +142,78 @@ def lightgaussian_scores(
         return log_volume
     volume = np.exp(log_volume - log_volume.max())  # in units of the largest
     relative = np.minimum(volume / np.percentile(volume, _VOLUME_PERCENTILE), 1.0)
-    return blend_weights(gaussians, views, on_view) * relative**_VOLUME_POWER
+    return hit_sums(gaussians, views, on_view) * relative**_VOLUME_POWER
+
+
+def fisher_matrices(
+    gaussians: Gaussians,
+    views: Sequence[SeenView],
+    on_view: Callable[[], object] = lambda: None,
+) -> np.ndarray:
+    """Each Gaussian's Fisher matrix over its position and scales: sum of J J^T.
+
+    Args:
+        gaussians: N Gaussians.
+        views: at least one.
+        on_view: called after each.
+
+    Returns:
+        (N, 6, 6) float64: the sum over valid pixels of all views and their channels, J being the
+        channel's derivative to the mean (world axes) and the three scales (world units). Twice it
+        is the Hessian of the squared error where the error itself is 0.
+    """
+    sums = np.zeros((len(gaussians), _UPPER[0].size))
+    passes = _Passes(gaussians)
+    for view in _needed(views):
+        passes.render(view)
+        passes.fisher(view.mask, sums)
+        on_view()
+    fisher = np.zeros((len(gaussians), _PARAMETERS, _PARAMETERS))
+    fisher[:, _UPPER[0], _UPPER[1]] = sums
+    fisher[:, _UPPER[1], _UPPER[0]] = sums
+    return fisher
 
 
 def pup_scores(
     gaussians: Gaussians,
     views: Sequence[SeenView],
     on_view: Callable[[], object] = lambda: None,
-    *,
-    seed: int = 0,
 ) -> np.ndarray:
     """PUP-3DGS' sensitivity: log det of each Gaussian's Fisher matrix over position and scale.
-
-    The Fisher matrix is the sum over pixels and channels of J J^T, J the pixel's gradient to the
-    six parameters. The backward pass gives sums of J only; with a random sign at each pixel and
-    channel the square of such a sum has the Fisher matrix as its mean (Hutchinson), so two of them
-    a view are added up over all views.
 
     Args:
         gaussians: N Gaussians.
         views: at least one.
         on_view: called after each.
-        seed: of the signs.
 
     Returns:
         (N,) float64; the lowest are pruned; -inf for what no pixel sees.
 
     Source: Hanson et al., "PUP 3D-GS", CVPR 2025.
     """
-    rng = np.random.default_rng(seed)
-    n = len(gaussians)
-    fisher = np.zeros((n, _PARAMETERS, _PARAMETERS))
-    scales = np.exp(gaussians.log_scales.astype(np.float64))
-    passes = _Passes(gaussians)
-    for view in _needed(views):
-        passes.render(view)
-        for _ in range(_FISHER_PROBES):
-            signs = rng.integers(0, 2, (*view.mask.shape, 3), dtype=np.int8) * 2 - 1
-            gradient = passes.backward((signs * view.mask[..., None]).astype(np.float32))
-            j = np.concatenate([gradient.means, gradient.log_scales / scales], axis=1)
-            seen = np.flatnonzero(passes.touched)
-            fisher[seen] += j[seen, :, None] * j[seen, None, :]
-        on_view()
+    fisher = fisher_matrices(gaussians, views, on_view)
     trace = np.trace(fisher, axis1=1, axis2=2)
-    scores = np.full(n, -np.inf)
+    scores = np.full(len(gaussians), -np.inf)
     seen = np.flatnonzero(trace > 0)
     scaled = fisher[seen] / trace[seen, None, None] + _FISHER_RIDGE * np.eye(_PARAMETERS)
     scores[seen] = np.linalg.slogdet(scaled)[1] + _PARAMETERS * np.log(trace[seen])
     return scores
+
+
+def strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np.ndarray]:
+    """The Gaussian with the largest blend weight at each pixel of a view.
+
+    Args:
+        gaussians: N Gaussians.
+        view: whose valid pixels are looked at.
+
+    Returns:
+        (H, W) int32, the Gaussian's number, -1 where there is none, and (H, W, 3) float32, the
+        point of the pixel's ray that is nearest to the Gaussian's centre, in the world.
+    """
+    passes = _Passes(_grey(gaussians, 0))
+    passes.render(view)
+    return passes.significance(view.mask, np.zeros(len(gaussians)))
 
 
 class _Passes:
@@ -203,6 +247,14 @@ class _Passes:
     def backward(self, dimage: np.ndarray) -> Gaussians:
         self._renderer.backward(dimage, None, None, self._gradients, self.touched, True)
         return self._gradients
+
+    def significance(self, mask: np.ndarray, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Adds to sums (N,); each pixel's strongest Gaussian (-1: none) and where."""
+        return self._renderer.add_significance(mask.view(np.uint8), sums)
+
+    def fisher(self, mask: np.ndarray, sums: np.ndarray) -> None:
+        """Adds to sums (N, 21): the upper triangles."""
+        self._renderer.add_fisher(mask.view(np.uint8), sums)
 
 
 def _grey(gaussians: Gaussians, degree: int) -> Gaussians:

@@ -31,23 +31,43 @@ def mean_psnr(
         renderer: a `_core.Renderer` whose buffers are used; None: a new one.
     """
     renderer = _core.Renderer() if renderer is None else renderer
-    rule, values = _core.BlendRule(), []
+    values = []
     for index in indices:
-        camera = scene.camera(index)
-        image = np.zeros((camera.height, camera.width, 3), np.float32)
-        renderer.render(
-            gaussians,
-            camera,
-            scene.views[index].motion,
-            rule,
-            background,
-            gaussians.sh_degree,
-            DEFAULT_UNSCENTED,
-            image,
-            None,
-            None,
-            False,
-        )
+        image = view_image(scene, gaussians, index, background, renderer)
         truth = scene.image(index).astype(np.float32) / np.float32(255)
         values.append(psnr(np.clip(image, 0.0, 1.0), truth, scene.mask(index)))
     return float(np.mean(values))
+
+
+def view_image(
+    scene: Scene,
+    gaussians: Gaussians,
+    index: int,
+    background: tuple[float, float, float],
+    renderer: Any,
+) -> np.ndarray:
+    """The image of one view, (H, W, 3) float32; nothing is kept for a backward pass.
+
+    Args:
+        scene: at the resolution to render at.
+        gaussians: float32.
+        index: of the view.
+        background: colour behind everything.
+        renderer: a `_core.Renderer`.
+    """
+    camera = scene.camera(index)
+    image = np.zeros((camera.height, camera.width, 3), np.float32)
+    renderer.render(
+        gaussians,
+        camera,
+        scene.views[index].motion,
+        _core.BlendRule(),
+        background,
+        gaussians.sh_degree,
+        DEFAULT_UNSCENTED,
+        image,
+        None,
+        None,
+        False,
+    )
+    return image

@@ -32,9 +32,9 @@ def add_localize_flags(parser: argparse.ArgumentParser) -> None:
 def localize(arguments: argparse.Namespace) -> int:
     """`gsut localize IMAGE --run RUN`."""
     import gsut
-    from gsut.commands import read_trained
     from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mask
     from gsut.run_folder import RunFolder
+    from gsut.trained_run import read_trained
 
     path = Path(arguments.image)
     pixels, alpha = decode_image(path)

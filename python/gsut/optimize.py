@@ -10,9 +10,10 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import Gaussians
+from gsut.optimizer_arrays import FIELDS, grown, mask
 
-_FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 _GROWTH = 1.5  # of the capacity, when it has to grow
+_PRUNE, _SPLIT = 1, 3  # actions of an adaptive plan
 _LARGEST_LOGIT = 80.0  # exp of it still fits float32
 
 
@@ -99,9 +100,9 @@ class GaussianOptimizer:
         self.seed = seed
         self.beta1, self.beta2, self.epsilon = beta1, beta2, epsilon
         self._size = size
-        self._params = _grown(gaussians.astype(np.float32), size, capacity)
-        self._moment1 = _grown(self._params, 0, capacity)
-        self._moment2 = _grown(self._params, 0, capacity)
+        self._params = grown(gaussians.astype(np.float32), size, capacity)
+        self._moment1 = grown(self._params, 0, capacity)
+        self._moment2 = grown(self._params, 0, capacity)
         self._reset_statistics()
 
     @property
@@ -143,22 +144,22 @@ class GaussianOptimizer:
         if active_sh_degree is not None:
             coefficients = min(coefficients, (active_sh_degree + 1) ** 2)
         sh_rates = [rates.sh0] * 3 + [rates.sh_rest] * (3 * (coefficients - 1))
-        gradients = [np.ascontiguousarray(getattr(grads, name), np.float32) for name in _FIELDS]
-        for name, gradient in zip(_FIELDS, gradients, strict=True):
+        gradients = [np.ascontiguousarray(getattr(grads, name), np.float32) for name in FIELDS]
+        for name, gradient in zip(FIELDS, gradients, strict=True):
             expected = getattr(self.gaussians, name).shape
             if gradient.shape != expected:
                 raise InputError(
                     f"gradient of {name} must have shape {expected}, found {gradient.shape}"
                 )
         _core.adam_step(
-            [getattr(self._params, name) for name in _FIELDS],
+            [getattr(self._params, name) for name in FIELDS],
             gradients,
-            [getattr(self._moment1, name) for name in _FIELDS],
-            [getattr(self._moment2, name) for name in _FIELDS],
-            [*([getattr(rates, name)] for name in _FIELDS[:-1]), sh_rates],
+            [getattr(self._moment1, name) for name in FIELDS],
+            [getattr(self._moment2, name) for name in FIELDS],
+            [*([getattr(rates, name)] for name in FIELDS[:-1]), sh_rates],
             self.steps + 1,
             self._size,
-            _mask(visible),
+            mask(visible),
             [3, 4, 3, 1, 3 * coefficients],
             self.beta1,
             self.beta2,
@@ -207,7 +208,7 @@ class GaussianOptimizer:
         _core.accumulate_density(
             np.ascontiguousarray(grad_means, np.float32),
             np.ascontiguousarray(distances, np.float32),
-            _mask(visible),
+            mask(visible),
             self.gradient_max,
             self.gradient_sum,
             self.seen,
@@ -299,12 +300,23 @@ class GaussianOptimizer:
             max_scale,
             0 if max_gaussians is None else max_gaussians,
         )
-        self._reserve(plan.size_after)
-        self._size = _core.apply_adaptive(
-            self._params, self._moment1, self._moment2, n, plan, self.seed, self.steps
-        )
-        self._reset_statistics()
-        return AdaptiveCounts(self._size, plan.pruned, plan.cloned, plan.split)
+        return self._apply(plan)
+
+    def split_and_prune(self, split: np.ndarray, prune: np.ndarray) -> AdaptiveCounts:
+        """Splits chosen Gaussians in two as densify_adaptive does, and prunes others.
+
+        Args:
+            split: (N,) bool.
+            prune: (N,) bool; these go, even if they were to be split. The others keep their order.
+        """
+        actions = np.where(prune, _PRUNE, np.where(split, _SPLIT, 0)).astype(np.uint8)
+        return self._apply(_core.AdaptivePlan(actions))
+
+    def restarted(self, gaussians: Gaussians) -> GaussianOptimizer:
+        """An optimizer of other Gaussians, with moments of 0, that goes on counting steps."""
+        new = GaussianOptimizer(gaussians, seed=self.seed)
+        new.steps = self.steps
+        return new
 
     def reset_opacities(self, max_opacity: float = 0.01) -> None:
         """Lowers all opacities to at most max_opacity and zeroes their moments (3DGS)."""
@@ -315,7 +327,7 @@ class GaussianOptimizer:
         state = {
             f"{prefix}.{name}": getattr(arrays, name)[: self._size].copy()
             for prefix, arrays in self._array_sets()
-            for name in _FIELDS
+            for name in FIELDS
         }
         for name in ("gradient_max", "gradient_sum", "seen"):
             state[name] = getattr(self, name).copy()
@@ -332,10 +344,10 @@ class GaussianOptimizer:
         """
         loaded = {}
         for prefix, _ in self._array_sets():
-            missing = [name for name in _FIELDS if f"{prefix}.{name}" not in state]
+            missing = [name for name in FIELDS if f"{prefix}.{name}" not in state]
             if missing:
                 raise InputError(f"the optimizer state has no {prefix}.{missing[0]}")
-            loaded[prefix] = Gaussians(*(state[f"{prefix}.{name}"] for name in _FIELDS))
+            loaded[prefix] = Gaussians(*(state[f"{prefix}.{name}"] for name in FIELDS))
         for name in ("gradient_max", "gradient_sum", "seen", "steps", "seed", "adam"):
             if name not in state:
                 raise InputError(f"the optimizer state has no {name}")
@@ -347,9 +359,9 @@ class GaussianOptimizer:
             )
         (size,) = sizes
         capacity = max(self.capacity, size)
-        self._params = _grown(loaded["params"], size, capacity)
-        self._moment1 = _grown(loaded["moment1"], size, capacity)
-        self._moment2 = _grown(loaded["moment2"], size, capacity)
+        self._params = grown(loaded["params"], size, capacity)
+        self._moment1 = grown(loaded["moment1"], size, capacity)
+        self._moment2 = grown(loaded["moment2"], size, capacity)
         self._size = size
         self.gradient_max = np.array(state["gradient_max"], np.float32)
         self.gradient_sum = np.array(state["gradient_sum"], np.float32)
@@ -371,28 +383,18 @@ class GaussianOptimizer:
         self.gradient_sum = np.zeros(self._size, np.float32)
         self.seen = np.zeros(self._size, np.int32)
 
+    def _apply(self, plan: Any) -> AdaptiveCounts:
+        self._reserve(plan.size_after)
+        self._size = _core.apply_adaptive(
+            self._params, self._moment1, self._moment2, self._size, plan, self.seed, self.steps
+        )
+        self._reset_statistics()
+        return AdaptiveCounts(self._size, plan.pruned, plan.cloned, plan.split)
+
     def _reserve(self, rows: int) -> None:
         if rows <= self.capacity:
             return
         capacity = max(rows, int(_GROWTH * self.capacity))
-        self._params = _grown(self._params, self._size, capacity)
-        self._moment1 = _grown(self._moment1, self._size, capacity)
-        self._moment2 = _grown(self._moment2, self._size, capacity)
-
-
-def _grown(arrays: Gaussians, size: int, capacity: int) -> Gaussians:
-    """New float32 arrays of `capacity` rows: the first `size` copied, the others 0."""
-    grown = []
-    for name in _FIELDS:
-        old = getattr(arrays, name)
-        new = np.zeros((capacity, *old.shape[1:]), np.float32)
-        new[:size] = old[:size]
-        grown.append(new)
-    return Gaussians(*grown)
-
-
-def _mask(visible: np.ndarray | None) -> np.ndarray | None:
-    if visible is None:
-        return None
-    visible = np.ascontiguousarray(visible)
-    return visible.view(np.uint8) if visible.dtype.itemsize == 1 else (visible != 0).view(np.uint8)
+        self._params = grown(self._params, self._size, capacity)
+        self._moment1 = grown(self._moment1, self._size, capacity)
+        self._moment2 = grown(self._moment2, self._size, capacity)

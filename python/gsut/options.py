@@ -197,7 +197,8 @@ class TrainOptions:
 
     strategy: str = option(
         "mcmc", "Densification", "mcmc: relocation, with a cap; adaptive: clone, split and prune "
-        "by gradient", choices=("mcmc", "adaptive"),
+        "by gradient; mini: Mini-Splatting's, which overgrows and samples",
+        choices=("mcmc", "adaptive", "mini"),
     )
     densify_from: float = option(
         0.05, "Densification", "first densification", unit="fraction of steps", low=0.0, high=1.0)

@@ -24,6 +24,7 @@ from gsut.gaussians import Gaussians
 from gsut.growth import GrowthLimit
 from gsut.held_out import mean_psnr
 from gsut.low_pass import filter_radii, low_pass, low_pass_backward
+from gsut.mini_splatting import densify_mini
 from gsut.optimize import GaussianOptimizer, LearningRates
 from gsut.options import TrainOptions
 from gsut.progress import TrainingProgress
@@ -307,6 +308,10 @@ class TrainingLoop:
         if o.strategy == "mcmc":
             self.optimizer.densify_mcmc(self._target_size(fraction), dead_opacity=o.dead_opacity)
             return
+        if o.strategy == "mini":
+            scene, extent = self.pyramid.at(fraction).scene, self.scene.extent
+            self.optimizer = densify_mini(self.optimizer, scene, o, self.step, extent)
+            return
         self.optimizer.densify_adaptive(
             clone_scale=_CLONE_SCALE * self.scene.extent,
             max_scale=_PRUNE_SCALE * self.scene.extent,
@@ -351,9 +356,7 @@ class TrainingLoop:
         """Fewer Gaussians from here on, seen through the training views, with new moments."""
         o, views = self.options, seen_views(self.scene, self.scene.train_indices)
         reduced = compact(self.gaussians, o.keep, method=o.compact_method, views=views, seed=o.seed)
-        steps = self.optimizer.steps
-        self.optimizer = GaussianOptimizer(reduced.gaussians, seed=o.seed)
-        self.optimizer.steps = steps
+        self.optimizer = self.optimizer.restarted(reduced.gaussians)
 
     def _held_out_psnr(self) -> float:
         test = self.scene.test_indices

@@ -61,6 +61,7 @@ PYTHON_GROUPS: dict[str, set[str]] = {
             "low_pass",
             "metrics",
             "optimize",
+            "optimizer_arrays",
             "projection",
         ),
         *("render", "seeding"),
@@ -76,16 +77,8 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "scene tools": {"demo_scene*", "doctor", "render_path"},
     "compaction": {"compact", "compact_harmonics", "compact_scores"},
     "training": {
-        *(
-            "calibration_weights",
-            "compact_run",
-            "evaluate",
-            "finetune",
-            "first_gaussians",
-            "growth",
-            "held_out",
-        ),
-        *("pyramid", "refine", "train"),
+        *("calibration_weights", "compact_run", "evaluate", "finetune", "first_gaussians"),
+        *("growth", "held_out", "mini_splatting", "pyramid", "refine", "train", "trained_run"),
     },
     "benchmarks": {"bench", "bench.*"},
     "command line": {

@@ -54,3 +54,42 @@ def test_bench_compact_refuses_wrong_options():
         CompactBenchOptions(["run"], keeps=[0.0])
     with pytest.raises(InputError, match="--finetune must be at least 1"):
         CompactBenchOptions(["run"], finetune=0)
+
+
+def test_bench_compact_goes_on_where_it_stopped(run, tmp_path):
+    options = CompactBenchOptions([str(run)], ["ghap", "field"], [0.5], finetune=2, rival=False)
+    written = []
+    rows = compact_bench(options, on_row=lambda rows: written.append([dict(row) for row in rows]))
+    again = compact_bench(options, on_row=lambda rows: written.append(rows), done=written[1])
+    assert [row["method"] for row in again] == ["whole", "ghap", "field"]
+    assert again[:2] == rows[:2]  # with their seconds, so they were not made again
+    assert again[2]["tuned"]["psnr"] == rows[2]["tuned"]["psnr"]
+
+
+def test_bench_compact_trains_its_starts_once(run, tmp_path, capsys):
+    data = run.parent / "data"
+    words = [str(data), "--start", "mcmc,adc,lean", "--folder", str(tmp_path), "--cap", "150"]
+    words += ["--start-steps", "40", "--lean", "60", "--methods", "ghap", "--keep", "0.5"]
+    words += ["--finetune", "2", "--no-rival", "--json", str(tmp_path / "rows.json"), "--resume"]
+    assert main(["bench", "compact", *words]) == 0
+    rows = json.loads((tmp_path / "rows.json").read_text())
+    assert [(row["start"], row["method"]) for row in rows] == [
+        (start, method) for start in ("mcmc", "adc", "lean") for method in ("whole", "ghap")
+    ]
+    counts = {row["start"]: row["num_gaussians"] for row in rows if row["method"] == "whole"}
+    assert (counts["mcmc"], counts["lean"]) == (150, 60)
+    trained = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/scene.ply")}
+    assert len(trained) == 3
+    assert main(["bench", "compact", *words]) == 0
+    assert trained == {path: path.stat().st_mtime_ns for path in trained}
+    assert json.loads((tmp_path / "rows.json").read_text()) == rows
+    capsys.readouterr()
+    assert main(["bench", "compact", *words, "--start-steps", "50"]) != 0
+    assert "other options" in capsys.readouterr().err
+
+
+def test_bench_compact_refuses_starts_without_a_folder():
+    with pytest.raises(InputError, match="--start and --folder go together"):
+        CompactBenchOptions(["data"], starts=["mcmc"])
+    with pytest.raises(InputError, match="known: mcmc, adc, lean"):
+        CompactBenchOptions(["data"], starts=["best"], folder="runs")

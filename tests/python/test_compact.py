@@ -1,6 +1,7 @@
 """Compaction: scores seen through lenses, methods, bad input, invariance, determinism."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -14,8 +15,11 @@ from gsut.compact_scores import (
     SeenView,
     basis_sums,
     blend_weights,
+    fisher_matrices,
+    hit_sums,
     lightgaussian_scores,
     pup_scores,
+    strongest,
 )
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
 
@@ -82,43 +86,150 @@ def test_blend_weights_of_masked_pixels_do_not_count(scene, views):
     assert np.linalg.norm(parts - whole) < tolerances.COMPACT_WEIGHTS * np.linalg.norm(whole)
 
 
-def test_lightgaussian_scores_are_weights_times_a_power_of_volume(scene, views):
+def blended_by_hand(g, view):
+    """(pixels, N) alpha and transmittance in front, 0 where not drawn, in plain numpy."""
+    rays, valid = view.camera.rays()
+    pose = np.asarray(view.camera_from_world)
+    rays = np.asarray(rays)[np.asarray(valid, bool) & view.mask] @ pose[:3, :3]
+    means = g.means.astype(float) + pose[:3, :3].T @ pose[:3, 3]
+    depth = (means @ pose[:3, :3].T)[:, 2]
+    alphas = np.zeros((len(rays), len(g)))
+    for i in range(len(g)):
+        w, x, y, z = g.quats[i].astype(float) / np.linalg.norm(g.quats[i].astype(float))
+        axes = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        whiten = axes.T / np.exp(g.log_scales[i].astype(float))[:, None]
+        ray, mean = rays @ whiten.T, whiten @ means[i]
+        along = ray @ mean / np.sum(ray**2, axis=1)
+        square = np.sum((mean - along[:, None] * ray) ** 2, axis=1)
+        alpha = np.minimum(0.99, np.exp(-square / 2) / (1 + np.exp(-float(g.opacity_logits[i]))))
+        alphas[:, i] = np.where((along > 0) & (alpha >= 1 / 255), alpha, 0.0)
+    rule = _core.BlendRule()
+    alphas[:, (depth < rule.near_z) | (depth > rule.far_z)] = 0.0
+    order = np.argsort(np.linalg.norm(means, axis=1).astype(np.float32), kind="stable")
+    front = np.cumprod(1 - alphas[:, order], axis=1)
+    transmittance = np.empty_like(alphas)
+    transmittance[:, order] = np.concatenate([np.ones((len(rays), 1)), front[:, :-1]], axis=1)
+    drawn = (alphas > 0) & (transmittance >= rule.transmittance_min)
+    return np.where(drawn, alphas, 0.0), np.where(drawn, transmittance, 0.0)
+
+
+def test_hit_sums_are_opacity_times_transmittance_of_the_rays_that_hit(scene, views):
+    opacity = 1 / (1 + np.exp(-scene.opacity_logits.astype(float)))
+    expected = sum(blended_by_hand(scene, view)[1].sum(axis=0) for view in views) * opacity
+    assert np.count_nonzero(expected) > COUNT / 2
+    found = hit_sums(scene, views)
+    # A pixel at a Gaussian's cut-off counts in one and not in the other.
+    error = np.linalg.norm(found - expected) / np.linalg.norm(expected)
+    assert error < tolerances.COMPACT_HITS
+    assert np.all(found >= blend_weights(scene, views) * (1 - 1e-4) - 1e-3)
+
+
+def test_lightgaussian_scores_are_hits_times_a_power_of_volume(scene, views):
     volume = np.exp(scene.log_scales.astype(np.float64).sum(axis=1))
     factor = np.minimum(volume / np.percentile(volume, 90), 1.0) ** 0.1
-    expected = blend_weights(scene, views) * factor
+    expected = hit_sums(scene, views) * factor
     np.testing.assert_allclose(
         lightgaussian_scores(scene, views), expected, rtol=tolerances.COMPACT_SCORE, atol=1e-12
     )
 
 
-def test_pup_scores_agree_with_fisher_matrices_pixel_by_pixel(rng):
-    """From three places: seen from one, size and distance cannot be told apart."""
-    camera, size = pinhole(12), 12
-    poses = []
+def test_winners_have_the_largest_blend_weight_of_their_pixels(scene, views):
+    for view in views:
+        winner, point = strongest(scene, view)
+        alpha, transmittance = blended_by_hand(scene, view)
+        weights = alpha * transmittance
+        chosen = view.mask & np.asarray(view.camera.rays()[1], bool)
+        assert np.all(winner[~chosen] == -1)
+        of_winner = np.where(
+            winner[chosen] >= 0, weights[np.arange(len(weights)), winner[chosen]], 0.0
+        )
+        # Of two equally strong ones either may win.
+        assert np.all(of_winner >= weights.max(axis=1) - tolerances.COMPACT_WINNER)
+        seen = winner >= 0
+        # The point lies on the pixel's ray, as near to the mean as the ray comes.
+        pose = view.camera_from_world
+        rays = np.asarray(view.camera.rays()[0])[seen] @ pose[:3, :3]
+        from_center = point[seen] + pose[:3, :3].T @ pose[:3, 3]
+        off = np.linalg.norm(np.cross(rays, from_center), axis=1)
+        assert off.max() < tolerances.COMPACT_WINNER_POINT
+        largest = np.exp(scene.log_scales[winner[seen]].max(axis=1))
+        assert np.all(np.linalg.norm(point[seen] - scene.means[winner[seen]], axis=1) < 4 * largest)
+        assert np.all(point[~seen] == 0)
+
+
+def three_places(size):
+    """Seen from one place, size and distance cannot be told apart."""
+    camera, poses = pinhole(size), []
     for place in ((0.0, 0.0), (0.8, 0.0), (0.0, 0.8)):
         pose = np.eye(4)
         pose[:2, 3] = place
         poses.append(pose)
+    return [SeenView(camera, pose, np.ones((size, size), bool)) for pose in poses]
+
+
+def test_fisher_matrices_agree_with_gradients_pixel_by_pixel(rng):
+    size = 12
+    views = three_places(size)
     g = gaussians_in_view(
-        rng, camera, poses[0], 3, distances=(2.0, 3.0), sizes=(0.2, 0.3), opacity=1.0
-    )
+        rng, views[0].camera, views[0].camera_from_world, 3,
+        distances=(2.0, 3.0), sizes=(0.2, 0.3), opacity=1.0,
+    )  # fmt: skip
     double = g.astype(np.float64)
     scales = np.exp(double.log_scales)
-    fisher = np.zeros((3, 6, 6))
-    for pose in poses:
-        result = gsut.render(double, camera, pose, dtype="float64")
+    expected = np.zeros((3, 6, 6))
+    for view in views:
+        result = gsut.render(double, view.camera, view.camera_from_world, dtype="float64")
         for pixel in np.ndindex(size, size, 3):
             dimage = np.zeros((size, size, 3))
             dimage[pixel] = 1.0
             gradient = gsut.render_backward(result, dimage).gaussians
             j = np.concatenate([gradient.means, gradient.log_scales / scales], axis=1)
-            fisher += j[:, :, None] * j[:, None, :]
-    expected = np.linalg.slogdet(fisher)[1]
-    # Many views of the same kind: the mean over the random signs.
-    views = [SeenView(camera, pose, np.ones((size, size), bool)) for pose in poses]
-    repeats = 300
-    found = pup_scores(g, views * repeats) - 6 * np.log(2 * repeats)
-    assert np.abs(found - expected).max() < tolerances.COMPACT_FISHER
+            expected += j[:, :, None] * j[:, None, :]
+    found = fisher_matrices(g, views)
+    error = np.linalg.norm(found - expected, axis=(1, 2)) / np.linalg.norm(expected, axis=(1, 2))
+    assert error.max() < tolerances.COMPACT_FISHER
+    scores = np.linalg.slogdet(expected)[1]
+    assert np.abs(pup_scores(g, views) - scores).max() < tolerances.COMPACT_LOG_DET
+
+
+def test_fisher_matrices_agree_with_central_differences(rng):
+    """Of the double reference's images, by moving each position and stretching each scale."""
+    views, step = three_places(10), 1e-4
+    g = gaussians_in_view(
+        rng, views[0].camera, views[0].camera_from_world, 2,
+        distances=(2.0, 3.0), sizes=(0.3, 0.4), opacity=1.0, sh_degree=1,
+    )  # fmt: skip
+    double = g.astype(np.float64)
+    uncut = _core.BlendRule()
+    uncut.alpha_min = 1e-9  # a pixel that crosses the cut-off would be a jump
+    expected = np.zeros((2, 6, 6))
+    for i, view in itertools.product(range(2), views):
+        jacobian = []
+        for parameter in range(6):
+            images = []
+            for sign in (1, -1):
+                moved = double.copy()
+                if parameter < 3:
+                    moved.means[i, parameter] += sign * step
+                else:
+                    scale = np.exp(moved.log_scales[i, parameter - 3])
+                    moved.log_scales[i, parameter - 3] = np.log(scale + sign * step)
+                pose = view.camera_from_world
+                images.append(
+                    gsut.render(moved, view.camera, pose, dtype="float64", blend=uncut).image
+                )
+            jacobian.append((images[0] - images[1]).ravel() / (2 * step))
+        expected[i] += np.array(jacobian) @ np.array(jacobian).T
+    found = fisher_matrices(g, views)
+    # What lies beyond alpha = 1 / 255 is in one and not in the other.
+    error = np.linalg.norm(found - expected, axis=(1, 2)) / np.linalg.norm(expected, axis=(1, 2))
+    assert error.max() < tolerances.COMPACT_FISHER_DIFFERENCES
 
 
 def test_pup_scores_of_what_is_not_seen_are_the_least(scene, views):
@@ -339,6 +450,22 @@ def test_drop_harmonics_that_nobody_needs_makes_the_array_narrow(scene, views):
     lowered = drop_harmonics(flat, views, lambda g: 30.0, 0.0)
     assert lowered.gaussians.sh.shape == (COUNT, 1, 3)
     assert lowered.gaussians.sh.tobytes() == np.ascontiguousarray(flat.sh[:, :1]).tobytes()
+
+
+def test_hit_sums_behind_a_rolling_shutter_that_stands_still_are_the_same(scene, views):
+    """The same rays by two kinds of tiles."""
+    pose = views[0].camera_from_world
+    almost = pose.copy()
+    almost[0, 3] += 1e-9
+    still = gsut.CameraMotion(pose, almost, gsut.Shutter("top_to_bottom"))
+    moving = dataclasses.replace(views[0], camera_from_world=still)
+    for function, bound in (
+        (hit_sums, tolerances.COMPACT_HITS),
+        (fisher_matrices, tolerances.COMPACT_FISHER),
+    ):
+        expected = function(scene, [views[0]])
+        error = np.linalg.norm(function(scene, [moving]) - expected) / np.linalg.norm(expected)
+        assert error < bound
 
 
 def test_blend_weights_behind_a_rolling_shutter_add_up_to_alpha(scene, views):

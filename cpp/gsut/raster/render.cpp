@@ -1,6 +1,7 @@
 // The stages of a frame, one after the other.
 #include "gsut/raster/render.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -42,7 +43,6 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   if (grid_->too_wide) throw InputError(kTooWide);
   Stopwatch watch;
   FillTask(gaussians, motion.start, settings, options);
-  rendered_pose_ = motion.start;
   const FootprintRule footprint = {settings.rule.alpha_min, settings.rule.response_min};
   Project(gaussians, camera, motion.start, options.unscented, footprint, &splats_);
   timings_.push_back(watch.Lap("project"));
@@ -65,6 +65,9 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
 void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Pose& camera_from_world,
                         const RenderSettings& settings, const TiledOptions& options) {
   task_.gaussians = gaussians;
+  reference_ = camera_from_world;
+  rule_ = settings.rule;
+  std::copy_n(settings.background, 3, background_);
   task_.view = MakeViewFloats(camera_from_world);
   task_.log2_alpha_min = static_cast<float>(std::log2(settings.rule.alpha_min));
   task_.max_cutoff = settings.rule.response_min > 0.0

@@ -20,6 +20,8 @@
 
 namespace gsut {
 
+struct WalkScene;
+
 struct TiledOptions {
   UnscentedOptions unscented;
   bool with_depth = true;
@@ -52,12 +54,24 @@ class Renderer {
                 const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose,
                 RayGradients* rays = nullptr);
 
-  // Derivatives of the colours of pixels (row-major indices) of the last Render, which was made with
-  // keep_for_backward through a lens with one centre and a global shutter: by_center (count, 3, 3),
-  // colour by the camera's centre, world axes, the change of shading included; by_ray (count, 3,
-  // 3), colour by the pixel's unit ray, across it, camera axes. Forward mode, exact as Backward is.
-  // A pixel without a ray has zeros.
+  // Derivatives of the colours of pixels (row-major indices) of the last Render, which was made
+  // with keep_for_backward through a lens with one centre and a global shutter: by_center (count,
+  // 3, 3), colour by the camera's centre, world axes, the change of shading included; by_ray
+  // (count, 3, 3), colour by the pixel's unit ray, across it, camera axes. Forward mode, exact as
+  // Backward is. A pixel without a ray has zeros.
   void Jacobian(std::span<const std::uint32_t> pixels, double* by_center, double* by_ray);
+  // What the last kept render's pixels see of each Gaussian, in double along the same rays; chosen
+  // (H, W): pixels with 0 are left out, null: all with a ray. The same bits on any threads.
+  // significance (N) grows by the sum over the pixels that draw it of opacity x transmittance in
+  // front of it. winner (H, W): the Gaussian with the largest blend weight, -1 where there is none;
+  // point (H, W, 3): where the ray is nearest to that Gaussian's centre, world axes; else 0.
+  void AddSignificance(const std::uint8_t* chosen, double* significance, std::int32_t* winner,
+                       float* point) const;
+  // fisher (N, 21) grows by the sum over pixels and channels of J J^T, its upper triangle row by
+  // row; J: derivative of the channel to the mean (world axes) and to the three scales (world
+  // units), in this order.
+  static constexpr int kFisherSums = 21;
+  void AddFisher(const std::uint8_t* chosen, double* fisher) const;
 
   // Times of the last calls' stages, in order: "project", "records", "bin", "forward", "backward",
   // "gradients".
@@ -80,6 +94,7 @@ class Renderer {
   void BackwardLines(const ImageGradients& image_gradients, bool write_untouched,
                      const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose,
                      RayGradients* rays);
+  WalkScene LastScene() const;
   // From the kernels' gradients to a tile's lines to those of its pixels' rays.
   void ToRays(int tile, const float* to_lines, const float* ddepth, RayGradients* rays) const;
   // The same for rays that start at one point: to_rays, the gradients to their s and t.
@@ -91,8 +106,10 @@ class Renderer {
   std::shared_ptr<const LineGrid> lines_;  // null: rays from one point, `grid_` is used
   std::unique_ptr<Camera> camera_;         // of the last render of lines
   CameraMotion motion_;
-  Pose rendered_pose_;                   // of the last render of rays from one point
   AlignedVector<float> shading_slopes_;  // of Jacobian
+  Pose reference_;  // camera_from_world of the rays' reference, and the rule, of the last render
+  BlendRule rule_;
+  double background_[3] = {0, 0, 0};
   Splats splats_;
   Frame frame_;
   bool rendered_ = false;

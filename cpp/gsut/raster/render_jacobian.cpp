@@ -77,9 +77,9 @@ void Renderer::Jacobian(std::span<const std::uint32_t> pixels, double* by_center
   for (std::size_t i = 0; i < pixels.size(); ++i) {
     places[next[tile_of(pixels[i])]++] = static_cast<std::uint32_t>(i);
   }
-  const Matrix3d rotation = rendered_pose_.rotation;
+  const Matrix3d rotation = reference_.rotation;
   const bool shaded = task_.sh_degree > 0;
-  if (shaded) ShadingSlopes(task_, rendered_pose_.CenterInSource(), frame_, &shading_slopes_);
+  if (shaded) ShadingSlopes(task_, reference_.CenterInSource(), frame_, &shading_slopes_);
   ParallelFor(grid_->num_tiles(), 1, [&](std::int64_t tile, std::int64_t) {
     const std::uint32_t begin = first[static_cast<std::size_t>(tile)];
     const std::uint32_t end = first[static_cast<std::size_t>(tile) + 1];

@@ -156,7 +156,24 @@ def _add_compact(benchmarks: Any) -> None:
         description="Compacts finished runs with every method, with and without fine-tuning, and "
         "trains a model with as many Gaussians from the start in the same total time.",
     )
-    parser.add_argument("runs", metavar="RUN", nargs="+", help="finished runs of gsut train")
+    parser.add_argument(
+        "runs", metavar="RUN", nargs="+", help="finished runs of gsut train; with --start, datasets"
+    )
+    parser.add_argument(
+        "--start", metavar="A,B", default="",
+        help="train these models of the datasets first: mcmc (up to --cap), adc (adaptive density "
+        "control as published, without a cap), lean (up to --lean)",
+    )  # fmt: skip
+    parser.add_argument("--folder", metavar="DIR", help="that holds, or gets, the starts' runs")
+    parser.add_argument("--start-steps", type=int, default=1500, metavar="N", help="[default 1500]")
+    parser.add_argument("--cap", type=int, default=500_000, metavar="N", help="[default 500000]")
+    parser.add_argument("--lean", type=int, default=100_000, metavar="N", help="[default 100000]")
+    parser.add_argument(
+        "--scale", type=float, default=1.0, metavar="X", help="of the datasets' images [default 1]"
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="keep the rows that the --json file holds already"
+    )
     parser.add_argument("--methods", metavar="A,B", help="[default: all of gsut compact]")
     parser.add_argument(
         "--keep", metavar="X,Y", default="", help="fractions [default 0.05,0.1,0.2,0.5]"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -174,6 +175,7 @@ def compact(arguments: argparse.Namespace) -> int:
         compact_bench,
         num_parts,
     )
+    from gsut.bench.compact_starts import StartRecipe
     from gsut.bench.plots import plot_compact
     from gsut.compact import METHODS
 
@@ -184,14 +186,23 @@ def compact(arguments: argparse.Namespace) -> int:
         keeps=_numbers(arguments.keep, float, "--keep") or DEFAULT_KEEPS,
         finetune=arguments.finetune,
         rival=not arguments.no_rival,
+        starts=_words(arguments.start),
+        folder=arguments.folder,
+        recipe=StartRecipe(arguments.start_steps, arguments.cap, arguments.lean, arguments.scale),
     )
+    done: list[dict[str, Any]] = []
+    if arguments.resume:
+        if not arguments.json:
+            raise InputError("--resume goes with --json: the rows are kept there")
+        if Path(arguments.json).is_file():
+            done = json.loads(Path(arguments.json).read_text())
 
     def on_row(rows: list[dict[str, Any]]) -> None:
         if arguments.json:  # after every row: it takes long
             write_json(arguments.json, rows)
 
     with _bar(num_parts(options)) as advance:
-        rows = compact_bench(options, advance, on_row)
+        rows = compact_bench(options, advance, on_row, done)
     _print_and_write(rows, COMPACT_COLUMNS, arguments)
     if arguments.plot:
         plot_compact(arguments.plot, rows)

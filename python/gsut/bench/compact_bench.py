@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
-import time
+import statistics
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bench.compact_starts import (
+    TRAIN_CPU,
+    StartRecipe,
+    ThreadSeconds,
+    check_start,
+    trained_start,
+)
 from gsut.compact import METHODS, check_keep, check_method, compact, looks_at_views
 from gsut.compact_scores import SeenView, seen_views
-from gsut.data.shutter import with_shutter
 from gsut.evaluate import evaluate
 from gsut.finetune import finetune, finetune_options
+from gsut.held_out import view_image
 from gsut.options import TrainOptions
 
 DEFAULT_KEEPS = (0.05, 0.1, 0.2, 0.5)
@@ -25,6 +32,7 @@ _ROW_FLOATS = 14
 
 COMPACT_COLUMNS = (
     ("scene", "scene", ""),
+    ("start", "start", ""),
     ("method", "method", ""),
     ("keep", "keep", ".2f"),
     ("Gaussians", "num_gaussians", ",d"),
@@ -54,6 +62,10 @@ class CompactBenchOptions:
         finetune: steps.
         rival: also train a model with each number of Gaussians from the start, for as long as
             training, compaction and fine-tuning took together.
+        starts: instead, `runs` are datasets, and these models of them are trained first, see
+            `compact_starts`.
+        folder: that the starts are written to; those it holds already are not trained again.
+        recipe: of the starts.
 
     Raises:
         InputError: an unknown method, a fraction out of range, or no fine-tuning.
@@ -64,8 +76,15 @@ class CompactBenchOptions:
     keeps: Sequence[float] = DEFAULT_KEEPS
     finetune: int = 500
     rival: bool = True
+    starts: Sequence[str] = ()
+    folder: str | None = None
+    recipe: StartRecipe = dataclasses.field(default_factory=StartRecipe)
 
     def __post_init__(self) -> None:
+        for start in self.starts:
+            check_start(start)
+        if bool(self.starts) != (self.folder is not None):
+            raise InputError("--start and --folder go together: the models are written there")
         for method in self.methods:
             check_method(method, True)
         for keep in self.keeps:
@@ -77,98 +96,121 @@ class CompactBenchOptions:
 def num_parts(options: CompactBenchOptions) -> int:
     """How often `on_part` is called."""
     each = 1 + len(options.keeps) * (len(options.methods) + options.rival)
-    return len(options.runs) * each
+    return len(options.runs) * max(1, len(options.starts)) * (each + bool(options.starts))
 
 
 def compact_bench(
     options: CompactBenchOptions,
     on_part: Callable[[str], object] = lambda text: None,
     on_row: Callable[[list[dict[str, Any]]], object] = lambda rows: None,
+    done: Sequence[dict[str, Any]] = (),
 ) -> list[dict[str, Any]]:
     """Compacts each run with each method to each fraction.
 
-    Seconds are processor time over threads, so that other work on the machine counts little: of
-    the run's training (wall time, from its metrics.json), the compaction and the fine-tuning.
+    Seconds and milliseconds are processor time over threads, so that other work on the machine
+    counts little; only of runs that the benchmark did not train itself, training's is wall time.
 
     Args:
         options: what to do.
         on_part: called before each part of the work with its name.
         on_row: called with all rows so far after each of them.
+        done: rows of an earlier, interrupted call with the same options; they are not made again.
 
     Returns:
-        One row a run ("method": "whole") and one a method and fraction: dict scene, method, keep,
-        num_gaussians, megabytes (of a PLY file), compact_seconds, finetune_seconds,
+        One row a run ("method": "whole") and one a method and fraction: dict run, scene, start,
+        method, keep, num_gaussians, megabytes (of a PLY file), compact_seconds, finetune_seconds,
         total_seconds; `free` (before fine-tuning), `tuned` and `rival`, each a dict psnr, ssim,
         render_ms, of the rival also num_gaussians, steps and total_seconds; and `source` with
-        num_gaussians, psnr, render_ms of the whole model.
+        num_gaussians, psnr, ssim, render_ms of the whole model.
 
     Raises:
         InputError: a run that is not finished, or whose dataset holds no view out.
     """
-    rows: list[dict[str, Any]] = []
-    for folder in options.runs:
-        _bench_run(folder, options, rows, on_part, on_row)
+    rows = list(done)
+    for name in options.runs:
+        if not options.starts:
+            _bench_run(name, "run", options, rows, on_part, on_row)
+            continue
+        assert options.folder is not None
+        for start in options.starts:
+            on_part(f"{Path(name).name} {start} training")
+            folder = trained_start(name, start, options.recipe, options.folder)
+            _bench_run(str(folder), start, options, rows, on_part, on_row)
     return rows
 
 
 def _bench_run(
     folder: str,
+    start: str,
     options: CompactBenchOptions,
     rows: list[dict[str, Any]],
     on_part: Callable[[str], object],
     on_row: Callable[[list[dict[str, Any]]], object],
 ) -> None:
-    import gsut
-    from gsut.run_folder import ENVIRONMENT, METRICS, SCENE, RunFolder
-
-    run = RunFolder.open(folder)
-    metrics, train_options = run.read_json(METRICS), run.read_options()
-    if metrics is None:
-        raise InputError(f"{folder} is not finished; resume it")
-    scene = gsut.load_dataset(
-        (run.read_json(ENVIRONMENT) or {})["dataset"],
-        test_every=train_options.test_every,
-        test_names=train_options.test_names,
-        scale=train_options.scale,
-    )
-    scene = with_shutter(
-        scene, train_options.shutter, train_options.readout_time, train_options.readout_direction
-    )
-    if not scene.test_indices:
-        raise InputError(f"{scene.path} has no held-out views to measure PSNR on")
-    gaussians = gsut.load_ply(run.path / SCENE)
+    scene, gaussians, train_options, train_seconds = _read(folder)
     views = seen_views(scene, scene.train_indices)
-    on_part(f"{scene.path.name} whole")
-    whole = _figures(gaussians, scene, train_options)
-    source = {"num_gaussians": len(gaussians), **whole}
-    row = {
-        "scene": Path(scene.path).name, "method": "whole", "keep": 1.0,
-        "num_gaussians": len(gaussians), "megabytes": _megabytes(gaussians),
-        "free": whole, "total_seconds": metrics["train_seconds"], "source": source,
-    }  # fmt: skip
-    rows.append(row)
-    on_row(rows)
+    name = f"{scene.path.name} {start}"
+    key = {"run": str(Path(folder).resolve()), "scene": scene.path.name, "start": start}
+
+    def found(method: str, keep: float) -> dict[str, Any] | None:
+        wanted = (key["run"], method, keep)
+        return next((r for r in rows if (r["run"], r["method"], r["keep"]) == wanted), None)
+
+    on_part(f"{name} whole")
+    whole = found("whole", 1.0)
+    if whole is None:
+        figures = _figures(gaussians, scene, train_options)
+        whole = {
+            **key, "method": "whole", "keep": 1.0,
+            "num_gaussians": len(gaussians), "megabytes": _megabytes(gaussians),
+            "free": figures, "total_seconds": train_seconds,
+            "source": {"num_gaussians": len(gaussians), **figures},
+        }  # fmt: skip
+        rows.append(whole)
+        on_row(rows)
     for keep in options.keeps:
         made = []
         for method in options.methods:
-            on_part(f"{scene.path.name} {method} {keep:g}")
-            seen: Sequence[SeenView] = views if looks_at_views(method) else ()
-            row = _one(gaussians, scene, train_options, seen, method, keep, options.finetune)
-            row["total_seconds"] = (
-                metrics["train_seconds"] + row["compact_seconds"] + row["finetune_seconds"]
-            )
-            made.append(row | {"source": source})
-            rows.append(made[-1])
-            on_row(rows)
+            on_part(f"{name} {method} {keep:g}")
+            row = found(method, keep)
+            if row is None:
+                seen: Sequence[SeenView] = views if looks_at_views(method) else ()
+                row = key | _one(
+                    gaussians, scene, train_options, seen, method, keep, options.finetune
+                )
+                row["total_seconds"] = (
+                    train_seconds + row["compact_seconds"] + row["finetune_seconds"]
+                )
+                row["source"] = whole["source"]
+                rows.append(row)
+                on_row(rows)
+            made.append(row)
         if options.rival:
-            on_part(f"{scene.path.name} rival {keep:g}")
-            budget = max(row["total_seconds"] for row in made)
-            pace = min(row["finetune_seconds"] for row in made) / options.finetune
-            count = max(1, round(keep * len(gaussians)))
-            found = _rival(scene, train_options, count, budget, pace)
+            on_part(f"{name} rival {keep:g}")
+            rival = next((row["rival"] for row in made if "rival" in row), None)
+            if rival is None:
+                budget = max(row["total_seconds"] for row in made)
+                pace = min(row["finetune_seconds"] for row in made) / options.finetune
+                count = max(1, round(keep * len(gaussians)))
+                rival = _rival(scene, train_options, count, budget, pace)
             for row in made:
-                row["rival"] = found
+                row["rival"] = rival
             on_row(rows)
+
+
+def _read(folder: str) -> tuple[Any, Any, TrainOptions, float]:
+    """Scene, Gaussians, options and seconds of training of a finished run with held-out views."""
+    from gsut.run_folder import METRICS, RunFolder
+    from gsut.trained_run import read_trained
+
+    run = RunFolder.open(folder)
+    metrics = run.read_json(METRICS)
+    if metrics is None:
+        raise InputError(f"{folder} is not finished; resume it")
+    train_options, scene, gaussians = read_trained(run, None)
+    if not scene.test_indices:
+        raise InputError(f"{scene.path} has no held-out views to measure PSNR on")
+    return scene, gaussians, train_options, metrics.get(TRAIN_CPU, metrics["train_seconds"])
 
 
 def _one(
@@ -180,15 +222,15 @@ def _one(
     keep: float,
     steps: int,
 ) -> dict[str, Any]:
-    clock = _ThreadSeconds()
+    clock = ThreadSeconds()
     small = compact(gaussians, keep, method=method, views=views).gaussians
     compact_seconds = clock.seconds()
     free = _figures(small, scene, options)
-    clock = _ThreadSeconds()
+    clock = ThreadSeconds()
     tuned, _ = finetune(scene, small, finetune_options(options, steps, len(small)))
     finetune_seconds = clock.seconds()
     return {
-        "scene": Path(scene.path).name, "method": method, "keep": keep,
+        "method": method, "keep": keep,
         "num_gaussians": len(small), "megabytes": _megabytes(small),
         "compact_seconds": compact_seconds, "finetune_steps": steps,
         "finetune_seconds": finetune_seconds,
@@ -236,7 +278,7 @@ def _train(scene: Any, options: TrainOptions) -> tuple[Any, float]:
     from gsut.train import TrainingLoop
 
     loop = TrainingLoop(scene, options)
-    clock = _ThreadSeconds()
+    clock = ThreadSeconds()
     while loop.step < options.steps:
         loop.advance()
     return loop.gaussians.copy(), clock.seconds()
@@ -244,18 +286,19 @@ def _train(scene: Any, options: TrainOptions) -> tuple[Any, float]:
 
 def _figures(gaussians: Any, scene: Any, options: TrainOptions) -> dict[str, float]:
     figures = evaluate(gaussians, scene, scene.test_indices, background=options.background)
-    return {key: figures[key] for key in ("psnr", "ssim", "render_ms")}
+    milliseconds = _render_ms(gaussians, scene, options)
+    return {"psnr": figures["psnr"], "ssim": figures["ssim"], "render_ms": milliseconds}
+
+
+def _render_ms(gaussians: Any, scene: Any, options: TrainOptions) -> float:
+    """Median over the held-out views of one image's processor time over threads."""
+    renderer, times = _core.Renderer(), []
+    for index in (scene.test_indices[0], *scene.test_indices):  # the first once more: buffers grow
+        clock = ThreadSeconds()
+        view_image(scene, gaussians, index, options.background, renderer)
+        times.append(1e3 * clock.seconds())
+    return statistics.median(times[1:])
 
 
 def _megabytes(gaussians: Any) -> float:
     return 4 * (_ROW_FLOATS + 3 * gaussians.sh.shape[1]) * len(gaussians) / 1e6
-
-
-class _ThreadSeconds:
-    """Processor seconds since it was made, over the number of threads."""
-
-    def __init__(self) -> None:
-        self._begun = time.process_time()
-
-    def seconds(self) -> float:
-        return (time.process_time() - self._begun) / _core.num_threads()

@@ -121,10 +121,10 @@ def plot_compact(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -
     """
     from matplotlib.figure import Figure
 
-    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    scenes = list(dict.fromkeys(f"{row['scene']} {row['start']}" for row in rows))
     figure = Figure(figsize=(11.0, 4.6 * len(scenes)), layout="constrained")
     for place, scene in enumerate(scenes):
-        of_scene = [row for row in rows if row["scene"] == scene]
+        of_scene = [row for row in rows if f"{row['scene']} {row['start']}" == scene]
         panels = [figure.add_subplot(len(scenes), 2, 2 * place + k + 1) for k in range(2)]
         _style(panels[0], f"{scene}: held-out PSNR", "Gaussians", "dB")
         _style(panels[1], "", "ms a view", "dB")

@@ -1,0 +1,27 @@
+"""Arrays of an optimizer: rows that grow, and masks as the core reads them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsut.gaussians import Gaussians
+
+FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
+
+
+def grown(arrays: Gaussians, size: int, capacity: int) -> Gaussians:
+    """New float32 arrays of `capacity` rows: the first `size` copied, the others 0."""
+    rows = []
+    for name in FIELDS:
+        old = getattr(arrays, name)
+        new = np.zeros((capacity, *old.shape[1:]), np.float32)
+        new[:size] = old[:size]
+        rows.append(new)
+    return Gaussians(*rows)
+
+
+def mask(visible: np.ndarray | None) -> np.ndarray | None:
+    if visible is None:
+        return None
+    visible = np.ascontiguousarray(visible)
+    return visible.view(np.uint8) if visible.dtype.itemsize == 1 else (visible != 0).view(np.uint8)
