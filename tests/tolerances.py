@@ -298,6 +298,16 @@ LENS_OF_IMAGE_FLOAT = 1.4e-5  # relative L2; worst 7.0e-6
 RAYS_FLOAT = 1e-5  # the same, of every pixel's ray; worst 5e-6
 LENS_IDENTITY = 1e-9  # sums in double in another order
 ORACLE_LENS_GRADIENT = 3e-10  # gsplat's Newton stops at 1e-6; worst 1.5e-10
+# --- poses from colours
+REFINE_POSE_GRADIENT = 3e-5  # relative L2: float32 kernels, sums that cancel; worst 1.1e-5
+REFINE_RAY_GRADIENT = 3e-5  # the same, pixel by pixel; see above
+REFINE_LENS_GRADIENT = 3e-5  # the same, by the lens; see above
+REFINED_DEGREES = 2e-5  # float32 renders of 96 x 80 pixels; worst 6.6e-6
+REFINED_UNITS = 2e-7  # the same, scene of 6 units; worst 7.2e-8
+REFINED_CHI_SQUARE = 2.4  # of 20 scores of 6 degrees of freedom: 3 standard errors; found 0.3
+LOCALIZED_UNITS = 5e-3  # of a photograph of 48 x 48 pixels in 8 bits, 4 units away
+LOCALIZED_SHRUNK_UNITS = 0.02  # pixels that are means over areas against rays at their middles
+
 # --- calibration weights, lenses from data sets
 UNCERTAINTY_STORED_PX = (
     2e-6  # maps are written with 6 decimals, interpolation is linear; worst 1e-6

@@ -23,6 +23,7 @@ PYBIND11_MODULE(_core, m) {
   BindProjection(m);
   BindRaster(m);
   BindRasterBaseline(m);
+  BindRefine(m);
   BindLoss(m);
   BindOptimize(m);
   BindCompact(m);

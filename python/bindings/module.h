@@ -13,6 +13,7 @@ void BindGaussians(pybind11::module_& m);
 void BindProjection(pybind11::module_& m);
 void BindRaster(pybind11::module_& m);
 void BindRasterBaseline(pybind11::module_& m);
+void BindRefine(pybind11::module_& m);
 void BindLoss(pybind11::module_& m);
 void BindOptimize(pybind11::module_& m);
 void BindCompact(pybind11::module_& m);

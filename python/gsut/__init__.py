@@ -29,6 +29,7 @@ from gsut.metrics import psnr, ssim
 from gsut.options import TrainOptions
 from gsut.projection import METHODS as PROJECTION_METHODS
 from gsut.projection import Projection, project
+from gsut.refine import RefinedPose, refine_pose
 from gsut.render import Gradients, Render, render, render_backward
 from gsut.seeding import seed_from_points, seed_in_view
 from gsut.train import TrainResult, train
@@ -43,6 +44,7 @@ __all__ = [
     "Gradients",
     "InputError",
     "Projection",
+    "RefinedPose",
     "Render",
     "Scene",
     "Shutter",
@@ -66,6 +68,7 @@ __all__ = [
     "num_threads",
     "project",
     "psnr",
+    "refine_pose",
     "render",
     "render_backward",
     "save_ply",

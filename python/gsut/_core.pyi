@@ -335,6 +335,30 @@ def render_reference_backward(
     pixels: NDArray[np.uint8] | None = None,
     with_lens: bool = False,
 ) -> tuple[NDArray[np.float64], tuple[NDArray[np.float64], NDArray[np.float64]] | None]: ...
+
+# Colours (n, 3) of pixels, and by_center and by_ray (n, 3, 3) of them.
+def color_jacobian(
+    gaussians: _Gaussians,
+    camera: Camera,
+    camera_from_world: _PoseLike,
+    rule: BlendRule,
+    background: Sequence[float],
+    sh_degree: int,
+    unscented: Sequence[float],
+    pixels: NDArray[Any],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
+
+# views: (camera's index, camera_from_world, pixels (n,), colours (n, 3)).
+def refine_photometric(
+    gaussians: _Gaussians,
+    cameras: Sequence[Camera],
+    views: list[tuple[int, Any, NDArray[Any], NDArray[Any]]],
+    rule: BlendRule,
+    background: Sequence[float],
+    sh_degree: int,
+    unscented: Sequence[float],
+    settings: dict[str, Any],
+) -> dict[str, Any]: ...
 def render_lines_reference(
     gaussians: _Gaussians, lines: ArrayLike, reference: _PoseLike, rule: BlendRule
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...

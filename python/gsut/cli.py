@@ -87,6 +87,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_render(commands)
     _add_calibrate(commands)
     _add_compact(commands)
+    _add_localize(commands)
     _add_poses(commands)
     _add_demo(commands)
     _add_doctor(commands)
@@ -239,6 +240,19 @@ def _add_compact(commands) -> None:
     )
     add_compact_flags(parser)
     parser.set_defaults(run=compact_command)
+
+
+def _add_localize(commands) -> None:
+    from gsut.localize_command import add_localize_flags, localize
+
+    parser = commands.add_parser(
+        "localize",
+        help="where a photograph of a trained scene was taken",
+        description="Finds the pose of a photograph from its colours: starts at the training pose "
+        "whose render is most like it, and refines. The photograph must be near that pose.",
+    )
+    add_localize_flags(parser)
+    parser.set_defaults(run=localize)
 
 
 def _add_poses(commands) -> None:

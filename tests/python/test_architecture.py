@@ -78,13 +78,12 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "compaction": {"compact", "compact_harmonics", "compact_scores"},
     "training": {
         *("calibration_weights", "compact_run", "evaluate", "finetune", "first_gaussians"),
-        *("growth", "held_out", "mini_splatting", "pyramid", "train", "trained_run"),
+        *("growth", "held_out", "mini_splatting", "pyramid", "refine", "train", "trained_run"),
     },
     "benchmarks": {"bench", "bench.*"},
     "command line": {
         *("__main__", "calibrate", "calibrate_dataset", "camera_convert", "cli", "commands"),
-        "compact_command",
-        "poses_command",
+        *("compact_command", "localize_command", "poses_command"),
     },
     "package": {"gsut"},
 }

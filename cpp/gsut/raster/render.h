@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "gsut/base/stopwatch.h"
@@ -53,6 +54,12 @@ class Renderer {
                 const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose,
                 RayGradients* rays = nullptr);
 
+  // Derivatives of the colours of pixels (row-major indices) of the last Render, which was made
+  // with keep_for_backward through a lens with one centre and a global shutter: by_center (count,
+  // 3, 3), colour by the camera's centre, world axes, the change of shading included; by_ray
+  // (count, 3, 3), colour by the pixel's unit ray, across it, camera axes. Forward mode, exact as
+  // Backward is. A pixel without a ray has zeros.
+  void Jacobian(std::span<const std::uint32_t> pixels, double* by_center, double* by_ray);
   // What the last kept render's pixels see of each Gaussian, in double along the same rays; chosen
   // (H, W): pixels with 0 are left out, null: all with a ray. The same bits on any threads.
   // significance (N) grows by the sum over the pixels that draw it of opacity x transmittance in
@@ -99,6 +106,7 @@ class Renderer {
   std::shared_ptr<const LineGrid> lines_;  // null: rays from one point, `grid_` is used
   std::unique_ptr<Camera> camera_;         // of the last render of lines
   CameraMotion motion_;
+  AlignedVector<float> shading_slopes_;  // of Jacobian
   Pose reference_;  // camera_from_world of the rays' reference, and the rule, of the last render
   BlendRule rule_;
   double background_[3] = {0, 0, 0};
