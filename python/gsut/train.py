@@ -174,6 +174,8 @@ class TrainingLoop:
         view = self._view_of(step)
         level = self.pyramid.at(fraction)
         target, image, dimage = level.target(view), *level.buffers(view)
+        if step < o.steps:
+            self.pyramid.prepare(self._view_of(step + 1), (step + 1) / o.steps)
         degree = min(o.sh_degree, step // o.sh_every)
         rates = self._rates(fraction)
         began = time.perf_counter()
