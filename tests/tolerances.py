@@ -262,6 +262,28 @@ SPLINE_SECTOR = 0.98
 SPLINE_EDGE = 0.1
 # Fitting a lens by one that holds it: pixels, where Levenberg-Marquardt stops; worst 1e-9
 CONVERT_EXACT = 1e-6
+# Pixels, TUM-VI's fisheye up to 0.9 rad by models that cannot hold it: 1.9 times what each leaves
+CONVERT_TARGETS = {
+    "cahvore": 0.00011,
+    "cahvor": 1.1,
+    "division": 0.48,
+    "equirectangular": 1.8e02,
+    "fov": 0.035,
+    "ftheta": 0.0011,
+    "latlon": 31,
+    "lonlat": 30,
+    "mei": 0.00044,
+    "opencv14": 4.5e-06,
+    "opencv12": 4.5e-06,
+    "orthographic": 15,
+    "pinhole": 39,
+    "splined_stereographic": 0.00023,
+    "stereographic": 7.5,
+    "thin_prism_fisheye": CONVERT_EXACT,
+    "unified": 0.075,
+}
+CONVERT_SPLINE = 6e-3  # pixels, a fisheye of 200 degrees on 16 control points; worst 2.8e-3
+CONVERT_PUPIL = 1e-3  # pixels, a lens whose pupil moves, at two distances
 # --- structure from motion -----------------------------------------------------------------------
 # Degrees, of 8 images of 500 points with 0.2 px of noise at 300 px a radian; worst 0.016
 SFM_SYNTHETIC_DEGREES = 0.02
