@@ -10,34 +10,16 @@ import math
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cameras import Camera, camera_models, load_camera
+from gsut.camera_fit import FitTarget, SplineGrid, angles_of, check_model, fit_lens
+from gsut.cameras import Camera, load_camera
 
-# Lenses whose parameters after fx fy cx cy are found by least squares, with a first guess.
-_STARTS: dict[str, list[float]] = {
-    "pinhole": [],
-    "opencv4": [0.0] * 4,
-    "opencv5": [0.0] * 5,
-    "opencv8": [0.0] * 8,
-    "opencv12": [0.0] * 12,
-    "opencv14": [0.0] * 14,
-    "kannala_brandt": [0.0] * 4,
-    "thin_prism_fisheye": [0.0] * 8,
-    "fisheye624": [0.0] * 12,
-    "unified": [0.5],
-    "extended_unified": [0.5, 1.0],
-    "double_sphere": [0.0, 0.5],
-    "division": [-0.1],
-    "fov": [0.5],
-    "mei": [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
-    "stereographic": [],
-    "cahvor": [0.0] * 5,
-    "lonlat": [],
-    "latlon": [],
-}
-_FIXED = {"mei": (4,)}  # skew stays 0
 # Points along the longer side of the image at which the lenses are compared.
 _SAMPLES = 48
-_MAX_STEPS = 200
+_SAMPLES_A_POINT = 3  # along that side, of a spline: more than it has control points
+# World units at which points count as infinitely far from a lens whose rays nearly meet.
+_FAR = 1e6
+# Of a second set of points, over the distance of the first: tells where rays start.
+_FARTHER = 4.0
 _RINGS = 6
 
 
@@ -76,28 +58,40 @@ class Conversion:
 
 
 def convert_camera(
-    camera: Camera, model: str, max_angle: float | None = None, num_params: int | None = None
+    camera: Camera,
+    model: str,
+    max_angle: float | None = None,
+    num_params: int | None = None,
+    *,
+    grid: SplineGrid | None = None,
+    distance: float | None = None,
 ) -> Conversion:
     """The lens of another model that sends the rays of the image to the same pixels.
 
-    Minimises the sum of squared pixel distances (Levenberg-Marquardt with the lens' exact
-    derivatives) over a grid of pixels that covers the image.
+    Minimises the sum of squared pixel distances over a grid of pixels that covers the image: by
+    Levenberg-Marquardt with the lens' exact derivatives, for the control points of
+    splined_stereographic in one linear step. equirectangular has nothing to fit: the image's size
+    is the lens, and only the error is found.
 
     Args:
         camera: what to imitate.
         model: the lens to fit; see `camera_models()`.
-        max_angle: radians; rays farther from the axis are left out. None: all rays of the image.
+        max_angle: radians; points farther from the axis are left out. None: all of the image.
         num_params: of a lens with any number of coefficients (kannala_brandt); None: four of them.
+        grid: the control points of splined_stereographic; None: `SplineGrid()`.
+        distance: of the points that both lenses are to see alike, in world units, for lenses whose
+            rays do not meet. None: far away, which orthographic cannot do.
 
     Returns:
         The fitted lens, with the valid field angle of the original, and its error.
 
     Raises:
-        InputError: the model is unknown, or not one that can be fitted, or the image has no rays.
+        InputError: the model is unknown, or cannot see what the other sees, or the image has no
+            rays.
     """
-    start = _first_guess(camera, model, num_params)
-    rays, pixels = _samples(camera, max_angle)
-    params = _fit(model, start, camera, rays, pixels)
+    check_model(model, num_params)
+    target = _target(camera, model, max_angle, grid, distance)
+    params = fit_lens(target, model, num_params, grid)
     fitted = Camera(
         model,
         params,
@@ -107,15 +101,15 @@ def convert_camera(
         extrinsics=camera.extrinsics,
         valid_region=camera.valid_region,
     )
-    distance, angle = _distances(fitted, rays, pixels)
+    distances, angle = _errors(fitted, target), angles_of(target.points)
     edges = np.linspace(0.0, np.nextafter(angle.max(), np.inf), _RINGS + 1)
     rings = []
     for low, high in itertools.pairwise(edges):
-        inside = distance[(angle >= low) & (angle <= high)]
+        inside = distances[(angle >= low) & (angle <= high)]
         rings.append(
             Ring(math.degrees(low), math.degrees(high), len(inside), _rms(inside), _worst(inside))
         )
-    return Conversion(fitted, rings, _rms(distance), _worst(distance))
+    return Conversion(fitted, rings, _rms(distances), _worst(distances))
 
 
 def format_conversion(conversion: Conversion) -> str:
@@ -131,50 +125,49 @@ def format_conversion(conversion: Conversion) -> str:
     return "\n".join(lines)
 
 
-def _first_guess(camera: Camera, model: str, num_params: int | None) -> np.ndarray:
-    if model not in camera_models():
-        raise InputError(f"unknown camera model '{model}'; known: {', '.join(camera_models())}")
-    if model not in _STARTS:
-        raise InputError(f"'{model}' cannot be fitted; lenses that can: {', '.join(_STARTS)}")
-    tail = list(_STARTS[model])
-    if num_params is not None:
-        if model != "kannala_brandt" or num_params < 4:
-            raise InputError(f"'{model}' does not take {num_params} parameters")
-        tail = [0.0] * (num_params - 4)
-    axis = np.array([[0.0, 0.0, 1.0]])
-    (centre,), _ = camera.project(axis)
-    jacobian, _ = camera.project_jacobian(axis)
-    focal = np.abs([jacobian[0, 0, 0], jacobian[0, 1, 1]])
-    # Models that divide by 1 + xi on the axis, or so.
-    if model == "mei":
-        focal = focal * (1.0 + tail[1])
-    return np.array([*focal, *centre, *tail])
-
-
-def _samples(camera: Camera, max_angle: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Rays (N, 3) and pixels (N, 2) of a grid over the image, its edges included."""
-    step = max(camera.width, camera.height) / _SAMPLES
+def _target(
+    camera: Camera,
+    model: str,
+    max_angle: float | None,
+    grid: SplineGrid | None,
+    distance: float | None,
+) -> FitTarget:
+    """Points and pixels of a grid over the image, its edges included."""
+    if distance is not None and not (distance > 0 and math.isfinite(distance)):
+        raise InputError(f"the distance must be a positive number, found {distance}")
+    parallel = [name for name in {camera.model, model} if name == "orthographic"]
+    if parallel and distance is None:
+        raise InputError(
+            "the rays of 'orthographic' are parallel: it and another lens agree at one distance "
+            "only; give that distance (--distance)"
+        )
+    samples = _SAMPLES
+    if model == "splined_stereographic":
+        samples = max(samples, _SAMPLES_A_POINT * (grid or SplineGrid()).columns)
+    step = max(camera.width, camera.height) / samples
     columns = np.linspace(0.5, camera.width - 0.5, max(2, round(camera.width / step)))
     rows = np.linspace(0.5, camera.height - 0.5, max(2, round(camera.height / step)))
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     rays, valid = camera.unproject(pixels)
+    origins, _ = camera.ray_origins(pixels)
+    near = distance if distance is not None else 1.0 if camera.is_central else _FAR
+    # Two lenses whose rays do not meet are told apart by points at two distances.
+    several = not camera.is_central and distance is not None and model == "cahvore"
+    places = (near, _FARTHER * near) if several else (near,)
+    points = np.concatenate([origins + place * rays for place in places])
+    pixels, valid = (np.concatenate([array] * len(places)) for array in (pixels, valid))
     if max_angle is not None:
-        valid &= _angles(rays) <= max_angle
+        valid = valid & (angles_of(points) <= max_angle)
     if valid.sum() < 8:
         raise InputError(f"only {valid.sum()} of {len(pixels)} sampled pixels have a ray to fit")
-    return rays[valid], pixels[valid]
+    return FitTarget(camera, points[valid], pixels[valid], near, several)
 
 
-def _angles(rays: np.ndarray) -> np.ndarray:
-    return np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
-
-
-def _distances(
-    camera: Camera, rays: np.ndarray, pixels: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    found, valid = camera.project(rays)
-    distance = np.where(valid, np.linalg.norm(np.nan_to_num(found) - pixels, axis=1), np.inf)
-    return distance, _angles(rays)
+def _errors(camera: Camera, target: FitTarget) -> np.ndarray:
+    """(N,) pixels between where a lens sees the points and where it should."""
+    found, valid = camera.project(target.points)
+    off = np.linalg.norm(np.nan_to_num(found) - target.pixels, axis=1)
+    return np.where(valid, off, np.inf)
 
 
 def _rms(distance: np.ndarray) -> float:
@@ -185,76 +178,27 @@ def _worst(distance: np.ndarray) -> float:
     return float(distance.max()) if len(distance) else math.nan
 
 
-def _fit(
-    model: str, start: np.ndarray, camera: Camera, rays: np.ndarray, pixels: np.ndarray
-) -> np.ndarray:
-    """Widening: from the centre of the field outwards, so that no ray starts outside the domain."""
-    params = start
-    angles = _angles(rays)
-    for share in (0.25, 0.5, 0.75, 1.0):
-        near = angles <= max(share * angles.max(), np.sort(angles)[min(60, len(angles) - 1)])
-        # What fits the centre may have a pole just beyond it: the first guess gets its chance too.
-        tries = [
-            _levenberg_marquardt(model, guess, camera, rays[near], pixels[near])
-            for guess in (params, start)
-        ]
-        params = min(tries, key=lambda found: found[1])[0]
-    return params
-
-
-def _levenberg_marquardt(
-    model: str, params: np.ndarray, camera: Camera, rays: np.ndarray, pixels: np.ndarray
-) -> tuple[np.ndarray, float]:
-    """The parameters and their cost."""
-    free = [i for i in range(len(params)) if i not in _FIXED.get(model, ())]
-    lens = Camera(model, params, camera.width, camera.height)
-    cost, residual, valid = _cost(lens, rays, pixels)
-    damping = 1e-4
-    for _ in range(_MAX_STEPS):
-        jacobian = lens.project_jacobian(rays)[1][valid][:, :, free].reshape(-1, len(free))
-        scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12)
-        scaled = jacobian / scale
-        normal, gradient = scaled.T @ scaled, scaled.T @ residual[valid].ravel()
-        improved = False
-        while damping < 1e8:
-            step = np.linalg.solve(normal + damping * np.eye(len(free)), gradient) / scale
-            moved = params.copy()
-            moved[free] += step
-            try:
-                candidate = Camera(model, moved, camera.width, camera.height)
-            except InputError:  # a parameter left its range
-                damping *= 10
-                continue
-            new_cost, new_residual, new_valid = _cost(candidate, rays, pixels)
-            if new_cost < cost:
-                improved = True
-                break
-            damping *= 10
-        if not improved:
-            break
-        gain = cost - new_cost
-        params, lens, cost, residual, valid = moved, candidate, new_cost, new_residual, new_valid
-        damping = max(damping / 10, 1e-12)
-        if gain <= 1e-12 * cost:
-            break
-    return params, cost
-
-
-def _cost(
-    lens: Camera, rays: np.ndarray, pixels: np.ndarray
-) -> tuple[float, np.ndarray, np.ndarray]:
-    """Sum of squares, with a ray that the lens does not see at the image's own size."""
-    found, valid = lens.project(rays)
-    residual = np.where(valid[:, None], pixels - np.nan_to_num(found), 0.0)
-    unseen = float(lens.width**2 + lens.height**2)
-    return float((residual**2).sum() + unseen * (~valid).sum()), residual, valid
-
-
 def run_convert(arguments: argparse.Namespace) -> int:
     """`gsut camera convert`: reads, fits, prints the error by field angle, writes."""
     camera = load_camera(arguments.lens, camera_id=arguments.camera_id)
     limit = None if arguments.max_angle is None else math.radians(arguments.max_angle)
-    conversion = convert_camera(camera, arguments.model, limit, arguments.num_params)
+    grid = None
+    if arguments.order is not None or arguments.control_points is not None:
+        if arguments.model != "splined_stereographic":
+            raise InputError("--order and --control-points are of splined_stereographic only")
+        counts = arguments.control_points or [SplineGrid.columns]
+        if len(counts) > 2:
+            raise InputError(f"--control-points takes NX or NX NY, found {len(counts)} numbers")
+        order = SplineGrid.order if arguments.order is None else arguments.order
+        grid = SplineGrid(order, counts[0], counts[1] if len(counts) > 1 else None)
+    conversion = convert_camera(
+        camera,
+        arguments.model,
+        limit,
+        arguments.num_params,
+        grid=grid,
+        distance=arguments.distance,
+    )
     print(f"{camera.model} -> {conversion.camera.model}, {camera.width} x {camera.height}")
     print(format_conversion(conversion))
     if arguments.out is not None:

@@ -173,8 +173,9 @@ class Camera(_core.Camera):
         Args:
             path: a file; its name chooses the format: *.cameramodel (mrcal), *camchain*.yaml
                 (Kalibr), other *.yaml or *.yml and *.json (OpenCV), transforms*.json (nerfstudio),
-                *.txt (COLMAP cameras.txt).
-            format: "mrcal", "opencv", "kalibr", "nerfstudio" or "colmap", to choose it by hand.
+                *aria*.json (Project Aria), *.txt and *.bin (COLMAP cameras.txt, cameras.bin).
+            format: "mrcal", "opencv", "kalibr", "nerfstudio", "aria", "colmap" or "colmap-binary",
+                to choose it by hand.
 
         Raises:
             InputError: the format cannot hold this lens, or is unknown.

@@ -325,6 +325,22 @@ def _add_camera(commands) -> None:
         metavar="N",
         help="of a lens with any number of coefficients [default: four coefficients]",
     )
+    convert.add_argument(
+        "--order", type=int, metavar="2|3", help="of splined_stereographic [default: 3]"
+    )
+    convert.add_argument(
+        "--control-points",
+        type=int,
+        nargs="+",
+        metavar="N",
+        help="of splined_stereographic: NX, or NX NY [default: 16, NY at the same pitch]",
+    )
+    convert.add_argument(
+        "--distance",
+        type=float,
+        metavar="UNITS",
+        help="where both lenses are to agree, if the rays of one do not meet [default: far away]",
+    )
 
     def run(arguments: argparse.Namespace) -> int:
         from gsut.camera_convert import run_convert

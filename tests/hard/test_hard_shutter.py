@@ -47,6 +47,7 @@ def run(g, camera, pair, shutter, rng, rule=None):
             error = relative_error(slopes.pose, truth[1].pose)
             worst["gradient"] = max(worst["gradient"], error)
     assert ran == len(every_path())
+    assert worst["alpha"] < tolerances.HARD_ROLLING_ALPHA, worst
     assert worst["gradient"] < tolerances.HARD_GRADIENT, worst
     return truth[0]
 
@@ -150,4 +151,5 @@ def test_hard_rolling_scene_far_from_the_origin(rng):
         moved.append(shift)
     found = gsut.render(far, camera, tuple(moved), shutter="top_to_bottom")
     assert np.sum(np.abs(found.alpha - near.alpha) > tolerances.RENDER_FLIP) <= 2
+    run(far, camera, tuple(moved), "top_to_bottom", rng)
     assert near.alpha.max() > 0.5

@@ -224,6 +224,7 @@ def test_many_opaque_layers_underflow_nothing(rng):
     camera = pinhole(3, focal=30.0)
     g = joined(*(blob((0, 0, 1 + 0.01 * i), 0.5, opacity=0.999999) for i in range(200)))
     weights = random_weights(rng, camera)
+    ran = 0
     for minimum in (0.0, 1e-4):
         for stop_before in (False, True):
             rule = gsut.BlendRule()
@@ -232,6 +233,8 @@ def test_many_opaque_layers_underflow_nothing(rng):
             found = errors_of(outcomes, weights)
             assert found.image < tolerances.HARD_IMAGE, found
             assert max(found.gradients, found.pose) < tolerances.HARD_GRADIENT, found
+            ran += 1
+    assert ran == 4
 
 
 def test_ten_thousand_layers_on_one_pixel_match_the_closed_form():

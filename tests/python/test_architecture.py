@@ -93,7 +93,15 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "photometric poses": {"bearing_points", "photometric_poses"},
     "benchmarks": {"bench", "bench.*"},
     "command line": {
-        *("__main__", "calibrate", "calibrate_dataset", "camera_convert", "cli", "commands"),
+        *(
+            "__main__",
+            "calibrate",
+            "calibrate_dataset",
+            "camera_convert",
+            "camera_fit",
+            "cli",
+            "commands",
+        ),
         *("compact_command", "localize_command", "poses_command"),
     },
     "package": {"gsut"},

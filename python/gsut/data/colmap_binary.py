@@ -10,10 +10,8 @@ import numpy as np
 
 from gsut.data.colmap_records import CameraRow, ImageRow
 from gsut.data.findings import DatasetError
+from gsut.data.lens_colmap import PARAMETER_COUNTS
 
-# Number of parameters by model number (COLMAP src/colmap/sensor/models.h). Binary files do not hold
-# it, so a camera of an unknown model cannot be stepped over.
-PARAMETER_COUNTS = {0: 3, 1: 4, 2: 4, 3: 5, 4: 8, 5: 8, 6: 12, 7: 5, 8: 4, 9: 5, 10: 12, 11: 16}
 _COUNT = struct.Struct("<Q")
 _CAMERA = struct.Struct("<IiQQ")  # id, model, width, height
 _IMAGE = struct.Struct("<I4d3dI")  # id, quaternion, translation, camera id; then the name and a 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 from gsut._core import CalibrationError, InputError
@@ -56,3 +57,35 @@ def load_aria(values: dict[str, Any], source: str, text: str, camera_id: Any) ->
     sizes = LensValues({"size": width, "height": height}, source, text)
     limit = reader.number("max_solid_angle") if "max_solid_angle" in entry else None
     return reader.camera(lens, params, sizes.pixels("size"), sizes.pixels("height"), limit)
+
+
+def format_aria(camera: Camera, label: str = "camera-rgb") -> str:
+    """A calibration of one camera, with its largest angle.
+
+    Raises:
+        InputError: Aria has no such lens: fisheye624 with one focal length, kannala_brandt with
+            four coefficients or fewer, or pinhole.
+    """
+    params = [float(value) for value in camera.params]
+    names = [name for name, (lens, _, _) in _MODELS.items() if lens == camera.model]
+    _, count, num_focal = _MODELS[names[0]] if names else ("", 0, 0)
+    if not names or len(params) - 2 + num_focal > count:
+        raise InputError(
+            f"Project Aria has no camera model for '{camera.model}' with {len(params)} parameters;"
+            " save a .cameramodel or OpenCV file instead"
+        )
+    if num_focal == 1 and params[0] != params[1]:
+        raise InputError(
+            f"Project Aria's {names[0]} has one focal length, and this '{camera.model}' has two:"
+            f" {params[0]} and {params[1]}"
+        )
+    centre = [value - _PIXEL_SHIFT for value in params[2:4]]
+    values = [*params[:num_focal], *centre, *params[4:]]
+    entry: dict[str, Any] = {
+        "model": names[0],
+        "params": values + [0.0] * (count - len(values)),
+        "size": [camera.width, camera.height],
+    }
+    if camera.valid_field_angle is not None:
+        entry["max_solid_angle"] = camera.valid_field_angle
+    return json.dumps({"cameras": {label: entry}}, indent=2) + "\n"

@@ -73,6 +73,8 @@ _WRITTEN = {
 }
 _NAMES = {model.number: name for name, model in _MODELS.items()}
 _SUPPORTED = ", ".join(_MODELS)
+# Number of parameters by model number. Binary files do not hold it.
+PARAMETER_COUNTS = {model.number: model.num_params for model in _MODELS.values()}
 
 
 def colmap_camera(
@@ -190,12 +192,8 @@ def _choose(records: list[_Record], source: str, camera_id: int | str | None) ->
     raise InputError(f"{source}: has no camera {camera_id}; it holds {known}")
 
 
-def format_colmap(camera: Camera) -> str:
-    """The text of a cameras.txt with this camera as number 1.
-
-    Raises:
-        InputError: COLMAP has no such lens.
-    """
+def _record_of(camera: Camera) -> tuple[str, list[float]]:
+    """COLMAP's name and parameters; InputError if it has no such lens."""
     params = [float(value) for value in camera.params]
     if camera.model == "pinhole":
         name = "PINHOLE"
@@ -217,9 +215,30 @@ def format_colmap(camera: Camera) -> str:
             " save a .cameramodel or OpenCV file instead"
         )
     params += [0.0] * (_MODELS[name].num_params - len(params))
+    return name, params
+
+
+def format_colmap(camera: Camera) -> str:
+    """The text of a cameras.txt with this camera as number 1.
+
+    Raises:
+        InputError: COLMAP has no such lens.
+    """
+    name, params = _record_of(camera)
     values = " ".join(repr(value) for value in params)
     return (
         "# Camera list with one line of data per camera:\n"
         "#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
         f"1 {name} {camera.width} {camera.height} {values}\n"
     )
+
+
+def format_colmap_binary(camera: Camera) -> bytes:
+    """The bytes of a cameras.bin with this camera as number 1.
+
+    Raises:
+        InputError: COLMAP has no such lens.
+    """
+    name, params = _record_of(camera)
+    head = struct.pack("<QIiQQ", 1, 1, _MODELS[name].number, camera.width, camera.height)
+    return head + struct.pack(f"<{len(params)}d", *params)

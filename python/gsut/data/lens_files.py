@@ -15,10 +15,11 @@ import numpy as np
 from gsut import _core
 from gsut._core import CalibrationError, InputError
 from gsut.cameras import Camera
-from gsut.data.lens_aria import is_aria, load_aria
+from gsut.data.lens_aria import format_aria, is_aria, load_aria
 from gsut.data.lens_colmap import (
     colmap_camera,
     format_colmap,
+    format_colmap_binary,
     load_colmap_binary,
     load_colmap_text,
 )
@@ -137,12 +138,14 @@ def _format_opencv(camera: Camera, path: Path) -> str:
     return (format_opencv_json if path.suffix.lower() == ".json" else format_opencv_yaml)(camera)
 
 
-_WRITERS: dict[str, Callable[[Camera, Path], str]] = {
+_WRITERS: dict[str, Callable[[Camera, Path], str | bytes]] = {
     "mrcal": lambda camera, _: _format_mrcal(camera),
     "opencv": _format_opencv,
     "kalibr": lambda camera, _: format_kalibr(camera),
     "nerfstudio": lambda camera, _: format_nerfstudio(camera),
     "colmap": lambda camera, _: format_colmap(camera),
+    "colmap-binary": lambda camera, _: format_colmap_binary(camera),
+    "aria": lambda camera, _: format_aria(camera),
 }
 
 
@@ -153,11 +156,15 @@ def _format_of_name(path: Path) -> str:
     if suffix == ".txt":
         return "colmap"
     if suffix == ".json":
-        return "nerfstudio" if name.startswith("transforms") else "opencv"
+        if name.startswith("transforms"):
+            return "nerfstudio"
+        return "aria" if "aria" in name else "opencv"
+    if suffix == ".bin":
+        return "colmap-binary"
     if suffix in _YAML:
         return "kalibr" if "camchain" in name else "opencv"
     raise InputError(
-        f"{path}: the name chooses no format; use .cameramodel, .yaml, .json or .txt,"
+        f"{path}: the name chooses no format; use .cameramodel, .yaml, .json, .txt or .bin,"
         " or give format"
     )
 
@@ -171,12 +178,13 @@ def save_camera(camera: Camera, path: _Path, format: str | None = None) -> None:
     write_atomically(file, _WRITERS[chosen](camera, file))
 
 
-def write_atomically(path: Path, text: str) -> None:
+def write_atomically(path: Path, content: str | bytes) -> None:
     """Under a temporary name in the same folder, then renamed."""
+    data = content.encode("utf-8") if isinstance(content, str) else content
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as out:
-            out.write(text)
+        with os.fdopen(handle, "wb") as out:
+            out.write(data)
             out.flush()
             os.fsync(out.fileno())
         os.chmod(temporary, 0o666 & ~_umask())
