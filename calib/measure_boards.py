@@ -8,6 +8,7 @@ BOARDS holds fisheye_stereo/ and ocam_fisheye1/ (see README.md).
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import sys
 from pathlib import Path
 
@@ -17,9 +18,10 @@ import numpy as np
 from calib import solve_mrcal, solve_opencv
 from calib.board import Board, assign_cameras
 from calib.corners import find_boards
-from calib.halves import AGREEMENT_DEGREES, agreement_angle
+from calib.halves import AGREEMENT_DEGREES, agreement_angle, compare_lenses, solve_halves
 from calib.rig import solve_rig
 from calib.rigid import compose, inverse
+from calib.second_lens import compare_with, cut_where_lenses_differ
 from calib.solution import CameraSolution
 from calib.trust import judge
 from calib.uncertainty import uncertainty_map
@@ -35,10 +37,11 @@ _SOLVES = (
     (solve_mrcal, "opencv8"),
     (solve_mrcal, "splined"),
 )
+_GOOD = ("fisheye by opencv", "opencv8 by mrcal", "splined by mrcal")  # compared in pairs
 
 
 def measure(folder: Path, prefix: str, board: Board) -> dict[str, CameraSolution]:
-    """Solves one camera with every lens and prints a line each."""
+    """Solves one camera with every lens and prints a line each, then each pair's difference."""
     photographs = assign_cameras(sorted(folder.glob(f"{prefix}*.jpg")), [])
     find_boards(photographs, board, progress=False)
     found = [photograph for photograph in photographs if photograph.corners is not None]
@@ -46,25 +49,45 @@ def measure(folder: Path, prefix: str, board: Board) -> dict[str, CameraSolution
     solutions = {}
     for solver, lens in _SOLVES:
         camera = solver.solve_camera(found, board, lens)
-        trust = judge(camera, board, uncertainty_map(camera, board))
         solutions[f"{lens} by {camera.solver}"] = camera
-        degrees = np.degrees([trust.valid_angle, trust.reach, trust.domain])
+    trusts = {}
+    for (solver, lens), (name, camera) in zip(_SOLVES, solutions.items(), strict=True):
+        trust = judge(camera, board, uncertainty_map(camera, board))
+        alone = trust.valid_angle
+        pair = solve_halves(
+            camera, lambda part, by=solver, lens=lens: by.solve_camera(part, board, lens)
+        )
+        halves_to = agreement_angle(*pair, alone) if pair else None
+        others = [
+            compare_with(camera, trust, other, board)
+            for other in solutions.values()
+            if other.lens != lens and (other.lens == "fisheye" or other.solver == "mrcal")
+        ]
+        cut_where_lenses_differ(trust, halves_to, [other for other in others if other], lens)
+        trusts[name] = trust
+        degrees = np.degrees([trust.reach, trust.domain, alone, halves_to or np.nan])
+        warp = np.array(camera.warp) * 1000
         print(
             f"  {lens:8} by {camera.solver:6}: RMS {camera.rms_2d_px:.4f} px 2-D, "
-            f"{camera.rms_axis_px:.4f} an axis, {camera.outliers.sum():2d} outliers; trusted to "
-            f"{degrees[0]:5.1f}, boards to {degrees[1]:5.1f}, one-to-one to {degrees[2]:5.1f} "
-            f"degrees{'; REFUSED' if trust.refusal else ''}"
+            f"{camera.rms_axis_px:.4f} an axis, {camera.outliers.sum():2d} outliers; board bent by "
+            f"{warp[0]:.2f}, {warp[1]:.2f} mm; boards to {degrees[0]:.1f}, one-to-one to "
+            f"{degrees[1]:.1f}, by itself trusted to {degrees[2]:.1f}, halves agree to "
+            f"{degrees[3]:.1f}; TRUSTED to {np.degrees(trust.valid_angle):.1f} degrees"
+            f"{'; REFUSED' if trust.refusal else ''}"
         )
-    names = list(solutions)
-    for index, name in enumerate(names):
-        for other in names[index + 1 :]:
-            a, b = solutions[name], solutions[other]
-            limit = min(judge(c, board, np.full((1, 1), np.nan)).valid_angle for c in (a, b))
-            angle = np.degrees(agreement_angle(a, b, limit))
+        for other in filter(None, others):
+            to = np.degrees([other.agrees_to, other.agrees_near_to, other.compared_to])
             print(
-                f"    {name} and {other} agree within {AGREEMENT_DEGREES} degree to "
-                f"{angle:.0f} of {np.degrees(limit):.0f} degrees"
+                f"    {other.lens} by {other.solver} agrees within {AGREEMENT_DEGREES} degree to "
+                f"{to[0]:.0f} far away, to {to[1]:.0f} at {other.distance:.2f} m, of {to[2]:.0f}"
             )
+    for a, b in itertools.combinations(_GOOD, 2):
+        limit = min(trusts[name].valid_angle for name in (a, b))
+        worst = compare_lenses(solutions[a], solutions[b], limit).worst_degrees
+        print(
+            f"  {a} and {b}: {worst:.3f} degree at most in their trusted field "
+            f"({np.degrees(limit):.1f} degrees)"
+        )
     return solutions
 
 

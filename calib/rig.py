@@ -95,7 +95,7 @@ def solve_rig(cameras: Sequence[CameraSolution], board: Board) -> tuple[float, l
         Observation(index, moments.index(photograph.moment), photograph.corners[good], points)
         for index, camera in enumerate(cameras)
         for photograph, good in zip(camera.photographs, ~camera.outliers, strict=True)
-        for points in [board.points()[good]]
+        for points in [board.points(camera.warp)[good]]
     ]
     starts = np.stack([reference_from_board[moment] for moment in moments])
     found, boards = fit_poses(cameras, observations, np.stack(poses), starts)
