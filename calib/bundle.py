@@ -20,7 +20,7 @@ Projector = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.
 
 _MOST_STEPS = 60
 _FIRST_DAMPING, _MOST_DAMPING = 1e-6, 1e12  # relative to the diagonal of the normal equations
-_DONE = 1e-12  # relative decrease of the cost
+_DONE = 1e-12  # relative decrease of the cost, found or predicted
 _TINY_PX = 1e-9  # RMS below which residuals are rounding: nothing is left to fit
 
 
@@ -109,11 +109,10 @@ def linearise(
     """Half the sum of squares, its gradient (unknowns,) and J^T J; the cost is inf where NaN."""
     cost, gradient = 0.0, np.zeros(layout.size)
     normal = np.zeros((layout.size, layout.size))
-    for seen in observations:
-        in_reference = transform_points(state.boards[seen.board], seen.bent(state.warp))
+    for seen, in_reference, in_camera, pixels, by_point, by_params in _projected(
+        state, observations, lenses
+    ):
         camera = state.cameras[seen.camera]
-        in_camera = transform_points(camera, in_reference)
-        pixels, by_point, by_params = lenses[seen.camera](state.params[seen.camera], in_camera)
         residual = (pixels - seen.pixels).ravel()
         if not np.all(np.isfinite(residual)):
             return np.inf, gradient, normal
@@ -142,6 +141,21 @@ def linearise(
     return cost, gradient, normal
 
 
+def _projected(state: State, observations: Sequence[Observation], lenses: Sequence[Projector]):
+    """Each observation, its points in the reference's and its camera's frame, and what the lens
+    makes of them; a lens is called once for all of its boards."""
+    for index, lens in enumerate(lenses):
+        mine = [seen for seen in observations if seen.camera == index]
+        if not mine:
+            continue
+        in_reference = [transform_points(state.boards[o.board], o.bent(state.warp)) for o in mine]
+        in_camera = [transform_points(state.cameras[index], points) for points in in_reference]
+        answers = lens(state.params[index], np.concatenate(in_camera))
+        ends = np.cumsum([len(points) for points in in_camera])[:-1]
+        parts = (np.split(answer, ends) for answer in answers)
+        yield from zip(mine, in_reference, in_camera, *parts, strict=True)
+
+
 def minimise(
     state: State,
     observations: Sequence[Observation],
@@ -164,7 +178,10 @@ def minimise(
         if cost < 0.5 * count * _TINY_PX**2:
             break
         damped = normal + damping * np.diag(np.diag(normal))
-        trial = state.moved(-np.linalg.solve(damped, gradient), layout)
+        step = -np.linalg.solve(damped, gradient)
+        if -0.5 * gradient @ step < _DONE * cost:
+            break  # nothing left to gain but rounding
+        trial = state.moved(step, layout)
         trial_cost, trial_gradient, trial_normal = linearise(trial, layout, observations, lenses)
         if trial_cost < cost:
             gain = (cost - trial_cost) / cost
