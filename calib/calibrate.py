@@ -25,6 +25,7 @@ from calib.report_page import write_report_page
 from calib.rig import solve_rig, unify_turns
 from calib.second_lens import SecondLens, cut_where_lenses_differ, solve_others
 from calib.solution import CameraSolution
+from calib.solve_mrcal_rig import solve_rig_together
 from calib.trust import Trust, judge
 from calib.uncertainty import safe_uncertainty_map
 
@@ -91,7 +92,10 @@ def calibrate(job: Job) -> Result:
             photograph.corners = turned(photograph.corners, board)
         if turn:
             cameras = [solve_camera(job, group, board, lens) for group in seen]
-        rig_rms, rig_notes = solve_rig(cameras, board)
+        if all(camera.solver == "mrcal" for camera in cameras):
+            cameras, rig_rms, rig_notes = solve_rig_together(cameras, board)
+        else:
+            rig_rms, rig_notes = solve_rig(cameras, board)
         notes += rig_notes
 
     trusts = []

@@ -34,6 +34,7 @@ def solve_camera(
     board: Board,
     lens: str,
     knot_degrees: float | None = None,
+    model: str | None = None,
 ) -> CameraSolution:
     """One camera; outliers are thrown out by mrcal's own rule.
 
@@ -41,6 +42,7 @@ def solve_camera(
         photographs: of one camera, all with corners. board: the chessboard.
         lens: one of LENS_NAMES.
         knot_degrees: of a splined lens, between knots; None: `knot_pitch`.
+        model: mrcal's whole name of the lens; None: from the other arguments.
 
     Raises:
         BoardError: mrcal is not installed.
@@ -49,8 +51,8 @@ def solve_camera(
     require_mrcal()
     first = photographs[0]
     fisheye = solve_opencv.solve_camera(photographs, board, "fisheye")
-    model = LENSES[lens][1]
-    if lens == "splined":
+    model = model or LENSES[lens][1]
+    if model == LENSES["splined"][1]:
         model = splined_model(fisheye, knot_degrees or knot_pitch(fisheye, board))
     with tempfile.TemporaryDirectory(prefix="gsut-calib-") as name:
         folder = Path(name)

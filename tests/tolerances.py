@@ -230,6 +230,8 @@ CALIB_BENT_DEGREES = 0.029  # of its rays to 60 degrees; worst observed 0.0146, 
 CALIB_SIGMA_RATIO = (0.5, 2.0)  # mrcal's uncertainty over ours; other unknowns, other priors
 # RMS (2-D, px) of the real left fisheye, as found before gsut with each solver; found 0.1773,
 # 0.1685, 0.1496
+CALIB_REAL_RIG_DEGREES = 0.1  # issue 5; worst observed 0.053
+CALIB_REAL_RIG_METRES = 0.0005  # issue 5; worst observed 0.23 mm
 CALIB_REAL_FISHEYE_PX = 0.180
 CALIB_REAL_OPENCV8_PX = 0.172
 CALIB_REAL_SPLINED_PX = 0.152
