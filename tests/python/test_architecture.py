@@ -82,7 +82,8 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     },
     "benchmarks": {"bench", "bench.*"},
     "command line": {
-        *("__main__", "calibrate", "calibrate_dataset", "camera_convert", "cli", "commands"),
+        *("__main__", "calibrate", "calibrate_dataset", "calibrate_dataset_page"),
+        *("camera_convert", "cli", "commands"),
         *("compact_command", "localize_command", "poses_command"),
     },
     "package": {"gsut"},
