@@ -1,6 +1,5 @@
 """The cameras of a rig: their poses recovered, lens by lens or all in one solve; real boards."""
 
-import cv2
 import numpy as np
 import pytest
 
@@ -9,6 +8,7 @@ from calib import solve_mrcal, solve_opencv
 from calib.board import Board, assign_cameras
 from calib.corners import find_boards
 from calib.errors import SolveError
+from calib.measure_boards import by_stereo_calibrate
 from calib.mrcal_process import have_mrcal
 from calib.rig import SHAKY, rms_of_all, solve_rig, unify_turns
 from calib.rigid import compose, inverse
@@ -117,30 +117,8 @@ def test_rig_of_real_fisheyes_agrees_with_opencv_on_the_same_boards_and_lenses(s
     solve_rig(cameras, board)
     for hold in (True, False):
         first, second = solve_together(cameras, board, hold)
-        theirs = _by_stereo_calibrate(first, second, board)
+        theirs = by_stereo_calibrate(first, second, board)
         error = compose(second.camera_from_reference, inverse(theirs))
         assert np.degrees(np.linalg.norm(error[:3])) <= tolerances.CALIB_REAL_RIG_DEGREES
         metres = np.linalg.norm(second.camera_from_reference[3:] - theirs[3:])
         assert metres <= tolerances.CALIB_REAL_RIG_METRES
-
-
-def _by_stereo_calibrate(first, second, board):
-    """(6,) second camera from the first by OpenCV, all boards, the lenses held."""
-    lenses = []
-    for camera in (first, second):
-        fx, fy, cx, cy = camera.params[:4]
-        lenses += [np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), camera.params[4:].copy()]
-    points = board.points(first.warp).astype(np.float32)
-    corners = [
-        [photograph.corners.astype(np.float32) for photograph in camera.photographs]
-        for camera in (first, second)
-    ]
-    answer = cv2.stereoCalibrate(
-        [points] * len(corners[0]),
-        *corners,
-        *lenses,
-        (first.width, first.height),
-        flags=cv2.CALIB_FIX_INTRINSIC | cv2.CALIB_RATIONAL_MODEL,
-        criteria=(cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 300, 1e-12),
-    )
-    return np.concatenate([cv2.Rodrigues(answer[5])[0].ravel(), answer[6].ravel()])
