@@ -56,11 +56,25 @@ class Board:
         """Number of inner corners."""
         return self.columns * self.rows
 
-    def points(self) -> np.ndarray:
-        """(corners, 3) in the board's frame, row by row: x along a row, y across, z = 0."""
+    def points(self, warp: Sequence[float] | None = None) -> np.ndarray:
+        """(corners, 3) in the board's frame, row by row: x along a row, y across, z away from it.
+
+        Args:
+            warp: how far the board's middle lies off the plane of its edges, bent along x and
+                along y (mrcal's two numbers), in the unit of `spacing`; None: flat, z = 0.
+        """
         y, x = np.mgrid[0 : self.rows, 0 : self.columns]
-        flat = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
-        return flat * self.spacing
+        flat = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3) * self.spacing
+        if warp is not None:
+            flat[:, 2] = self.bow() @ np.asarray(warp, float)
+        return flat
+
+    def bow(self) -> np.ndarray:
+        """(corners, 2) z of each corner by a warp of 1 along x and along y: parabolas, 0 at the
+        first and the last corner."""
+        y, x = np.mgrid[0 : self.rows, 0 : self.columns]
+        part = np.stack([x / (self.columns - 1), y / (self.rows - 1)], axis=-1).reshape(-1, 2)
+        return 4 * part * (1 - part)
 
     def __str__(self) -> str:
         return f"{self.columns} x {self.rows}"

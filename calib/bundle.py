@@ -1,4 +1,4 @@
-"""Least squares over lenses, the rig's camera poses and the boards' poses: steps and covariance.
+"""Least squares over lenses, the board's bend, the rig's and the boards' poses; covariance.
 
 Small and dense: a rig with 60 boards has some 400 unknowns. Poses change by a left perturbation
 (rotation vector, translation): p' = p + rotation x p + translation.
@@ -7,7 +7,7 @@ Small and dense: a rig with 60 boards has some 400 unknowns. Poses change by a l
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,7 +20,7 @@ Projector = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.
 
 _MOST_STEPS = 60
 _FIRST_DAMPING, _MOST_DAMPING = 1e-6, 1e12  # relative to the diagonal of the normal equations
-_DONE = 1e-12  # relative decrease of the cost
+_DONE = 1e-12  # relative decrease of the cost, found or predicted
 _TINY_PX = 1e-9  # RMS below which residuals are rounding: nothing is left to fit
 
 
@@ -30,21 +30,33 @@ class Observation:
 
     Args:
         camera, board: indices. pixels: (N, 2). points: (N, 3) in the board's frame.
+        bow: (N, 2) what a warp of 1 adds to their z (`Board.bow`); needed where lenses are free.
     """
 
     camera: int
     board: int
     pixels: np.ndarray
     points: np.ndarray
+    bow: np.ndarray | None = None
+
+    def bent(self, warp: np.ndarray) -> np.ndarray:
+        """(N, 3) the points of the bent board."""
+        if self.bow is None:
+            return self.points
+        points = self.points.copy()
+        points[:, 2] += self.bow @ warp
+        return points
 
 
 @dataclass
 class State:
-    """Unknowns: lenses' params, camera_from_reference (C, 6), reference_from_board (B, 6)."""
+    """Unknowns: lenses' params, camera_from_reference (C, 6), reference_from_board (B, 6), and the
+    board's warp (2,), free where the lenses are."""
 
     params: list[np.ndarray]
     cameras: np.ndarray
     boards: np.ndarray
+    warp: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
     def moved(self, step: np.ndarray, layout: Layout) -> State:
         """The state after a step (unknowns,)."""
@@ -56,16 +68,20 @@ class State:
             for index, start in enumerate(starts):
                 if start is not None:
                     poses[index] = compose(step[start : start + 6], poses[index])
-        return State(params, cameras, boards)
+        warp = self.warp.copy()
+        if layout.warp is not None:
+            warp += step[layout.warp : layout.warp + 2]
+        return State(params, cameras, boards, warp)
 
 
 @dataclass
 class Layout:
-    """Where each unknown stands in a step; params as (start, count), poses as start or None."""
+    """Where each unknown stands in a step; params as (start, count), others as start or None."""
 
     params: list[tuple[int, int]]
     cameras: list[int | None]
     boards: list[int]
+    warp: int | None
     size: int
 
     @classmethod
@@ -83,7 +99,8 @@ class Layout:
         for _ in range(len(state.boards)):
             boards.append(size)
             size += 6
-        return cls(params, cameras, boards, size)
+        warp = size if free_params else None
+        return cls(params, cameras, boards, warp, size + (2 if free_params else 0))
 
 
 def linearise(
@@ -92,11 +109,10 @@ def linearise(
     """Half the sum of squares, its gradient (unknowns,) and J^T J; the cost is inf where NaN."""
     cost, gradient = 0.0, np.zeros(layout.size)
     normal = np.zeros((layout.size, layout.size))
-    for seen in observations:
-        in_reference = transform_points(state.boards[seen.board], seen.points)
+    for seen, in_reference, in_camera, pixels, by_point, by_params in _projected(
+        state, observations, lenses
+    ):
         camera = state.cameras[seen.camera]
-        in_camera = transform_points(camera, in_reference)
-        pixels, by_point, by_params = lenses[seen.camera](state.params[seen.camera], in_camera)
         residual = (pixels - seen.pixels).ravel()
         if not np.all(np.isfinite(residual)):
             return np.inf, gradient, normal
@@ -111,12 +127,33 @@ def linearise(
         rotated = by_point @ rotation_matrix(camera[:3])
         blocks.append(_by_left_step(rotated, in_reference))
         columns.append(layout.boards[seen.board] + np.arange(6))
+        if layout.warp is not None:
+            if seen.bow is None:
+                raise ValueError("free lenses need the bow of every observation")
+            normal_of_board = rotation_matrix(state.boards[seen.board][:3])[:, 2]
+            blocks.append((rotated @ normal_of_board)[:, :, None] * seen.bow[:, None, :])
+            columns.append(layout.warp + np.arange(2))
         jacobian = np.concatenate(blocks, axis=2).reshape(len(residual), -1)
         index = np.concatenate(columns)
         cost += 0.5 * residual @ residual
         gradient[index] += jacobian.T @ residual
         normal[np.ix_(index, index)] += jacobian.T @ jacobian
     return cost, gradient, normal
+
+
+def _projected(state: State, observations: Sequence[Observation], lenses: Sequence[Projector]):
+    """Each observation, its points in the reference's and its camera's frame, and what the lens
+    makes of them; a lens is called once for all of its boards."""
+    for index, lens in enumerate(lenses):
+        mine = [seen for seen in observations if seen.camera == index]
+        if not mine:
+            continue
+        in_reference = [transform_points(state.boards[o.board], o.bent(state.warp)) for o in mine]
+        in_camera = [transform_points(state.cameras[index], points) for points in in_reference]
+        answers = lens(state.params[index], np.concatenate(in_camera))
+        ends = np.cumsum([len(points) for points in in_camera])[:-1]
+        parts = (np.split(answer, ends) for answer in answers)
+        yield from zip(mine, in_reference, in_camera, *parts, strict=True)
 
 
 def minimise(
@@ -141,7 +178,10 @@ def minimise(
         if cost < 0.5 * count * _TINY_PX**2:
             break
         damped = normal + damping * np.diag(np.diag(normal))
-        trial = state.moved(-np.linalg.solve(damped, gradient), layout)
+        step = -np.linalg.solve(damped, gradient)
+        if -0.5 * gradient @ step < _DONE * cost:
+            break  # nothing left to gain but rounding
+        trial = state.moved(step, layout)
         trial_cost, trial_gradient, trial_normal = linearise(trial, layout, observations, lenses)
         if trial_cost < cost:
             gain = (cost - trial_cost) / cost

@@ -9,29 +9,26 @@ from pathlib import Path
 
 import numpy as np
 
-import gsut
-from calib import solve_mrcal, solve_opencv
+from calib import solve_opencv
 from calib.board import Board, Photograph, assign_cameras, natural_key
 from calib.choose import choose_lens, solve_camera
 from calib.corner_files import write_board_picture, write_vnl
 from calib.corners import FEWEST_BOARDS, find_boards, turned
 from calib.cross_validation import HeldOut
 from calib.errors import BoardError, MisfitError, SolveError
-from calib.halves import AGREEMENT_DEGREES, Halves, agreement_angle, compare_halves
+from calib.halves import Halves, agreement_angle, compare_lenses, solve_halves
 from calib.job import Job
 from calib.lens_files import write_lens
-from calib.mrcal_process import have_mrcal, require_mrcal
+from calib.mrcal_process import require_mrcal
 from calib.report_json import report_values, write_report_json
 from calib.report_page import write_report_page
 from calib.rig import solve_rig, unify_turns
+from calib.second_lens import SecondLens, cut_where_lenses_differ, solve_others
 from calib.solution import CameraSolution
+from calib.solve_mrcal_rig import solve_rig_together
 from calib.trust import Trust, judge
 from calib.uncertainty import safe_uncertainty_map
 
-# Times the lens' residuals above which another lens does not describe the camera at all.
-_HOPELESS = 3.0
-# Part of the trusted angle to which another lens must agree, or a note says so.
-_AGREES = 0.95
 CORNERS_FOLDER, CORNERS_FILE = "corners", "corners.vnl"
 
 
@@ -39,7 +36,7 @@ CORNERS_FOLDER, CORNERS_FILE = "corners", "corners.vnl"
 class Result:
     """Everything that a calibration found out; what the reports show.
 
-    second_lens: of each camera, the name of another lens and the radians to which both agree.
+    second_lenses: of each camera, other lenses of the same boards.
     """
 
     job: Job
@@ -49,7 +46,7 @@ class Result:
     trusts: list[Trust]
     held_out: dict[str, list[HeldOut]]
     halves: list[Halves | None]
-    second_lens: list[tuple[str, float] | None]
+    second_lenses: list[list[SecondLens]]
     lens_files: list[Path]
     pictures: list[Path]
     rig_rms_px: float | None
@@ -95,7 +92,10 @@ def calibrate(job: Job) -> Result:
             photograph.corners = turned(photograph.corners, board)
         if turn:
             cameras = [solve_camera(job, group, board, lens) for group in seen]
-        rig_rms, rig_notes = solve_rig(cameras, board)
+        if all(camera.solver == "mrcal" for camera in cameras):
+            cameras, rig_rms, rig_notes = solve_rig_together(cameras, board)
+        else:
+            rig_rms, rig_notes = solve_rig(cameras, board)
         notes += rig_notes
 
     trusts = []
@@ -103,22 +103,14 @@ def calibrate(job: Job) -> Result:
         sigma, problem = safe_uncertainty_map(camera, board)
         notes += [f"{camera.name}: no uncertainty: {problem}"] if problem else []
         trusts.append(judge(camera, board, sigma))
-        notes += trusts[-1].notes
-    halves = [
-        compare_halves(camera, trust, board, lambda part: solve_camera(job, part, board, lens))
-        for camera, trust in zip(cameras, trusts, strict=True)
-    ]
-    second = [
-        _second_lens(job, camera, trust, board)
-        for camera, trust in zip(cameras, trusts, strict=True)
-    ]
-    for camera, trust, other in zip(cameras, trusts, second, strict=True):
-        if other is not None and other[1] < _AGREES * trust.valid_angle:
-            notes.append(
-                f"{camera.name}: beyond {np.degrees(other[1]):.0f} degrees another lens of the "
-                f"same boards ({other[0]}) differs by more than {AGREEMENT_DEGREES} degree: both "
-                "fit, and only more boards there can tell which is right"
-            )
+    halves, second_lenses = [], []
+    for camera, trust in zip(cameras, trusts, strict=True):
+        pair = solve_halves(camera, lambda part: solve_camera(job, part, board, lens))
+        agree_to = agreement_angle(*pair, trust.valid_angle) if pair else None
+        second_lenses.append([] if trust.refusal else solve_others(camera, trust, board))
+        cut_where_lenses_differ(trust, agree_to, second_lenses[-1], camera.name)
+        halves.append(compare_lenses(*pair, trust.valid_angle) if pair else None)
+        notes += trust.notes
     pictures = _draw(folder / CORNERS_FOLDER, photographs, cameras, board)
     result = Result(
         job=job,
@@ -128,7 +120,7 @@ def calibrate(job: Job) -> Result:
         trusts=trusts,
         held_out=held_out,
         halves=halves,
-        second_lens=second,
+        second_lenses=second_lenses,
         lens_files=[],
         pictures=pictures,
         rig_rms_px=rig_rms,
@@ -148,21 +140,6 @@ def calibrate(job: Job) -> Result:
             f"{'; '.join(result.refusals)} (no lens was written; see {folder / 'report.html'})"
         )
     return result
-
-
-def _second_lens(
-    job: Job, camera: CameraSolution, trust: Trust, board: Board
-) -> tuple[str, float] | None:
-    """Another kind of lens, and the radians to which it agrees; None where it does not fit."""
-    other = "opencv8" if camera.lens == "fisheye" else "fisheye"
-    try:
-        solver = solve_opencv if other == "fisheye" or not have_mrcal() else solve_mrcal
-        second = solver.solve_camera(camera.photographs, board, other)
-        if second.rms_2d_px > _HOPELESS * camera.rms_2d_px:
-            return None
-        return other, agreement_angle(camera, second, trust.valid_angle)
-    except (SolveError, gsut.InputError):
-        return None
 
 
 def _drop_misfits(photographs: Sequence[Photograph], board: Board) -> None:

@@ -51,12 +51,12 @@ def hold_out(
     """
     count = len(photographs)
     result = HeldOut(lens, np.full((count, board.corners), np.nan), len(full.params))
-    points = board.points()
     for fold in range(min(_FOLDS, count)):
         unseen = list(range(fold, count, _FOLDS))
         seen = [photograph for i, photograph in enumerate(photographs) if i not in unseen]
         try:
             camera = solve(seen)
+            points = board.points(camera.warp)
             good = ~full.outliers  # a displaced corner must not pull the pose
             fitted = [
                 Observation(0, k, photographs[i].corners[good[i]], points[good[i]])

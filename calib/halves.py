@@ -7,15 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.board import Board, Photograph
+from calib.board import Photograph
 from calib.corners import FEWEST_BOARDS
 from calib.errors import SolveError
 from calib.lens import rays
+from calib.rigid import compose, rodrigues_vector, skew, transform_points
 from calib.solution import CameraSolution
-from calib.trust import Trust, field_angle
+from calib.trust import field_angle
 from calib.uncertainty import grid_pixels
 
 AGREEMENT_DEGREES = 0.3  # between the rays of two good lenses of one camera
+_FEWEST_RAYS = 3  # that fix a rotation
+_STEPS = 8  # of Gauss-Newton for a shift of millimetres
+_SCAN = np.radians(1.0)  # between the angles that are tried
 
 
 @dataclass
@@ -32,22 +36,18 @@ class Halves:
     worst_degrees: float
 
 
-def compare_halves(
-    camera: CameraSolution,
-    trust: Trust,
-    board: Board,
-    solve: Callable[[Sequence[Photograph]], CameraSolution],
-) -> Halves | None:
-    """Solves odd and even photographs alone; None where a half is too small or has no lens.
+def solve_halves(
+    camera: CameraSolution, solve: Callable[[Sequence[Photograph]], CameraSolution]
+) -> tuple[CameraSolution, CameraSolution] | None:
+    """The lenses of odd and of even photographs; None where a half is too small or has no lens.
 
-    The angle to which both are trusted is the full solve's. The difference of two halves is about
-    twice the full solve's standard deviation.
+    The difference of two halves is about twice the full solve's standard deviation.
     """
     odd, even = camera.photographs[0::2], camera.photographs[1::2]
     if min(len(odd), len(even)) < FEWEST_BOARDS:
         return None
     try:
-        return compare_lenses(solve(odd), solve(even), trust.valid_angle)
+        return solve(odd), solve(even)
     except SolveError:
         return None
 
@@ -55,17 +55,13 @@ def compare_halves(
 def compare_lenses(a: CameraSolution, b: CameraSolution, valid_angle: float) -> Halves:
     """Angles between the rays of two lenses at the same pixels, turned onto each other."""
     pixels = grid_pixels(a.width, a.height)
-    flat = pixels.reshape(-1, 2)
-    rays_a, rays_b = rays(a, flat), rays(b, flat)
-    both = np.all(np.isfinite(rays_a) & np.isfinite(rays_b), axis=1)
-    trusted = both & (field_angle(rays_a) <= valid_angle)
-    degrees = np.full(len(flat), np.nan)
-    if trusted.sum() < 3:
+    rays_a, rays_b = _rays_of_both(a, b)
+    trusted = field_angle(rays_a) <= valid_angle
+    degrees = np.full(len(rays_a), np.nan)
+    if trusted.sum() < _FEWEST_RAYS:
         return Halves(degrees.reshape(pixels.shape[:2]), float("nan"), float("nan"))
-    rotation = best_rotation(rays_b[trusted], rays_a[trusted])
-    turned = rays_b[both] @ rotation.T
-    chord = np.linalg.norm(turned - rays_a[both], axis=1)
-    degrees[both] = np.degrees(2 * np.arcsin(np.clip(chord / 2, 0, 1)))
+    turn = best_rotation(rays_b[trusted], rays_a[trusted])
+    degrees = _degrees_between(rays_b @ turn.T, rays_a)
     return Halves(
         degrees.reshape(pixels.shape[:2]),
         float(np.median(degrees[trusted])),
@@ -73,25 +69,47 @@ def compare_lenses(a: CameraSolution, b: CameraSolution, valid_angle: float) -> 
     )
 
 
-def agreement_angle(a: CameraSolution, b: CameraSolution, limit: float) -> float:
+def agreement_angle(
+    a: CameraSolution, b: CameraSolution, limit: float, distance: float = np.inf
+) -> float:
     """Radians from the axis up to which two lenses agree within AGREEMENT_DEGREES everywhere.
 
+    Two lenses of the same boards have frames of their own, turned and shifted against each other.
+    The turn is taken out always; the shift, which points far away do not see, where a distance is
+    given: boards that were all near fix the place of the centre of projection poorly, and two
+    lenses that agree at the boards may differ far away.
+
     Args:
-        a, b: two lenses of one camera. limit: not further than this.
+        a, b: two lenses of one camera. limit: not further than this. distance: of the points.
     """
-    pixels = grid_pixels(a.width, a.height).reshape(-1, 2)
-    rays_a, rays_b = rays(a, pixels), rays(b, pixels)
+    rays_a, rays_b = _rays_of_both(a, b)
     angle = field_angle(rays_a)
-    both = np.all(np.isfinite(rays_a) & np.isfinite(rays_b), axis=1)
-    for outer in np.arange(limit, 0.0, -np.radians(1.0)):
-        inside = both & (angle <= outer)
-        if inside.sum() < 3:
+    for outer in np.arange(limit, 0.0, -_SCAN):
+        inside = angle <= outer
+        if inside.sum() < _FEWEST_RAYS:
             break
-        turn = best_rotation(rays_b[inside], rays_a[inside])
-        chord = np.linalg.norm(rays_b[inside] @ turn.T - rays_a[inside], axis=1)
-        if np.degrees(chord.max()) <= AGREEMENT_DEGREES:
+        source, target = rays_b[inside], rays_a[inside]
+        if np.isfinite(distance):
+            moved = _turned_and_shifted(source * distance, target)
+        else:
+            moved = source @ best_rotation(source, target).T
+        if _degrees_between(moved, target).max() <= AGREEMENT_DEGREES:
             return float(outer)
     return 0.0
+
+
+def _rays_of_both(a: CameraSolution, b: CameraSolution) -> tuple[np.ndarray, np.ndarray]:
+    """Unit rays (N, 3) of the grid's pixels; NaN in both where either lens has none."""
+    pixels = grid_pixels(a.width, a.height).reshape(-1, 2)
+    rays_a, rays_b = rays(a, pixels), rays(b, pixels)
+    missing = ~np.all(np.isfinite(rays_a) & np.isfinite(rays_b), axis=1)
+    rays_a[missing] = rays_b[missing] = np.nan
+    return rays_a, rays_b
+
+
+def _degrees_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    chord = np.linalg.norm(a - b, axis=1)
+    return np.degrees(2 * np.arcsin(np.clip(chord / 2, 0, 1)))
 
 
 def best_rotation(source: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -99,3 +117,20 @@ def best_rotation(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     u, _, vt = np.linalg.svd(target.T @ source)
     sign = np.sign(np.linalg.det(u @ vt))
     return u @ np.diag([1.0, 1.0, sign]) @ vt
+
+
+def _turned_and_shifted(points: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """(N, 3) unit directions to points (N, 3) after the rigid motion that brings them nearest to
+    `directions`, with least squares."""
+    turn = best_rotation(points / np.linalg.norm(points, axis=1, keepdims=True), directions)
+    motion = np.concatenate([rodrigues_vector(turn), np.zeros(3)])
+    for _ in range(_STEPS):
+        moved = transform_points(motion, points)
+        length = np.linalg.norm(moved, axis=1)[:, None]
+        unit = moved / length
+        by_point = (np.eye(3) - unit[:, :, None] * unit[:, None, :]) / length[:, :, None]
+        jacobian = np.concatenate([-by_point @ skew(moved), by_point], axis=2).reshape(-1, 6)
+        step = np.linalg.lstsq(jacobian, (directions - unit).ravel(), rcond=None)[0]
+        motion = compose(step, motion)
+    moved = transform_points(motion, points)
+    return moved / np.linalg.norm(moved, axis=1, keepdims=True)

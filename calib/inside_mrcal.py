@@ -27,6 +27,13 @@ def read_model(text: str) -> mrcal.cameramodel:
         return mrcal.cameramodel(file.name)
 
 
+def model_text(model: mrcal.cameramodel) -> str:
+    """The text of a .cameramodel."""
+    with tempfile.NamedTemporaryFile("r", suffix=".cameramodel") as file:
+        model.write(file.name)
+        return Path(file.name).read_text()
+
+
 def solved(question: dict) -> dict:
     """What mrcal-calibrate-cameras left in a model: lens, boards, residuals, outliers."""
     model = read_model(question["models"][0])
@@ -47,6 +54,45 @@ def solved(question: dict) -> dict:
     }
 
 
+def solve_together(question: dict) -> dict:
+    """A rig's solve again, from other lenses and poses, all corners given a new chance."""
+    inputs = read_model(question["models"][0]).optimization_inputs()
+    inputs["intrinsics"] = np.array(question["params"])
+    inputs["imagersizes"] = np.array(question["sizes"], np.int32)
+    inputs["extrinsics_rt_fromref"] = np.array(question["poses"][1:])
+    seen = inputs["indices_frame_camintrinsics_camextrinsics"]
+    names = [Path(str(path)).name for path in inputs["imagepaths"]]
+    for frame, name in zip(seen[:, 0], names, strict=True):
+        inputs["frames_rt_toref"][frame] = question["boards"][int(Path(name).stem.split("-")[1])]
+    inputs["calobject_warp"] = np.array(question["warp"])
+    if question["hold_lenses"]:
+        inputs["do_optimize_intrinsics_core"] = inputs["do_optimize_intrinsics_distortions"] = False
+        inputs["do_optimize_calobject_warp"] = False
+    weights = inputs["observations_board"][..., 2]
+    weights[weights < 0] *= -1
+    mrcal.optimize(**inputs)
+    points = mrcal.hypothesis_board_corner_positions(**inputs)[0]  # in their cameras' frames
+    cameras = []
+    for index in range(len(question["params"])):
+        mine = seen[:, 1] == index
+        observed = inputs["observations_board"][mine]
+        pixels = mrcal.project(points[mine], inputs["lensmodel"], inputs["intrinsics"][index])
+        model = mrcal.cameramodel(optimization_inputs=inputs, icam_intrinsics=index)
+        cameras.append(
+            {
+                "text": model_text(model),
+                "images": [name for name, is_mine in zip(names, mine, strict=True) if is_mine],
+                "params": inputs["intrinsics"][index].tolist(),
+                "camera_from_reference": model.extrinsics_rt_fromref().tolist(),
+                "reference_from_board": inputs["frames_rt_toref"][seen[mine, 0]].tolist(),
+                "residuals": (pixels - observed[..., :2]).reshape(mine.sum(), -1, 2).tolist(),
+                "outliers": (observed[..., 2] <= 0).reshape(mine.sum(), -1).tolist(),
+                "warp": inputs["calobject_warp"].tolist(),
+            }
+        )
+    return {"cameras": cameras}
+
+
 def solve_again(question: dict) -> dict:
     """The same solve from another lens and other boards' poses, all corners given a new chance."""
     inputs = read_model(question["models"][0]).optimization_inputs()
@@ -57,9 +103,7 @@ def solve_again(question: dict) -> dict:
     weights[weights < 0] *= -1
     mrcal.optimize(**inputs)
     model = mrcal.cameramodel(optimization_inputs=inputs, icam_intrinsics=0)
-    with tempfile.NamedTemporaryFile("r", suffix=".cameramodel") as file:
-        model.write(file.name)
-        return {"model": Path(file.name).read_text()}
+    return {"model": model_text(model)}
 
 
 def uncertainty(question: dict) -> dict:
@@ -127,6 +171,7 @@ def fit_boards(question: dict) -> dict:
 
 ANSWERS = {
     "solved": solved,
+    "solve_together": solve_together,
     "solve_again": solve_again,
     "uncertainty": uncertainty,
     "project": project,

@@ -56,7 +56,11 @@ def projector(camera: CameraSolution) -> Projector:
     Radial-tangential lenses by OpenCV's formula, which knows no domain: a fit with a pole must be
     seen for what the solver saw. The fisheye by gsut, since OpenCV's is wrong behind the camera.
     """
-    return fisheye_projector(camera.width, camera.height) if camera.lens == "fisheye" else _radial
+    return (
+        fisheye_projector(camera.width, camera.height)
+        if camera.lens == "fisheye"
+        else radial_projector
+    )
 
 
 def fisheye_projector(width: int, height: int) -> Projector:
@@ -71,7 +75,8 @@ def fisheye_projector(width: int, height: int) -> Projector:
     return project
 
 
-def _radial(params: np.ndarray, points: np.ndarray):
+def radial_projector(params: np.ndarray, points: np.ndarray):
+    """OpenCV's radial-tangential projection; a `Projector`."""
     fx, fy, cx, cy = params[:4]
     matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
     zero = np.zeros(3)

@@ -37,9 +37,23 @@ def nearest_splined(lens: Path, out: Path) -> list[str]:
             f"{lens}: the lens is {camera.model} with {len(camera.params)} parameters; this writes "
             "kannala_brandt with 8"
         )
+    solution = known_fisheye(camera)
+    side = lens.with_suffix(".uncertainty.json")
+    sigma = np.full(grid_pixels(camera.width, camera.height).shape[:2], UNKNOWN)
+    if side.is_file():
+        rows = np.array(json.loads(side.read_text())[SIGMA_KEY])
+        sigma = np.where(rows == NO_SIGMA, UNKNOWN, rows)
+    domain = float(camera.with_valid_field_angle(None).max_angle)
+    valid = camera.valid_field_angle or domain
+    trust = Trust(valid, valid, domain, sigma, 0.0)
+    return write_lens(out, solution, trust, f"gsut calibrate --from-dataset: {lens.name}")
+
+
+def known_fisheye(camera: gsut.Camera) -> CameraSolution:
+    """A Kannala-Brandt lens that no boards have given, as if it were a solution."""
     params = np.array(camera.params)
     params[2:4] -= PIXEL_SHIFT
-    solution = CameraSolution(
+    return CameraSolution(
         name="camera",
         lens="fisheye",
         solver="gsut",
@@ -53,15 +67,6 @@ def nearest_splined(lens: Path, out: Path) -> list[str]:
         residuals=np.empty((0, 0, 2)),
         outliers=np.empty((0, 0), bool),
     )
-    side = lens.with_suffix(".uncertainty.json")
-    sigma = np.full(grid_pixels(camera.width, camera.height).shape[:2], UNKNOWN)
-    if side.is_file():
-        rows = np.array(json.loads(side.read_text())[SIGMA_KEY])
-        sigma = np.where(rows == NO_SIGMA, UNKNOWN, rows)
-    domain = float(camera.with_valid_field_angle(None).max_angle)
-    valid = camera.valid_field_angle or domain
-    trust = Trust(valid, valid, domain, sigma, 0.0)
-    return write_lens(out, solution, trust, f"gsut calibrate --from-dataset: {lens.name}")
 
 
 def main() -> int:

@@ -83,13 +83,19 @@ def _camera_values(result: Result, index: int) -> dict[str, Any]:
         "distance_to_reference": baseline(camera),
         "halves_median_degrees": None if halves is None else halves.median_degrees,
         "halves_worst_degrees": None if halves is None else halves.worst_degrees,
-        "second_lens": None
-        if result.second_lens[index] is None
-        else {
-            "lens": result.second_lens[index][0],
-            "agrees_within_degrees": AGREEMENT_DEGREES,
-            "agrees_to_degrees": float(degrees(result.second_lens[index][1])),
-        },
+        "agreement_degrees": AGREEMENT_DEGREES,
+        "second_lenses": [
+            {
+                "lens": other.lens,
+                "solver": other.solver,
+                "rms_2d_px": other.rms_2d_px,
+                "compared_to_degrees": float(degrees(other.compared_to)),
+                "agrees_to_degrees": float(degrees(other.agrees_to)),
+                "agrees_at_the_boards_to_degrees": float(degrees(other.agrees_near_to)),
+                "boards_distance": other.distance,
+            }
+            for other in result.second_lenses[index]
+        ],
         "cross_validation": [
             {
                 "lens": h.lens,

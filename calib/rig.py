@@ -14,7 +14,7 @@ from calib.rigid import compose, inverse, rotation_angle, rotation_matrix
 from calib.solution import CameraSolution
 
 _SAME_ROTATION = np.radians(10.0)  # between two moments of one rig: board poses are that good
-_SHAKY = 1.5  # times the cameras' own residuals: above it the moments were not simultaneous
+SHAKY = 1.5  # times the cameras' own residuals: above it the moments were not simultaneous
 
 
 def unify_turns(cameras: Sequence[CameraSolution], board: Board) -> list[Photograph]:
@@ -95,7 +95,7 @@ def solve_rig(cameras: Sequence[CameraSolution], board: Board) -> tuple[float, l
         Observation(index, moments.index(photograph.moment), photograph.corners[good], points)
         for index, camera in enumerate(cameras)
         for photograph, good in zip(camera.photographs, ~camera.outliers, strict=True)
-        for points in [board.points()[good]]
+        for points in [board.points(camera.warp)[good]]
     ]
     starts = np.stack([reference_from_board[moment] for moment in moments])
     found, boards = fit_poses(cameras, observations, np.stack(poses), starts)
@@ -105,15 +105,23 @@ def solve_rig(cameras: Sequence[CameraSolution], board: Board) -> tuple[float, l
     left = residuals(cameras, observations, found, boards)
     shared = [r for r, o in zip(left, observations, strict=True) if seen_by[o.board] > 1]
     rms = float(np.sqrt(np.mean(np.sum(np.concatenate(shared) ** 2, axis=1))))
-    alone = float(np.sqrt(np.mean([camera.rms_2d_px**2 for camera in cameras])))
-    notes = []
-    if rms > _SHAKY * alone:
-        notes.append(
-            f"with one pose of the rig the residuals are {rms:.2f} px, each camera alone has "
-            f"{alone:.2f}: the images of one moment were not taken together, or the rig bends; "
-            "the lenses were therefore solved camera by camera"
-        )
-    return rms, notes
+    alone = rms_of_all(cameras)
+    return rms, [shaky_note(rms, alone)] if rms > SHAKY * alone else []
+
+
+def rms_of_all(cameras: Sequence[CameraSolution]) -> float:
+    """Root mean square length in pixels of all cameras' residuals, outliers left out."""
+    squares = [np.sum(c.residuals[~c.outliers] ** 2, axis=1) for c in cameras]
+    return float(np.sqrt(np.mean(np.concatenate(squares))))
+
+
+def shaky_note(rms: float, alone: float) -> str:
+    """What to say where one pose of the rig does not fit; RMS in pixels."""
+    return (
+        f"with one pose of the rig the residuals are {rms:.2f} px, each camera alone has "
+        f"{alone:.2f}: the images of one moment were not taken together, or the rig bends; "
+        "the lenses were therefore solved camera by camera"
+    )
 
 
 def _starting_poses(cameras: Sequence[CameraSolution]) -> list[np.ndarray]:

@@ -9,10 +9,12 @@ _SMALL_ANGLE = 1e-8  # radians: below it sin(a)/a and (1 - cos a)/a^2 are their 
 
 def skew(vectors: np.ndarray) -> np.ndarray:
     """(..., 3) -> (..., 3, 3): the matrix of the cross product with each vector."""
-    x, y, z = np.moveaxis(np.asarray(vectors, float), -1, 0)
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    v = np.asarray(vectors, float)
+    cross = np.zeros((*v.shape, 3))
+    for axis, (first, second) in enumerate(((2, 1), (0, 2), (1, 0))):
+        cross[..., first, second] = v[..., axis]
+        cross[..., second, first] = -v[..., axis]
+    return cross
 
 
 def rotation_matrix(rodrigues: np.ndarray) -> np.ndarray:

@@ -38,7 +38,7 @@ class CameraSolution:
         residuals: (V, corners, 2) pixels, predicted - observed.
         outliers: (V, corners) bool: corners that the solve left out.
         model_text: the .cameramodel as mrcal wrote it, with its optimization_inputs; or None.
-        warp: how far mrcal finds the board bent in its middle, along and across; or None.
+        warp: how far the board is bent in its middle, along and across (`Board.points`).
     """
 
     name: str
@@ -72,7 +72,7 @@ class CameraSolution:
 
     def points(self, board: Board) -> np.ndarray:
         """(V, corners, 3) the boards' corners in the camera's frame."""
-        flat = board.points()
+        flat = board.points(self.warp)
         return np.stack([transform_points(pose, flat) for pose in self.camera_from_board])
 
     def field_angles(self, board: Board) -> np.ndarray:

@@ -14,9 +14,9 @@ from calib.corner_files import write_vnl
 from calib.errors import SolveError
 from calib.mrcal_process import ask, calibrate_cameras, require_mrcal
 from calib.solution import LENSES, CameraSolution
+from calib.splined_fit import nearest_params, splined_model
 
 LENS_NAMES = ("opencv4", "opencv8", "splined")
-_SPLINE_ORDER = 3
 # Between knots of the spline at the axis. Finer knots follow the corners' noise: on real fisheyes
 # the residuals keep falling, the error on unseen boards rises (see README.md).
 FINEST_KNOTS_DEGREES = 16.0
@@ -24,9 +24,6 @@ FINEST_KNOTS_DEGREES = 16.0
 COARSE_KNOTS_DEGREES = 40.0
 _GOOD_START_PX = 5.0  # RMS of OpenCV's lens: above it, it has found a wrong minimum
 _CORNERS_A_KNOT = 12  # within the boards' reach, at least
-_FEWEST_KNOTS = 6  # each way: a cubic patch and one more on either side
-_SPLINE_MARGIN = 1.04  # of the field beyond the image's edge
-_WIDEST_DEGREES = 320.0  # of the splined field: the projection ends at 360
 
 
 def solve_camera(
@@ -34,6 +31,7 @@ def solve_camera(
     board: Board,
     lens: str,
     knot_degrees: float | None = None,
+    model: str | None = None,
 ) -> CameraSolution:
     """One camera; outliers are thrown out by mrcal's own rule.
 
@@ -41,6 +39,7 @@ def solve_camera(
         photographs: of one camera, all with corners. board: the chessboard.
         lens: one of LENS_NAMES.
         knot_degrees: of a splined lens, between knots; None: `knot_pitch`.
+        model: mrcal's whole name of the lens; None: from the other arguments.
 
     Raises:
         BoardError: mrcal is not installed.
@@ -49,8 +48,8 @@ def solve_camera(
     require_mrcal()
     first = photographs[0]
     fisheye = solve_opencv.solve_camera(photographs, board, "fisheye")
-    model = LENSES[lens][1]
-    if lens == "splined":
+    model = model or LENSES[lens][1]
+    if model == LENSES["splined"][1]:
         model = splined_model(fisheye, knot_degrees or knot_pitch(fisheye, board))
     with tempfile.TemporaryDirectory(prefix="gsut-calib-") as name:
         folder = Path(name)
@@ -69,27 +68,40 @@ def solve_camera(
         size = ["--imagersize", str(first.width), str(first.height)]
         calibrate_cameras([*flat, *size, "camera0-*.jpg"], folder)
         text = (folder / "camera-0.cameramodel").read_text()
+    start = fisheye
     if lens != "splined":
-        text = _from_opencv(text, photographs, board, lens)
+        start = _start_by_opencv(photographs, board, lens)
+    if start is not None:
+        params = start.params.tolist()
+        if lens == "splined":
+            # mrcal pulls its splines towards 0 around the centre and focal length that it has
+            # guessed and then holds: with the fisheye's own there is less to pull.
+            params = nearest_params(fisheye, model)
+        text = _solved_from(text, params, start)
     return from_model_text(text, lens, photographs)
 
 
-def _from_opencv(text: str, photographs: Sequence[Photograph], board: Board, lens: str) -> str:
-    """The solve again, started from OpenCV's lens of the same kind where there is one.
+def _start_by_opencv(
+    photographs: Sequence[Photograph], board: Board, lens: str
+) -> CameraSolution | None:
+    """OpenCV's lens of the same kind, where there is a good one."""
+    try:
+        start = solve_opencv.solve_camera(photographs, board, lens)
+    except SolveError:
+        return None
+    return start if start.rms_2d_px <= _GOOD_START_PX else None
+
+
+def _solved_from(text: str, params: list[float], start: CameraSolution) -> str:
+    """The solve again, from the parameters and from the boards of `start`.
 
     mrcal-calibrate-cameras starts at random, and the minima of a rational lens are many: some runs
     end in a lens with a pole in the middle of the image, others of the same boards do not.
     """
-    try:
-        start = solve_opencv.solve_camera(photographs, board, lens)
-    except SolveError:
-        return text
-    if start.rms_2d_px > _GOOD_START_PX:
-        return text
     question = {
         "do": "solve_again",
         "models": [text],
-        "params": start.params.tolist(),
+        "params": params,
         "boards": start.camera_from_board.tolist(),
     }
     return ask(question)["model"]
@@ -123,37 +135,3 @@ def knot_pitch(fisheye: CameraSolution, board: Board) -> float:
     knots = np.sum(~fisheye.outliers) / _CORNERS_A_KNOT
     pitch = 2 * np.degrees(np.arctan(reach * np.sqrt(np.pi / knots) / 2))
     return float(max(pitch, FINEST_KNOTS_DEGREES))
-
-
-def splined_model(fisheye: CameraSolution, pitch_degrees: float) -> str:
-    """mrcal's name of a splined lens that covers the image, its knots a fixed angle apart.
-
-    Args:
-        fisheye: the Kannala-Brandt lens of the same boards.
-        pitch_degrees: between knots, at the axis.
-    """
-    fx, fy, cx, cy = fisheye.params[:4]
-    half_x = _field_angle(max(cx, fisheye.width - 1 - cx) / fx, fisheye.params[4:])
-    half_y = _field_angle(max(cy, fisheye.height - 1 - cy) / fy, fisheye.params[4:])
-    degrees = min(2 * np.degrees(half_x) * _SPLINE_MARGIN, _WIDEST_DEGREES)
-    # Stereographic u = 2 tan(angle / 2); one cell of a cubic spline lies beyond either edge.
-    reach_x, reach_y = 2 * np.tan(np.radians(degrees) / 4), 2 * np.tan(half_y / 2)
-    pitch = 2 * np.tan(np.radians(pitch_degrees) / 2)
-    columns = max(_FEWEST_KNOTS, int(np.ceil(2 * reach_x / pitch)) + _SPLINE_ORDER)
-    pitch = 2 * reach_x / (columns - _SPLINE_ORDER)
-    rows = max(_FEWEST_KNOTS, int(np.ceil(2 * reach_y / pitch)) + _SPLINE_ORDER)
-    return (
-        f"{LENSES['splined'][1]}_order={_SPLINE_ORDER}_Nx={columns}_Ny={rows}"
-        f"_fov_x_deg={round(float(degrees))}"
-    )
-
-
-def _field_angle(distorted: float, coefficients: np.ndarray) -> float:
-    """Radians at a distorted radius: by the lens where it is one-to-one, else equidistant."""
-    angle = np.linspace(0.0, np.pi, 2000)
-    radius = angle * (1 + np.polyval([*coefficients[::-1], 0.0], angle**2))
-    folds = np.flatnonzero(np.diff(radius) <= 0)
-    last = folds[0] if len(folds) else len(radius) - 1
-    if distorted <= radius[last]:
-        return float(np.interp(distorted, radius[: last + 1], angle[: last + 1]))
-    return float(min(max(distorted, angle[last]), np.pi))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -74,11 +75,15 @@ def photographs(
     poses: np.ndarray,
     noise_px: float,
     generator: np.random.Generator,
+    warp: Sequence[float] | None = None,
 ) -> list[Photograph]:
-    """Corners of the board at (V, 6) poses, with Gaussian noise in pixels; no pictures."""
+    """Corners of the board at (V, 6) poses, with Gaussian noise in pixels; no pictures.
+
+    The board may be bent by `warp`, see `Board.points`.
+    """
     result = []
     for index, pose in enumerate(poses):
-        pixels, _ = camera.project(transform_points(pose, board.points()))
+        pixels, _ = camera.project(transform_points(pose, board.points(warp)))
         corners = pixels - PIXEL_SHIFT + noise_px * generator.standard_normal(pixels.shape)
         photograph = Photograph(Path(f"synthetic{index:03d}.png"), "camera", str(index))
         photograph.width, photograph.height = camera.width, camera.height

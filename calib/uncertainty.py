@@ -49,14 +49,15 @@ def parameter_covariance(camera: CameraSolution, board: Board):
     Raises:
         SolveError: the boards do not determine the lens.
     """
-    points = board.points()
+    points, bow = board.points(), board.bow()
     observations = [
-        Observation(0, index, photograph.corners[good], points[good])
+        Observation(0, index, photograph.corners[good], points[good], bow[good])
         for index, (photograph, good) in enumerate(
             zip(camera.photographs, ~camera.outliers, strict=True)
         )
     ]
-    state = State([camera.params], np.zeros((1, 6)), camera.camera_from_board)
+    warp = np.zeros(2) if camera.warp is None else np.array(camera.warp)
+    state = State([camera.params], np.zeros((1, 6)), camera.camera_from_board, warp)
     cov, layout, noise = covariance(state, observations, [projector(camera)])
     return np.sqrt(np.diag(cov)[: len(camera.params)]), cov, layout, noise
 

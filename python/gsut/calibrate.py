@@ -23,10 +23,17 @@ _PLACES = (_HERE / "share", _HERE.parents[1])
 _IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 _LENSES = ("auto", "fisheye", "opencv4", "opencv8", "splined")
 _SOLVERS = ("auto", "opencv", "mrcal")
+_MRCAL_INSTALL = "sudo apt-get install mrcal python3-mrcal"  # as calib/mrcal_process.py says it
 
 
 def add_calibrate_flags(parser: argparse.ArgumentParser) -> None:
     """The arguments of `gsut calibrate`."""
+    parser.epilog = (
+        "mrcal is a program of the system, not part of gsut, and optional: it solves opencv4, "
+        "opencv8 and splined lenses, states their uncertainty, and solves all cameras of a rig at "
+        f"once. Install it with `{_MRCAL_INSTALL}`; without it OpenCV solves fisheye, opencv4 and "
+        "opencv8."
+    )
     parser.add_argument(
         "images", metavar="IMAGES", nargs="*", help="photographs of the board, or folders of them"
     )
@@ -59,7 +66,8 @@ def add_calibrate_flags(parser: argparse.ArgumentParser) -> None:
         "--solver",
         choices=_SOLVERS,
         default="auto",
-        help="auto: OpenCV for fisheye, mrcal for the others [default auto]",
+        help="auto: OpenCV for fisheye, mrcal for the others; --lens auto does without mrcal where "
+        "it is not installed [default auto]",
     )
     parser.add_argument(
         "--rig",

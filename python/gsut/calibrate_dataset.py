@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.calibrate_dataset_page import write_page
 from gsut.cameras import Camera
 from gsut.data.lens_uncertainty import grid_pixels, save_uncertainty
 from gsut.data.load import read_dataset
@@ -30,9 +31,9 @@ _SUFFIXES = (".cameramodel", ".yaml", ".yml", ".json")
 def calibrate_from_dataset(arguments: argparse.Namespace) -> Path:
     """Refines and writes everything; returns the file of the lens.
 
-    Beside the lens file: report.json, and the folder NAME-dataset with the refined poses. A
-    Kannala-Brandt lens, which mrcal does not have, goes to NAME.yaml where a .cameramodel was asked
-    for; the caller adds the nearest splined lens.
+    Beside the lens file: report.json, report.html and the folder NAME-dataset with the refined
+    poses. A Kannala-Brandt lens, which mrcal does not have, goes to NAME.yaml where a .cameramodel
+    was asked for; the caller adds the nearest splined lens.
 
     Raises:
         InputError: wrong arguments or data, one sentence. SolveError: nothing to be trusted.
@@ -65,6 +66,7 @@ def calibrate_from_dataset(arguments: argparse.Namespace) -> Path:
     notes += _write_refined(found, camera, data, folder, notes, seconds)
     values = _report(found, camera, sigma, file, folder, notes, seconds)
     write_atomically(out.parent / _REPORT_JSON, (json.dumps(values, indent=2) + "\n").encode())
+    page = write_page(out.parent, found, camera, sigma, values)
     if not arguments.quiet:
         print(
             f"{camera.model}: {values['images']} images, {values['points']} points, RMS "
@@ -76,7 +78,7 @@ def calibrate_from_dataset(arguments: argparse.Namespace) -> Path:
         for name, row in zip(names, values["params"], strict=False):
             print(f"  {name} {row['before']:.8g} -> {row['after']:.8g} +- {row['sigma']:.2g}")
         print(f"poses: {folder / TRANSFORMS}")
-        print(f"report: {out.parent / _REPORT_JSON}")
+        print(f"report: {page}")
     return file
 
 

@@ -11,6 +11,7 @@ import pytest
 
 import gsut
 import tolerances
+from calib.mrcal_process import INSTALL
 from calib_fakes import FISHEYE, ROOT, write_pictures
 from gsut.calibrate import _images
 
@@ -57,6 +58,16 @@ def test_calibrate_fisheye_writes_lens_report_and_corners(folder, tmp_path):
     assert "http" not in page  # self-contained
     assert len(list((tmp_path / "corners").iterdir())) == 10
     assert (tmp_path / "corners.vnl").read_text().count("\n") == 1 + 10 * 35
+
+
+def test_help_of_run_and_calibrate_name_mrcal_and_its_installation():
+    run = subprocess.run(
+        [str(ROOT / "run"), "help"], capture_output=True, text=True, check=True
+    ).stdout
+    calibrate = _run("--help").stdout
+    for text in (run, calibrate):
+        assert "mrcal" in text
+        assert INSTALL in " ".join(text.split())
 
 
 def test_calibrate_missing_mrcal_is_one_sentence_with_the_command(folder, tmp_path):

@@ -11,13 +11,12 @@ from calib import solve_mrcal, solve_opencv
 from calib.board import Board, assign_cameras
 from calib.corners import find_boards
 from calib.cross_validation import compare, hold_out
-from calib.errors import MisfitError, SolveError
+from calib.errors import MisfitError
 from calib.halves import agreement_angle, best_rotation
 from calib.lens import gsut_camera, rays
 from calib.lens_files import ANGLE_KEY, SIGMA_KEY, write_lens
 from calib.measure_uncertainty import coverage
 from calib.mrcal_process import ask, have_mrcal
-from calib.rig import solve_rig, unify_turns
 from calib.rigid import compose, inverse, rodrigues_vector, rotation_matrix
 from calib.synthetic import photographs as see
 from calib.synthetic import random_poses
@@ -153,47 +152,6 @@ def test_agreement_angle_same_lens_turned_agrees_everywhere(noisy):
     directions = directions[np.isfinite(directions).all(axis=1)]
     found = best_rotation(directions, directions @ turn.T)
     assert np.abs(found - turn).max() < tolerances.CALIB_RIGID
-
-
-def _rig(generator, board, noise_px, turned_ones=()):
-    """Two cameras 11 cm apart that see the same boards; some numbered upside down by the second."""
-    pose = np.array([0.02, -0.05, 0.01, -0.11, 0.002, 0.004])
-    cameras = []
-    left = random_poses(FISHEYE, board, 12, 25.0, generator)
-    right = np.stack([compose(pose, board_pose) for board_pose in left])
-    for name, poses in (("left", left), ("right", right)):
-        photographs = see(FISHEYE, board, poses, noise_px, generator)
-        for index, photograph in enumerate(photographs):
-            photograph.camera = name
-            if name == "right" and index in turned_ones:
-                photograph.corners = photograph.corners[::-1]
-        cameras.append(solve_opencv.solve_camera(photographs, board, "fisheye"))
-    return cameras, pose
-
-
-def test_rig_relative_pose_is_recovered(rng):
-    noise_px = 0.02
-    cameras, truth = _rig(rng, BOARD, noise_px)
-    rms, notes = solve_rig(cameras, BOARD)
-    error = compose(cameras[1].camera_from_reference, inverse(truth))
-    assert np.degrees(np.linalg.norm(error[:3])) < tolerances.CALIB_RIG_DEGREES
-    assert np.linalg.norm(error[3:]) < tolerances.CALIB_RIG_METRES
-    assert rms < 2 * noise_px
-    assert not notes
-
-
-def test_rig_boards_seen_upside_down_are_found(rng):
-    cameras, _ = _rig(rng, BOARD, NOISE_PX, turned_ones=(1, 5, 6))
-    right = cameras[1].photographs
-    assert unify_turns(cameras, BOARD) == [right[1], right[5], right[6]]
-
-
-def test_rig_without_common_moment_is_an_error(rng):
-    cameras, _ = _rig(rng, BOARD, NOISE_PX)
-    for photograph in cameras[1].photographs:
-        photograph.moment += "-later"
-    with pytest.raises(SolveError, match="right has no moment"):
-        solve_rig(cameras, BOARD)
 
 
 def test_lens_file_fisheye_reads_back_exactly_and_as_nearest_splined(noisy, tmp_path):

@@ -1,6 +1,7 @@
 """`gsut calibrate --from-dataset`: a disturbed lens and poses come back; bad input is named."""
 
 import json
+import re
 
 import cv2
 import numpy as np
@@ -108,6 +109,18 @@ def test_from_dataset_held_out_sights_fall_to_the_noise(refined):
     assert report["held_out_before_px"] > 5 * report["held_out_after_px"]
     # The median length of two normal coordinates is 1.18 sigma; the points add to it.
     assert report["held_out_after_px"] < 1.5 * 1.18 * NOISE_PX
+
+
+def test_from_dataset_page_shows_the_lens_before_and_after(refined):
+    _, lens, _, folder = refined
+    page = (folder / "report.html").read_text()
+    assert page.count("<svg") == 4
+    assert not re.search(r"(src|href)=\"http", page)  # self-contained
+    assert f"<td>fx<td>{lens.params[0]:.8g}<td>" in page
+    rows = re.findall(r"<tr><td>\d, \d<td>([\d,]+)<td>([\d.]+)<td>([\d.]+)<td>", page)
+    assert len(rows) == 9  # regions, each with sights
+    for _, before, after in rows:
+        assert float(after) < 2 * np.sqrt(2) * NOISE_PX < float(before)
 
 
 def test_from_dataset_poses_come_back_with_the_split(refined):

@@ -1,0 +1,145 @@
+"""Photographs that cannot be calibrated from: one sentence each, naming the file."""
+
+import json
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+from calib import __main__ as program
+from calib.images import read_grey
+from calib_fakes import write_pictures
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    """Ten drawn boards; paths."""
+    folder = tmp_path_factory.mktemp("photographs")
+    return write_pictures(folder, 10, np.random.default_rng(21))[0]
+
+
+def calibrate(monkeypatch, folder, images, board="7x5", **more):
+    """Runs `python -m calib` on a job; returns its exit status."""
+    values = {
+        "images": [str(path) for path in images], "board": board, "spacing": 0.03,
+        "lens": "fisheye", "out": str(folder / "lens.yaml"), "progress": False, **more,
+    }  # fmt: skip
+    job = folder / "job.json"
+    job.write_text(json.dumps(values))
+    monkeypatch.setattr(sys, "argv", ["calib", str(job)])
+    return program.main()
+
+
+def changed(folder, paths, change):
+    """The pictures after a change, as files of their own."""
+    written = []
+    for path in paths:
+        written.append(folder / f"changed-{path.name}")
+        cv2.imwrite(str(written[-1]), change(read_grey(path)))
+    return written
+
+
+def blurred(image):
+    return cv2.GaussianBlur(image, (0, 0), 7)
+
+
+def cropped(image):
+    """What lies left of the board's middle, by its bright paper; the rest is grey."""
+    middle = int(np.flatnonzero((image > 200).any(axis=0)).mean())
+    return np.where(np.arange(image.shape[1]) < middle, image, 110).astype(np.uint8)
+
+
+def empty(image):
+    return np.full_like(image, 128)
+
+
+def half_size(image):
+    return cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+
+
+def no_boards(folder, paths):
+    return changed(folder, paths[:4], empty)
+
+
+def too_few(folder, paths):
+    return [*paths[:3], *changed(folder, paths[3:5], empty)]
+
+
+def mixed_sizes(folder, paths):
+    return [*paths[:4], *changed(folder, paths[4:5], half_size)]
+
+
+def all_blurred(folder, paths):
+    return changed(folder, paths[:4], blurred)
+
+
+def all_cropped(folder, paths):
+    return changed(folder, paths[:4], cropped)
+
+
+def tiny(folder, paths):
+    return changed(folder, paths[:4], lambda image: image[:, :4])
+
+
+def unreadable(folder, paths):
+    (folder / "changed-note.png").write_text("this is no image")
+    return [*paths[:4], folder / "changed-note.png"]
+
+
+def cut_off(folder, paths):
+    (folder / "changed-half.png").write_bytes(paths[0].read_bytes()[:-100])
+    return [*paths[:4], folder / "changed-half.png"]
+
+
+def missing(folder, paths):
+    return [*paths[:4], folder / "changed-absent.png"]
+
+
+@pytest.mark.parametrize(
+    ("make", "board", "sentence"),
+    [
+        (no_boards, "7x5", "no board of 7 x 5 inner corners in any of the 4 images"),
+        (too_few, "7x5", "too few boards: 3 found in 5 images"),
+        (mixed_sizes, "7x5", "all images of one camera must have one size"),
+        (all_blurred, "7x5", "blurred"),
+        (all_cropped, "7x5", "cropped"),
+        (tiny, "7x5", "4 x 320 pixels are too few for a board of 7 x 5"),
+        (unreadable, "7x5", "not a readable image"),
+        (cut_off, "7x5", "the image is cut off after"),
+        (missing, "7x5", "cannot be read"),
+        (lambda _, paths: paths[:5], "8x6", "show 7 x 5 inner corners, not 8 x 6"),
+        (lambda _, paths: paths[:5], "6x4", "show 7 x 5 inner corners, not 6 x 4"),
+    ],
+)
+def test_calibrate_bad_photographs_are_one_sentence_with_the_file(
+    make, board, sentence, pictures, tmp_path, monkeypatch, capsys
+):
+    images = make(tmp_path, pictures)
+    assert calibrate(monkeypatch, tmp_path, images, board) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("gsut: error: ")
+    assert said.count("\n") == 1
+    assert sentence in said
+    changed_ones = [path for path in images if path.name.startswith("changed")]
+    assert any(str(path) in said for path in changed_ones or images)
+    assert not list(tmp_path.glob("lens*"))
+
+
+def test_calibrate_some_bad_photographs_are_left_out_and_reported(
+    pictures, tmp_path, monkeypatch, capsys
+):
+    spoiled = changed(tmp_path, pictures[8:9], blurred) + changed(tmp_path, pictures[9:], empty)
+    assert calibrate(monkeypatch, tmp_path, [*pictures[:8], *spoiled]) == 0
+    said = capsys.readouterr().err
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert (report["boards_found"], report["boards_total"]) == (8, 10)
+    reasons = {row["file"]: row.get("reason") for row in report["cameras"]["camera"]["images"]}
+    assert "blurred" in reasons[str(spoiled[0])]
+    assert reasons[str(spoiled[1])].startswith("no board is seen")
+    assert all(f"{path}: left out: {reasons[str(path)]}" in said for path in spoiled)
+    assert all(f"left out: {reasons[str(path)]}" in page(tmp_path) for path in spoiled)
+
+
+def page(folder):
+    return (folder / "report.html").read_text()
