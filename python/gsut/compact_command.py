@@ -157,8 +157,10 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
         if not arguments.quiet:
             print(f"gsut: {count:,} Gaussians: {psnr:.2f} dB", file=sys.stderr)
 
+    earlier = (source.read_json(METRICS) or {}).get("compaction") or {}
     compactor = RunCompactor(
         scene, gaussians, train_options, options,
+        keep_degrees=earlier.get("harmonics_degrees") is not None,
         on_view=on_view, on_step=on_step, on_try=on_try,
     )  # fmt: skip
     made = compactor.make()

@@ -21,6 +21,7 @@ from gsut.evaluate import evaluate, run_metrics
 from gsut.finetune import finetune, finetune_options
 from gsut.gaussians import Gaussians
 from gsut.held_out import mean_psnr
+from gsut.mixed_harmonics import MixedGaussians, lighter
 from gsut.options import TrainOptions
 from gsut.run_folder import METRICS, SCENE, RunFolder
 
@@ -119,6 +120,7 @@ class RunCompactor:
         gaussians: the run's.
         train_options: the run's.
         options: what to make.
+        keep_degrees: fine-tuning leaves each Gaussian's degree of harmonics, which was chosen.
         on_view: called after each view that is looked at for scores.
         on_step: called after each step of fine-tuning with the loop and the loss.
         on_try: called with (number of Gaussians, PSNR) after each try of the search.
@@ -131,12 +133,14 @@ class RunCompactor:
         train_options: TrainOptions,
         options: CompactOptions,
         *,
+        keep_degrees: bool = False,
         on_view: Callable[[], object] = lambda: None,
         on_step: Callable[[Any, float], object] = lambda loop, loss: None,
         on_try: Callable[[int, float], object] = lambda count, psnr: None,
     ) -> None:
         self.scene, self.gaussians = scene, gaussians
         self.train_options, self.options = train_options, options
+        self.keep_degrees = keep_degrees
         self.on_view, self.on_step, self.on_try = on_view, on_step, on_try
         self.views: Sequence[SeenView] = (
             seen_views(scene, scene.train_indices) if looks_at_views(options.method) else ()
@@ -182,11 +186,11 @@ class RunCompactor:
             return result.gaussians
         tuned, self.finetune_seconds = finetune(
             self.scene,
-            result.gaussians,
+            lighter(result.gaussians) if self.keep_degrees else result.gaussians,
             finetune_options(self.train_options, o.finetune, len(result.gaussians)),
             self.on_step,
         )
-        return tuned
+        return tuned.to_gaussians() if isinstance(tuned, MixedGaussians) else tuned
 
     def _search(self) -> Gaussians:
         """Bisection over the logarithm of the number: fewer Gaussians, lower PSNR."""

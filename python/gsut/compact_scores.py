@@ -222,9 +222,7 @@ class _Passes:
     def __init__(self, gaussians: Gaussians) -> None:
         self.gaussians = gaussians.astype(np.float32)
         self.touched = np.zeros(len(gaussians), np.uint8)
-        self._gradients = Gaussians(
-            *(np.zeros_like(getattr(self.gaussians, f.name)) for f in dataclasses.fields(Gaussians))
-        )
+        self._gradients = self.gaussians.zeros_like()
         self._renderer = _core.Renderer()
         self._rule = _core.BlendRule()
 

@@ -8,7 +8,6 @@ from typing import Any
 
 from gsut import _core
 from gsut.data.scene import Scene
-from gsut.gaussians import Gaussians
 from gsut.options import TrainOptions
 from gsut.train import TrainingLoop
 
@@ -46,20 +45,21 @@ def finetune_options(options: TrainOptions, steps: int, count: int) -> TrainOpti
 
 def finetune(
     scene: Scene,
-    gaussians: Gaussians,
+    gaussians: Any,
     options: TrainOptions,
     on_step: Callable[[TrainingLoop, float], object] = lambda loop, loss: None,
-) -> tuple[Gaussians, float]:
+) -> tuple[Any, float]:
     """Trains Gaussians on with fresh Adam moments; their number stays.
 
     Args:
         scene: at the resolution to train at.
-        gaussians: the start.
+        gaussians: the start; of `MixedGaussians` each keeps its degree of harmonics.
         options: from `finetune_options`.
         on_step: called after each step with the loop and the step's loss.
 
     Returns:
-        The Gaussians and the seconds of the steps. The same bits on any number of threads.
+        The Gaussians, of the same kind, and the seconds of the steps. The same bits on any number
+        of threads.
     """
     _core.set_num_threads(options.threads)
     loop = TrainingLoop(scene, options, gaussians)

@@ -60,6 +60,8 @@ PYTHON_GROUPS: dict[str, set[str]] = {
             "gaussians",
             "low_pass",
             "metrics",
+            "mixed_harmonics",
+            "mixed_optimizer",
             "optimize",
             "optimizer_arrays",
             "projection",
