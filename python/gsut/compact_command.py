@@ -35,9 +35,9 @@ def add_compact_flags(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--method", default="ghap", metavar="METHOD",
-        help="ghap: merge neighbours where it costs least, weighted by what the lenses see; field: "
-        "the same by the drawn fields alone; ghap-paper: the published k-means; "
-        "lightgaussian, pup: prune by score [default ghap]",
+        help="ghap: merge neighbours where it costs least, weighted by what the lenses see, and "
+        "fit colours to the whole model's pictures; field: without the fit; ghap-paper: the "
+        "published k-means; lightgaussian, pup: prune by score [default ghap]",
     )  # fmt: skip
     parser.add_argument(
         "--finetune", type=int, default=0, metavar="STEPS",

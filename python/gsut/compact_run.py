@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.compact import Compaction, check_keep, check_method, compact, looks_at_views
+from gsut.compact import Compaction, check_keep, check_method, compact, looks_at_views, scores_of
 from gsut.compact_harmonics import drop_harmonics
 from gsut.compact_scores import SeenView, seen_views
 from gsut.data.scene import Scene
@@ -145,6 +145,7 @@ class RunCompactor:
         self.views: Sequence[SeenView] = (
             seen_views(scene, scene.train_indices) if looks_at_views(options.method) else ()
         )
+        self._scores: np.ndarray | None = None  # the same for all tries
         self.compact_seconds = 0.0
         self.finetune_seconds = 0.0
         self.dropped = 0
@@ -171,6 +172,8 @@ class RunCompactor:
     def _try(self, keep: float | None = None, count: int | None = None) -> Gaussians:
         o = self.options
         started = time.perf_counter()
+        if self._scores is None:
+            self._scores = scores_of(self.gaussians, o.method, self.views, self.on_view)
         result: Compaction = compact(
             self.gaussians,
             keep,
@@ -178,6 +181,7 @@ class RunCompactor:
             method=o.method,
             views=self.views,
             seed=o.seed,
+            scores=self._scores,
             on_view=self.on_view,
         )
         self.compact_seconds = time.perf_counter() - started
