@@ -14,9 +14,9 @@ from gsut.options import TrainOptions
 
 # Seconds of training in metrics.json: processor time of the whole of it over the threads.
 TRAIN_CPU = "train_seconds_processor"
-# 3DGS' density control: until half of the steps, first opacity and size of a Gaussian; as good as no
-# cap. Every 10 steps, so that there are about as many rounds as in its 15 000 steps (sponza_fisheye
-# at half size, 1000 steps: 62 000 Gaussians; every 50 steps hardly more than its 20 000 points).
+# 3DGS' density control: until half of the steps, first opacity and size of a Gaussian; as good as
+# no cap. Every 10 steps, so that there are about as many rounds as in its 15 000 steps: on
+# sponza_fisheye at half size, 1000 steps, 62 000 Gaussians; every 50 steps hardly more than points.
 _ADC: dict[str, Any] = {
     "strategy": "adaptive",
     "densify_until": 0.5,
