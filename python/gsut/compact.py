@@ -159,8 +159,8 @@ def finite_rows(gaussians: Gaussians) -> np.ndarray:
     """(N,) bool: rows all of whose values are finite."""
     finite = np.ones(len(gaussians), bool)
     for field in dataclasses.fields(gaussians):
-        values = getattr(gaussians, field.name).reshape(len(gaussians), -1)
-        finite &= np.isfinite(values).all(axis=1)
+        values = getattr(gaussians, field.name)
+        finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     return finite
 
 

@@ -80,7 +80,17 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "compaction": {"compact", "compact_harmonics", "compact_refit", "compact_scores"},
     "training": {
         *("calibration_weights", "compact_run", "evaluate", "finetune", "first_gaussians"),
-        *("growth", "held_out", "mini_splatting", "pyramid", "refine", "train", "trained_run"),
+        *(
+            "growth",
+            "held_out",
+            "mini_splatting",
+            "pyramid",
+            "refine",
+            "schedule",
+            "train",
+            "trained_run",
+            "trajectory_mean",
+        ),
     },
     "benchmarks": {"bench", "bench.*"},
     "command line": {
