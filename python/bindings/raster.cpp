@@ -6,6 +6,7 @@
 #include <array>
 #include <cstring>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "bindings/arrays.h"
@@ -73,6 +74,33 @@ struct LensGradient {
   }
 };
 
+// The rows of each degree of a gsut.MixedGaussians; none for any other object.
+std::optional<HarmonicsRows> MixedRows(const py::handle& gaussians) {
+  if (!py::hasattr(gaussians, "degree_ends")) return std::nullopt;
+  HarmonicsRows rows;
+  rows.end = gaussians.attr("degree_ends").cast<decltype(rows.end)>();
+  if (!rows.IsValid() || rows.end[0] != static_cast<std::int64_t>(py::len(gaussians))) {
+    throw InputError(
+        "degree_ends must fall from the number of Gaussians, by multiples of 16 or to all of them");
+  }
+  return rows;
+}
+
+// As GaussiansOf in arrays.h, but that harmonics of several degrees are one array of floats.
+template <class View, class Get>
+View MixedView(const py::handle& gaussians, const std::optional<HarmonicsRows>& rows, Get&& get) {
+  if (!rows.has_value()) return GaussiansOf<View>(gaussians, get);
+  View view;
+  view.size = rows->end[0];
+  view.sh_coefficients = NumShCoefficients(rows->MaxDegree());
+  view.means = get(gaussians.attr("means"), "means", {view.size, 3});
+  view.quats = get(gaussians.attr("quats"), "quats", {view.size, 4});
+  view.log_scales = get(gaussians.attr("log_scales"), "log_scales", {view.size, 3});
+  view.opacity_logits = get(gaussians.attr("opacity_logits"), "opacity_logits", {view.size});
+  view.sh = get(gaussians.attr("sh"), "sh", {rows->Offset(view.size)});
+  return view;
+}
+
 // A renderer and what its last image was made from.
 class BoundRenderer {
  public:
@@ -80,7 +108,12 @@ class BoundRenderer {
               const BlendRule& rule, const std::array<double, 3>& background, int sh_degree,
               const std::array<double, 3>& unscented, const py::object& image,
               const py::object& alpha, const py::object& depth, bool keep) {
-    const auto view = ConstGaussians<float>(gaussians);
+    const std::optional<HarmonicsRows> sh_rows = MixedRows(gaussians);
+    const auto view = MixedView<GaussiansView<const float>>(
+        gaussians, sh_rows,
+        [](const py::handle& array, const char* name, std::initializer_list<std::int64_t> shape) {
+          return ConstData<float>(array, name, shape);
+        });
     motion_ = ReadMotion(pose);
     camera_ = std::make_unique<Camera>(camera);
     height_ = camera.height();
@@ -94,6 +127,8 @@ class BoundRenderer {
     options.unscented = {unscented[0], unscented[1], unscented[2]};
     options.with_depth = depth_data != nullptr;
     options.keep_for_backward = keep;
+    options.sh_rows = sh_rows;
+    sh_rows_ = sh_rows;
     gaussians_ = gaussians;
     const py::gil_scoped_release release;
     renderer_.Render(view, camera, motion_, Settings(rule, background, sh_degree), options,
@@ -107,7 +142,16 @@ class BoundRenderer {
     const float* image = ConstData<float>(dimage, "dimage", {height_, width_, 3});
     const float* alpha = OptionalData<float>(dalpha, "dalpha", {height_, width_});
     const float* depth = OptionalData<float>(ddepth, "ddepth", {height_, width_});
-    const auto view = MutableGaussians<float>(gradients);
+    const std::optional<HarmonicsRows> sh_rows = MixedRows(gradients);
+    if (sh_rows.has_value() != sh_rows_.has_value() ||
+        (sh_rows.has_value() && sh_rows->end != sh_rows_->end)) {
+      throw InputError("gradients must have the degrees of harmonics of the rendered Gaussians");
+    }
+    const auto view = MixedView<GaussiansView<float>>(
+        gradients, sh_rows,
+        [](const py::handle& array, const char* name, std::initializer_list<std::int64_t> shape) {
+          return MutableData<float>(array, name, shape);
+        });
     std::uint8_t* touched_data = MutableData<std::uint8_t>(touched, "touched", {view.size});
     double dpose[12] = {};
     has_lens_ = false;
@@ -187,6 +231,7 @@ class BoundRenderer {
  private:
   Renderer renderer_;
   py::object gaussians_;
+  std::optional<HarmonicsRows> sh_rows_;
   CameraMotion motion_;
   std::unique_ptr<Camera> camera_;
   LensGradient lens_;

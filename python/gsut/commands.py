@@ -19,6 +19,7 @@ import numpy as np
 import gsut
 from gsut._core import InputError
 from gsut.evaluate import evaluate as evaluate_scene
+from gsut.mixed_harmonics import lighter
 from gsut.option_fields import given_options
 from gsut.options import TrainOptions
 from gsut.pictures import picture_stems, to_uint8, write_png, write_video
@@ -91,6 +92,8 @@ def render(arguments: argparse.Namespace) -> int:
     size = _parsed_size(arguments.size) if arguments.size else None
     run = RunFolder.open(arguments.folder)
     options, scene, gaussians = read_trained(run, arguments.data)
+    if not arguments.low_pass:
+        gaussians = lighter(gaussians)
     poses, names, cameras = _frames(arguments, scene)
     if size:
         resized = {id(camera): camera.resized(*size) for camera in cameras}

@@ -10,15 +10,19 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.compact_refit import refit_colors
 from gsut.compact_scores import SeenView, blend_weights, lightgaussian_scores, pup_scores
 from gsut.gaussians import Gaussians
 
 METHODS = ("ghap", "field", "ghap-paper", "lightgaussian", "pup")
-# What each merging method weighs beside the difference of colours: divergence, drawn fields.
-# Held-out PSNR of sponza_fisheye merged from 500 000 (35.43 dB) to 20 / 10 %, not fine-tuned:
-# 0.05, 0: 33.87 / 31.63; 0, 0.02: 33.81 / 31.75; 0, 0.1: 33.94 / 31.89; 0, 0.5: 33.88 / 31.67;
-# 0.01, 0.1: 34.00 / 32.05; 0.03, 0.1: 33.99 / 31.97.
-_MERGING = {"ghap": (0.01, 0.1), "field": (0.0, 0.1)}
+# What the merging methods weigh beside the difference of colours: divergence, drawn fields. On
+# training views set aside from models of 200 000 (sponza_fisheye 33.94 dB, fox), PSNR at 10 %:
+# 0.01, 0.1: 30.19 and 28.20; 0, 0.1: 30.26 and 28.21.
+_MERGING_COSTS = (0.0, 0.1)
+_MERGING = ("ghap", "field")
+# Of ghap's colours. The same views of sponza at 10 / 20 %: 0 rounds 30.26 / 32.37, 1 30.74 / 32.52,
+# 2 30.82 / 32.56, 3 30.86 / 32.58.
+_REFIT_ROUNDS = 2
 # Methods that see the Gaussians through the views' lenses, and those that cannot do without.
 _LOOKING = ("ghap", "field", "lightgaussian", "pup")
 _NEED_VIEWS = ("lightgaussian", "pup")
@@ -45,6 +49,7 @@ def compact(
     method: str = "ghap",
     views: Sequence[SeenView] = (),
     seed: int = 0,
+    scores: np.ndarray | None = None,
     on_view: Callable[[], object] = lambda: None,
 ) -> Compaction:
     """Reduces the number of Gaussians; no photograph is used.
@@ -54,12 +59,15 @@ def compact(
         keep: fraction to keep, above 0 and at most 1 ...
         count: ... or their number, at least 1. Give one of the two.
         method: "ghap": merges pairs of neighbours bottom up where it costs least in colour and
-            shape (difference of the drawn fields, and divergence of the merged from the two),
-            weighted by what the views see of them; "field": likewise without the divergence;
-            "ghap-paper": the publication's k-means; "lightgaussian", "pup": pruning by score.
+            shape (difference of the drawn fields), weighted by what the views see of them, and
+            then fits colours to the whole scene's pictures in these views (`refit_colors`);
+            "field": likewise without the second part; "ghap-paper": the publication's k-means;
+            "lightgaussian", "pup": pruning by score.
         views: from `seen_views`; lightgaussian and pup need them, ghap and field weigh by opacity
             times size without them, ghap-paper does not look.
         seed: of ghap-paper's start.
+        scores: from `scores_of` with the same Gaussians, views and method, so that several numbers
+            cost one look; None: they are found.
         on_view: called after each view.
 
     Returns:
@@ -69,31 +77,58 @@ def compact(
     Raises:
         InputError: keep, count or method out of range, or no views for a method that needs them.
 
-    Source: "Gaussian Herding across Pens" (GHAP), 2025; Runnalls, IEEE Trans. AES 2007 (the
-        divergence); LightGaussian, NeurIPS 2024; PUP 3D-GS, CVPR 2025.
+    Source: "Gaussian Herding across Pens" (GHAP), 2025; LightGaussian, NeurIPS 2024; PUP 3D-GS,
+        CVPR 2025.
     """
     check_method(method, bool(views))
-    g = gaussians.astype(np.float32)
-    finite = finite_rows(g)
-    dropped = len(g) - int(np.count_nonzero(finite))
-    if dropped:
-        g = g[finite]
+    g = _finite(gaussians)
+    dropped = len(gaussians) - len(g)
     target = _target(len(g), keep, count)
     if target == len(g):
         return Compaction(g.copy(), dropped)
     if method == "ghap-paper":
         return Compaction(Gaussians(*_core.herd_paper(g, target / len(g), seed=seed)), dropped)
+    if scores is None:
+        scores = scores_of(g, method, views, on_view)
+    if scores is not None and len(scores) != len(g):
+        raise InputError(f"scores must be one a finite Gaussian, {len(g)}, found {len(scores)}")
     if method in _MERGING:
-        weights = blend_weights(g, views, on_view).astype(np.float32) if views else None
-        merged = _core.merge_pairs(g, target, weights, *_MERGING[method])
-        return Compaction(Gaussians(*merged), dropped)
-    if method == "lightgaussian":
-        scores = lightgaussian_scores(g, views, on_view)
-    else:
-        scores = pup_scores(g, views, on_view)
+        weights = None if scores is None else scores.astype(np.float32)
+        merged = Gaussians(*_core.merge_pairs(g, target, weights, *_MERGING_COSTS))
+        if method == "ghap" and views:
+            merged = refit_colors(merged, g, views, _REFIT_ROUNDS, on_view)
+        return Compaction(merged, dropped)
+    assert scores is not None  # check_method
     # Stable: among equal scores the first rows stay.
     best = np.argsort(-scores, kind="stable")[:target]
     return Compaction(g[np.sort(best)], dropped)
+
+
+def scores_of(
+    gaussians: Gaussians,
+    method: str,
+    views: Sequence[SeenView],
+    on_view: Callable[[], object] = lambda: None,
+) -> np.ndarray | None:
+    """What a method asks the views, which does not depend on how many Gaussians are kept.
+
+    Args:
+        gaussians, method, views, on_view: as in `compact`.
+
+    Returns:
+        A float64 for each Gaussian whose values are finite: blend weights for ghap and field,
+        scores for lightgaussian and pup; None for a method that does not look, or without views.
+    """
+    finders = {"lightgaussian": lightgaussian_scores, "pup": pup_scores}
+    if method not in _LOOKING or not views:
+        return None
+    return finders.get(method, blend_weights)(_finite(gaussians), views, on_view)
+
+
+def _finite(gaussians: Gaussians) -> Gaussians:
+    g = gaussians.astype(np.float32)
+    finite = finite_rows(g)
+    return g if finite.all() else g[finite]
 
 
 def looks_at_views(method: str) -> bool:
@@ -124,8 +159,8 @@ def finite_rows(gaussians: Gaussians) -> np.ndarray:
     """(N,) bool: rows all of whose values are finite."""
     finite = np.ones(len(gaussians), bool)
     for field in dataclasses.fields(gaussians):
-        values = getattr(gaussians, field.name).reshape(len(gaussians), -1)
-        finite &= np.isfinite(values).all(axis=1)
+        values = getattr(gaussians, field.name)
+        finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     return finite
 
 

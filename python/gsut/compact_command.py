@@ -35,9 +35,9 @@ def add_compact_flags(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--method", default="ghap", metavar="METHOD",
-        help="ghap: merge neighbours where it costs least, weighted by what the lenses see; field: "
-        "the same by the drawn fields alone; ghap-paper: the published k-means; "
-        "lightgaussian, pup: prune by score [default ghap]",
+        help="ghap: merge neighbours where it costs least, weighted by what the lenses see, and "
+        "fit colours to the whole model's pictures; field: without the fit; ghap-paper: the "
+        "published k-means; lightgaussian, pup: prune by score [default ghap]",
     )  # fmt: skip
     parser.add_argument(
         "--finetune", type=int, default=0, metavar="STEPS",
@@ -113,6 +113,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
         print(
             f"{len(gaussians):,} -> {len(result.gaussians):,} Gaussians in {seconds:.1f} s: {out}"
         )
+        _print_dropped(result.dropped)
     return {
         "method": options.method,
         "source_num_gaussians": len(gaussians),
@@ -157,8 +158,10 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
         if not arguments.quiet:
             print(f"gsut: {count:,} Gaussians: {psnr:.2f} dB", file=sys.stderr)
 
+    earlier = (source.read_json(METRICS) or {}).get("compaction") or {}
     compactor = RunCompactor(
         scene, gaussians, train_options, options,
+        keep_degrees=earlier.get("harmonics_degrees") is not None,
         on_view=on_view, on_step=on_step, on_try=on_try,
     )  # fmt: skip
     made = compactor.make()
@@ -169,6 +172,11 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     return metrics
 
 
+def _print_dropped(count: int) -> None:
+    if count:
+        print(f"{count} Gaussians with values that are not finite were left out")
+
+
 def _print_summary(metrics: dict[str, Any], size: int) -> None:
     done = metrics["compaction"]
     tuned = f", {done['finetune_steps']} steps" if done["finetune_steps"] else ""
@@ -177,8 +185,7 @@ def _print_summary(metrics: dict[str, Any], size: int) -> None:
         f"{done['method']}{tuned} in {done['compact_seconds'] + done['finetune_seconds']:.1f} s, "
         f"{size / 1e6:.1f} MB"
     )
-    if done["dropped"]:
-        print(f"{done['dropped']} Gaussians with values that are not finite were left out")
+    _print_dropped(done["dropped"])
     if done["harmonics_degrees"]:
         counts = enumerate(done["harmonics_degrees"])
         print("harmonics: " + ", ".join(f"{count:,} of degree {d}" for d, count in counts))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.compact import Compaction, check_keep, check_method, compact, looks_at_views
+from gsut.compact import Compaction, check_keep, check_method, compact, looks_at_views, scores_of
 from gsut.compact_harmonics import drop_harmonics
 from gsut.compact_scores import SeenView, seen_views
 from gsut.data.scene import Scene
@@ -21,6 +21,7 @@ from gsut.evaluate import evaluate, run_metrics
 from gsut.finetune import finetune, finetune_options
 from gsut.gaussians import Gaussians
 from gsut.held_out import mean_psnr
+from gsut.mixed_harmonics import MixedGaussians, lighter
 from gsut.options import TrainOptions
 from gsut.run_folder import METRICS, SCENE, RunFolder
 
@@ -119,6 +120,7 @@ class RunCompactor:
         gaussians: the run's.
         train_options: the run's.
         options: what to make.
+        keep_degrees: fine-tuning leaves each Gaussian's degree of harmonics, which was chosen.
         on_view: called after each view that is looked at for scores.
         on_step: called after each step of fine-tuning with the loop and the loss.
         on_try: called with (number of Gaussians, PSNR) after each try of the search.
@@ -131,16 +133,19 @@ class RunCompactor:
         train_options: TrainOptions,
         options: CompactOptions,
         *,
+        keep_degrees: bool = False,
         on_view: Callable[[], object] = lambda: None,
         on_step: Callable[[Any, float], object] = lambda loop, loss: None,
         on_try: Callable[[int, float], object] = lambda count, psnr: None,
     ) -> None:
         self.scene, self.gaussians = scene, gaussians
         self.train_options, self.options = train_options, options
+        self.keep_degrees = keep_degrees
         self.on_view, self.on_step, self.on_try = on_view, on_step, on_try
         self.views: Sequence[SeenView] = (
             seen_views(scene, scene.train_indices) if looks_at_views(options.method) else ()
         )
+        self._scores: np.ndarray | None = None  # the same for all tries
         self.compact_seconds = 0.0
         self.finetune_seconds = 0.0
         self.dropped = 0
@@ -167,6 +172,8 @@ class RunCompactor:
     def _try(self, keep: float | None = None, count: int | None = None) -> Gaussians:
         o = self.options
         started = time.perf_counter()
+        if self._scores is None:
+            self._scores = scores_of(self.gaussians, o.method, self.views, self.on_view)
         result: Compaction = compact(
             self.gaussians,
             keep,
@@ -174,6 +181,7 @@ class RunCompactor:
             method=o.method,
             views=self.views,
             seed=o.seed,
+            scores=self._scores,
             on_view=self.on_view,
         )
         self.compact_seconds = time.perf_counter() - started
@@ -182,11 +190,11 @@ class RunCompactor:
             return result.gaussians
         tuned, self.finetune_seconds = finetune(
             self.scene,
-            result.gaussians,
+            lighter(result.gaussians) if self.keep_degrees else result.gaussians,
             finetune_options(self.train_options, o.finetune, len(result.gaussians)),
             self.on_step,
         )
-        return tuned
+        return tuned.to_gaussians() if isinstance(tuned, MixedGaussians) else tuned
 
     def _search(self) -> Gaussians:
         """Bisection over the logarithm of the number: fewer Gaussians, lower PSNR."""

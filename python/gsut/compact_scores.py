@@ -86,8 +86,8 @@ def basis_sums(
 
 def _sums(grey: Gaussians, views: Sequence[SeenView], on_view: Callable[[], object]) -> np.ndarray:
     sums = np.zeros(grey.sh.shape[:2])
-    passes = _Passes(grey)
-    for view in _needed(views):
+    passes = Passes(grey)
+    for view in needed_views(views):
         dimage = np.zeros((*view.mask.shape, 3), np.float32)
         dimage[..., 0] = view.mask
         passes.render(view)
@@ -112,8 +112,8 @@ def hit_sums(
         (N,) float64, in pixels; 0 for what no valid pixel sees.
     """
     sums = np.zeros(len(gaussians))
-    passes = _Passes(_grey(gaussians, 0))
-    for view in _needed(views):
+    passes = Passes(_grey(gaussians, 0))
+    for view in needed_views(views):
         passes.render(view)
         passes.significance(view.mask, sums)
         on_view()
@@ -163,8 +163,8 @@ def fisher_matrices(
         is the Hessian of the squared error where the error itself is 0.
     """
     sums = np.zeros((len(gaussians), _UPPER[0].size))
-    passes = _Passes(gaussians)
-    for view in _needed(views):
+    passes = Passes(gaussians)
+    for view in needed_views(views):
         passes.render(view)
         passes.fisher(view.mask, sums)
         on_view()
@@ -211,25 +211,29 @@ def strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np.ndar
         (H, W) int32, the Gaussian's number, -1 where there is none, and (H, W, 3) float32, the
         point of the pixel's ray that is nearest to the Gaussian's centre, in the world.
     """
-    passes = _Passes(_grey(gaussians, 0))
+    passes = Passes(_grey(gaussians, 0))
     passes.render(view)
     return passes.significance(view.mask, np.zeros(len(gaussians)))
 
 
-class _Passes:
+class Passes:
     """Forward and backward passes of one set of Gaussians with shared buffers."""
 
     def __init__(self, gaussians: Gaussians) -> None:
         self.gaussians = gaussians.astype(np.float32)
         self.touched = np.zeros(len(gaussians), np.uint8)
-        self._gradients = Gaussians(
-            *(np.zeros_like(getattr(self.gaussians, f.name)) for f in dataclasses.fields(Gaussians))
-        )
+        self._gradients = self.gaussians.zeros_like()
         self._renderer = _core.Renderer()
         self._rule = _core.BlendRule()
 
     def render(self, view: SeenView) -> None:
+        """One view, for the passes below."""
+        self.picture(view)
+
+    def picture(self, view: SeenView, keep: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        """Image (H, W, 3) and alpha (H, W); keep: for the passes below."""
         image = np.zeros((view.camera.height, view.camera.width, 3), np.float32)
+        alpha = np.zeros(image.shape[:2], np.float32)
         self._renderer.render(
             self.gaussians,
             view.camera,
@@ -239,12 +243,14 @@ class _Passes:
             self.gaussians.sh_degree,
             DEFAULT_UNSCENTED,
             image,
+            alpha,
             None,
-            None,
-            True,
+            keep,
         )
+        return image, alpha
 
     def backward(self, dimage: np.ndarray) -> Gaussians:
+        """Gradients of sum(dimage * image); valid until the next call."""
         self._renderer.backward(dimage, None, None, self._gradients, self.touched, True)
         return self._gradients
 
@@ -268,7 +274,8 @@ def _grey(gaussians: Gaussians, degree: int) -> Gaussians:
     )
 
 
-def _needed(views: Sequence[SeenView]) -> Sequence[SeenView]:
+def needed_views(views: Sequence[SeenView]) -> Sequence[SeenView]:
+    """The views; InputError if there is none."""
     if not views:
         raise InputError("scores need at least one view; give the views of the scene")
     return views

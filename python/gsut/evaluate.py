@@ -15,6 +15,7 @@ import gsut
 from gsut import _core
 from gsut.environment import peak_rss_mb
 from gsut.metrics import RING_EDGES_DEGREES, Ring, color_corrected_psnr, psnr, ring_psnr, ssim
+from gsut.mixed_harmonics import lighter
 from gsut.options import TrainOptions
 from gsut.pictures import picture_stems, to_uint8, write_png
 
@@ -55,6 +56,7 @@ def evaluate(
 
         Renders are clipped to [0, 1] but not rounded to 8 bits before they are compared.
     """
+    gaussians = lighter(gaussians)
     stems = picture_stems([scene.views[index].name for index in indices])
     angles: dict[int, np.ndarray] = {}
     views, ring_rows = [], []

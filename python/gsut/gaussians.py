@@ -82,6 +82,10 @@ class Gaussians:
         """The Gaussians of a slice (views, no copy) or of an index or boolean array."""
         return Gaussians(*(getattr(self, name)[rows] for name in _FIELDS))
 
+    def zeros_like(self) -> Gaussians:
+        """The same shapes, all values 0: for gradients."""
+        return Gaussians(*(np.zeros_like(getattr(self, name)) for name in _FIELDS))
+
     def copy(self) -> Gaussians:
         """A deep copy."""
         return Gaussians(*(getattr(self, name).copy() for name in _FIELDS))

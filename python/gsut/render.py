@@ -162,7 +162,7 @@ def render_backward(
     dimage = np.ascontiguousarray(dimage, dtype=g.dtype)
     dalpha = None if dalpha is None else np.ascontiguousarray(dalpha, dtype=g.dtype)
     ddepth = None if ddepth is None else np.ascontiguousarray(ddepth, dtype=g.dtype)
-    out = Gaussians(*(np.zeros_like(getattr(g, f.name)) for f in dataclasses.fields(g)))
+    out = g.zeros_like()
     if result.renderer is None:
         pose, of_lens = _core.render_reference_backward(
             g,

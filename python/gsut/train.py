@@ -25,7 +25,7 @@ from gsut.growth import GrowthLimit
 from gsut.held_out import mean_psnr
 from gsut.low_pass import filter_radii, low_pass, low_pass_backward
 from gsut.mini_splatting import densify_mini
-from gsut.optimize import GaussianOptimizer
+from gsut.mixed_optimizer import optimizer_of
 from gsut.options import TrainOptions
 from gsut.progress import TrainingProgress
 from gsut.pyramid import ImagePyramid
@@ -132,10 +132,11 @@ class TrainingLoop:
     Args:
         scene: training views, cameras and points, at the resolution to train at.
         options: resolved.
-        start: the first Gaussians; None: `first_gaussians`.
+        start: the first Gaussians; None: `first_gaussians`. Of `MixedGaussians` neither number nor
+            degrees change.
     """
 
-    def __init__(self, scene: Scene, options: TrainOptions, start: Gaussians | None = None) -> None:
+    def __init__(self, scene: Scene, options: TrainOptions, start: Any = None) -> None:
         self.limit = GrowthLimit(scene, options)
         options = dataclasses.replace(options, max_gaussians=self.limit.most)
         self.scene, self.options = scene, options
@@ -144,14 +145,14 @@ class TrainingLoop:
         start = first_gaussians(scene, options) if start is None else start
         self.first_count = len(start)
         capacity = max(options.max_gaussians, len(start)) if options.strategy == "mcmc" else None
-        self.optimizer = GaussianOptimizer(start, capacity, seed=options.seed)
+        self.optimizer = optimizer_of(start, capacity, options.seed)
         self.pyramid = ImagePyramid(scene, options.coarse_to_fine)
         lens = options.calibration_weights
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
         self.renderer = _core.Renderer()
         self.rule = _core.BlendRule()
         self.stopwatch = Stopwatch()  # of the steps' stages, for gsut bench train
-        self._gradients = _empty_like(self.optimizer.gaussians)
+        self._gradients = self.optimizer.gaussians.zeros_like()
         self._touched = np.zeros(len(start), np.uint8)
         self._radii: np.ndarray | None = None  # of the low-pass filter, where there is one
         self._mean = TrajectoryMean(options.average_from)
@@ -346,7 +347,7 @@ class TrainingLoop:
 
     def _make_room(self, g: Gaussians) -> None:
         if len(self._gradients) != len(g):
-            self._gradients = _empty_like(g)
+            self._gradients = g.zeros_like()
             self._touched = np.zeros(len(g), np.uint8)
 
     def _compact(self) -> None:
@@ -359,10 +360,6 @@ class TrainingLoop:
         test = self.scene.test_indices
         chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
         return mean_psnr(self.scene, self.result(), chosen, self.options.background, self.renderer)
-
-
-def _empty_like(g: Gaussians) -> Gaussians:
-    return Gaussians(*(np.zeros_like(getattr(g, f.name)) for f in dataclasses.fields(g)))
 
 
 def _create_run(

@@ -27,10 +27,10 @@ class TrajectoryMean:
 
     def __init__(self, begin: float) -> None:
         self._begin = begin
-        self._mean: Gaussians | None = None
+        self._mean: Any = None  # Gaussians or MixedGaussians
         self._count = 0
 
-    def observe(self, step: int, fraction: float, gaussians: Gaussians) -> None:
+    def observe(self, step: int, fraction: float, gaussians: Any) -> None:
         """Adds the state after a step, if it is due.
 
         Args:
@@ -46,13 +46,15 @@ class TrajectoryMean:
         self._count += 1
         for field in dataclasses.fields(gaussians):
             mean = getattr(self._mean, field.name)
+            if not isinstance(mean, np.ndarray):
+                continue  # the degrees of MixedGaussians, which stay
             mean += (getattr(gaussians, field.name) - mean) * np.float32(1 / self._count)
 
     def restart(self) -> None:
         """Forgets all states: rows stand for other Gaussians from here on."""
         self._mean, self._count = None, 0
 
-    def of(self, gaussians: Gaussians) -> Gaussians:
+    def of(self, gaussians: Any) -> Any:
         """The mean, or `gaussians` where none has been taken since the last restart."""
         return gaussians if self._mean is None else self._mean
 

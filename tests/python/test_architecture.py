@@ -60,6 +60,8 @@ PYTHON_GROUPS: dict[str, set[str]] = {
             "gaussians",
             "low_pass",
             "metrics",
+            "mixed_harmonics",
+            "mixed_optimizer",
             "optimize",
             "optimizer_arrays",
             "projection",
@@ -75,7 +77,7 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "report": {"report", "report_plots"},
     "structure": {"structure", "structure.*"},  # poses of photographs
     "scene tools": {"demo_scene*", "doctor", "render_path"},
-    "compaction": {"compact", "compact_harmonics", "compact_scores"},
+    "compaction": {"compact", "compact_harmonics", "compact_refit", "compact_scores"},
     "training": {
         *("calibration_weights", "compact_run", "evaluate", "finetune", "first_gaussians"),
         *("growth", "held_out", "mini_splatting", "pyramid", "refine", "schedule"),

@@ -9,7 +9,7 @@ import pytest
 import gsut
 import tolerances
 from gsut import InputError, _core
-from gsut.compact import METHODS, compact
+from gsut.compact import METHODS, compact, scores_of
 from gsut.compact_harmonics import drop_harmonics
 from gsut.compact_scores import (
     SeenView,
@@ -478,3 +478,18 @@ def test_blend_weights_behind_a_rolling_shutter_add_up_to_alpha(scene, views):
     assert abs(found.sum() - whole) < tolerances.COMPACT_WEIGHTS * whole
     still = blend_weights(scene, [views[0]])
     assert np.abs(found - still).max() > 0.01 * still.max()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_compact_with_scores_found_before_gives_the_same_bits(scene, views, method):
+    bad = scene.copy()
+    bad.means[3, 1] = np.nan
+    scores = scores_of(bad, method, views)
+    assert (scores is None) == (method == "ghap-paper")
+    for keep in (0.2, 0.5):
+        one = compact(bad, keep, method=method, views=views)
+        two = compact(bad, keep, method=method, views=views, scores=scores)
+        assert arrays_of(one.gaussians) == arrays_of(two.gaussians)
+        assert one.dropped == two.dropped == 1
+    with pytest.raises(InputError, match="one a finite Gaussian"):
+        compact(scene, 0.2, method="ghap", views=views, scores=np.ones(3))

@@ -1,5 +1,6 @@
 """`gsut compact` on runs and files, fine-tuning, searches, and compaction within training."""
 
+import contextlib
 import json
 
 import numpy as np
@@ -233,3 +234,36 @@ def test_harmonics_drop_lowers_degrees_within_it(run, tmp_path):
     degrees = found["compaction"]["harmonics_degrees"]
     assert sum(degrees) == 300
     assert degrees[0] > 0
+
+
+def test_compact_of_odd_ply_files_works_and_says_what_was_dropped(tmp_path, capsys):
+    """No harmonics, values that are no numbers, opacity 0, all the same, a single one."""
+    rng, n = np.random.default_rng(4), 40
+
+    def made(count):
+        return gsut.Gaussians(
+            rng.normal(size=(count, 3)), rng.normal(size=(count, 4)), rng.normal(size=(count, 3)),
+            rng.normal(size=count), rng.normal(size=(count, 1, 3)),
+        )  # fmt: skip
+
+    nans, clear, same, nothing = made(n), made(n), made(n)[np.zeros(n, int)], made(n)
+    nans.means[3] = np.nan
+    nans.sh[5] = np.inf
+    clear.opacity_logits[::2] = -np.inf  # opacity 0, as some writers put it
+    nothing.means[:] = np.nan
+    cases = {
+        "nans": (nans, 2, 10), "clear": (clear, 0, 10), "same": (same, 0, 10),
+        "one": (made(1), 0, 1), "nothing": (nothing, n, 0),
+    }  # fmt: skip
+    for name, (g, dropped, left) in cases.items():
+        source, out = tmp_path / f"{name}.ply", tmp_path / f"{name}_small.ply"
+        gsut.save_ply(source, g)
+        words = ["compact", str(source), "--keep", "0.25", "-o", str(out)]
+        said = rf"{dropped} of {len(g)} Gaussians have values that are not finite and were left"
+        with pytest.warns(UserWarning, match=said) if dropped else contextlib.nullcontext():
+            assert main(words) == 0, name
+        assert f"-> {len(gsut.load_ply(out)):,} Gaussians" in capsys.readouterr().out
+        small = gsut.load_ply(out)
+        assert abs(len(small) - left) <= 1, name
+        assert small.sh_degree == 0
+        assert all(np.isfinite(getattr(small, f)).all() for f in ("means", "sh", "log_scales"))

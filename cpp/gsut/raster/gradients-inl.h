@@ -32,16 +32,16 @@ HWY_INLINE void Cross(const Lane* a, const Lane* b, Lane* out) {
 // Gradients of the Gaussians [first, first + kLanes) that exist; adds the pose's to dpose[6].
 // touched[i] = 1 where a pixel saw the Gaussian; rows of the others become 0 if write_untouched,
 // else they are left as they are.
-HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, std::int64_t first,
-                                  const ViewFloats& view, float log2_alpha_min, float max_cutoff,
-                                  int sh_degree, bool write_untouched, const Frame& frame,
-                                  const GaussiansView<float>& out, std::uint8_t* touched,
-                                  double* dpose) {
+HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, const HarmonicsRows& sh_rows,
+                                  std::int64_t first, const ViewFloats& view, float log2_alpha_min,
+                                  float max_cutoff, int sh_degree, bool write_untouched,
+                                  const Frame& frame, const GaussiansView<float>& out,
+                                  std::uint8_t* touched, double* dpose) {
   const FloatTag d;
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
   LaneMask seen;
   Lane sums[16];
-  if (!LoadSlotSums(g, first, frame, write_untouched, out, touched, &seen, sums)) return;
+  if (!LoadSlotSums(g, sh_rows, first, frame, write_untouched, out, touched, &seen, sums)) return;
   const SeenLanes s = LoadSeen(g, first, view, log2_alpha_min, max_cutoff);
   const RecordLanes r = MakeRecord(s);
   constexpr double kLn2 = 0.69314718055994530942;
@@ -90,12 +90,13 @@ HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, std::int6
   for (Lane& component : g_quat) component = Select(seen, two * component, Lane(0.0));
 
   // Colour.
-  FetchNextHarmonics<false>(g.sh, g.sh_coefficients, first, g.size);
-  FetchNextHarmonics<true>(out.sh, g.sh_coefficients, first, g.size);
+  FetchNextHarmonics<false>(g.sh, sh_rows, first);
+  FetchNextHarmonics<true>(out.sh, sh_rows, first);
   Lane direction[3];
   for (int k = 0; k < 3; ++k) direction[k] = s.world[k] * inverse_distance;
   Lane g_direction[3];
-  ColorGradients(g, first, sh_degree, seen, direction, &sums[slot::kColor], out, g_direction);
+  ColorGradients(g, sh_rows, first, sh_degree, seen, direction, &sums[slot::kColor], out,
+                 g_direction);
   const Lane along = Dot3(direction, g_direction);
   for (int k = 0; k < 3; ++k) {
     g_world[k] += (g_direction[k] - direction[k] * along) * inverse_distance;

@@ -66,7 +66,6 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
              std::int64_t end, Frame* frame) {
   const FloatTag d;
   const hn::RebindToSigned<FloatTag> di;
-  const int coefficients = task.gaussians.sh_coefficients;
   const auto rows = std::make_unique_for_overwrite<TouchedRows>();
   std::vector<RowSpan>* spans = &frame->row_spans[static_cast<std::size_t>(begin / kRecordsPart)];
   for (std::int64_t i = begin; i < end; i += kLanes) {
@@ -77,17 +76,17 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
     }
     for (int k = 0; k < count; ++k) frame->rects[static_cast<std::size_t>(i + k)] = {};
     if (!any) continue;
-    FetchNextHarmonics<false>(task.gaussians.sh, coefficients, i, task.gaussians.size);
+    FetchNextHarmonics<false>(task.gaussians.sh, task.sh_rows, i);
     const SeenLanes g =
         LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
     const RecordLanes r = MakeRecord(g);
     Lane direction[3], color[3];
     const Lane inverse_distance = Lane(1.0) / g.distance;
     for (int k = 0; k < 3; ++k) direction[k] = g.world[k] * inverse_distance;
+    const BatchHarmonics sh = HarmonicsOf(task.sh_rows, task.sh_degree, i);
     const auto row_offset =
-        hn::Mul(hn::Min(hn::Iota(di, 0), hn::Set(di, count - 1)), hn::Set(di, 3 * coefficients));
-    EvalColor(task.sh_degree, direction, task.gaussians.sh + 3 * coefficients * i, row_offset,
-              color);
+        hn::Mul(hn::Min(hn::Iota(di, 0), hn::Set(di, count - 1)), hn::Set(di, 3 * sh.coefficients));
+    EvalColor(sh.degree, direction, task.gaussians.sh + sh.offset, row_offset, color);
     const LaneMask in_range =
         AndMask(g.mean[2] >= Lane(task.near_z), g.mean[2] <= Lane(task.far_z));
     const LaneMask finite_color = IsFinite(color[0] + color[1] + color[2]);
@@ -154,8 +153,9 @@ void Gradients(const RasterTask& task, const Frame& frame, std::int64_t begin, s
                bool write_untouched, const GaussiansView<float>& gradients, std::uint8_t* touched,
                double* dpose) {
   for (std::int64_t i = begin; i < end; i += kLanes) {
-    GaussianGradients(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff,
-                      task.sh_degree, write_untouched, frame, gradients, touched, dpose);
+    GaussianGradients(task.gaussians, task.sh_rows, i, task.view, task.log2_alpha_min,
+                      task.max_cutoff, task.sh_degree, write_untouched, frame, gradients, touched,
+                      dpose);
   }
 }
 

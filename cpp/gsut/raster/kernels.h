@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "gsut/gaussians/gaussians.h"
+#include "gsut/gaussians/harmonics_rows.h"
 #include "gsut/projection/project.h"
 #include "gsut/projection/view.h"
 #include "gsut/raster/frame.h"
@@ -14,6 +15,7 @@ namespace gsut {
 // What the kernels need to know of one frame.
 struct RasterTask {
   GaussiansView<const float> gaussians;
+  HarmonicsRows sh_rows;  // of gaussians.sh
   ViewFloats view;
   float log2_alpha_min = 0;
   float max_cutoff = 0;

@@ -39,7 +39,8 @@ HWY_INLINE void LineGradients(const RasterTask& task, bool is_parallel, std::int
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
   LaneMask seen;
   Lane sums[16];
-  if (!LoadSlotSums(g, first, frame, write_untouched, out, touched, &seen, sums)) return;
+  if (!LoadSlotSums(g, task.sh_rows, first, frame, write_untouched, out, touched, &seen, sums))
+    return;
   const SeenLanes s = LoadSeen(g, first, view, task.log2_alpha_min, task.max_cutoff);
   const Lane k = Sqrt(s.cutoff);
   Lane g_mean[3];  // camera frame
@@ -67,7 +68,8 @@ HWY_INLINE void LineGradients(const RasterTask& task, bool is_parallel, std::int
 
   Lane direction[3], g_direction[3];
   ShadingDirection(s, view, is_parallel, direction);
-  ColorGradients(g, first, task.sh_degree, seen, direction, &sums[kSumColor], out, g_direction);
+  ColorGradients(g, task.sh_rows, first, task.sh_degree, seen, direction, &sums[kSumColor], out,
+                 g_direction);
   const Lane along = Dot3(direction, g_direction);
   const Lane inverse_distance = Lane(1.0) / s.distance;
   Lane g_world[3];

@@ -32,7 +32,6 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
                  Frame* frame, Splats* splats) {
   const FloatTag d;
   const hn::RebindToSigned<FloatTag> di;
-  const int coefficients = task.gaussians.sh_coefficients;
   const auto rows = std::make_unique_for_overwrite<TouchedRows>();
   std::vector<RowSpan>* spans = &frame->row_spans[static_cast<std::size_t>(begin / kRecordsPart)];
   for (std::int64_t i = begin; i < end; i += kLanes) {
@@ -41,10 +40,10 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
         LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
     Lane direction[3], color[3];
     ShadingDirection(g, task.view, grid.is_parallel, direction);
+    const BatchHarmonics sh = HarmonicsOf(task.sh_rows, task.sh_degree, i);
     const auto row_offset =
-        hn::Mul(hn::Min(hn::Iota(di, 0), hn::Set(di, count - 1)), hn::Set(di, 3 * coefficients));
-    EvalColor(task.sh_degree, direction, task.gaussians.sh + 3 * coefficients * i, row_offset,
-              color);
+        hn::Mul(hn::Min(hn::Iota(di, 0), hn::Set(di, count - 1)), hn::Set(di, 3 * sh.coefficients));
+    EvalColor(sh.degree, direction, task.gaussians.sh + sh.offset, row_offset, color);
     const LaneMask in_range =
         AndMask(g.mean[2] >= Lane(task.near_z), g.mean[2] <= Lane(task.far_z));
     HWY_ALIGN float values[record::kSize][kLanes];

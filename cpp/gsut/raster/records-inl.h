@@ -104,17 +104,29 @@ HWY_INLINE RecordLanes MakeRecord(const SeenLanes& g) {
 // Fetches the harmonics of the batch of Gaussians after [first, first + kLanes), which gathers
 // would wait for line by line; kWrite: to write there.
 template <bool kWrite>
-HWY_INLINE void FetchNextHarmonics(const float* sh, int coefficients, std::int64_t first,
-                                   std::int64_t size) {
+HWY_INLINE void FetchNextHarmonics(const float* sh, const HarmonicsRows& rows, std::int64_t first) {
   constexpr int kLine = 16;  // floats in a cache line
-  const std::int64_t row = 3 * coefficients;
-  const std::int64_t begin = row * HWY_MIN(first + kLanes, size);
-  const std::int64_t end = row * HWY_MIN(first + 2 * kLanes, size);
+  const std::int64_t size = rows.end[0];
+  const std::int64_t begin = rows.Offset(HWY_MIN(first + kLanes, size));
+  const std::int64_t end = rows.Offset(HWY_MIN(first + 2 * kLanes, size));
   for (std::int64_t o = begin; o < end; o += kLine) __builtin_prefetch(sh + o, kWrite ? 1 : 0);
 }
 
+// The harmonics of the Gaussians [first, first + kLanes), which have one degree.
+struct BatchHarmonics {
+  std::int64_t offset;  // of the first one's
+  int coefficients;     // stored of each
+  int degree;           // in use
+};
+
+HWY_INLINE BatchHarmonics HarmonicsOf(const HarmonicsRows& rows, int sh_degree,
+                                      std::int64_t first) {
+  const int stored = rows.Degree(first);
+  return {rows.Offset(first), NumShCoefficients(stored), HWY_MIN(stored, sh_degree)};
+}
+
 // Colour of each lane from the harmonics up to `degree`, before clamping at 0.
-// sh points at the first lane's coefficients; `stride` is 3 K.
+// sh points at the first lane's coefficients, row_offset from there to each lane's.
 template <class IndexVec>
 HWY_INLINE void EvalColor(int degree, const Lane* direction, const float* sh, IndexVec row_offset,
                           Lane* color) {

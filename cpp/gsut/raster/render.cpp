@@ -82,6 +82,13 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Pose&
   task_.stop_before = settings.rule.stop_before;
   task_.with_depth = options.with_depth;
   task_.keep = options.keep_for_backward;
+  task_.sh_rows =
+      options.sh_rows.value_or(HarmonicsRows::Uniform(gaussians.size, gaussians.sh_coefficients));
+  if (!task_.sh_rows.IsValid() || task_.sh_rows.end[0] != gaussians.size) {
+    throw InputError(
+        "the rows of each degree of harmonics must fall from the number of Gaussians, "
+        "by multiples of 16");
+  }
   const int stored_degree = ShDegree(gaussians.sh_coefficients);
   task_.sh_degree = settings.sh_degree < stored_degree ? settings.sh_degree : stored_degree;
 }

@@ -3,12 +3,14 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "gsut/base/stopwatch.h"
 #include "gsut/cameras/camera.h"
 #include "gsut/gaussians/gaussians.h"
+#include "gsut/gaussians/harmonics_rows.h"
 #include "gsut/poses/shutter.h"
 #include "gsut/projection/project.h"
 #include "gsut/raster/blend_rule.h"
@@ -26,6 +28,9 @@ struct TiledOptions {
   UnscentedOptions unscented;
   bool with_depth = true;
   bool keep_for_backward = true;
+  // Of harmonics of several degrees, packed; then sh_coefficients are those of the first row. The
+  // gradients are packed the same way. None: (N, K, 3).
+  std::optional<HarmonicsRows> sh_rows;
 };
 
 // Renders one camera after another with buffers that only grow. Not thread-safe; inside, all loops

@@ -54,15 +54,17 @@ struct ShadedColor {
   Eigen::Matrix3d dcolor_dmean = Eigen::Matrix3d::Zero();
 };
 
-ShadedColor ColorOf(const WalkScene& scene, int sh_degree, std::int64_t index, bool is_parallel) {
+ShadedColor ColorOf(const WalkScene& scene, const RasterTask& task, std::int64_t index,
+                    bool is_parallel) {
   const GaussiansView<const float>& g = scene.gaussians;
   const Vector3d relative = Map<const Eigen::Vector3f>(g.means + 3 * index).cast<double>() -
                             scene.camera_from_world.CenterInSource();
   const Vector3d direction = is_parallel ? Vector3d(scene.camera_from_world.rotation.row(2))
                                          : Vector3d(relative.normalized());
   double sh[3 * kMaxShCoefficients], dsh[3 * kMaxShCoefficients];
-  const std::int64_t row = 3 * std::int64_t{g.sh_coefficients};
-  for (std::int64_t k = 0; k < row; ++k) sh[k] = static_cast<double>(g.sh[row * index + k]);
+  const int sh_degree = std::min(task.sh_rows.Degree(index), task.sh_degree);
+  const float* row = g.sh + task.sh_rows.Offset(index);
+  for (int k = 0; k < 3 * NumShCoefficients(sh_degree); ++k) sh[k] = static_cast<double>(row[k]);
   ShadedColor out;
   const unsigned clamped = EvalHarmonics(sh_degree, direction.data(), sh, out.color.data());
   if (is_parallel || sh_degree == 0) return out;
@@ -121,7 +123,7 @@ void Renderer::AddFisher(const std::uint8_t* chosen, double* fisher) const {
     std::vector<ShadedColor> colors(frame_.entry_count[static_cast<std::size_t>(number)]);
     for (std::size_t e = 0; e < colors.size(); ++e) {
       const std::size_t entry = frame_.tile_begin[static_cast<std::size_t>(number)] + e;
-      colors[e] = ColorOf(scene, task_.sh_degree, frame_.entries[entry].gaussian, is_parallel);
+      colors[e] = ColorOf(scene, task_, frame_.entries[entry].gaussian, is_parallel);
     }
     walk.Run([&](std::uint32_t e, const WalkGaussian&, int offset, const WalkHit& hit) {
       rest[static_cast<std::size_t>(offset)] += hit.weight * (colors[e].color - background);

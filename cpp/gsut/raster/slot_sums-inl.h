@@ -70,8 +70,8 @@ HWY_INLINE void StoreRows1(Lane v, std::int64_t available, float* rows) {
 
 // The Gaussians [first, first + kLanes) that exist: which of them a pixel saw, and the sums[16]
 // over their slots. False if none was seen; touched is set, and with write_untouched rows become 0.
-HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, std::int64_t first,
-                             const Frame& frame, bool write_untouched,
+HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const HarmonicsRows& sh_rows,
+                             std::int64_t first, const Frame& frame, bool write_untouched,
                              const GaussiansView<float>& out, std::uint8_t* touched, LaneMask* seen,
                              Lane* sums) {
   const FloatTag d;
@@ -88,15 +88,14 @@ HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, std::int64_t f
     }
     any = any || is_seen;
   }
-  const int coefficients = g.sh_coefficients;
   if (!any) {
     if (write_untouched) {
       __builtin_memset(out.means + 3 * first, 0, sizeof(float) * 3 * available);
       __builtin_memset(out.quats + 4 * first, 0, sizeof(float) * 4 * available);
       __builtin_memset(out.log_scales + 3 * first, 0, sizeof(float) * 3 * available);
       __builtin_memset(out.opacity_logits + first, 0, sizeof(float) * available);
-      __builtin_memset(out.sh + 3 * coefficients * first, 0,
-                       sizeof(float) * 3 * coefficients * available);
+      const std::int64_t begin = sh_rows.Offset(first), end = sh_rows.Offset(first + available);
+      __builtin_memset(out.sh + begin, 0, sizeof(float) * static_cast<std::size_t>(end - begin));
     }
     return false;
   }
@@ -110,28 +109,28 @@ HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, std::int64_t f
 }
 
 // From dL/dcolor to the harmonics, written to out.sh, and to the direction they were evaluated in.
-HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, std::int64_t first,
-                               int sh_degree, LaneMask seen, const Lane* direction,
-                               const Lane* to_color, const GaussiansView<float>& out,
-                               Lane* g_direction) {
+HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, const HarmonicsRows& sh_rows,
+                               std::int64_t first, int sh_degree, LaneMask seen,
+                               const Lane* direction, const Lane* to_color,
+                               const GaussiansView<float>& out, Lane* g_direction) {
   const FloatTag d;
   const hn::RebindToSigned<FloatTag> di;
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
-  const int coefficients = g.sh_coefficients;
+  const BatchHarmonics batch = HarmonicsOf(sh_rows, sh_degree, first);
   const auto row_offset =
       hn::Mul(hn::Min(hn::Iota(di, 0), hn::Set(di, static_cast<int>(available - 1))),
-              hn::Set(di, 3 * coefficients));
-  const float* sh = g.sh + 3 * coefficients * first;
+              hn::Set(di, 3 * batch.coefficients));
+  const float* sh = g.sh + batch.offset;
   Lane color[3];
-  EvalColor(sh_degree, direction, sh, row_offset, color);
+  EvalColor(batch.degree, direction, sh, row_offset, color);
   Lane basis[kMaxShCoefficients];
   Lane g_basis[kMaxShCoefficients];
-  HarmonicsBasis(sh_degree, direction[0], direction[1], direction[2], basis);
+  HarmonicsBasis(batch.degree, direction[0], direction[1], direction[2], basis);
   Lane g_color[3];
   for (int c = 0; c < 3; ++c) {
     g_color[c] = Select(AndMask(seen, color[c] > Lane(0.0)), to_color[c], Lane(0.0));
   }
-  const int used = (sh_degree + 1) * (sh_degree + 1);
+  const int used = (batch.degree + 1) * (batch.degree + 1);
   for (int k = 0; k < used; ++k) {
     g_basis[k] = Lane(0.0);
     HWY_ALIGN float g_sh[3][kLanes];
@@ -143,16 +142,17 @@ HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, std::int64_t
       hn::Store(Select(seen, basis[k] * g_color[c], Lane(0.0)).v, d, g_sh[c]);
     }
     for (int i = 0; i < available; ++i) {
-      float* row = out.sh + 3 * (coefficients * (first + i) + k);
+      float* row = out.sh + batch.offset + 3 * (batch.coefficients * i + k);
       for (int c = 0; c < 3; ++c) row[c] = g_sh[c][i];
     }
   }
   for (int i = 0; i < available; ++i) {
-    for (int k = 3 * used; k < 3 * coefficients; ++k) {
-      out.sh[3 * coefficients * (first + i) + k] = 0.0f;
+    for (int k = 3 * used; k < 3 * batch.coefficients; ++k) {
+      out.sh[batch.offset + 3 * batch.coefficients * i + k] = 0.0f;
     }
   }
-  HarmonicsBasisGradient(sh_degree, direction[0], direction[1], direction[2], g_basis, g_direction);
+  HarmonicsBasisGradient(batch.degree, direction[0], direction[1], direction[2], g_basis,
+                         g_direction);
 }
 
 }  // namespace HWY_NAMESPACE

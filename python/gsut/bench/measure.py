@@ -157,7 +157,7 @@ def step_loop(scene: BenchScene, repeats: int) -> TrainingLoop:
         scene: copied.
         repeats: steps that will be made, at most.
     """
-    from gsut.optimize import GaussianOptimizer
+    from gsut.mixed_optimizer import optimizer_of
     from gsut.options import TrainOptions
     from gsut.train import TrainingLoop
 
@@ -170,7 +170,7 @@ def step_loop(scene: BenchScene, repeats: int) -> TrainingLoop:
         coarse_to_fine=(0.0, 0.0), densify_every=steps, noise=False, eval_every=0, **rates,
     ).resolved()  # fmt: skip
     loop = TrainingLoop(_one_view_scene(scene), options)
-    loop.optimizer = GaussianOptimizer(scene.gaussians)
+    loop.optimizer = optimizer_of(scene.gaussians, None, 0)
     return loop
 
 
