@@ -297,6 +297,11 @@ SFM_EXACT = 1e-14  # pose of exact points: some units in the last place; worst 3
 # Median, 12 images of sponza_fisheye, whose short path fixes the similarity badly; worst 0.089
 SFM_SPONZA_DEGREES = 0.1
 SFM_SPONZA_ATE_PERCENT = 0.04  # of their extent; worst 0.021
+# A rolling walk of 10 images of 500 points, 0.1 px of noise, 3 seeds; worst 0.060 degrees, 0.0062 %
+SFM_ROLLING_DEGREES = 0.12
+SFM_ROLLING_ATE_PERCENT = 0.012
+SFM_READOUT_TIME = 0.0015  # of the time between frames; worst 7.6e-4
+SFM_HELMET_DEGREES = 3.0  # turn in a readout, 14 views of helmet_distorted_rs; worst 1.64
 SIFT_BLOB_PIXELS = 0.06  # SIFT's place of a Gaussian blob; worst 0.031
 # Two runs on the same images: threads add in another order, and a step of the solver more or less
 # may follow from that; worst 4.4e-14

@@ -19,6 +19,7 @@ PYBIND11_MODULE(_core, m) {
   BindCameras(m);
   BindPoses(m);
   BindStructure(m);
+  BindMatching(m);
   BindGaussians(m);
   BindProjection(m);
   BindRaster(m);

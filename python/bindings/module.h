@@ -9,6 +9,7 @@ void BindBase(pybind11::module_& m);
 void BindCameras(pybind11::module_& m);
 void BindPoses(pybind11::module_& m);
 void BindStructure(pybind11::module_& m);
+void BindMatching(pybind11::module_& m);
 void BindGaussians(pybind11::module_& m);
 void BindProjection(pybind11::module_& m);
 void BindRaster(pybind11::module_& m);

@@ -1,4 +1,4 @@
-// Binds structure from motion of gsut/poses: matching, verification of pairs, poses and points.
+// Binds structure from motion of gsut/poses: poses and points from verified matches.
 #include <pybind11/functional.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -9,11 +9,9 @@
 
 #include "bindings/arrays.h"
 #include "bindings/module.h"
+#include "bindings/pixels.h"
 #include "bindings/poses.h"
-#include "gsut/base/parallel.h"
-#include "gsut/poses/absolute_pose.h"
-#include "gsut/poses/match.h"
-#include "gsut/poses/relative_pose.h"
+#include "gsut/poses/camera_chain.h"
 #include "gsut/poses/refine_structure.h"
 #include "gsut/poses/structure.h"
 
@@ -21,152 +19,6 @@ namespace gsut::bindings {
 namespace {
 
 using Released = py::gil_scoped_release;
-
-template <class T>
-using ReadOnly = py::array_t<T, py::array::c_style | py::array::forcecast>;
-
-// The features of one image as rays; made once, used by every pair.
-struct ImageBearings {
-  std::vector<Bearing> bearings;
-  std::vector<std::uint8_t> valid;
-};
-
-std::vector<Eigen::Vector2d> ReadPixels(const py::handle& object) {
-  const auto array = ReadArray<double>(object, "pixels", {kAny, 2});
-  std::vector<Eigen::Vector2d> pixels(array.shape(0));
-  for (std::size_t i = 0; i < pixels.size(); ++i) {
-    pixels[i] = {array.data()[2 * i], array.data()[2 * i + 1]};
-  }
-  return pixels;
-}
-
-// Pairs (P, 2) of indices below `count`.
-ReadOnly<std::int64_t> ReadPairs(const py::handle& object, const char* name, std::int64_t count) {
-  auto pairs = ReadArray<std::int64_t>(object, name, {kAny, 2});
-  for (py::ssize_t i = 0; i < pairs.size(); ++i) {
-    if (pairs.data()[i] >= 0 && pairs.data()[i] < count) continue;
-    throw InputError(std::string(name) + " holds " + std::to_string(pairs.data()[i]) +
-                     "; there are " + std::to_string(count));
-  }
-  return pairs;
-}
-
-py::list MatchPairs(const py::list& descriptors, const py::object& pairs_object, double max_ratio,
-                    double max_distance) {
-  std::vector<ReadOnly<float>> sets;
-  for (const py::handle& item : descriptors) {
-    sets.push_back(ReadArray<float>(item, "descriptors", {kAny, kDescriptorLength}));
-  }
-  const auto pairs = ReadPairs(pairs_object, "pairs", static_cast<std::int64_t>(sets.size()));
-  const py::ssize_t count = pairs.shape(0);
-  const std::int64_t* index = pairs.data();
-  std::vector<std::vector<FeatureMatch>> found(count);
-  std::vector<const float*> data;
-  std::vector<int> lengths;
-  for (const auto& set : sets) {
-    data.push_back(set.data());
-    lengths.push_back(static_cast<int>(set.shape(0)));
-  }
-  {
-    const Released released;
-    ParallelFor(count, 1, [&](std::int64_t begin, std::int64_t end) {
-      for (std::int64_t i = begin; i < end; ++i) {
-        const std::int64_t a = index[2 * i], b = index[2 * i + 1];
-        found[i] =
-            MatchDescriptors(data[a], lengths[a], data[b], lengths[b], {max_ratio, max_distance});
-      }
-    });
-  }
-  py::list result;
-  for (const auto& matches : found) {
-    auto array = NewArray<std::int32_t>({static_cast<py::ssize_t>(matches.size()), 2});
-    for (std::size_t i = 0; i < matches.size(); ++i) {
-      array.mutable_data()[2 * i] = matches[i].first;
-      array.mutable_data()[2 * i + 1] = matches[i].second;
-    }
-    result.append(array);
-  }
-  return result;
-}
-
-py::list VerifyPairs(const std::vector<const ImageBearings*>& images,
-                     const py::object& pairs_object, const py::list& matches, double max_error,
-                     std::uint64_t seed) {
-  const auto pairs = ReadPairs(pairs_object, "pairs", static_cast<std::int64_t>(images.size()));
-  const py::ssize_t count = pairs.shape(0);
-  if (static_cast<py::ssize_t>(matches.size()) != count) {
-    throw InputError("matches must have one array a pair, found " + std::to_string(matches.size()) +
-                     " for " + std::to_string(count));
-  }
-  const std::int64_t* index = pairs.data();
-  std::vector<std::vector<Bearing>> first(count), second(count);
-  for (py::ssize_t i = 0; i < count; ++i) {
-    const auto array = ReadArray<std::int32_t>(matches[i], "matches", {kAny, 2});
-    const ImageBearings& a = *images[index[2 * i]];
-    const ImageBearings& b = *images[index[2 * i + 1]];
-    for (py::ssize_t m = 0; m < array.shape(0); ++m) {
-      const std::int32_t fa = array.data()[2 * m], fb = array.data()[2 * m + 1];
-      const bool known = fa >= 0 && fb >= 0 && fa < static_cast<int>(a.bearings.size()) &&
-                         fb < static_cast<int>(b.bearings.size());
-      if (!known || !a.valid[fa] || !b.valid[fb]) {
-        throw InputError("match " + std::to_string(m) + " of pair " + std::to_string(i) +
-                         " names a feature that is not there or has no ray");
-      }
-      first[i].push_back(a.bearings[fa]);
-      second[i].push_back(b.bearings[fb]);
-    }
-  }
-  std::vector<RelativePose> found(count);
-  {
-    const Released released;
-    ParallelFor(count, 1, [&](std::int64_t begin, std::int64_t end) {
-      for (std::int64_t i = begin; i < end; ++i) {
-        RelativePoseOptions options;
-        options.max_error = max_error;
-        options.seed = seed;
-        found[i] = EstimateRelativePose(first[i], second[i], options);
-      }
-    });
-  }
-  py::list result;
-  for (const RelativePose& pose : found) {
-    auto inliers = NewArray<bool>({static_cast<py::ssize_t>(pose.inliers.size())});
-    std::copy(pose.inliers.begin(), pose.inliers.end(), inliers.mutable_data());
-    result.append(py::make_tuple(inliers, WritePose(pose.second_from_first),
-                                 pose.num_rotation_inliers, pose.parallax, pose.found));
-  }
-  return result;
-}
-
-py::tuple AbsolutePoseOf(const ImageBearings& image, const py::object& features_object,
-                         const py::object& points_object, double max_error, std::uint64_t seed) {
-  const auto features = ReadArray<std::int64_t>(features_object, "features", {kAny});
-  const auto points = ReadArray<double>(points_object, "points", {features.shape(0), 3});
-  std::vector<Bearing> bearings;
-  std::vector<Eigen::Vector3d> positions;
-  for (py::ssize_t i = 0; i < features.shape(0); ++i) {
-    const std::int64_t feature = features.data()[i];
-    if (feature < 0 || feature >= static_cast<std::int64_t>(image.bearings.size()) ||
-        !image.valid[feature]) {
-      throw InputError("features names " + std::to_string(feature) +
-                       ", which is not there or has no ray");
-    }
-    bearings.push_back(image.bearings[feature]);
-    positions.emplace_back(points.data()[3 * i], points.data()[3 * i + 1],
-                           points.data()[3 * i + 2]);
-  }
-  AbsolutePoseOptions options;
-  options.max_error = max_error;
-  options.seed = seed;
-  AbsolutePose found;
-  {
-    const Released released;
-    found = EstimateAbsolutePose(bearings, positions, options);
-  }
-  auto inliers = NewArray<bool>({static_cast<py::ssize_t>(found.inliers.size())});
-  std::copy(found.inliers.begin(), found.inliers.end(), inliers.mutable_data());
-  return py::make_tuple(WritePose(found.camera_from_world), inliers);
-}
 
 std::vector<VerifiedPair> ReadVerified(const py::list& verified) {
   std::vector<VerifiedPair> pairs;
@@ -214,6 +66,11 @@ py::dict WriteStructure(const Structure& structure) {
     Eigen::Map<Row4>(poses.mutable_data() + 16 * i) = structure.camera_from_world[i].Matrix();
     Eigen::Map<Row6>(covariances.mutable_data() + 36 * i) = structure.covariances[i];
   }
+  const bool rolling = !structure.velocities.empty();
+  auto velocities = NewArray<double>({rolling ? images : 0, 6});
+  for (py::ssize_t i = 0; rolling && i < images; ++i) {
+    Eigen::Map<Velocity>(velocities.mutable_data() + 6 * i) = structure.velocities[i];
+  }
   auto positions = NewArray<double>({points, 3});
   auto errors = NewArray<double>({points});
   for (py::ssize_t i = 0; i < points; ++i) {
@@ -221,15 +78,25 @@ py::dict WriteStructure(const Structure& structure) {
     Eigen::Map<Eigen::Vector3d>(positions.mutable_data() + 3 * i) = point.position;
     errors.mutable_data()[i] = point.error;
   }
+  std::vector<double> in_camera;
+  for (const StructurePoint& point : structure.points) {
+    for (const Eigen::Vector3d& p : point.in_camera) {
+      in_camera.insert(in_camera.end(), p.begin(), p.end());
+    }
+  }
+  auto sights_in_camera = NewArray<double>({static_cast<py::ssize_t>(in_camera.size() / 3), 3});
+  std::copy(in_camera.begin(), in_camera.end(), sights_in_camera.mutable_data());
   py::list lens_params;
   for (const Camera& camera : structure.cameras) lens_params.append(camera.params());
   py::dict result;
   result["registered"] = registered;
   result["camera_from_world"] = poses;
   result["covariances"] = covariances;
+  result["velocities"] = velocities;
   result["points"] = positions;
   result["point_errors"] = errors;
   result["sights"] = WriteSights(structure, &StructurePoint::sights);
+  result["sights_in_camera"] = sights_in_camera;
   result["held_out_sights"] = WriteSights(structure, &StructurePoint::held_out);
   result["lens_params"] = lens_params;
   result["rms"] = structure.rms;
@@ -279,6 +146,14 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
       options.covariances = py::cast<bool>(value);
     else if (name == "seed")
       options.seed = py::cast<std::uint64_t>(value);
+    else if (name == "shutter")
+      options.shutter = Shutter::Named(py::cast<std::string>(value));
+    else if (name == "rolling_error")
+      options.rolling_error = py::cast<double>(value);
+    else if (name == "frame_times")
+      options.frame_times = py::cast<std::vector<double>>(value);
+    else if (name == "readout_time")
+      options.readout_time = py::cast<double>(value);
     else if (name == "lens_free")
       options.lens_free = py::cast<std::vector<std::vector<std::uint8_t>>>(value);
     else
@@ -349,31 +224,31 @@ py::dict Refine(const std::vector<const Camera*>& cameras, const std::vector<int
 }  // namespace
 
 void BindStructure(py::module_& m) {
-  py::class_<ImageBearings>(m, "ImageBearings")
-      .def(py::init([](const Camera& camera, const py::object& pixels_object) {
-             const std::vector<Eigen::Vector2d> pixels = ReadPixels(pixels_object);
-             ImageBearings image;
-             const Released released;
-             image.bearings = MakeBearings(camera, pixels, &image.valid);
-             return image;
-           }),
-           py::arg("camera"), py::arg("pixels"))
-      .def_property_readonly("valid", [](const ImageBearings& image) {
-        auto valid = NewArray<bool>({static_cast<py::ssize_t>(image.valid.size())});
-        std::copy(image.valid.begin(), image.valid.end(), valid.mutable_data());
-        return valid;
-      });
-  m.def("match_pairs", &MatchPairs, py::arg("descriptors"), py::arg("pairs"), py::arg("max_ratio"),
-        py::arg("max_distance"));
-  m.def("verify_pairs", &VerifyPairs, py::arg("images"), py::arg("pairs"), py::arg("matches"),
-        py::arg("max_error"), py::arg("seed"));
-  m.def("absolute_pose", &AbsolutePoseOf, py::arg("image"), py::arg("features"), py::arg("points"),
-        py::arg("max_error"), py::arg("seed"));
   m.def("estimate_poses", &Estimate, py::arg("cameras"), py::arg("camera_of_image"),
         py::arg("pixels"), py::arg("verified"), py::arg("settings"), py::arg("on_progress"));
   m.def("refine_structure", &Refine, py::arg("cameras"), py::arg("camera_of_image"),
         py::arg("pixels"), py::arg("verified"), py::arg("camera_from_world"), py::arg("settings"),
         py::arg("on_progress"));
+  m.def(
+      "velocity_between",
+      [](const py::handle& start, const py::handle& end) {
+        auto velocity = NewArray<double>({6});
+        Eigen::Map<Velocity>(velocity.mutable_data()) =
+            VelocityBetween(ReadPose(start), ReadPose(end));
+        return velocity;
+      },
+      py::arg("start"), py::arg("end"),
+      "Shift of the centre in the world and turn in the camera frame from one pose to another.");
+  m.def(
+      "moved_pose",
+      [](const py::handle& middle, const py::handle& velocity, double time) {
+        const auto array = ReadArray<double>(velocity, "velocity", {6});
+        return WritePose(
+            MovedPose(ReadPose(middle), Eigen::Map<const Velocity>(array.data()), time));
+      },
+      py::arg("middle"), py::arg("velocity"), py::arg("time"),
+      "camera_from_world at a time of a rolling readout, -0.5 to 0.5, of a camera that moves by "
+      "velocity (shift of the centre, turn) in the whole of it.");
 }
 
 }  // namespace gsut::bindings

@@ -21,6 +21,7 @@
 #include "gsut/poses/structure.h"
 #include "gsut/poses/three_point.h"
 #include "gsut/poses/triangulate.h"
+#include "synthetic_bundle.h"
 
 namespace gsut {
 namespace {
@@ -35,31 +36,6 @@ constexpr double kMinimalTruth = 3e-8;
 constexpr double kDifferences = 2.6e-9;
 // Exact data: where Levenberg-Marquardt stops, which is not yet rounding; worst 1.0e-7.
 constexpr double kExact = 2e-7;
-
-class Numbers {
- public:
-  explicit Numbers(std::uint64_t stream) : rng_(7, stream) {}
-  double Normal() { return rng_.Normals(next_++)[0]; }
-  double Uniform(double low, double high) { return low + (high - low) * rng_.Uniform(next_++); }
-  Eigen::Vector3d Vector() { return {Normal(), Normal(), Normal()}; }
-  Eigen::Vector3d Ray() { return Vector().normalized(); }
-  Pose RandomPose(double shift) {
-    Eigen::Matrix<double, 6, 1> turn;
-    turn << 0, 0, 0, Vector();
-    Pose pose = ExpPose(turn);
-    pose.translation = shift * Vector();
-    return pose;
-  }
-
- private:
-  Rng rng_;
-  std::uint64_t next_ = 0;
-};
-
-// A fisheye of 200 degrees: points behind the camera plane have pixels.
-Camera WideLens() {
-  return Camera("kannala_brandt", {300, 301, 500, 505, 0.02, -0.01, 0.002, -0.0003}, 1000, 1010);
-}
 
 // The bearing of a point in the camera frame, displaced by some pixels.
 Bearing See(const Camera& camera, const Eigen::Vector3d& point,
@@ -286,47 +262,6 @@ TEST(Triangulate, FindsPointsBehindTheCameraPlaneAndDropsAWrongSight) {
     ++checked;
   }
   EXPECT_GE(checked, 60);
-}
-
-// Cameras along an arc around points, seen exactly.
-Bundle MakeBundle(const Camera& camera, int images, int points, std::uint64_t stream) {
-  Numbers numbers(stream);
-  Bundle bundle;
-  bundle.cameras = {camera};
-  bundle.camera_of_image.assign(images, 0);
-  for (int i = 0; i < images; ++i) {
-    Eigen::Matrix<double, 6, 1> twist;
-    twist << 0.4 * i, 0.1 * (i % 3), 0.05 * i * i, 0.05 * i, -0.1 * i, 0.02;
-    bundle.camera_from_world.push_back(i == 0 ? Pose() : ExpPose(twist));
-  }
-  for (int p = 0; p < points; ++p) {
-    bundle.points.emplace_back(numbers.Uniform(-4, 4), numbers.Uniform(-4, 4),
-                               numbers.Uniform(-0.3, 5));
-    for (int i = 0; i < images; ++i) {
-      const Pose& pose = bundle.camera_from_world[i];
-      const Eigen::Vector3d in_camera = pose.rotation * bundle.points[p] + pose.translation;
-      BundleObservation observation;
-      observation.image = i;
-      observation.point = p;
-      std::uint8_t valid = 0;
-      camera.Project(1, in_camera.data(), observation.pixel.data(), &valid);
-      if (!valid) continue;
-      std::vector<std::uint8_t> has_ray;
-      observation.bearing = MakeBearings(camera, std::span(&observation.pixel, 1), &has_ray)[0];
-      if (has_ray[0]) bundle.observations.push_back(observation);
-    }
-  }
-  return bundle;
-}
-
-void Disturb(Bundle* bundle, std::uint64_t stream) {
-  Numbers numbers(stream);
-  for (std::size_t i = 1; i < bundle->camera_from_world.size(); ++i) {
-    Eigen::Matrix<double, 6, 1> twist;
-    twist << 0.02 * numbers.Vector(), 0.01 * numbers.Vector();
-    bundle->camera_from_world[i] = ExpPose(twist) * bundle->camera_from_world[i];
-  }
-  for (Eigen::Vector3d& point : bundle->points) point += 0.02 * numbers.Vector();
 }
 
 TEST(AdjustBundle, FindsExactDataAgainInBothResiduals) {

@@ -2,11 +2,13 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <limits>
 #include <string>
 #include <vector>
 
 #include "gsut/cameras/camera.h"
 #include "gsut/poses/bearing.h"
+#include "gsut/poses/camera_chain.h"
 #include "gsut/poses/pose.h"
 
 namespace gsut {
@@ -16,15 +18,31 @@ struct BundleObservation {
   int point = 0;
   Bearing bearing;
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+  double time = 0.0;  // of its line in a rolling shutter's readout, -0.5 to 0.5
 };
 
 // What is adjusted. Cameras are shared by any number of images.
 struct Bundle {
   std::vector<Camera> cameras;
   std::vector<int> camera_of_image;
-  std::vector<Pose> camera_from_world;
+  std::vector<Pose> camera_from_world;  // in the middle of the readout
   std::vector<Eigen::Vector3d> points;
   std::vector<BundleObservation> observations;
+  // Of rolling shutters: how the image's body moves, one an image; empty: all stand still.
+  std::vector<Velocity> velocities;
+  // Of rigs: the body that an image's camera is on, the mount on it (-1: the camera is the body),
+  // and camera_from_body of the mounts. Empty: each image is its own body. A body's pose is taken
+  // from its first image; the others' poses follow from it.
+  std::vector<int> body_of_image;
+  std::vector<int> mount_of_image;
+  std::vector<Pose> camera_from_body;
+};
+
+// What is known of a velocity beforehand: its mean and standard deviation, component by component;
+// infinite: nothing.
+struct VelocityPrior {
+  Velocity mean = Velocity::Zero();
+  Velocity sigma = Velocity::Constant(std::numeric_limits<double>::infinity());
 };
 
 struct BundleOptions {
@@ -45,6 +63,13 @@ struct BundleOptions {
   // lens_free[c]: which parameters of camera c are estimated, one flag each; empty: none. Needs
   // through_lens.
   std::vector<std::vector<std::uint8_t>> lens_free;
+  // Velocities are adjusted, if the bundle has them, where their image is not fixed; held by priors
+  // (one an image; empty: none) against observations with this much noise a coordinate in pixels.
+  std::vector<VelocityPrior> velocity_priors;
+  double noise = 1.0;
+  // Which mounts are adjusted, one flag each; empty: none. Where the scale is held by an image, it
+  // is the mounts' length that follows.
+  std::vector<std::uint8_t> mount_free;
   int num_threads = 1;
 };
 

@@ -7,13 +7,9 @@
 
 namespace gsut {
 
-LensEvaluation::LensEvaluation(const Bundle& bundle, const std::vector<PoseBlock>& poses,
-                               const std::vector<Eigen::Vector3d>& points,
-                               const std::vector<std::vector<double>>& lenses, bool lenses_free)
+LensEvaluation::LensEvaluation(const Bundle& bundle, const BundleState& state, bool lenses_free)
     : bundle_(bundle),
-      poses_(poses),
-      points_(points),
-      lenses_(lenses),
+      state_(state),
       lenses_free_(lenses_free),
       batches_(bundle.cameras.size()),
       place_(bundle.observations.size()) {
@@ -47,15 +43,15 @@ void LensEvaluation::Evaluate(int camera_index, bool jacobians) {
   if (count == 0) return;
   for (std::int64_t i = 0; i < count; ++i) {
     const BundleObservation& observation = bundle_.observations[batch.observations[i]];
-    const double* pose = poses_[observation.image].data();
     Eigen::Map<Eigen::Vector3d>(&batch.points[3 * i]) =
-        RotationOf(pose) * (points_[observation.point] - CenterOf(pose));
+        state_.Chain(observation).Point(state_.points[observation.point]);
   }
   const Camera& start = bundle_.cameras[camera_index];
   try {
-    const Camera camera = lenses_free_ ? Camera(start.model(), lenses_[camera_index], start.width(),
-                                                start.height(), start.valid_field_angle())
-                                       : start;
+    const Camera camera = lenses_free_
+                              ? Camera(start.model(), state_.lenses[camera_index], start.width(),
+                                       start.height(), start.valid_field_angle())
+                              : start;
     batch.failed = false;
     if (jacobians) {
       camera.ProjectJacobian(count, batch.points.data(), batch.pixels.data(), batch.valid.data(),

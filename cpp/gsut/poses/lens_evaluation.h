@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "gsut/poses/bundle.h"
-#include "gsut/poses/pose_block.h"
+#include "gsut/poses/bundle_state.h"
 
 namespace gsut {
 
@@ -16,10 +16,8 @@ namespace gsut {
 // marks all its observations as failed, which makes the solver take a shorter step.
 class LensEvaluation : public ceres::EvaluationCallback {
  public:
-  // All arguments are kept by reference: they are the solver's state.
-  LensEvaluation(const Bundle& bundle, const std::vector<PoseBlock>& poses,
-                 const std::vector<Eigen::Vector3d>& points,
-                 const std::vector<std::vector<double>>& lenses, bool lenses_free);
+  // Both are kept by reference: the state is the solver's.
+  LensEvaluation(const Bundle& bundle, const BundleState& state, bool lenses_free);
 
   void PrepareForEvaluation(bool evaluate_jacobians, bool new_evaluation_point) override;
 
@@ -44,9 +42,7 @@ class LensEvaluation : public ceres::EvaluationCallback {
   void Evaluate(int camera, bool jacobians);
 
   const Bundle& bundle_;
-  const std::vector<PoseBlock>& poses_;
-  const std::vector<Eigen::Vector3d>& points_;
-  const std::vector<std::vector<double>>& lenses_;
+  const BundleState& state_;
   bool lenses_free_;
   bool has_jacobians_ = false;
   std::vector<Batch> batches_;

@@ -5,18 +5,13 @@
 #include <sstream>
 
 #include "gsut/base/errors.h"
+#include "gsut/poses/rotation_vector.h"
 
 namespace gsut {
 namespace {
 
 // Largest |R^T R - I| accepted: files print rotations with as few as five digits.
 constexpr double kRotationTolerance = 1e-4;
-
-Eigen::Matrix3d Skew(const Eigen::Vector3d& w) {
-  Eigen::Matrix3d m;
-  m << 0, -w.z(), w.y(), w.z(), 0, -w.x(), -w.y(), w.x(), 0;
-  return m;
-}
 
 }  // namespace
 

@@ -4,22 +4,15 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
-#include <numeric>
 
-#include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 
 namespace gsut {
 namespace {
 
 constexpr std::int64_t kTrackGrain = 256;  // tracks a chunk of parallel work
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-// Cauchy's loss bends at this fraction of the largest error before residuals are known, and never
-// below this many pixels.
-constexpr double kStartLoss = 4.0;
-constexpr double kLeastLoss = 0.02;
-constexpr int kScoreLevels = 5;  // grids of 2 x 2 to 32 x 32 cells
+constexpr double kMiddle = 0.5;            // of the readout: the time of an image's own pose
+constexpr int kScoreLevels = 5;            // grids of 2 x 2 to 32 x 32 cells
 
 }  // namespace
 
@@ -33,8 +26,21 @@ SceneMap::SceneMap(std::vector<Camera> cameras, const std::vector<ImageFeatures>
       tracks_of_image_(images.size()),
       registered_(images.size(), 0),
       poses_(images.size()),
-      loss_pixels_(options.max_error / kStartLoss) {
+      loss_pixels_(options.max_error / kLossShare) {
   UpdateBearings();
+  if (rolling()) {
+    for (const ImageFeatures& image : images_) {
+      const Camera& camera = cameras_[image.camera];
+      std::vector<double>& times = times_.emplace_back();
+      for (const Eigen::Vector2d& pixel : image.pixels) {
+        times.push_back(
+            options_.shutter.PixelTime(pixel.x(), pixel.y(), camera.width(), camera.height()) -
+            kMiddle);
+      }
+      moved_.emplace_back(times.size());
+    }
+    velocities_.assign(images_.size(), Velocity::Zero());
+  }
   std::vector<int> counts;
   for (const ImageFeatures& image : images_)
     counts.push_back(static_cast<int>(image.pixels.size()));
@@ -64,25 +70,19 @@ void SceneMap::UpdateBearings() {
   }
 }
 
-void SceneMap::UpdateLoss() {
-  std::vector<double> lengths;
-  for (const Track& track : tracks_) {
-    if (!track.has_point) continue;
-    for (const Sight& sight : track.sights) {
-      if (sight.used) lengths.push_back(Residual(track, sight));
-    }
-  }
-  if (lengths.empty()) return;
-  const auto middle = lengths.begin() + static_cast<std::ptrdiff_t>(lengths.size() / 2);
-  std::nth_element(lengths.begin(), middle, lengths.end());
-  loss_pixels_ = std::clamp(options_.loss_scale * *middle, kLeastLoss,
-                            std::max(kLeastLoss, options_.max_error / kStartLoss));
-}
-
 void SceneMap::Register(int image, const Pose& camera_from_world) {
   if (!registered_[image]) ++num_registered_;
   registered_[image] = 1;
+  Place(image, camera_from_world, Velocity::Zero());
+}
+
+void SceneMap::Place(int image, const Pose& camera_from_world, const Velocity& velocity) {
   poses_[image] = camera_from_world;
+  if (!rolling()) return;
+  velocities_[image] = velocity;
+  for (std::size_t i = 0; i < times_[image].size(); ++i) {
+    moved_[image][i] = MovedPose(camera_from_world, velocity, times_[image][i]);
+  }
 }
 
 void SceneMap::Reset() {
@@ -95,7 +95,7 @@ void SceneMap::Reset() {
 }
 
 double SceneMap::Residual(const Track& track, const Sight& sight) const {
-  const Pose& pose = poses_[sight.image];
+  const Pose& pose = PoseOf(sight);
   return BearingResidual(bearings_[sight.image][sight.feature],
                          pose.rotation * track.position + pose.translation)
       .norm();
@@ -159,7 +159,7 @@ int SceneMap::CompleteTrack(Track* track) {
   std::vector<Sight*> from;
   for (Sight& sight : track->sights) {
     if (!open(sight)) continue;
-    sights.push_back({&bearings_[sight.image][sight.feature], &poses_[sight.image]});
+    sights.push_back({&bearings_[sight.image][sight.feature], &PoseOf(sight)});
     from.push_back(&sight);
   }
   if (sights.size() < 2) return 0;
@@ -203,7 +203,7 @@ int SceneMap::Filter(double max_error) {
               continue;
             }
             ++used;
-            sights.push_back({&bearings_[sight.image][sight.feature], &poses_[sight.image]});
+            sights.push_back({&bearings_[sight.image][sight.feature], &PoseOf(sight)});
           }
           const std::vector<std::uint8_t> all(sights.size(), 1);
           if (used >= 2 && TriangulationAngle(sights, all, track.position) >= options_.min_angle) {
@@ -237,161 +237,6 @@ int SceneMap::DropWeakImages() {
   }
   if (dropped > 0) Filter(options_.max_error);
   return dropped;
-}
-
-Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, BundleOptions* options,
-                            std::vector<int>* image_of, std::vector<int>* track_of) const {
-  Bundle bundle;
-  bundle.cameras = cameras_;
-  std::vector<int> place(images_.size(), -1);
-  for (std::size_t t = 0; t < tracks_.size(); ++t) {
-    const Track& track = tracks_[t];
-    if (!track.has_point) continue;
-    const bool wanted =
-        images_free == nullptr ||
-        std::any_of(track.sights.begin(), track.sights.end(), [&](const Sight& sight) {
-          return sight.used && (*images_free)[sight.image] != 0;
-        });
-    if (!wanted) continue;
-    const int point = static_cast<int>(bundle.points.size());
-    bundle.points.push_back(track.position);
-    track_of->push_back(static_cast<int>(t));
-    for (const Sight& sight : track.sights) {
-      if (!sight.used) continue;
-      int& image = place[sight.image];
-      if (image < 0) {
-        image = static_cast<int>(image_of->size());
-        image_of->push_back(sight.image);
-        bundle.camera_of_image.push_back(images_[sight.image].camera);
-        bundle.camera_from_world.push_back(poses_[sight.image]);
-        if (images_free != nullptr) {
-          options->image_fixed.push_back((*images_free)[sight.image] == 0);
-        }
-      }
-      bundle.observations.push_back({image, point, bearings_[sight.image][sight.feature],
-                                     images_[sight.image].pixels[sight.feature]});
-    }
-  }
-  options->loss_scale = loss_pixels_;
-  options->num_threads = NumThreads();
-  const auto placed = [&](int image) { return image < 0 ? -1 : place[image]; };
-  options->gauge_image = placed(gauge_first_);
-  options->scale_image = placed(gauge_second_);
-  if (images_free != nullptr) {
-    const auto fixed = std::count(options->image_fixed.begin(), options->image_fixed.end(), 1);
-    if (fixed >= 2) options->gauge_image = options->scale_image = -1;
-  }
-  return bundle;
-}
-
-void SceneMap::TakeBack(const Bundle& bundle, const std::vector<int>& image_of,
-                        const std::vector<int>& track_of) {
-  for (std::size_t i = 0; i < image_of.size(); ++i) {
-    poses_[image_of[i]] = bundle.camera_from_world[i];
-  }
-  for (std::size_t i = 0; i < track_of.size(); ++i) {
-    tracks_[track_of[i]].position = bundle.points[i];
-  }
-}
-
-void SceneMap::AdjustLocally(int image) {
-  std::vector<int> shared(images_.size(), 0);
-  for (const int index : tracks_of_image_[image]) {
-    const Track& track = tracks_[index];
-    if (!track.has_point) continue;
-    for (const Sight& sight : track.sights) shared[sight.image] += sight.used;
-  }
-  shared[image] = 0;
-  std::vector<int> order(images_.size());
-  std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return shared[a] > shared[b]; });
-  std::vector<std::uint8_t> free(images_.size(), 0);
-  free[image] = 1;
-  for (int i = 0; i + 1 < options_.local_images && i < num_images(); ++i) {
-    if (shared[order[i]] > 0) free[order[i]] = 1;
-  }
-  BundleOptions options;
-  constexpr int kLocalIterations = 12;
-  constexpr double kLocalTolerance = 1e-4;
-  options.max_iterations = kLocalIterations;
-  options.function_tolerance = kLocalTolerance;
-  std::vector<int> image_of, track_of;
-  Bundle bundle = MakeBundle(&free, &options, &image_of, &track_of);
-  AdjustBundle(&bundle, options);
-  TakeBack(bundle, image_of, track_of);
-}
-
-BundleSummary SceneMap::AdjustGlobally(int max_iterations, double tolerance, bool through_lens,
-                                       bool lens_free) {
-  BundleOptions options;
-  options.max_iterations = max_iterations;
-  options.function_tolerance = tolerance;
-  options.through_lens = through_lens || lens_free;
-  if (lens_free) options.lens_free = options_.lens_free;
-  std::vector<int> image_of, track_of;
-  Bundle bundle = MakeBundle(nullptr, &options, &image_of, &track_of);
-  const BundleSummary summary = AdjustBundle(&bundle, options);
-  TakeBack(bundle, image_of, track_of);
-  if (lens_free) {
-    cameras_ = bundle.cameras;
-    UpdateBearings();
-  }
-  UpdateLoss();
-  return summary;
-}
-
-Structure SceneMap::Result(bool covariances) const {
-  Structure result;
-  result.cameras = cameras_;
-  result.registered = registered_;
-  result.camera_from_world.resize(images_.size());
-  for (int image = 0; image < num_images(); ++image) {
-    if (registered_[image]) result.camera_from_world[image] = poses_[image];
-  }
-  std::vector<double> lengths, held_out;
-  for (const Track& track : tracks_) {
-    if (!track.has_point) continue;
-    StructurePoint point;
-    point.position = track.position;
-    for (const Sight& sight : track.sights) {
-      if (!sight.used && !(sight.held_out && registered_[sight.image] && HasRay(sight))) continue;
-      const double length = Residual(track, sight);
-      if (sight.held_out) {
-        held_out.push_back(length);
-        point.held_out.push_back({sight.image, sight.feature});
-        continue;
-      }
-      lengths.push_back(length);
-      point.error += length;
-      point.sights.push_back({sight.image, sight.feature});
-    }
-    point.error /= static_cast<double>(std::max<std::size_t>(1, point.sights.size()));
-    result.points.push_back(std::move(point));
-  }
-  const auto median = [](std::vector<double>* values) {
-    if (values->empty()) return 0.0;
-    const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
-    std::nth_element(values->begin(), middle, values->end());
-    return *middle;
-  };
-  for (const double length : lengths) result.rms += length * length;
-  if (!lengths.empty()) result.rms = std::sqrt(result.rms / static_cast<double>(lengths.size()));
-  result.median = median(&lengths);
-  result.held_out = median(&held_out);
-  result.num_held_out = static_cast<int>(held_out.size());
-  result.covariances.assign(images_.size(), Eigen::Matrix<double, 6, 6>::Zero());
-  if (covariances && num_registered_ >= 2) {
-    BundleOptions options;
-    std::vector<int> image_of, track_of;
-    const Bundle bundle = MakeBundle(nullptr, &options, &image_of, &track_of);
-    try {
-      const auto found = PoseCovariances(bundle, options);
-      for (std::size_t i = 0; i < image_of.size(); ++i) result.covariances[image_of[i]] = found[i];
-    } catch (const SolveError&) {  // something is not determined: said by NaN
-      for (const int image : image_of) result.covariances[image].setConstant(kNaN);
-    }
-  }
-  return result;
 }
 
 }  // namespace gsut

@@ -36,6 +36,8 @@ class SceneMap {
   int num_points() const;
   bool registered(int image) const { return registered_[image] != 0; }
   const Pose& pose(int image) const { return poses_[image]; }
+  // Whether images were read line by line, each line with its own pose.
+  bool rolling() const { return !options_.shutter.IsGlobal(); }
   const std::vector<Track>& tracks() const { return tracks_; }
   const std::vector<Camera>& cameras() const { return cameras_; }
   const Bearing& bearing(int image, int feature) const { return bearings_[image][feature]; }
@@ -61,6 +63,9 @@ class SceneMap {
   // Returns the number of sights dropped. tracks: the ones to look at (null: all).
   int Filter(double max_error);
 
+  // An image's pose, and velocity, from the points that it sees within this error (pixels), which
+  // shrinks to the options'.
+  void AdjustImage(int image, double max_error);
   // Bundle adjustment around an image with those that share most points with it.
   void AdjustLocally(int image);
   // Of everything. through_lens: see BundleOptions. Lenses are free where the options say so.
@@ -77,8 +82,23 @@ class SceneMap {
   Structure Result(bool covariances) const;
 
  private:
+  // Cauchy's loss bends at most at this fraction of the largest error.
+  static constexpr double kLossShare = 4.0;
+
   double Residual(const Track& track, const Sight& sight) const;
   bool HasRay(const Sight& sight) const { return has_ray_[sight.image][sight.feature] != 0; }
+  // camera_from_world when the line of the sight is read, and that time.
+  const Pose& PoseOf(const Sight& sight) const {
+    return rolling() ? moved_[sight.image][sight.feature] : poses_[sight.image];
+  }
+  double TimeOf(const Sight& sight) const {
+    return rolling() ? times_[sight.image][sight.feature] : 0.0;
+  }
+  void Place(int image, const Pose& camera_from_world, const Velocity& velocity);
+  // From the registered images before and after, for a unit of time; NaN if there are none.
+  Velocity NeighborVelocity(int image) const;
+  void SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
+                 BundleOptions* options) const;
   int CompleteTrack(Track* track);
   void UpdateBearings();
   void UpdateLoss();
@@ -95,7 +115,12 @@ class SceneMap {
   std::vector<Track> tracks_;
   std::vector<std::vector<int>> tracks_of_image_;
   std::vector<std::uint8_t> registered_;
-  std::vector<Pose> poses_;
+  std::vector<Pose> poses_;  // in the middle of the readout
+  // Of rolling shutters, else empty: per image the velocity; per feature the time of its line (-0.5
+  // to 0.5) and camera_from_world then.
+  std::vector<Velocity> velocities_;
+  std::vector<std::vector<double>> times_;
+  std::vector<std::vector<Pose>> moved_;
   int num_registered_ = 0;
   double loss_pixels_;  // where Cauchy's loss bends now
   int gauge_first_ = -1, gauge_second_ = -1;

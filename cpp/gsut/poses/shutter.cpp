@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "gsut/base/errors.h"
+#include "gsut/poses/rotation_vector.h"
 
 namespace gsut {
 namespace {
@@ -23,53 +24,6 @@ constexpr struct {
     {ShutterDirection::kLeftToRight, "left_to_right"},
     {ShutterDirection::kRightToLeft, "right_to_left"},
 };
-
-// Below this angle the series of the left Jacobian is exact to double.
-constexpr double kSmallAngle = 1e-3;
-
-Matrix3d Skew(const Vector3d& w) {
-  Matrix3d m;
-  m << 0, -w.z(), w.y(), w.z(), 0, -w.x(), -w.y(), w.x(), 0;
-  return m;
-}
-
-Matrix3d RotationOf(const Vector3d& w) {
-  Vector6d xi = Vector6d::Zero();
-  xi.tail<3>() = w;
-  return ExpPose(xi).rotation;
-}
-
-// Rotation vector of a rotation matrix, of length at most pi.
-Vector3d LogOf(const Matrix3d& rotation) {
-  Eigen::Quaterniond q(rotation);
-  q.normalize();
-  if (q.w() < 0) q.coeffs() *= -1.0;
-  const double sine = q.vec().norm();
-  if (sine == 0.0) return Vector3d::Zero();
-  return q.vec() * (2.0 * std::atan2(sine, q.w()) / sine);
-}
-
-// The left Jacobian of SO(3), exp(w + d) = exp(J(w) d) exp(w).
-Matrix3d LeftJacobian(const Vector3d& w) {
-  const double angle = w.norm();
-  const double a2 = angle * angle;
-  const double b =
-      angle < kSmallAngle ? 0.5 - a2 / 24.0 : 2.0 * std::pow(std::sin(0.5 * angle) / angle, 2);
-  const double c =
-      angle < kSmallAngle ? 1.0 / 6.0 - a2 / 120.0 : (angle - std::sin(angle)) / (a2 * angle);
-  const Matrix3d k = Skew(w);
-  return Matrix3d::Identity() + b * k + c * k * k;
-}
-
-Matrix3d InverseLeftJacobian(const Vector3d& w) {
-  const double angle = w.norm();
-  const double a2 = angle * angle;
-  const double half = 0.5 * angle;
-  const double c = angle < kSmallAngle ? 1.0 / 12.0 + a2 / 720.0
-                                       : (1.0 - half * std::cos(half) / std::sin(half)) / a2;
-  const Matrix3d k = Skew(w);
-  return Matrix3d::Identity() - 0.5 * k + c * k * k;
-}
 
 }  // namespace
 
@@ -128,7 +82,9 @@ Pose CameraMotion::At(double t) const {
   if (shutter.IsGlobal() || t == 0.0) return start;
   if (t == 1.0) return end;
   Pose pose;
-  pose.rotation = RotationOf(t * LogOf(end.rotation * start.rotation.transpose())) * start.rotation;
+  pose.rotation =
+      RotationOfVector(t * VectorOfRotation(end.rotation * start.rotation.transpose())) *
+      start.rotation;
   if (shutter.gsplat_parity) {
     pose.translation = (1.0 - t) * start.translation + t * end.translation;
   } else {
@@ -148,8 +104,8 @@ MotionJacobian CameraMotion::JacobianAt(double t) const {
   }
   // R(t) = exp(t phi) R0 with phi = log(R1 R0^T). A turn w1 of R1 and w0 of R0 changes phi by
   // J^-1(phi) w1 - J^-1(-phi) w0, so R(t) turns by t J(t phi) of that plus exp(t phi) w0.
-  const Vector3d phi = LogOf(end.rotation * start.rotation.transpose());
-  const Matrix3d turned = RotationOf(t * phi);
+  const Vector3d phi = VectorOfRotation(end.rotation * start.rotation.transpose());
+  const Matrix3d turned = RotationOfVector(t * phi);
   const Matrix3d left = t * LeftJacobian(t * phi);
   const Matrix3d turn_start = turned - left * InverseLeftJacobian(-phi);
   const Matrix3d turn_end = left * InverseLeftJacobian(phi);

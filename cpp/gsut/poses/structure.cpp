@@ -28,6 +28,8 @@ constexpr double kFinalTolerance = 1e-7;
 constexpr int kFinalRounds = 3;
 // Below this share of new sights, completing tracks again changes nothing.
 constexpr double kSettled = 5e-4;
+// Rolling shutters: how many times the final error a sight may be off while the structure grows.
+constexpr double kGrowingError = 4.0;
 // Images from which lenses are adjusted in full; before, too little holds them.
 constexpr int kLensImages = 5;
 
@@ -39,6 +41,7 @@ class Mapper {
       : cameras_(cameras),
         images_(images),
         pairs_(pairs),
+        wanted_(options),
         options_(options),
         on_progress_(on_progress) {}
 
@@ -105,7 +108,14 @@ class Mapper {
     return order;
   }
 
+  // Rolling shutters: how many times the wanted error a sight may be off now. 1 for global ones.
+  void LoosenBy(double factor) {
+    const bool rolling = !wanted_.shutter.IsGlobal();
+    options_.max_error = wanted_.max_error * (rolling ? factor : 1.0);
+  }
+
   bool Start(const VerifiedPair& pair) {
+    LoosenBy(wanted_.rolling_error);
     map_->SetGauge(pair.first, pair.second);
     map_->Register(pair.first, Pose());
     map_->Register(pair.second, pair.second_from_first);
@@ -114,6 +124,7 @@ class Mapper {
     map_->AdjustGlobally(kPairIterations, kGlobalTolerance, false, false);
     map_->Filter(options_.max_error);
     if (map_->num_points() < kInitialPoints) return false;
+    LoosenBy(kGrowingError);
     Tell("first pair");
     return true;
   }
@@ -169,7 +180,8 @@ class Mapper {
       tried_at_[candidate.image] = candidate.count;
       const SceneMap::Visible visible = map_->VisiblePoints(candidate.image);
       AbsolutePoseOptions options;
-      options.max_error = options_.max_error;
+      options.max_error =
+          map_->rolling() ? wanted_.rolling_error * wanted_.max_error : wanted_.max_error;
       options.seed = options_.seed + static_cast<std::uint64_t>(candidate.image);
       const AbsolutePose found = EstimateAbsolutePose(visible.bearings, visible.points, options);
       const auto seen = static_cast<double>(visible.points.size());
@@ -178,6 +190,7 @@ class Mapper {
         continue;
       }
       map_->Register(candidate.image, found.camera_from_world);
+      if (map_->rolling()) map_->AdjustImage(candidate.image, options.max_error);
       return candidate.image;
     }
     return -1;
@@ -194,6 +207,13 @@ class Mapper {
   Structure Finish() {
     const bool lens_free = !options_.lens_free.empty();
     int sights = 1;
+    for (double looser = kGrowingError / 2; map_->rolling() && looser > 1; looser /= 2) {
+      LoosenBy(looser);
+      map_->Complete(-1);
+      map_->AdjustGlobally(kFinalIterations, kGlobalTolerance, lens_free, lens_free);
+      map_->Filter(options_.max_error);
+    }
+    LoosenBy(1.0);
     for (int round = 0; round < kFinalRounds; ++round) {
       map_->AdjustGlobally(kFinalIterations, kFinalTolerance, lens_free, lens_free);
       const int dropped = map_->Filter(options_.max_error);
@@ -220,7 +240,8 @@ class Mapper {
   const std::vector<Camera>& cameras_;
   const std::vector<ImageFeatures>& images_;
   std::span<const VerifiedPair> pairs_;
-  const StructureOptions& options_;
+  const StructureOptions& wanted_;
+  StructureOptions options_;  // with the largest error of the moment; read by the map too
   const std::function<bool(const StructureProgress&)>& on_progress_;
   std::optional<SceneMap> map_;
   std::vector<int> tried_at_;  // points an image saw when it was last tried

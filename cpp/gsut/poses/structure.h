@@ -9,7 +9,9 @@
 #include <vector>
 
 #include "gsut/cameras/camera.h"
+#include "gsut/poses/camera_chain.h"
 #include "gsut/poses/pose.h"
+#include "gsut/poses/shutter.h"
 #include "gsut/poses/tracks.h"
 
 namespace gsut {
@@ -32,6 +34,14 @@ struct StructureOptions {
   int most_restarts = 3;
   // Parameters of each camera that are estimated too, one flag each (empty: none).
   std::vector<std::vector<std::uint8_t>> lens_free;
+  // Rolling shutters: how lines are read; each image then has a velocity of its own. Until
+  // velocities are known, sights may be this many times the largest error off.
+  Shutter shutter;
+  double rolling_error = 12.0;
+  // When each image was taken, and the readout in units of that time: velocities are then held near
+  // those between an image's neighbours. Empty or 0: unknown.
+  std::vector<double> frame_times;
+  double readout_time = 0.0;
   // Every n-th point of at least three sights keeps one out of all adjustments, to judge by; 0: no.
   int hold_out_every = 0;
   bool covariances = true;
@@ -41,6 +51,7 @@ struct StructureOptions {
 struct StructurePoint {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // in the world
   std::vector<TrackElement> sights;                    // that agree with it
+  std::vector<Eigen::Vector3d> in_camera;              // the point in the camera of each sight
   double error = 0.0;                                  // pixels: mean length of their residuals
   std::vector<TrackElement> held_out;                  // sights that no adjustment used
 };
@@ -49,6 +60,7 @@ struct Structure {
   std::vector<Camera> cameras;
   std::vector<std::uint8_t> registered;  // one an image
   std::vector<Pose> camera_from_world;   // identity where not registered
+  std::vector<Velocity> velocities;      // of rolling shutters, see camera_chain.h; else empty
   std::vector<StructurePoint> points;
   int initial_first = -1, initial_second = -1;
   int restarts = 0;

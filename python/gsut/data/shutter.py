@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -63,7 +64,7 @@ def _moving_views(views: list[View], readout_time: float, shutter: Shutter) -> l
     """The views with a start and an end pose from their neighbours in time."""
     if len(views) < 2:
         raise InputError("--readout-time needs at least two frames to find the camera's velocity")
-    times = _frame_times(views)
+    times = frame_times([view.name for view in views])
     order = np.argsort(times, kind="stable")
     place = {int(index): rank for rank, index in enumerate(order)}
     moving = []
@@ -80,13 +81,13 @@ def _moving_views(views: list[View], readout_time: float, shutter: Shutter) -> l
     return moving
 
 
-def _frame_times(views: list[View]) -> np.ndarray:
+def frame_times(names: Sequence[str]) -> np.ndarray:
     """(N,) the last number of each name, or the place in the list where they are not unique."""
-    found = [_NUMBER.search(view.name) for view in views]
+    found = [_NUMBER.search(name) for name in names]
     numbers = [float(match[1]) for match in found if match]
-    if len(set(numbers)) == len(views):
+    if len(set(numbers)) == len(names):
         return np.array(numbers)
-    return np.arange(len(views), dtype=np.float64)
+    return np.arange(len(names), dtype=np.float64)
 
 
 def _moved(view: View, before: View, after: View, share: float) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut._core import InputError, SolveError
+from gsut._core import InputError, Shutter, SolveError
 from gsut.data.findings import some_names
 from gsut.structure.features import Features, find_all_features, no_features
 from gsut.structure.inputs import Photographs, find_photographs
@@ -22,6 +22,7 @@ from gsut.structure.matching import PairMatches, match_and_verify, preview_pairs
 from gsut.structure.options import PosesOptions
 from gsut.structure.output import FIGURES, TRANSFORMS, check_lenses, figures, write_dataset
 from gsut.structure.pairs import choose_pairs
+from gsut.structure.readout import readout_time
 from gsut.structure.report import REPORT, write_report
 from gsut.structure.solution import Solution, solve
 from gsut.structure.stages import Stages, write_atomically
@@ -122,11 +123,12 @@ def estimate_poses(
     if options.threads:
         _core.set_num_threads(options.threads)
     try:
+        shutter = _shutter(photographs, options)
         features = _features(photographs, options, stages, show, note)
         lap("features")
         if not known:
             photographs = first_guess(photographs, fov_degrees)
-        pairs = _matches(photographs, features, options, stages, show)
+        pairs = _matches(photographs, features, options, stages, show, shutter)
         lap("matching")
         _require_overlap(photographs, features, pairs)
         search: LensSearch | None = None
@@ -136,9 +138,10 @@ def estimate_poses(
                 photographs, features, pairs, options,
                 lambda done, total, points, step: show(
                     "mapping", done, total, f"{points:,} points"),
+                shutter=shutter,
             )  # fmt: skip
         else:
-            search = search_lens(photographs, features, pairs, options, fov_degrees, show)
+            search = search_lens(photographs, features, pairs, options, fov_degrees, show, shutter)
             solution = search.solution
         lap("mapping")
     finally:
@@ -153,6 +156,14 @@ def estimate_poses(
     extra: dict[str, Any] = {"lens": "known" if known else "estimated"}
     if search is not None:
         extra["lens_search"] = search.rows
+    extra["shutter"] = solution.shutter.direction if solution.shutter else "global"
+    if solution.shutter is not None:
+        found = readout_time(photographs.names, solution)
+        extra["readout"] = {
+            "given": options.readout_time,
+            "estimated": found.time if found else None,
+            "explained": found.explained if found else None,
+        }
     lap("writing")
     values = figures(solution, seconds, notes, extra)
     write_report(folder, solution, values)
@@ -183,9 +194,23 @@ def _key(photographs: Photographs, options: PosesOptions, fov: float | None) -> 
         "files": files,
         "masks": [str(mask) for mask in photographs.masks],
         "lenses": [repr(camera) for camera in photographs.cameras],
+        "shutter": photographs.shutter.direction if photographs.shutter else None,
         "options": dataclasses.asdict(options),
         "fov": fov,
     }
+
+
+def _shutter(photographs: Photographs, options: PosesOptions) -> Shutter | None:
+    """The rolling shutter of the images, or None."""
+    if options.shutter == "global":
+        if options.readout_time is not None:
+            raise InputError("--shutter global and --readout-time contradict each other: drop one")
+        return None
+    if photographs.shutter is not None:
+        return photographs.shutter
+    if options.shutter == "rolling" or options.readout_time is not None:
+        return Shutter(options.readout_direction)
+    return None
 
 
 def _features(
@@ -239,6 +264,7 @@ def _matches(
     options: PosesOptions,
     stages: Stages,
     show: OnProgress,
+    shutter: Shutter | None,
 ) -> list[PairMatches]:
     """Verified pairs, from the stage file where it is there."""
     kept = stages.load_matches()
@@ -262,7 +288,7 @@ def _matches(
         done += count
         show("matching", done, len(pairs), f"{len(pairs)} pairs")
 
-    verified = match_and_verify(features, cameras, pairs, options, on_match)
+    verified = match_and_verify(features, cameras, pairs, options, on_match, shutter)
     stages.save_matches(verified)
     return verified
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-from gsut._core import InputError
+from gsut._core import InputError, Shutter
 from gsut.cameras import Camera
 from gsut.data.colmap import find_mask
 from gsut.data.folder import find_images, find_lens_file
@@ -25,6 +25,7 @@ class Photographs:
         paths: of the images.
         masks: image that is white where pixels are valid, or None; one an image.
         cameras: one an image, equal lenses the same object; None: unknown.
+        shutter: rolling, in the direction that the dataset says, or None: nothing said.
     """
 
     root: Path
@@ -32,6 +33,7 @@ class Photographs:
     paths: list[Path]
     masks: list[Path | None]
     cameras: list[Camera | None]
+    shutter: Shutter | None = None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -75,6 +77,7 @@ def _of_dataset(path: Path) -> Photographs:
         [frame.image_path for frame in frames],
         [frame.mask_path for frame in frames],
         [frame.camera for frame in frames],
+        next((frame.shutter for frame in frames if frame.shutter is not None), None),
     )
 
 

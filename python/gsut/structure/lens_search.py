@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut._core import InputError, SolveError
+from gsut._core import InputError, Shutter, SolveError
 from gsut.cameras import Camera
 from gsut.data.images import read_header
 from gsut.structure.features import Features
@@ -94,6 +94,7 @@ def search_lens(
     options: PosesOptions,
     fov_degrees: float | None,
     show: Callable[[str, int, int, str], None],
+    shutter: Shutter | None = None,
 ) -> LensSearch:
     """Estimates poses and lens together.
 
@@ -107,6 +108,7 @@ def search_lens(
         options: see PosesOptions.
         fov_degrees: rough horizontal field of view, or None.
         show: told (stage, done, total, text).
+        shutter: rolling, or None.
 
     Raises:
         SolveError: nothing could be reconstructed with any lens.
@@ -120,7 +122,7 @@ def search_lens(
     few = connected_pairs(pairs, _FIELD_IMAGES)
     for field in fields:
         lens = guessed_lens(*size, field)
-        found = _try(photographs, lens, _START, features, few, options, show, rows)
+        found = _try(photographs, lens, _START, features, few, options, show, rows, shutter)
         if found is not None:
             candidates.append(found)
     if not candidates:
@@ -133,12 +135,12 @@ def search_lens(
     indices = np.array([(pair.first, pair.second) for pair in pairs], np.int64).reshape(-1, 2)
     again = match_and_verify(
         features, [lens] * len(photographs), indices, options,
-        lambda count: show("matching", count, len(indices), "again, with the lens found"),
+        lambda count: show("matching", count, len(indices), "again, with the lens found"), shutter,
     )  # fmt: skip
     more = connected_pairs(again, _MODEL_IMAGES)
     results = [(best, _START)]
     for model, free in _models(lens):  # fewest parameters first
-        found = _try(photographs, model, free, features, more, options, show, rows)
+        found = _try(photographs, model, free, features, more, options, show, rows, shutter)
         if found is not None:
             results.append((found, free))
     chosen, free = results[min(1, len(results) - 1)]
@@ -151,7 +153,7 @@ def search_lens(
     final = solve(
         photographs.names, [model] * len(photographs), features, again, options,
         lambda done, total, points, step: show("mapping", done, total, f"{points:,} points"),
-        lens_free=free,
+        lens_free=free, shutter=shutter,
     )  # fmt: skip
     return LensSearch(final, rows)
 
@@ -201,6 +203,7 @@ def _try(
     options: PosesOptions,
     show: Callable[[str, int, int, str], None],
     rows: list[dict[str, Any]],
+    shutter: Shutter | None,
 ) -> Solution | None:
     """A solution with this lens to begin with, or None; adds a row."""
     row: dict[str, Any] = {"model": lens.model, "estimated": int(free.sum())}
@@ -209,7 +212,7 @@ def _try(
             photographs.names, [lens] * len(photographs), features, pairs, options,
             lambda done, total, points, step: show(
                 "mapping", done, total, f"{lens.model}, {points:,} points"),
-            lens_free=free, hold_out_every=_HOLD_OUT_EVERY,
+            lens_free=free, hold_out_every=_HOLD_OUT_EVERY, shutter=shutter,
         )  # fmt: skip
     except SolveError as error:
         rows.append({**row, "registered": 0, "failure": str(error)})

@@ -86,6 +86,7 @@ def match_and_verify(
     pairs: np.ndarray,
     options: PosesOptions,
     on_pairs: Callable[[int], None],
+    shutter: _core.Shutter | None = None,
 ) -> list[PairMatches]:
     """Matches pairs in full, and keeps what agrees with one relative pose.
 
@@ -94,6 +95,7 @@ def match_and_verify(
         pairs: (P, 2).
         options: see PosesOptions.
         on_pairs: told how many more pairs are done.
+        shutter: rolling, if it is: matches may then be rolling_error times farther off.
 
     Returns:
         The pairs with at least min_matches matches.
@@ -103,6 +105,8 @@ def match_and_verify(
     valid = [b.valid for b in bearings]
     diagonal = max(float(np.hypot(c.width, c.height)) for c in cameras)
     max_error = options.max_two_view_error * diagonal / 1000
+    if shutter is not None:
+        max_error *= options.rolling_error
     result = []
     for begin in range(0, len(pairs), _BATCH):
         batch = pairs[begin : begin + _BATCH]

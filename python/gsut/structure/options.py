@@ -79,6 +79,24 @@ class PosesOptions:
         1.5, "Mapping", "residuals beyond this many times their median lose weight (Cauchy)",
         low=0, low_open=True, high=100,
     )
+    shutter: str = option(
+        "auto", "Shutter", "rolling: the camera moves while an image is read, each image with its "
+        "own velocity; global: one pose an image; auto: as the dataset says, rolling where "
+        "--readout-time is given", choices=("auto", "global", "rolling"),
+    )
+    readout_time: float | None = option(
+        None, "Shutter", "time from the first line of an image to its last, for a video: "
+        "velocities are held near those between neighbouring frames", unit="x time between frames",
+        low=0.0, high=1.0, low_open=True, none="each image's velocity by itself",
+    )
+    readout_direction: str = option(
+        "top_to_bottom", "Shutter", "order in which lines are read, where the dataset does not say",
+        choices=("top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left"),
+    )
+    rolling_error: float = option(
+        12.0, "Shutter", "rolling: errors may be this many times larger until the velocities are "
+        "known", low=1.0, high=1000,
+    )
     threads: int = option(0, "Run", "threads; 0 = all processors", low=0, high=4096)
     seed: int = option(0, "Run", "seed of every random number", low=0, high=2**63 - 1)
     # fmt: on

@@ -66,6 +66,8 @@ def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> li
     (out / COLMAP).mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
         write_atomically(out / COLMAP / name, text.encode())
+    if solution.shutter is not None:
+        return [f"{COLMAP} has the pose in the middle of each readout: COLMAP knows no other"]
     return []
 
 
@@ -88,6 +90,10 @@ def _transforms(solution: Solution, photographs: Photographs, out: Path) -> str:
     values: dict[str, Any] = json.loads(format_nerfstudio(lenses[0])) if len(lenses) == 1 else {}
     values["ply_file_path"] = POINTS
     values["frames"] = []
+    ends = None
+    if solution.shutter is not None:
+        values["rolling_shutter"] = {"direction": solution.shutter.direction}
+        ends = solution.poses_at(0.0), solution.poses_at(1.0)
     for i, camera in enumerate(solution.cameras):
         if not solution.registered[i]:
             continue
@@ -96,6 +102,10 @@ def _transforms(solution: Solution, photographs: Photographs, out: Path) -> str:
             "file_path": _relative(photographs.paths[i], out),
             "transform_matrix": pose.tolist(),
         }
+        if ends is not None:
+            for key, camera_from_world in zip(("start", "end"), ends, strict=True):
+                pose = inverse(camera_from_world[i]) @ OPENGL_FROM_OPENCV
+                frame[f"transform_matrix_{key}"] = pose.tolist()
         mask = photographs.masks[i]
         if mask is not None:
             frame["mask_path"] = _relative(mask, out)
@@ -185,6 +195,9 @@ def figures(
             mine = solution.sights[:, 1] == i
             lengths = np.linalg.norm(solution.residuals[mine], axis=1)
             row["camera_from_world"] = solution.camera_from_world[i].tolist()
+            if solution.velocities is not None:
+                row["readout_shift"] = solution.velocities[i, :3].tolist()
+                row["readout_turn_degrees"] = np.degrees(solution.velocities[i, 3:]).tolist()
             row["points"] = int(mine.sum())
             row["error_px"] = _number(np.nanmedian(lengths)) if len(lengths) else None
             row["sigma_center"] = [_number(v) for v in sigmas[i, :3]]

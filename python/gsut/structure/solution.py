@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
+from gsut._core import Shutter
 from gsut.cameras import Camera
+from gsut.data.shutter import frame_times
 from gsut.structure.features import Features
 from gsut.structure.matching import PairMatches
 from gsut.structure.options import PosesOptions
@@ -41,6 +43,9 @@ class Solution:
         held_out: median length at sights that no adjustment used, in pixels; None if there are
             none.
         held_out_sights: (H, 3) int32 as `sights`: those.
+        shutter: rolling, or None; camera_from_world is then that of the middle of the readout.
+        velocities: (N, 6) of rolling shutters, else None: how far the centre moves in the world and
+            the camera turns (radians, camera frame) during a readout.
     """
 
     names: list[str]
@@ -61,11 +66,24 @@ class Solution:
     median: float
     held_out: float | None
     held_out_sights: np.ndarray
+    shutter: Shutter | None = None
+    velocities: np.ndarray | None = None
 
     @property
     def num_registered(self) -> int:
         """Number of images with a pose."""
         return int(self.registered.sum())
+
+    def poses_at(self, time: float) -> np.ndarray:
+        """(N, 4, 4) camera_from_world at a time of the readout: 0 its start, 1 its end."""
+        if self.velocities is None:
+            return self.camera_from_world
+        return np.array(
+            [
+                _core.moved_pose(pose, velocity, time - 0.5)
+                for pose, velocity in zip(self.camera_from_world, self.velocities, strict=True)
+            ]
+        )
 
     def unregistered_names(self) -> list[str]:
         """Images without a pose."""
@@ -82,6 +100,7 @@ def solve(
     *,
     lens_free: np.ndarray | None = None,
     hold_out_every: int = 0,
+    shutter: Shutter | None = None,
 ) -> Solution:
     """Runs the mapper.
 
@@ -92,16 +111,26 @@ def solve(
         on_progress: told (registered, images, points, step) after each step.
         lens_free: (K,) bool, which parameters of the lens are estimated too; one lens then.
         hold_out_every: every n-th longer track keeps one sight out of all adjustments; 0: none.
+        shutter: rolling, or None: all lines of an image are read at once.
 
     Raises:
         SolveError: nothing could be reconstructed; says why.
     """
     lenses, lens_of, settings = _inputs(cameras, options, lens_free, hold_out_every)
+    if shutter is not None:
+        settings["shutter"] = shutter.direction
+        settings["rolling_error"] = options.rolling_error
+        if options.readout_time is not None:
+            settings["readout_time"] = options.readout_time
+            settings["frame_times"] = frame_times(names).tolist()
     found = _core.estimate_poses(
         lenses, lens_of, [f.pixels for f in features],
         [p.as_tuple() for p in pairs], settings, on_progress,
     )  # fmt: skip
-    return _solution(names, cameras, features, found, lens_free is not None)
+    solution = _solution(names, cameras, features, found, lens_free is not None)
+    if shutter is None:
+        return solution
+    return dataclasses.replace(solution, shutter=shutter, velocities=found["velocities"])
 
 
 def refine(
@@ -200,8 +229,7 @@ def _at_sights(
         if not len(rows):
             continue
         chosen = sights[rows, 2]
-        pose = found["camera_from_world"][image]
-        p = found["points"][sights[rows, 0]] @ pose[:3, :3].T + pose[:3, 3]
+        p = found["sights_in_camera"][rows]
         pixels[rows] = features[image].pixels[chosen]
         residuals[rows] = camera.project(p)[0] - pixels[rows]
         angles[rows] = np.arctan2(np.hypot(p[:, 0], p[:, 1]), p[:, 2])

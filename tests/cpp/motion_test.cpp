@@ -1,0 +1,251 @@
+// Cameras that move during the readout, and cameras on rigs: derivatives and bundle adjustment.
+#include <gtest/gtest.h>
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <vector>
+
+#include "gsut/base/errors.h"
+#include "gsut/poses/bundle.h"
+#include "gsut/poses/camera_chain.h"
+#include "gsut/poses/pose_block.h"
+#include "synthetic_bundle.h"
+
+namespace gsut {
+namespace {
+
+// Central differences in double, relative to the largest derivative; worst 3.2e-11.
+constexpr double kDifferences = 6e-11;
+// Exact data: where Levenberg-Marquardt stops, which is not yet rounding; worst 1.1e-8.
+constexpr double kExact = 2e-8;
+// Some units in the last place; worst 1.3e-15.
+constexpr double kRounding = 2.6e-15;
+
+Velocity RandomVelocity(Numbers* numbers, double shift, double turn) {
+  Velocity velocity;
+  velocity << shift * numbers->Vector(), turn * numbers->Vector();
+  return velocity;
+}
+
+// The first two coordinates in the camera, linear: dout_dp is known exactly.
+Eigen::Vector2d Output(const CameraChain& chain, const Eigen::Vector3d& point,
+                       const Eigen::Matrix<double, 2, 3>& dout_dp) {
+  return dout_dp * chain.Point(point);
+}
+
+TEST(CameraChain, DerivativesAgreeWithCentralDifferences) {
+  constexpr double kStep = 1e-5;
+  Numbers numbers(41);
+  const PoseManifold manifold;
+  int cases = 0;
+  for (int i = 0; i < 40; ++i) {
+    PoseBlock pose = ToBlock(numbers.RandomPose(1.0));
+    PoseBlock mount = ToBlock(numbers.RandomPose(0.3));
+    Velocity velocity = RandomVelocity(&numbers, 0.3, i % 4 == 0 ? 1e-6 : 0.4);
+    Eigen::Vector3d point = 3.0 * numbers.Vector();
+    Eigen::Matrix<double, 2, 3> dout_dp;
+    dout_dp << numbers.Vector().transpose(), numbers.Vector().transpose();
+    const CameraChain chain = {pose.data(), i % 3 == 0 ? nullptr : velocity.data(),
+                               i % 2 == 0 ? nullptr : mount.data(), numbers.Uniform(-0.5, 0.5)};
+    const ChainDerivatives by = Derivatives(chain, point, dout_dp);
+    const auto out = [&] { return Output(chain, point, dout_dp); };
+    const double bound = kDifferences * (1.0 + by.by_pose.norm());
+    const auto plain = [&](double* values, int count, const auto& expected) {
+      for (int k = 0; k < count; ++k) {
+        const double kept = values[k];
+        values[k] = kept + kStep;
+        const Eigen::Vector2d after = out();
+        values[k] = kept - kStep;
+        const Eigen::Vector2d before = out();
+        values[k] = kept;
+        EXPECT_LT(((after - before) / (2 * kStep) - expected.col(k)).norm(), bound) << k;
+      }
+    };
+    const auto turned = [&](PoseBlock* block, const auto& expected) {
+      const PoseBlock kept = *block;
+      for (int k = 0; k < 6; ++k) {
+        Eigen::Matrix<double, 6, 1> change = Eigen::Matrix<double, 6, 1>::Zero();
+        Eigen::Vector2d sides[2];
+        for (int side = 0; side < 2; ++side) {
+          change[k] = side == 0 ? kStep : -kStep;
+          manifold.Plus(kept.data(), change.data(), block->data());
+          sides[side] = out();
+        }
+        *block = kept;
+        EXPECT_LT(((sides[0] - sides[1]) / (2 * kStep) - expected.col(k)).norm(), bound) << k;
+      }
+    };
+    plain(point.data(), 3, by.by_point);
+    turned(&pose, by.by_pose);
+    if (chain.velocity != nullptr) plain(velocity.data(), 6, by.by_velocity);
+    if (chain.mount != nullptr) turned(&mount, by.by_mount);
+    ++cases;
+  }
+  EXPECT_EQ(cases, 40);
+}
+
+TEST(CameraChain, MovesAsTheShutterOfTheRendererDoes) {
+  Numbers numbers(42);
+  for (int i = 0; i < 10; ++i) {
+    const Pose middle = numbers.RandomPose(1.0);
+    const Velocity velocity = RandomVelocity(&numbers, 0.3, 0.2);
+    const CameraMotion motion(MovedPose(middle, velocity, -0.5), MovedPose(middle, velocity, 0.5),
+                              Shutter::Named("top_to_bottom"));
+    for (const double t : {0.0, 0.2, 0.5, 0.9, 1.0}) {
+      const Pose expected = motion.At(t), found = MovedPose(middle, velocity, t - 0.5);
+      EXPECT_LT((expected.Matrix() - found.Matrix()).norm(),
+                kRounding);
+    }
+    EXPECT_LT((VelocityBetween(motion.start, motion.end) - velocity).norm(), kRounding);
+  }
+}
+
+// A walk whose cameras turn by some 9 degrees and move while they read.
+Bundle MovingBundle(int images, int points, std::uint64_t stream) {
+  Bundle bundle = MakeBundle(WideLens(), images, points, stream);
+  Numbers numbers(stream + 1);
+  for (int i = 0; i < images; ++i) {
+    bundle.velocities.push_back(RandomVelocity(&numbers, 0.1, 0.09));
+  }
+  ObserveAll(&bundle);
+  return bundle;
+}
+
+TEST(AdjustBundle, FindsVelocitiesOfARollingShutterInBothResiduals) {
+  int cases = 0;
+  for (const bool through_lens : {false, true}) {
+    const Bundle truth = MovingBundle(6, 200, 43);
+    Bundle bundle = truth;
+    Disturb(&bundle, 44);
+    for (Velocity& velocity : bundle.velocities) velocity.setZero();
+    BundleOptions options;
+    options.through_lens = through_lens;
+    options.image_fixed = {0, 1, 0, 0, 0, 0};
+    options.gauge_image = 0;
+    options.loss_scale = 0.0;
+    options.function_tolerance = 1e-16;
+    options.max_iterations = 200;
+    bundle.camera_from_world[1] = truth.camera_from_world[1];
+    bundle.velocities[1] = truth.velocities[1];
+    const BundleSummary summary = AdjustBundle(&bundle, options);
+    EXPECT_GT(summary.rms_before, 5.0);
+    EXPECT_LT(summary.rms_after, kExact);
+    for (int i = 0; i < 6; ++i) {
+      EXPECT_LT((bundle.velocities[i] - truth.velocities[i]).norm(), kExact) << i;
+    }
+    // Without velocities the same data do not fit.
+    Bundle still = truth;
+    still.velocities.clear();
+    EXPECT_GT(AdjustBundle(&still, options).rms_after, 1.0);
+    ++cases;
+  }
+  EXPECT_EQ(cases, 2);
+}
+
+TEST(AdjustBundle, PriorsHoldVelocitiesThatNothingTells) {
+  Bundle bundle = MovingBundle(4, 100, 45);
+  for (BundleObservation& observation : bundle.observations) observation.time = 0.0;
+  BundleOptions options;
+  options.gauge_image = 0;
+  options.scale_image = 3;
+  VelocityPrior prior;
+  prior.mean << 0.1, 0.2, 0.3, 0.01, 0.02, 0.03;
+  prior.sigma.setConstant(0.1);
+  options.velocity_priors.assign(4, prior);
+  AdjustBundle(&bundle, options);
+  for (const Velocity& velocity : bundle.velocities) {
+    EXPECT_LT((velocity - prior.mean).norm(), kRounding);
+  }
+}
+
+TEST(PoseCovariances, GrowWithVelocitiesToEstimate) {
+  Bundle bundle = MovingBundle(4, 80, 46);
+  Numbers numbers(47);
+  for (BundleObservation& o : bundle.observations) {
+    o.pixel += 0.3 * Eigen::Vector2d(numbers.Normal(), numbers.Normal());
+    std::vector<std::uint8_t> has_ray;
+    o.bearing = MakeBearings(bundle.cameras[0], std::span(&o.pixel, 1), &has_ray)[0];
+  }
+  BundleOptions options;
+  options.gauge_image = 0;
+  options.scale_image = 3;
+  options.loss_scale = 0.0;
+  AdjustBundle(&bundle, options);
+  const auto moving = PoseCovariances(bundle, options);
+  // The same with velocities known so well that they are no unknowns.
+  VelocityPrior known;
+  known.sigma.setConstant(1e-9);
+  options.velocity_priors.assign(4, known);
+  const auto held = PoseCovariances(bundle, options);
+  for (int k = 0; k < 6; ++k) EXPECT_GT(moving[2](k, k), held[2](k, k)) << k;
+}
+
+// Two cameras on a rig: images 2 i and 2 i + 1 are of body i.
+Bundle RigBundle(std::uint64_t stream) {
+  Bundle bundle = MakeBundle(WideLens(), 8, 200, stream);
+  Eigen::Matrix<double, 6, 1> twist;
+  twist << -0.2, 0.02, 0.01, 0.02, 0.3, -0.01;
+  bundle.camera_from_body = {ExpPose(twist)};
+  for (int i = 0; i < 8; ++i) {
+    bundle.body_of_image.push_back(i / 2);
+    bundle.mount_of_image.push_back(i % 2 == 0 ? -1 : 0);
+  }
+  const BundleState state(bundle);
+  for (int i = 0; i < 8; ++i) bundle.camera_from_world[i] = state.CameraFromWorld(i);
+  ObserveAll(&bundle);
+  return bundle;
+}
+
+TEST(AdjustBundle, RigHasItsBaselinesScale) {
+  const Bundle truth = RigBundle(48);
+  Bundle bundle = truth;
+  Disturb(&bundle, 49);
+  BundleOptions options;
+  options.gauge_image = 0;  // the rig's baseline holds the scale
+  options.through_lens = true;
+  options.loss_scale = 0.0;
+  options.function_tolerance = 1e-16;
+  const BundleSummary summary = AdjustBundle(&bundle, options);
+  EXPECT_LT(summary.rms_after, kExact);
+  for (int i = 0; i < 8; ++i) {
+    EXPECT_LT((bundle.camera_from_world[i].Matrix() - truth.camera_from_world[i].Matrix()).norm(),
+              kExact);
+  }
+  const auto covariances = PoseCovariances(bundle, options);  // determined, with no scale held
+  EXPECT_GT(covariances[7].trace(), 0.0);
+}
+
+TEST(AdjustBundle, RigFindsItsMountAgain) {
+  const Bundle truth = RigBundle(50);
+  Bundle bundle = truth;
+  Eigen::Matrix<double, 6, 1> twist;
+  twist << 0.01, -0.02, 0.01, 0.02, -0.01, 0.01;
+  bundle.camera_from_body[0] = ExpPose(twist) * bundle.camera_from_body[0];
+  Disturb(&bundle, 51);
+  BundleOptions options;
+  options.image_fixed = {1, 0, 1, 0, 0, 0, 0, 0};
+  bundle.camera_from_world[0] = truth.camera_from_world[0];
+  bundle.camera_from_world[2] = truth.camera_from_world[2];
+  options.mount_free = {1};
+  options.through_lens = true;
+  options.loss_scale = 0.0;
+  options.function_tolerance = 1e-16;
+  AdjustBundle(&bundle, options);
+  EXPECT_LT((bundle.camera_from_body[0].Matrix() - truth.camera_from_body[0].Matrix()).norm(),
+            kExact);
+}
+
+TEST(AdjustBundle, RefusesMotionsAndRigsThatDoNotFit) {
+  Bundle bundle = RigBundle(52);
+  bundle.mount_of_image[1] = 1;
+  EXPECT_THROW(AdjustBundle(&bundle, {}), InputError);
+  bundle = RigBundle(52);
+  bundle.body_of_image[7] = 6;  // bodies 4 and 5 have no image
+  EXPECT_THROW(AdjustBundle(&bundle, {}), InputError);
+  bundle = RigBundle(52);
+  bundle.velocities.resize(3, Velocity::Zero());
+  EXPECT_THROW(AdjustBundle(&bundle, {}), InputError);
+}
+
+}  // namespace
+}  // namespace gsut
