@@ -29,7 +29,8 @@ from gsut.structure.stages import Stages, write_atomically
 
 # Told (stage, done, total, text) as the work goes on.
 OnProgress = Callable[[str, int, int, str], None]
-# (photographs, features, pairs, options, on_progress) -> poses and points; lenses are known.
+# (photographs, features, pairs, options, on_progress, rolling shutter) -> poses and points, where
+# lenses are known.
 Mapper = Callable[
     [
         Photographs,
@@ -37,6 +38,7 @@ Mapper = Callable[
         list[PairMatches],
         PosesOptions,
         Callable[[int, int, int, str], None],
+        Shutter | None,
     ],
     Solution,
 ]
@@ -138,7 +140,7 @@ def estimate_poses(
                 photographs, features, pairs, options,
                 lambda done, total, points, step: show(
                     "mapping", done, total, f"{points:,} points"),
-                shutter=shutter,
+                shutter,
             )  # fmt: skip
         else:
             search = search_lens(photographs, features, pairs, options, fov_degrees, show, shutter)
@@ -178,9 +180,10 @@ def _incremental(
     pairs: list[PairMatches],
     options: PosesOptions,
     on_progress: Callable[[int, int, int, str], None],
+    shutter: Shutter | None,
 ) -> Solution:
     cameras = [c for c in photographs.cameras if c is not None]
-    return solve(photographs.names, cameras, features, pairs, options, on_progress)
+    return solve(photographs.names, cameras, features, pairs, options, on_progress, shutter=shutter)
 
 
 def _key(photographs: Photographs, options: PosesOptions, fov: float | None) -> dict[str, Any]:
