@@ -77,7 +77,9 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "scene tools": {"demo_scene*", "doctor", "render_path"},
     "compaction": {"compact", "compact_harmonics", "compact_scores"},
     "training": {
-        *("calibration_weights", "compact_run", "evaluate", "finetune", "first_gaussians"),
+        *("alignment", "calibration_weights", "compact_run", "evaluate", "finetune"),
+        *("first_gaussians", "localize", "refine_motion", "refine_tracks", "refine_training"),
+        *("refined_poses", "run_results"),
         *(
             "growth",
             "held_out",
@@ -108,7 +110,8 @@ PYTHON_MAY_USE: dict[str, set[str]] = {
     "scene tools": {"faces", "data"},
     # The package: evaluate renders by the public name gsut.render.
     "compaction": {"faces"},
-    "training": {"faces", "compaction", "data", "run", "report", "package"},
+    # structure: --refine-poses begins with bundle adjustment of tracks.
+    "training": {"faces", "compaction", "data", "run", "report", "structure", "package"},
     "benchmarks": {
         *("faces", "compaction", "data", "run", "scene tools", "structure", "training", "package"),
     },
