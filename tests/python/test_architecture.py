@@ -92,6 +92,7 @@ PYTHON_GROUPS: dict[str, set[str]] = {
             "trajectory_mean",
         ),
     },
+    "photometric poses": {"bearing_points", "photometric_poses"},
     "benchmarks": {"bench", "bench.*"},
     "command line": {
         *("__main__", "calibrate", "calibrate_dataset", "camera_convert", "cli", "commands"),
@@ -112,12 +113,13 @@ PYTHON_MAY_USE: dict[str, set[str]] = {
     "compaction": {"faces"},
     # structure: --refine-poses begins with bundle adjustment of tracks.
     "training": {"faces", "compaction", "data", "run", "report", "structure", "package"},
+    "photometric poses": {"faces", "data", "run", "structure", "training", "package"},
     "benchmarks": {
         *("faces", "compaction", "data", "run", "scene tools", "structure", "training", "package"),
     },
     "command line": {
         *("faces", "compaction", "data", "run", "report", "scene tools", "structure", "training"),
-        *("benchmarks", "package"),
+        *("benchmarks", "package", "photometric poses"),
     },
     "package": {"faces", "compaction", "data", "run", "training"},
 }
