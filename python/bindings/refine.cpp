@@ -10,7 +10,6 @@
 #include "bindings/arrays.h"
 #include "bindings/module.h"
 #include "bindings/poses.h"
-#include "gsut/base/parallel.h"
 #include "gsut/poses/photometric.h"
 #include "gsut/raster/scene_colors.h"
 
@@ -54,8 +53,7 @@ py::tuple ColorJacobian(const py::object& gaussians, const Camera& camera, const
 }
 
 PhotometricOptions ReadOptions(const py::dict& settings) {
-  PhotometricOptions options;
-  options.num_threads = NumThreads();
+  PhotometricOptions options;  // one thread of Ceres: its sums differ with their number
   for (const auto& [key, value] : settings) {
     const auto name = py::cast<std::string>(key);
     if (name == "loss_scale")

@@ -248,8 +248,8 @@ def _add_localize(commands) -> None:
     parser = commands.add_parser(
         "localize",
         help="where a photograph of a trained scene was taken",
-        description="Finds the pose of a photograph from its colours: starts at the training pose "
-        "whose render is most like it, and refines. The photograph must be near that pose.",
+        description="Finds the pose of a photograph: matches its features with views rendered from "
+        "the training poses that look most like it, and refines the pose by the colours.",
     )
     add_localize_flags(parser)
     parser.set_defaults(run=localize)

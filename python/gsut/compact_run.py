@@ -23,7 +23,8 @@ from gsut.gaussians import Gaussians
 from gsut.held_out import mean_psnr
 from gsut.mixed_harmonics import MixedGaussians, lighter
 from gsut.options import TrainOptions
-from gsut.run_folder import METRICS, SCENE, RunFolder
+from gsut.refined_poses import write_refined
+from gsut.run_folder import METRICS, REFINED, SCENE, RunFolder
 
 # The search for the smallest number stops when its bounds are this close, as a ratio.
 _SEARCH_RATIO = 1.05
@@ -281,6 +282,8 @@ def write_compacted_run(
     offset = " ".join(f"{value:.17g}" for value in metrics["world_offset"])
     comment = f"gsut: dataset coordinates = these + {offset}"
     run.write(SCENE, lambda path: save_ply(path, gaussians, comments=(comment,)))
+    if source.read_json(REFINED) is not None:
+        metrics["notes"] += write_refined(run, scene)
     run.write_json(METRICS, metrics)
     write_report(run)
     return run

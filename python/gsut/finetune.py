@@ -48,6 +48,8 @@ def finetune_options(options: TrainOptions, steps: int, count: int) -> TrainOpti
         noise=False,
         sh_every=1,
         compact_at=None,
+        refine_poses=False,  # read_trained gives the poses that the run has refined
+        refine_lens=False,
         opacity_regularizer=0.0,
         scale_regularizer=0.0,
         **_RATES,

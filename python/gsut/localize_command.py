@@ -12,8 +12,6 @@ import numpy as np
 
 from gsut._core import InputError
 
-_THUMBNAIL = 48  # pixels along the shorter side, at most
-
 
 def add_localize_flags(parser: argparse.ArgumentParser) -> None:
     """The arguments of `gsut localize`."""
@@ -31,8 +29,9 @@ def add_localize_flags(parser: argparse.ArgumentParser) -> None:
 
 def localize(arguments: argparse.Namespace) -> int:
     """`gsut localize IMAGE --run RUN`."""
-    import gsut
     from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mask
+    from gsut.localize import localize_image
+    from gsut.progress import StageProgress
     from gsut.run_folder import RunFolder
     from gsut.trained_run import read_trained
 
@@ -51,16 +50,22 @@ def localize(arguments: argparse.Namespace) -> int:
     camera = _camera_of(path, pixels, scene, arguments.camera)
     size = (camera.width, camera.height)
     pixels, mask = shrink_image(pixels, *size), shrink_mask(mask, *size)
-    view = _nearest_view(gaussians, scene, camera, pixels, mask, options.background)
-    found = gsut.refine_pose(
-        gaussians,
-        camera,
-        scene.views[view].camera_from_world,
-        pixels,
-        mask,
-        background=options.background,
-    )
-    figures = _figures(found, scene, view)
+    indices = scene.train_indices or range(len(scene.views))
+    bar = StageProgress(sys.stderr.isatty())
+    try:
+        found = localize_image(
+            gaussians,
+            [(scene.camera(index), scene.views[index].camera_from_world) for index in indices],
+            camera,
+            pixels,
+            mask,
+            background=options.background,
+            on_progress=bar.show,
+        )
+    finally:
+        bar.close()
+    start = found.start if isinstance(found.start, str) else scene.views[indices[found.start]].name
+    figures = _figures(found, scene, start)
     if arguments.json:
         print(json.dumps(figures, indent=2))
     else:
@@ -92,41 +97,9 @@ def _camera_of(path: Path, pixels: np.ndarray, scene: Any, lens_file: str | None
     return camera.resized(width, round(camera.height * width / camera.width))
 
 
-def _nearest_view(
-    gaussians: Any, scene: Any, camera: Any, pixels: np.ndarray, mask: np.ndarray, background: Any
-) -> int:
-    """The training view from whose place the photograph's small image is best explained."""
-    from tqdm import tqdm
-
-    import gsut
-    from gsut.data.images import shrink_image, shrink_mask
-
-    factor = min(1.0, _THUMBNAIL / min(camera.width, camera.height))
-    size = [max(1, round(side * factor)) for side in (camera.width, camera.height)]
-    small = camera.resized(*size)
-    valid = shrink_mask(mask, *size) & small.rays()[1]
-    seen = _normalized(shrink_image(pixels, *size)[valid])
-    best, nearest = -np.inf, -1
-    indices = scene.train_indices or range(len(scene.views))
-    for index in tqdm(indices, unit="view", disable=not sys.stderr.isatty(), dynamic_ncols=True):
-        pose = scene.views[index].camera_from_world
-        radii = gsut.filter_radii(gaussians.means, [small], pose[None], 0.3)
-        drawn = gsut.low_pass(gaussians, radii)
-        image = gsut.render(drawn, small, pose, background=background).image
-        likeness = float(np.sum(seen * _normalized(image[valid])))
-        if likeness > best:
-            best, nearest = likeness, index
-    return nearest
-
-
-def _normalized(colors: np.ndarray) -> np.ndarray:
-    """Colours (n, 3) less their mean, of length 1: brightness and contrast do not count."""
-    centred = colors.astype(np.float64) - colors.mean(axis=0, dtype=np.float64)
-    return centred / max(float(np.linalg.norm(centred)), 1e-12)
-
-
-def _figures(found: Any, scene: Any, view: int) -> dict[str, Any]:
+def _figures(localized: Any, scene: Any, start: str) -> dict[str, Any]:
     """What is printed, in the dataset's coordinates."""
+    found = localized.pose
     pose = found.camera_from_world.copy()
     pose[:3, 3] -= pose[:3, :3] @ scene.world_offset
     return {
@@ -139,12 +112,17 @@ def _figures(found: Any, scene: Any, view: int) -> dict[str, Any]:
         "bias": found.bias,
         "rms": found.rms,
         "converged": found.converged,
-        "start_view": scene.views[view].name,
+        "start": start,
+        "matches": localized.matches,
+        "starts_tried": localized.starts,
     }
 
 
 def _print_pose(figures: dict[str, Any]) -> None:
-    print(f"start: the pose of {figures['start_view']}")
+    if figures["matches"]:
+        print(f"start: from {figures['matches']} matches with rendered training views")
+    else:
+        print(f"start: the pose of {figures['start']}")
     print("camera_from_world (dataset coordinates):")
     for row in figures["camera_from_world"]:
         print("  " + " ".join(f"{value:12.6f}" for value in row))

@@ -80,3 +80,39 @@ class TrainingProgress:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+class StageProgress:
+    """Shows the stages of work before training, one bar after another, on standard error.
+
+    Args:
+        enabled: False shows nothing.
+    """
+
+    def __init__(self, enabled: bool = True) -> None:
+        self._enabled = enabled
+        self._bar: Any = None
+        self._stage = ""
+
+    def show(self, stage: str, done: int, total: int) -> None:
+        """Shows that `done` of `total` parts of a stage are done."""
+        if not self._enabled:
+            return
+        from tqdm import tqdm
+
+        if stage != self._stage or self._bar is None:
+            self.close()
+            interval = _TERMINAL_INTERVAL if sys.stderr.isatty() else _LOG_INTERVAL
+            self._bar = tqdm(
+                total=total, desc=stage, dynamic_ncols=True, mininterval=interval,
+                maxinterval=interval,
+            )  # fmt: skip
+            self._stage = stage
+        self._bar.total = total
+        self._bar.update(done - self._bar.n)
+
+    def close(self) -> None:
+        """Leaves the last state standing on its own line."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None

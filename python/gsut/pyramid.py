@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import collections
 import concurrent.futures
+from collections.abc import Sequence
 
 import numpy as np
 
 from gsut import _core
+from gsut.cameras import Camera
 from gsut.data.scene import Scene
 
 # Coarse levels with a shorter side below this many pixels are left out: nothing to learn there.
@@ -100,6 +102,16 @@ class ImagePyramid:
                 self._scene if factor == 1.0 else self._scene.scaled(factor, keep_larger=True)
             )
         return self._level
+
+    def replace_lenses(self, file_cameras: Sequence[Camera]) -> None:
+        """Goes on with other lenses.
+
+        Args:
+            file_cameras: one for each of the scene's, at the size of its files.
+        """
+        self._scene = self._scene.with_lenses(file_cameras)
+        if self._level is not None:
+            self._level = Level(self._level.scene.with_lenses(file_cameras))
 
     def prepare(self, view: int, fraction: float) -> None:
         """Begins to decode the next step's image while this step is computed.

@@ -17,6 +17,8 @@ from gsut.projection import DEFAULT_UNSCENTED
 
 # The coarsest image has at least this many pixels along its shorter side.
 _SMALLEST_SIDE = 24
+# Of a lens' widest field angle: pixels within it keep their rays while the lens is refined.
+_INNER = 0.96
 # Standard deviation of the filter that stands for the area of a coarse pixel, in such pixels.
 _PIXEL_BLUR = 0.3
 
@@ -109,7 +111,7 @@ def refine_pose(
             continue
         lens = camera if level == 0 else camera.resized(*size)
         seen = shrink_mask(valid, *size) & lens.rays()[1]
-        chosen = _chosen(seen, max_pixels)
+        chosen = chosen_pixels(seen, max_pixels)
         if len(chosen) == 0:
             if level > 0:
                 continue
@@ -163,9 +165,24 @@ def _photograph(
     return np.where(valid[:, :, None], pixels, np.float32(0)), valid
 
 
-def _chosen(seen: np.ndarray, count: int) -> np.ndarray:
-    """Indices (row-major) of at most `count` of the pixels that are True."""
+def chosen_pixels(seen: np.ndarray, count: int, seed: Any = 0) -> np.ndarray:
+    """Indices (row-major, uint32) of at most `count` of the pixels that are True, by chance.
+
+    Args:
+        seen: (H, W) bool.
+        count: at most so many.
+        seed: of numpy's generator: a number or several.
+    """
     indices = np.flatnonzero(seen).astype(np.uint32)
     if len(indices) > count:
-        indices = np.sort(np.random.default_rng(0).choice(indices, count, replace=False))
+        indices = np.sort(np.random.default_rng(seed).choice(indices, count, replace=False))
     return indices
+
+
+def inner_pixels(camera: _core.Camera) -> np.ndarray:
+    """(H, W) bool: pixels that keep a ray when the lens changes by some percent."""
+    rays, valid = camera.rays()
+    angles = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])
+    widest = float(np.max(angles[valid], initial=0.0))
+    with np.errstate(invalid="ignore"):
+        return valid & (angles <= _INNER * widest)

@@ -25,9 +25,14 @@ CHECKPOINT = "checkpoint.npz"  # the whole state of training
 SCENE = "scene.ply"  # the trained Gaussians
 METRICS = "metrics.json"  # the figures on the held-out images
 REPORT = "report.html"  # all of it to look at
+REFINED = "refined.json"  # poses and lenses, where they were refined (see gsut.refined_poses)
+TRANSFORMS = "transforms.json"  # the same as a dataset, where the format has the lens
 RENDERS = "renders"  # pictures of the held-out views
 
-_FILES = (OPTIONS, ENVIRONMENT, HISTORY, CHECKPOINT, SCENE, METRICS, REPORT, RENDERS)
+_FILES = (
+    *(OPTIONS, ENVIRONMENT, HISTORY, CHECKPOINT, SCENE, METRICS, REPORT, REFINED, TRANSFORMS),
+    RENDERS,
+)
 _TEMPORARY = ".writing-"  # start of the names of unfinished files
 # Options that a resumed run may have otherwise than the run that it goes on with: they change
 # neither the result's bits nor the steps at which history is written.

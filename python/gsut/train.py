@@ -18,7 +18,7 @@ from gsut.compact import compact
 from gsut.compact_scores import seen_views
 from gsut.data.scene import Scene
 from gsut.data.shutter import with_shutter
-from gsut.evaluate import evaluate, run_metrics
+from gsut.evaluate import run_metrics
 from gsut.first_gaussians import first_gaussians
 from gsut.gaussians import Gaussians
 from gsut.growth import GrowthLimit
@@ -29,8 +29,9 @@ from gsut.mixed_optimizer import optimizer_of
 from gsut.options import TrainOptions
 from gsut.progress import TrainingProgress
 from gsut.pyramid import ImagePyramid
+from gsut.refine_training import TrainingRefiner
 from gsut.render import DEFAULT_UNSCENTED
-from gsut.run_folder import RunFolder
+from gsut.run_results import create_run, first_poses, judge, write_results
 from gsut.schedule import grown_count, learning_rates, view_of_step
 from gsut.stopwatch import Stopwatch
 from gsut.trajectory_mean import TrajectoryMean
@@ -53,11 +54,13 @@ class TrainResult:
         gaussians: the scene's Gaussians, in the scene's (recentred) coordinates.
         metrics: the content of metrics.json.
         history: one dict a logged step: step, seconds, loss, num_gaussians, psnr.
+        scene: at the size trained at, with the poses and lens as they were refined (if asked for).
     """
 
     gaussians: Gaussians
     metrics: dict[str, Any]
     history: list[dict[str, Any]]
+    scene: Scene
 
 
 def train(
@@ -88,12 +91,17 @@ def train(
     _core.set_num_threads(o.threads)
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
-    run = None if out is None else _create_run(out, o, scene, resume)
+    run = None if out is None else create_run(out, o, scene, resume)
     if o.scale != 1.0:
         scene = scene.scaled(o.scale)
     scene = with_shutter(scene, o.shutter, o.readout_time, o.readout_direction)
-    loop = TrainingLoop(scene, o)
     checkpoint = run.load_checkpoint() if run is not None and resume else None
+    tracks = None
+    if o.refine_poses and o.refine_tracks and checkpoint is None:
+        tracks = first_poses(scene, o, progress is True)
+    loop = TrainingLoop(scene if tracks is None else tracks.scene, o)
+    if loop.refiner is not None and tracks is not None:
+        loop.refiner.tracks = tracks.summary()
     if checkpoint is not None:
         loop.load_state_dict(checkpoint[1])
     history = run.read_history() if run is not None else []
@@ -112,18 +120,20 @@ def train(
             if run is not None and o.checkpoint_every and loop.step % o.checkpoint_every == 0:
                 run.save_checkpoint(loop.step, loop.state_dict())
 
-    gaussians = loop.result().copy()
+    if run is not None:
+        run.save_checkpoint(loop.step, loop.state_dict())
+    gaussians, scene = loop.result().copy(), loop.finished_scene()
     indices = scene.test_indices or scene.train_indices[:_CURVE_VIEWS]
-    renders = None if run is None else run.renders
-    evaluation = evaluate(gaussians, scene, indices, background=o.background, render_folder=renders)
+    scene, evaluation = judge(gaussians, scene, indices, o, run)
     metrics = run_metrics(
         evaluation, gaussians, scene, o, steps=loop.step, train_seconds=loop.seconds
     )
     metrics["evaluated_on"] = "test views" if scene.test_indices else "training views"
+    if loop.refiner is not None:
+        metrics["refinement"] = loop.refiner.figures()
     if run is not None:
-        run.save_checkpoint(loop.step, loop.state_dict())
-        _write_results(run, gaussians, metrics)
-    return TrainResult(gaussians, metrics, history)
+        write_results(run, gaussians, metrics, scene if o.refine_poses else None)
+    return TrainResult(gaussians, metrics, history, scene)
 
 
 class TrainingLoop:
@@ -149,6 +159,7 @@ class TrainingLoop:
         self.pyramid = ImagePyramid(scene, options.coarse_to_fine)
         lens = options.calibration_weights
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
+        self.refiner = TrainingRefiner(scene, options) if options.refine_poses else None
         self.renderer = _core.Renderer()
         self.rule = _core.BlendRule()
         self.stopwatch = Stopwatch()  # of the steps' stages, for gsut bench train
@@ -246,9 +257,28 @@ class TrainingLoop:
             self._compact()
             self._mean.restart()
             lap("densify")
+        if self.refiner is not None and self.refiner.is_due(step):
+            self.refiner.sweep(self.drawn(), level, step, degree)
+            self._take_poses()
+            lap("refine")
         self._mean.observe(step, fraction, self.optimizer.gaussians)
         self.seconds += time.perf_counter() - began
         return loss
+
+    def finished_scene(self) -> Scene:
+        """The scene with the poses and lenses that fit `result` best, were this the last step."""
+        if self.refiner is not None:
+            self.refiner.finish(self.result(), self.pyramid.at(1.0), self.step)
+            return self.refiner.scene
+        return self.scene
+
+    def _take_poses(self) -> None:
+        """Goes on with the refined poses and lenses."""
+        assert self.refiner is not None
+        before, self.scene = self.scene, self.refiner.scene
+        if self.scene.file_cameras != before.file_cameras:
+            self.pyramid.replace_lenses(self.scene.file_cameras)
+        self._radii = None
 
     def history_row(self, loss: float) -> dict[str, Any] | None:
         """What is written down after this step, with the held-out PSNR when it is due."""
@@ -275,6 +305,7 @@ class TrainingLoop:
             "limit": self.limit.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "mean": self._mean.state_dict(),
+            **({} if self.refiner is None else {"refiner": self.refiner.state_dict()}),
             **({} if self._radii is None else {"radii": self._radii}),
         }
 
@@ -286,6 +317,9 @@ class TrainingLoop:
         self.limit.load_state_dict(state["limit"])
         self.optimizer.load_state_dict(state["optimizer"])
         self._mean.load_state_dict(state["mean"])
+        if self.refiner is not None:
+            self.refiner.load_state_dict(state["refiner"])
+            self._take_poses()
         self._radii = state.get("radii")
 
     def _filter_radii(self, g: Gaussians) -> np.ndarray:
@@ -360,24 +394,3 @@ class TrainingLoop:
         test = self.scene.test_indices
         chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
         return mean_psnr(self.scene, self.result(), chosen, self.options.background, self.renderer)
-
-
-def _create_run(
-    out: str | os.PathLike[str], options: TrainOptions, scene: Scene, resume: bool
-) -> RunFolder:
-    from gsut.environment import describe_environment
-
-    return RunFolder.create(
-        out, options, resume=resume, environment=describe_environment(scene.path)
-    )
-
-
-def _write_results(run: RunFolder, gaussians: Gaussians, metrics: dict[str, Any]) -> None:
-    from gsut.formats import save_ply
-    from gsut.report import write_report
-
-    offset = " ".join(f"{value:.17g}" for value in metrics["world_offset"])
-    comment = f"gsut: dataset coordinates = these + {offset}"
-    run.write("scene.ply", lambda path: save_ply(path, gaussians, comments=(comment,)))
-    run.write_json("metrics.json", metrics)
-    write_report(run)

@@ -9,11 +9,12 @@ import gsut
 from gsut._core import InputError
 from gsut.data.shutter import with_shutter
 from gsut.options import TrainOptions
+from gsut.refined_poses import with_refined
 from gsut.run_folder import ENVIRONMENT, SCENE, RunFolder
 
 
 def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Any, Any]:
-    """Options, scene and Gaussians of a run."""
+    """Options, scene with the poses that the run refined (if it did), and Gaussians of a run."""
     path = run.path / SCENE
     if not path.is_file():
         raise InputError(f"{path} is absent: the run is not finished; resume it")
@@ -30,4 +31,5 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Any, A
         scene = with_shutter(
             scene, options.shutter, options.readout_time, options.readout_direction
         )
+        scene = with_refined(run, scene)
     return options, scene, gsut.load_ply(path)

@@ -79,9 +79,10 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "scene tools": {"demo_scene*", "doctor", "render_path"},
     "compaction": {"compact", "compact_harmonics", "compact_refit", "compact_scores"},
     "training": {
-        *("calibration_weights", "compact_run", "evaluate", "finetune", "first_gaussians"),
-        *("growth", "held_out", "mini_splatting", "pyramid", "refine", "schedule"),
-        *("train", "trained_run", "trajectory_mean"),
+        *("alignment", "calibration_weights", "compact_run", "evaluate", "finetune"),
+        *("first_gaussians", "growth", "held_out", "localize", "mini_splatting", "pyramid"),
+        *("refine", "refine_motion", "refine_tracks", "refine_training", "refined_poses"),
+        *("run_results", "schedule", "train", "trained_run", "trajectory_mean"),
     },
     "photometric poses": {"bearing_points", "photometric_poses"},
     "benchmarks": {"bench", "bench.*"},
@@ -103,7 +104,8 @@ PYTHON_MAY_USE: dict[str, set[str]] = {
     "scene tools": {"faces", "data"},
     # The package: evaluate renders by the public name gsut.render.
     "compaction": {"faces"},
-    "training": {"faces", "compaction", "data", "run", "report", "package"},
+    # structure: --refine-poses begins with bundle adjustment of tracks.
+    "training": {"faces", "compaction", "data", "run", "report", "structure", "package"},
     "photometric poses": {"faces", "data", "run", "structure", "training", "package"},
     "benchmarks": {
         *("faces", "compaction", "data", "run", "scene tools", "structure", "training", "package"),

@@ -8,10 +8,13 @@ import pytest
 import gsut
 import tolerances
 from gsut import TrainOptions
+from gsut.bench.refine_disturb import disturbed_pose
 from gsut.cli import main
+from gsut.localize import localize_image
 from gsut.pictures import to_uint8, write_png
+from gsut.refine_motion import pose_changes
 from gsut.run_folder import SCENE
-from random_scenes import pinhole
+from random_scenes import fisheye, gaussians_in_view, pinhole
 from rendered_dataset import poses, truth, write_dataset
 
 
@@ -52,6 +55,30 @@ def test_localize_finds_a_pose_between_the_training_views(run, tmp_path, capsys)
     assert np.linalg.eigvalsh(found["covariance"]).min() > 0
     assert main(["localize", str(image), "--run", str(folder)]) == 0
     assert "centre:" in capsys.readouterr().out
+
+
+def test_photograph_far_from_every_view_is_found_by_matches(rng):
+    camera = fisheye(160)
+    middle = np.eye(4)
+    g = gaussians_in_view(rng, camera, middle, 3000, sizes=(0.01, 0.06), opacity=3.0)
+    views = [(camera, disturbed_pose(rng, middle, 15.0, 0.25)) for _ in range(5)]
+    pose = disturbed_pose(rng, middle, 25.0, 0.2)
+    pixels = to_uint8(gsut.render(g, camera, pose).image)
+    told = []
+    found = localize_image(
+        g, views, camera, pixels, np.ones((160, 160), bool),
+        on_progress=lambda what, done, total: told.append(what),
+    )  # fmt: skip
+    change = pose_changes(found.pose.camera_from_world[None], pose[None])
+    near = pose_changes(np.array([view for _, view in views]), np.repeat(pose[None], 5, 0))
+    print(f"{found.matches} matches, {change.degrees[0]:.1e} degrees, {change.distances[0]:.1e} "
+          f"units; nearest view {near.degrees.min():.0f} degrees off")  # fmt: skip
+    assert near.degrees.min() > 8
+    assert found.start == "matches" and found.matches >= 12
+    assert found.pose.converged
+    assert change.degrees[0] < tolerances.MATCHED_DEGREES
+    assert change.distances[0] < tolerances.MATCHED_UNITS
+    assert set(told) == {"looking", "matching", "refining"}
 
 
 def test_localize_shrinks_a_larger_photograph(run, tmp_path, capsys):

@@ -65,8 +65,11 @@ class SceneEvaluation : public ceres::EvaluationCallback {
     }
   }
 
-  void PrepareForEvaluation(bool evaluate_jacobians, bool new_evaluation_point) override {
-    if (!new_evaluation_point && (has_jacobians_ || !evaluate_jacobians)) return;
+  // Ceres calls points new that it has asked for before: what was rendered last is looked at.
+  void PrepareForEvaluation(bool evaluate_jacobians, bool) override {
+    std::vector<double> point = Point();
+    if (point == rendered_ && (has_jacobians_ || !evaluate_jacobians)) return;
+    rendered_ = std::move(point);
     has_jacobians_ = evaluate_jacobians;
     ++num_evaluations;
     std::vector<std::optional<Camera>> now;
@@ -82,6 +85,18 @@ class SceneEvaluation : public ceres::EvaluationCallback {
   int num_evaluations = 0;
 
  private:
+  // All parameters that a render depends on.
+  std::vector<double> Point() const {
+    std::vector<double> point;
+    for (const std::vector<double>& lens : lenses) {
+      point.insert(point.end(), lens.begin(), lens.end());
+    }
+    for (const ImageState& state : states) {
+      point.insert(point.end(), state.pose.begin(), state.pose.end());
+    }
+    return point;
+  }
+
   // False if a pixel has no ray.
   bool Evaluate(const Camera& camera, const PhotometricImage& image, ImageState* state) {
     const std::size_t count = image.pixels.size();
@@ -133,6 +148,7 @@ class SceneEvaluation : public ceres::EvaluationCallback {
   const std::vector<Camera>& cameras_;
   const std::vector<PhotometricImage>& images_;
   bool has_jacobians_ = false;
+  std::vector<double> rendered_;  // the point that `states` are at
 };
 
 // gain x colour + bias - photograph at one pixel. Parameters: pose block, gain block and, if free,
@@ -276,7 +292,7 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
                                      const PhotometricOptions& options) {
   Check(*cameras, *images, options);
   SceneEvaluation evaluation(scene, *cameras, *images, options);
-  evaluation.PrepareForEvaluation(false, true);
+  evaluation.PrepareForEvaluation(true, true);
   for (const ImageState& state : evaluation.states) {
     if (state.failed) throw InputError("a chosen pixel has no ray");
   }
@@ -316,7 +332,8 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
   for (std::size_t c = 0; c < evaluation.lenses.size(); ++c) {
     double* lens = evaluation.lenses[c].data();
     if (!problem.HasParameterBlock(lens)) continue;
-    ordering->AddElementToGroup(lens, 1);
+    // A group of its own: within a group Ceres orders blocks by their addresses.
+    ordering->AddElementToGroup(lens, 2 + static_cast<int>(c));
     std::vector<int> held;
     for (std::size_t k = 0; k < evaluation.lenses[c].size(); ++k) {
       if (!options.lens_free[c][k]) held.push_back(static_cast<int>(k));

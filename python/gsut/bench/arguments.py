@@ -30,6 +30,7 @@ def add_bench(commands: Any, parser_class: type[argparse.ArgumentParser]) -> Non
     _add_compact(benchmarks)
     _add_poses(benchmarks)
     _add_projection(benchmarks)
+    _add_refine(benchmarks)
 
 
 def _command(name: str):
@@ -213,6 +214,37 @@ def _add_projection(benchmarks: Any) -> None:
     parser.add_argument("--csv", metavar="FILE", help="write the rows as CSV")
     parser.add_argument("--plots", metavar="FOLDER", help="draw one picture a lens (svg) there")
     parser.set_defaults(run=_command("projection"), plot=None)
+
+
+def _add_refine(benchmarks: Any) -> None:
+    parser = benchmarks.add_parser(
+        "refine",
+        help="disturbed poses and lens, and how far training brings them back",
+        description="Puts the poses of a dataset off by 0.5 degrees and 2 cm (small) and by 2 "
+        "degrees and 8 cm (large), and its lens by 2 % of the focal length and 20 % of the first "
+        "coefficient (lens); trains with the truth, and each with and without refinement; prints "
+        "what is left against the truth after the best similarity.",
+    )
+    parser.add_argument("data", metavar="DATA", help="dataset whose poses and lens are the truth")
+    parser.add_argument("--cases", metavar="A,B", help="of small, large, lens [default: all]")
+    parser.add_argument("--steps", type=int, default=1000, metavar="N", help="[default 1000]")
+    parser.add_argument("--gaussians", type=int, default=50_000, metavar="N", help="[50000]")
+    parser.add_argument("--scale", type=float, default=1.0, metavar="X", help="of the images [1]")
+    parser.add_argument("--threads", type=int, default=0, metavar="N", help="0: all")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="[default 0]")
+    parser.add_argument(
+        "--jitter", type=float, default=0.02, metavar="X",
+        help="the dataset's points are moved by so much first, one sigma [default 0.02]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--no-tracks", action="store_true", help="refine against the Gaussians alone"
+    )
+    parser.add_argument(
+        "--basin", metavar="X,Y", help="degrees of the disturbances [0.5,1,2,4,8,16]"
+    )
+    parser.add_argument("--no-basin", action="store_true", help="leave the basin out")
+    _add_files(parser, "the share of poses that come back against the disturbance")
+    parser.set_defaults(run=_command("refine"))
 
 
 def _add_files(parser: argparse.ArgumentParser, plot: str) -> None:

@@ -166,6 +166,52 @@ def poses(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def refine(arguments: argparse.Namespace) -> int:
+    """`gsut bench refine DATA`."""
+    from gsut.bench.plots import plot_basin
+    from gsut.bench.refine_bench import (
+        BASIN_COLUMNS,
+        BASIN_DEGREES,
+        REFINE_COLUMNS,
+        RefineBenchOptions,
+        num_parts,
+        refine_bench,
+    )
+    from gsut.bench.refine_disturb import DISTURBANCES
+
+    _check_files(arguments)
+    basin = _numbers(arguments.basin, float, "--basin") or list(BASIN_DEGREES)
+    options = RefineBenchOptions(
+        data=arguments.data,
+        cases=_words(arguments.cases) or [each.name for each in DISTURBANCES],
+        steps=arguments.steps,
+        gaussians=arguments.gaussians,
+        scale=arguments.scale,
+        threads=arguments.threads,
+        seed=arguments.seed,
+        jitter=arguments.jitter,
+        tracks=not arguments.no_tracks,
+        basin=[] if arguments.no_basin else basin,
+    )
+
+    def on_row(rows: list[dict[str, Any]]) -> None:
+        if arguments.json:  # after every row: it takes long
+            write_json(arguments.json, rows)
+
+    with _bar(num_parts(options)) as advance:
+        rows, basin_rows = refine_bench(options, advance, on_row)
+    _print_and_write(rows, REFINE_COLUMNS, arguments)
+    print(f"points moved by {options.jitter:g} (one sigma): a data set's own may be exact")
+    if basin_rows:
+        print("\nshare of test views that come back to 0.1 degrees and 0.01 units (refine_pose)")
+        print(table_text(basin_rows, BASIN_COLUMNS))
+        if arguments.json:
+            write_json(arguments.json, [*rows, *basin_rows])
+        if arguments.plot:
+            plot_basin(arguments.plot, basin_rows)
+    return 0
+
+
 def compact(arguments: argparse.Namespace) -> int:
     """`gsut bench compact RUN...`."""
     from gsut.bench.compact_bench import (

@@ -190,3 +190,19 @@ def _save(figure: Any, path: str | os.PathLike[str]) -> None:
         metadata = {"Date": None} if kind == "svg" else None
         figure.savefig(buffer, format=kind, metadata=metadata, dpi=150)
     write_whole(path, lambda file: file.write(buffer.getvalue()))
+
+
+def plot_basin(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
+    """Share of views whose pose comes back, against the disturbance."""
+    figure, axes = _figure(
+        "poses that their colours bring back",
+        "disturbance [degrees, and 4 cm a degree]",
+        "share of test views",
+        (7.2, 4.4),
+    )
+    x, y = [row["degrees"] for row in rows], [row["share"] for row in rows]
+    axes.plot(x, y, _MARKERS[0] + "-", color=_COLORS[0], markersize=6, linewidth=1.5)
+    axes.set_xscale("log", base=2)
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.set_ylim(-0.03, 1.05)
+    _save(figure, path)

@@ -203,6 +203,30 @@ class Scene:
             larger=self._larger,
         )  # fmt: skip
 
+    @property
+    def file_cameras(self) -> list[Camera]:
+        """`cameras` at the size of the image files."""
+        return list(self._full_cameras)
+
+    def with_lenses(self, file_cameras: Sequence[Camera]) -> Scene:
+        """The same scene seen through other lenses.
+
+        Args:
+            file_cameras: one for each of this scene's `file_cameras`, of the same size.
+        """
+        cameras = [
+            full if (full.width, full.height) == (c.width, c.height)
+            else full.resized(c.width, c.height)
+            for c, full in zip(self.cameras, file_cameras, strict=True)
+        ]  # fmt: skip
+        scene = Scene(
+            self.path, cameras, self.views, self.points, self.point_colors, self.train_indices,
+            self.test_indices, self.world_offset, self.notes, full_cameras=file_cameras,
+            larger=self._larger,
+        )  # fmt: skip
+        scene._images = self._images  # pixels do not depend on the lens, masks do
+        return scene
+
     def scaled(self, factor: float, *, keep_larger: bool = False) -> Scene:
         """The same scene with images of `factor` (0 to 1] times the size.
 

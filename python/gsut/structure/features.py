@@ -71,8 +71,6 @@ def find_features(
         DatasetError: the image cannot be read.
         InputError: its size is not the lens'.
     """
-    import cv2
-
     pixels, alpha = decode_image(path)
     height, width = pixels.shape[:2]
     if camera is not None and (camera.width, camera.height) != (width, height):
@@ -80,12 +78,25 @@ def find_features(
             f"{path} is {width} x {height}, the lens is for {camera.width} x {camera.height}; "
             "give the lens file of these images"
         )
+    return features_in(pixels, _valid_pixels(camera, alpha, mask_path, width, height), options)
+
+
+def features_in(pixels: np.ndarray, valid: np.ndarray | None, options: PosesOptions) -> Features:
+    """Finds the features of an image in memory.
+
+    Args:
+        pixels: (H, W, 3) uint8.
+        valid: (H, W) bool, where features may lie; None: everywhere.
+        options: see PosesOptions.
+    """
+    import cv2
+
+    height, width = pixels.shape[:2]
     scale = options.feature_scale
     if scale == 0:
         scale = min(1.0, math.sqrt(options.max_megapixels * 1e6 / (width * height)))
     small = shrink_image(pixels, max(1, round(scale * width)), max(1, round(scale * height)))
     factor = np.array([width / small.shape[1], height / small.shape[0]])
-    valid = _valid_pixels(camera, alpha, mask_path, width, height)
     sift = cv2.SIFT.create(contrastThreshold=options.contrast, enable_precise_upscale=True)
     grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY)
     small_mask = None

@@ -1,0 +1,87 @@
+"""Small changes of camera poses: how far they moved, alone and all together."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from gsut._core import exp_pose
+
+_SMALLEST_SPREAD = 1e-12  # of camera centres, beside their size: below it they fix no scale
+
+
+@dataclasses.dataclass(frozen=True)
+class PoseChanges:
+    """How N poses moved.
+
+    Attributes:
+        degrees: (N,) angles of the turns. distances: (N,) of the centres, world units.
+    """
+
+    degrees: np.ndarray
+    distances: np.ndarray
+
+
+def pose_changes(after: np.ndarray, before: np.ndarray) -> PoseChanges:
+    """Angles and distances between two sets of poses (N, 4, 4), camera_from_world."""
+    turns = np.linalg.norm(_turns(after, before), axis=1)
+    return PoseChanges(
+        np.degrees(turns), np.linalg.norm(_centers(after) - _centers(before), axis=1)
+    )
+
+
+def without_mean_motion(after: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Poses (N, 4, 4) less the small similarity of the world that they all share.
+
+    The mean turn, the mean shift and the common growth against `before` are taken out, so that a
+    scene that belongs to `before` belongs to the result, too. Exact to first order.
+
+    Args:
+        after, before: (N, 4, 4) camera_from_world.
+    """
+    turn = exp_pose(np.concatenate([np.zeros(3), _turns(after, before).mean(axis=0)]))[:3, :3]
+    start, end = _centers(before), _centers(after)
+    spread = start - start.mean(axis=0)
+    turned = (end - end.mean(axis=0)) @ turn  # by the inverse of the mean turn
+    size = float(np.sum(spread**2))
+    growth = 1.0
+    if size > _SMALLEST_SPREAD * max(1.0, float(np.sum(start**2))):
+        growth = float(np.sum(spread * turned)) / size
+    centers = turned / (growth if growth > 0 else 1.0) + start.mean(axis=0)
+    out = np.tile(np.eye(4), (len(after), 1, 1))
+    out[:, :3, :3] = after[:, :3, :3] @ turn
+    out[:, :3, 3] = -np.einsum("nij,nj->ni", out[:, :3, :3], centers)
+    return out
+
+
+def moved_on(after: np.ndarray, before: np.ndarray, factor: float) -> np.ndarray:
+    """Poses (N, 4, 4) that have gone `factor` times as far from `before` as `after` has."""
+    turns = factor * _turns(after, before)
+    centers = _centers(before) + factor * (_centers(after) - _centers(before))
+    out = np.tile(np.eye(4), (len(after), 1, 1))
+    for pose, turn, old in zip(out, turns, before, strict=True):
+        pose[:3, :3] = old[:3, :3] @ exp_pose(np.concatenate([np.zeros(3), turn]))[:3, :3].T
+    out[:, :3, 3] = -np.einsum("nij,nj->ni", out[:, :3, :3], centers)
+    return out
+
+
+def _centers(poses: np.ndarray) -> np.ndarray:
+    return -np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3])
+
+
+def _turns(after: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """(N, 3) rotation vectors w, world axes: after's camera axes in the world are turned by w."""
+    relative = np.einsum("nji,njk->nik", after[:, :3, :3], before[:, :3, :3])
+    axis = np.stack(
+        [
+            relative[:, 2, 1] - relative[:, 1, 2],
+            relative[:, 0, 2] - relative[:, 2, 0],
+            relative[:, 1, 0] - relative[:, 0, 1],
+        ],
+        axis=1,
+    )
+    sine = np.linalg.norm(axis, axis=1, keepdims=True) / 2
+    cosine = (np.trace(relative, axis1=1, axis2=2)[:, None] - 1) / 2
+    angle = np.arctan2(sine, cosine)
+    return axis / 2 * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 1.0)

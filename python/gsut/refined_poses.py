@@ -1,0 +1,123 @@
+"""The refined poses and lenses of a run: written to its folder, and read by what uses the run."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.cameras import Camera
+from gsut.data.lens_nerfstudio import format_nerfstudio
+from gsut.data.poses import OPENGL_FROM_OPENCV, inverse
+from gsut.data.scene import Scene, View
+from gsut.run_folder import REFINED, TRANSFORMS, RunFolder
+
+
+def write_refined(run: RunFolder, scene: Scene) -> list[str]:
+    """Writes refined.json, and transforms.json where that format has the lens.
+
+    refined.json holds `lenses` (model, params at the size of the files, width, height) and `views`
+    (name, lens, camera_from_world in the dataset's coordinates): of training views as they were
+    refined, of test views as they were aligned.
+
+    Returns:
+        What could not be written, one sentence each.
+    """
+    values = {
+        "lenses": [_lens_values(camera) for camera in scene.file_cameras],
+        "views": [
+            {
+                "name": view.name,
+                "lens": view.camera_index,
+                "split": "test" if index in scene.test_indices else "train",
+                "camera_from_world": _in_dataset(view, scene).tolist(),
+            }
+            for index, view in enumerate(scene.views)
+        ],
+    }
+    run.write_json(REFINED, values)
+    try:
+        text = _transforms(scene, run.path)
+    except InputError as error:
+        return [f"{TRANSFORMS} was not written: {error}"]
+    run.write_text(TRANSFORMS, text)
+    return []
+
+
+def with_refined(run: RunFolder, scene: Scene) -> Scene:
+    """The scene with the run's refined poses and lenses; as it is where the run has none.
+
+    Raises:
+        InputError: refined.json is damaged, or belongs to other images.
+    """
+    values = run.read_json(REFINED)
+    if values is None:
+        return scene
+    path = run.path / REFINED
+    try:
+        cameras = [_lens(lens) for lens in values["lenses"]]
+        rows = {row["name"]: np.array(row["camera_from_world"]) for row in values["views"]}
+        views = []
+        for view in scene.views:
+            pose = rows[view.name].reshape(4, 4)
+            pose[:3, 3] += pose[:3, :3] @ scene.world_offset
+            views.append(dataclasses.replace(view, camera_from_world=pose))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path} does not fit {scene.path}: {error!r}; train again") from None
+    sizes = [[(c.width, c.height) for c in each] for each in (cameras, scene.file_cameras)]
+    if sizes[0] != sizes[1]:
+        raise InputError(f"{path} has lenses for images of {sizes[0]}, {scene.path} of {sizes[1]}")
+    return scene.with_views(views).with_lenses(cameras)
+
+
+def _in_dataset(view: View, scene: Scene) -> np.ndarray:
+    pose = np.array(view.camera_from_world)
+    pose[:3, 3] -= pose[:3, :3] @ scene.world_offset
+    return pose
+
+
+def _lens_values(camera: Camera) -> dict[str, Any]:
+    return {
+        "model": camera.model,
+        "params": [float(value) for value in camera.params],
+        "width": camera.width,
+        "height": camera.height,
+        "valid_field_angle": camera.valid_field_angle,
+    }
+
+
+def _lens(values: dict[str, Any]) -> Camera:
+    return Camera(
+        values["model"], values["params"], values["width"], values["height"],
+        valid_field_angle=values["valid_field_angle"],
+    )  # fmt: skip
+
+
+def _transforms(scene: Scene, folder: Path) -> str:
+    """nerfstudio's file: images stay where they are, named from the run's folder."""
+    lenses = [json.loads(format_nerfstudio(camera)) for camera in scene.file_cameras]
+    values: dict[str, Any] = dict(lenses[0]) if len(lenses) == 1 else {}
+    values["frames"] = []
+    for view in scene.views:
+        frame: dict[str, Any] = {} if len(lenses) == 1 else dict(lenses[view.camera_index])
+        frame["file_path"] = _relative(view.image_path, folder)
+        pose = inverse(_in_dataset(view, scene)) @ OPENGL_FROM_OPENCV
+        frame["transform_matrix"] = pose.tolist()
+        if view.mask_path is not None:
+            frame["mask_path"] = _relative(view.mask_path, folder)
+        values["frames"].append(frame)
+    for key, indices in (
+        ("train_filenames", scene.train_indices),
+        ("test_filenames", scene.test_indices),
+    ):
+        values[key] = [values["frames"][index]["file_path"] for index in indices]
+    return json.dumps(values, indent=1) + "\n"
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
