@@ -19,6 +19,10 @@ _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#0
 _MARKERS = "osD^vPXd"
 
 
+# plot_compact: dB below the whole model; what is worse leaves the picture.
+_SHOWN_DB = 10.0
+
+
 def check_plot_path(path: str) -> None:
     """Raises InputError unless the file's name ends in a format that can be drawn."""
     if Path(path).suffix.lower() not in FORMATS:
@@ -115,6 +119,8 @@ def plot_curves(path: str | os.PathLike[str], curves: dict[str, list[dict[str, A
 def plot_compact(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
     """One row of two panels a scene: lines are fine-tuned, dotted lines not, black the rival.
 
+    Points more than 10 dB below the whole model are not shown.
+
     Args:
         path: svg, png or pdf.
         rows: of `compact_bench`.
@@ -130,6 +136,8 @@ def plot_compact(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -
         _style(panels[1], "", "ms a view", "dB")
         for axes, key in zip(panels, ("num_gaussians", "render_ms"), strict=True):
             _lines(axes, of_scene, key)
+            whole = next(row for row in of_scene if row["method"] == "whole")
+            axes.set_ylim(bottom=whole["free"]["psnr"] - _SHOWN_DB)
             axes.set_xscale("log")
             axes.xaxis.set_major_formatter(lambda value, _: f"{value:,g}")
             axes.xaxis.set_minor_formatter(lambda value, _: "")
