@@ -109,16 +109,16 @@ Norms NormsInSpace(const TaylorBox& t, const Interval p[2]) {
   const Interval b[2][2] = {{2.0 * c[3], c[4]}, {c[4], 2.0 * c[5]}};
   const Interval cubic[4] = {6.0 * c[6], 2.0 * c[7], 2.0 * c[8], 6.0 * c[9]};
   const auto third = [&cubic](int i, int j, int k) { return cubic[i + j + k]; };
-  Interval bp[2], pbp, dp, cp[2][2], cpp[2], cppp;
+  Interval bp[2], pbp, dp, c_p[2][2], c_pp[2], c_ppp;
   for (int i = 0; i < 2; ++i) {
     dp = dp + d[i] * p[i];
     for (int j = 0; j < 2; ++j) {
       bp[i] = bp[i] + b[i][j] * p[j];
-      for (int k = 0; k < 2; ++k) cp[i][j] = cp[i][j] + third(i, j, k) * p[k];
+      for (int k = 0; k < 2; ++k) c_p[i][j] = c_p[i][j] + third(i, j, k) * p[k];
     }
-    for (int j = 0; j < 2; ++j) cpp[i] = cpp[i] + cp[i][j] * p[j];
+    for (int j = 0; j < 2; ++j) c_pp[i] = c_pp[i] + c_p[i][j] * p[j];
     pbp = pbp + bp[i] * p[i];
-    cppp = cppp + cpp[i] * p[i];
+    c_ppp = c_ppp + c_pp[i] * p[i];
   }
   Interval h[3][3];
   double third_square = 0.0;
@@ -129,13 +129,13 @@ Norms NormsInSpace(const TaylorBox& t, const Interval p[2]) {
     for (int j = 0; j < 2; ++j) {
       h[i][j] = b[i][j];
       for (int k = 0; k < 2; ++k) add(1.0, third(i, j, k));
-      add(3.0, -2.0 * b[i][j] - cp[i][j]);
+      add(3.0, -2.0 * b[i][j] - c_p[i][j]);
     }
     h[i][2] = h[2][i] = -d[i] - bp[i];
-    add(3.0, 2.0 * d[i] + 4.0 * bp[i] + cpp[i]);
+    add(3.0, 2.0 * d[i] + 4.0 * bp[i] + c_pp[i]);
   }
   h[2][2] = 2.0 * dp + pbp;
-  add(1.0, 6.0 * dp + 6.0 * pbp + cppp);
+  add(1.0, 6.0 * dp + 6.0 * pbp + c_ppp);
   const double first = std::sqrt(Square(d[0]).high + Square(d[1]).high + Square(dp).high);
   return {first, LargestEigenvalue(h), std::sqrt(third_square)};
 }
