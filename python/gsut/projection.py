@@ -78,12 +78,15 @@ def project(
             "cubature", "gauss_hermite": 4, 6 and 27 points. "silhouette": the cone of rays that
             touch the ellipsoid where alpha falls to alpha_min, through the lens; its boxes are
             exact, with the camera inside, across the domain's edge and the seam, too. "adaptive":
-            the first of EWA, unscented and silhouette whose error is under max_error_px.
+            the cheapest of EWA, unscented and silhouette whose error is proven to be under
+            max_error_px, decided from size and place before any of them is computed.
         unscented: alpha, beta, kappa of the transform (not of "adaptive", which takes 1, 2, 0).
         alpha_min: opacity times response below which a Gaussian is not drawn; sets the extents.
-        max_error_px: "adaptive" only: bound, by Taylor's formula and the lens' second and third
-            derivatives, of the error of the centre, and of EWA's box. Boxes of "adaptive" are
-            widened by the bound of their error: they miss no pixel at any max_error_px.
+        max_error_px: "adaptive" only: bound of the error of the centre (against the mean of the
+            projected Gaussian cut at 3.33 standard deviations), and of EWA's box. By Taylor's
+            formula and bounds of the lens' second and third derivatives over patches of directions,
+            from interval arithmetic: proven but for rounding. Boxes of "adaptive" are widened by
+            the bound of their error: they miss no pixel at any max_error_px.
         dtype: "float32" (vectorised) or "float64" (the scalar reference).
 
     Returns:

@@ -12,6 +12,7 @@
 #include "gsut/base/isa.h"
 #include "gsut/base/parallel.h"
 #include "gsut/cameras/lens_registry.h"
+#include "gsut/projection/footprint_choice.h"
 #include "gsut/projection/footprint_error.h"
 #include "gsut/projection/footprint_kernels.h"
 #include "gsut/projection/footprint_scalar.h"
@@ -79,80 +80,75 @@ void Widen(std::size_t j, float wider, Footprints<float>* out) {
   out->high_v[j] += wider;
 }
 
-// Adaptive, for one part: EWA for all, then the others where they are needed.
+// Adaptive, for one part: each Gaussian is projected once, by the method chosen for it. Only where
+// the unscented box turns out too loose, which its size does not tell beforehand, is it projected
+// again.
 class AdaptivePart {
  public:
-  AdaptivePart(const FootprintTask& task, float max_error_px)
-      : task_(task), max_error_px_(max_error_px) {
-    task_.method = ProjectionMethod::kEwa;
-  }
+  AdaptivePart(const FootprintTask& task, const Bend* bend, float max_error_px)
+      : task_(task), bend_(bend), max_error_px_(max_error_px) {}
 
   void Run(std::int64_t begin, std::int64_t end, Footprints<float>* out) {
-    errors_.first = begin;
-    errors_.limit = max_error_px_;
-    for (AlignedVector<float>* array :
-         {&errors_.ewa, &errors_.unscented_center, &errors_.unscented_box}) {
-      array->resize(static_cast<std::size_t>(end - begin) + kPadding);
-    }
-    FootprintKernel(task_, begin, end, out, &errors_);
-    std::vector<std::int64_t> unscented, silhouette;
-    std::vector<float> widths;
-    for (std::int64_t i = begin; i < end; ++i) {
-      const std::size_t j = static_cast<std::size_t>(i), k = static_cast<std::size_t>(i - begin);
-      if (out->status[j] == FootprintStatus::kNothing) continue;
-      const float ewa = errors_.ewa[k];
-      if (out->status[j] == FootprintStatus::kBox && ewa <= max_error_px_) {
-        Widen(j, ewa, out);
-        continue;
+    ChooseFootprints(task_, bend_, max_error_px_, begin, end - begin, &choices_);
+    for (const ProjectionMethod method :
+         {ProjectionMethod::kEwa, ProjectionMethod::kUnscented, ProjectionMethod::kSilhouette}) {
+      // Without branches: which method is next cannot be foretold.
+      rows_.resize(static_cast<std::size_t>(end - begin));
+      std::size_t count = 0;
+      for (std::int64_t i = begin; i < end; ++i) {
+        rows_[count] = i;
+        count += choices_.codes[static_cast<std::size_t>(i - begin)] == CodeOf(method);
       }
-      // By EWA's size: the unscented box is not known before it is there. Without EWA it is
-      // negative, and the silhouette is taken.
-      const float half =
-          0.5f * std::max(out->high_u[j] - out->low_u[j], out->high_v[j] - out->low_v[j]);
-      if (errors_.unscented_center[k] <= max_error_px_ &&
-          errors_.unscented_box[k] <= static_cast<float>(kLooseBox) * half) {
-        unscented.push_back(i);
-        widths.push_back(errors_.unscented_box[k]);
-      } else {
-        silhouette.push_back(i);
-      }
+      rows_.resize(count);
+      Find(method, begin, end, out);
+      if (method != ProjectionMethod::kSilhouette) WidenOrGiveUp(method, begin, out);
     }
-    Rerun(unscented, ProjectionMethod::kUnscented, out);
-    for (std::size_t k = 0; k < unscented.size(); ++k) {
-      const std::size_t j = static_cast<std::size_t>(unscented[k]);
-      if (out->status[j] == FootprintStatus::kBox) {
-        Widen(j, widths[k], out);
-      } else if (out->status[j] == FootprintStatus::kUnknown) {
-        silhouette.push_back(unscented[k]);
-      }
-    }
-    Rerun(silhouette, ProjectionMethod::kSilhouette, out);
   }
 
  private:
-  FootprintTask Packed(ProjectionMethod method) const {
+  // The footprints of rows_ by one method.
+  void Find(ProjectionMethod method, std::int64_t begin, std::int64_t end, Footprints<float>* out) {
+    if (rows_.empty()) return;
+    task_.method = method;
+    const std::int64_t count = static_cast<std::int64_t>(rows_.size());
+    if (count == end - begin) {
+      FootprintKernel(task_, begin, end, out);
+      return;
+    }
+    packed_.Fill(task_.gaussians, rows_);
+    part_.Resize(count);
     FootprintTask task = task_;
     task.gaussians = packed_.View();
-    task.method = method;
-    return task;
+    FootprintKernel(task, 0, count, &part_);
+    for (std::size_t k = 0; k < rows_.size(); ++k) {
+      CopyRow(part_, k, static_cast<std::size_t>(rows_[k]), out);
+    }
   }
 
-  void Rerun(const std::vector<std::int64_t>& rows, ProjectionMethod method,
-             Footprints<float>* out) {
-    if (rows.empty()) return;
-    packed_.Fill(task_.gaussians, rows);
-    part_.Resize(static_cast<std::int64_t>(rows.size()));
-    FootprintKernel(Packed(method), 0, static_cast<std::int64_t>(rows.size()), &part_, nullptr);
-    for (std::size_t k = 0; k < rows.size(); ++k) {
-      CopyRow(part_, k, static_cast<std::size_t>(rows[k]), out);
+  void WidenOrGiveUp(ProjectionMethod method, std::int64_t begin, Footprints<float>* out) {
+    for (const std::int64_t i : rows_) {
+      const std::size_t j = static_cast<std::size_t>(i), k = static_cast<std::size_t>(i - begin);
+      if (out->status[j] == FootprintStatus::kNothing) continue;
+      const float half =
+          0.5f * std::max(out->high_u[j] - out->low_u[j], out->high_v[j] - out->low_v[j]);
+      const float width = choices_.widths[k];
+      const bool loose = method == ProjectionMethod::kUnscented &&
+                         !(width <= static_cast<float>(kLooseBox) * half);
+      if (out->status[j] == FootprintStatus::kBox && !loose) {
+        Widen(j, width, out);
+      } else {
+        choices_.codes[k] = CodeOf(ProjectionMethod::kSilhouette);
+      }
     }
   }
 
   FootprintTask task_;
+  const Bend* bend_;
   float max_error_px_;
+  std::vector<std::int64_t> rows_;
+  FootprintChoices choices_;
   PackedGaussians packed_;
   Footprints<float> part_;
-  FootprintErrors errors_;
 };
 
 }  // namespace
@@ -203,7 +199,6 @@ void FindFootprints(const GaussiansView<const float>& gaussians, const Camera& c
   if (camera.IsCentral()) exact.method = ProjectionMethod::kSilhouette;
   const ScalarFootprints scalar(camera, camera_from_world, exact);
   const std::shared_ptr<const LensBend> bend = adaptive ? BendOf(camera) : nullptr;
-  if (adaptive) task.bend = bend->table();
   footprints->Resize(gaussians.size);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
     if (bounds && !camera.IsCentral()) {
@@ -214,9 +209,10 @@ void FindFootprints(const GaussiansView<const float>& gaussians, const Camera& c
       return;
     }
     if (adaptive) {
-      AdaptivePart(task, static_cast<float>(options.max_error_px)).Run(begin, end, footprints);
+      AdaptivePart(task, bend->table(), static_cast<float>(options.max_error_px))
+          .Run(begin, end, footprints);
     } else {
-      FootprintKernel(task, begin, end, footprints, nullptr);
+      FootprintKernel(task, begin, end, footprints);
     }
     if (!bounds) return;
     for (std::int64_t i = begin; i < end; ++i) {

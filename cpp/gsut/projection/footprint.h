@@ -19,7 +19,7 @@ enum class ProjectionMethod : std::uint8_t {
   kCubature = 3,      // 6 points of the spherical-radial rule (Arasaratnam and Haykin, 2009)
   kGaussHermite = 4,  // 27 points, 3 an axis
   kSilhouette = 5,    // the cone of rays that touch the cut-off ellipsoid, through the lens: exact
-  kAdaptive = 6,      // the first of EWA, unscented and silhouette whose error is under a bound
+  kAdaptive = 6,  // the cheapest of EWA, unscented, silhouette with a proven error under a bound
 };
 
 struct FootprintOptions {
@@ -27,7 +27,8 @@ struct FootprintOptions {
   UnscentedOptions unscented;
   FootprintRule rule;
   // Adaptive only: bound of the centre's error (pixels) where EWA or unscented is chosen, and of
-  // how far EWA's own box may be from the footprint's. The box misses nothing whatever the bound.
+  // how far EWA's own box may be from the footprint's, proven (footprint_error.h, lens_bound.h).
+  // The box misses nothing whatever the bound.
   double max_error_px = 0.25;
 };
 

@@ -13,7 +13,6 @@
 #include "gsut/cameras/contract.h"
 #include "gsut/cameras/lens_registry.h"
 #include "gsut/projection/dual_lanes-inl.h"
-#include "gsut/projection/footprint_error.h"
 #include "gsut/projection/footprint_kernels.h"
 #include "gsut/projection/project_kernels.h"
 #include "gsut/projection/seen-inl.h"
@@ -58,54 +57,9 @@ HWY_INLINE void StoreFootprints(const LaneFootprint& f, LaneMask possible, std::
   }
 }
 
-// LensBend::At and BoundFootprintError, a Gaussian a lane. Returns where an error is within limits.
-HWY_INLINE LaneMask StoreErrors(const Bend* table, const PlacedGaussian<Lane>& g, Lane size,
-                                std::int64_t place, FootprintErrors* errors) {
-  const FloatTag d;
-  const Lane zero(0.0), one(1.0);
-  const Lane sine = size * Max(g.reach, Lane(kSigmaReach));
-  const Lane ax = Abs(g.mean[0]), ay = Abs(g.mean[1]), az = Abs(g.mean[2]);
-  const LaneMask along_x = AndMask(ax >= ay, ax >= az);
-  const LaneMask along_y = AndMask(NotMask(along_x), ay >= az);
-  const auto pick = [&](Lane x, Lane y, Lane z)
-                        HWY_ATTR { return Select(along_x, x, Select(along_y, y, z)); };
-  const Lane largest = pick(g.mean[0], g.mean[1], g.mean[2]);
-  const Lane face = pick(zero, Lane(2.0), Lane(4.0)) + Select(largest < zero, one, zero);
-  const Lane scale = Lane(0.5 * LensBend::kCells) / Abs(largest);
-  const auto cell = [&](Lane value) HWY_ATTR {
-    const Lane at = Floor(value * scale + Lane(0.5 * LensBend::kCells));
-    return Min(Max(at, zero), Lane(LensBend::kCells - 1.0));
-  };
-  const Lane column = cell(pick(g.mean[1], g.mean[0], g.mean[0]));
-  const Lane row = cell(pick(g.mean[2], g.mean[2], g.mean[1]));
-  Lane level(0.0);
-  for (int k = 0; k + 1 < LensBend::kLevels; ++k) {
-    level += Select(sine < Lane(LensBend::kSines[k]), zero, one);
-  }
-  const LaneMask known = AndMask(sine < Lane(LensBend::kLargestSine), IsFinite(scale));
-  const Lane cells(LensBend::kCells);
-  const Lane entry = ((level * Lane(LensBend::kFaces) + face) * cells + row) * cells + column;
-  const Lane index = Select(known, entry + entry, zero);
-  const float* numbers = &table->second;
-  const Lane infinity(kInfinity);
-  const Lane bend_second = Select(known, At<Lane>(numbers, index), infinity);
-  const Lane bend_third = Select(known, At<Lane>(numbers, index + one), infinity);
-  const Lane shrink = size / (one - sine);
-  const Lane second = bend_second * shrink * shrink;
-  const Lane ewa = Lane(0.5) * Max(g.reach * g.reach, Lane(3.0)) * second;
-  const Lane stray = Lane(1.5) * second;
-  const std::size_t j = static_cast<std::size_t>(place);
-  hn::StoreU(ewa.v, d, &errors->ewa[j]);
-  const Lane center = Lane(kThirdMoments) * bend_third * (shrink * shrink * shrink);
-  hn::StoreU(center.v, d, &errors->unscented_center[j]);
-  hn::StoreU((ewa + (one + Lane(kSigmaReach) * g.reach) * stray).v, d, &errors->unscented_box[j]);
-  const Lane limit(errors->limit);
-  return OrMask(ewa <= limit, center <= limit);
-}
-
 template <class Lens>
 void FootprintsOfLens(const FootprintTask& task, std::int64_t begin, std::int64_t end,
-                      Footprints<float>* out, FootprintErrors* errors) {
+                      Footprints<float>* out) {
   constexpr bool kHasTable = requires { Lens::kHasTable; };
   Lane broadcast[kMaxLensParams];
   DualLane constants[kMaxLensParams];
@@ -155,17 +109,6 @@ void FootprintsOfLens(const FootprintTask& task, std::int64_t begin, std::int64_
         AndMask(sine<Lane(1.0), mean_angle - Asin(sine)> Lane(task.domain.max_angle + kAngleSlack));
     const LaneMask possible = AndMask(
         AndMask(AndMask(seen.usable, finite), seen.distance > Lane(0.0)), NotMask(outside_domain));
-    if (errors != nullptr) {
-      const LaneMask within = StoreErrors(task.bend, g, size, i - errors->first, errors);
-      if (MaskBits(AndMask(within, possible).m) == 0) {
-        LaneFootprint none;
-        none.u = none.v = none.cov_uu = none.cov_uv = none.cov_vv = Lane(0.0);
-        none.low_u = none.high_u = none.low_v = none.high_v = Lane(0.0);
-        none.valid = Lane(1.0) < Lane(0.0);
-        StoreFootprints(none, possible, i, count, task.method, out);
-        continue;
-      }
-    }
     LaneFootprint f;
     switch (task.method) {
       case ProjectionMethod::kEwa:
@@ -184,11 +127,11 @@ void FootprintsOfLens(const FootprintTask& task, std::int64_t begin, std::int64_
 }
 
 void FootprintRange(const FootprintTask& task, std::int64_t begin, std::int64_t end,
-                    Footprints<float>* out, FootprintErrors* errors) {
+                    Footprints<float>* out) {
   switch (task.lens) {
-#define GSUT_FOOTPRINT_CASE(Lens)                                       \
-  case LensModel::k##Lens:                                              \
-    FootprintsOfLens<lane_lenses::Lens>(task, begin, end, out, errors); \
+#define GSUT_FOOTPRINT_CASE(Lens)                               \
+  case LensModel::k##Lens:                                      \
+    FootprintsOfLens<lane_lenses::Lens>(task, begin, end, out); \
     return;
     GSUT_FOR_EACH_LENS(GSUT_FOOTPRINT_CASE)
 #undef GSUT_FOOTPRINT_CASE
@@ -204,8 +147,8 @@ namespace gsut {
 HWY_EXPORT(FootprintRange);
 
 void FootprintKernel(const FootprintTask& task, std::int64_t begin, std::int64_t end,
-                     Footprints<float>* footprints, FootprintErrors* errors) {
-  HWY_DYNAMIC_DISPATCH(FootprintRange)(task, begin, end, footprints, errors);
+                     Footprints<float>* footprints) {
+  HWY_DYNAMIC_DISPATCH(FootprintRange)(task, begin, end, footprints);
 }
 
 }  // namespace gsut

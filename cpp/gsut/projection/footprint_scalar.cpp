@@ -9,6 +9,7 @@
 #include "gsut/cameras/lens_registry.h"
 #include "gsut/cameras/scalar_math.h"
 #include "gsut/gaussians/activations.h"
+#include "gsut/projection/footprint_choice.h"
 #include "gsut/projection/footprint_error.h"
 #include "gsut/projection/project_kernels.h"
 
@@ -187,23 +188,19 @@ OneFootprint ScalarFootprints::Adapt(const Placed& g) const {
   const double size = std::max({g.scale[0], g.scale[1], g.scale[2]}) / distance;
   const Bend bend = bend_->At(g.mean, BendSine(size, g.reach));
   const FootprintError error = BoundFootprintError(bend, size, g.reach);
-  const auto widened = [&](ProjectionMethod method, double by) {
+  const ProjectionMethod method =
+      CheapestWithin(options_.max_error_px, error.ewa, error.unscented_center, error.unscented_box,
+                     error.loosest_box);
+  if (method != ProjectionMethod::kSilhouette) {
     OneFootprint out = By(method, g);
-    out.low_u -= by;
-    out.high_u += by;
-    out.low_v -= by;
-    out.high_v += by;
-    return out;
-  };
-  if (error.ewa <= options_.max_error_px) {
-    const OneFootprint out = widened(ProjectionMethod::kEwa, error.ewa);
-    if (out.status == FootprintStatus::kBox) return out;
-  }
-  if (error.unscented_center <= options_.max_error_px) {
-    const OneFootprint out = widened(ProjectionMethod::kUnscented, error.unscented_box);
     const double half = 0.5 * std::max(out.high_u - out.low_u, out.high_v - out.low_v);
-    if (out.status == FootprintStatus::kBox &&
-        error.unscented_box <= kLooseBox * (half - error.unscented_box)) {
+    const bool by_ewa = method == ProjectionMethod::kEwa;
+    const double width = by_ewa ? error.ewa : error.unscented_box;
+    if (out.status == FootprintStatus::kBox && (by_ewa || width <= kLooseBox * half)) {
+      out.low_u -= width;
+      out.high_u += width;
+      out.low_v -= width;
+      out.high_v += width;
       return out;
     }
   }

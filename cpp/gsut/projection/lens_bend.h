@@ -5,21 +5,13 @@
 #include <vector>
 
 #include "gsut/cameras/camera.h"
+#include "gsut/projection/lens_bound.h"
 
 namespace gsut {
 
-// With f(p) the pixel of the point p in the camera frame (constant along rays), at |p| = 1:
-// second = the largest |D^2 f(p)[h, h]| over unit h, third the largest |D^3 f(p)[h, h, h]|, in
-// pixels, each for the worse of u and v; at other distances they fall as 1/|p|^2 and 1/|p|^3.
-// Infinite where the lens has no pixel nearby.
-struct Bend {
-  float second, third;
-};
-
-// Bend of one camera, the largest over a cap of directions. Derivatives are exact to first order
-// (dual numbers) and differences beyond; they are sampled every 3 degrees; caps are widened by
-// that, the second derivative by what the third can add in between, and both by a fifth. Near a
-// panorama's poles and the edge of the domain they count as infinite.
+// Bend (lens_bound.h) of one camera, the largest over a cap of directions: bounded over patches of
+// 2.8 degrees by interval arithmetic, not sampled. A cap that is not wholly inside the domain, that
+// holds a panorama's pole or a kink of the lens, is infinite.
 class LensBend {
  public:
   explicit LensBend(const Camera& camera);

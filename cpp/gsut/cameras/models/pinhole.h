@@ -4,7 +4,7 @@
 //
 // Parameters: fx fy cx cy in pixels; (0.5, 0.5) is the centre of the top-left pixel.
 // Domain: Z > 0, up to 90 degrees less 2e-9 fx rad, where pixels reach 5e8. limits[0]: the squared
-// tangent of the largest angle. Inverse: closed.
+// tangent of the largest angle. Inverse: closed. Source: central projection, as in any textbook.
 
 struct Pinhole {
   static constexpr const char* kName = "pinhole";
