@@ -92,6 +92,7 @@ PYTHON_GROUPS: dict[str, set[str]] = {
             "trajectory_mean",
         ),
     },
+    "photometric poses": {"bearing_points", "photometric_poses"},
     "benchmarks": {"bench", "bench.*"},
     "command line": {
         *("__main__", "calibrate", "calibrate_dataset", "camera_convert", "cli", "commands"),
@@ -111,12 +112,13 @@ PYTHON_MAY_USE: dict[str, set[str]] = {
     # The package: evaluate renders by the public name gsut.render.
     "compaction": {"faces"},
     "training": {"faces", "compaction", "data", "run", "report", "package"},
+    "photometric poses": {"faces", "data", "run", "structure", "training", "package"},
     "benchmarks": {
         *("faces", "compaction", "data", "run", "scene tools", "structure", "training", "package"),
     },
     "command line": {
         *("faces", "compaction", "data", "run", "report", "scene tools", "structure", "training"),
-        *("benchmarks", "package"),
+        *("benchmarks", "package", "photometric poses"),
     },
     "package": {"faces", "compaction", "data", "run", "training"},
 }
