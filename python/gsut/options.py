@@ -214,7 +214,8 @@ class TrainOptions:
 
     strategy: str = option(
         "mcmc", "Densification", "mcmc: relocation, with a cap; adaptive: clone, split and prune "
-        "by gradient; mini: Mini-Splatting's, which overgrows and samples",
+        "by gradient; mini: Mini-Splatting's, which overgrows and samples (0.2 and 1.5 dB "
+        "below mcmc on sponza_fisheye and fox, in twice the time)",
         choices=("mcmc", "adaptive", "mini"),
     )
     densify_from: float = option(
