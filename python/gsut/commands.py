@@ -74,6 +74,8 @@ def evaluate(arguments: argparse.Namespace) -> int:
             on_view=lambda done, total: advance(),
         )
     figures["num_gaussians"] = len(gaussians)
+    if options.refine_poses:
+        print("gsut: note: poses as the run refined them, held-out views aligned", file=sys.stderr)
     if out is not None:
         RunFolder(out).write_json(METRICS, figures)
     if arguments.json:

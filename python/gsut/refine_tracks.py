@@ -39,12 +39,15 @@ class TracksResult:
 
     Attributes:
         scene: with the refined poses, and lens, of the training views.
-        figures: for metrics.json.
+        figures: for metrics.json; sigma_degrees and sigma_moved are the predicted standard
+            deviations of a pose (root of the three axes' sum), medians.
+        tracked: the views that have a pose from tracks.
         note: why nothing was refined, or what was left out; empty otherwise.
     """
 
     scene: Scene
     figures: dict[str, Any]
+    tracked: list[int]
     note: str = ""
 
     def summary(self) -> dict[str, Any]:
@@ -69,7 +72,7 @@ def refine_by_tracks(
     try:
         solution = _adjusted(scene, options, show)
     except (InputError, SolveError) as error:
-        return TracksResult(scene, {}, f"no poses from tracks of features: {error}")
+        return TracksResult(scene, {}, [], f"no poses from tracks of features: {error}")
     indices = [
         index
         for index, registered in zip(scene.train_indices, solution.registered, strict=True)
@@ -84,14 +87,17 @@ def refine_by_tracks(
         refined = refined.with_lenses([solution.cameras[0]])
     missing = len(scene.train_indices) - len(indices)
     note = f"{missing} training views see too few tracks and keep their poses" if missing else ""
+    variances = np.einsum("nii->ni", np.array(solution.covariances)[solution.registered])
     figures = {
         "views": len(indices),
         "points": len(solution.points),
         "error_px": float(solution.median),
         "turned_degrees": float(np.median(changes.degrees)),
         "moved": float(np.median(changes.distances)),
+        "sigma_degrees": float(np.degrees(np.median(np.sqrt(variances[:, 3:].sum(axis=1))))),
+        "sigma_moved": float(np.median(np.sqrt(variances[:, :3].sum(axis=1)))),
     }
-    return TracksResult(refined, figures, note)
+    return TracksResult(refined, figures, indices, note)
 
 
 def _adjusted(scene: Scene, options: TrainOptions, show: OnProgress) -> Solution:

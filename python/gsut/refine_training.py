@@ -5,6 +5,9 @@ its colours (see refine.py), until its render fits its photograph better; traini
 poses it found. Many views see a Gaussian, so that the scene is their mean and each view's own error
 shows as a shift. What no view can tell, a similarity of the whole world, is held: each sweep's mean
 motion is taken out (see refine_motion.py), and the scene stays in the world of the first poses.
+
+Poses from tracks of features are a prior: how far a sweep leads away from them, against how well
+tracks are known to place a view, says how much the colours are worth (see _weight).
 """
 
 from __future__ import annotations
@@ -32,6 +35,8 @@ _WITHOUT_TRACKS, _MOST_SWEEPS = (0.3, 0.88), 10  # first and last, evenly spaced
 # Views that share what they see follow each other slowly, single ones at once: every second sweep
 # goes twice as far as it found, which quickens the former and leaves the latter to the next sweep.
 _OVERSHOOT = 2.0
+# Predicted standard deviations of poses from tracks are about half of what is seen (README).
+_TRACKS_SIGMAS = 2.0
 # Colour difference beyond which a pixel counts less. On sponza_fisheye with its true poses, poses
 # wander by 0.0125 degrees with 0.03 and by 0.0135 with 0.1.
 _LOSS_SCALE = 0.03
@@ -73,6 +78,7 @@ class TrainingRefiner:
         self.scene, self.options = scene, options
         self.sweeps: list[Sweep] = []
         self.tracks: dict[str, Any] = {}
+        self._prior: dict[str, np.ndarray] | None = None
         check_refinable(scene, options)
         steps = options.steps
         fractions: Any = _AFTER_TRACKS
@@ -105,7 +111,7 @@ class TrainingRefiner:
         overshoot: bool,
     ) -> None:
         indices = self.scene.train_indices
-        before = self._poses()
+        before = self.poses()
         scene = gaussians.astype(np.float32)
         free = self.options.refine_lens
         views = [
@@ -122,6 +128,7 @@ class TrainingRefiner:
         after = without_mean_motion(after, before)
         if overshoot:
             after = without_mean_motion(moved_on(after, before, _OVERSHOOT), before)
+        after = self._held_to_tracks(after)
         self._set_poses(after)
         changes = pose_changes(after, before)
         self.sweeps.append(
@@ -133,13 +140,48 @@ class TrainingRefiner:
             )
         )
 
+    def hold_to(self, tracked: list[int], figures: dict[str, Any]) -> None:
+        """Makes the present poses, which came from tracks, the prior of all sweeps.
+
+        Args:
+            tracked: indices of the views that tracks have placed.
+            figures: of `TracksResult`.
+        """
+        self.tracks = figures
+        if tracked:
+            self._prior = {
+                "poses": self.poses(),
+                "tracked": np.isin(self.scene.train_indices, tracked),
+                "lens": np.array(self.scene.file_cameras[0].params),
+                "farthest": np.zeros(2),
+            }
+
+    def _held_to_tracks(self, after: np.ndarray) -> np.ndarray:
+        """Poses between those of the tracks and those of the colours; so is a refined lens."""
+        if self._prior is None:
+            return after
+        prior, tracked = self._prior["poses"], self._prior["tracked"]
+        changes = pose_changes(after[tracked], prior[tracked])
+        here = np.array([np.median(changes.degrees), np.median(changes.distances)])
+        self._prior["farthest"] = np.maximum(self._prior["farthest"], here)
+        sigma = [self.tracks["sigma_degrees"], self.tracks["sigma_moved"]]
+        weight = _weight(self._prior["farthest"], _TRACKS_SIGMAS * np.array(sigma))
+        out = np.array(after)
+        out[tracked] = moved_on(after[tracked], prior[tracked], weight)
+        if self.options.refine_lens:
+            (file,) = self.scene.file_cameras
+            lens = self._prior["lens"] + weight * (np.array(file.params) - self._prior["lens"])
+            self.scene = self.scene.with_lenses([with_params(file, lens)])
+        return out
+
     def state_dict(self) -> dict[str, Any]:
         """Everything that later steps depend on."""
         return {
-            "poses": self._poses(),
+            "poses": self.poses(),
             "lenses": [np.array(camera.params) for camera in self.scene.file_cameras],
             "sweeps": [sweep.as_dict() for sweep in self.sweeps],
             "tracks": self.tracks,
+            "prior": self._prior,
         }
 
     def figures(self) -> dict[str, Any]:
@@ -162,9 +204,10 @@ class TrainingRefiner:
         if lenses != self.scene.file_cameras:
             self.scene = self.scene.with_lenses(lenses)
         self.sweeps = [Sweep(**sweep) for sweep in state["sweeps"]]
-        self.tracks = state["tracks"]
+        self.tracks, self._prior = state["tracks"], state["prior"]
 
-    def _poses(self) -> np.ndarray:
+    def poses(self) -> np.ndarray:
+        """(n, 4, 4) camera_from_world of the training views, in their order."""
         return np.array([self.scene.views[i].camera_from_world for i in self.scene.train_indices])
 
     def _set_poses(self, poses: np.ndarray) -> None:
@@ -220,6 +263,19 @@ class TrainingRefiner:
 
     def _lenses(self, level: Level) -> list[Camera]:
         return level.scene.cameras
+
+
+def _weight(distance: np.ndarray, sigma: np.ndarray) -> float:
+    """What a step away from the tracks' poses is worth, 0 to 1.
+
+    Colours and tracks err independently, so a median view that colours place at this distance from
+    the tracks has distance^2 = sigma_tracks^2 + sigma_colours^2, and the best mean of both gives
+    the colours sigma_tracks^2 / distance^2. The smaller of both kinds counts.
+
+    Args:
+        distance: (2,) degrees and world units. sigma: (2,) of the tracks, likewise.
+    """
+    return float(np.min(np.minimum(1.0, (sigma / np.maximum(distance, 1e-12)) ** 2)))
 
 
 def check_refinable(scene: Scene, options: TrainOptions) -> None:

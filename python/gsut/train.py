@@ -101,7 +101,7 @@ def train(
         tracks = first_poses(scene, o, progress is True)
     loop = TrainingLoop(scene if tracks is None else tracks.scene, o)
     if loop.refiner is not None and tracks is not None:
-        loop.refiner.tracks = tracks.summary()
+        loop.refiner.hold_to(tracks.tracked, tracks.summary())
     if checkpoint is not None:
         loop.load_state_dict(checkpoint[1])
     history = run.read_history() if run is not None else []
