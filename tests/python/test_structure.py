@@ -1,5 +1,6 @@
 """Structure from motion: pairs, matches, poses against truth, resume, outputs, bad input."""
 
+import dataclasses
 import json
 import os
 from pathlib import Path
@@ -22,6 +23,7 @@ from gsut.structure.matching import match_and_verify
 from gsut.structure.options import PosesOptions
 from gsut.structure.output import quaternion_of
 from gsut.structure.pairs import choose_pairs, counts_up
+from gsut.structure.solution import solve
 from synthetic_walk import Synthetic, quiet
 
 _BESIDE = Path(__file__).resolve().parents[3] / "shared"
@@ -51,6 +53,30 @@ def test_estimate_poses_sees_beyond_ninety_degrees(rng):
         pose = found["camera_from_world"][image]
         behind += (pose[:3, :3] @ found["points"][point] + pose[:3, 3])[2] < 0
     assert behind > 20  # sights behind the camera plane are used, not dropped
+
+
+def test_solve_extends_tracks_to_images_that_no_match_told_of(rng):
+    scene = Synthetic(rng)
+    count = len(scene.features)
+    # Neighbours only, and half of their matches: tracks in pieces.
+    half = [
+        dataclasses.replace(pair, matches=pair.matches[rng.random(len(pair.matches)) < 0.5])
+        for pair in scene.verified()
+        if pair.second - pair.first <= 2
+    ]
+    found = {}
+    for rounds in (0, 2):
+        found[rounds] = solve(
+            [f"{i}" for i in range(count)], [scene.camera] * count, scene.features, half,
+            PosesOptions(extend_rounds=rounds), lambda *_: None,
+        )  # fmt: skip
+    lengths = {rounds: len(s.sights) / len(s.points) for rounds, s in found.items()}
+    assert lengths[2] > 1.4 * lengths[0]  # worst 1.58
+    assert len({tuple(row) for row in found[2].sights[:, 1:]}) == len(found[2].sights)
+    truth = np.array(scene.poses)
+    errors = {k: compare_poses(s.camera_from_world, truth) for k, s in found.items()}
+    assert errors[2].ate_percent < min(errors[0].ate_percent, tolerances.SFM_SYNTHETIC_ATE_PERCENT)
+    assert errors[2].rotation_degrees.max() < tolerances.SFM_SYNTHETIC_DEGREES
 
 
 def test_estimate_poses_covariances_hold_the_gauge_and_are_positive(rng):

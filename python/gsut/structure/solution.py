@@ -123,6 +123,11 @@ def solve(
         if options.readout_time is not None:
             settings["readout_time"] = options.readout_time
             settings["frame_times"] = frame_times(names).tolist()
+    if not hold_out_every and options.extend_rounds:
+        settings["descriptors"] = [f.descriptors for f in features]
+        settings["extend_rounds"] = options.extend_rounds
+        settings["extend_radius"] = options.extend_radius * diagonal(lenses) / 1000
+        settings["extend_distance"] = options.extend_distance
     found = _core.estimate_poses(
         lenses, lens_of, [f.pixels for f in features],
         [p.as_tuple() for p in pairs], settings, on_progress,
