@@ -12,6 +12,7 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
+from gsut.bench import poses_bench, pycolmap_poses
 from gsut.cli import main
 from gsut.structure import estimate
 from gsut.structure.align import compare_poses, rotation_angles, similarity
@@ -454,3 +455,33 @@ def test_bench_poses_prints_errors_beside_seconds(some_sponza, solved_sponza, tm
     # The same images and lens: the same poses but for the order in which threads add up.
     assert row["rotation_max_degrees"] < tolerances.SFM_REPEAT_DEGREES
     assert row["total_seconds"] > 0 and "ATE" in capsys.readouterr().out
+
+
+def test_bench_poses_without_pycolmap_says_so(solved_sponza, tmp_path):
+    python = tmp_path / "python"
+    python.write_text(f"#!/bin/sh\nexit {pycolmap_poses.MISSING}\n")
+    python.chmod(0o755)
+    row = poses_bench._measure_pycolmap(solved_sponza, "known", str(python), 1)
+    assert row["registered"] == 0 and "has no pycolmap: pip install" in row["failure"]
+    with pytest.raises(gsut.InputError, match="cannot be run"):
+        poses_bench._measure_pycolmap(solved_sponza, "known", str(tmp_path / "absent"), 1)
+
+
+def test_bench_poses_compares_what_pycolmap_answers(solved_sponza, tmp_path):
+    # A stand-in answers with the data set's own poses, moved and scaled: no error is left.
+    scene = gsut.load_dataset(solved_sponza, test_every=0)
+    poses = {}
+    for view in scene.views:
+        pose = view.camera_from_world.copy()
+        pose[:3, 3] = 2.0 * (pose[:3, 3] - pose[:3, :3] @ [1.0, 2.0, 3.0])
+        poses[view.image_path.resolve().name] = pose[:3].tolist()
+    answer = tmp_path / "answer.json"
+    answer.write_text(
+        json.dumps({"poses": poses, "seconds": {"features": 1, "matching": 2, "mapping": 3}})
+    )
+    python = tmp_path / "python"
+    python.write_text(f'#!/bin/sh\ncp {answer} "$3"\n')
+    python.chmod(0o755)
+    row = poses_bench._measure_pycolmap(solved_sponza, "known", str(python), 1)
+    assert row["registered"] == IMAGES and row["total_seconds"] == 6
+    assert row["ate_percent"] < 1e-8 and row["rotation_max_degrees"] < 1e-8
