@@ -15,7 +15,7 @@ from gsut import _core
 from gsut.bench import poses_bench, pycolmap_poses
 from gsut.cli import main
 from gsut.structure import estimate
-from gsut.structure.align import compare_poses, rotation_angles, similarity
+from gsut.structure.align import centers_of, compare_poses, rotation_angles, similarity
 from gsut.structure.estimate import estimate_poses
 from gsut.structure.features import find_features
 from gsut.structure.inputs import Photographs
@@ -385,6 +385,67 @@ def test_poses_command_bad_images_get_one_clear_sentence(case, words, tmp_path, 
     assert main(["poses", str(folder), "-o", str(tmp_path / "out"), "--quiet", "--fov", "60"]) == 2
     message = capsys.readouterr().err
     assert words in message and message.count("\n") == 1
+    assert not (tmp_path / "out" / "transforms.json").exists()
+
+
+def test_poses_command_wrong_lens_is_doubted(some_sponza, solved_sponza, tmp_path):
+    gsut.Camera("pinhole", [240, 240, 240, 240], 480, 480).save(tmp_path / "lens.yaml")
+    notes: list[str] = []
+    result = estimate_poses(
+        some_sponza[0], tmp_path / "out", camera=tmp_path / "lens.yaml", notes_to=notes.append
+    )
+    assert any("the lens is probably not that of the images" in note for note in notes)
+    assert result.figures["matches_in_points"] < 0.5  # observed 0.36 on 8 of these images
+    right = json.loads((solved_sponza / "poses.json").read_text())
+    assert right["matches_in_points"] > 0.85  # observed 0.92
+    assert not any("lens" in note for note in right["notes"])
+
+
+def test_poses_command_covariances_are_as_large_as_the_errors(some_sponza, solved_sponza):
+    figures = json.loads((solved_sponza / "poses.json").read_text())
+    views = figures["views"]
+    found = np.array([view["camera_from_world"] for view in views])
+    truth = np.array([some_sponza[1][Path(view["name"]).name] for view in views])
+    names = [view["name"] for view in views]
+    first, second = (names.index(name) for name in figures["initial_pair"])
+    squares = normalised_squares(
+        found, truth, np.array([view["covariance"] for view in views]), first, second
+    )
+    # Six degrees of freedom; 12 images of one path are nearly one draw.
+    assert 6 / tolerances.SFM_COVARIANCE < np.mean(squares) < 6 * tolerances.SFM_COVARIANCE
+
+
+def normalised_squares(found, truth, covariances, first, second):
+    """Squared errors of poses by their covariances, in the gauge of the initial pair."""
+    turn = found[first, :3, :3].T @ truth[first, :3, :3]
+    own, true = centers_of(found), centers_of(truth)
+    shift = (true - true[first]) @ turn.T
+    axis = np.abs(own[second] - own[first]).argmax()
+    true = own[first] + (own[second] - own[first])[axis] / shift[second, axis] * shift
+    squares = []
+    for i in set(range(len(found))) - {first, second}:
+        a, b = np.eye(4), np.eye(4)
+        a[:3, :3], b[:3, :3] = truth[i, :3, :3] @ turn.T, found[i, :3, :3]
+        error = np.concatenate([own[i] - true[i], _core.velocity_between(a, b)[3:]])
+        squares.append(error @ np.linalg.solve(covariances[i], error))
+    return squares
+
+
+def test_poses_command_camera_that_only_turns_gets_one_clear_sentence(tmp_path, capsys):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    texture(tmp_path / "wide.png", 1, 700)
+    wide = cv2.imread(str(tmp_path / "wide.png"))
+    matrix = np.array([[300.0, 0, 120], [0, 300, 120], [0, 0, 1]])
+    for i in range(4):
+        turn = _core.exp_pose([0, 0, 0, 0.05 * (i % 2), 0.12 * i - 0.18, 0.03 * i])[:3, :3]
+        wide_matrix = np.array([[300.0, 0, 350], [0, 300, 350], [0, 0, 1]])
+        view = matrix @ turn @ np.linalg.inv(wide_matrix)
+        cv2.imwrite(str(folder / f"{i}.png"), cv2.warpPerspective(wide, view, (240, 240)))
+    gsut.Camera("pinhole", [300, 300, 120.5, 120.5], 240, 240).save(folder / "lens.yaml")
+    assert main(["poses", str(folder), "-o", str(tmp_path / "out"), "--quiet"]) == 2
+    message = capsys.readouterr().err
+    assert "the camera only turned" in message and message.count("\n") == 1
     assert not (tmp_path / "out" / "transforms.json").exists()
 
 
