@@ -65,4 +65,4 @@ def finetune(
     loop = TrainingLoop(scene, options, gaussians)
     while loop.step < options.steps:
         on_step(loop, loop.advance())
-    return loop.gaussians.copy(), loop.seconds
+    return loop.result().copy(), loop.seconds

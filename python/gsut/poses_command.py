@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import sys
 from pathlib import Path
@@ -48,6 +49,13 @@ def add_poses_flags(parser: argparse.ArgumentParser) -> None:
         help="folder for transforms.json, points3D.ply, sparse/0 (COLMAP), poses.json and "
         "report.html; a run that was killed goes on here",
     )
+    parser.add_argument(
+        "--photometric",
+        action="store_true",
+        help="for a video in the order of names: find each pose by the colours of Gaussians that "
+        "grow image by image, instead of by bundle adjustment, which is more exact where features "
+        "are many (lens known)",
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress bars, no summary")
     parser.add_argument("--json", action="store_true", help="print poses.json without the views")
     add_option_flags(parser, PosesOptions)
@@ -60,6 +68,15 @@ def poses(arguments: argparse.Namespace) -> int:
     if arguments.camera and arguments.unknown_lens:
         raise InputError("--unknown-lens contradicts --camera; give one of them")
     options = PosesOptions(**given_options(PosesOptions, arguments))
+    mapper = None
+    if arguments.photometric:
+        if arguments.unknown_lens:
+            raise InputError("--photometric needs a known lens; give it by --camera")
+        from gsut.photometric_poses import grow_poses
+
+        mapper = grow_poses
+        if options.pairs == "auto":
+            options = dataclasses.replace(options, pairs="sequential")
     with StageBars(enabled=not arguments.quiet) as bars:
         result = estimate_poses(
             arguments.images,
@@ -68,6 +85,7 @@ def poses(arguments: argparse.Namespace) -> int:
             unknown_lens=arguments.unknown_lens,
             fov_degrees=arguments.fov,
             options=options,
+            mapper=mapper,
             on_progress=bars.show,
             notes_to=bars.note,
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import concurrent.futures
 
 import numpy as np
 
@@ -29,6 +30,7 @@ class Level:
         )
         self._bytes = 0
         self._buffers: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
+        self._coming: dict[int, concurrent.futures.Future[_core.PhotometricTarget]] = {}
 
     def camera(self, view: int) -> _core.Camera:
         """Camera of a view, at this resolution."""
@@ -39,14 +41,23 @@ class Level:
         if view in self._targets:
             self._targets.move_to_end(view)
             return self._targets[view]
-        target = _core.PhotometricTarget(
-            self.scene.image(view), self.scene.mask(view), "partial", True
-        )
+        coming = self._coming.pop(view, None)
+        target = self._make_target(view) if coming is None else coming.result()
         self._targets[view] = target
         self._bytes += target.nbytes
         while self._bytes > _TARGET_CACHE_BYTES and len(self._targets) > 1:
             self._bytes -= self._targets.popitem(last=False)[1].nbytes
         return target
+
+    def prepare(self, view: int, worker: concurrent.futures.Executor) -> None:
+        """Begins to make the target of a view on another thread, for the step after this one."""
+        if view not in self._targets and view not in self._coming:
+            self._coming[view] = worker.submit(self._make_target, view)
+
+    def _make_target(self, view: int) -> _core.PhotometricTarget:
+        return _core.PhotometricTarget(
+            self.scene.image(view), self.scene.mask(view), "partial", True
+        )
 
     def buffers(self, view: int) -> tuple[np.ndarray, np.ndarray]:
         """Two (H, W, 3) float32 arrays of the view's size, used again and again."""
@@ -78,13 +89,29 @@ class ImagePyramid:
         ]
         self._factor = 0.0
         self._level: Level | None = None
+        self._worker = concurrent.futures.ThreadPoolExecutor(1, "gsut-images")
 
     def at(self, fraction: float) -> Level:
         """The level for a step at this fraction of all steps; a passed level is dropped."""
-        factor = next((f for f, end in self._until if fraction <= end), 1.0)
+        factor = self._factor_at(fraction)
         if self._level is None or factor != self._factor:
             self._factor = factor
             self._level = Level(
                 self._scene if factor == 1.0 else self._scene.scaled(factor, keep_larger=True)
             )
         return self._level
+
+    def prepare(self, view: int, fraction: float) -> None:
+        """Begins to decode the next step's image while this step is computed.
+
+        Args:
+            view: of the next step.
+            fraction: of the next step. Does nothing where that changes the level, or with one
+                thread.
+        """
+        level = self._level if self._factor_at(fraction) == self._factor else None
+        if level is not None and _core.num_threads() > 1:
+            level.prepare(view, self._worker)
+
+    def _factor_at(self, fraction: float) -> float:
+        return next((f for f, end in self._until if fraction <= end), 1.0)

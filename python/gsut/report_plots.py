@@ -12,6 +12,7 @@ from gsut.options import TrainOptions
 # Colours of the page (see report_template.html.j2).
 _INK, _MUTED, _GRID, _LINE, _FAINT = "#1d2733", "#6b7785", "#e3e8ee", "#1668b8", "#a9c9e8"
 _SIZE_INCHES = (5.2, 3.0)
+_AXES = (0.115, 0.165, 0.865, 0.725)  # left, bottom, width, height, of the figure
 _MOST_POINTS = 400  # of a curve; more are averaged
 
 
@@ -99,8 +100,9 @@ def ring_text(ring: dict[str, Any]) -> str:
 def _figure(title: str) -> tuple[Any, Any]:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=_SIZE_INCHES, layout="constrained")
-    axes = figure.add_subplot()
+    # Fixed margins: finding them takes matplotlib as long as drawing.
+    figure = Figure(figsize=_SIZE_INCHES)
+    axes = figure.add_axes(_AXES)
     axes.set_title(title, loc="left", color=_INK, fontsize=11, fontweight="bold")
     axes.grid(axis="y", color=_GRID, linewidth=0.8)
     axes.set_axisbelow(True)

@@ -25,13 +25,15 @@ from gsut.growth import GrowthLimit
 from gsut.held_out import mean_psnr
 from gsut.low_pass import filter_radii, low_pass, low_pass_backward
 from gsut.mini_splatting import densify_mini
-from gsut.optimize import GaussianOptimizer, LearningRates
+from gsut.optimize import GaussianOptimizer
 from gsut.options import TrainOptions
 from gsut.progress import TrainingProgress
 from gsut.pyramid import ImagePyramid
 from gsut.render import DEFAULT_UNSCENTED
 from gsut.run_folder import RunFolder
+from gsut.schedule import grown_count, learning_rates, view_of_step
 from gsut.stopwatch import Stopwatch
+from gsut.trajectory_mean import TrajectoryMean
 
 # Held-out views that the curve of PSNR is measured on: a few, spread evenly.
 _CURVE_VIEWS = 8
@@ -110,7 +112,7 @@ def train(
             if run is not None and o.checkpoint_every and loop.step % o.checkpoint_every == 0:
                 run.save_checkpoint(loop.step, loop.state_dict())
 
-    gaussians = loop.drawn().copy()
+    gaussians = loop.result().copy()
     indices = scene.test_indices or scene.train_indices[:_CURVE_VIEWS]
     renders = None if run is None else run.renders
     evaluation = evaluate(gaussians, scene, indices, background=o.background, render_folder=renders)
@@ -152,6 +154,7 @@ class TrainingLoop:
         self._gradients = _empty_like(self.optimizer.gaussians)
         self._touched = np.zeros(len(start), np.uint8)
         self._radii: np.ndarray | None = None  # of the low-pass filter, where there is one
+        self._mean = TrajectoryMean(options.average_from)
 
     @property
     def gaussians(self) -> Gaussians:
@@ -159,8 +162,14 @@ class TrainingLoop:
         return self.optimizer.gaussians
 
     def drawn(self) -> Gaussians:
-        """The Gaussians as they are rendered and saved: behind the low-pass filter, if any."""
-        g = self.optimizer.gaussians
+        """The Gaussians as they are rendered: behind the low-pass filter, if any."""
+        return self._filtered(self.optimizer.gaussians)
+
+    def result(self) -> Gaussians:
+        """What the run gives, were this its last step: the mean over the last steps, filtered."""
+        return self._filtered(self._mean.of(self.optimizer.gaussians))
+
+    def _filtered(self, g: Gaussians) -> Gaussians:
         if not self.options.low_pass:
             return g
         if self._radii is None or len(self._radii) != len(g):
@@ -174,8 +183,10 @@ class TrainingLoop:
         view = self._view_of(step)
         level = self.pyramid.at(fraction)
         target, image, dimage = level.target(view), *level.buffers(view)
+        if step < o.steps:
+            self.pyramid.prepare(self._view_of(step + 1), (step + 1) / o.steps)
         degree = min(o.sh_degree, step // o.sh_every)
-        rates = self._rates(fraction)
+        rates = learning_rates(o, fraction, self.scene.extent)
         began = time.perf_counter()
         self.stopwatch.start()
         lap = self.stopwatch.lap
@@ -228,10 +239,13 @@ class TrainingLoop:
         if step % o.densify_every == 0 and o.densify_from <= fraction <= o.densify_until:
             self._densify(fraction)
             self._radii = None
+            self._mean.restart()
             lap("densify")
         if step == o.compact_at:
             self._compact()
+            self._mean.restart()
             lap("densify")
+        self._mean.observe(step, fraction, self.optimizer.gaussians)
         self.seconds += time.perf_counter() - began
         return loss
 
@@ -259,6 +273,7 @@ class TrainingLoop:
             "first_count": self.first_count,
             "limit": self.limit.state_dict(),
             "optimizer": self.optimizer.state_dict(),
+            "mean": self._mean.state_dict(),
             **({} if self._radii is None else {"radii": self._radii}),
         }
 
@@ -269,6 +284,7 @@ class TrainingLoop:
         self.first_count = int(state["first_count"])
         self.limit.load_state_dict(state["limit"])
         self.optimizer.load_state_dict(state["optimizer"])
+        self._mean.load_state_dict(state["mean"])
         self._radii = state.get("radii")
 
     def _filter_radii(self, g: Gaussians) -> np.ndarray:
@@ -285,21 +301,7 @@ class TrainingLoop:
         """Every training view once an epoch, in an order that depends on seed and epoch only."""
         aside = self.limit.aside
         views = [view for view in self.scene.train_indices if view not in aside]
-        epoch, place = divmod(step - 1, len(views))
-        order = np.random.default_rng([self.options.seed, epoch]).permutation(len(views))
-        return views[order[place]]
-
-    def _rates(self, fraction: float) -> LearningRates:
-        o = self.options
-        decay = o.lr_final_factor**fraction
-        return LearningRates(
-            means=o.lr_means * self.scene.extent * o.lr_means_final_factor**fraction,
-            quats=o.lr_quats * decay,
-            log_scales=o.lr_scales * decay,
-            opacity_logits=o.lr_opacity * decay,
-            sh0=o.lr_sh0 * decay,
-            sh_rest=o.lr_sh_rest * decay,
-        )
+        return view_of_step(views, step, self.options.seed)
 
     def _densify(self, fraction: float) -> None:
         o = self.options
@@ -323,14 +325,9 @@ class TrainingLoop:
             self.optimizer.reset_opacities()
 
     def _target_size(self, fraction: float) -> int:
-        """Geometric growth from the first count to the cap between two fractions of the steps."""
-        o = self.options
         if self._full_grown(fraction):
             return len(self.gaussians)
-        if fraction >= o.grow_until or self.first_count >= o.max_gaussians:
-            return o.max_gaussians
-        begun = max(0.0, fraction - o.densify_from) / max(1e-9, o.grow_until - o.densify_from)
-        return round(self.first_count * (o.max_gaussians / self.first_count) ** begun)
+        return grown_count(self.options, self.first_count, fraction)
 
     def _full_grown(self, fraction: float) -> bool:
         """Whether the number of Gaussians is to stay."""
@@ -361,7 +358,7 @@ class TrainingLoop:
     def _held_out_psnr(self) -> float:
         test = self.scene.test_indices
         chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
-        return mean_psnr(self.scene, self.drawn(), chosen, self.options.background, self.renderer)
+        return mean_psnr(self.scene, self.result(), chosen, self.options.background, self.renderer)
 
 
 def _empty_like(g: Gaussians) -> Gaussians:

@@ -78,8 +78,19 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "compaction": {"compact", "compact_harmonics", "compact_scores"},
     "training": {
         *("calibration_weights", "compact_run", "evaluate", "finetune", "first_gaussians"),
-        *("growth", "held_out", "mini_splatting", "pyramid", "refine", "train", "trained_run"),
+        *(
+            "growth",
+            "held_out",
+            "mini_splatting",
+            "pyramid",
+            "refine",
+            "schedule",
+            "train",
+            "trained_run",
+            "trajectory_mean",
+        ),
     },
+    "photometric poses": {"bearing_points", "photometric_poses"},
     "benchmarks": {"bench", "bench.*"},
     "command line": {
         *("__main__", "calibrate", "calibrate_dataset", "camera_convert", "cli", "commands"),
@@ -99,12 +110,13 @@ PYTHON_MAY_USE: dict[str, set[str]] = {
     # The package: evaluate renders by the public name gsut.render.
     "compaction": {"faces"},
     "training": {"faces", "compaction", "data", "run", "report", "package"},
+    "photometric poses": {"faces", "data", "run", "structure", "training", "package"},
     "benchmarks": {
         *("faces", "compaction", "data", "run", "scene tools", "structure", "training", "package"),
     },
     "command line": {
         *("faces", "compaction", "data", "run", "report", "scene tools", "structure", "training"),
-        *("benchmarks", "package"),
+        *("benchmarks", "package", "photometric poses"),
     },
     "package": {"faces", "compaction", "data", "run", "training"},
 }

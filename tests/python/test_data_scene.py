@@ -11,7 +11,7 @@ import small_datasets as small
 import tolerances
 from gsut.data import load_dataset
 from gsut.data.images import decode_image, decode_mask, read_header, shrink_image, shrink_mask
-from gsut.data.scene import _LruCache
+from gsut.data.scene import _LruCache, lens_mask
 
 
 def test_scaled_image_is_the_area_mean(tmp_path):
@@ -46,6 +46,20 @@ def test_scaled_factor_out_of_range_raises(factor, tmp_path):
     scene = load_dataset(small.write_nerfstudio(tmp_path))
     with pytest.raises(gsut.InputError, match="scale must be above 0 and at most 1"):
         scene.scaled(factor)
+
+
+@pytest.mark.parametrize("angle_degrees", [40, 70, 95])
+@pytest.mark.parametrize("factor", [0.9, 0.5, 0.37, 0.125, 0.02])
+def test_lens_mask_of_a_scaled_scene_equals_asking_every_source_pixel(factor, angle_degrees):
+    params = [110.0, 111.0, 163.3, 118.2, 0.03, -0.01, 0.002, -0.0004]
+    full = gsut.Camera(
+        "kannala_brandt", params, 320, 240, valid_field_angle=np.radians(angle_degrees)
+    )
+    size = [max(1, int(n * factor + 0.5)) for n in (320, 240)]
+    camera = full.resized(*size)
+    expected = camera.rays()[1] & shrink_mask(np.array(full.rays()[1]), *size)
+    assert 0 < full.rays()[1].mean() < 1
+    np.testing.assert_array_equal(lens_mask(camera, full), expected)
 
 
 def test_shrink_mask_any_ratio_is_valid_only_where_all_sources_are(rng):

@@ -281,7 +281,7 @@ def _train(scene: Any, options: TrainOptions) -> tuple[Any, float]:
     clock = ThreadSeconds()
     while loop.step < options.steps:
         loop.advance()
-    return loop.gaussians.copy(), clock.seconds()
+    return loop.result().copy(), clock.seconds()
 
 
 def _figures(gaussians: Any, scene: Any, options: TrainOptions) -> dict[str, float]:

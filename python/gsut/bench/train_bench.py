@@ -204,7 +204,7 @@ def _held_out_psnr(loop: Any) -> float:
         camera = scene.camera(index)
         image = np.zeros((camera.height, camera.width, 3), np.float32)
         renderer.render(
-            loop.gaussians, camera, scene.views[index].motion, loop.rule, o.background,
+            loop.result(), camera, scene.views[index].motion, loop.rule, o.background,
             o.sh_degree, DEFAULT_UNSCENTED, image, None, None, False,
         )  # fmt: skip
         truth = scene.image(index).astype(np.float32) / np.float32(255)

@@ -31,6 +31,17 @@ from gsut.structure.stages import Stages, write_atomically
 _FEW_AGREE = 0.6
 # Told (stage, done, total, text) as the work goes on.
 OnProgress = Callable[[str, int, int, str], None]
+# (photographs, features, pairs, options, on_progress) -> poses and points; lenses are known.
+Mapper = Callable[
+    [
+        Photographs,
+        list[Features],
+        list[PairMatches],
+        PosesOptions,
+        Callable[[int, int, int, str], None],
+    ],
+    Solution,
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +67,7 @@ def estimate_poses(
     unknown_lens: bool = False,
     fov_degrees: float | None = None,
     options: PosesOptions | None = None,
+    mapper: Mapper | None = None,
     on_progress: OnProgress | None = None,
     notes_to: Callable[[str], None] | None = None,
 ) -> PosesResult:
@@ -73,6 +85,8 @@ def estimate_poses(
         unknown_lens: estimate the lens even where one lies beside the images.
         fov_degrees: rough horizontal field of view, for an unknown lens; None: several are tried.
         options: see PosesOptions.
+        mapper: makes poses of verified pairs where the lens is known; None: incremental, with
+            bundle adjustment.
         on_progress: told (stage, done, total, text).
         notes_to: told each note as it arises (an image left out, say).
 
@@ -120,10 +134,10 @@ def estimate_poses(
         lap("matching")
         _require_overlap(photographs, features, pairs)
         search: LensSearch | None = None
-        cameras = [c for c in photographs.cameras if c is not None]
         if known:
-            solution = solve(
-                photographs.names, cameras, features, pairs, options,
+            run = mapper or _incremental
+            solution = run(
+                photographs, features, pairs, options,
                 lambda done, total, points, step: show(
                     "mapping", done, total, f"{points:,} points"),
                 shutter=shutter,
@@ -166,6 +180,17 @@ def estimate_poses(
     write_atomically(folder / FIGURES, (json.dumps(values, indent=1) + "\n").encode())
     stages.remove()
     return PosesResult(folder, solution, values)
+
+
+def _incremental(
+    photographs: Photographs,
+    features: list[Features],
+    pairs: list[PairMatches],
+    options: PosesOptions,
+    on_progress: Callable[[int, int, int, str], None],
+) -> Solution:
+    cameras = [c for c in photographs.cameras if c is not None]
+    return solve(photographs.names, cameras, features, pairs, options, on_progress)
 
 
 def _key(photographs: Photographs, options: PosesOptions, fov: float | None) -> dict[str, Any]:
