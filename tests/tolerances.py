@@ -302,6 +302,7 @@ SFM_ROLLING_DEGREES = 0.12
 SFM_ROLLING_ATE_PERCENT = 0.012
 SFM_READOUT_TIME = 0.0015  # of the time between frames; worst 7.6e-4
 SFM_HELMET_DEGREES = 3.0  # turn in a readout, 14 views of helmet_distorted_rs; worst 1.64
+SFM_COVARIANCE = 3.8  # mean normalised square of pose errors over 6, either way; worst 1.9
 SIFT_BLOB_PIXELS = 0.06  # SIFT's place of a Gaussian blob; worst 0.031
 # Two runs on the same images: threads add in another order, and a step of the solver more or less
 # may follow from that; worst 4.4e-14

@@ -12,6 +12,7 @@
 #include "bindings/pixels.h"
 #include "bindings/poses.h"
 #include "gsut/poses/camera_chain.h"
+#include "gsut/poses/match.h"
 #include "gsut/poses/refine_structure.h"
 #include "gsut/poses/structure.h"
 
@@ -114,6 +115,8 @@ struct Inputs {
   std::vector<ImageFeatures> images;
   std::vector<VerifiedPair> pairs;
   StructureOptions options;
+  // Keeps what the images point to.
+  std::vector<py::array_t<std::uint8_t, py::array::c_style | py::array::forcecast>> descriptors;
 };
 
 Inputs ReadInputs(const std::vector<const Camera*>& cameras,
@@ -146,7 +149,24 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
       options.covariances = py::cast<bool>(value);
     else if (name == "seed")
       options.seed = py::cast<std::uint64_t>(value);
-    else if (name == "shutter")
+    else if (name == "extend_radius")
+      options.extend_radius = py::cast<double>(value);
+    else if (name == "extend_distance")
+      options.extend_distance = py::cast<double>(value);
+    else if (name == "extend_rounds")
+      options.extend_rounds = py::cast<int>(value);
+    else if (name == "descriptors") {
+      const auto arrays = py::cast<py::list>(value);
+      if (arrays.size() != inputs.images.size()) {
+        throw InputError("descriptors must have one array an image");
+      }
+      for (std::size_t i = 0; i < inputs.images.size(); ++i) {
+        const auto count = static_cast<py::ssize_t>(inputs.images[i].pixels.size());
+        inputs.descriptors.push_back(
+            ReadArray<std::uint8_t>(arrays[i], "descriptors", {count, kDescriptorLength}));
+        inputs.images[i].descriptors = inputs.descriptors.back().data();
+      }
+    } else if (name == "shutter")
       options.shutter = Shutter::Named(py::cast<std::string>(value));
     else if (name == "rolling_error")
       options.rolling_error = py::cast<double>(value);

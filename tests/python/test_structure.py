@@ -1,5 +1,6 @@
 """Structure from motion: pairs, matches, poses against truth, resume, outputs, bad input."""
 
+import dataclasses
 import json
 import os
 from pathlib import Path
@@ -11,9 +12,10 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
+from gsut.bench import poses_bench, pycolmap_poses
 from gsut.cli import main
 from gsut.structure import estimate
-from gsut.structure.align import compare_poses, rotation_angles, similarity
+from gsut.structure.align import centers_of, compare_poses, rotation_angles, similarity
 from gsut.structure.estimate import estimate_poses
 from gsut.structure.features import find_features
 from gsut.structure.inputs import Photographs
@@ -22,6 +24,7 @@ from gsut.structure.matching import match_and_verify
 from gsut.structure.options import PosesOptions
 from gsut.structure.output import quaternion_of
 from gsut.structure.pairs import choose_pairs, counts_up
+from gsut.structure.solution import solve
 from synthetic_walk import Synthetic, quiet
 
 _BESIDE = Path(__file__).resolve().parents[3] / "shared"
@@ -51,6 +54,30 @@ def test_estimate_poses_sees_beyond_ninety_degrees(rng):
         pose = found["camera_from_world"][image]
         behind += (pose[:3, :3] @ found["points"][point] + pose[:3, 3])[2] < 0
     assert behind > 20  # sights behind the camera plane are used, not dropped
+
+
+def test_solve_extends_tracks_to_images_that_no_match_told_of(rng):
+    scene = Synthetic(rng)
+    count = len(scene.features)
+    # Neighbours only, and half of their matches: tracks in pieces.
+    half = [
+        dataclasses.replace(pair, matches=pair.matches[rng.random(len(pair.matches)) < 0.5])
+        for pair in scene.verified()
+        if pair.second - pair.first <= 2
+    ]
+    found = {}
+    for rounds in (0, 2):
+        found[rounds] = solve(
+            [f"{i}" for i in range(count)], [scene.camera] * count, scene.features, half,
+            PosesOptions(extend_rounds=rounds), lambda *_: None,
+        )  # fmt: skip
+    lengths = {rounds: len(s.sights) / len(s.points) for rounds, s in found.items()}
+    assert lengths[2] > 1.4 * lengths[0]  # worst 1.58
+    assert len({tuple(row) for row in found[2].sights[:, 1:]}) == len(found[2].sights)
+    truth = np.array(scene.poses)
+    errors = {k: compare_poses(s.camera_from_world, truth) for k, s in found.items()}
+    assert errors[2].ate_percent < min(errors[0].ate_percent, tolerances.SFM_SYNTHETIC_ATE_PERCENT)
+    assert errors[2].rotation_degrees.max() < tolerances.SFM_SYNTHETIC_DEGREES
 
 
 def test_estimate_poses_covariances_hold_the_gauge_and_are_positive(rng):
@@ -361,6 +388,67 @@ def test_poses_command_bad_images_get_one_clear_sentence(case, words, tmp_path, 
     assert not (tmp_path / "out" / "transforms.json").exists()
 
 
+def test_poses_command_wrong_lens_is_doubted(some_sponza, solved_sponza, tmp_path):
+    gsut.Camera("pinhole", [240, 240, 240, 240], 480, 480).save(tmp_path / "lens.yaml")
+    notes: list[str] = []
+    result = estimate_poses(
+        some_sponza[0], tmp_path / "out", camera=tmp_path / "lens.yaml", notes_to=notes.append
+    )
+    assert any("the lens is probably not that of the images" in note for note in notes)
+    assert result.figures["matches_in_points"] < 0.5  # observed 0.36 on 8 of these images
+    right = json.loads((solved_sponza / "poses.json").read_text())
+    assert right["matches_in_points"] > 0.85  # observed 0.92
+    assert not any("lens" in note for note in right["notes"])
+
+
+def test_poses_command_covariances_are_as_large_as_the_errors(some_sponza, solved_sponza):
+    figures = json.loads((solved_sponza / "poses.json").read_text())
+    views = figures["views"]
+    found = np.array([view["camera_from_world"] for view in views])
+    truth = np.array([some_sponza[1][Path(view["name"]).name] for view in views])
+    names = [view["name"] for view in views]
+    first, second = (names.index(name) for name in figures["initial_pair"])
+    squares = normalised_squares(
+        found, truth, np.array([view["covariance"] for view in views]), first, second
+    )
+    # Six degrees of freedom; 12 images of one path are nearly one draw.
+    assert 6 / tolerances.SFM_COVARIANCE < np.mean(squares) < 6 * tolerances.SFM_COVARIANCE
+
+
+def normalised_squares(found, truth, covariances, first, second):
+    """Squared errors of poses by their covariances, in the gauge of the initial pair."""
+    turn = found[first, :3, :3].T @ truth[first, :3, :3]
+    own, true = centers_of(found), centers_of(truth)
+    shift = (true - true[first]) @ turn.T
+    axis = np.abs(own[second] - own[first]).argmax()
+    true = own[first] + (own[second] - own[first])[axis] / shift[second, axis] * shift
+    squares = []
+    for i in set(range(len(found))) - {first, second}:
+        a, b = np.eye(4), np.eye(4)
+        a[:3, :3], b[:3, :3] = truth[i, :3, :3] @ turn.T, found[i, :3, :3]
+        error = np.concatenate([own[i] - true[i], _core.velocity_between(a, b)[3:]])
+        squares.append(error @ np.linalg.solve(covariances[i], error))
+    return squares
+
+
+def test_poses_command_camera_that_only_turns_gets_one_clear_sentence(tmp_path, capsys):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    texture(tmp_path / "wide.png", 1, 700)
+    wide = cv2.imread(str(tmp_path / "wide.png"))
+    matrix = np.array([[300.0, 0, 120], [0, 300, 120], [0, 0, 1]])
+    for i in range(4):
+        turn = _core.exp_pose([0, 0, 0, 0.05 * (i % 2), 0.12 * i - 0.18, 0.03 * i])[:3, :3]
+        wide_matrix = np.array([[300.0, 0, 350], [0, 300, 350], [0, 0, 1]])
+        view = matrix @ turn @ np.linalg.inv(wide_matrix)
+        cv2.imwrite(str(folder / f"{i}.png"), cv2.warpPerspective(wide, view, (240, 240)))
+    gsut.Camera("pinhole", [300, 300, 120.5, 120.5], 240, 240).save(folder / "lens.yaml")
+    assert main(["poses", str(folder), "-o", str(tmp_path / "out"), "--quiet"]) == 2
+    message = capsys.readouterr().err
+    assert "the camera only turned" in message and message.count("\n") == 1
+    assert not (tmp_path / "out" / "transforms.json").exists()
+
+
 def test_poses_command_wrong_lens_size_says_so(tmp_path, capsys):
     folder = tmp_path / "in"
     folder.mkdir()
@@ -428,3 +516,33 @@ def test_bench_poses_prints_errors_beside_seconds(some_sponza, solved_sponza, tm
     # The same images and lens: the same poses but for the order in which threads add up.
     assert row["rotation_max_degrees"] < tolerances.SFM_REPEAT_DEGREES
     assert row["total_seconds"] > 0 and "ATE" in capsys.readouterr().out
+
+
+def test_bench_poses_without_pycolmap_says_so(solved_sponza, tmp_path):
+    python = tmp_path / "python"
+    python.write_text(f"#!/bin/sh\nexit {pycolmap_poses.MISSING}\n")
+    python.chmod(0o755)
+    row = poses_bench._measure_pycolmap(solved_sponza, "known", str(python), 1)
+    assert row["registered"] == 0 and "has no pycolmap: pip install" in row["failure"]
+    with pytest.raises(gsut.InputError, match="cannot be run"):
+        poses_bench._measure_pycolmap(solved_sponza, "known", str(tmp_path / "absent"), 1)
+
+
+def test_bench_poses_compares_what_pycolmap_answers(solved_sponza, tmp_path):
+    # A stand-in answers with the data set's own poses, moved and scaled: no error is left.
+    scene = gsut.load_dataset(solved_sponza, test_every=0)
+    poses = {}
+    for view in scene.views:
+        pose = view.camera_from_world.copy()
+        pose[:3, 3] = 2.0 * (pose[:3, 3] - pose[:3, :3] @ [1.0, 2.0, 3.0])
+        poses[view.image_path.resolve().name] = pose[:3].tolist()
+    answer = tmp_path / "answer.json"
+    answer.write_text(
+        json.dumps({"poses": poses, "seconds": {"features": 1, "matching": 2, "mapping": 3}})
+    )
+    python = tmp_path / "python"
+    python.write_text(f'#!/bin/sh\ncp {answer} "$3"\n')
+    python.chmod(0o755)
+    row = poses_bench._measure_pycolmap(solved_sponza, "known", str(python), 1)
+    assert row["registered"] == IMAGES and row["total_seconds"] == 6
+    assert row["ate_percent"] < 1e-8 and row["rotation_max_degrees"] < 1e-8

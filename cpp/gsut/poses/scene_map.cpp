@@ -33,19 +33,29 @@ SceneMap::SceneMap(std::vector<Camera> cameras, const std::vector<ImageFeatures>
       const Camera& camera = cameras_[image.camera];
       std::vector<double>& times = times_.emplace_back();
       for (const Eigen::Vector2d& pixel : image.pixels) {
-        times.push_back(
-            options_.shutter.PixelTime(pixel.x(), pixel.y(), camera.width(), camera.height()) -
-            kMiddle);
+        times.push_back(TimeAt(pixel, camera));
       }
       moved_.emplace_back(times.size());
     }
     velocities_.assign(images_.size(), Velocity::Zero());
   }
-  std::vector<int> counts;
-  for (const ImageFeatures& image : images_)
-    counts.push_back(static_cast<int>(image.pixels.size()));
+  for (const ImageFeatures& image : images_) {
+    num_features_.push_back(static_cast<int>(image.pixels.size()));
+  }
+  SetTracks(BuildTracks(num_features_, pairs));
+}
+
+double SceneMap::TimeAt(const Eigen::Vector2d& pixel, const Camera& camera) const {
+  if (!rolling()) return 0.0;
+  return options_.shutter.PixelTime(pixel.x(), pixel.y(), camera.width(), camera.height()) -
+         kMiddle;
+}
+
+void SceneMap::SetTracks(const std::vector<std::vector<TrackElement>>& tracks) {
+  tracks_.clear();
+  for (std::vector<int>& of_image : tracks_of_image_) of_image.clear();
   int judged = 0;
-  for (const auto& elements : BuildTracks(counts, pairs)) {
+  for (const auto& elements : tracks) {
     Track track;
     for (const TrackElement& element : elements) {
       track.sights.push_back({element.image, element.feature, false, false});

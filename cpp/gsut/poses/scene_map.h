@@ -59,6 +59,9 @@ class SceneMap {
   // New points, and new sights of old points, of the tracks that an image has (-1: of all).
   // Returns the number of sights that became used.
   int Complete(int image);
+  // Looks for features where images should see points, see StructureOptions; joins what it finds,
+  // and makes all points again. Returns the number of features found.
+  int Extend();
   // Drops sights beyond the largest error and points without two good ones and the smallest angle.
   // Returns the number of sights dropped. tracks: the ones to look at (null: all).
   int Filter(double max_error);
@@ -94,6 +97,15 @@ class SceneMap {
   double TimeOf(const Sight& sight) const {
     return rolling() ? times_[sight.image][sight.feature] : 0.0;
   }
+  // Time of the line that holds a pixel, -0.5 to 0.5; 0 for a global shutter.
+  double TimeAt(const Eigen::Vector2d& pixel, const Camera& camera) const;
+  void SetTracks(const std::vector<std::vector<TrackElement>>& tracks);
+  struct Candidate {
+    int track = 0, feature = 0;
+    float squared = 0.0F;  // distance of the descriptors
+  };
+  // Features of an image that may be points it does not see yet.
+  std::vector<Candidate> CandidatesIn(int image, const Eigen::MatrixXf& descriptors) const;
   void Place(int image, const Pose& camera_from_world, const Velocity& velocity);
   // From the registered images before and after, for a unit of time; NaN if there are none.
   Velocity NeighborVelocity(int image) const;
@@ -112,6 +124,7 @@ class SceneMap {
   const StructureOptions& options_;
   std::vector<std::vector<Bearing>> bearings_;
   std::vector<std::vector<std::uint8_t>> has_ray_;
+  std::vector<int> num_features_;
   std::vector<Track> tracks_;
   std::vector<std::vector<int>> tracks_of_image_;
   std::vector<std::uint8_t> registered_;

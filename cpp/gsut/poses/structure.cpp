@@ -26,6 +26,7 @@ constexpr double kGlobalTolerance = 1e-4;
 constexpr int kFinalIterations = 30;
 constexpr double kFinalTolerance = 1e-7;
 constexpr int kFinalRounds = 3;
+constexpr double kExtendTolerance = 1e-5;
 // Below this share of new sights, completing tracks again changes nothing.
 constexpr double kSettled = 5e-4;
 // Rolling shutters: how many times the final error a sight may be off while the structure grows.
@@ -223,11 +224,25 @@ class Mapper {
       Tell("adjustment");
       if (dropped + added < kSettled * sights) break;
     }
+    for (int round = 0; round < wanted_.extend_rounds && HasDescriptors(); ++round) {
+      map_->Extend();
+      Tell("longer tracks");
+      map_->AdjustGlobally(kFinalIterations, kExtendTolerance, lens_free, lens_free);
+      map_->Filter(options_.max_error);
+      map_->Complete(-1);
+      map_->DropWeakImages();
+    }
     map_->AdjustGlobally(kFinalIterations, kFinalTolerance, true, lens_free);
     map_->Filter(options_.max_error);
     map_->DropWeakImages();
     Tell("final adjustment");
     return map_->Result(options_.covariances);
+  }
+
+  bool HasDescriptors() const {
+    return std::all_of(images_.begin(), images_.end(), [](const ImageFeatures& image) {
+      return image.descriptors != nullptr || image.pixels.empty();
+    });
   }
 
   void Tell(const char* step) const {

@@ -19,6 +19,8 @@ namespace gsut {
 struct ImageFeatures {
   int camera = 0;                       // into the cameras
   std::vector<Eigen::Vector2d> pixels;  // (0.5, 0.5) is the centre of the top-left pixel
+  // (N, kDescriptorLength) of any length; kept by the caller. Null: tracks are not extended.
+  const std::uint8_t* descriptors = nullptr;
 };
 
 struct StructureOptions {
@@ -42,6 +44,12 @@ struct StructureOptions {
   // those between an image's neighbours. Empty or 0: unknown.
   std::vector<double> frame_times;
   double readout_time = 0.0;
+  // At the end points are looked for in images that do not see them yet: features within this many
+  // pixels of their projection whose descriptor, of unit length, is no farther than that from the
+  // points' own. Rounds of it; 0: none.
+  double extend_radius = 5.0;
+  double extend_distance = 0.8;
+  int extend_rounds = 0;
   // Every n-th point of at least three sights keeps one out of all adjustments, to judge by; 0: no.
   int hold_out_every = 0;
   bool covariances = true;

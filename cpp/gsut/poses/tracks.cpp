@@ -61,8 +61,8 @@ class Components {
 
 }  // namespace
 
-std::vector<std::vector<TrackElement>> BuildTracks(std::span<const int> num_features,
-                                                   std::span<const VerifiedPair> pairs) {
+std::vector<std::vector<TrackElement>> JoinTracks(std::span<const int> num_features,
+                                                  std::span<const TrackJoin> joins) {
   const int images = static_cast<int>(num_features.size());
   std::vector<int> begin(images + 1, 0);
   std::vector<TrackElement> elements;
@@ -72,32 +72,41 @@ std::vector<std::vector<TrackElement>> BuildTracks(std::span<const int> num_feat
       elements.push_back({image, feature});
     }
   }
-  for (const VerifiedPair& pair : pairs) {
-    const bool known = pair.first >= 0 && pair.second >= 0 && pair.first < images &&
-                       pair.second < images && pair.first != pair.second;
-    if (!known) {
-      throw InputError("a pair names images " + std::to_string(pair.first) + " and " +
-                       std::to_string(pair.second) + " of " + std::to_string(images));
+  for (const auto& [a, b] : joins) {
+    const auto known = [&](int image) { return image >= 0 && image < images; };
+    if (!known(a.image) || !known(b.image) || a.image == b.image) {
+      throw InputError("a pair names images " + std::to_string(a.image) + " and " +
+                       std::to_string(b.image) + " of " + std::to_string(images));
     }
-    for (const auto& [a, b] : pair.matches) {
-      if (a < 0 || b < 0 || a >= num_features[pair.first] || b >= num_features[pair.second]) {
-        throw InputError("a match of images " + std::to_string(pair.first) + " and " +
-                         std::to_string(pair.second) + " names a feature that is not there");
-      }
+    const auto there = [&](const TrackElement& e) {
+      return e.feature >= 0 && e.feature < num_features[e.image];
+    };
+    if (!there(a) || !there(b)) {
+      throw InputError("a match of images " + std::to_string(a.image) + " and " +
+                       std::to_string(b.image) + " names a feature that is not there");
     }
   }
+  Components components(std::move(elements));
+  for (const auto& [a, b] : joins) {
+    components.Join(begin[a.image] + a.feature, begin[b.image] + b.feature);
+  }
+  return std::move(components).Tracks();
+}
+
+std::vector<std::vector<TrackElement>> BuildTracks(std::span<const int> num_features,
+                                                   std::span<const VerifiedPair> pairs) {
   std::vector<int> order(pairs.size());
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(),
                    [&](int a, int b) { return pairs[a].matches.size() > pairs[b].matches.size(); });
-  Components components(std::move(elements));
+  std::vector<TrackJoin> joins;
   for (const int index : order) {
     const VerifiedPair& pair = pairs[index];
     for (const auto& [a, b] : pair.matches) {
-      components.Join(begin[pair.first] + a, begin[pair.second] + b);
+      joins.push_back({{pair.first, a}, {pair.second, b}});
     }
   }
-  return std::move(components).Tracks();
+  return JoinTracks(num_features, joins);
 }
 
 }  // namespace gsut

@@ -23,9 +23,18 @@ struct TrackElement {
   int feature = 0;
 };
 
-// Joins matches, pairs with most matches first. A match that would put two features of one image
-// into one track is left out. Elements are ordered by image; tracks have at least two.
+// Two features that are the same point.
+struct TrackJoin {
+  TrackElement first, second;
+};
+
+// Joins features in the order given. A join that would put two features of one image into one track
+// is left out. Elements are ordered by image; tracks have at least two.
 // Args: num_features: of each image. Throws InputError for an index out of range.
+std::vector<std::vector<TrackElement>> JoinTracks(std::span<const int> num_features,
+                                                  std::span<const TrackJoin> joins);
+
+// Joins matches, pairs with most matches first, as JoinTracks does.
 std::vector<std::vector<TrackElement>> BuildTracks(std::span<const int> num_features,
                                                    std::span<const VerifiedPair> pairs);
 

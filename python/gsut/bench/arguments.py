@@ -144,6 +144,15 @@ def _add_poses(benchmarks: Any) -> None:
         "--lens", metavar="A,B", default="known", dest="lenses",
         help="known, unknown or both [default known]",
     )  # fmt: skip
+    parser.add_argument(
+        "--shutter", metavar="A,B", default="auto", dest="shutters",
+        help="auto, global or rolling; global beside a rolling data set gets errors let through "
+        "as large as the motion makes them [default auto]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--pycolmap", metavar="PYTHON",
+        help="a Python that has pycolmap: its incremental mapping, in the same table",
+    )  # fmt: skip
     parser.add_argument("--threads", type=int, default=0, metavar="N", help="0 = all [default 0]")
     parser.add_argument("--json", metavar="FILE", help="write the rows as JSON")
     parser.add_argument("--csv", metavar="FILE", help="write the rows as CSV")

@@ -158,11 +158,15 @@ def poses(arguments: argparse.Namespace) -> int:
 
     _check_files(arguments)
     options = PosesBenchOptions(
-        data=arguments.data, lenses=_words(arguments.lenses), threads=arguments.threads
-    )
-    with _bar(len(options.data) * len(options.lenses)) as advance:
+        data=arguments.data, lenses=_words(arguments.lenses), threads=arguments.threads,
+        shutters=_words(arguments.shutters), pycolmap=arguments.pycolmap,
+    )  # fmt: skip
+    with _bar(options.num_rows) as advance:
         rows = poses_bench(options, advance)
     _print_and_write(rows, POSES_COLUMNS, arguments)
+    for row in rows:
+        if "failure" in row:
+            print(f"{row['data']}, {row['program']}, lens {row['lens']}: {row['failure']}")
     return 0
 
 

@@ -24,9 +24,11 @@ from gsut.structure.output import FIGURES, TRANSFORMS, check_lenses, figures, wr
 from gsut.structure.pairs import choose_pairs
 from gsut.structure.readout import readout_time
 from gsut.structure.report import REPORT, write_report
-from gsut.structure.solution import Solution, solve
+from gsut.structure.solution import Solution, matches_in_points, solve
 from gsut.structure.stages import Stages, write_atomically
 
+# Share of the matches that must end in points, or the lens is doubted: see matches_in_points.
+_FEW_AGREE = 0.6
 # Told (stage, done, total, text) as the work goes on.
 OnProgress = Callable[[str, int, int, str], None]
 # (photographs, features, pairs, options, on_progress, rolling shutter) -> poses and points, where
@@ -153,11 +155,19 @@ def estimate_poses(
             f"{solution.num_registered} of {len(photographs)} images were registered; without a "
             f"pose: {some_names(solution.unregistered_names())}"
         )
+    agreeing = matches_in_points(solution, pairs) if known else None
+    if agreeing is not None and agreeing < _FEW_AGREE:
+        note(
+            f"only {100 * agreeing:.0f} % of the matches that agree pair by pair agree in all "
+            "images together; the lens is probably not that of the images: check it, or let it be "
+            "estimated with --unknown-lens"
+        )
     for text in write_dataset(solution, photographs, folder):
         note(text)
     extra: dict[str, Any] = {"lens": "known" if known else "estimated"}
     if search is not None:
         extra["lens_search"] = search.rows
+    extra["matches_in_points"] = agreeing
     extra["shutter"] = solution.shutter.direction if solution.shutter else "global"
     if solution.shutter is not None:
         found = readout_time(photographs.names, solution)

@@ -65,7 +65,9 @@ class LensCovariance:
         return sigma
 
 
-def lens_covariance(solution: Solution, free: np.ndarray, loss_scale: float) -> LensCovariance:
+def lens_covariance(
+    solution: Solution, free: np.ndarray, loss_scale: float, feature_variance: float = 1.0
+) -> LensCovariance:
     """Covariance of the lens of a solution that all images share; poses and points are free too.
 
     The inverse of the normal equations with the points eliminated, times a variance that takes in
@@ -76,6 +78,7 @@ def lens_covariance(solution: Solution, free: np.ndarray, loss_scale: float) -> 
         solution: with one lens.
         free: (K,) bool, parameters that were adjusted.
         loss_scale: of Cauchy's loss, in medians of the residuals' lengths, as in the adjustment.
+        feature_variance: FEATURE_VARIANCE for features of photographs, 1 for independent errors.
 
     Raises:
         SolveError: the sights do not determine the lens.
@@ -114,6 +117,7 @@ def lens_covariance(solution: Solution, free: np.ndarray, loss_scale: float) -> 
             "turned in different directions"
         )
     noise, variance = _spread(squared, weight[:, 0, 0] ** 2, freedom)
+    variance *= feature_variance
     full = np.zeros_like(normal)
     full[np.ix_(unknown, unknown)] = variance * inverse
     pick = np.concatenate([_lens_rows(normal, int(free.sum())), _turn_rows(solution, normal)])

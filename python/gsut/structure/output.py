@@ -16,7 +16,7 @@ from gsut.data.lens_colmap import format_colmap
 from gsut.data.lens_nerfstudio import format_nerfstudio
 from gsut.data.poses import OPENGL_FROM_OPENCV, inverse
 from gsut.structure.inputs import Photographs
-from gsut.structure.solution import Solution
+from gsut.structure.solution import FEATURE_VARIANCE, Solution
 from gsut.structure.stages import write_atomically
 
 TRANSFORMS = "transforms.json"
@@ -220,6 +220,7 @@ def figures(
             for c in lenses
         ],
         "notes": notes,
+        "covariance_scale": FEATURE_VARIANCE,
         "covariance_of": "centre in the world, turn in the camera frame (radians); the first image "
         "of initial_pair and one component of the second's centre are held",
         **extra,

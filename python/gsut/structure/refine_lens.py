@@ -20,7 +20,7 @@ from gsut.structure.lens_covariance import LensCovariance, lens_covariance
 from gsut.structure.matching import PairMatches, match_and_verify, preview_pairs
 from gsut.structure.options import PosesOptions
 from gsut.structure.pairs import choose_pairs
-from gsut.structure.solution import Solution, refine
+from gsut.structure.solution import FEATURE_VARIANCE, Solution, refine
 
 # Told (stage, done, total, text) as the work goes on.
 OnProgress = Callable[[str, int, int, str], None]
@@ -126,7 +126,7 @@ def refine_lens(
         before,
         solution,
         photographs,
-        lens_covariance(solution, free, options.loss_scale),
+        lens_covariance(solution, free, options.loss_scale, FEATURE_VARIANCE),
         free,
         _held_out_error(solution, features, before, given),
         _held_out_error(solution, features, camera, list(solution.camera_from_world)),
