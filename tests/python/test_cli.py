@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -69,11 +68,14 @@ def refused(capsys, *words: str) -> str:
 
 def test_help_of_the_program_lists_commands_and_answers_at_once():
     environment = os.environ | {"PYTHONPATH": PACKAGE}
-    started = time.perf_counter()
+    before = os.times()
     done = subprocess.run(
         [sys.executable, "-m", "gsut", "--help"], capture_output=True, text=True, env=environment
     )
-    assert time.perf_counter() - started < HELP_SECONDS
+    after = os.times()
+    # Of a processor: other programs' work must not make this fail.
+    user = after.children_user - before.children_user
+    assert user + after.children_system - before.children_system < HELP_SECONDS
     assert done.returncode == 0
     assert [command for command in COMMANDS if command not in done.stdout] == []
 
