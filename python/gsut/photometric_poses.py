@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import gsut
-from gsut._core import InputError, Shutter, SolveError
+from gsut._core import InputError, SolveError
 from gsut.bearing_points import BearingPoints
 from gsut.cameras import Camera
 from gsut.data.scene import Scene, View
@@ -54,7 +54,6 @@ def grow_poses(
     pairs: Sequence[PairMatches],
     options: PosesOptions,
     on_progress: Callable[[int, int, int, str], None],
-    shutter: Shutter | None = None,
 ) -> Solution:
     """A mapper for `estimate_poses` that registers images by their colours, in order of names.
 
@@ -63,20 +62,17 @@ def grow_poses(
         features, pairs: of the images; verified.
         options: seed, max_error and min_angle.
         on_progress: told (registered, images, points, step).
-        shutter: must be None: a rolling shutter's motion is not found.
 
     Returns:
         Poses with the covariances of `refine_pose`, a lower bound; points where bearings meet.
 
     Raises:
-        InputError: a lens is unknown or has not one centre, or the shutter rolls.
+        InputError: a lens is unknown or has not one centre.
         SolveError: the first images give no structure.
     """
     cameras = [c for c in photographs.cameras if c is not None]
     if len(cameras) < len(photographs) or not all(c.is_central for c in cameras):
         raise InputError("--photometric needs a known lens with one centre; give it by --camera")
-    if shutter is not None:
-        raise InputError("--photometric is for a global shutter; give --shutter global")
     start, count = _start(photographs, cameras, features, pairs, options, on_progress)
     growth = _Growth(photographs, cameras, features, pairs, options, start, count)
     for image in range(len(photographs)):

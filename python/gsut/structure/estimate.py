@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import os
 import time
@@ -31,8 +32,7 @@ from gsut.structure.stages import Stages, write_atomically
 _FEW_AGREE = 0.6
 # Told (stage, done, total, text) as the work goes on.
 OnProgress = Callable[[str, int, int, str], None]
-# (photographs, features, pairs, options, on_progress, rolling shutter) -> poses and points, where
-# lenses are known.
+# (photographs, features, pairs, options, on_progress) -> poses and points; lenses are known.
 Mapper = Callable[
     [
         Photographs,
@@ -40,7 +40,6 @@ Mapper = Callable[
         list[PairMatches],
         PosesOptions,
         Callable[[int, int, int, str], None],
-        Shutter | None,
     ],
     Solution,
 ]
@@ -128,6 +127,11 @@ def estimate_poses(
         _core.set_num_threads(options.threads)
     try:
         shutter = _shutter(photographs, options)
+        if shutter is not None and mapper is not None:
+            raise InputError(
+                "--photometric takes every image for one pose, and these have a rolling shutter: "
+                "leave it out, or give --shutter global"
+            )
         features = _features(photographs, options, stages, show, note)
         lap("features")
         if not known:
@@ -137,12 +141,11 @@ def estimate_poses(
         _require_overlap(photographs, features, pairs)
         search: LensSearch | None = None
         if known:
-            run = mapper or _incremental
+            run = mapper or functools.partial(_incremental, shutter=shutter)
             solution = run(
                 photographs, features, pairs, options,
                 lambda done, total, points, step: show(
                     "mapping", done, total, f"{points:,} points"),
-                shutter,
             )  # fmt: skip
         else:
             search = search_lens(photographs, features, pairs, options, fov_degrees, show, shutter)
@@ -155,7 +158,7 @@ def estimate_poses(
             f"{solution.num_registered} of {len(photographs)} images were registered; without a "
             f"pose: {some_names(solution.unregistered_names())}"
         )
-    agreeing = matches_in_points(solution, pairs) if known else None
+    agreeing = matches_in_points(solution, pairs) if known and mapper is None else None
     if agreeing is not None and agreeing < _FEW_AGREE:
         note(
             f"only {100 * agreeing:.0f} % of the matches that agree pair by pair agree in all "
@@ -190,6 +193,7 @@ def _incremental(
     pairs: list[PairMatches],
     options: PosesOptions,
     on_progress: Callable[[int, int, int, str], None],
+    *,
     shutter: Shutter | None,
 ) -> Solution:
     cameras = [c for c in photographs.cameras if c is not None]
