@@ -22,8 +22,8 @@ class LensCovariance:
     Args:
         params: (F, F) covariance of the parameters that were free.
         free: (K,) bool, which they are.
-        with_turn: (F + 3, F + 3): the same, and the turn of all cameras against the world that
-            goes with a change of the lens (radians, camera frame).
+        with_turn: (F + 3, F + 3): the same, and the turn that undoes a change of the lens best at
+            the sights (radians, camera frame).
         noise: standard deviation of a feature's coordinate in pixels.
     """
 
@@ -42,8 +42,8 @@ class LensCovariance:
     def projection_sigma(self, camera: Camera, pixels: np.ndarray) -> np.ndarray:
         """(N,) pixels: standard deviation, in its worst direction, of distant points' projections.
 
-        A direction stays fixed to the world; a lens that is turned together with all cameras is
-        the same lens.
+        A lens that is turned together with all cameras is the same lens: changes count after the
+        turn that undoes them best where features were seen.
 
         Args:
             camera: the refined lens. pixels: (N, 2) where the directions are seen.
@@ -118,10 +118,12 @@ def lens_covariance(
         )
     noise, variance = _spread(squared, weight[:, 0, 0] ** 2, freedom)
     variance *= feature_variance
-    full = np.zeros_like(normal)
-    full[np.ix_(unknown, unknown)] = variance * inverse
-    pick = np.concatenate([_lens_rows(normal, int(free.sum())), _turn_rows(solution, normal)])
-    return LensCovariance(variance * inverse[np.ix_(lens, lens)], free, pick @ full @ pick.T, noise)
+    turn = weight * _by_turn(by_p, p)
+    change = weight * by_params[:, :, free]
+    undone = -np.linalg.lstsq(turn.reshape(-1, 3), change.reshape(-1, change.shape[2]))[0]
+    both = np.concatenate([np.eye(change.shape[2]), undone])
+    params = variance * inverse[np.ix_(lens, lens)]
+    return LensCovariance(params, free, both @ params @ both.T, noise)
 
 
 def _spread(squared: np.ndarray, weight: np.ndarray, freedom: int) -> tuple[float, float]:
@@ -195,24 +197,3 @@ def _unknowns(solution: Solution, lens: int) -> np.ndarray:
     keep[6 * first : 6 * first + 6] = False
     keep[6 * second + axis] = False
     return np.flatnonzero(np.r_[keep, np.ones(lens, bool)])
-
-
-def _lens_rows(normal: np.ndarray, lens: int) -> np.ndarray:
-    return np.eye(len(normal))[len(normal) - lens :]
-
-
-def _turn_rows(solution: Solution, normal: np.ndarray) -> np.ndarray:
-    """(3, unknowns): the turn a common to all cameras, given each camera's turn w.
-
-    w_i = a + R_i g with a turn g of the world, by least squares.
-    """
-    used = np.flatnonzero(solution.registered)
-    design = np.zeros((3 * len(used), 6))
-    for k, image in enumerate(used):
-        design[3 * k : 3 * k + 3, :3] = np.eye(3)
-        design[3 * k : 3 * k + 3, 3:] = solution.camera_from_world[image, :3, :3]
-    common = np.linalg.pinv(design, rcond=1e-10)[:3]
-    rows = np.zeros((3, len(normal)))
-    for k, image in enumerate(used):
-        rows[:, 6 * image + 3 : 6 * image + 6] = common[:, 3 * k : 3 * k + 3]
-    return rows
