@@ -59,7 +59,8 @@ class TrainOptions:
     # A table: a few lines an option, not one an argument.
     # fmt: off
     preset: str | None = option(
-        None, "Run", "sets --steps, --max-gaussians and --sh-degree where these are not given",
+        None, "Run", "sets --steps, --max-gaussians and --sh-degree where these are not given; "
+        "fast takes 15 s, balanced 1 to 2 minutes, best 10 to 15 (60 images of 480 x 480, 2 cores)",
         choices=tuple(PRESETS), none="balanced",
     )
     steps: int = option(
