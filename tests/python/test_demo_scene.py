@@ -14,7 +14,7 @@ from gsut.demo_scene import views as demo_views
 from gsut.demo_scene.hall import HALF_X, HALF_Y, HEIGHT, make_hall
 from gsut.demo_scene.shapes import Box, Cylinder, Rays, Sphere
 from gsut.demo_scene.texture import Material
-from gsut.demo_scene.tracing import sphere_directions
+from gsut.demo_scene.tracing import Tracer, sphere_directions
 
 VIEWS, TEST_VIEWS, SIZE, SEED = 6, 2, 64, 3
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -273,3 +273,22 @@ def test_demo_scene_parent_that_is_a_file_raises(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be created"):
         make_demo_scene(tmp_path / "file" / "data", progress=False)
+
+
+@pytest.mark.parametrize("seed", [0, 3, 4])
+def test_glass_is_found_one_float_inside_the_edges_of_every_window(seed):
+    hall = make_hall(seed)
+    tracer = Tracer(hall, 4)
+    for window in hall.windows:
+        edges = np.float32([window.y - window.width / 2, window.y + window.width / 2])
+        y = np.concatenate([np.nextafter(edges, np.float32(side)) for side in (-1e9, 1e9)])
+        low, high = np.float32(window.z), np.float32(window.z + window.height)
+        z = np.float32([low, np.nextafter(low, high), np.nextafter(high, low), high])
+        yy, zz = (grid.ravel() for grid in np.meshgrid(y, z))
+        assert tracer._glass(yy, zz).shape == (len(yy), 3)
+
+
+def test_no_ray_is_stopped_where_there_is_none():
+    none = tuple(np.zeros(0, np.float32) for _ in range(3))
+    free = Tracer(make_hall(0), 4)._free_share(Rays(none, none), np.zeros(0, np.float32))
+    assert free.shape == (0,)

@@ -120,6 +120,8 @@ class Tracer:
     def _free_share(self, rays: Rays, length: np.ndarray | np.floating) -> np.ndarray:
         """(N,) share of rays of this length before a shape (not the room) stops them."""
         ends = rays.at(length)
+        if not ends[0].size:
+            return np.ones(0, np.float32)
         low = [min(o.min(), e.min()) for o, e in zip(rays.origin, ends, strict=True)]
         high = [max(o.max(), e.max()) for o, e in zip(rays.origin, ends, strict=True)]
         nearest = np.asarray(length)
@@ -168,8 +170,10 @@ class Tracer:
             u = (y - np.float32(window.y)) / np.float32(window.width) + np.float32(0.5)
             v = (z - np.float32(window.z)) / np.float32(window.height)
             inside = np.flatnonzero((u >= 0) & (u < 1) & (v > 0) & (v <= 1))
-            row = ((1 - v[inside]) * rows).astype(np.int32)
-            color[inside] = window.glass[row, (u[inside] * columns).astype(np.int32)]
+            # In float32 a point just inside can round onto the far edge.
+            row = np.minimum(((1 - v[inside]) * rows).astype(np.int32), rows - 1)
+            column = np.minimum((u[inside] * columns).astype(np.int32), columns - 1)
+            color[inside] = window.glass[row, column]
         return color
 
     def _light(self, points: Triple, normal: Triple) -> np.ndarray:
