@@ -93,8 +93,7 @@ TEST(CameraChain, MovesAsTheShutterOfTheRendererDoes) {
                               Shutter::Named("top_to_bottom"));
     for (const double t : {0.0, 0.2, 0.5, 0.9, 1.0}) {
       const Pose expected = motion.At(t), found = MovedPose(middle, velocity, t - 0.5);
-      EXPECT_LT((expected.Matrix() - found.Matrix()).norm(),
-                kRounding);
+      EXPECT_LT((expected.Matrix() - found.Matrix()).norm(), kRounding);
     }
     EXPECT_LT((VelocityBetween(motion.start, motion.end) - velocity).norm(), kRounding);
   }
