@@ -10,7 +10,7 @@ from gsut.structure.options import PosesOptions
 from gsut.structure.pairs import choose_pairs
 
 
-def quiet(count: int) -> None:
+def quiet(done: int, total: int) -> None:
     """Progress that nobody looks at."""
 
 

@@ -289,23 +289,14 @@ def _matches(
         return kept
     cameras = [c for c in photographs.cameras if c is not None]
     pairs = choose_pairs(photographs.names, features, options)
-    total = len(pairs)
-    done = 0
-
-    def on_preview(count: int) -> None:
-        nonlocal done
-        done += count
-        show("preview", done, total, f"{total} pairs")
-
-    pairs = preview_pairs(features, pairs, options, on_preview)
-    done = 0
-
-    def on_match(count: int) -> None:
-        nonlocal done
-        done += count
-        show("matching", done, len(pairs), f"{len(pairs)} pairs")
-
-    verified = match_and_verify(features, cameras, pairs, options, on_match, shutter)
+    pairs = preview_pairs(
+        features, pairs, options,
+        lambda done, total: show("preview", done, total, f"{total} pairs"),
+    )  # fmt: skip
+    verified = match_and_verify(
+        features, cameras, pairs, options,
+        lambda done, total: show("matching", done, total, f"{total} pairs"), shutter,
+    )  # fmt: skip
     stages.save_matches(verified)
     return verified
 

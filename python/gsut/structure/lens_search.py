@@ -135,7 +135,7 @@ def search_lens(
     indices = np.array([(pair.first, pair.second) for pair in pairs], np.int64).reshape(-1, 2)
     again = match_and_verify(
         features, [lens] * len(photographs), indices, options,
-        lambda count: show("matching", count, len(indices), "again, with the lens found"), shutter,
+        lambda done, total: show("matching", done, total, "again, with the lens found"), shutter,
     )  # fmt: skip
     more = connected_pairs(again, _MODEL_IMAGES)
     results = [(best, _START)]

@@ -13,6 +13,8 @@ from gsut.structure.features import Features
 from gsut.structure.options import PosesOptions
 
 _BATCH = 64  # pairs between two refreshes of the progress bar
+# Told (pairs done, pairs in all).
+OnPairs = Callable[[int, int], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +48,7 @@ def preview_pairs(
     features: Sequence[Features],
     pairs: np.ndarray,
     options: PosesOptions,
-    on_pairs: Callable[[int], None],
+    on_pairs: OnPairs,
 ) -> np.ndarray:
     """The pairs whose largest features match at all: most pairs of a walk see different things.
 
@@ -54,7 +56,7 @@ def preview_pairs(
         features: of all images, largest first.
         pairs: (P, 2).
         options: preview_features, preview_matches and partners.
-        on_pairs: told how many more pairs are done.
+        on_pairs: told (pairs done, pairs in all).
 
     Returns:
         (Q, 2), a subset of pairs.
@@ -65,7 +67,7 @@ def preview_pairs(
         batch = pairs[begin : begin + _BATCH]
         found = _core.match_pairs(largest, batch, options.max_ratio, options.max_distance)
         counts[begin : begin + len(batch)] = [len(m) for m in found]
-        on_pairs(len(batch))
+        on_pairs(begin + len(batch), len(pairs))
     good = np.flatnonzero(counts >= options.preview_matches)
     # Of either image the best partners: a pair is kept if one of both wants it.
     order = good[np.argsort(-counts[good], kind="stable")]
@@ -85,7 +87,7 @@ def match_and_verify(
     cameras: Sequence[Camera],
     pairs: np.ndarray,
     options: PosesOptions,
-    on_pairs: Callable[[int], None],
+    on_pairs: OnPairs,
     shutter: _core.Shutter | None = None,
 ) -> list[PairMatches]:
     """Matches pairs in full, and keeps what agrees with one relative pose.
@@ -94,7 +96,7 @@ def match_and_verify(
         features, cameras: of all images.
         pairs: (P, 2).
         options: see PosesOptions.
-        on_pairs: told how many more pairs are done.
+        on_pairs: told (pairs done, pairs in all).
         shutter: rolling, if it is: matches may then be rolling_error times farther off.
 
     Returns:
@@ -122,5 +124,5 @@ def match_and_verify(
                 result.append(
                     PairMatches(int(a), int(b), matches[inliers], pose, rotation, parallax)
                 )
-        on_pairs(len(batch))
+        on_pairs(begin + len(batch), len(pairs))
     return result
