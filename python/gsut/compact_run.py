@@ -23,8 +23,8 @@ from gsut.gaussians import Gaussians
 from gsut.held_out import mean_psnr
 from gsut.mixed_harmonics import MixedGaussians, lighter
 from gsut.options import TrainOptions
-from gsut.refined_poses import write_refined
-from gsut.run_folder import METRICS, REFINED, SCENE, RunFolder
+from gsut.run_folder import METRICS, REFINED, RunFolder
+from gsut.run_results import write_results
 
 # The search for the smallest number stops when its bounds are this close, as a ratio.
 _SEARCH_RATIO = 1.05
@@ -245,8 +245,6 @@ def write_compacted_run(
         InputError: `out` holds a run or cannot be written.
     """
     from gsut.environment import describe_environment
-    from gsut.formats import save_ply
-    from gsut.report import write_report
 
     o, scene = compactor.options, compactor.scene
     options = compactor.train_options
@@ -279,11 +277,5 @@ def write_compacted_run(
         "compact_seconds": compactor.compact_seconds,
         "finetune_seconds": compactor.finetune_seconds,
     }
-    offset = " ".join(f"{value:.17g}" for value in metrics["world_offset"])
-    comment = f"gsut: dataset coordinates = these + {offset}"
-    run.write(SCENE, lambda path: save_ply(path, gaussians, comments=(comment,)))
-    if source.read_json(REFINED) is not None:
-        metrics["notes"] += write_refined(run, scene)
-    run.write_json(METRICS, metrics)
-    write_report(run)
+    write_results(run, gaussians, metrics, scene if source.read_json(REFINED) is not None else None)
     return run

@@ -64,7 +64,14 @@ def judge(
 def write_results(
     run: RunFolder, gaussians: Gaussians, metrics: dict[str, Any], refined: Scene | None
 ) -> None:
-    """Writes scene.ply, metrics.json, report.html and, where poses were refined, these."""
+    """Writes scene.ply, metrics.json, report.html and, where poses were refined, these.
+
+    Args:
+        run: the folder.
+        gaussians: of the scene; MixedGaussians do, too.
+        metrics: see `run_metrics`; what could not be written is added to its notes.
+        refined: the scene with refined poses, or None.
+    """
     from gsut.formats import save_ply
     from gsut.report import write_report
 
@@ -80,9 +87,9 @@ def write_results(
 
 
 def _refinement_notes(metrics: dict[str, Any]) -> list[str]:
-    """What the report says about refined poses."""
-    refinement = metrics["refinement"]
-    notes = [refinement["tracks"]["note"]] if "note" in refinement["tracks"] else []
+    """What the report says about refined poses; nothing in a run that only takes them over."""
+    tracks = metrics.get("refinement", {}).get("tracks", {})
+    notes = [tracks["note"]] if "note" in tracks else []
     if "alignment" in metrics:
         aligned = metrics["alignment"]
         notes.append(
