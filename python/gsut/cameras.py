@@ -158,6 +158,21 @@ class Camera(_core.Camera):
         resized = super().resized(int(width), int(height))
         return self._with(resized, valid_region=region)
 
+    def with_params(self, params: Sequence[float] | np.ndarray) -> Camera:
+        """Another lens of the same model, image size and field angle.
+
+        Pose and trusted region, which belong to this lens, are left out.
+
+        Args:
+            params: (K,) in the model's order.
+
+        Raises:
+            InputError: see `Camera`.
+        """
+        return Camera(
+            self.model, params, self.width, self.height, valid_field_angle=self.valid_field_angle
+        )
+
     def with_valid_field_angle(self, valid_field_angle: float | None) -> Camera:
         """The same lens, trusted up to this angle from the axis (radians; None: everywhere)."""
         limit = _NO_LIMIT if valid_field_angle is None else float(valid_field_angle)

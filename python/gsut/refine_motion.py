@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from gsut._core import exp_pose
+from gsut.structure.align import centers_of
 
 _SMALLEST_SPREAD = 1e-12  # of camera centres, beside their size: below it they fix no scale
 
@@ -27,7 +28,7 @@ def pose_changes(after: np.ndarray, before: np.ndarray) -> PoseChanges:
     """Angles and distances between two sets of poses (N, 4, 4), camera_from_world."""
     turns = np.linalg.norm(_turns(after, before), axis=1)
     return PoseChanges(
-        np.degrees(turns), np.linalg.norm(_centers(after) - _centers(before), axis=1)
+        np.degrees(turns), np.linalg.norm(centers_of(after) - centers_of(before), axis=1)
     )
 
 
@@ -41,7 +42,7 @@ def without_mean_motion(after: np.ndarray, before: np.ndarray) -> np.ndarray:
         after, before: (N, 4, 4) camera_from_world.
     """
     turn = exp_pose(np.concatenate([np.zeros(3), _turns(after, before).mean(axis=0)]))[:3, :3]
-    start, end = _centers(before), _centers(after)
+    start, end = centers_of(before), centers_of(after)
     spread = start - start.mean(axis=0)
     turned = (end - end.mean(axis=0)) @ turn  # by the inverse of the mean turn
     size = float(np.sum(spread**2))
@@ -58,16 +59,12 @@ def without_mean_motion(after: np.ndarray, before: np.ndarray) -> np.ndarray:
 def moved_on(after: np.ndarray, before: np.ndarray, factor: float) -> np.ndarray:
     """Poses (N, 4, 4) that have gone `factor` times as far from `before` as `after` has."""
     turns = factor * _turns(after, before)
-    centers = _centers(before) + factor * (_centers(after) - _centers(before))
+    centers = centers_of(before) + factor * (centers_of(after) - centers_of(before))
     out = np.tile(np.eye(4), (len(after), 1, 1))
     for pose, turn, old in zip(out, turns, before, strict=True):
         pose[:3, :3] = old[:3, :3] @ exp_pose(np.concatenate([np.zeros(3), turn]))[:3, :3].T
     out[:, :3, 3] = -np.einsum("nij,nj->ni", out[:, :3, :3], centers)
     return out
-
-
-def _centers(poses: np.ndarray) -> np.ndarray:
-    return -np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3])
 
 
 def _turns(after: np.ndarray, before: np.ndarray) -> np.ndarray:

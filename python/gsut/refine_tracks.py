@@ -119,21 +119,17 @@ def _adjusted(scene: Scene, options: TrainOptions, show: OnProgress) -> Solution
     )  # fmt: skip
     names = [view.name for view in views]
     pairs = preview_pairs(
-        features, choose_pairs(names, features, settings), settings, lambda count: None
+        features, choose_pairs(names, features, settings), settings, lambda done, total: None
     )
     poses = [view.camera_from_world for view in views]
     free = np.ones(len(cameras[0].params), bool) if options.refine_lens else None
     # Through a wrong lens few matches agree: a first, loose round finds a better one.
     loose = dataclasses.replace(settings, max_two_view_error=_LOOSER * settings.max_two_view_error)
     for round_settings in [loose, settings] if options.refine_lens else [settings]:
-        done = 0
-
-        def on_pairs(count: int) -> None:
-            nonlocal done
-            done += count
-            show("matches", done, len(pairs))
-
-        verified = match_and_verify(features, cameras, pairs, round_settings, on_pairs)
+        verified = match_and_verify(
+            features, cameras, pairs, round_settings,
+            lambda done, total: show("matches", done, total),
+        )  # fmt: skip
         if not verified:
             raise InputError("no two images have matches that agree through their lens")
         solution = refine(
@@ -141,12 +137,7 @@ def _adjusted(scene: Scene, options: TrainOptions, show: OnProgress) -> Solution
             lambda done, total, points, step: show("poses", int(done), int(total)),
             lens_free=free,
         )  # fmt: skip
-        poses = [
-            found if registered else before
-            for found, registered, before in zip(
-                solution.camera_from_world, solution.registered, poses, strict=True
-            )
-        ]
+        poses = solution.poses_or(poses)
         cameras = list(solution.cameras)
     return solution
 

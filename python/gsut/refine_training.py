@@ -19,7 +19,6 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.cameras import Camera
 from gsut.data.scene import Scene
 from gsut.gaussians import Gaussians
 from gsut.options import TrainOptions
@@ -171,7 +170,7 @@ class TrainingRefiner:
         if self.options.refine_lens:
             (file,) = self.scene.file_cameras
             lens = self._prior["lens"] + weight * (np.array(file.params) - self._prior["lens"])
-            self.scene = self.scene.with_lenses([with_params(file, lens)])
+            self.scene = self.scene.with_lenses([file.with_params(lens)])
         return out
 
     def state_dict(self) -> dict[str, Any]:
@@ -198,7 +197,7 @@ class TrainingRefiner:
         """Goes on exactly where `state_dict` was taken."""
         self._set_poses(state["poses"])
         lenses = [
-            with_params(camera, params)
+            camera.with_params(params)
             for camera, params in zip(self.scene.file_cameras, state["lenses"], strict=True)
         ]
         if lenses != self.scene.file_cameras:
@@ -216,7 +215,7 @@ class TrainingRefiner:
     def _set_lens(self, level: Level, params: np.ndarray) -> None:
         """The lens found at a level's size, as that of the files."""
         (file,) = self.scene.file_cameras
-        at_level = with_params(level.scene.cameras[0], params)
+        at_level = level.scene.cameras[0].with_params(params)
         full = at_level.resized(file.width, file.height)
         self.scene = self.scene.with_lenses([full])
 
@@ -246,23 +245,20 @@ class TrainingRefiner:
         used = [view for view in views if len(view[2])]
         out: dict[str, Any] = {
             "rms_after": 0.0,
-            "lens_params": [c.params for c in self._lenses(level)],
+            "lens_params": [c.params for c in level.scene.cameras],
         }
         poses = {id(view): view[1] for view in views}
         if used:
             settings: dict[str, Any] = {"loss_scale": _LOSS_SCALE, "max_iterations": iterations}
             if free:
-                settings["lens_free"] = [[1] * len(c.params) for c in self._lenses(level)]
+                settings["lens_free"] = [[1] * len(c.params) for c in level.scene.cameras]
             found = _core.refine_photometric(
-                gaussians, self._lenses(level), used, _core.BlendRule(), self.options.background,
+                gaussians, level.scene.cameras, used, _core.BlendRule(), self.options.background,
                 sh_degree, DEFAULT_UNSCENTED, settings,
             )  # fmt: skip
             poses |= {id(v): p for v, p in zip(used, found["camera_from_world"], strict=True)}
             out |= found
         return {**out, "camera_from_world": [poses[id(view)] for view in views]}
-
-    def _lenses(self, level: Level) -> list[Camera]:
-        return level.scene.cameras
 
 
 def _weight(distance: np.ndarray, sigma: np.ndarray) -> float:
@@ -309,11 +305,3 @@ def with_poses(scene: Scene, indices: list[int], poses: np.ndarray) -> Scene:
     for index, pose in zip(indices, poses, strict=True):
         views[index] = dataclasses.replace(views[index], camera_from_world=np.array(pose))
     return scene.with_views(views)
-
-
-def with_params(camera: Camera, params: np.ndarray) -> Camera:
-    """The same camera with other parameters of its lens."""
-    return Camera(
-        camera.model, params, camera.width, camera.height,
-        valid_field_angle=camera.valid_field_angle,
-    )  # fmt: skip

@@ -13,7 +13,7 @@ from gsut.bench.refine_disturb import Disturbance, disturbed, disturbed_pose, ji
 from gsut.projection import DEFAULT_UNSCENTED
 from gsut.refine_motion import pose_changes, without_mean_motion
 from gsut.refine_tracks import refine_by_tracks
-from gsut.refine_training import TrainingRefiner, with_params
+from gsut.refine_training import TrainingRefiner
 from gsut.run_folder import REFINED, TRANSFORMS, RunFolder
 from gsut.structure.align import compare_poses
 from gsut.trained_run import read_trained
@@ -79,7 +79,7 @@ def test_several_images_give_lens_and_poses_together(rng, camera):
     params = np.array(camera.params)
     params[:2] *= 1.003
     params[4:] *= 1.05
-    wrong = with_params(camera, params)
+    wrong = camera.with_params(params)
     valid = camera.rays()[1] & wrong.rays()[1]
     views = []
     for true in poses:
@@ -93,7 +93,7 @@ def test_several_images_give_lens_and_poses_together(rng, camera):
     )  # fmt: skip
     change = pose_changes(np.array(found["camera_from_world"]), np.array(poses))
     relative = np.abs(found["lens_params"][0] / camera.params - 1)[:2].max()
-    rays = with_params(camera, found["lens_params"][0]).rays()[0]
+    rays = camera.with_params(found["lens_params"][0]).rays()[0]
     angle = np.nanmax(np.linalg.norm(rays - camera.rays()[0], axis=-1)[valid])
     print(f"{camera.model}: {change.degrees.max():.1e} deg, {change.distances.max():.1e} units, "
           f"focal {relative:.1e}, rays {angle:.1e}")  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from gsut._core import InputError, exp_pose
 from gsut.cameras import Camera
 from gsut.data.scene import Scene
-from gsut.refine_training import with_params, with_poses
+from gsut.refine_training import with_poses
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,4 +94,4 @@ def _disturbed_lens(camera: Camera, by: Disturbance) -> Camera:
     params[:2] *= 1.0 + by.focal
     if by.first_coefficient:
         params[4] *= 1.0 + by.first_coefficient
-    return with_params(camera, params)
+    return camera.with_params(params)

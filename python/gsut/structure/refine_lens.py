@@ -20,7 +20,7 @@ from gsut.structure.lens_covariance import LensCovariance, lens_covariance
 from gsut.structure.matching import PairMatches, match_and_verify, preview_pairs
 from gsut.structure.options import PosesOptions
 from gsut.structure.pairs import choose_pairs
-from gsut.structure.solution import FEATURE_VARIANCE, Solution, refine
+from gsut.structure.solution import FEATURE_VARIANCE, Solution, in_cameras, refine
 
 # Told (stage, done, total, text) as the work goes on.
 OnProgress = Callable[[str, int, int, str], None]
@@ -88,15 +88,10 @@ def refine_lens(
     given = [inverse(frame.world_from_camera) for frame in frames]
     features = _features(photographs, options, on_progress, note)
     pairs = choose_pairs(photographs.names, features, options)
-    total = len(pairs)
-    done = 0
-
-    def on_preview(count: int) -> None:
-        nonlocal done
-        done += count
-        on_progress("preview", done, total, f"{total} pairs")
-
-    pairs = preview_pairs(features, pairs, options, on_preview)
+    pairs = preview_pairs(
+        features, pairs, options,
+        lambda done, total: on_progress("preview", done, total, f"{total} pairs"),
+    )  # fmt: skip
     free = np.ones(len(before.params), bool)
     camera, poses = before, given
     loose = dataclasses.replace(options, max_two_view_error=_LOOSER * options.max_two_view_error)
@@ -109,12 +104,7 @@ def refine_lens(
                 "adjusting", done, total, f"{points:,} points"),
             lens_free=free, hold_out_every=_HOLD_OUT_EVERY if last else 0,
         )  # fmt: skip
-        poses = [
-            found if ok else old
-            for found, ok, old in zip(
-                solution.camera_from_world, solution.registered, poses, strict=True
-            )
-        ]
+        poses = solution.poses_or(poses)
         camera = solution.cameras[0]
     if solution.num_registered < len(frames):
         note(
@@ -183,14 +173,10 @@ def _verified(
     options: PosesOptions,
     on_progress: OnProgress,
 ) -> list[PairMatches]:
-    done = 0
-
-    def on_match(count: int) -> None:
-        nonlocal done
-        done += count
-        on_progress("matching", done, len(pairs), f"{len(pairs)} pairs")
-
-    verified = match_and_verify(features, [camera] * len(features), pairs, options, on_match)
+    verified = match_and_verify(
+        features, [camera] * len(features), pairs, options,
+        lambda done, total: on_progress("matching", done, total, f"{total} pairs"),
+    )  # fmt: skip
     if not verified:
         raise InputError(
             "no two images have matches that agree through this lens: do images and lens belong "
@@ -208,7 +194,7 @@ def _held_out_error(
         return float("nan")
     used = solution.sights[np.isin(solution.sights[:, 0], held[:, 0])]
     points = fitted_points(solution.points, used, _pixels(features, used), camera, np.array(poses))
-    p = _in_cameras(points, held, np.array(poses))
+    p = in_cameras(points, held, np.array(poses))
     distance = np.linalg.norm(camera.project(p)[0] - _pixels(features, held), axis=1)
     return float(np.median(np.where(np.isfinite(distance), distance, np.inf)))
 
@@ -219,11 +205,6 @@ def _pixels(features: Sequence[Features], sights: np.ndarray) -> np.ndarray:
         rows = sights[:, 1] == image
         pixels[rows] = features[image].pixels[sights[rows, 2]]
     return pixels
-
-
-def _in_cameras(points: np.ndarray, sights: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    pose = poses[sights[:, 1]]
-    return np.einsum("nij,nj->ni", pose[:, :3, :3], points[sights[:, 0]]) + pose[:, :3, 3]
 
 
 def fitted_points(
@@ -238,7 +219,7 @@ def fitted_points(
     points, which = start.copy(), sights[:, 0]
 
     def cost_of(trial: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        p = _in_cameras(trial, sights, poses)
+        p = in_cameras(trial, sights, poses)
         residual = camera.project(p)[0] - pixels
         lost = ~np.isfinite(residual).all(axis=1)
         squared = np.where(lost, np.inf, np.sum(residual**2, axis=1))

@@ -92,6 +92,15 @@ class Solution:
             ]
         )
 
+    def poses_or(self, others: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """(4, 4) camera_from_world of all images; where one is not registered, that of `others`."""
+        return [
+            found if registered else other
+            for found, registered, other in zip(
+                self.camera_from_world, self.registered, others, strict=True
+            )
+        ]
+
     def unregistered_names(self) -> list[str]:
         """Images without a pose."""
         return [n for n, r in zip(self.names, self.registered, strict=True) if not r]
@@ -230,14 +239,13 @@ def _solution(
         raise _core.SolveError(found["failure"])
     lenses = list(dict.fromkeys(cameras))
     solved = [
-        Camera(c.model, p, c.width, c.height, valid_field_angle=c.valid_field_angle)
-        if lens_free
-        else c
+        c.with_params(p) if lens_free else c
         for c, p in zip(lenses, found["lens_params"], strict=True)
     ]
     own = [solved[lenses.index(c)] for c in cameras]
     sights = found["sights"]
-    pixels, residuals, angles, colors = _at_sights(found, own, features)
+    pixels, residuals, angles = at_sights(sights, found["sights_in_camera"], own, features)
+    colors = _mean_colors(sights, len(found["points"]), features)
     return Solution(
         list(names), own, found["registered"], found["camera_from_world"],
         FEATURE_VARIANCE * found["covariances"],
@@ -252,24 +260,39 @@ def diagonal(cameras: Sequence[Camera]) -> float:
     return max(math.hypot(c.width, c.height) for c in cameras)
 
 
-def _at_sights(
-    found: dict[str, Any], cameras: Sequence[Camera], features: Sequence[Features]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Pixels, residuals and field angles of all sights, and colours of all points."""
-    sights = found["sights"]
+def in_cameras(points: np.ndarray, sights: np.ndarray, camera_from_world: np.ndarray) -> np.ndarray:
+    """(S, 3) the points of sights (S, 3: point, image, feature) in their images' cameras."""
+    pose = camera_from_world[sights[:, 1]]
+    return np.einsum("nij,nj->ni", pose[:, :3, :3], points[sights[:, 0]]) + pose[:, :3, 3]
+
+
+def at_sights(
+    sights: np.ndarray,
+    in_camera: np.ndarray,
+    cameras: Sequence[Camera],
+    features: Sequence[Features],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels (S, 2), residuals (S, 2) and field angles (S,) of sights, as in `Solution`.
+
+    Args:
+        sights: (S, 3) point, image, feature. in_camera: (S, 3) the points in the images' cameras.
+        cameras, features: of all images.
+    """
     pixels = np.zeros((len(sights), 2))
     residuals = np.full((len(sights), 2), np.nan)
-    angles = np.zeros(len(sights))
-    colors = np.zeros((len(found["points"]), 3))
-    for image, camera in enumerate(cameras):
-        rows = np.flatnonzero(sights[:, 1] == image)
-        if not len(rows):
-            continue
-        chosen = sights[rows, 2]
-        p = found["sights_in_camera"][rows]
-        pixels[rows] = features[image].pixels[chosen]
-        residuals[rows] = camera.project(p)[0] - pixels[rows]
-        angles[rows] = np.arctan2(np.hypot(p[:, 0], p[:, 1]), p[:, 2])
-        np.add.at(colors, sights[rows, 0], features[image].colors[chosen])
-    counts = np.bincount(sights[:, 0], minlength=len(colors)).clip(1)
-    return pixels, residuals, angles, np.rint(colors / counts[:, None]).astype(np.uint8)
+    for image in np.unique(sights[:, 1]):
+        rows = sights[:, 1] == image
+        pixels[rows] = features[image].pixels[sights[rows, 2]]
+        residuals[rows] = cameras[image].project(in_camera[rows])[0] - pixels[rows]
+    angles = np.arctan2(np.hypot(in_camera[:, 0], in_camera[:, 1]), in_camera[:, 2])
+    return pixels, residuals, angles
+
+
+def _mean_colors(sights: np.ndarray, points: int, features: Sequence[Features]) -> np.ndarray:
+    """(P, 3) uint8, mean over each point's sights."""
+    colors = np.zeros((points, 3))
+    for image in np.unique(sights[:, 1]):
+        rows = sights[:, 1] == image
+        np.add.at(colors, sights[rows, 0], features[image].colors[sights[rows, 2]])
+    counts = np.bincount(sights[:, 0], minlength=points).clip(1)
+    return np.rint(colors / counts[:, None]).astype(np.uint8)
