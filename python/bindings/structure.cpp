@@ -40,6 +40,20 @@ std::vector<VerifiedPair> ReadVerified(const py::list& verified) {
   return pairs;
 }
 
+// A dictionary body_of_image, mount_of_image, camera_from_body, refine; None: no rig.
+Rig ReadRig(const py::object& object) {
+  Rig rig;
+  if (object.is_none()) return rig;
+  const auto values = py::cast<py::dict>(object);
+  rig.body_of_image = py::cast<std::vector<int>>(values["body_of_image"]);
+  rig.mount_of_image = py::cast<std::vector<int>>(values["mount_of_image"]);
+  for (const py::handle& pose : py::cast<py::list>(values["camera_from_body"])) {
+    rig.camera_from_body.push_back(ReadPose(pose));
+  }
+  rig.refine = py::cast<bool>(values["refine"]);
+  return rig;
+}
+
 // (S, 3) int32: point, image, feature.
 py::array WriteSights(const Structure& structure,
                       std::vector<TrackElement> StructurePoint::*elements) {
@@ -87,6 +101,8 @@ py::dict WriteStructure(const Structure& structure) {
   }
   auto sights_in_camera = NewArray<double>({static_cast<py::ssize_t>(in_camera.size() / 3), 3});
   std::copy(in_camera.begin(), in_camera.end(), sights_in_camera.mutable_data());
+  py::list camera_from_body;
+  for (const Pose& pose : structure.camera_from_body) camera_from_body.append(WritePose(pose));
   py::list lens_params;
   for (const Camera& camera : structure.cameras) lens_params.append(camera.params());
   py::dict result;
@@ -94,6 +110,7 @@ py::dict WriteStructure(const Structure& structure) {
   result["camera_from_world"] = poses;
   result["covariances"] = covariances;
   result["velocities"] = velocities;
+  result["camera_from_body"] = camera_from_body;
   result["points"] = positions;
   result["point_errors"] = errors;
   result["sights"] = WriteSights(structure, &StructurePoint::sights);
@@ -231,13 +248,15 @@ py::dict Estimate(const std::vector<const Camera*>& cameras,
 
 py::dict Refine(const std::vector<const Camera*>& cameras, const std::vector<int>& camera_of_image,
                 const py::list& pixels, const py::list& verified, const py::list& camera_from_world,
-                const py::dict& settings, const py::object& on_progress) {
-  const Inputs inputs = ReadInputs(cameras, camera_of_image, pixels, verified, settings);
+                const py::dict& settings, const py::object& on_progress,
+                const std::vector<std::uint8_t>& registered, const py::object& rig) {
+  Inputs inputs = ReadInputs(cameras, camera_of_image, pixels, verified, settings);
+  inputs.options.rig = ReadRig(rig);
   std::vector<Pose> poses;
   for (const py::handle& pose : camera_from_world) poses.push_back(ReadPose(pose));
   return Solve(on_progress, [&](const OnProgress& progress) {
-    return RefineStructure(inputs.lenses, inputs.images, inputs.pairs, poses, inputs.options,
-                           progress);
+    return RefineStructure(inputs.lenses, inputs.images, inputs.pairs, poses, registered,
+                           inputs.options, progress);
   });
 }
 
@@ -248,7 +267,8 @@ void BindStructure(py::module_& m) {
         py::arg("pixels"), py::arg("verified"), py::arg("settings"), py::arg("on_progress"));
   m.def("refine_structure", &Refine, py::arg("cameras"), py::arg("camera_of_image"),
         py::arg("pixels"), py::arg("verified"), py::arg("camera_from_world"), py::arg("settings"),
-        py::arg("on_progress"));
+        py::arg("on_progress"), py::arg("registered") = std::vector<std::uint8_t>(),
+        py::arg("rig") = py::none());
   m.def(
       "velocity_between",
       [](const py::handle& start, const py::handle& end) {

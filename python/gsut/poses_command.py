@@ -56,6 +56,19 @@ def add_poses_flags(parser: argparse.ArgumentParser) -> None:
         "grow image by image, instead of by bundle adjustment, which is more exact where features "
         "are many (lens known)",
     )
+    parser.add_argument(
+        "--rig",
+        metavar="RIG",
+        help="file of several cameras that are fixed to each other: the report.json of "
+        "`gsut calibrate --rig`, or a camchain of Kalibr. IMAGES then holds one folder a camera; "
+        "images of one moment (of one name, or else in order) share one pose, and poses and points "
+        "are in the rig's unit",
+    )
+    parser.add_argument(
+        "--refine-rig",
+        action="store_true",
+        help="adjust the cameras' poses on the rig too; its size is kept: it sets the scale",
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress bars, no summary")
     parser.add_argument("--json", action="store_true", help="print poses.json without the views")
     add_option_flags(parser, PosesOptions)
@@ -68,6 +81,8 @@ def poses(arguments: argparse.Namespace) -> int:
     if arguments.camera and arguments.unknown_lens:
         raise InputError("--unknown-lens contradicts --camera; give one of them")
     options = PosesOptions(**given_options(PosesOptions, arguments))
+    if arguments.refine_rig and not arguments.rig:
+        raise InputError("--refine-rig needs a rig; give its file by --rig")
     mapper = None
     if arguments.photometric:
         if arguments.unknown_lens:
@@ -86,6 +101,8 @@ def poses(arguments: argparse.Namespace) -> int:
             fov_degrees=arguments.fov,
             options=options,
             mapper=mapper,
+            rig=arguments.rig,
+            refine_rig=arguments.refine_rig,
             on_progress=bars.show,
             notes_to=bars.note,
         )
@@ -99,11 +116,27 @@ def poses(arguments: argparse.Namespace) -> int:
             f"{figures['points']:,} points, median error {error['median']:.3f} px, "
             f"{figures['seconds']['total']:.1f} s"
         )
+        if "rig" in figures:
+            print(_rig_words(figures["rig"]))
         for lens in figures["lenses"] if figures["lens"] == "estimated" else []:
             values = " ".join(f"{value:.6g}" for value in lens["params"])
             print(f"lens found: {lens['model']} {values}")
         print(f"report: {Path(arguments.out) / 'report.html'}")
     return 0
+
+
+def _rig_words(rig: dict[str, Any]) -> str:
+    words = (
+        f"rig: {rig['moments_registered']} of {rig['moments_total']} moments, in the unit of "
+        f"{rig['file']} (baseline {rig['baseline']:.6g})"
+    )
+    if not rig["refined"]:
+        return words
+    changes = [
+        f"{c['name']} turned {c['turned_degrees']:.3f} degrees, shifted {c['shifted']:.4g}"
+        for c in rig["cameras"]
+    ]
+    return f"{words}; {'; '.join(changes)}"
 
 
 class StageBars:

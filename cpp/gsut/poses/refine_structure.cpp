@@ -5,6 +5,7 @@
 #include <string>
 
 #include "gsut/base/errors.h"
+#include "gsut/poses/absolute_pose.h"
 #include "gsut/poses/scene_map.h"
 
 namespace gsut {
@@ -21,6 +22,35 @@ constexpr double kLastTolerance = 1e-9;
 // Below this share of new and dropped sights the rounds end.
 constexpr double kSettled = 5e-4;
 constexpr int kFewestPoints = 30;
+
+// Every image on a body and a mount that are there, and all images of a body with a pose or none.
+void CheckRig(const Rig& rig, const std::vector<std::uint8_t>& registered, std::size_t images) {
+  const bool all = std::count(registered.begin(), registered.end(), 0) == 0;
+  if (!registered.empty() && registered.size() != images) {
+    throw InputError("registered must be empty or have one flag an image");
+  }
+  if (rig.body_of_image.empty()) {
+    if (all) return;
+    throw InputError("images without a pose can be placed on a rig only");
+  }
+  if (rig.body_of_image.size() != images || rig.mount_of_image.size() != images) {
+    throw InputError("a rig must have one body and one mount an image");
+  }
+  std::vector<int> known(images, -1);
+  for (std::size_t image = 0; image < images; ++image) {
+    const int body = rig.body_of_image[image], mount = rig.mount_of_image[image];
+    if (body < 0 || body >= static_cast<int>(images) || mount < -1 ||
+        mount >= static_cast<int>(rig.camera_from_body.size())) {
+      throw InputError("an image of the rig names body " + std::to_string(body) + " and mount " +
+                       std::to_string(mount) + ", which are not there");
+    }
+    const int flag = all ? 1 : static_cast<int>(registered[image] != 0);
+    if (known[body] >= 0 && known[body] != flag) {
+      throw InputError("some images of a body have a pose and others have none");
+    }
+    known[body] = flag;
+  }
+}
 
 void Check(const std::vector<Camera>& cameras, const std::vector<ImageFeatures>& images,
            const std::vector<Pose>& poses) {
@@ -46,21 +76,52 @@ int FarthestFromFirst(const std::vector<Pose>& poses) {
   return static_cast<int>(farthest - poses.begin());
 }
 
+// Places every body without a pose by that of its images which agrees with most points; returns how
+// many images that brought.
+int PlaceBodies(const StructureOptions& options, SceneMap* map) {
+  const std::vector<int>& body = options.rig.body_of_image;
+  std::vector<int> inliers(body.size(), 0), best(body.size(), -1);
+  std::vector<Pose> poses(body.size());
+  for (int image = 0; image < map->num_images(); ++image) {
+    if (map->registered(image)) continue;
+    const SceneMap::Visible visible = map->VisiblePoints(image);
+    AbsolutePoseOptions settings;
+    settings.max_error = options.max_error;
+    settings.seed = options.seed + static_cast<std::uint64_t>(image);
+    const AbsolutePose found = EstimateAbsolutePose(visible.bearings, visible.points, settings);
+    if (found.num_inliers < options.min_inliers ||
+        found.num_inliers < kFewestInlierShare * static_cast<double>(visible.points.size()) ||
+        found.num_inliers <= inliers[body[image]]) {
+      continue;
+    }
+    inliers[body[image]] = found.num_inliers;
+    best[body[image]] = image;
+    poses[body[image]] = found.camera_from_world;
+  }
+  const int before = map->num_registered();
+  for (std::size_t b = 0; b < best.size(); ++b) {
+    if (best[b] >= 0) map->RegisterBody(best[b], poses[b]);
+  }
+  return map->num_registered() - before;
+}
+
 }  // namespace
 
 Structure RefineStructure(const std::vector<Camera>& cameras,
                           const std::vector<ImageFeatures>& images,
                           std::span<const VerifiedPair> pairs,
                           const std::vector<Pose>& camera_from_world,
+                          const std::vector<std::uint8_t>& registered,
                           const StructureOptions& options,
                           const std::function<bool(const StructureProgress&)>& on_progress) {
   Check(cameras, images, camera_from_world);
+  CheckRig(options.rig, registered, images.size());
   StructureOptions current = options;  // the map reads its largest error in every round
   SceneMap map(cameras, images, pairs, current);
   const int farthest = FarthestFromFirst(camera_from_world);
   map.SetGauge(0, farthest);
   for (int image = 0; image < map.num_images(); ++image) {
-    map.Register(image, camera_from_world[image]);
+    if (registered.empty() || registered[image]) map.Register(image, camera_from_world[image]);
   }
   const auto tell = [&](const char* step) {
     if (!on_progress) return;
@@ -89,14 +150,23 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
     if (changed >= 0.0) changed = round(kIterations, kTolerance);
   }
   current.max_error = options.max_error;
-  for (int i = 0; i < kFinalRounds && changed >= 0.0; ++i) {
-    map.Filter(current.max_error);
-    changed = round(kIterations, kTolerance);
-    if (changed >= 0.0 && changed < kSettled) break;
+  const auto settle = [&] {
+    for (int i = 0; i < kFinalRounds && changed >= 0.0; ++i) {
+      map.Filter(current.max_error);
+      changed = round(kIterations, kTolerance);
+      if (changed >= 0.0 && changed < kSettled) break;
+    }
+  };
+  settle();
+  while (map.on_rig() && changed >= 0.0 && PlaceBodies(current, &map) > 0) settle();
+  for (int i = 0; i < options.extend_rounds && changed >= 0.0 && HasDescriptors(images); ++i) {
+    map.Extend();
+    tell("longer tracks");
+    settle();
   }
   map.DropWeakImages();
-  if (changed < 0.0 || map.num_points() < kFewestPoints || map.num_registered() < 2 ||
-      !map.registered(0) || !map.registered(farthest)) {
+  const bool held = map.on_rig() || (map.registered(0) && map.registered(farthest));
+  if (changed < 0.0 || map.num_points() < kFewestPoints || map.num_registered() < 2 || !held) {
     nothing.failure = "only " + std::to_string(map.num_points()) +
                       " points agree with the poses, and " + std::to_string(kFewestPoints) +
                       " are needed in the first image and the one farthest from it too";

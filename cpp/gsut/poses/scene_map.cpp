@@ -26,6 +26,7 @@ SceneMap::SceneMap(std::vector<Camera> cameras, const std::vector<ImageFeatures>
       tracks_of_image_(images.size()),
       registered_(images.size(), 0),
       poses_(images.size()),
+      camera_from_body_(options.rig.camera_from_body),
       loss_pixels_(options.max_error / kLossShare) {
   UpdateBearings();
   if (rolling()) {
@@ -232,6 +233,12 @@ int SceneMap::DropWeakImages() {
   for (const Track& track : tracks_) {
     if (!track.has_point) continue;
     for (const Sight& sight : track.sights) seen[sight.image] += sight.used;
+  }
+  if (on_rig()) {  // what one camera of a body sees places them all
+    std::vector<int> of_body(images_.size(), 0);
+    const std::vector<int>& body = options_.rig.body_of_image;
+    for (int image = 0; image < num_images(); ++image) of_body[body[image]] += seen[image];
+    for (int image = 0; image < num_images(); ++image) seen[image] = of_body[body[image]];
   }
   int dropped = 0;
   for (int image = 0; image < num_images(); ++image) {

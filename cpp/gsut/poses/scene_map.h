@@ -38,11 +38,16 @@ class SceneMap {
   const Pose& pose(int image) const { return poses_[image]; }
   // Whether images were read line by line, each line with its own pose.
   bool rolling() const { return !options_.shutter.IsGlobal(); }
+  // Whether images share bodies, see Rig; their mounts as they are now.
+  bool on_rig() const { return !options_.rig.body_of_image.empty(); }
+  const std::vector<Pose>& camera_from_body() const { return camera_from_body_; }
   const std::vector<Track>& tracks() const { return tracks_; }
   const std::vector<Camera>& cameras() const { return cameras_; }
   const Bearing& bearing(int image, int feature) const { return bearings_[image][feature]; }
 
   void Register(int image, const Pose& camera_from_world);
+  // The image and all others of its body, by the mounts.
+  void RegisterBody(int image, const Pose& camera_from_world);
   // Forgets all poses and points.
   void Reset();
 
@@ -74,7 +79,7 @@ class SceneMap {
   // Of everything. through_lens: see BundleOptions. Lenses are free where the options say so.
   BundleSummary AdjustGlobally(int max_iterations, double tolerance, bool through_lens,
                                bool lens_free);
-  // Unregisters images that see too few points now; returns how many.
+  // Unregisters images, or bodies, that see too few points now; returns how many images.
   int DropWeakImages();
 
   void SetGauge(int first, int second) {
@@ -116,6 +121,14 @@ class SceneMap {
   void UpdateLoss();
   Bundle MakeBundle(const std::vector<std::uint8_t>* images_free, BundleOptions* options,
                     std::vector<int>* image_of, std::vector<int>* track_of) const;
+  // camera_from_body of an image's mount as it is now.
+  Pose CameraFromBody(int image) const;
+  void AddImage(int image, Bundle* bundle, std::vector<int>* image_of) const;
+  // Adds the rig, and the images of its bodies that see nothing; sets the gauge.
+  void AddRig(Bundle* bundle, BundleOptions* options, std::vector<int>* image_of) const;
+  // Gives a rig whose mounts were adjusted its size back, and the world the scale that goes with
+  // it.
+  void RestoreRigSize(const Bundle& bundle);
   void TakeBack(const Bundle& bundle, const std::vector<int>& image_of,
                 const std::vector<int>& track_of);
 
@@ -129,6 +142,7 @@ class SceneMap {
   std::vector<std::vector<int>> tracks_of_image_;
   std::vector<std::uint8_t> registered_;
   std::vector<Pose> poses_;  // in the middle of the readout
+  std::vector<Pose> camera_from_body_;
   // Of rolling shutters, else empty: per image the velocity; per feature the time of its line (-0.5
   // to 0.5) and camera_from_world then.
   std::vector<Velocity> velocities_;

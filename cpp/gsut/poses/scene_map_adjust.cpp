@@ -44,6 +44,13 @@ void SceneMap::UpdateLoss() {
                             std::max(kLeastLoss, options_.max_error / kLossShare));
 }
 
+void SceneMap::AddImage(int image, Bundle* bundle, std::vector<int>* image_of) const {
+  image_of->push_back(image);
+  bundle->camera_of_image.push_back(images_[image].camera);
+  bundle->camera_from_world.push_back(poses_[image]);
+  if (rolling()) bundle->velocities.push_back(velocities_[image]);
+}
+
 Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, BundleOptions* options,
                             std::vector<int>* image_of, std::vector<int>* track_of) const {
   Bundle bundle;
@@ -66,10 +73,7 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, Bundle
       int& image = place[sight.image];
       if (image < 0) {
         image = static_cast<int>(image_of->size());
-        image_of->push_back(sight.image);
-        bundle.camera_of_image.push_back(images_[sight.image].camera);
-        bundle.camera_from_world.push_back(poses_[sight.image]);
-        if (rolling()) bundle.velocities.push_back(velocities_[sight.image]);
+        AddImage(sight.image, &bundle, image_of);
         if (images_free != nullptr) {
           options->image_fixed.push_back((*images_free)[sight.image] == 0);
         }
@@ -80,10 +84,11 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, Bundle
   }
   options->loss_scale = loss_pixels_;
   options->num_threads = NumThreads();
-  if (rolling()) SetPriors(bundle, *image_of, options);
   const auto placed = [&](int image) { return image < 0 ? -1 : place[image]; };
   options->gauge_image = placed(gauge_first_);
   options->scale_image = placed(gauge_second_);
+  if (on_rig()) AddRig(&bundle, options, image_of);
+  if (rolling()) SetPriors(bundle, *image_of, options);
   if (images_free != nullptr) {
     const auto fixed = std::count(options->image_fixed.begin(), options->image_fixed.end(), 1);
     if (fixed >= 2) options->gauge_image = options->scale_image = -1;
@@ -100,6 +105,9 @@ void SceneMap::TakeBack(const Bundle& bundle, const std::vector<int>& image_of,
   for (std::size_t i = 0; i < track_of.size(); ++i) {
     tracks_[track_of[i]].position = bundle.points[i];
   }
+  if (!on_rig()) return;
+  camera_from_body_ = bundle.camera_from_body;
+  if (options_.rig.refine) RestoreRigSize(bundle);
 }
 
 void SceneMap::AdjustLocally(int image) {
@@ -225,6 +233,7 @@ Structure SceneMap::Result(bool covariances) const {
   Structure result;
   result.cameras = cameras_;
   result.registered = registered_;
+  result.camera_from_body = camera_from_body_;
   result.camera_from_world.resize(images_.size());
   if (rolling()) result.velocities.assign(images_.size(), Velocity::Zero());
   for (int image = 0; image < num_images(); ++image) {

@@ -19,7 +19,6 @@ constexpr double kEnoughParallax = 0.35;
 constexpr int kInitialPoints = 30;
 // Share of a pair's matches that a rotation explains, above which the pair is no start.
 constexpr double kMostRotation = 0.7;
-constexpr double kFewestInlierShare = 0.2;  // of the points that an image sees, to be registered
 constexpr int kPairIterations = 20;
 constexpr int kGlobalIterations = 10;
 constexpr double kGlobalTolerance = 1e-4;
@@ -224,7 +223,7 @@ class Mapper {
       Tell("adjustment");
       if (dropped + added < kSettled * sights) break;
     }
-    for (int round = 0; round < wanted_.extend_rounds && HasDescriptors(); ++round) {
+    for (int round = 0; round < wanted_.extend_rounds && HasDescriptors(images_); ++round) {
       map_->Extend();
       Tell("longer tracks");
       map_->AdjustGlobally(kFinalIterations, kExtendTolerance, lens_free, lens_free);
@@ -237,12 +236,6 @@ class Mapper {
     map_->DropWeakImages();
     Tell("final adjustment");
     return map_->Result(options_.covariances);
-  }
-
-  bool HasDescriptors() const {
-    return std::all_of(images_.begin(), images_.end(), [](const ImageFeatures& image) {
-      return image.descriptors != nullptr || image.pixels.empty();
-    });
   }
 
   void Tell(const char* step) const {
@@ -264,6 +257,12 @@ class Mapper {
 
 }  // namespace
 
+bool HasDescriptors(const std::vector<ImageFeatures>& images) {
+  return std::all_of(images.begin(), images.end(), [](const ImageFeatures& image) {
+    return image.descriptors != nullptr || image.pixels.empty();
+  });
+}
+
 Structure EstimatePoses(const std::vector<Camera>& cameras, std::vector<ImageFeatures> images,
                         std::span<const VerifiedPair> pairs, const StructureOptions& options,
                         const std::function<bool(const StructureProgress&)>& on_progress) {
@@ -272,6 +271,9 @@ Structure EstimatePoses(const std::vector<Camera>& cameras, std::vector<ImageFea
       throw InputError("an image names camera " + std::to_string(image.camera) + " of " +
                        std::to_string(cameras.size()));
     }
+  }
+  if (!options.rig.body_of_image.empty()) {
+    throw InputError("a rig needs poses to begin with: see RefineStructure");
   }
   return Mapper(cameras, images, pairs, options, on_progress).Run();
 }

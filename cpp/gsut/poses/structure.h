@@ -23,6 +23,20 @@ struct ImageFeatures {
   const std::uint8_t* descriptors = nullptr;
 };
 
+// Cameras that are fixed to each other: what is known of them. Of an image the body (the rig at one
+// moment) that its camera is on, from 0 without gaps, and the camera's mount on it (-1: the camera
+// is the body). Empty: each image has a pose of its own.
+struct Rig {
+  std::vector<int> body_of_image, mount_of_image;
+  std::vector<Pose> camera_from_body;  // of the mounts
+  // Mounts are adjusted; the rig keeps its size (RMS distance of the cameras from their middle),
+  // which sets the scale.
+  bool refine = false;
+};
+
+// Of the points that an image sees, those that must agree with its pose.
+inline constexpr double kFewestInlierShare = 0.2;
+
 struct StructureOptions {
   double max_error = 4.0;          // pixels: a sight farther off is an outlier
   double min_angle = 0.026;        // radians (1.5 degrees): smallest angle of a triangulated point
@@ -52,6 +66,7 @@ struct StructureOptions {
   int extend_rounds = 0;
   // Every n-th point of at least three sights keeps one out of all adjustments, to judge by; 0: no.
   int hold_out_every = 0;
+  Rig rig;  // for RefineStructure
   bool covariances = true;
   std::uint64_t seed = 0;
 };
@@ -69,6 +84,7 @@ struct Structure {
   std::vector<std::uint8_t> registered;  // one an image
   std::vector<Pose> camera_from_world;   // identity where not registered
   std::vector<Velocity> velocities;      // of rolling shutters, see camera_chain.h; else empty
+  std::vector<Pose> camera_from_body;    // of a rig's mounts, adjusted if asked for
   std::vector<StructurePoint> points;
   int initial_first = -1, initial_second = -1;
   int restarts = 0;
@@ -81,6 +97,9 @@ struct Structure {
   std::vector<Eigen::Matrix<double, 6, 6>> covariances;
   std::string failure;  // why nothing was found; empty if something was
 };
+
+// Whether tracks can be extended: all images that have features have descriptors.
+bool HasDescriptors(const std::vector<ImageFeatures>& images);
 
 struct StructureProgress {
   int registered = 0, images = 0, points = 0;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import os
@@ -18,6 +19,7 @@ from tqdm import tqdm
 from gsut._core import InputError, num_threads
 from gsut.cameras import Camera
 from gsut.data.lens_nerfstudio import format_nerfstudio
+from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.demo_scene.hall import Hall, make_hall
 from gsut.demo_scene.tracing import Tracer
 from gsut.demo_scene.views import camera_path, demo_camera
@@ -28,7 +30,6 @@ _POINTS = 4000
 _POINT_NOISE = 0.01  # metres, standard deviation: as good as structure from motion gets
 _MILLIMETRES = 1000.0
 _FOLDER_MODE = 0o755
-_OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def make_demo_scene(
@@ -69,9 +70,20 @@ def make_demo_scene(
                                ("size", size, 16), ("seed", seed, 0)):  # fmt: skip
         if value < least:
             raise InputError(f"{name} is {value}; give at least {least}")
+    with new_folder(folder) as partial:
+        _write_dataset(partial, views, test_views, camera or demo_camera(size), seed, progress)
+    return folder
+
+
+@contextlib.contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """A folder beside it to write to, renamed at the end: an interrupted run leaves none.
+
+    Raises:
+        InputError: the folder exists or cannot be created.
+    """
     if folder.exists():
         raise InputError(f"{folder} exists; remove it or name another folder for the demo scene")
-    # Written beside and renamed, so that an interrupted run leaves no half-made data set.
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         partial = Path(
@@ -82,13 +94,12 @@ def make_demo_scene(
             f"{folder} cannot be created ({error.strerror}); name a writable folder"
         ) from error
     try:
-        _write_dataset(partial, views, test_views, camera or demo_camera(size), seed, progress)
+        yield partial
         partial.chmod(_FOLDER_MODE)  # mkdtemp's is private
         partial.rename(folder)
     except BaseException:
         shutil.rmtree(partial, ignore_errors=True)
         raise
-    return folder
 
 
 def _write_dataset(
@@ -100,23 +111,23 @@ def _write_dataset(
     poses = camera_path(views + test_views, seed)
     is_test = _test_places(views, test_views)
     names = [f"{'test' if test else 'train'}_{i:03d}.png" for i, test in enumerate(is_test)]
-    mask = _whole_pixels(camera)
+    mask = whole_pixels(camera)
     rays, inside = camera.rays()
     images = []
-    for number, image in enumerate(_render(hall, camera, poses, progress)):
+    for number, image in enumerate(render_views(hall, camera, poses, progress)):
         images.append(image)
-        _write_image(folder / "images" / names[number], image[..., ::-1])
+        write_image(folder / "images" / names[number], image[..., ::-1])
         if is_test[number]:
             depth = np.zeros(inside.shape)
             depth[inside] = distances(hall, poses[number], rays[inside])
             millimetres = np.round(depth * _MILLIMETRES).astype(np.uint16)
-            _write_image(folder / "depth" / names[number], millimetres)
-    _write_image(folder / "mask.png", mask.astype(np.uint8) * 255)
+            write_image(folder / "depth" / names[number], millimetres)
+    write_image(folder / "mask.png", mask.astype(np.uint8) * 255)
     train = [i for i, test in enumerate(is_test) if not test]
-    points, colors = _surface_points(
+    points, colors = surface_points(
         hall, camera, mask, [poses[i] for i in train], [images[i] for i in train], seed
     )
-    _write_points(folder / "points3D.ply", points, colors)
+    write_points(folder / "points3D.ply", points, colors)
     _write_transforms(folder / "transforms.json", camera, poses, names, is_test)
 
 
@@ -134,7 +145,7 @@ def _test_places(views: int, test_views: int) -> list[bool]:
     return is_test
 
 
-def _whole_pixels(camera: Camera) -> np.ndarray:
+def whole_pixels(camera: Camera) -> np.ndarray:
     """(H, W) pixels whose four corners lie inside the image circle."""
     x, y = np.meshgrid(np.arange(camera.width + 1.0), np.arange(camera.height + 1.0))
     valid = camera.unproject(np.stack([x.ravel(), y.ravel()], axis=1))[1].reshape(x.shape)
@@ -153,7 +164,7 @@ def _sample_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return np.stack(rays), np.stack(valid)
 
 
-def _render(
+def render_views(
     hall: Hall, camera: Camera, poses: list[np.ndarray], progress: bool
 ) -> Iterator[np.ndarray]:
     """(H, W, 3) uint8 RGB images, one a pose, black outside the image circle."""
@@ -191,7 +202,7 @@ def _render(
             yield image
 
 
-def _surface_points(
+def surface_points(
     hall: Hall,
     camera: Camera,
     mask: np.ndarray,
@@ -215,14 +226,14 @@ def _surface_points(
     return exact + _POINT_NOISE * rng.standard_normal(exact.shape), np.concatenate(colors)
 
 
-def _write_image(path: Path, pixels: np.ndarray) -> None:
+def write_image(path: Path, pixels: np.ndarray) -> None:
     if not cv2.imwrite(str(path), pixels):
         raise InputError(
             f"{path}: cannot be written; is the folder writable and the disk not full?"
         )
 
 
-def _write_points(path: Path, points: np.ndarray, colors: np.ndarray) -> None:
+def write_points(path: Path, points: np.ndarray, colors: np.ndarray) -> None:
     layout = [(n, "<f4") for n in "xyz"] + [(n, "u1") for n in ("red", "green", "blue")]
     vertices = np.empty(len(points), dtype=layout)
     for axis, name in enumerate("xyz"):
@@ -243,7 +254,7 @@ def _write_transforms(
     for pose, name, test in zip(poses, names, is_test, strict=True):
         frame = {
             "file_path": f"images/{name}",
-            "transform_matrix": (pose @ _OPENGL_FROM_OPENCV).tolist(),
+            "transform_matrix": (pose @ OPENGL_FROM_OPENCV).tolist(),
             "mask_path": "mask.png",
         }
         if test:

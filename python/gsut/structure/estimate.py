@@ -25,9 +25,13 @@ from gsut.structure.output import FIGURES, TRANSFORMS, check_lenses, figures, wr
 from gsut.structure.pairs import choose_pairs
 from gsut.structure.readout import readout_time
 from gsut.structure.report import REPORT, write_report
+from gsut.structure.rig import COVARIANCE_OF, RigFit, refuse_beside_rig, solve_rig
+from gsut.structure.rig_file import Rig, read_rig, write_rig
+from gsut.structure.rig_images import find_rig_photographs
 from gsut.structure.solution import Solution, matches_in_points, solve
 from gsut.structure.stages import Stages, write_atomically
 
+RIG = "rig.json"
 # Share of the matches that must end in points, or the lens is doubted: see matches_in_points.
 _FEW_AGREE = 0.6
 # Told (stage, done, total, text) as the work goes on.
@@ -69,6 +73,8 @@ def estimate_poses(
     fov_degrees: float | None = None,
     options: PosesOptions | None = None,
     mapper: Mapper | None = None,
+    rig: str | os.PathLike[str] | None = None,
+    refine_rig: bool = False,
     on_progress: OnProgress | None = None,
     notes_to: Callable[[str], None] | None = None,
 ) -> PosesResult:
@@ -88,6 +94,10 @@ def estimate_poses(
         options: see PosesOptions.
         mapper: makes poses of verified pairs where the lens is known; None: incremental, with
             bundle adjustment.
+        rig: file of a rig (see `rig_file.read_rig`): images then holds one folder a camera, images
+            of one moment share one pose of the rig, and all is in its unit. rig.json, the rig as
+            it was used, is written too.
+        refine_rig: the cameras' poses on the rig are adjusted; its size stays.
         on_progress: told (stage, done, total, text).
         notes_to: told each note as it arises (an image left out, say).
 
@@ -106,7 +116,14 @@ def estimate_poses(
         if notes_to is not None:
             notes_to(text)
 
-    photographs = find_photographs(Path(images), None if camera is None else Path(camera))
+    on_rig: Rig | None = None
+    if rig is not None:
+        others = {"camera": camera, "unknown-lens": unknown_lens, "photometric": mapper}
+        refuse_beside_rig(options, others)
+        on_rig = read_rig(rig)
+        photographs = find_rig_photographs(Path(images), on_rig)
+    else:
+        photographs = find_photographs(Path(images), None if camera is None else Path(camera))
     if unknown_lens:
         photographs = dataclasses.replace(photographs, cameras=[None] * len(photographs))
     known = all(c is not None for c in photographs.cameras)
@@ -140,19 +157,27 @@ def estimate_poses(
         lap("matching")
         _require_overlap(photographs, features, pairs)
         search: LensSearch | None = None
+        fit: RigFit | None = None
         if known:
             run = mapper or functools.partial(_incremental, shutter=shutter)
-            solution = run(
-                photographs, features, pairs, options,
-                lambda done, total, points, step: show(
-                    "mapping", done, total, f"{points:,} points"),
-            )  # fmt: skip
+
+            def told(done: int, total: int, points: int, step: str) -> None:
+                show("mapping", done, total, f"{points:,} points")
+
+            if on_rig is not None:
+                solution, fit = solve_rig(
+                    photographs, features, pairs, options, told, rig=on_rig, adjust=refine_rig
+                )
+            else:
+                solution = run(photographs, features, pairs, options, told)
         else:
             search = search_lens(photographs, features, pairs, options, fov_degrees, show, shutter)
             solution = search.solution
         lap("mapping")
     finally:
         _core.set_num_threads(before if options.threads else 0)
+    for text in fit.notes if fit is not None else []:
+        note(text)
     if solution.num_registered < len(photographs):
         note(
             f"{solution.num_registered} of {len(photographs)} images were registered; without a "
@@ -179,6 +204,9 @@ def estimate_poses(
             "estimated": found.time if found else None,
             "explained": found.explained if found else None,
         }
+    if fit is not None:
+        extra.update(rig=fit.figures, covariance_of=COVARIANCE_OF)
+        write_rig(fit.rig, folder / RIG)
     lap("writing")
     values = figures(solution, seconds, notes, extra)
     write_report(folder, solution, values)
@@ -214,6 +242,7 @@ def _key(photographs: Photographs, options: PosesOptions, fov: float | None) -> 
         "shutter": photographs.shutter.direction if photographs.shutter else None,
         "options": dataclasses.asdict(options),
         "fov": fov,
+        **({} if photographs.moments is None else {"moments": photographs.moments.tolist()}),
     }
 
 
@@ -288,7 +317,7 @@ def _matches(
     if kept is not None:
         return kept
     cameras = [c for c in photographs.cameras if c is not None]
-    pairs = choose_pairs(photographs.names, features, options)
+    pairs = choose_pairs(photographs.names, features, options, photographs.moments)
     pairs = preview_pairs(
         features, pairs, options,
         lambda done, total: show("preview", done, total, f"{total} pairs"),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+import numpy as np
+
 from gsut._core import InputError, Shutter
 from gsut.cameras import Camera
 from gsut.data.colmap import find_mask
@@ -26,6 +28,9 @@ class Photographs:
         masks: image that is white where pixels are valid, or None; one an image.
         cameras: one an image, equal lenses the same object; None: unknown.
         shutter: rolling, in the direction that the dataset says, or None: nothing said.
+        moments: (N,) of a rig: which images were taken together, counted from 0 in order of time.
+        rig_cameras: (N,) of a rig: the camera, counted from 0.
+        paired_by: of a rig: "name" or "order" of the images.
     """
 
     root: Path
@@ -34,6 +39,9 @@ class Photographs:
     masks: list[Path | None]
     cameras: list[Camera | None]
     shutter: Shutter | None = None
+    moments: np.ndarray | None = None
+    rig_cameras: np.ndarray | None = None
+    paired_by: str | None = None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -57,7 +65,7 @@ def find_photographs(images: Path, lens: Path | None) -> Photographs:
     if (images / "transforms.json").is_file():
         found = _of_dataset(images)
     else:
-        found = _of_folder(images, with_lens=lens is None)
+        found = photographs_in(images, with_lens=lens is None)
     if lens is not None:
         camera = _lens_of(lens)
         found = dataclasses.replace(found, cameras=[camera] * len(found))
@@ -81,7 +89,8 @@ def _of_dataset(path: Path) -> Photographs:
     )
 
 
-def _of_folder(path: Path, *, with_lens: bool) -> Photographs:
+def photographs_in(path: Path, *, with_lens: bool = False) -> Photographs:
+    """The images and masks of a plain folder, and, if asked for, the lens beside them."""
     paths = find_images(path)
     root = path / "images" if (path / "images").is_dir() else path
     names = [p.relative_to(root).as_posix() for p in paths]

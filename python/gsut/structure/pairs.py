@@ -17,7 +17,10 @@ _ROUNDS = 8  # of k-means: the vocabulary need not be exact
 
 
 def choose_pairs(
-    names: Sequence[str], features: Sequence[Features], options: PosesOptions
+    names: Sequence[str],
+    features: Sequence[Features],
+    options: PosesOptions,
+    moments: np.ndarray | None = None,
 ) -> np.ndarray:
     """Pairs of images worth a comparison.
 
@@ -25,6 +28,7 @@ def choose_pairs(
         names: of the images, in order.
         features: of the images.
         options: see PosesOptions.pairs.
+        moments: (N,) of a rig's images, which are then in order of time; its windows count moments.
 
     Returns:
         (P, 2) int64, the smaller index first, each pair once, ordered.
@@ -37,8 +41,10 @@ def choose_pairs(
         first, second = np.triu_indices(count, 1)
         return np.stack([first, second], axis=1).astype(np.int64)
     chosen: list[np.ndarray] = []
-    if rule == "sequential" or (rule == "auto" and counts_up(names)):
-        chosen.append(_sequential(count, options.window))
+    in_time = moments is not None or counts_up(names)
+    if rule == "sequential" or (rule == "auto" and in_time):
+        together = 1 if moments is None else int(np.bincount(moments).max())
+        chosen.append(_sequential(count, options.window * together))
     if rule in ("similar", "auto"):
         chosen.append(_similar(features, options.neighbors, options.seed))
     pairs = np.unique(np.sort(np.concatenate(chosen), axis=1), axis=0)

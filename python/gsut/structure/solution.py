@@ -53,6 +53,7 @@ class Solution:
         shutter: rolling, or None; camera_from_world is then that of the middle of the readout.
         velocities: (N, 6) of rolling shutters, else None: how far the centre moves in the world and
             the camera turns (radians, camera frame) during a readout.
+        camera_from_body: (M, 4, 4) of a rig's mounts, else None.
     """
 
     names: list[str]
@@ -75,6 +76,7 @@ class Solution:
     held_out_sights: np.ndarray
     shutter: Shutter | None = None
     velocities: np.ndarray | None = None
+    camera_from_body: np.ndarray | None = None
 
     @property
     def num_registered(self) -> int:
@@ -104,6 +106,34 @@ class Solution:
     def unregistered_names(self) -> list[str]:
         """Images without a pose."""
         return [n for n, r in zip(self.names, self.registered, strict=True) if not r]
+
+
+@dataclasses.dataclass(frozen=True)
+class OnRig:
+    """What of a rig `refine` knows beforehand.
+
+    Args:
+        body_of_image: (N,) the rig's place that an image was taken from, from 0 without gaps.
+        mount_of_image: (N,) the mount of its camera on the body; -1: the camera is the body.
+        camera_from_body: (M, 4, 4) of the mounts.
+        registered: (N,) bool, whether an image's pose is known; all of a body, or none.
+        adjust: mounts are adjusted too; the rig keeps its size.
+    """
+
+    body_of_image: np.ndarray
+    mount_of_image: np.ndarray
+    camera_from_body: np.ndarray
+    registered: np.ndarray
+    adjust: bool = False
+
+    def as_settings(self) -> dict[str, Any]:
+        """As the solver takes it."""
+        return {
+            "body_of_image": self.body_of_image.tolist(),
+            "mount_of_image": self.mount_of_image.tolist(),
+            "camera_from_body": list(self.camera_from_body),
+            "refine": self.adjust,
+        }
 
 
 def matches_in_points(solution: Solution, pairs: Sequence[PairMatches]) -> float:
@@ -163,11 +193,8 @@ def solve(
         if options.readout_time is not None:
             settings["readout_time"] = options.readout_time
             settings["frame_times"] = frame_times(names).tolist()
-    if not hold_out_every and options.extend_rounds:
-        settings["descriptors"] = [f.descriptors for f in features]
-        settings["extend_rounds"] = options.extend_rounds
-        settings["extend_radius"] = options.extend_radius * diagonal(lenses) / 1000
-        settings["extend_distance"] = options.extend_distance
+    if not hold_out_every:
+        settings.update(_extension(options, features, lenses))
     found = _core.estimate_poses(
         lenses, lens_of, [f.pixels for f in features],
         [p.as_tuple() for p in pairs], settings, on_progress,
@@ -189,22 +216,32 @@ def refine(
     *,
     lens_free: np.ndarray | None = None,
     hold_out_every: int = 0,
+    on_rig: OnRig | None = None,
 ) -> Solution:
     """Refines poses and points, and the lens if asked for, that are roughly right.
 
     Args:
         camera_from_world: (4, 4) poses, one an image; their world is kept.
+        on_rig: the images' cameras are fixed to each other; tracks are extended then too.
         others: as for `solve`.
 
     Raises:
         SolveError: too few points agree with the poses.
     """
     lenses, lens_of, settings = _inputs(cameras, options, lens_free, hold_out_every)
+    known: list[int] = []
+    if on_rig is not None:
+        known = on_rig.registered.astype(int).tolist()
+        settings.update(_extension(options, features, lenses))
     found = _core.refine_structure(
         lenses, lens_of, [f.pixels for f in features],
         [p.as_tuple() for p in pairs], list(camera_from_world), settings, on_progress,
+        known, None if on_rig is None else on_rig.as_settings(),
     )  # fmt: skip
-    return _solution(names, cameras, features, found, lens_free is not None)
+    solution = _solution(names, cameras, features, found, lens_free is not None)
+    if on_rig is None:
+        return solution
+    return dataclasses.replace(solution, camera_from_body=np.array(found["camera_from_body"]))
 
 
 def _inputs(
@@ -226,6 +263,20 @@ def _inputs(
     if lens_free is not None:
         settings["lens_free"] = [[int(flag) for flag in lens_free] for _ in lenses]
     return lenses, [lenses.index(c) for c in cameras], settings
+
+
+def _extension(
+    options: PosesOptions, features: Sequence[Features], lenses: Sequence[Camera]
+) -> dict[str, Any]:
+    """The solver's settings for longer tracks."""
+    if not options.extend_rounds:
+        return {}
+    return {
+        "descriptors": [f.descriptors for f in features],
+        "extend_rounds": options.extend_rounds,
+        "extend_radius": options.extend_radius * diagonal(lenses) / 1000,
+        "extend_distance": options.extend_distance,
+    }
 
 
 def _solution(
