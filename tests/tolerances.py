@@ -288,6 +288,14 @@ CONVERT_TARGETS = {
 }
 CONVERT_SPLINE = 6e-3  # pixels, a fisheye of 200 degrees on 16 control points; worst 2.8e-3
 CONVERT_PUPIL = 1e-3  # pixels, a lens whose pupil moves, at two distances
+# --- rigs in gsut poses: two cameras 0.3 apart, 10 moments of a walk 2 wide, points 3 to 7 away ---
+RIG_EXACT = 8e-14  # units and degrees, exact tracks, no scale taken out, 3 seeds; worst 3.8e-14
+RIG_UNITS = 0.007  # centres, 0.2 px of noise, the first pose laid on truth, 3 seeds; worst 0.0035
+RIG_DEGREES = 0.1  # the same; worst 0.050, of an image with six points and its mate
+RIG_HELD = 5.2e-15  # poses of a moment's cameras to each other; worst 2.6e-15
+RIG_SIZE = 4.5e-16  # of a refined rig, relative; worst 2.3e-16
+RIG_REFINED_DEGREES = 0.021  # left of 0.5, 3 seeds; worst 0.0107
+RIG_REFINED_SHARE = 0.0035  # of the baseline, left of 0.01, 3 seeds; worst 0.0017
 # --- structure from motion -----------------------------------------------------------------------
 # Degrees, of 8 images of 500 points with 0.2 px of noise at 300 px a radian; worst 0.016
 SFM_SYNTHETIC_DEGREES = 0.02

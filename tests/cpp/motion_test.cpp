@@ -7,7 +7,9 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/poses/bundle.h"
+#include "gsut/poses/bundle_cost.h"
 #include "gsut/poses/camera_chain.h"
+#include "gsut/poses/lens_evaluation.h"
 #include "gsut/poses/pose_block.h"
 #include "synthetic_bundle.h"
 
@@ -193,6 +195,63 @@ Bundle RigBundle(std::uint64_t stream) {
   for (int i = 0; i < 8; ++i) bundle.camera_from_world[i] = state.CameraFromWorld(i);
   ObserveAll(&bundle);
   return bundle;
+}
+
+TEST(SightCost, DerivativesOnARigAgreeWithCentralDifferences) {
+  constexpr double kStep = 1e-5;
+  constexpr double kBound = 7.6e-11;  // relative to the largest derivative; worst 3.8e-11
+  Bundle bundle = RigBundle(47);
+  Disturb(&bundle, 46);
+  BundleState state(bundle);
+  const PoseManifold manifold;
+  int mounted = 0, compared = 0;
+  for (const bool through_lens : {false, true}) {
+    LensEvaluation evaluation(bundle, state, false);
+    for (int i = 0; i < static_cast<int>(bundle.observations.size()); i += 37) {
+      const SightCost cost(bundle, state, i, through_lens ? &evaluation : nullptr, false);
+      const std::vector<double*> blocks = cost.Blocks(&state);
+      mounted += blocks.size() == 3;
+      const auto residual = [&](double** jacobians) {
+        Eigen::Vector2d out;
+        evaluation.PrepareForEvaluation(jacobians != nullptr, true);
+        EXPECT_TRUE(cost.Evaluate(blocks.data(), out.data(), jacobians));
+        return out;
+      };
+      std::vector<std::vector<double>> found;
+      std::vector<double*> places;
+      for (const int size : cost.parameter_block_sizes()) found.emplace_back(2 * size);
+      for (std::vector<double>& each : found) places.push_back(each.data());
+      residual(places.data());
+      double largest = 1.0;
+      for (const std::vector<double>& each : found) {
+        for (const double value : each) largest = std::max(largest, std::abs(value));
+      }
+      for (std::size_t b = 0; b < blocks.size(); ++b) {
+        const int size = cost.parameter_block_sizes()[b];
+        const std::vector<double> kept(blocks[b], blocks[b] + size);
+        const bool pose = size == 7;
+        for (int k = 0; k < (pose ? kPoseTangent : size); ++k) {
+          Eigen::Vector2d sides[2];
+          for (int side = 0; side < 2; ++side) {
+            std::vector<double> change(size, 0.0);
+            change[k] = side == 0 ? kStep : -kStep;
+            if (pose) {
+              manifold.Plus(kept.data(), change.data(), blocks[b]);
+            } else {
+              for (int c = 0; c < size; ++c) blocks[b][c] = kept[c] + change[c];
+            }
+            sides[side] = residual(nullptr);
+          }
+          std::copy(kept.begin(), kept.end(), blocks[b]);
+          const Eigen::Vector2d expected(found[b][k], found[b][size + k]);
+          EXPECT_LT(((sides[0] - sides[1]) / (2 * kStep) - expected).norm(), kBound * largest);
+          ++compared;
+        }
+      }
+    }
+  }
+  EXPECT_GT(mounted, 10);
+  EXPECT_GT(compared, 500);
 }
 
 TEST(AdjustBundle, RigHasItsBaselinesScale) {

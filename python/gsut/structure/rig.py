@@ -8,55 +8,29 @@ from typing import Any
 
 import numpy as np
 
-from gsut._core import InputError, SolveError
+from gsut._core import InputError
 from gsut.data.poses import inverse
-from gsut.structure.align import centers_of, rotation_angles
 from gsut.structure.features import Features
 from gsut.structure.inputs import Photographs
 from gsut.structure.matching import PairMatches
 from gsut.structure.options import PosesOptions
 from gsut.structure.rig_file import Rig, relative_changes
+from gsut.structure.rig_start import RigStart, place_rig
 from gsut.structure.solution import OnRig, Solution, refine, solve
 
-# Two cameras of one moment that are turned to each other this much otherwise than the rig says:
-# one of them was placed wrongly.
-_SAME_DEGREES = 5.0
-# Median over all moments beyond which it is the rig that is wrong.
-_WRONG_DEGREES = 15.0
 # Growth of the median residual, with one pose a moment, that is worth a word: as in `gsut
 # calibrate`, whose boards show that images were not taken together.
 _SHAKY = 1.5
+# A mean turn against the rig's that is worth a word: so large, and so many standard errors.
+_TURNED_DEGREES = 0.1
+_TURNED_SIGMAS = 5.0
 _FEWEST_PX = 0.2  # residuals below this need no word: no photograph's features are that exact
-
-
 # Of poses.json, in place of the words for single images.
 COVARIANCE_OF = (
     "centre in the world, turn in the camera frame (radians); the rig's pose at one moment is "
     "held, with one component of another's centre where the rig was refined; the cameras' poses on "
     "it count as known"
 )
-
-
-@dataclasses.dataclass(frozen=True)
-class RigStart:
-    """The rig as images placed one by one show it.
-
-    Args:
-        camera_from_world: (N, 4, 4) of all images in the rig's unit, by their moment's pose;
-            identity where no image of the moment was placed.
-        known: (N,) bool, whether there is such a pose.
-        scale: the rig's unit over that of the poses given.
-        scale_spread: median distance of the scales of single moments from it, relative.
-        moments: number of moments that the scale comes from.
-        turn_degrees: median angle between two cameras' turn to each other and the rig's.
-    """
-
-    camera_from_world: np.ndarray
-    known: np.ndarray
-    scale: float
-    scale_spread: float
-    moments: int
-    turn_degrees: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,114 +121,6 @@ def solve_rig(
     return solution, _fit(photographs, rig, found, start, alone, solution, adjust)
 
 
-def place_rig(
-    camera_from_world: np.ndarray,
-    registered: np.ndarray,
-    moments: np.ndarray,
-    rig_cameras: np.ndarray,
-    rig: Rig,
-    sights: np.ndarray,
-) -> RigStart:
-    """The rig's pose at each moment, and the scale, from images placed one by one.
-
-    Args:
-        camera_from_world: (N, 4, 4), in any unit.
-        registered: (N,) bool, which of them are known.
-        moments, rig_cameras: (N,) of each image.
-        rig: its cameras' poses.
-        sights: (N,) how many points each image sees: of two that disagree the one with more counts.
-
-    Raises:
-        SolveError: no moment has two placed images of cameras that are apart, or they contradict
-            the rig.
-    """
-    camera_from_reference = rig.camera_from_reference
-    seats = centers_of(camera_from_reference)
-    centers = centers_of(camera_from_world)
-    # world -> reference, by each image alone.
-    turns = (
-        camera_from_reference[rig_cameras, :3, :3].transpose(0, 2, 1)
-        @ (camera_from_world[:, :3, :3])
-    )
-    groups = [
-        np.flatnonzero(registered & (moments == m)) for m in range(int(moments.max(initial=-1)) + 1)
-    ]
-    scales, weights, angles = [], [], []
-    for moment in groups:
-        for place, i in enumerate(moment):
-            for j in moment[place + 1 :]:
-                angles.append(_angle_degrees(turns[i], turns[j]))
-                best = i if sights[i] >= sights[j] else j
-                apart = turns[best].T @ (seats[rig_cameras[j]] - seats[rig_cameras[i]])
-                squared = float(apart @ apart)
-                if angles[-1] > _SAME_DEGREES or squared <= 0.0:
-                    continue
-                scales.append(float(apart @ (centers[j] - centers[i])) / squared)
-                weights.append(squared)
-    turn = float(np.median(angles)) if angles else 0.0
-    if turn > _WRONG_DEGREES:
-        raise SolveError(
-            f"in the images the cameras are turned to each other by {turn:.0f} degrees (median) "
-            f"otherwise than {rig.source} says: is camera_from_reference the right way round, and "
-            "does each folder hold its own camera's images?"
-        )
-    if not scales:
-        raise SolveError(
-            f"no moment has two images with poses, so the baseline of {rig.source} sets no scale: "
-            f"{int(registered.sum())} of {len(registered)} images were placed by themselves, in "
-            f"{sum(len(m) > 0 for m in groups)} of {len(groups)} moments; the cameras must see "
-            "parts of one scene, at the same moment or later"
-        )
-    per_unit = _weighted_median(np.array(scales), np.array(weights))
-    if per_unit <= 0.0:
-        raise SolveError(
-            f"the images show the cameras on the other side of each other than {rig.source} says: "
-            f"are the folders {rig.names[0]} and {rig.names[1]} swapped?"
-        )
-    poses = np.tile(np.eye(4), (len(moments), 1, 1))
-    known = np.zeros(len(moments), bool)
-    for number, placed in enumerate(groups):
-        if not len(placed):
-            continue
-        reference = _reference_pose(
-            turns[placed], centers[placed] / per_unit, seats[rig_cameras[placed]], sights[placed]
-        )
-        own = moments == number
-        poses[own] = camera_from_reference[rig_cameras[own]] @ reference
-        known |= own
-    spread = np.median(np.abs(np.array(scales) / per_unit - 1.0))
-    counted = sum(len(m) > 1 for m in groups)
-    return RigStart(poses, known, 1.0 / per_unit, float(spread), counted, turn)
-
-
-def _reference_pose(
-    turns: np.ndarray, centers: np.ndarray, seats: np.ndarray, sights: np.ndarray
-) -> np.ndarray:
-    """(4, 4) reference_from_world of a moment: the mean of its images that agree with the best.
-
-    Args:
-        turns: (M, 3, 3) reference_from_world by each. centers: (M, 3) of the cameras in the world.
-        seats: (M, 3) of the cameras in the reference frame. sights: (M,) of each.
-    """
-    best = int(np.argmax(sights))
-    good = np.array([_angle_degrees(turns[best], turn) <= _SAME_DEGREES for turn in turns])
-    left, _, right = np.linalg.svd(turns[good].sum(axis=0))
-    pose = np.eye(4)
-    pose[:3, :3] = left @ right  # near a rotation: its determinant is 1
-    pose[:3, 3] = (seats[good] - centers[good] @ pose[:3, :3].T).mean(axis=0)
-    return pose
-
-
-def _angle_degrees(first: np.ndarray, second: np.ndarray) -> float:
-    return float(np.degrees(rotation_angles((first @ second.T)[None])[0]))
-
-
-def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
-    order = np.argsort(values, kind="stable")
-    total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
-
-
 def _same_sights(alone: Solution, solution: Solution) -> tuple[float, float]:
     """Median residuals in pixels of the sights that both have."""
     keys = [
@@ -307,6 +173,13 @@ def _fit(
             "not taken together, or the rig is not as "
             + (f"{rig.source} says; try --refine-rig" if not adjust else "rigid as assumed")
         )
+    turn, sigma = start.turn_degrees, start.turn_sigma_degrees
+    if turn > max(_TURNED_DEGREES, _TURNED_SIGMAS * sigma) and not adjust:
+        notes.append(
+            f"in the images, placed one by one, two cameras are turned to each other by {turn:.2f} "
+            f"degrees (standard error {sigma:.2f}) otherwise than {rig.source} says; try "
+            "--refine-rig"
+        )
     now = dataclasses.replace(rig, camera_from_reference=found)
     changes = relative_changes(rig, found)
     registered = solution.registered
@@ -320,7 +193,8 @@ def _fit(
         "placed_by_their_moment": brought,
         "scale_from_moments": start.moments,
         "scale_spread_percent": 100.0 * start.scale_spread,
-        "turn_before_degrees": start.turn_degrees,
+        "turn_against_file_degrees": start.turn_degrees,
+        "turn_against_file_sigma_degrees": start.turn_sigma_degrees,
         "baseline": rig.baseline,
         "residual_alone_px": before_px,
         "residual_px": after_px,

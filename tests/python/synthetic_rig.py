@@ -1,0 +1,137 @@
+"""A made rig on a walk among points: tracks known exactly, so that only the rig is on trial."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import gsut
+from gsut.data.poses import inverse
+from gsut.structure.features import Features
+from gsut.structure.inputs import Photographs
+from gsut.structure.matching import PairMatches
+from gsut.structure.rig_file import Rig
+
+_FEWEST_SHARED = 25  # points of a pair of images worth a match
+
+
+def pose_of(turn, center):
+    """(4, 4) of a rotation vector and the camera's centre."""
+    pose = np.eye(4)
+    pose[:3, :3] = cv2.Rodrigues(np.array(turn, float))[0]
+    pose[:3, 3] = -pose[:3, :3] @ np.array(center, float)
+    return pose
+
+
+# Right of the first, turned out; or looking backwards from behind it. Units: metres, say.
+STEREO = pose_of([0.02, 0.1, -0.01], [0.3, 0.01, 0.02])
+BACKWARD = pose_of([0.03, np.pi - 0.05, 0.02], [0.05, -0.1, -0.4])
+
+
+class SyntheticRig:
+    """Two cameras of different lenses on a body that walks a round and turns.
+
+    Args:
+        rng: source of points and noise.
+        camera_from_reference: (4, 4) of the second camera.
+        moments, points: how many. noise: of the features, pixels.
+        absent: (moment, camera) without an image. blind: (moment, camera) that sees six points.
+    """
+
+    def __init__(
+        self, rng, camera_from_reference=STEREO, moments=10, points=700, noise=0.0, absent=(),
+        blind=(),
+    ):  # fmt: skip
+        self.rig = Rig(
+            Path("rig.json"),
+            ("left", "right"),
+            (
+                gsut.Camera(
+                    "kannala_brandt", [300, 301, 400, 402, 0.02, -0.01, 0.002, 0], 800, 800,
+                    valid_field_angle=np.radians(65),
+                ),
+                gsut.Camera("opencv4", [350, 351, 320, 241, -0.02, 0.003, 1e-4, -2e-4], 640, 480),
+            ),
+            np.stack([np.eye(4), camera_from_reference]),
+            ((Path("left.yaml"), None), (Path("right.yaml"), None)),
+        )  # fmt: skip
+        directions = rng.standard_normal((points, 3))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        self.points = directions * rng.uniform(3, 7, (points, 1))
+        identity = rng.random((points, 128)) ** 4
+        self.bodies, self.poses, names, moments_of, cameras_of = [], [], [], [], []
+        self.features, self._seen = [], []
+        for moment in range(moments):
+            angle = 2 * np.pi * moment / moments
+            center = [np.cos(angle), 0.2 * np.sin(2 * angle), np.sin(angle)]
+            body = pose_of([0.1 * np.sin(angle), angle, 0.1 * np.cos(angle)], center)
+            self.bodies.append(body)
+            for camera, name in enumerate(self.rig.names):
+                if (moment, camera) in absent:
+                    continue
+                names.append(f"{name}/{moment:03d}.png")
+                moments_of.append(moment)
+                cameras_of.append(camera)
+                pose = self.rig.camera_from_reference[camera] @ body
+                self.poses.append(pose)
+                few = (moment, camera) in blind
+                self._add_features(rng, pose, self.rig.cameras[camera], noise, identity, few)
+        self.poses = np.array(self.poses)
+        self.photographs = Photographs(
+            Path("."), names, [Path(n) for n in names], [None] * len(names),
+            [self.rig.cameras[c] for c in cameras_of], moments=np.array(moments_of),
+            rig_cameras=np.array(cameras_of), paired_by="name",
+        )  # fmt: skip
+        self.pairs = self._pairs()
+
+    def _add_features(self, rng, pose, lens, noise, identity, few):
+        pixels, valid = lens.project(self.points @ pose[:3, :3].T + pose[:3, 3])
+        with np.errstate(invalid="ignore"):
+            pixels = pixels + noise * rng.standard_normal(pixels.shape)
+            valid &= (pixels > 0).all(axis=1) & (pixels < [lens.width, lens.height]).all(axis=1)
+        valid[valid] = lens.unproject(pixels[valid])[1]
+        seen = np.flatnonzero(valid)
+        seen = seen[:6] if few else seen
+        values = np.sqrt(identity[seen] + 0.01 * rng.random((len(seen), 128)))
+        values /= np.linalg.norm(values, axis=1, keepdims=True)
+        self._seen.append(seen)
+        self.features.append(
+            Features(
+                pixels[seen], np.full(len(seen), 3, np.float32),
+                np.rint(512 * values).clip(0, 255).astype(np.uint8),
+                np.full((len(seen), 3), 128, np.uint8),
+            )
+        )  # fmt: skip
+
+    def _pairs(self):
+        pairs = []
+        for i, mine in enumerate(self._seen):
+            for j in range(i + 1, len(self._seen)):
+                _, first, second = np.intersect1d(mine, self._seen[j], return_indices=True)
+                few = min(len(mine), len(self._seen[j])) < _FEWEST_SHARED
+                if len(first) < (3 if few else _FEWEST_SHARED):
+                    continue
+                relative = self.poses[j] @ inverse(self.poses[i])
+                distance = np.linalg.norm(relative[:3, 3])
+                relative[:3, 3] /= distance
+                matches = np.stack([first, second], axis=1).astype(np.int32)
+                pairs.append(PairMatches(i, j, matches, relative, 0, float(distance / 5)))
+        return pairs
+
+    def worst(self, solution):
+        """Largest distance of a centre and largest turn in degrees, the first pose laid on truth.
+
+        No scale is taken out: the rig's is on trial.
+        """
+        first = int(np.argmax(solution.registered))
+        onto = inverse(solution.camera_from_world[first]) @ self.poses[first]
+        apart, turned = [], []
+        for found, truth in zip(
+            solution.camera_from_world[solution.registered],
+            self.poses[solution.registered],
+            strict=True,
+        ):
+            step = found @ onto @ inverse(truth)
+            apart.append(np.linalg.norm(inverse(found @ onto)[:3, 3] - inverse(truth)[:3, 3]))
+            turned.append(np.degrees(np.linalg.norm(cv2.Rodrigues(step[:3, :3])[0])))
+        return max(apart), max(turned)
