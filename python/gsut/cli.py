@@ -282,6 +282,12 @@ def _add_demo(commands) -> None:
         "--steps", type=int, metavar="N", default=1000, help="training steps [default 1000]"
     )
     parser.add_argument(
+        "--rig",
+        action="store_true",
+        help="two fisheyes on one body instead: finds their poses with `gsut poses --rig`, tells "
+        "their errors against the truth, the scale's too, and trains on them",
+    )
+    parser.add_argument(
         "--no-open", action="store_true", help="do not open the report in a browser"
     )
     parser.set_defaults(run=_command("demo"))

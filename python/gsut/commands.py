@@ -140,11 +140,14 @@ def demo(arguments: argparse.Namespace) -> int:
 
     options = TrainOptions(preset="fast", steps=arguments.steps)
     folder = Path(arguments.out)
-    data = folder / "fisheye_hall"
-    if not data.is_dir():
-        print(f"making a fisheye scene in {data}", file=sys.stderr)
-        make_demo_scene(data)
-    run, resume = _demo_run(folder, options)
+    if arguments.rig:
+        data = _demo_rig_poses(folder)
+    else:
+        data = folder / "fisheye_hall"
+        if not data.is_dir():
+            print(f"making a fisheye scene in {data}", file=sys.stderr)
+            make_demo_scene(data)
+    run, resume = _demo_run(folder, "rig_run" if arguments.rig else "run", options)
     metrics = _train(str(data), run, options, resume, quiet=False)
     _print_figures(metrics)
     report = run.path / REPORT
@@ -227,11 +230,34 @@ def _new_folder(path: Path) -> Path:
     return path
 
 
-def _demo_run(folder: Path, options: TrainOptions) -> tuple[RunFolder, bool]:
-    """The first of run, run-2, run-3 ... that is free, or unfinished with the same options."""
+def _demo_rig_poses(folder: Path) -> Path:
+    """Makes the demo's rig, finds its poses and tells their errors; returns the new dataset."""
+    from gsut.bench.poses_bench import errors_against
+    from gsut.demo_scene import make_demo_rig
+    from gsut.poses_command import estimate_with_bars
+    from gsut.structure.estimate import is_finished
+
+    truth, found = folder / "rig_hall", folder / "rig_poses"
+    if not truth.is_dir():
+        print(f"making a scene of two fisheyes on one body in {truth}", file=sys.stderr)
+        make_demo_rig(truth)
+    if not is_finished(found):
+        estimate_with_bars(truth / "images", found, rig=truth / "rig.json")
+    errors = errors_against(truth, found)
+    print(
+        f"poses of {errors.images} images against the truth: lengths off by "
+        f"{errors.scale_error_percent:+.2f} %, centres by {errors.metric_ate:.4f} m of "
+        f"{errors.extent:.1f} m (rms), turns by {np.median(errors.rotation_degrees):.3f} degrees "
+        f"(median); report: {found / REPORT}"
+    )
+    return found
+
+
+def _demo_run(folder: Path, name: str, options: TrainOptions) -> tuple[RunFolder, bool]:
+    """The first of NAME, NAME-2, NAME-3 ... that is free, or unfinished with the same options."""
     number = 1
     while True:
-        run = RunFolder(folder / ("run" if number == 1 else f"run-{number}"))
+        run = RunFolder(folder / (name if number == 1 else f"{name}-{number}"))
         if not run.holds_run():
             return run, False
         unfinished = not (run.path / REPORT).is_file() and (run.path / OPTIONS).is_file()

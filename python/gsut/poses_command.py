@@ -5,13 +5,17 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import os
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
 from gsut.option_fields import add_option_flags, given_options
 from gsut.structure.options import PosesOptions
+
+if TYPE_CHECKING:
+    from gsut.structure.estimate import PosesResult
 
 _BAR = "{desc:<9}{percentage:3.0f}% {bar:20} {n_fmt}/{total_fmt}, {remaining} left{postfix}"
 _LOG_INTERVAL = 15.0  # seconds between refreshes where standard error is no terminal
@@ -76,8 +80,6 @@ def add_poses_flags(parser: argparse.ArgumentParser) -> None:
 
 def poses(arguments: argparse.Namespace) -> int:
     """`gsut poses IMAGES -o DATA`."""
-    from gsut.structure.estimate import estimate_poses
-
     if arguments.camera and arguments.unknown_lens:
         raise InputError("--unknown-lens contradicts --camera; give one of them")
     options = PosesOptions(**given_options(PosesOptions, arguments))
@@ -92,20 +94,18 @@ def poses(arguments: argparse.Namespace) -> int:
         mapper = grow_poses
         if options.pairs == "auto":
             options = dataclasses.replace(options, pairs="sequential")
-    with StageBars(enabled=not arguments.quiet) as bars:
-        result = estimate_poses(
-            arguments.images,
-            arguments.out,
-            camera=arguments.camera,
-            unknown_lens=arguments.unknown_lens,
-            fov_degrees=arguments.fov,
-            options=options,
-            mapper=mapper,
-            rig=arguments.rig,
-            refine_rig=arguments.refine_rig,
-            on_progress=bars.show,
-            notes_to=bars.note,
-        )
+    result = estimate_with_bars(
+        arguments.images,
+        arguments.out,
+        enabled=not arguments.quiet,
+        camera=arguments.camera,
+        unknown_lens=arguments.unknown_lens,
+        fov_degrees=arguments.fov,
+        options=options,
+        mapper=mapper,
+        rig=arguments.rig,
+        refine_rig=arguments.refine_rig,
+    )
     figures = result.figures
     if arguments.json:
         print(json.dumps({k: v for k, v in figures.items() if k != "views"}, indent=2))
@@ -123,6 +123,20 @@ def poses(arguments: argparse.Namespace) -> int:
             print(f"lens found: {lens['model']} {values}")
         print(f"report: {Path(arguments.out) / 'report.html'}")
     return 0
+
+
+def estimate_with_bars(
+    images: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    enabled: bool = True,
+    **settings: Any,
+) -> PosesResult:
+    """`estimate_poses` with a progress bar a stage, if enabled."""
+    from gsut.structure.estimate import estimate_poses
+
+    with StageBars(enabled) as bars:
+        return estimate_poses(images, out, on_progress=bars.show, notes_to=bars.note, **settings)
 
 
 def _rig_words(rig: dict[str, Any]) -> str:

@@ -11,6 +11,7 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
+from gsut.bench.rig_poses import disturbed
 from gsut.data.poses import inverse
 from gsut.structure.options import PosesOptions
 from gsut.structure.rig import solve_rig
@@ -34,18 +35,6 @@ def solved(scene, rig=None, **settings):
 def with_second(rig, pose):
     """The rig with another pose of its second camera."""
     return dataclasses.replace(rig, camera_from_reference=np.stack([np.eye(4), pose]))
-
-
-def disturbed(rig):
-    """The second camera turned by 0.5 degrees and moved by 1 % of the baseline, across it."""
-    pose = rig.camera_from_reference[1].copy()
-    center = inverse(pose)[:3, 3]
-    across = np.cross(center, [0.3, 0.8, 0.5])
-    center = center + 0.01 * np.linalg.norm(center) * across / np.linalg.norm(across)
-    turn = cv2.Rodrigues(np.radians(0.5) * np.array([0.6, -0.64, 0.48]))[0]
-    pose[:3, :3] = turn @ pose[:3, :3]
-    pose[:3, 3] = -pose[:3, :3] @ center
-    return with_second(rig, pose)
 
 
 # --- poses and scale ------------------------------------------------------------------------------

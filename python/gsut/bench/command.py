@@ -157,6 +157,8 @@ def poses(arguments: argparse.Namespace) -> int:
     from gsut.bench.poses_bench import POSES_COLUMNS, PosesBenchOptions, poses_bench
 
     _check_files(arguments)
+    if arguments.rig:
+        return _poses_on_rig(arguments)
     options = PosesBenchOptions(
         data=arguments.data, lenses=_words(arguments.lenses), threads=arguments.threads,
         shutters=_words(arguments.shutters), pycolmap=arguments.pycolmap,
@@ -167,6 +169,22 @@ def poses(arguments: argparse.Namespace) -> int:
     for row in rows:
         if "failure" in row:
             print(f"{row['data']}, {row['program']}, lens {row['lens']}: {row['failure']}")
+    return 0
+
+
+def _poses_on_rig(arguments: argparse.Namespace) -> int:
+    """`gsut bench poses DATA --rig RIG`."""
+    from gsut.bench.rig_poses import RIG_COLUMNS, WAYS, RigBenchOptions, rig_bench
+
+    if len(arguments.data) != 1:
+        raise InputError(f"--rig goes with one dataset, found {len(arguments.data)}")
+    options = RigBenchOptions(arguments.data[0], arguments.rig, arguments.threads)
+    with _bar(len(WAYS)) as advance:
+        rows = rig_bench(options, advance)
+    _print_and_write(rows, RIG_COLUMNS, arguments)
+    for row in rows:
+        if "failure" in row:
+            print(f"{row['data']}, {row['way']}: {row['failure']}")
     return 0
 
 

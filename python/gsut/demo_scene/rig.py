@@ -11,8 +11,9 @@ import numpy as np
 
 from gsut._core import InputError, exp_pose
 from gsut.cameras import Camera
-from gsut.data.lens_nerfstudio import format_nerfstudio
-from gsut.data.poses import OPENGL_FROM_OPENCV, inverse
+from gsut.data.assemble import Frame
+from gsut.data.poses import inverse
+from gsut.data.write_nerfstudio import format_transforms
 from gsut.demo_scene.dataset import new_folder, render_views, whole_pixels, write_image
 from gsut.demo_scene.hall import make_hall
 from gsut.demo_scene.views import camera_path, demo_camera
@@ -98,16 +99,11 @@ def _write(folder: Path, moments: int, size: int, seed: int, progress: bool) -> 
         for number, image in enumerate(render_views(hall, lens, poses, progress)):
             write_image(images / f"{number:03d}.png", image[..., ::-1])
             frames.append(
-                {
-                    "file_path": f"images/{name}/{number:03d}.png",
-                    "transform_matrix": (poses[number] @ OPENGL_FROM_OPENCV).tolist(),
-                    "mask_path": f"images/{name}/mask.png",
-                    **json.loads(format_nerfstudio(lens)),
-                }
-            )
-    _write_json(folder / "rig.json", {"cameras": cameras})
-    _write_json(folder / "transforms.json", {"pixel_center": 0.5, "frames": frames})
-
-
-def _write_json(path: Path, values: dict) -> None:
-    path.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
+                Frame(
+                    f"{name}/{number:03d}", images / f"{number:03d}.png", lens, poses[number],
+                    mask_path=images / "mask.png",
+                )
+            )  # fmt: skip
+    rig = json.dumps({"cameras": cameras}, indent=1) + "\n"
+    (folder / "rig.json").write_text(rig, encoding="utf-8")
+    (folder / "transforms.json").write_text(format_transforms(frames, folder), encoding="utf-8")

@@ -18,6 +18,9 @@ class PoseErrors:
     Args:
         images: number of images compared.
         ate: root of the mean squared distance of the centres, in the reference's unit.
+        metric_ate: the same after the best rotation and shift alone: poses that claim to be in the
+            reference's unit.
+        scale: the similarity's: the reference's unit over that of the poses.
         extent: the reference's: diagonal of the box around its camera centres.
         rotation_degrees: (N,) angles between the rotations.
         center_distances: (N,) in the reference's unit.
@@ -26,6 +29,8 @@ class PoseErrors:
 
     images: int
     ate: float
+    metric_ate: float
+    scale: float
     extent: float
     rotation_degrees: np.ndarray
     center_distances: np.ndarray
@@ -35,6 +40,11 @@ class PoseErrors:
     def ate_percent(self) -> float:
         """ATE in percent of the extent."""
         return 100.0 * self.ate / self.extent
+
+    @property
+    def scale_error_percent(self) -> float:
+        """How much longer lengths are than the reference's, where they claim to have its unit."""
+        return 100.0 * (1.0 / self.scale - 1.0)
 
 
 def similarity(source: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -71,6 +81,7 @@ def compare_poses(camera_from_world: np.ndarray, reference: np.ndarray) -> PoseE
     centers, targets = centers_of(camera_from_world), centers_of(reference)
     scale, rotation, translation = similarity(centers, targets)
     distances = np.linalg.norm(scale * centers @ rotation.T + translation - targets, axis=1)
+    about_mean = (centers - centers.mean(axis=0)) @ rotation.T - (targets - targets.mean(axis=0))
     relative = camera_from_world[:, :3, :3] @ rotation.T @ reference[:, :3, :3].transpose(0, 2, 1)
     matrix = np.eye(4)
     matrix[:3, :3] = scale * rotation
@@ -78,6 +89,8 @@ def compare_poses(camera_from_world: np.ndarray, reference: np.ndarray) -> PoseE
     return PoseErrors(
         images=len(reference),
         ate=float(np.sqrt((distances**2).mean())),
+        metric_ate=float(np.sqrt((about_mean**2).sum(axis=1).mean())),
+        scale=scale,
         extent=float(np.linalg.norm(targets.max(axis=0) - targets.min(axis=0))),
         rotation_degrees=np.degrees(rotation_angles(relative)),
         center_distances=distances,
