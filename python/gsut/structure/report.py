@@ -17,6 +17,7 @@ REPORT = "report.html"
 _MOST_POINTS = 20000  # drawn
 _SHOWN_PERCENT = 97.0  # of the points, nearest first: far ones would shrink the rest
 _INK, _MUTED, _GRID, _LINE = "#1d2733", "#6b7785", "#e3e8ee", "#1668b8"  # as the training report
+_CAMERAS = (_LINE, "#c8442f", "#2a8f5a", "#8a4fb0", "#b07a12", "#3a8fa0")  # of a rig, in turn
 _BIN_DEGREES = 5.0
 _PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>gsut poses: {title}</title>
 <style>body{{font:15px/1.5 system-ui,sans-serif;color:#1d2733;max-width:1000px;margin:2em auto;
@@ -51,6 +52,7 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
         "reprojection error": f"median {error['median']:.3f} px, rms {error['rms']:.3f} px",
         "seconds": ", ".join(f"{k} {v:.1f}" for k, v in values["seconds"].items()),
         "began with": " and ".join(values["initial_pair"]),
+        **(_rig_rows(values["rig"]) if "rig" in values else {}),
         **{
             f"lens {i}": f"{lens['model']} "
             + " ".join(f"{v:.6g}" for v in lens["params"])
@@ -75,12 +77,31 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
         summary="".join(
             f"<tr><td>{html.escape(k)}<td>{html.escape(v)}</tr>" for k, v in summary.items()
         ),
-        scene=_scene_plot(solution),
+        scene=_scene_plot(solution, values.get("rig")),
         residuals=_residual_plot(solution),
         tracks=_track_plot(solution),
         images="".join(images),
     )
     write_atomically(out / REPORT, page.encode())
+
+
+def _rig_rows(rig: dict[str, Any]) -> dict[str, str]:
+    """Of the summary: the moments, the unit, and where each camera of the rig is."""
+    rows = {
+        "rig": f"{rig['moments_registered']} of {rig['moments_total']} moments; lengths in the "
+        f"unit of {rig['file']}, baseline {rig['baseline']:.6g}",
+        "residuals of the same features": f"{rig['residual_px']:.3f} px with one pose a moment, "
+        f"{rig['residual_alone_px']:.3f} px image by image (medians)",
+    }
+    for camera in rig["cameras"]:
+        words = f"{camera['registered']} of {camera['images']} images"
+        if rig["refined"]:
+            words += (
+                f"; refined: turned by {camera['turned_degrees']:.4f} degrees, moved by "
+                f"{camera['shifted']:.3g}"
+            )
+        rows[f"camera {camera['name']}"] = words
+    return rows
 
 
 def _figure(columns: int, width: float, height: float) -> tuple[Any, Any]:
@@ -103,8 +124,8 @@ def _svg(figure: Any) -> str:
     return text[text.index("<svg") :]
 
 
-def _scene_plot(solution: Solution) -> str:
-    """Seen along two principal axes of the camera path."""
+def _scene_plot(solution: Solution, rig: dict[str, Any] | None) -> str:
+    """Seen along two principal axes of the camera path; each camera of a rig in a colour."""
     centers = centers_of(solution.camera_from_world[solution.registered])
     forward = solution.camera_from_world[solution.registered][:, 2, :3]
     down = solution.camera_from_world[solution.registered][:, 1, :3].mean(axis=0)
@@ -119,17 +140,40 @@ def _scene_plot(solution: Solution) -> str:
     keep = np.flatnonzero(far <= np.percentile(far, _SHOWN_PERCENT))
     keep = keep[:: max(1, len(keep) // _MOST_POINTS)]
     points, colors = solution.points[keep] - middle, solution.colors[keep] / 255.0
+    cameras, moments = _rig_places(solution, rig)
     figure, axes = _figure(2, 10, 5)
     size = 0.03 * max(float(np.ptp(centers @ across)), float(np.ptp(centers @ along)), 1e-9)
     for axis, (x, y) in zip(axes, ((across, along), (across, -down)), strict=True):
         axis.scatter(points @ x, points @ y, s=0.6, c=colors, linewidths=0, rasterized=True)
         c = centers - middle
-        axis.plot(c @ x, c @ y, ".", color=_LINE, markersize=4)
-        for center, ray in zip(c, forward, strict=True):
-            end = center + size * ray
-            axis.plot([center @ x, end @ x], [center @ y, end @ y], color=_LINE, linewidth=0.8)
+        for number, (name, rows) in enumerate(cameras.items()):
+            color = _CAMERAS[number % len(_CAMERAS)]
+            axis.plot(c[rows] @ x, c[rows] @ y, ".", color=color, markersize=4, label=name)
+            for center, ray in zip(c[rows], forward[rows], strict=True):
+                end = center + size * ray
+                axis.plot([center @ x, end @ x], [center @ y, end @ y], color=color, linewidth=0.8)
+        for rows in moments:
+            axis.plot(c[rows] @ x, c[rows] @ y, color=_MUTED, linewidth=0.8, zorder=1.5)
         axis.set_aspect("equal")
+    if rig is not None:
+        axes[0].set_xlabel("in the rig's unit", color=_MUTED)
+        axes[0].legend(fontsize=8, frameon=False)
     return _svg(figure)
+
+
+def _rig_places(
+    solution: Solution, rig: dict[str, Any] | None
+) -> tuple[dict[str, list[int]], list[list[int]]]:
+    """Rows, among the images with a pose, of each camera of a rig, and of each moment."""
+    if rig is None:
+        return {"": list(range(solution.num_registered))}, []
+    with_pose = [n for n, good in zip(solution.names, solution.registered, strict=True) if good]
+    place = {name: row for row, name in enumerate(with_pose)}
+    cameras = {
+        camera["name"]: [place[m[number]] for m in rig["moments"] if m[number] in place]
+        for number, camera in enumerate(rig["cameras"])
+    }
+    return cameras, [[place[name] for name in m if name in place] for m in rig["moments"]]
 
 
 def _residual_plot(solution: Solution) -> str:
