@@ -44,10 +44,11 @@ def right_from_left() -> np.ndarray:
 
 def make_demo_rig(
     folder: str | os.PathLike[str],
-    moments: int = 16,
+    moments: int = 20,
     size: int = 240,
     seed: int = 0,
     progress: bool = True,
+    path_share: float = 1.0,
 ) -> Path:
     """Makes a small data set of a rig with exact truth: two fisheyes on one body in a hall.
 
@@ -61,6 +62,7 @@ def make_demo_rig(
         size: width and height of the images, pixels.
         seed: of textures and path; the same seed gives the same bytes.
         progress: show a progress bar on stderr.
+        path_share: of the demo's path, above 0 and up to 1, that the rig goes.
 
     Returns:
         The folder.
@@ -72,14 +74,16 @@ def make_demo_rig(
     for name, value, least in (("moments", moments, 2), ("size", size, 16), ("seed", seed, 0)):
         if value < least:
             raise InputError(f"{name} is {value}; give at least {least}")
+    if not 0.0 < path_share <= 1.0:
+        raise InputError(f"path_share is {path_share}; give more than 0 and at most 1")
+    path = camera_path(round(moments / path_share), seed)[:moments]
     with new_folder(folder) as partial:
-        _write(partial, moments, size, seed, progress)
+        _write(partial, path, size, seed, progress)
     return folder
 
 
-def _write(folder: Path, moments: int, size: int, seed: int, progress: bool) -> None:
+def _write(folder: Path, path: list[np.ndarray], size: int, seed: int, progress: bool) -> None:
     hall = make_hall(seed)
-    path = camera_path(moments, seed)
     frames, cameras = [], {}
     for name, lens, camera_from_left in zip(
         CAMERAS,
