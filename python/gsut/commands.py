@@ -147,7 +147,7 @@ def demo(arguments: argparse.Namespace) -> int:
         if not data.is_dir():
             print(f"making a fisheye scene in {data}", file=sys.stderr)
             make_demo_scene(data)
-    run, resume = _demo_run(folder, "rig_run" if arguments.rig else "run", options)
+    run, resume = _demo_run(folder, options, "rig_run" if arguments.rig else "run")
     metrics = _train(str(data), run, options, resume, quiet=False)
     _print_figures(metrics)
     report = run.path / REPORT
@@ -253,7 +253,7 @@ def _demo_rig_poses(folder: Path) -> Path:
     return found
 
 
-def _demo_run(folder: Path, name: str, options: TrainOptions) -> tuple[RunFolder, bool]:
+def _demo_run(folder: Path, options: TrainOptions, name: str = "run") -> tuple[RunFolder, bool]:
     """The first of NAME, NAME-2, NAME-3 ... that is free, or unfinished with the same options."""
     number = 1
     while True:
