@@ -35,12 +35,13 @@ class SyntheticRig:
         rng: source of points and noise.
         camera_from_reference: (4, 4) of the second camera.
         moments, points: how many. noise: of the features, pixels.
-        absent: (moment, camera) without an image. blind: (moment, camera) that sees six points.
+        absent: (moment, camera) without an image.
+        blind: (moment, camera) that sees few points; few: how many.
     """
 
     def __init__(
         self, rng, camera_from_reference=STEREO, moments=10, points=700, noise=0.0, absent=(),
-        blind=(),
+        blind=(), few=6,
     ):  # fmt: skip
         self.rig = Rig(
             Path("rig.json"),
@@ -74,8 +75,8 @@ class SyntheticRig:
                 cameras_of.append(camera)
                 pose = self.rig.camera_from_reference[camera] @ body
                 self.poses.append(pose)
-                few = (moment, camera) in blind
-                self._add_features(rng, pose, self.rig.cameras[camera], noise, identity, few)
+                most = few if (moment, camera) in blind else points
+                self._add_features(rng, pose, self.rig.cameras[camera], noise, identity, most)
         self.poses = np.array(self.poses)
         self.photographs = Photographs(
             Path("."), names, [Path(n) for n in names], [None] * len(names),
@@ -84,14 +85,13 @@ class SyntheticRig:
         )  # fmt: skip
         self.pairs = self._pairs()
 
-    def _add_features(self, rng, pose, lens, noise, identity, few):
+    def _add_features(self, rng, pose, lens, noise, identity, most):
         pixels, valid = lens.project(self.points @ pose[:3, :3].T + pose[:3, 3])
         with np.errstate(invalid="ignore"):
             pixels = pixels + noise * rng.standard_normal(pixels.shape)
             valid &= (pixels > 0).all(axis=1) & (pixels < [lens.width, lens.height]).all(axis=1)
         valid[valid] = lens.unproject(pixels[valid])[1]
-        seen = np.flatnonzero(valid)
-        seen = seen[:6] if few else seen
+        seen = np.flatnonzero(valid)[:most]
         values = np.sqrt(identity[seen] + 0.01 * rng.random((len(seen), 128)))
         values /= np.linalg.norm(values, axis=1, keepdims=True)
         self._seen.append(seen)

@@ -102,6 +102,16 @@ def test_refine_on_a_rig_places_a_moment_without_poses(rng):
     assert scene.worst(solution)[0] < tolerances.RIG_EXACT
 
 
+def test_solve_rig_places_a_moment_by_few_points_in_each_camera(rng):
+    scene = SyntheticRig(rng, noise=0.2, blind=[(6, 0), (6, 1)], few=10)  # 15 are needed
+    solution, fit = solved(scene)
+    assert fit.figures["placed_by_their_moment"] == ["left/006.png", "right/006.png"]
+    assert solution.registered.all()
+    apart, turned = scene.worst(solution)
+    assert apart < tolerances.RIG_FEW_UNITS
+    assert turned < tolerances.RIG_FEW_DEGREES
+
+
 # --- a rig that is a little wrong -----------------------------------------------------------------
 
 

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "gsut/base/errors.h"
-#include "gsut/poses/absolute_pose.h"
+#include "gsut/poses/place_bodies.h"
 #include "gsut/poses/scene_map.h"
 
 namespace gsut {
@@ -74,35 +74,6 @@ int FarthestFromFirst(const std::vector<Pose>& poses) {
       std::max_element(poses.begin() + 1, poses.end(),
                        [&](const Pose& a, const Pose& b) { return distance(a) < distance(b); });
   return static_cast<int>(farthest - poses.begin());
-}
-
-// Places every body without a pose by that of its images which agrees with most points; returns how
-// many images that brought.
-int PlaceBodies(const StructureOptions& options, SceneMap* map) {
-  const std::vector<int>& body = options.rig.body_of_image;
-  std::vector<int> inliers(body.size(), 0), best(body.size(), -1);
-  std::vector<Pose> poses(body.size());
-  for (int image = 0; image < map->num_images(); ++image) {
-    if (map->registered(image)) continue;
-    const SceneMap::Visible visible = map->VisiblePoints(image);
-    AbsolutePoseOptions settings;
-    settings.max_error = options.max_error;
-    settings.seed = options.seed + static_cast<std::uint64_t>(image);
-    const AbsolutePose found = EstimateAbsolutePose(visible.bearings, visible.points, settings);
-    if (found.num_inliers < options.min_inliers ||
-        found.num_inliers < kFewestInlierShare * static_cast<double>(visible.points.size()) ||
-        found.num_inliers <= inliers[body[image]]) {
-      continue;
-    }
-    inliers[body[image]] = found.num_inliers;
-    best[body[image]] = image;
-    poses[body[image]] = found.camera_from_world;
-  }
-  const int before = map->num_registered();
-  for (std::size_t b = 0; b < best.size(); ++b) {
-    if (best[b] >= 0) map->RegisterBody(best[b], poses[b]);
-  }
-  return map->num_registered() - before;
 }
 
 }  // namespace

@@ -41,6 +41,7 @@ class SceneMap {
   // Whether images share bodies, see Rig; their mounts as they are now.
   bool on_rig() const { return !options_.rig.body_of_image.empty(); }
   const std::vector<Pose>& camera_from_body() const { return camera_from_body_; }
+  Pose CameraFromBody(int image) const;
   const std::vector<Track>& tracks() const { return tracks_; }
   const std::vector<Camera>& cameras() const { return cameras_; }
   const Bearing& bearing(int image, int feature) const { return bearings_[image][feature]; }
@@ -121,8 +122,6 @@ class SceneMap {
   void UpdateLoss();
   Bundle MakeBundle(const std::vector<std::uint8_t>* images_free, BundleOptions* options,
                     std::vector<int>* image_of, std::vector<int>* track_of) const;
-  // camera_from_body of an image's mount as it is now.
-  Pose CameraFromBody(int image) const;
   void AddImage(int image, Bundle* bundle, std::vector<int>* image_of) const;
   // Adds the rig, and the images of its bodies that see nothing; sets the gauge.
   void AddRig(Bundle* bundle, BundleOptions* options, std::vector<int>* image_of) const;
