@@ -133,7 +133,7 @@ def test_solve_rig_refines_a_disturbed_rig_and_keeps_its_size(rng):
 def test_solve_rig_says_that_a_held_rig_is_turned_otherwise(rng):
     scene = SyntheticRig(rng, noise=0.2)
     _, fit = solved(scene, disturbed(scene.rig))
-    assert any("turned to each other by 0.5" in n and "--refine-rig" in n for n in fit.notes)
+    assert any("turned to each other by" in n and "--refine-rig" in n for n in fit.notes)
     assert fit.figures["turn_against_file_degrees"] == pytest.approx(0.5, abs=0.05)
 
 
