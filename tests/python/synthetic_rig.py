@@ -29,44 +29,45 @@ BACKWARD = pose_of([0.03, np.pi - 0.05, 0.02], [0.05, -0.1, -0.4])
 
 
 class SyntheticRig:
-    """Two cameras of different lenses on a body that walks a round and turns.
+    """Cameras of different lenses on a body that walks a round and turns.
 
     Args:
         rng: source of points and noise.
-        camera_from_reference: (4, 4) of the second camera.
+        mounts: (4, 4) second, third camera from the first [STEREO].
+        elsewhere: (4, 4) first camera from the reference [the same].
         moments, points: how many. noise: of the features, pixels.
         absent: (moment, camera) without an image.
         blind: (moment, camera) that sees few points; few: how many.
     """
 
     def __init__(
-        self, rng, camera_from_reference=STEREO, moments=10, points=700, noise=0.0, absent=(),
-        blind=(), few=6,
+        self, rng, *mounts, moments=10, points=700, noise=0.0, absent=(), blind=(), few=6,
+        elsewhere=None,
     ):  # fmt: skip
-        self.rig = Rig(
-            Path("rig.json"),
-            ("left", "right"),
-            (
-                gsut.Camera(
-                    "kannala_brandt", [300, 301, 400, 402, 0.02, -0.01, 0.002, 0], 800, 800,
-                    valid_field_angle=np.radians(65),
-                ),
-                gsut.Camera("opencv4", [350, 351, 320, 241, -0.02, 0.003, 1e-4, -2e-4], 640, 480),
+        first = np.eye(4) if elsewhere is None else elsewhere
+        poses = np.stack([np.eye(4), *(mounts or [STEREO])]) @ first
+        count = len(poses)
+        lenses = (
+            gsut.Camera(
+                "kannala_brandt", [300, 301, 400, 402, 0.02, -0.01, 0.002, 0], 800, 800,
+                valid_field_angle=np.radians(65),
             ),
-            np.stack([np.eye(4), camera_from_reference]),
-            ((Path("left.yaml"), None), (Path("right.yaml"), None)),
+            gsut.Camera("opencv4", [350, 351, 320, 241, -0.02, 0.003, 1e-4, -2e-4], 640, 480),
+            gsut.Camera("pinhole", [330, 331, 322, 238], 640, 480),
         )  # fmt: skip
+        names = ("left", "right", "third")[:count]
+        files = tuple((Path(f"{name}.yaml"), None) for name in names)
+        self.rig = Rig(Path("rig.json"), names, lenses[:count], poses, files)
         directions = rng.standard_normal((points, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         self.points = directions * rng.uniform(3, 7, (points, 1))
         identity = rng.random((points, 128)) ** 4
-        self.bodies, self.poses, names, moments_of, cameras_of = [], [], [], [], []
+        self.poses, names, moments_of, cameras_of = [], [], [], []
         self.features, self._seen = [], []
         for moment in range(moments):
             angle = 2 * np.pi * moment / moments
             center = [np.cos(angle), 0.2 * np.sin(2 * angle), np.sin(angle)]
             body = pose_of([0.1 * np.sin(angle), angle, 0.1 * np.cos(angle)], center)
-            self.bodies.append(body)
             for camera, name in enumerate(self.rig.names):
                 if (moment, camera) in absent:
                     continue

@@ -13,7 +13,10 @@ import tolerances
 from gsut import _core
 from gsut.bench.rig_poses import disturbed
 from gsut.data.poses import inverse
+from gsut.structure.align import centers_of
+from gsut.structure.features import no_features
 from gsut.structure.options import PosesOptions
+from gsut.structure.pairs import choose_pairs
 from gsut.structure.rig import solve_rig
 from gsut.structure.rig_file import read_rig, relative_changes, write_rig
 from gsut.structure.rig_images import find_rig_photographs
@@ -27,13 +30,13 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def solved(scene, rig=None, **settings):
     return solve_rig(
-        scene.photographs, scene.features, scene.pairs, PosesOptions(), lambda *_: None,
-        rig=rig or scene.rig, **settings,
+        scene.photographs, scene.features, scene.pairs, PosesOptions(),
+        lambda *_: None, lambda *_: None, rig=rig or scene.rig, **settings,
     )  # fmt: skip
 
 
 def with_second(rig, pose):
-    """The rig with another pose of its second camera."""
+    """The rig of two cameras with another pose of the second."""
     return dataclasses.replace(rig, camera_from_reference=np.stack([np.eye(4), pose]))
 
 
@@ -63,6 +66,36 @@ def test_solve_rig_noisy_tracks_keeps_the_rig_and_the_scale(rng, mount):
         left, right = solution.camera_from_world[2 * moment : 2 * moment + 2]
         assert np.abs(right @ inverse(left) - mount).max() < tolerances.RIG_HELD
     assert len(fit.notes) == 1  # how images were paired, and no complaint
+
+
+def test_solve_rig_reference_away_from_every_camera_and_three_cameras(rng):
+    elsewhere = pose_of([0.2, -0.1, 0.3], [0.5, 0.4, -0.2])
+    scene = SyntheticRig(rng, STEREO, BACKWARD, elsewhere=elsewhere)
+    solution, fit = solved(scene)
+    assert len(solution.registered) == 30
+    assert solution.registered.all()
+    apart, turned = scene.worst(solution)
+    assert apart < tolerances.RIG_EXACT
+    assert turned < tolerances.RIG_EXACT
+    wrong = disturbed(scene.rig)
+    noisy = SyntheticRig(rng, STEREO, BACKWARD, elsewhere=elsewhere, noise=0.2)
+    _, fit = solved(noisy, wrong, adjust=True)
+    changes = relative_changes(scene.rig, fit.rig.camera_from_reference)
+    assert np.degrees(max(turn for turn, _ in changes)) < tolerances.RIG_REFINED_DEGREES
+    assert size_of(fit.rig) == pytest.approx(size_of(wrong), rel=tolerances.RIG_SIZE)
+
+
+def size_of(rig):
+    """Root mean square distance of its cameras from their middle."""
+    centers = centers_of(rig.camera_from_reference)
+    return np.sqrt(((centers - centers.mean(axis=0)) ** 2).sum(axis=1).mean())
+
+
+def test_solve_rig_image_without_features_is_no_frame(rng):
+    scene = SyntheticRig(rng, noise=0.2, blind=[(5, 1)], few=0)
+    solution, _ = solved(scene)
+    (place,) = np.flatnonzero(~solution.registered)
+    assert solution.names[place] == "right/005.png"
 
 
 def test_solve_rig_back_to_back_cameras_never_see_one_point_at_one_moment(rng):
@@ -203,6 +236,18 @@ def test_refine_structure_refuses_a_rig_that_does_not_fit(body, mount, known, me
             [lens], [0, 0], [np.zeros((0, 2))] * 2, [], [np.eye(4)] * 2, {}, None, known,
             rig if body else None,
         )  # fmt: skip
+
+
+def test_choose_pairs_of_many_moments_compares_neighbours_of_all_cameras():
+    count = 200
+    moments = np.repeat(np.arange(count // 2), 2)
+    names = [f"{'left' if i % 2 == 0 else 'right'}/{m}.png" for i, m in enumerate(moments)]
+    features = [no_features() for _ in names]
+    pairs = {tuple(p) for p in choose_pairs(names, features, PosesOptions(window=3), moments)}
+    for first in range(count - 8):
+        near = {(first, second) for second in range(first + 1, count) if
+                moments[second] - moments[first] <= 2}  # fmt: skip
+        assert near <= pairs
 
 
 # --- files and folders ----------------------------------------------------------------------------

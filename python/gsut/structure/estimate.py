@@ -160,16 +160,14 @@ def estimate_poses(
         fit: RigFit | None = None
         if known:
             run = mapper or functools.partial(_incremental, shutter=shutter)
-
-            def told(done: int, total: int, points: int, step: str) -> None:
-                show("mapping", done, total, f"{points:,} points")
-
+            told = functools.partial(_told, show)
             if on_rig is not None:
                 solution, fit = solve_rig(
-                    photographs, features, pairs, options, told, rig=on_rig, adjust=refine_rig
-                )
+                    photographs, features, pairs, options, told("mapping"), told("rig"),
+                    rig=on_rig, adjust=refine_rig,
+                )  # fmt: skip
             else:
-                solution = run(photographs, features, pairs, options, told)
+                solution = run(photographs, features, pairs, options, told("mapping"))
         else:
             search = search_lens(photographs, features, pairs, options, fov_degrees, show, shutter)
             solution = search.solution
@@ -213,6 +211,11 @@ def estimate_poses(
     write_atomically(folder / FIGURES, (json.dumps(values, indent=1) + "\n").encode())
     stages.remove()
     return PosesResult(folder, solution, values)
+
+
+def _told(show: OnProgress, stage: str) -> Callable[[int, int, int, str], None]:
+    """What a mapper tells, shown as a stage's progress."""
+    return lambda done, total, points, step: show(stage, done, total, f"{points:,} points")
 
 
 def _incremental(

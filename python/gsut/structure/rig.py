@@ -74,6 +74,7 @@ def solve_rig(
     pairs: Sequence[PairMatches],
     options: PosesOptions,
     on_progress: Callable[[int, int, int, str], None],
+    on_rig_progress: Callable[[int, int, int, str], None],
     *,
     rig: Rig,
     adjust: bool = False,
@@ -87,7 +88,9 @@ def solve_rig(
 
     Args:
         photographs: see `find_rig_photographs`.
-        features, pairs, options, on_progress: as for `solution.solve`.
+        features, pairs, options: as for `solution.solve`; images without any feature get no pose.
+        on_progress: told (registered, images, points, step) while images are placed one by one.
+        on_rig_progress: the same, with one pose a moment.
         rig: see `read_rig`.
         adjust: the cameras' poses on the rig are adjusted too; its size is kept.
 
@@ -107,14 +110,17 @@ def solve_rig(
     camera_from_body = rig.camera_from_reference[1:] @ inverse(first)
     solution = refine(
         photographs.names, cameras, features, pairs, list(start.camera_from_world), options,
-        on_progress,
+        on_rig_progress,
         on_rig=OnRig(
             photographs.moments, photographs.rig_cameras - 1, camera_from_body, start.known, adjust
         ),
     )  # fmt: skip
+    # An image that could not be read has no features: its mates' pose must not make it a frame.
+    readable = np.array([len(f) > 0 for f in features])
     solution = dataclasses.replace(
-        solution, initial_pair=alone.initial_pair, restarts=alone.restarts
-    )
+        solution, initial_pair=alone.initial_pair, restarts=alone.restarts,
+        registered=solution.registered & readable,
+    )  # fmt: skip
     mounts = solution.camera_from_body
     assert mounts is not None
     found = np.concatenate([first[None], mounts @ first]) if adjust else rig.camera_from_reference
