@@ -115,7 +115,7 @@ def test_solve_rig_images_that_fail_alone_get_their_pose_from_their_mates(rng):
     assert apart < tolerances.RIG_UNITS
     assert turned < tolerances.RIG_DEGREES
     assert fit.figures["moments"][3] == [None, "right/003.png"]
-    assert "2 moments lack an image" in fit.notes[0]
+    assert "2 without the image of a camera" in fit.notes[0]
     for name in ("right/007.png", "left/008.png"):  # and a covariance of its own
         i = scene.photographs.names.index(name)
         assert np.linalg.eigvalsh(solution.covariances[i]).min() > 0

@@ -170,7 +170,7 @@ def _fit(
     how = "by name" if photographs.paired_by == "name" else "in order, as names differ"
     notes = [
         f"{len(photographs)} images of {len(rig)} cameras in {len(table)} moments, paired {how}"
-        + (f"; {incomplete} moments lack an image" if incomplete else "")
+        + (f"; {incomplete} without the image of a camera" if incomplete else "")
     ]
     if after_px > max(_SHAKY * before_px, _FEWEST_PX):
         notes.append(
