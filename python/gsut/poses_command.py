@@ -144,6 +144,8 @@ def _rig_words(rig: dict[str, Any]) -> str:
         f"rig: {rig['moments_registered']} of {rig['moments_total']} moments, in the unit of "
         f"{rig['file']} (baseline {rig['baseline']:.6g})"
     )
+    if rig["scale_sigma_percent"] is not None:
+        words += f", lengths good to {rig['scale_sigma_percent']:.2f} % (one sigma) if it is exact"
     if not rig["refined"]:
         return words
     changes = [

@@ -13,7 +13,7 @@ import tolerances
 from gsut import _core
 from gsut.bench.rig_poses import disturbed
 from gsut.data.poses import inverse
-from gsut.structure.align import centers_of
+from gsut.structure.align import centers_of, compare_poses
 from gsut.structure.features import no_features
 from gsut.structure.options import PosesOptions
 from gsut.structure.pairs import choose_pairs
@@ -21,10 +21,11 @@ from gsut.structure.rig import solve_rig
 from gsut.structure.rig_file import read_rig, relative_changes, write_rig
 from gsut.structure.rig_images import find_rig_photographs
 from gsut.structure.rig_start import place_rig
-from gsut.structure.solution import OnRig, refine
+from gsut.structure.solution import FEATURE_VARIANCE, OnRig, refine
 from synthetic_rig import BACKWARD, STEREO, SyntheticRig, pose_of
 
 STRETCHED = np.diag([1.0, 2.0, 1.0, 1.0]).tolist()
+RUNS = 12  # of scenes from seeds, where a spread is on trial
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -96,6 +97,19 @@ def test_solve_rig_image_without_features_is_no_frame(rng):
     solution, _ = solved(scene)
     (place,) = np.flatnonzero(~solution.registered)
     assert solution.names[place] == "right/005.png"
+
+
+def test_solve_rig_standard_error_of_lengths_is_that_of_many_runs():
+    errors, told = [], []
+    for seed in range(RUNS):
+        scene = SyntheticRig(np.random.default_rng(seed), noise=0.2, moments=8, points=400)
+        solution, fit = solved(scene)
+        errors.append(compare_poses(solution.camera_from_world, scene.poses).scale_error_percent)
+        told.append(fit.figures["scale_sigma_percent"])
+    # The features' noise is independent here: without the factor for photographs' features.
+    told = np.array(told) / np.sqrt(FEATURE_VARIANCE)
+    ratio = np.sqrt(np.mean((np.array(errors) / told) ** 2))
+    assert 1 / tolerances.RIG_SCALE_SIGMA < ratio < tolerances.RIG_SCALE_SIGMA
 
 
 def test_solve_rig_back_to_back_cameras_never_see_one_point_at_one_moment(rng):

@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.poses import inverse
+from gsut.structure.align import centers_of
 from gsut.structure.features import Features
 from gsut.structure.inputs import Photographs
 from gsut.structure.matching import PairMatches
@@ -142,6 +143,26 @@ def _same_sights(alone: Solution, solution: Solution) -> tuple[float, float]:
     return float(np.nanmedian(lengths[0])), float(np.nanmedian(lengths[1]))
 
 
+def _scale_sigma(solution: Solution) -> float | None:
+    """Relative standard error of lengths, the rig's own taken for exact; None: not known.
+
+    That of the distance of each image from the moment whose pose is held: the smallest, of those
+    far away, has least of the image's own.
+    """
+    centers = centers_of(solution.camera_from_world)
+    spread = solution.covariances[:, :3, :3]
+    held = solution.registered & ~solution.covariances.any(axis=(1, 2))
+    if not held.any():
+        return None
+    away = centers - centers[np.argmax(held)]
+    squared = (away**2).sum(axis=1)
+    along = np.einsum("ni,nij,nj->n", away, spread, away)
+    good = solution.registered & ~held & np.isfinite(along) & (along > 0.0)
+    if not good.any():
+        return None
+    return float(np.sqrt(along[good] / squared[good] ** 2).min())
+
+
 def _fit(
     photographs: Photographs,
     rig: Rig,
@@ -179,6 +200,8 @@ def _fit(
             "not taken together, or the rig is not as "
             + (f"{rig.source} says; try --refine-rig" if not adjust else "rigid as assumed")
         )
+    # Where the rig is refined a pose holds the scale meanwhile, and covariances lack it.
+    scale_sigma = None if adjust else _scale_sigma(solution)
     turn, sigma = start.turn_degrees, start.turn_sigma_degrees
     if turn > max(_TURNED_DEGREES, _TURNED_SIGMAS * sigma) and not adjust:
         notes.append(
@@ -201,6 +224,7 @@ def _fit(
         "scale_spread_percent": 100.0 * start.scale_spread,
         "turn_against_file_degrees": start.turn_degrees,
         "turn_against_file_sigma_degrees": start.turn_sigma_degrees,
+        "scale_sigma_percent": None if scale_sigma is None else 100.0 * scale_sigma,
         "baseline": rig.baseline,
         "residual_alone_px": before_px,
         "residual_px": after_px,
