@@ -93,6 +93,10 @@ def _rig_rows(rig: dict[str, Any]) -> dict[str, str]:
         "residuals of the same features": f"{rig['residual_px']:.3f} px with one pose a moment, "
         f"{rig['residual_alone_px']:.3f} px image by image (medians)",
     }
+    if rig["scale_sigma_percent"] is not None:
+        rows["standard error of lengths"] = (
+            f"{rig['scale_sigma_percent']:.2f} %, the baseline taken for exact"
+        )
     for camera in rig["cameras"]:
         words = f"{camera['registered']} of {camera['images']} images"
         if rig["refined"]:
