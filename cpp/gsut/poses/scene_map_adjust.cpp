@@ -82,12 +82,12 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, Bundle
                                      images_[sight.image].pixels[sight.feature], TimeOf(sight)});
     }
   }
-  options->loss_scale = loss_pixels_;
-  options->num_threads = NumThreads();
   const auto placed = [&](int image) { return image < 0 ? -1 : place[image]; };
   options->gauge_image = placed(gauge_first_);
   options->scale_image = placed(gauge_second_);
   if (on_rig()) AddRig(&bundle, options, image_of);
+  options->loss_scale = loss_pixels_;
+  options->num_threads = NumThreads();
   if (rolling()) SetPriors(bundle, *image_of, options);
   if (images_free != nullptr) {
     const auto fixed = std::count(options->image_fixed.begin(), options->image_fixed.end(), 1);

@@ -145,6 +145,11 @@ def _add_poses(benchmarks: Any) -> None:
         help="known, unknown or both [default known]",
     )  # fmt: skip
     parser.add_argument(
+        "--rig", metavar="RIG",
+        help="the true rig of DATA, whose poses are in its unit: scale and poses with it, without "
+        "it, and with it disturbed by 0.5 degrees and 1 %% of its baseline",
+    )  # fmt: skip
+    parser.add_argument(
         "--shutter", metavar="A,B", default="auto", dest="shutters",
         help="auto, global or rolling; global beside a rolling data set gets errors let through "
         "as large as the motion makes them [default auto]",
@@ -152,11 +157,6 @@ def _add_poses(benchmarks: Any) -> None:
     parser.add_argument(
         "--pycolmap", metavar="PYTHON",
         help="a Python that has pycolmap: its incremental mapping, in the same table",
-    )  # fmt: skip
-    parser.add_argument(
-        "--rig", metavar="RIG",
-        help="the true rig of DATA, whose poses are in its unit: scale and poses with it, without "
-        "it, and with it disturbed by 0.5 degrees and 1 %% of its baseline",
     )  # fmt: skip
     parser.add_argument("--threads", type=int, default=0, metavar="N", help="0 = all [default 0]")
     parser.add_argument("--json", metavar="FILE", help="write the rows as JSON")

@@ -11,10 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gsut import _core
-from gsut._core import InputError, Shutter, SolveError
+from gsut._core import InputError, Shutter
 from gsut.data.findings import some_names
 from gsut.structure.features import Features, find_all_features, no_features
 from gsut.structure.inputs import Photographs, find_photographs
@@ -22,6 +20,7 @@ from gsut.structure.lens_search import LensSearch, first_guess, search_lens
 from gsut.structure.matching import PairMatches, match_and_verify, preview_pairs
 from gsut.structure.options import PosesOptions
 from gsut.structure.output import FIGURES, TRANSFORMS, check_lenses, figures, write_dataset
+from gsut.structure.overlap import require_overlap
 from gsut.structure.pairs import choose_pairs
 from gsut.structure.readout import readout_time
 from gsut.structure.report import REPORT, write_report
@@ -155,7 +154,7 @@ def estimate_poses(
             photographs = first_guess(photographs, fov_degrees)
         pairs = _matches(photographs, features, options, stages, show, shutter)
         lap("matching")
-        _require_overlap(photographs, features, pairs)
+        require_overlap(photographs.names, features, pairs)
         search: LensSearch | None = None
         fit: RigFit | None = None
         if known:
@@ -211,11 +210,6 @@ def estimate_poses(
     write_atomically(folder / FIGURES, (json.dumps(values, indent=1) + "\n").encode())
     stages.remove()
     return PosesResult(folder, solution, values)
-
-
-def _told(show: OnProgress, stage: str) -> Callable[[int, int, int, str], None]:
-    """What a mapper tells, shown as a stage's progress."""
-    return lambda done, total, points, step: show(stage, done, total, f"{points:,} points")
 
 
 def _incremental(
@@ -333,42 +327,11 @@ def _matches(
     return verified
 
 
-def _require_overlap(
-    photographs: Photographs, features: list[Features], pairs: list[PairMatches]
-) -> None:
-    """Says in words why there is nothing to reconstruct."""
-    if not pairs:
-        few = [n for n, f in zip(photographs.names, features, strict=True) if len(f) < 50]
-        if len(few) * 2 > len(photographs):
-            raise SolveError(
-                f"{len(few)} of {len(photographs)} images have almost no features"
-                f" ({some_names(few)}); photograph something with texture, in focus and well lit"
-            )
-        raise SolveError(
-            f"no two of the {len(photographs)} images have matches that agree; photographs must "
-            "overlap by more than half, and the lens must be that of the images"
-        )
-    parallax = np.array([pair.parallax for pair in pairs])
-    turned = np.array([pair.rotation_matches > 0.9 * len(pair.matches) for pair in pairs])
-    if not turned.all():
-        return
-    if np.degrees(np.median(parallax)) < 0.02 or all(_same(pair) for pair in pairs):
-        raise SolveError(
-            "all images are the same: matched features do not move; give photographs from "
-            "different places"
-        )
-    raise SolveError(
-        f"in all {len(pairs)} overlapping pairs the camera only turned, so there is no depth; walk "
-        "between the photographs instead of turning on the spot"
-    )
-
-
-def _same(pair: PairMatches) -> bool:
-    """Whether neither turn nor shift is seen."""
-    turn = np.arccos(np.clip((np.trace(pair.second_from_first[:3, :3]) - 1) / 2, -1, 1))
-    return bool(np.degrees(turn) < 0.05)
-
-
 def is_finished(out: Path) -> bool:
     """Whether a folder holds the result of a finished run."""
     return (out / FIGURES).is_file() and (out / TRANSFORMS).is_file() and (out / REPORT).is_file()
+
+
+def _told(show: OnProgress, stage: str) -> Callable[[int, int, int, str], None]:
+    """What a mapper tells, shown as a stage's progress."""
+    return lambda done, total, points, step: show(stage, done, total, f"{points:,} points")
