@@ -114,12 +114,14 @@ def estimate_poses(
     folder.mkdir(parents=True, exist_ok=True)
     stages = Stages(folder, _key(photographs, options, fov_degrees))
     seconds: dict[str, float] = {}
-    watch = time.perf_counter()
+    cpu_seconds: dict[str, float] = {}  # of all threads
+    watch = time.perf_counter(), time.process_time()
 
     def lap(stage: str) -> None:
         nonlocal watch
-        now = time.perf_counter()
-        seconds[stage] = seconds.get(stage, 0.0) + now - watch
+        now = time.perf_counter(), time.process_time()
+        seconds[stage] = seconds.get(stage, 0.0) + now[0] - watch[0]
+        cpu_seconds[stage] = cpu_seconds.get(stage, 0.0) + now[1] - watch[1]
         watch = now
 
     before = _core.num_threads()
@@ -167,7 +169,7 @@ def estimate_poses(
         )
     for text in write_dataset(solution, photographs, folder):
         note(text)
-    extra: dict[str, Any] = {"lens": "known" if known else "estimated"}
+    extra: dict[str, Any] = {"lens": "known" if known else "estimated", "cpu_seconds": cpu_seconds}
     if search is not None:
         extra["lens_search"] = search.rows
     extra["matches_in_points"] = agreeing
@@ -180,6 +182,7 @@ def estimate_poses(
             "explained": found.explained if found else None,
         }
     lap("writing")
+    cpu_seconds["total"] = sum(cpu_seconds.values())
     values = figures(solution, seconds, notes, extra)
     write_report(folder, solution, values)
     write_atomically(folder / FIGURES, (json.dumps(values, indent=1) + "\n").encode())
