@@ -19,7 +19,7 @@ from gsut.data.findings import some_names
 from gsut.structure.features import Features, find_all_features, no_features
 from gsut.structure.inputs import Photographs, find_photographs
 from gsut.structure.lens_search import LensSearch, first_guess, search_lens
-from gsut.structure.matching import PairMatches, match_and_verify, preview_pairs
+from gsut.structure.matching import PairMatches, RawMatches, match_in_full, preview_pairs, verify
 from gsut.structure.options import PosesOptions
 from gsut.structure.output import FIGURES, TRANSFORMS, check_lenses, figures, write_dataset
 from gsut.structure.pairs import choose_pairs
@@ -138,7 +138,12 @@ def estimate_poses(
         lap("features")
         if not known:
             photographs = first_guess(photographs, fov_degrees)
-        pairs = _matches(photographs, features, options, stages, show, shutter)
+        raw = _matches(photographs, features, options, stages, show)
+        lenses = [camera for camera in photographs.cameras if camera is not None]
+        pairs = verify(
+            features, lenses, raw, options,
+            lambda done, total: show("verifying", done, total, f"{total} pairs"), shutter,
+        )  # fmt: skip
         lap("matching")
         _require_overlap(photographs, features, pairs)
         search: LensSearch | None = None
@@ -150,7 +155,9 @@ def estimate_poses(
                     "mapping", done, total, f"{points:,} points"),
             )  # fmt: skip
         else:
-            search = search_lens(photographs, features, pairs, options, fov_degrees, show, shutter)
+            search = search_lens(
+                photographs, features, pairs, raw, options, fov_degrees, show, shutter
+            )
             solution = search.solution
         lap("mapping")
     finally:
@@ -284,24 +291,22 @@ def _matches(
     options: PosesOptions,
     stages: Stages,
     show: OnProgress,
-    shutter: Shutter | None,
-) -> list[PairMatches]:
-    """Verified pairs, from the stage file where it is there."""
+) -> RawMatches:
+    """Of all pairs that look alike, from the stage file where it is there."""
     kept = stages.load_matches()
     if kept is not None:
         return kept
-    cameras = [c for c in photographs.cameras if c is not None]
     pairs = choose_pairs(photographs.names, features, options)
     pairs = preview_pairs(
         features, pairs, options,
         lambda done, total: show("preview", done, total, f"{total} pairs"),
     )  # fmt: skip
-    verified = match_and_verify(
-        features, cameras, pairs, options,
-        lambda done, total: show("matching", done, total, f"{total} pairs"), shutter,
+    raw = match_in_full(
+        features, pairs, options,
+        lambda done, total: show("matching", done, total, f"{total} pairs"),
     )  # fmt: skip
-    stages.save_matches(verified)
-    return verified
+    stages.save_matches(raw)
+    return raw
 
 
 def _require_overlap(
