@@ -44,6 +44,9 @@ py::list MatchPairs(const py::list& descriptors, const py::object& pairs_object,
                     double max_distance) {
   std::vector<ReadOnly<std::uint8_t>> sets;
   for (const py::handle& item : descriptors) {
+    if (!py::isinstance<py::array_t<std::uint8_t>>(item)) {  // floats would all become 0
+      throw InputError("descriptors must be arrays of uint8");
+    }
     sets.push_back(ReadArray<std::uint8_t>(item, "descriptors", {kAny, kDescriptorLength}));
   }
   const auto pairs = ReadPairs(pairs_object, "pairs", static_cast<std::int64_t>(sets.size()));

@@ -20,7 +20,7 @@ from gsut.structure.estimate import estimate_poses
 from gsut.structure.features import find_features
 from gsut.structure.inputs import Photographs
 from gsut.structure.lens_search import connected_pairs, guessed_lens, search_lens
-from gsut.structure.matching import match_and_verify
+from gsut.structure.matching import match_in_full, verify
 from gsut.structure.options import PosesOptions
 from gsut.structure.output import quaternion_of
 from gsut.structure.pairs import choose_pairs, counts_up
@@ -120,6 +120,27 @@ def test_estimate_poses_stopped_by_progress_raises_its_exception(rng):
             [scene.camera], [0] * 8, [f.pixels for f in scene.features],
             [p.as_tuple() for p in scene.verified()], scene.settings(), stop,
         )  # fmt: skip
+
+
+def test_estimate_poses_is_the_same_on_any_number_of_threads(rng):
+    scene = Synthetic(rng, images=8, points=900, noise=0.3)
+    before, found = _core.num_threads(), []
+    try:
+        for threads in (1, 2, 3):
+            _core.set_num_threads(threads)
+            found.append(scene.solve(lens_free=[[1] * len(scene.camera.params)]))
+    finally:
+        _core.set_num_threads(before)
+    for other in found[1:]:
+        for key in ("camera_from_world", "points", "covariances"):
+            assert np.array_equal(found[0][key], other[key]), key
+    assert found[0]["registered"].all()
+
+
+def test_match_pairs_of_floats_are_refused(rng):
+    unit = [f.unit_descriptors() for f in Synthetic(rng, images=2, points=50).features]
+    with pytest.raises(gsut.InputError, match="uint8"):
+        _core.match_pairs(unit, [[0, 1]], 0.8, 0.7)
 
 
 def test_estimate_poses_unknown_setting_is_refused(rng):
@@ -326,7 +347,7 @@ def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path,
             estimate_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
     with monkeypatch.context() as patch:  # features and matches are not made again
-        patch.setattr(estimate, "match_and_verify", killed)
+        patch.setattr(estimate, "match_in_full", killed)
         result = estimate_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
     assert result.solution.num_registered == IMAGES
@@ -492,8 +513,9 @@ def test_search_lens_finds_the_fisheye_of_a_synthetic_walk(rng, tmp_path):
     )
     options = PosesOptions(max_two_view_error=4.0, max_error=5.0)
     pairs = choose_pairs(names, scene.features, options)
-    verified = match_and_verify(scene.features, [guess] * count, pairs, options, quiet)
-    found = search_lens(photographs, scene.features, verified, options, 180.0, lambda *_: None)
+    raw = match_in_full(scene.features, pairs, options, quiet)
+    verified = verify(scene.features, [guess] * count, raw, options)
+    found = search_lens(photographs, scene.features, verified, raw, options, 180.0, lambda *_: None)
     assert found.solution.num_registered == count
     lens = found.solution.cameras[0]
     assert lens.model == "kannala_brandt"
@@ -516,7 +538,7 @@ def test_bench_poses_prints_errors_beside_seconds(some_sponza, solved_sponza, tm
     assert main(arguments) == 0
     (row,) = json.loads((tmp_path / "rows.json").read_text())
     assert row["registered"] == row["images"] == IMAGES
-    # The same images and lens: the same poses but for the order in which threads add up.
+    # The same images and lens: the same poses but for the rounding of the lens' file.
     assert row["rotation_max_degrees"] < tolerances.SFM_REPEAT_DEGREES
     assert row["total_seconds"] > 0 and "ATE" in capsys.readouterr().out
     assert 0 < row["mapping_cpu_seconds"] < row["total_cpu_seconds"]

@@ -79,7 +79,7 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, Bundle
     }
   }
   options->loss_scale = loss_pixels_;
-  options->num_threads = 1;
+  options->num_threads = 1;  // Ceres adds up in another order with each number of threads
   if (rolling()) SetPriors(bundle, *image_of, options);
   const auto placed = [&](int image) { return image < 0 ? -1 : place[image]; };
   options->gauge_image = placed(gauge_first_);

@@ -139,6 +139,7 @@ def solve(
     on_progress: Callable[[int, int, int, str], None],
     *,
     lens_free: np.ndarray | None = None,
+    lens_settled: bool = False,
     hold_out_every: int = 0,
     shutter: Shutter | None = None,
 ) -> Solution:
@@ -150,6 +151,7 @@ def solve(
         options: see PosesOptions.
         on_progress: told (registered, images, points, step) after each step.
         lens_free: (K,) bool, which parameters of the lens are estimated too; one lens then.
+        lens_settled: it is nearly right, so that it is enough to estimate it at the end.
         hold_out_every: every n-th longer track keeps one sight out of all adjustments; 0: none.
         shutter: rolling, or None: all lines of an image are read at once.
 
@@ -157,6 +159,7 @@ def solve(
         SolveError: nothing could be reconstructed; says why.
     """
     lenses, lens_of, settings = _inputs(cameras, options, lens_free, hold_out_every)
+    settings["lens_settled"] = lens_settled
     if shutter is not None:
         settings["shutter"] = shutter.direction
         settings["rolling_error"] = options.rolling_error
