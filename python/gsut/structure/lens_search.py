@@ -45,10 +45,12 @@ class LensSearch:
     Args:
         solution: with the estimated lens.
         rows: model, parameters, registered, held-out error and rms of each candidate.
+        pairs: verified through the lens that the fields of view gave.
     """
 
     solution: Solution
     rows: list[dict[str, Any]]
+    pairs: list[PairMatches]
 
 
 def first_guess(photographs: Photographs, fov_degrees: float | None) -> Photographs:
@@ -160,7 +162,7 @@ def search_lens(
         lambda done, total, points, step: show("mapping", done, total, f"{points:,} points"),
         lens_free=free, lens_settled=True, shutter=shutter,
     )  # fmt: skip
-    return LensSearch(final, trials.rows)
+    return LensSearch(final, trials.rows, again)
 
 
 def thinned(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
