@@ -42,15 +42,18 @@ ReadOnly<std::int64_t> ReadPairs(const py::handle& object, const char* name, std
 
 py::list MatchPairs(const py::list& descriptors, const py::object& pairs_object, double max_ratio,
                     double max_distance) {
-  std::vector<ReadOnly<float>> sets;
+  std::vector<ReadOnly<std::uint8_t>> sets;
   for (const py::handle& item : descriptors) {
-    sets.push_back(ReadArray<float>(item, "descriptors", {kAny, kDescriptorLength}));
+    if (!py::isinstance<py::array_t<std::uint8_t>>(item)) {  // floats would all become 0
+      throw InputError("descriptors must be arrays of uint8");
+    }
+    sets.push_back(ReadArray<std::uint8_t>(item, "descriptors", {kAny, kDescriptorLength}));
   }
   const auto pairs = ReadPairs(pairs_object, "pairs", static_cast<std::int64_t>(sets.size()));
   const py::ssize_t count = pairs.shape(0);
   const std::int64_t* index = pairs.data();
   std::vector<std::vector<FeatureMatch>> found(count);
-  std::vector<const float*> data;
+  std::vector<const std::uint8_t*> data;
   std::vector<int> lengths;
   for (const auto& set : sets) {
     data.push_back(set.data());

@@ -170,6 +170,8 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
       options.extend_radius = py::cast<double>(value);
     else if (name == "extend_distance")
       options.extend_distance = py::cast<double>(value);
+    else if (name == "lens_settled")
+      options.lens_settled = py::cast<bool>(value);
     else if (name == "extend_rounds")
       options.extend_rounds = py::cast<int>(value);
     else if (name == "descriptors") {

@@ -131,7 +131,7 @@ class ImageBearings:
     def valid(self) -> NDArray[np.bool_]: ...
 
 def match_pairs(
-    descriptors: Sequence[NDArray[np.float32]],
+    descriptors: Sequence[NDArray[np.uint8]],
     pairs: ArrayLike,
     max_ratio: float,
     max_distance: float,

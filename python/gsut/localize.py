@@ -152,7 +152,7 @@ def _pose_from_matches(
         found, places = _rendered_features(gaussians, *views[index], background, options)
         features.append(found)
         points.append(places)
-    descriptors = [f.unit_descriptors() for f in (photograph, *features)]
+    descriptors = [f.descriptors for f in (photograph, *features)]
     pairs = np.array([(0, number) for number in range(1, len(descriptors))])
     matched = _core.match_pairs(descriptors, pairs, options.max_ratio, options.max_distance)
     rows = np.concatenate([matches[:, 0] for matches in matched]).astype(np.int64)

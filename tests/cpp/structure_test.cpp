@@ -1,12 +1,15 @@
 // Geometry of structure from motion: minimal solvers, RANSAC, points, bundle adjustment.
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
 #include <set>
+#include <string>
 #include <vector>
 
 #include "gsut/base/errors.h"
@@ -393,31 +396,33 @@ TEST(BuildTracks, NeverHoldTwoFeaturesOfOneImage) {
 
 TEST(MatchDescriptors, AgreesWithExhaustiveSearchOnEveryInstructionSet) {
   Numbers numbers(20);
+  // As root-SIFT has them: of about the same length, and some bytes above 127.
+  const auto byte = [](double value) {
+    return static_cast<std::uint8_t>(std::clamp(std::round(value), 0.0, 255.0));
+  };
   const auto make = [&](int count) {
-    std::vector<float> set(static_cast<std::size_t>(count) * kDescriptorLength);
-    for (float& value : set) value = static_cast<float>(std::abs(numbers.Normal()));
+    std::vector<std::uint8_t> set(static_cast<std::size_t>(count) * kDescriptorLength);
+    for (std::uint8_t& value : set) value = byte(45.0 * std::abs(numbers.Normal()));
     return set;
   };
-  std::vector<float> first = make(301), second = make(277);
+  std::vector<std::uint8_t> first = make(301), second = make(277);
   // A third of the first set stands in the second again, slightly changed and turned around.
   for (int i = 0; i < 100; ++i) {
     for (int k = 0; k < kDescriptorLength; ++k) {
       second[(276 - i) * kDescriptorLength + k] =
-          first[3 * i * kDescriptorLength + k] + 0.2F * static_cast<float>(numbers.Normal());
+          byte(first[3 * i * kDescriptorLength + k] + 9.0 * numbers.Normal());
     }
   }
-  for (auto* set : {&first, &second}) {
-    for (std::size_t row = 0; row < set->size(); row += kDescriptorLength) {
-      Eigen::Map<Eigen::VectorXf>(&(*set)[row], kDescriptorLength).normalize();
-    }
-  }
-  Eigen::MatrixXf cosines(301, 277);
-  using Row = Eigen::Matrix<float, kDescriptorLength, 1>;
+  std::fill_n(&second[5 * kDescriptorLength], kDescriptorLength, 0);    // it has no direction
+  std::fill_n(&second[6 * kDescriptorLength], kDescriptorLength, 255);  // the largest sum
+  Eigen::MatrixXd cosines(301, 277);
+  const auto row_of = [](const std::vector<std::uint8_t>& set, int row) {
+    Eigen::VectorXd values(kDescriptorLength);
+    for (int k = 0; k < kDescriptorLength; ++k) values[k] = set[row * kDescriptorLength + k];
+    return Eigen::VectorXd(values / std::max(values.norm(), 1e-12));
+  };
   for (int i = 0; i < 301; ++i) {
-    const Row row = Eigen::Map<const Row>(&first[i * kDescriptorLength]);
-    for (int j = 0; j < 277; ++j) {
-      cosines(i, j) = row.dot(Eigen::Map<const Row>(&second[j * kDescriptorLength]));
-    }
+    for (int j = 0; j < 277; ++j) cosines(i, j) = row_of(first, i).dot(row_of(second, j));
   }
   std::set<std::pair<int, int>> expected;
   for (int i = 0; i < 301; ++i) {
@@ -435,18 +440,29 @@ TEST(MatchDescriptors, AgreesWithExhaustiveSearchOnEveryInstructionSet) {
     if (back == i && near <= 0.64 * next && near <= 0.49) expected.insert({i, j});
   }
   EXPECT_GE(expected.size(), 95U);
-  int tried = 0;
-  for (const std::string& isa : AvailableIsas()) {
+  std::set<std::string> kernels;
+  std::vector<FeatureMatch> same;
+  std::vector<std::string> isas = AvailableIsas();
+  isas.emplace_back();  // nothing forced: dot products of bytes, where the processor has them
+  for (const std::string& isa : isas) {
     SetIsa(isa);
+    kernels.insert(MatchKernel());
+    const auto matches = MatchDescriptors(first.data(), 301, second.data(), 277, {});
     std::set<std::pair<int, int>> found;
-    for (const FeatureMatch& match : MatchDescriptors(first.data(), 301, second.data(), 277, {})) {
-      found.insert({match.first, match.second});
-    }
+    for (const FeatureMatch& match : matches) found.insert({match.first, match.second});
     EXPECT_EQ(found, expected) << isa;
-    ++tried;
+    if (same.empty()) same = matches;
+    ASSERT_EQ(matches.size(), same.size());
+    for (std::size_t i = 0; i < same.size(); ++i) {
+      EXPECT_EQ(matches[i].first, same[i].first);
+      EXPECT_EQ(matches[i].ratio, same[i].ratio) << MatchKernel();
+      EXPECT_EQ(matches[i].distance, same[i].distance) << MatchKernel();
+    }
   }
   SetIsa("");
-  EXPECT_GE(tried, 2);
+  EXPECT_GE(kernels.size(), 2U);
+  const bool has_byte_products = (hwy::SupportedTargets() & HWY_AVX3_DL) != 0;
+  EXPECT_EQ(kernels.count("AVX3_DL"), has_byte_products ? 1U : 0U);
   EXPECT_TRUE(MatchDescriptors(first.data(), 0, second.data(), 277, {}).empty());
   EXPECT_TRUE(MatchDescriptors(first.data(), 301, second.data(), 0, {}).empty());
 }

@@ -20,7 +20,7 @@ from gsut.structure.estimate import estimate_poses
 from gsut.structure.features import find_features
 from gsut.structure.inputs import Photographs
 from gsut.structure.lens_search import connected_pairs, guessed_lens, search_lens
-from gsut.structure.matching import match_and_verify
+from gsut.structure.matching import match_in_full, verify
 from gsut.structure.options import PosesOptions
 from gsut.structure.output import quaternion_of
 from gsut.structure.pairs import choose_pairs, counts_up
@@ -120,6 +120,27 @@ def test_estimate_poses_stopped_by_progress_raises_its_exception(rng):
             [scene.camera], [0] * 8, [f.pixels for f in scene.features],
             [p.as_tuple() for p in scene.verified()], scene.settings(), stop,
         )  # fmt: skip
+
+
+def test_estimate_poses_is_the_same_on_any_number_of_threads(rng):
+    scene = Synthetic(rng, images=8, points=900, noise=0.3)
+    before, found = _core.num_threads(), []
+    try:
+        for threads in (1, 2, 3):
+            _core.set_num_threads(threads)
+            found.append(scene.solve(lens_free=[[1] * len(scene.camera.params)]))
+    finally:
+        _core.set_num_threads(before)
+    for other in found[1:]:
+        for key in ("camera_from_world", "points", "covariances"):
+            assert np.array_equal(found[0][key], other[key]), key
+    assert found[0]["registered"].all()
+
+
+def test_match_pairs_of_floats_are_refused(rng):
+    unit = [f.unit_descriptors() for f in Synthetic(rng, images=2, points=50).features]
+    with pytest.raises(gsut.InputError, match="uint8"):
+        _core.match_pairs(unit, [[0, 1]], 0.8, 0.7)
 
 
 def test_estimate_poses_unknown_setting_is_refused(rng):
@@ -326,7 +347,7 @@ def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path,
             estimate_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
     with monkeypatch.context() as patch:  # features and matches are not made again
-        patch.setattr(estimate, "match_and_verify", killed)
+        patch.setattr(estimate, "match_in_full", killed)
         result = estimate_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
     assert result.solution.num_registered == IMAGES
@@ -492,8 +513,9 @@ def test_search_lens_finds_the_fisheye_of_a_synthetic_walk(rng, tmp_path):
     )
     options = PosesOptions(max_two_view_error=4.0, max_error=5.0)
     pairs = choose_pairs(names, scene.features, options)
-    verified = match_and_verify(scene.features, [guess] * count, pairs, options, quiet)
-    found = search_lens(photographs, scene.features, verified, options, 180.0, lambda *_: None)
+    raw = match_in_full(scene.features, pairs, options, quiet)
+    verified = verify(scene.features, [guess] * count, raw, options)
+    found = search_lens(photographs, scene.features, verified, raw, options, 180.0, lambda *_: None)
     assert found.solution.num_registered == count
     lens = found.solution.cameras[0]
     assert lens.model == "kannala_brandt"
@@ -508,24 +530,41 @@ def test_connected_images_are_as_many_as_asked_for(rng):
     assert connected_pairs(verified, 20) == verified
 
 
+ONE_THREAD = poses_bench.PosesBenchOptions([], threads=1)
+
+
 def test_bench_poses_prints_errors_beside_seconds(some_sponza, solved_sponza, tmp_path, capsys):
     arguments = ["bench", "poses", str(solved_sponza), "--json", str(tmp_path / "rows.json")]
     assert main(arguments) == 0
     (row,) = json.loads((tmp_path / "rows.json").read_text())
     assert row["registered"] == row["images"] == IMAGES
-    # The same images and lens: the same poses but for the order in which threads add up.
+    # The same images and lens: the same poses but for the rounding of the lens' file.
     assert row["rotation_max_degrees"] < tolerances.SFM_REPEAT_DEGREES
     assert row["total_seconds"] > 0 and "ATE" in capsys.readouterr().out
+    assert 0 < row["mapping_cpu_seconds"] < row["total_cpu_seconds"]
+    # Once more, with the row changed to know it again: it is kept, not measured.
+    row["total_seconds"] = 1234.5
+    (tmp_path / "rows.json").write_text(json.dumps([row]))
+    assert main([*arguments, "--resume"]) == 0
+    assert "1234.5" in capsys.readouterr().out
+
+
+def test_bench_poses_of_images_without_poses_trains_on_what_it_finds(some_sponza, tmp_path):
+    options = poses_bench.PosesBenchOptions([str(some_sponza[0])], train_steps=20, train_scale=0.25)
+    kept = {"asked": {}, "data": "another"}
+    (first, row) = poses_bench.poses_bench(options, done=[kept])
+    assert first is kept and row["registered"] == IMAGES
+    assert row["ate_percent"] is None and row["psnr"] > 8  # of 20 steps: any picture at all
 
 
 def test_bench_poses_without_pycolmap_says_so(solved_sponza, tmp_path):
     python = tmp_path / "python"
     python.write_text(f"#!/bin/sh\nexit {pycolmap_poses.MISSING}\n")
     python.chmod(0o755)
-    row = poses_bench._measure_pycolmap(solved_sponza, "known", str(python), 1)
+    row = poses_bench._measure_pycolmap(solved_sponza, "known", str(python), ONE_THREAD)
     assert row["registered"] == 0 and "has no pycolmap: pip install" in row["failure"]
     with pytest.raises(gsut.InputError, match="cannot be run"):
-        poses_bench._measure_pycolmap(solved_sponza, "known", str(tmp_path / "absent"), 1)
+        poses_bench._measure_pycolmap(solved_sponza, "known", str(tmp_path / "absent"), ONE_THREAD)
 
 
 def test_bench_poses_compares_what_pycolmap_answers(solved_sponza, tmp_path):
@@ -536,13 +575,12 @@ def test_bench_poses_compares_what_pycolmap_answers(solved_sponza, tmp_path):
         pose = view.camera_from_world.copy()
         pose[:3, 3] = 2.0 * (pose[:3, 3] - pose[:3, :3] @ [1.0, 2.0, 3.0])
         poses[view.image_path.resolve().name] = pose[:3].tolist()
+    seconds = {"features": 1, "matching": 2, "mapping": 3}
     answer = tmp_path / "answer.json"
-    answer.write_text(
-        json.dumps({"poses": poses, "seconds": {"features": 1, "matching": 2, "mapping": 3}})
-    )
+    answer.write_text(json.dumps({"poses": poses, "seconds": seconds, "cpu_seconds": seconds}))
     python = tmp_path / "python"
     python.write_text(f'#!/bin/sh\ncp {answer} "$3"\n')
     python.chmod(0o755)
-    row = poses_bench._measure_pycolmap(solved_sponza, "known", str(python), 1)
+    row = poses_bench._measure_pycolmap(solved_sponza, "known", str(python), ONE_THREAD)
     assert row["registered"] == IMAGES and row["total_seconds"] == 6
     assert row["ate_percent"] < 1e-8 and row["rotation_max_degrees"] < 1e-8

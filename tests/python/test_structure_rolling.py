@@ -10,13 +10,17 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
+from gsut.bench.poses_bench import errors_against
 from gsut.cli import main
 from gsut.structure.align import compare_poses
-from gsut.structure.matching import match_and_verify
+from gsut.structure.estimate import estimate_poses
+from gsut.structure.inputs import Photographs
+from gsut.structure.lens_search import guessed_lens, search_lens
+from gsut.structure.matching import match_and_verify, match_in_full, verify
 from gsut.structure.options import PosesOptions
 from gsut.structure.pairs import choose_pairs
 from gsut.structure.readout import readout_time
-from gsut.structure.solution import solve
+from gsut.structure.solution import matches_in_points, solve
 from synthetic_walk import Synthetic, quiet
 
 _BESIDE = Path(__file__).resolve().parents[3] / "shared"
@@ -85,6 +89,28 @@ def test_solve_with_the_readout_time_given_agrees(walk):
     assert errors.ate_percent < tolerances.SFM_ROLLING_ATE_PERCENT
 
 
+def test_search_lens_finds_a_rolling_fisheye_with_the_poses(walk, tmp_path):
+    count = len(walk.features)
+    guess = guessed_lens(walk.camera.width, walk.camera.height, 180.0)
+    names = [f"{i:03d}.png" for i in range(count)]
+    photographs = Photographs(
+        tmp_path, names, [tmp_path / n for n in names], [None] * count, [guess] * count
+    )
+    options = PosesOptions()
+    raw = match_in_full(walk.features, choose_pairs(names, walk.features, options), options, quiet)
+    verified = verify(walk.features, [guess] * count, raw, options, shutter=SHUTTER)
+    search = search_lens(
+        photographs, walk.features, verified, raw, options, 180.0, lambda *_: None, SHUTTER
+    )
+    found = search.solution
+    assert found.registered.all() and found.velocities is not None
+    errors = compare_poses(found.camera_from_world, np.array(walk.poses))
+    assert errors.ate_percent < tolerances.SFM_ROLLING_ATE_PERCENT
+    assert errors.rotation_degrees.max() < tolerances.SFM_ROLLING_DEGREES
+    assert abs(found.cameras[0].params[0] / walk.camera.params[0] - 1) < tolerances.SFM_FOCAL
+    assert matches_in_points(found, search.pairs) > 0.95
+
+
 def test_solve_rolling_start_and_end_poses_meet_the_middle(rolling):
     found = rolling[1]
     for i in range(IMAGES):
@@ -103,21 +129,38 @@ def test_poses_command_shutter_options_that_contradict_are_refused(tmp_path, cap
     assert "contradict each other" in capsys.readouterr().err
 
 
-@pytest.fixture(scope="module")
-def solved_helmet(tmp_path_factory):
-    """The first views of the helmet, solved by the command line, rolling and global."""
+def some_helmet(folder, choose):
+    """A data set of some of the helmet's views: those that `choose` takes of all, by name."""
     if not HELMET.is_dir():
         pytest.skip("shared data is absent")
-    folder = tmp_path_factory.mktemp("helmet")
     (folder / "images").symlink_to(HELMET / "images")
     values = json.loads((HELMET / "transforms.json").read_text())
-    # The first views go all around the helmet. (Of twelve beside each other, all upright, the
-    # motion cannot be told from a bent scene: Albl et al., "Degeneracies in rolling shutter SfM".)
     frames = sorted(values["frames"], key=lambda frame: frame["file_path"][-7:])
-    values["frames"] = frames[:HELMET_VIEWS]
+    values["frames"] = choose(frames)
     for key in ("train_filenames", "test_filenames", "ply_file_path"):
         values.pop(key, None)
     (folder / "transforms.json").write_text(json.dumps(values))
+    return folder
+
+
+def test_poses_command_upright_rolling_images_that_bend_are_doubted(tmp_path):
+    def nearest(frames):
+        # Twelve beside each other, all upright: the motion cannot be told from a bent scene.
+        centers = np.array([f["transform_matrix_start"] for f in frames])[:, :3, 3]
+        order = np.argsort(np.linalg.norm(centers - centers[0], axis=1))
+        return [frames[i] for i in sorted(order[:12])]
+
+    notes: list[str] = []
+    result = estimate_poses(some_helmet(tmp_path, nearest), tmp_path / "out", notes_to=notes.append)
+    assert errors_against(tmp_path, tmp_path / "out").ate_percent > 1  # it does bend
+    assert result.figures["matches_in_points"] < 0.8  # observed 0.73
+    assert sum("the scene has bent with the motion" in note for note in notes) == 1
+
+
+@pytest.fixture(scope="module")
+def solved_helmet(tmp_path_factory):
+    """The first views, which go all around the helmet, solved by the command line; both shutters"""
+    folder = some_helmet(tmp_path_factory.mktemp("helmet"), lambda frames: frames[:HELMET_VIEWS])
     results = {}
     for shutter in ("auto", "global"):
         out = folder / shutter
@@ -153,4 +196,6 @@ def test_poses_command_helmet_rolling_beats_global(solved_helmet):
     assert 3 * ate["auto"] < ate["global"]
     figures = json.loads((results["auto"] / "poses.json").read_text())
     assert figures["shutter"] == "top_to_bottom"
+    assert figures["matches_in_points"] > 0.8  # observed 0.87
+    assert not any("bent" in note for note in figures["notes"])
     assert figures["readout"]["estimated"] is None  # views around a helmet are no video

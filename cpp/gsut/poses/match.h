@@ -1,4 +1,4 @@
-// Nearest neighbours between two sets of unit descriptors, both ways at once.
+// Nearest neighbours between two sets of descriptors, both ways at once.
 #pragma once
 
 #include <array>
@@ -13,7 +13,7 @@ struct MatchOptions {
   // Largest ratio of the distance to the nearest over that to the second nearest (Lowe's test),
   // asked of both sides.
   double max_ratio = 0.8;
-  double max_distance = 0.7;  // between unit vectors
+  double max_distance = 0.7;  // between descriptors of unit length
 };
 
 struct FeatureMatch {
@@ -22,11 +22,17 @@ struct FeatureMatch {
   float ratio = 0.0F;  // of the distances, nearest to second nearest: the larger one of both sides
 };
 
-// Features that are each other's nearest and pass both tests, most distinct (smallest ratio)
-// first. Exact: all pairs are compared, in float; on every instruction set the same up to rounding.
-// Args: first (num_first, 128), second (num_second, 128): row-major, of unit length.
+// Features that are each other's nearest, by descriptors of unit length, and pass both tests, most
+// distinct (smallest ratio) first. Exact: all pairs are compared; the same bits on every
+// instruction set.
+// Args: first (num_first, 128), second (num_second, 128): row-major, of any length.
 // Throws InputError for a negative number.
-std::vector<FeatureMatch> MatchDescriptors(const float* first, int num_first, const float* second,
-                                           int num_second, const MatchOptions& options);
+std::vector<FeatureMatch> MatchDescriptors(const std::uint8_t* first, int num_first,
+                                           const std::uint8_t* second, int num_second,
+                                           const MatchOptions& options);
+
+// Highway's name of the instruction set that MatchDescriptors uses now: "AVX3_DL" where there are
+// dot products of bytes and no other set is forced (isa.h).
+const char* MatchKernel();
 
 }  // namespace gsut

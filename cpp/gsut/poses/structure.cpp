@@ -197,7 +197,8 @@ class Mapper {
   }
 
   void AdjustAll() {
-    const bool lens_free = !options_.lens_free.empty() && map_->num_registered() >= kLensImages;
+    const bool lens_free = !options_.lens_free.empty() && !options_.lens_settled &&
+                           map_->num_registered() >= kLensImages;
     map_->AdjustGlobally(kGlobalIterations, kGlobalTolerance, lens_free, lens_free);
     map_->Filter(options_.max_error);
     map_->Complete(-1);

@@ -50,6 +50,7 @@ struct StructureOptions {
   int most_restarts = 3;
   // Parameters of each camera that are estimated too, one flag each (empty: none).
   std::vector<std::vector<std::uint8_t>> lens_free;
+  bool lens_settled = false;  // they are nearly right: it is enough to estimate them at the end
   // Rolling shutters: how lines are read; each image then has a velocity of its own. Until
   // velocities are known, sights may be this many times the largest error off.
   Shutter shutter;

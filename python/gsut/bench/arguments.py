@@ -137,9 +137,13 @@ def _add_poses(benchmarks: Any) -> None:
         "poses",
         help="seconds of gsut poses beside its errors against a dataset's own poses",
         description="Estimates the poses of datasets that have some, and compares them after the "
-        "best similarity. Where the dataset's poses are COLMAP's, that is agreement, not truth.",
+        "best similarity. Where the dataset's poses are COLMAP's, that is agreement, not truth. "
+        "Seconds of the processor (CPU-s) count all threads and hardly feel other work on the "
+        "machine.",
     )
-    parser.add_argument("data", metavar="DATA", nargs="+", help="datasets with poses")
+    parser.add_argument(
+        "data", metavar="DATA", nargs="+", help="datasets with poses, or folders of images"
+    )
     parser.add_argument(
         "--lens", metavar="A,B", default="known", dest="lenses",
         help="known, unknown or both [default known]",
@@ -158,8 +162,24 @@ def _add_poses(benchmarks: Any) -> None:
         "--pycolmap", metavar="PYTHON",
         help="a Python that has pycolmap: its incremental mapping, in the same table",
     )  # fmt: skip
+    parser.add_argument(
+        "--programs", metavar="A,B", default="gsut,pycolmap",
+        help="gsut, pycolmap or both [default both, if --pycolmap is given]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--train", type=int, default=0, metavar="STEPS",
+        help="train on the poses found and tell the PSNR of every eighth image, which needs no "
+        "reference [default 0: do not]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--train-scale", type=float, default=0.5, metavar="X",
+        help="with --train: size of the images, of the originals' [default 0.5]",
+    )  # fmt: skip
     parser.add_argument("--threads", type=int, default=0, metavar="N", help="0 = all [default 0]")
-    parser.add_argument("--json", metavar="FILE", help="write the rows as JSON")
+    parser.add_argument("--json", metavar="FILE", help="write the rows as JSON, after each row")
+    parser.add_argument(
+        "--resume", action="store_true", help="keep the rows that the --json file holds already"
+    )
     parser.add_argument("--csv", metavar="FILE", help="write the rows as CSV")
     parser.set_defaults(run=_command("poses"), plot=None)
 

@@ -161,10 +161,12 @@ def poses(arguments: argparse.Namespace) -> int:
         return _poses_on_rig(arguments)
     options = PosesBenchOptions(
         data=arguments.data, lenses=_words(arguments.lenses), threads=arguments.threads,
-        shutters=_words(arguments.shutters), pycolmap=arguments.pycolmap,
+        shutters=_words(arguments.shutters), programs=_words(arguments.programs),
+        pycolmap=arguments.pycolmap, train_steps=arguments.train,
+        train_scale=arguments.train_scale,
     )  # fmt: skip
     with _bar(options.num_rows) as advance:
-        rows = poses_bench(options, advance)
+        rows = poses_bench(options, advance, _row_writer(arguments), _rows_to_keep(arguments))
     _print_and_write(rows, POSES_COLUMNS, arguments)
     for row in rows:
         if "failure" in row:
@@ -216,12 +218,8 @@ def refine(arguments: argparse.Namespace) -> int:
         basin=[] if arguments.no_basin else basin,
     )
 
-    def on_row(rows: list[dict[str, Any]]) -> None:
-        if arguments.json:  # after every row: it takes long
-            write_json(arguments.json, rows)
-
     with _bar(num_parts(options)) as advance:
-        rows, basin_rows = refine_bench(options, advance, on_row)
+        rows, basin_rows = refine_bench(options, advance, _row_writer(arguments))
     _print_and_write(rows, REFINE_COLUMNS, arguments)
     print(f"points moved by {options.jitter:g} (one sigma): a data set's own may be exact")
     if basin_rows:
@@ -258,19 +256,9 @@ def compact(arguments: argparse.Namespace) -> int:
         folder=arguments.folder,
         recipe=StartRecipe(arguments.start_steps, arguments.cap, arguments.lean, arguments.scale),
     )
-    done: list[dict[str, Any]] = []
-    if arguments.resume:
-        if not arguments.json:
-            raise InputError("--resume goes with --json: the rows are kept there")
-        if Path(arguments.json).is_file():
-            done = json.loads(Path(arguments.json).read_text())
-
-    def on_row(rows: list[dict[str, Any]]) -> None:
-        if arguments.json:  # after every row: it takes long
-            write_json(arguments.json, rows)
-
+    done = _rows_to_keep(arguments)
     with _bar(num_parts(options)) as advance:
-        rows = compact_bench(options, advance, on_row, done)
+        rows = compact_bench(options, advance, _row_writer(arguments), done)
     _print_and_write(rows, COMPACT_COLUMNS, arguments)
     if arguments.plot:
         plot_compact(arguments.plot, rows)
@@ -333,6 +321,26 @@ def _print_and_write(
         write_json(arguments.json, rows)
     if arguments.csv:
         write_csv(arguments.csv, rows)
+
+
+def _rows_to_keep(arguments: argparse.Namespace) -> list[dict[str, Any]]:
+    """With --resume, the rows that an earlier call wrote."""
+    if not arguments.resume:
+        return []
+    if not arguments.json:
+        raise InputError("--resume goes with --json: the rows are kept there")
+    path = Path(arguments.json)
+    return json.loads(path.read_text()) if path.is_file() else []
+
+
+def _row_writer(arguments: argparse.Namespace) -> Callable[[list[dict[str, Any]]], None]:
+    """Writes --json after every row: it takes long, and a killed call then loses one."""
+
+    def write(rows: list[dict[str, Any]]) -> None:
+        if arguments.json:
+            write_json(arguments.json, rows)
+
+    return write
 
 
 def _check_files(arguments: argparse.Namespace) -> None:

@@ -1,4 +1,4 @@
-"""`gsut bench poses`: seconds of `gsut poses`, and of pycolmap, beside errors against a dataset."""
+"""`gsut bench poses`: what `gsut poses`, and pycolmap, take and how far off a dataset they end."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import json
 import os
 import subprocess
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from gsut._core import InputError, SolveError
 from gsut.bench import pycolmap_poses
+from gsut.bench.train_bench import TrainBenchOptions, train_bench
 from gsut.data.lens_colmap import format_colmap
 from gsut.data.load import load_dataset
 from gsut.structure.align import PoseErrors, compare_poses
@@ -24,7 +25,10 @@ from gsut.structure.options import PosesOptions
 
 LENSES = ("known", "unknown")
 SHUTTERS = ("auto", "global", "rolling")
-# (heading, key of the row, format)
+PROGRAMS = ("gsut", "pycolmap")
+_STAGES = ("features", "matching", "mapping")
+_FEWEST = 3  # images with a pose, that errors and a training need
+# (heading, key of the row, format); CPU-s: processor seconds of all threads.
 POSES_COLUMNS = (
     ("data", "data", ""),
     ("program", "program", ""),
@@ -37,9 +41,9 @@ POSES_COLUMNS = (
     ("mean", "rotation_mean_degrees", ".4f"),
     ("max", "rotation_max_degrees", ".4f"),
     ("residual median [px]", "error_px", ".3f"),
-    ("features [s]", "features_seconds", ".1f"),
-    ("matching [s]", "matching_seconds", ".1f"),
-    ("mapping [s]", "mapping_seconds", ".1f"),
+    ("held-out PSNR [dB]", "psnr", ".2f"),
+    *((f"{stage} [CPU-s]", f"{stage}_cpu_seconds", ".1f") for stage in _STAGES),
+    ("total [CPU-s]", "total_cpu_seconds", ".1f"),
     ("total [s]", "total_seconds", ".1f"),
 )
 
@@ -49,58 +53,88 @@ class PosesBenchOptions:
     """What is measured.
 
     Args:
-        data: datasets with poses, which are the reference (agreement, where they are COLMAP's).
+        data: datasets with poses, which are the reference (agreement, where they are COLMAP's), or
+            folders of images without.
         lenses: "known": the dataset's own lens; "unknown": estimated.
         threads: 0 for all.
         shutters: "auto": as the dataset says; "global": one pose an image, with errors let through
             that are PosesOptions.rolling_error times as large if the dataset has a rolling shutter;
             "rolling".
-        pycolmap: a Python interpreter with pycolmap, whose incremental mapping is measured in the
-            same run; None: not measured.
+        programs: some of PROGRAMS; pycolmap does incremental mapping.
+        pycolmap: a Python interpreter with pycolmap; None: pycolmap is left out.
+        train_steps: of a training on the poses found, whose PSNR on held-out images is told, which
+            needs no reference; 0: none.
+        train_scale: size of the images trained on, of the originals'.
     """
 
     data: Sequence[str]
     lenses: Sequence[str] = ("known",)
     threads: int = 0
     shutters: Sequence[str] = ("auto",)
+    programs: Sequence[str] = PROGRAMS
     pycolmap: str | None = None
+    train_steps: int = 0
+    train_scale: float = 0.5
 
     @property
     def num_rows(self) -> int:
         """Number of measurements."""
-        own = len(self.shutters) + (self.pycolmap is not None)
-        return len(self.data) * len(self.lenses) * own
+        return len(list(self.requests()))
+
+    def requests(self) -> Iterator[dict[str, Any]]:
+        """What each row measures: dict data (path), program, lens, shutter, train."""
+        for data in self.data:
+            for lens in self.lenses:
+                asked: dict[str, Any] = {"data": str(Path(data).resolve()), "lens": lens}
+                asked |= {"train": [self.train_steps, self.train_scale]}
+                if "gsut" in self.programs:
+                    for shutter in self.shutters:
+                        yield asked | {"program": "gsut", "shutter": shutter}
+                if "pycolmap" in self.programs and self.pycolmap is not None:
+                    yield asked | {"program": "pycolmap", "shutter": "global"}
 
     def __post_init__(self) -> None:
-        for lens in self.lenses:
-            if lens not in LENSES:
-                raise InputError(f"--lens takes {' and '.join(LENSES)}, found {lens!r}")
-        for shutter in self.shutters:
-            if shutter not in SHUTTERS:
-                raise InputError(f"--shutter takes {', '.join(SHUTTERS)}, found {shutter!r}")
+        for flag, found, known in (
+            ("--lens", self.lenses, LENSES),
+            ("--shutter", self.shutters, SHUTTERS),
+            ("--programs", self.programs, PROGRAMS),
+        ):
+            for word in found:
+                if word not in known:
+                    raise InputError(f"{flag} takes {', '.join(known)}, found {word!r}")
 
 
 def poses_bench(
-    options: PosesBenchOptions, on_progress: Callable[[str], None]
+    options: PosesBenchOptions,
+    on_progress: Callable[[str], None] = lambda text: None,
+    on_row: Callable[[list[dict[str, Any]]], object] = lambda rows: None,
+    done: Sequence[dict[str, Any]] = (),
 ) -> list[dict[str, Any]]:
-    """One row a dataset and lens; None for what could not be measured.
+    """One row a dataset, lens, shutter and program; None for what could not be measured.
 
     Args:
         options: see PosesBenchOptions.
         on_progress: told what begins.
+        on_row: called with all rows so far after each of them.
+        done: rows of an earlier call; those that this one asks for are not measured again, others
+            are kept.
 
     Raises:
-        InputError: a dataset cannot be read or has no poses.
+        InputError: a dataset cannot be read.
     """
-    rows = []
-    for data in options.data:
-        for lens in options.lenses:
-            for shutter in options.shutters:
-                on_progress(f"{data}, lens {lens}")
-                rows.append(_measure(Path(data), lens, shutter, options.threads))
-            if options.pycolmap is not None:
-                on_progress(f"{data}, lens {lens}, pycolmap")
-                rows.append(_measure_pycolmap(Path(data), lens, options.pycolmap, options.threads))
+    rows = list(done)
+    for asked in options.requests():
+        on_progress(f"{Path(asked['data']).name}, lens {asked['lens']}, {asked['program']}")
+        if any(row.get("asked") == asked for row in rows):
+            continue
+        path = Path(asked["data"])
+        if asked["program"] == "pycolmap":
+            assert options.pycolmap is not None
+            row = _measure_pycolmap(path, asked["lens"], options.pycolmap, options)
+        else:
+            row = _measure(path, asked["lens"], asked["shutter"], options)
+        rows.append({**row, "asked": asked})
+        on_row(rows)
     return rows
 
 
@@ -111,6 +145,15 @@ def _row(data: Path, lens: str, **values: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _times(seconds: dict[str, float], cpu_seconds: dict[str, float]) -> dict[str, float]:
+    """The columns of both by stage, and in all."""
+    found: dict[str, float] = {}
+    for ending, times in (("seconds", seconds), ("cpu_seconds", cpu_seconds)):
+        found |= {f"{stage}_{ending}": times[stage] for stage in _STAGES}
+        found[f"total_{ending}"] = times.get("total", sum(times.values()))
+    return found
+
+
 def _error_values(errors: PoseErrors) -> dict[str, float]:
     return {
         "ate_percent": errors.ate_percent,
@@ -118,6 +161,24 @@ def _error_values(errors: PoseErrors) -> dict[str, float]:
         "rotation_mean_degrees": float(errors.rotation_degrees.mean()),
         "rotation_max_degrees": float(errors.rotation_degrees.max()),
     }
+
+
+def _has_poses(data: Path) -> bool:
+    """Whether there is a reference: a folder of images alone is no dataset."""
+    return (data / "transforms.json").is_file() or (data / "sparse").is_dir()
+
+
+def _psnr(folder: str, options: PosesBenchOptions) -> dict[str, float]:
+    """Of every eighth image, after a training on the others with the poses in a folder."""
+    if not options.train_steps:
+        return {}
+    (row,) = train_bench(
+        TrainBenchOptions(
+            folder, ("fast",), measurements=2, scale=options.train_scale, threads=options.threads,
+            overrides={"steps": options.train_steps},
+        )
+    )  # fmt: skip
+    return {"psnr": row["psnr"]}
 
 
 def _settings(data: Path, shutter: str, threads: int) -> PosesOptions:
@@ -132,9 +193,9 @@ def _settings(data: Path, shutter: str, threads: int) -> PosesOptions:
     )
 
 
-def _measure(data: Path, lens: str, shutter: str, threads: int) -> dict[str, Any]:
+def _measure(data: Path, lens: str, shutter: str, bench: PosesBenchOptions) -> dict[str, Any]:
     row = _row(data, lens, program="gsut", shutter=shutter)
-    options = _settings(data, shutter, threads)
+    options = _settings(data, shutter, bench.threads)
     with tempfile.TemporaryDirectory(prefix="gsut-poses-") as folder:
         try:
             result = estimate_poses(data, folder, unknown_lens=lens == "unknown", options=options)
@@ -145,18 +206,19 @@ def _measure(data: Path, lens: str, shutter: str, threads: int) -> dict[str, Any
             registered=figures["registered"],
             images=figures["images"],
             error_px=figures["reprojection_error_px"]["median"],
-            **{
-                f"{stage}_seconds": figures["seconds"][stage]
-                for stage in ("features", "matching", "mapping", "total")
-            },
+            shutter=figures["shutter"],
+            **_times(figures["seconds"], figures["cpu_seconds"]),
         )
-        if result.solution.num_registered >= 3:
-            row.update(_error_values(errors_against(data, folder)))
-            row["shutter"] = figures["shutter"]
+        if result.solution.num_registered >= _FEWEST:
+            if _has_poses(data):
+                row.update(_error_values(errors_against(data, folder)))
+            row.update(_psnr(folder, bench))
     return row
 
 
-def _measure_pycolmap(data: Path, lens: str, python: str, threads: int) -> dict[str, Any]:
+def _measure_pycolmap(
+    data: Path, lens: str, python: str, bench: PosesBenchOptions
+) -> dict[str, Any]:
     """pycolmap's incremental mapping of the same images, in a process of its own."""
     photographs = find_photographs(data, None)
     row = _row(data, lens, program="pycolmap", shutter="global", images=len(photographs))
@@ -164,7 +226,8 @@ def _measure_pycolmap(data: Path, lens: str, python: str, threads: int) -> dict[
     root = Path(os.path.commonpath([path.parent for path in paths]))
     names = [path.relative_to(root).as_posix() for path in paths]
     request: dict[str, Any] = {
-        "images": str(root), "names": names, "threads": threads or -1, "model": None, "params": None
+        "images": str(root), "names": names, "threads": bench.threads or -1,
+        "model": None, "params": None,
     }  # fmt: skip
     if lens == "known":
         cameras = {camera for camera in photographs.cameras if camera is not None}
@@ -174,8 +237,10 @@ def _measure_pycolmap(data: Path, lens: str, python: str, threads: int) -> dict[
         request.update(model=model, params=[float(value) for value in params])
     with tempfile.TemporaryDirectory(prefix="gsut-pycolmap-") as folder:
         question, answer = Path(folder) / "request.json", Path(folder) / "answer.json"
+        for name in ("work", "found/sparse/0"):
+            (Path(folder) / name).mkdir(parents=True)
         request["work"] = str(Path(folder) / "work")
-        Path(request["work"]).mkdir()
+        request["text"] = str(Path(folder) / "found/sparse/0")
         question.write_text(json.dumps(request))
         try:
             done = subprocess.run(
@@ -190,19 +255,30 @@ def _measure_pycolmap(data: Path, lens: str, python: str, threads: int) -> dict[
             words = (done.stderr.strip() or f"exit status {done.returncode}").splitlines()[-1]
             return {**row, "failure": f"pycolmap failed: {words}"}
         found = json.loads(answer.read_text())
-    row.update({f"{stage}_seconds": value for stage, value in found["seconds"].items()})
-    row.update(total_seconds=sum(found["seconds"].values()), registered=len(found["poses"]))
-    if len(found["poses"]) >= 3:
-        reference = {
-            view.image_path.resolve(): view.camera_from_world
-            for view in load_dataset(data, test_every=0).views
-        }
-        chosen = [name for name in names if name in found["poses"] and root / name in reference]
-        poses = np.array([[*found["poses"][name], [0.0, 0.0, 0.0, 1.0]] for name in chosen])
-        row.update(
-            _error_values(compare_poses(poses, np.array([reference[root / n] for n in chosen])))
-        )
+        row.update(registered=len(found["poses"]))
+        row.update(_times(found["seconds"], found["cpu_seconds"]))
+        if len(found["poses"]) >= _FEWEST and _has_poses(data):
+            row.update(_error_values(_errors_of_names(found["poses"], root, data)))
+        if len(found["poses"]) >= _FEWEST and bench.train_steps:
+            (Path(folder) / "found/images").symlink_to(root)
+            row.update(_psnr(str(Path(folder) / "found"), bench))
     return row
+
+
+def _errors_of_names(found: dict[str, Any], root: Path, data: Path) -> PoseErrors:
+    """Of poses (3, 4) by the images' names below `root` against a dataset's."""
+    reference = _poses_by_path(data)
+    chosen = [name for name in found if root / name in reference]
+    poses = np.array([[*found[name], [0.0, 0.0, 0.0, 1.0]] for name in chosen])
+    return compare_poses(poses, np.array([reference[root / name] for name in chosen]))
+
+
+def _poses_by_path(data: str | os.PathLike[str]) -> dict[Path, np.ndarray]:
+    """(4, 4) camera_from_world of a dataset's images."""
+    return {
+        view.image_path.resolve(): view.camera_from_world
+        for view in load_dataset(data, test_every=0).views
+    }
 
 
 def errors_against(reference: str | os.PathLike[str], found: str | os.PathLike[str]) -> PoseErrors:
@@ -211,12 +287,9 @@ def errors_against(reference: str | os.PathLike[str], found: str | os.PathLike[s
     Raises:
         InputError: a dataset cannot be read, or they share fewer than three images.
     """
-    truth = {
-        view.image_path.resolve(): view.camera_from_world
-        for view in load_dataset(reference, test_every=0).views
-    }
-    views = [v for v in load_dataset(found, test_every=0).views if v.image_path.resolve() in truth]
-    poses = np.array([v.camera_from_world for v in views]).reshape(-1, 4, 4)
+    truth, own = _poses_by_path(reference), _poses_by_path(found)
+    shared = [path for path in own if path in truth]
     return compare_poses(
-        poses, np.array([truth[v.image_path.resolve()] for v in views]).reshape(-1, 4, 4)
+        np.array([own[path] for path in shared]).reshape(-1, 4, 4),
+        np.array([truth[path] for path in shared]).reshape(-1, 4, 4),
     )

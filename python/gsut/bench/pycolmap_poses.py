@@ -14,11 +14,12 @@ MISSING = 3  # exit status where this Python has no pycolmap
 
 
 def run(request: dict) -> dict:
-    """Poses and seconds of each stage.
+    """Poses, and seconds and processor seconds of each stage.
 
     Args:
         request: "images" (folder), "names", "work" (empty folder), "threads"; "model" and "params"
-            (COLMAP's) of the known lens, or None: SIMPLE_RADIAL, estimated.
+            (COLMAP's) of the known lens, or None: SIMPLE_RADIAL, estimated; "text": empty folder
+            for the model as COLMAP text.
     """
     pycolmap: Any = importlib.import_module("pycolmap")
     work = Path(request["work"])
@@ -27,13 +28,14 @@ def run(request: dict) -> dict:
     reader.camera_model = request["model"] if known else "SIMPLE_RADIAL"
     if known:
         reader.camera_params = ",".join(repr(value) for value in request["params"])
-    seconds = {}
-    begin = time.perf_counter()
+    seconds, cpu_seconds = {}, {}
+    begin = time.perf_counter(), time.process_time()
 
     def lap(stage: str) -> None:
         nonlocal begin
-        now = time.perf_counter()
-        seconds[stage], begin = now - begin, now
+        now = time.perf_counter(), time.process_time()
+        seconds[stage], cpu_seconds[stage] = now[0] - begin[0], now[1] - begin[1]
+        begin = now
 
     extraction = pycolmap.FeatureExtractionOptions()
     matching = pycolmap.FeatureMatchingOptions()
@@ -56,7 +58,14 @@ def run(request: dict) -> dict:
     for image in best.images.values() if best is not None else ():
         if image.has_pose:
             poses[image.name] = image.cam_from_world().matrix().tolist()
-    return {"seconds": seconds, "poses": poses, "version": pycolmap.__version__}
+    if best is not None:
+        best.write_text(request["text"])
+    return {
+        "seconds": seconds,
+        "cpu_seconds": cpu_seconds,
+        "poses": poses,
+        "version": pycolmap.__version__,
+    }
 
 
 def main() -> int:

@@ -97,16 +97,23 @@ def features_in(pixels: np.ndarray, valid: np.ndarray | None, options: PosesOpti
         scale = min(1.0, math.sqrt(options.max_megapixels * 1e6 / (width * height)))
     small = shrink_image(pixels, max(1, round(scale * width)), max(1, round(scale * height)))
     factor = np.array([width / small.shape[1], height / small.shape[0]])
-    sift = cv2.SIFT.create(contrastThreshold=options.contrast, enable_precise_upscale=True)
     grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY)
     small_mask = None
     if valid is not None:
         small_mask = shrink_mask(valid, small.shape[1], small.shape[0]).astype(np.uint8)
-    keypoints = sift.detect(grey, small_mask)
-    keypoints = _strongest(keypoints, options.max_features, small_mask)
+    # All at once where SIFT's own choice, the strongest, is ours: it builds its pyramid once then.
+    sift = cv2.SIFT.create(
+        options.max_features if small_mask is None else 0,
+        contrastThreshold=options.contrast, enable_precise_upscale=True,
+    )  # fmt: skip
+    if small_mask is None:
+        keypoints, descriptors = sift.detectAndCompute(grey, None)
+    else:
+        keypoints = _strongest(sift.detect(grey, small_mask), options.max_features, small_mask)
+        if keypoints:
+            keypoints, descriptors = sift.compute(grey, keypoints)
     if not keypoints:
         return no_features()
-    keypoints, descriptors = sift.compute(grey, keypoints)
     at = np.array([k.pt for k in keypoints], np.float64).reshape(-1, 2)
     sizes = np.array([k.size for k in keypoints], np.float32) * float(factor.mean())
     order = np.argsort(-sizes, kind="stable")
@@ -184,17 +191,16 @@ def _valid_pixels(
     return None if valid.all() else valid
 
 
-def _strongest(keypoints, most: int, mask: np.ndarray | None):
+def _strongest(keypoints, most: int, mask: np.ndarray):
     """Keypoints well inside the mask, one a place and direction, by contrast."""
     import cv2
 
-    if mask is not None:
-        distance = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
-        keypoints = [
-            k
-            for k in keypoints
-            if distance[int(k.pt[1] + 0.5), int(k.pt[0] + 0.5)] > _EDGE_SIZES * k.size
-        ]
+    distance = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
+    keypoints = [
+        k
+        for k in keypoints
+        if distance[int(k.pt[1] + 0.5), int(k.pt[0] + 0.5)] > _EDGE_SIZES * k.size
+    ]
     if len(keypoints) > most:
         keypoints = sorted(keypoints, key=lambda k: -k.response)[:most]
     return keypoints

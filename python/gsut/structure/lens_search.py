@@ -15,9 +15,9 @@ from gsut.cameras import Camera
 from gsut.data.images import read_header
 from gsut.structure.features import Features
 from gsut.structure.inputs import Photographs
-from gsut.structure.matching import PairMatches, match_and_verify
+from gsut.structure.matching import PairMatches, RawMatches, verify
 from gsut.structure.options import PosesOptions
-from gsut.structure.solution import Solution, solve
+from gsut.structure.solution import Solution, refine, solve
 
 # Horizontal fields of view (degrees) that are tried where nothing is known: a phone held upright,
 # a phone, a wide action camera.
@@ -32,6 +32,10 @@ _BETTER = 0.005
 # Images on which fields of view, and models, are compared: those best connected with each other.
 _FIELD_IMAGES = 12
 _MODEL_IMAGES = 25
+_FIT_PIXELS = 33  # a side of the grid on which one model is fitted to another
+# Matches of a pair that fields, and models, are compared by: the most distinct.
+_FIELD_MATCHES = 100
+_MODEL_MATCHES = 200
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,10 +45,12 @@ class LensSearch:
     Args:
         solution: with the estimated lens.
         rows: model, parameters, registered, held-out error and rms of each candidate.
+        pairs: verified through the lens that the fields of view gave.
     """
 
     solution: Solution
     rows: list[dict[str, Any]]
+    pairs: list[PairMatches]
 
 
 def first_guess(photographs: Photographs, fov_degrees: float | None) -> Photographs:
@@ -91,6 +97,7 @@ def search_lens(
     photographs: Photographs,
     features: Sequence[Features],
     pairs: Sequence[PairMatches],
+    raw: RawMatches,
     options: PosesOptions,
     fov_degrees: float | None,
     show: Callable[[str, int, int, str], None],
@@ -99,12 +106,15 @@ def search_lens(
     """Estimates poses and lens together.
 
     First the focal length and the first coefficient, from each guess of the field of view, on a few
-    images; the matches are verified again through the best; then the models on more images; at last
-    all images with the model chosen.
+    images; the matches are verified again through the best; then the models on more images, each
+    from the poses of the first; at last all images with the model chosen. All but the last use the
+    most distinct matches only.
 
     Args:
         photographs: with the first guess as lenses.
-        features, pairs: of the photographs; pairs verified with the first guess.
+        features: of the photographs.
+        pairs: verified with the first guess.
+        raw: the matches before that.
         options: see PosesOptions.
         fov_degrees: rough horizontal field of view, or None.
         show: told (stage, done, total, text).
@@ -116,13 +126,12 @@ def search_lens(
     first = photographs.cameras[0]
     assert first is not None
     size = first.width, first.height
-    rows: list[dict[str, Any]] = []
+    trials = _Trials(photographs.names, features, options, show, shutter)
     fields = (fov_degrees,) if fov_degrees is not None else _FIELDS
     candidates = []
-    few = connected_pairs(pairs, _FIELD_IMAGES)
+    few = thinned(connected_pairs(pairs, _FIELD_IMAGES), _FIELD_MATCHES)
     for field in fields:
-        lens = guessed_lens(*size, field)
-        found = _try(photographs, lens, _START, features, few, options, show, rows, shutter)
+        found = trials.solve(guessed_lens(*size, field), _START, few)
         if found is not None:
             candidates.append(found)
     if not candidates:
@@ -132,30 +141,42 @@ def search_lens(
         )
     best = min(candidates, key=_rank)
     lens = best.cameras[0]
-    indices = np.array([(pair.first, pair.second) for pair in pairs], np.int64).reshape(-1, 2)
-    again = match_and_verify(
-        features, [lens] * len(photographs), indices, options,
-        lambda done, total: show("matching", done, total, "again, with the lens found"), shutter,
-    )  # fmt: skip
-    more = connected_pairs(again, _MODEL_IMAGES)
-    results = [(best, _START)]
-    for model, free in _models(lens):  # fewest parameters first
-        found = _try(photographs, model, free, features, more, options, show, rows, shutter)
+    again = verify(features, [lens] * len(photographs), raw, options, shutter=shutter)
+    more = thinned(connected_pairs(again, _MODEL_IMAGES), _MODEL_MATCHES)
+    results: list[tuple[Solution, np.ndarray]] = []
+    for free, made_of in _models(lens):  # fewest parameters first
+        found = trials.refine(results[0][0], made_of, free, more) if results else None
+        if found is None:
+            found = trials.solve(made_of(lens), free, more)
         if found is not None:
             results.append((found, free))
-    chosen, free = results[min(1, len(results) - 1)]
-    for other, other_free in results[2:]:
+    chosen, free = results[0] if results else (best, _START)
+    for other, other_free in results[1:]:
         (missing, error), (least, bound) = _rank(other), _rank(chosen)
         if missing < least or (missing == least and error < (1 - _BETTER) * bound):
             chosen, free = other, other_free
     # The lens is chosen: now with every sight.
-    model = chosen.cameras[0]
+    lens = chosen.cameras[0]
     final = solve(
-        photographs.names, [model] * len(photographs), features, again, options,
+        photographs.names, [lens] * len(photographs), features, again, options,
         lambda done, total, points, step: show("mapping", done, total, f"{points:,} points"),
-        lens_free=free, shutter=shutter,
+        lens_free=free, lens_settled=True, shutter=shutter,
     )  # fmt: skip
-    return LensSearch(final, rows)
+    return LensSearch(final, trials.rows, again)
+
+
+def thinned(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
+    """The pairs with their most distinct matches, which stand first."""
+    return [
+        pair
+        if len(pair.matches) <= most
+        else dataclasses.replace(
+            pair,
+            matches=pair.matches[:most],
+            rotation_matches=round(pair.rotation_matches * most / len(pair.matches)),
+        )
+        for pair in pairs
+    ]
 
 
 def connected_pairs(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
@@ -178,56 +199,121 @@ def connected_pairs(pairs: Sequence[PairMatches], most: int) -> list[PairMatches
     return [pair for pair in pairs if pair.first in chosen and pair.second in chosen]
 
 
-def _models(lens: Camera) -> list[tuple[Camera, np.ndarray]]:
-    """Lenses to choose from, near the one found, with the parameters to estimate."""
-    size = lens.width, lens.height
-    if lens.model == "kannala_brandt":
-        return [(lens, np.ones(len(lens.params), bool))]
+def _models(lens: Camera) -> list[tuple[np.ndarray, Callable[[Camera], Camera]]]:
+    """What is estimated of each model to choose from, and the model made of a lens near it."""
     everything = np.ones(8, bool)
-    plain = np.array([1, 1, 0, 0, 1, 1, 0, 0], bool)
-    wide = [*lens.params[:4], 0.0, 0.0, 0.0, 0.0]
+    if lens.model == "kannala_brandt":
+        return [(everything, lambda found: found)]
+    size = lens.width, lens.height
     return [
-        (lens, plain),
-        (lens, everything),
-        (Camera("opencv5", [*lens.params, 0.0], *size), np.ones(9, bool)),
-        (Camera("kannala_brandt", wide, *size), everything),
+        (np.array([1, 1, 0, 0, 1, 1, 0, 0], bool), lambda found: found),
+        (everything, lambda found: found),
+        (np.ones(9, bool), lambda found: Camera("opencv5", [*found.params, 0.0], *size)),
+        (everything, as_fisheye),
     ]
 
 
-def _try(
-    photographs: Photographs,
-    lens: Camera,
-    free: np.ndarray,
-    features: Sequence[Features],
-    pairs: Sequence[PairMatches],
-    options: PosesOptions,
-    show: Callable[[str, int, int, str], None],
-    rows: list[dict[str, Any]],
-    shutter: Shutter | None,
-) -> Solution | None:
-    """A solution with this lens to begin with, or None; adds a row."""
-    row: dict[str, Any] = {"model": lens.model, "estimated": int(free.sum())}
-    try:
-        found = solve(
-            photographs.names, [lens] * len(photographs), features, pairs, options,
-            lambda done, total, points, step: show(
-                "mapping", done, total, f"{lens.model}, {points:,} points"),
-            lens_free=free, hold_out_every=_HOLD_OUT_EVERY, shutter=shutter,
-        )  # fmt: skip
-    except SolveError as error:
-        rows.append({**row, "registered": 0, "failure": str(error)})
-        return None
-    rows.append(
-        {
-            **row,
-            "params": list(map(float, found.cameras[0].params)),
-            "registered": found.num_registered,
-            "points": len(found.points),
-            "held_out_px": found.held_out,
-            "rms_px": found.rms,
-        }
+def as_fisheye(lens: Camera) -> Camera:
+    """The Kannala-Brandt lens nearest to a lens, by least squares over its image."""
+    across, down = np.meshgrid(
+        np.linspace(0.0, lens.width, _FIT_PIXELS), np.linspace(0.0, lens.height, _FIT_PIXELS)
     )
-    return found
+    pixels = np.stack([across.ravel(), down.ravel()], axis=1)
+    rays, valid = lens.unproject(pixels)
+    center = lens.params[2:4]
+    offsets, rays = (pixels - center)[valid], rays[valid]
+    angle = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
+    powers = angle[:, None] ** np.array([1, 3, 5, 7, 9])
+    radius = np.hypot(offsets[:, 0], offsets[:, 1])
+    focal, *others = np.linalg.lstsq(powers, radius, rcond=None)[0]
+    coefficients = [value / focal for value in others]
+    ratio = lens.params[1] / lens.params[0]
+    params = [focal, focal * ratio, *center, *coefficients]
+    return Camera("kannala_brandt", params, lens.width, lens.height)
+
+
+class _Trials:
+    """Solutions with one lens after the other; what came of each is kept in `rows`."""
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        features: Sequence[Features],
+        options: PosesOptions,
+        show: Callable[[str, int, int, str], None],
+        shutter: Shutter | None,
+    ) -> None:
+        self.rows: list[dict[str, Any]] = []
+        self._names = names
+        self._features = features
+        self._options = options
+        self._show = show
+        self._shutter = shutter
+
+    def solve(
+        self, lens: Camera, free: np.ndarray, pairs: Sequence[PairMatches]
+    ) -> Solution | None:
+        """From nothing but matches; None if it fails."""
+        return self._kept(
+            lens, free,
+            lambda: solve(
+                self._names, [lens] * len(self._names), self._features, pairs, self._options,
+                self._told(lens), lens_free=free, hold_out_every=_HOLD_OUT_EVERY,
+                shutter=self._shutter,
+            ),
+        )  # fmt: skip
+
+    def refine(
+        self, start: Solution, model: Callable[[Camera], Camera], free: np.ndarray,
+        pairs: Sequence[PairMatches],
+    ) -> Solution | None:  # fmt: skip
+        """From the poses and the lens of another solution; None if it fails.
+
+        Velocities of a rolling shutter are not known to `refine`: None then, too.
+        """
+        if self._shutter is not None:
+            return None
+        lens = model(start.cameras[0])
+        chosen = [int(image) for image in np.flatnonzero(start.registered)]
+        place = {image: index for index, image in enumerate(chosen)}
+        own = [
+            dataclasses.replace(pair, first=place[pair.first], second=place[pair.second])
+            for pair in pairs
+            if pair.first in place and pair.second in place
+        ]
+        return self._kept(
+            lens, free,
+            lambda: refine(
+                [self._names[i] for i in chosen], [lens] * len(chosen),
+                [self._features[i] for i in chosen], own,
+                [start.camera_from_world[i] for i in chosen], self._options,
+                self._told(lens), lens_free=free, hold_out_every=_HOLD_OUT_EVERY,
+            ),
+        )  # fmt: skip
+
+    def _told(self, lens: Camera) -> Callable[[int, int, int, str], None]:
+        return lambda done, total, points, step: self._show(
+            "mapping", done, total, f"{lens.model}, {points:,} points"
+        )
+
+    def _kept(self, lens: Camera, free: np.ndarray, run: Callable[[], Solution]) -> Solution | None:
+        row: dict[str, Any] = {"model": lens.model, "estimated": int(free.sum())}
+        try:
+            found = run()
+        except SolveError as error:
+            self.rows.append({**row, "registered": 0, "failure": str(error)})
+            return None
+        self.rows.append(
+            {
+                **row,
+                "params": list(map(float, found.cameras[0].params)),
+                "registered": found.num_registered,
+                "points": len(found.points),
+                "held_out_px": found.held_out,
+                "rms_px": found.rms,
+            }
+        )
+        return found
 
 
 def _rank(solution: Solution) -> tuple[int, float]:

@@ -61,7 +61,7 @@ def preview_pairs(
     Returns:
         (Q, 2), a subset of pairs.
     """
-    largest = [f.unit_descriptors(options.preview_features) for f in features]
+    largest = [f.descriptors[: options.preview_features] for f in features]
     counts = np.zeros(len(pairs), np.int64)
     for begin in range(0, len(pairs), _BATCH):
         batch = pairs[begin : begin + _BATCH]
@@ -82,19 +82,51 @@ def preview_pairs(
     return pairs[sorted(kept)]
 
 
-def match_and_verify(
+@dataclasses.dataclass(frozen=True)
+class RawMatches:
+    """Features alike, pair by pair, before anything is asked of poses or lens.
+
+    Args:
+        pairs: (P, 2) images.
+        matches: of each pair (M, 2) int32, feature of the first and of the second image, most
+            distinct first.
+    """
+
+    pairs: np.ndarray
+    matches: list[np.ndarray]
+
+
+def match_in_full(
+    features: Sequence[Features], pairs: np.ndarray, options: PosesOptions, on_pairs: OnPairs
+) -> RawMatches:
+    """Compares all features of pairs of images.
+
+    Args:
+        features: of all images. pairs: (P, 2). options: max_ratio and max_distance.
+        on_pairs: told (pairs done, pairs in all).
+    """
+    descriptors = [f.descriptors for f in features]
+    matches: list[np.ndarray] = []
+    for begin in range(0, len(pairs), _BATCH):
+        batch = pairs[begin : begin + _BATCH]
+        matches += _core.match_pairs(descriptors, batch, options.max_ratio, options.max_distance)
+        on_pairs(begin + len(batch), len(pairs))
+    return RawMatches(pairs, matches)
+
+
+def verify(
     features: Sequence[Features],
     cameras: Sequence[Camera],
-    pairs: np.ndarray,
+    raw: RawMatches,
     options: PosesOptions,
-    on_pairs: OnPairs,
+    on_pairs: OnPairs = lambda done, total: None,
     shutter: _core.Shutter | None = None,
 ) -> list[PairMatches]:
-    """Matches pairs in full, and keeps what agrees with one relative pose.
+    """Keeps what agrees with one relative pose a pair; far quicker than the matching.
 
     Args:
         features, cameras: of all images.
-        pairs: (P, 2).
+        raw: see RawMatches.
         options: see PosesOptions.
         on_pairs: told (pairs done, pairs in all).
         shutter: rolling, if it is: matches may then be rolling_error times farther off.
@@ -102,7 +134,6 @@ def match_and_verify(
     Returns:
         The pairs with at least min_matches matches.
     """
-    descriptors = [f.unit_descriptors() for f in features]
     bearings = [_core.ImageBearings(c, f.pixels) for c, f in zip(cameras, features, strict=True)]
     valid = [b.valid for b in bearings]
     diagonal = max(float(np.hypot(c.width, c.height)) for c in cameras)
@@ -110,11 +141,11 @@ def match_and_verify(
     if shutter is not None:
         max_error *= options.rolling_error
     result = []
-    for begin in range(0, len(pairs), _BATCH):
-        batch = pairs[begin : begin + _BATCH]
-        found = _core.match_pairs(descriptors, batch, options.max_ratio, options.max_distance)
+    for begin in range(0, len(raw.pairs), _BATCH):
+        batch = raw.pairs[begin : begin + _BATCH]
         found = [
-            m[valid[a][m[:, 0]] & valid[b][m[:, 1]]] for (a, b), m in zip(batch, found, strict=True)
+            m[valid[a][m[:, 0]] & valid[b][m[:, 1]]]
+            for (a, b), m in zip(batch, raw.matches[begin : begin + _BATCH], strict=True)
         ]
         verified = _core.verify_pairs(bearings, batch, found, max_error, options.seed)
         for (a, b), matches, (inliers, pose, rotation, parallax, ok) in zip(
@@ -124,5 +155,18 @@ def match_and_verify(
                 result.append(
                     PairMatches(int(a), int(b), matches[inliers], pose, rotation, parallax)
                 )
-        on_pairs(begin + len(batch), len(pairs))
+        on_pairs(begin + len(batch), len(raw.pairs))
     return result
+
+
+def match_and_verify(
+    features: Sequence[Features],
+    cameras: Sequence[Camera],
+    pairs: np.ndarray,
+    options: PosesOptions,
+    on_pairs: OnPairs,
+    shutter: _core.Shutter | None = None,
+) -> list[PairMatches]:
+    """`match_in_full`, which on_pairs is told of, then `verify`."""
+    raw = match_in_full(features, pairs, options, on_pairs)
+    return verify(features, cameras, raw, options, shutter=shutter)

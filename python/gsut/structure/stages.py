@@ -14,10 +14,11 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.structure.features import Features
-from gsut.structure.matching import PairMatches
+from gsut.structure.matching import RawMatches
 
 _FOLDER = "stages"
 _KEY = "key.json"
+_MATCHES = "matches.npz"
 _TEMPORARY = ".writing-"
 
 
@@ -97,35 +98,25 @@ class Stages:
             return None
         return Features(**arrays)
 
-    def save_matches(self, pairs: list[PairMatches]) -> None:
-        """Keeps the verified pairs."""
-        lengths = np.array([len(p.matches) for p in pairs], np.int64)
-        matches = [p.matches for p in pairs] or [np.zeros((0, 2), np.int32)]
+    def save_matches(self, raw: RawMatches) -> None:
+        """Keeps the matches of all pairs."""
         self._save(
-            "matches.npz",
+            _MATCHES,
             {
-                "images": np.array([(p.first, p.second) for p in pairs], np.int64).reshape(-1, 2),
-                "lengths": lengths,
-                "matches": np.concatenate(matches),
-                "poses": np.array([p.second_from_first for p in pairs]).reshape(-1, 4, 4),
-                "rotation_matches": np.array([p.rotation_matches for p in pairs], np.int64),
-                "parallax": np.array([p.parallax for p in pairs], np.float64),
+                "pairs": np.asarray(raw.pairs, np.int64).reshape(-1, 2),
+                "lengths": np.array([len(m) for m in raw.matches], np.int64),
+                "matches": np.concatenate([np.zeros((0, 2), np.int32), *raw.matches]),
             },
         )
 
-    def load_matches(self) -> list[PairMatches] | None:
-        """The verified pairs, or None."""
-        arrays = self._load("matches.npz")
+    def load_matches(self) -> RawMatches | None:
+        """The matches of all pairs, or None."""
+        arrays = self._load(_MATCHES)
         if arrays is None:
             return None
         ends = np.cumsum(arrays["lengths"])
-        return [
-            PairMatches(
-                int(first), int(second), arrays["matches"][end - length : end],
-                arrays["poses"][i], int(arrays["rotation_matches"][i]),
-                float(arrays["parallax"][i]),
-            )
-            for i, ((first, second), length, end) in enumerate(
-                zip(arrays["images"], arrays["lengths"], ends, strict=True)
-            )
-        ]  # fmt: skip
+        starts = ends - arrays["lengths"]
+        return RawMatches(
+            arrays["pairs"],
+            [arrays["matches"][a:b] for a, b in zip(starts, ends, strict=True)],
+        )
