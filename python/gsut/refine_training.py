@@ -34,8 +34,6 @@ _WITHOUT_TRACKS, _MOST_SWEEPS = (0.3, 0.88), 10  # first and last, evenly spaced
 # Views that share what they see follow each other slowly, single ones at once: every second sweep
 # goes twice as far as it found, which quickens the former and leaves the latter to the next sweep.
 _OVERSHOOT = 2.0
-# Predicted standard deviations of poses from tracks are about half of what is seen (README).
-_TRACKS_SIGMAS = 2.0
 # Colour difference beyond which a pixel counts less. On sponza_fisheye with its true poses, poses
 # wander by 0.0125 degrees with 0.03 and by 0.0135 with 0.1.
 _LOSS_SCALE = 0.03
@@ -164,7 +162,7 @@ class TrainingRefiner:
         here = np.array([np.median(changes.degrees), np.median(changes.distances)])
         self._prior["farthest"] = np.maximum(self._prior["farthest"], here)
         sigma = [self.tracks["sigma_degrees"], self.tracks["sigma_moved"]]
-        weight = _weight(self._prior["farthest"], _TRACKS_SIGMAS * np.array(sigma))
+        weight = _weight(self._prior["farthest"], np.array(sigma))
         out = np.array(after)
         out[tracked] = moved_on(after[tracked], prior[tracked], weight)
         if self.options.refine_lens:
