@@ -1,6 +1,7 @@
 """`gsut bench refine`: its rows, resuming a broken run, and the basin."""
 
 import json
+import types
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from gsut.bench.refine_basin import colors_row
 from gsut.bench.refine_bench import RefineBenchOptions, refine_bench
 from gsut.bench.refine_disturb import Disturbance, disturbed, lens_pixels
 from gsut.cli import main
+from random_scenes import fisheye, gaussians_in_view, random_pose
 from room_dataset import write_room
 
 
@@ -54,21 +56,19 @@ def test_a_broken_run_is_resumed_without_measuring_again(folder, monkeypatch):
 
 
 def test_colours_bring_back_views_that_are_hardly_off_and_none_from_far(rng):
-    from random_scenes import fisheye, gaussians_in_view, random_pose
-
     camera = fisheye(64)
     pose = random_pose(rng)
     g = gaussians_in_view(rng, camera, pose, 400, opacity=1.0)
     image = np.round(255 * np.clip(gsut.render(g, camera, pose).image, 0, 1)).astype(np.uint8)
 
-    class OneView:
-        test_indices = [0]
-        views = [gsut.View("a", "a", 0, pose)]
-        camera = staticmethod(lambda index: camera)
-        image = staticmethod(lambda index: image)
-        mask = staticmethod(lambda index: camera.rays()[1])
-
-    near, far = (colors_row(g, OneView(), degrees, 0, 3) for degrees in (0.5, 90.0))
+    scene = types.SimpleNamespace(
+        test_indices=[0],
+        views=[gsut.View("a", "a", 0, pose)],
+        camera=lambda index: camera,
+        image=lambda index: image,
+        mask=lambda index: camera.rays()[1],
+    )
+    near, far = (colors_row(g, scene, degrees, 0, 3) for degrees in (0.5, 90.0))
     assert (near["share"], near["poses"], far["share"]) == (1.0, 3, 0.0)
 
 
