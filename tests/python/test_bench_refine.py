@@ -10,8 +10,9 @@ import gsut
 from gsut.bench import refine_bench as module
 from gsut.bench.refine_basin import colors_row
 from gsut.bench.refine_bench import RefineBenchOptions, refine_bench
-from gsut.bench.refine_disturb import Disturbance, disturbed, lens_pixels
+from gsut.bench.refine_disturb import Disturbance, disturbed
 from gsut.cli import main
+from gsut.refine_trust import lens_distance
 from random_scenes import fisheye, gaussians_in_view, random_pose
 from room_dataset import write_room
 
@@ -73,14 +74,14 @@ def test_colours_bring_back_views_that_are_hardly_off_and_none_from_far(rng):
 
 
 def test_lens_is_judged_by_where_its_rays_go(folder):
-    truth = gsut.load_dataset(folder)
-    assert lens_pixels(truth, truth) == 0.0
-    params = truth.file_cameras[0].params
-    longer = disturbed(truth, Disturbance("focal", focal=0.01), 0)
-    rays, valid = truth.file_cameras[0].rays()
-    pixels, _ = truth.file_cameras[0].project(rays[valid])
-    expected = 0.01 * np.sqrt(np.mean(np.sum((pixels - params[2:4]) ** 2, axis=1)))
-    np.testing.assert_allclose(lens_pixels(longer, truth), expected, rtol=1e-9)
+    scene = gsut.load_dataset(folder)
+    (true,) = scene.file_cameras
+    (longer,) = disturbed(scene, Disturbance("focal", focal=0.01), 0).file_cameras
+    assert lens_distance(true, true) == 0.0
+    rays, valid = true.rays()
+    pixels, _ = true.project(rays[valid])
+    expected = 0.01 * np.sqrt(np.mean(np.sum((pixels - true.params[2:4]) ** 2, axis=1)))
+    np.testing.assert_allclose(lens_distance(longer, true), expected, rtol=1e-9)
 
 
 def test_command_resumes_prints_and_draws(folder, tmp_path, capsys):

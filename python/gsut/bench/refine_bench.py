@@ -20,12 +20,12 @@ from gsut.bench.refine_disturb import (
     disturbed,
     jittered_points,
     lens_errors,
-    lens_pixels,
 )
 from gsut.data.load import load_dataset
 from gsut.data.scene import Scene
 from gsut.gaussians import Gaussians
 from gsut.options import TrainOptions
+from gsut.refine_trust import lens_distance
 from gsut.structure.align import PoseErrors, compare_poses
 from gsut.train import train
 
@@ -244,7 +244,7 @@ def _measure(
         "position_mm": _MILLIMETRES * float(np.median(after.center_distances)),
         "focal_percent": 100 * focal,
         "k1_percent": None if np.isnan(first) else 100 * first,
-        "lens_px": lens_pixels(result.scene, truth),
+        "lens_px": lens_distance(result.scene.file_cameras[0], truth.file_cameras[0]),
         "psnr_before": evaluation["alignment"]["psnr_before"],
         "psnr": evaluation["alignment"]["psnr_after"],
         "psnr_to_truth": 0.0,

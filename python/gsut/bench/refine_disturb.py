@@ -87,20 +87,6 @@ def lens_errors(scene: Scene, truth: Scene) -> tuple[float, float]:
     return float(np.mean(np.abs(found[:2] / true[:2] - 1.0))), float(first)
 
 
-def lens_pixels(scene: Scene, truth: Scene) -> float:
-    """Root mean square distance in pixels between where both lenses see the true lens' rays.
-
-    Coefficients of a polynomial trade with each other; what counts is where rays go.
-    """
-    found, true = scene.file_cameras[0], truth.file_cameras[0]
-    rays, valid = true.rays()
-    seen, known = found.project(rays[valid])
-    expected, _ = true.project(rays[valid])
-    if not known.any():
-        return float("nan")
-    return float(np.sqrt(np.mean(np.sum((seen - expected)[known] ** 2, axis=1))))
-
-
 def _disturbed_lens(camera: Camera, by: Disturbance) -> Camera:
     params = np.array(camera.params)
     if len(params) < 4 or (by.first_coefficient and len(params) < 5):
