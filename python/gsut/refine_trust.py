@@ -75,8 +75,8 @@ class Trust:
             )
         shown = ", ".join(named[:_NAMED]) + (" ..." if len(named) > _NAMED else "")
         return (
-            f"{len(named)} of {len(names)} training views stay near the poses they had: halves of their pixels "
-            f"disagree (others are off {by}). {shown}"
+            f"{len(named)} of {len(names)} training views stay near the poses they had: halves of "
+            f"their pixels disagree (others are off {by}). {shown}"
         )
 
 
