@@ -254,14 +254,12 @@ constexpr int kFewestBlocks = 32;  // with pixels; below it each pixel counts as
 
 // Of one image, by the sandwich of normal equations N with Huber's weights (pose first, then gain
 // and bias) and the sums of their right-hand sides g over blocks of pixels: N^-1 (sum g g^T) N^-1.
-// What neighbouring pixels err together thus counts (Liang and Zeger 1986; the factor for a finite
-// number of blocks, B / (B - 1), is the usual one).
+// What neighbouring pixels err together thus counts (Liang and Zeger 1986).
 Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const PhotometricImage& image,
                                        const Camera& camera, const PhotometricOptions& options) {
   const int size = options.with_gain ? 8 : 6;
   const int width = camera.width();
-  const int side =
-      std::max(1, (std::max(width, camera.height()) + kCovarianceBlocks - 1) / kCovarianceBlocks);
+  const int side = (std::max(width, camera.height()) + kCovarianceBlocks - 1) / kCovarianceBlocks;
   Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(size, size);
   Eigen::MatrixXd by_block = Eigen::MatrixXd::Zero(size, kCovarianceBlocks * kCovarianceBlocks);
   Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(size, size);  // of the pixels' right-hand sides
@@ -388,10 +386,9 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
     image.camera_from_world = FromBlock(state.pose);
     image.gain = state.gain[0];
     image.bias = state.gain[1];
-    if (options.covariances) {
-      const Camera& camera = (*cameras)[static_cast<std::size_t>(image.camera)];
-      summary.covariances.push_back(Covariance(state, image, camera, options));
-    }
+    if (!options.covariances) continue;
+    const Camera& camera = (*cameras)[static_cast<std::size_t>(image.camera)];
+    summary.covariances.push_back(Covariance(state, image, camera, options));
   }
   std::vector<Camera> refined;
   for (std::size_t c = 0; c < cameras->size(); ++c) {
