@@ -296,10 +296,9 @@ Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const Photometri
   if (blocks >= kFewestBlocks) {
     squares = by_block * by_block.transpose() * (static_cast<double>(blocks) / (blocks - 1));
   }
-  const Eigen::MatrixXd inverse = scale.asDiagonal() *
-                                  factors.solve(Eigen::MatrixXd::Identity(size, size)) *
-                                  scale.asDiagonal();
-  return (inverse * squares * inverse).topLeftCorner<6, 6>();
+  const Eigen::MatrixXd scaled = factors.solve(Eigen::MatrixXd(scale.asDiagonal()));
+  const Eigen::MatrixXd inverse = scale.asDiagonal() * scaled;
+  return (inverse * squares * inverse.transpose()).topLeftCorner<6, 6>();
 }
 
 }  // namespace
