@@ -16,7 +16,7 @@ from gsut._core import InputError
 from gsut.structure.features import Features
 from gsut.structure.matching import PairMatches
 
-_FOLDER = "stages"
+FOLDER = "stages"
 _KEY = "key.json"
 _TEMPORARY = ".writing-"
 
@@ -50,7 +50,7 @@ class Stages:
     """
 
     def __init__(self, out: Path, key: dict[str, Any]) -> None:
-        self._folder = out / _FOLDER
+        self._folder = out / FOLDER
         text = json.dumps(key, sort_keys=True)
         digest = hashlib.sha256(text.encode()).hexdigest()
         stored = self._folder / _KEY
