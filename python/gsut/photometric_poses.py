@@ -299,7 +299,8 @@ class _Growth:
             self._all_poses(), covariances, points, self.points.colors,
             sums / counts, sights, pixels, residuals, angles,
             tuple(self._first["initial_pair"]), self._first["restarts"],
-            float(np.sqrt(np.mean(lengths[seen] ** 2))), float(np.median(lengths[seen])), None, np.zeros((0, 3), np.int32),
+            float(np.sqrt(np.mean(lengths[seen] ** 2))), float(np.median(lengths[seen])), None,
+            np.zeros((0, 3), np.int32),
         )  # fmt: skip
 
     def _all_poses(self) -> np.ndarray:
