@@ -164,11 +164,10 @@ class TrainingRefiner:
 
     def _hold(self, tracked: list[int]) -> None:
         """The present poses and lens are those that sweeps start from."""
-        sigma = [self.tracks["sigma_degrees"], self.tracks["sigma_moved"]] if tracked else None
         self._start: dict[str, Any] = {
             "poses": self.poses(),
             "tracked": np.isin(self.scene.train_indices, tracked),
-            "sigma": None if sigma is None else np.array(sigma),
+            "sigma": self.tracks["sigma_degrees"] if tracked else None,
             "lens": np.array(self.scene.file_cameras[0].params),
         }
 

@@ -17,8 +17,8 @@ from gsut.cameras import Camera
 from gsut.refine_motion import moved_on, pose_changes
 
 # Both halves see the same scene, whose own errors they share. On a demo scene (seed 11) poses were
-# off by 1.4 (young scene) to 2.7 times what half their difference says.
-_SHARED = 2.0
+# off by 1.4 (young scene) to 2.7 (finished scene) times what half their difference says.
+_SHARED = 2.5
 _BLOCKS = 16  # of a half's checkerboard, along the longer side: larger than what errors spread over
 _NAMED = 5  # views in a note, at most
 _REJECTED = 0.5  # weight below which a view is named: its start counts more than its colours
@@ -109,9 +109,7 @@ def half_of(height: int, width: int, half: int) -> np.ndarray:
     return (rows[:, None] + columns[None]) % 2 == half
 
 
-def trust_in(
-    halves: Halves, start: np.ndarray, tracked: np.ndarray, sigma: np.ndarray | None
-) -> Trust:
+def trust_in(halves: Halves, start: np.ndarray, tracked: np.ndarray, sigma: float | None) -> Trust:
     """How far views may go from where they started to where their colours say.
 
     The best mean of two independent poses gives one the share of the other's variance. Over the
@@ -123,7 +121,8 @@ def trust_in(
         halves: what the colours say.
         start: (n, 4, 4) poses before any refinement by colours.
         tracked: (n,) bool: views to which `sigma` belongs; the others count as unknown.
-        sigma: (2,) standard deviations of the start in degrees and world units.
+        sigma: degrees, standard deviation of the tracked views' turns as tracks predict it. Their
+            centres' depends on where the gauge is held, so that turns stand for both.
     """
     own = np.maximum(halves.errors(), 1e-12)
     errors = np.median(own, axis=0)
@@ -137,7 +136,6 @@ def trust_in(
         at = np.median(distances[~known], axis=0)
         ratios[~known] = max(0.0, float(np.mean((at / errors) ** 2)) - 1.0)
     if sigma is not None and known.any():
-        at = np.median(distances[known], axis=0)
-        seen = np.maximum(errors**2, at**2 - sigma**2)
-        ratios[known] = float(np.mean(sigma**2 / seen))
+        at = float(np.median(distances[known, 0]))
+        ratios[known] = sigma**2 / max(errors[0] ** 2, at**2 - sigma**2)
     return Trust(ratios / (ratios + excess), errors)
