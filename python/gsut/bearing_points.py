@@ -46,6 +46,18 @@ class BearingPoints:
         self.colors: np.ndarray = np.zeros((0, 3), np.uint8)
         self.sights: np.ndarray = np.zeros((0, 3), np.int32)
 
+    def state_dict(self) -> dict[str, np.ndarray]:
+        """The points and what sees them."""
+        return {"positions": self.positions, "colors": self.colors, "sights": self.sights}
+
+    def load_state_dict(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on where `state_dict` was taken."""
+        self.positions, self.colors = state["positions"], state["colors"]
+        self.sights = state["sights"]
+        self._point_of = [np.full(len(f), -1, np.int64) for f in self._features]
+        for point, image, feature in self.sights:
+            self._point_of[image][feature] = point
+
     def add_image(self, image: int, poses: np.ndarray) -> None:
         """Extends the tracks to an image, and begins new ones with the posed images before it.
 

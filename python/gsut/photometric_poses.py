@@ -12,7 +12,9 @@ and 0.47 degrees off on average (0.5 % of the way), where bundle adjustment of f
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,7 @@ import gsut
 from gsut._core import InputError, SolveError
 from gsut.bearing_points import BearingPoints
 from gsut.cameras import Camera
+from gsut.checkpoint import read_checkpoint, write_checkpoint
 from gsut.data.scene import Scene, View
 from gsut.gaussians import Gaussians
 from gsut.options import TrainOptions
@@ -45,6 +48,7 @@ _STRIDE = 3  # pixels between new Gaussians
 _TRANSPARENT, _WRONG = 0.7, 0.06  # alpha below, colour difference above which there are new ones
 _NEIGHBORS = 4  # points that give a new Gaussian its distance
 _RATE = 2e-3  # of the centres, x median distance of the points
+_KEEP_EVERY = 5  # images
 _LOST = 4.0  # times the median colour difference so far: the image is left out
 
 
@@ -54,6 +58,8 @@ def grow_poses(
     pairs: Sequence[PairMatches],
     options: PosesOptions,
     on_progress: Callable[[int, int, int, str], None],
+    *,
+    keep: Path | None = None,
 ) -> Solution:
     """A mapper for `estimate_poses` that registers images by their colours, in order of names.
 
@@ -62,6 +68,9 @@ def grow_poses(
         features, pairs: of the images; verified.
         options: seed, max_error and min_angle.
         on_progress: told (registered, images, points, step).
+        keep: a file that holds what has grown, written every few images: a run that was killed goes
+            on from there, to the same bits. It belongs to these photographs and options, which
+            the caller sees to. None: nothing is kept.
 
     Returns:
         Poses with the covariances of `refine_pose`, a lower bound; points where bearings meet.
@@ -73,16 +82,48 @@ def grow_poses(
     cameras = [c for c in photographs.cameras if c is not None]
     if len(cameras) < len(photographs) or not all(c.is_central for c in cameras):
         raise InputError("--photometric needs a known lens with one centre; give it by --camera")
-    start, count = _start(photographs, cameras, features, pairs, options, on_progress)
-    growth = _Growth(photographs, cameras, features, pairs, options, start, count)
-    for image in range(len(photographs)):
-        if image >= count:
-            growth.add(image)
-        on_progress(len(growth.posed), len(photographs), len(growth.points.positions), "grow")
-    growth.finish(lambda: on_progress(
-        len(growth.posed), len(photographs), len(growth.points.positions), "all poses"
-    ))  # fmt: skip
-    return growth.solution(start)
+    kept = None if keep is None else _read_kept(keep)
+    if kept is None:
+        first = _start(photographs, cameras, features, pairs, options, on_progress)
+        growth = _Growth(photographs, cameras, features, pairs, options, first)
+        growth.begin()
+    else:
+        growth = _Growth(photographs, cameras, features, pairs, options, kept["first"])
+        growth.load_state_dict(kept)
+
+    def show(step: str, to_keep: bool) -> None:
+        if keep is not None and to_keep:
+            _write_kept(keep, growth.state_dict())
+        on_progress(len(growth.posed), len(photographs), len(growth.points.positions), step)
+
+    show("grow", kept is None)
+    while growth.next < len(photographs):
+        growth.add_next()
+        show("grow", growth.next % _KEEP_EVERY == 0)
+    while growth.rounds < _ROUNDS:
+        growth.round()
+        show("all poses", True)
+    return growth.solution()
+
+
+def _read_kept(path: Path) -> dict[str, Any] | None:
+    """What was kept; None where there is nothing, or a damaged file: it is made again."""
+    try:
+        return read_checkpoint(path) if path.exists() else None
+    except InputError:
+        return None
+
+
+def _write_kept(path: Path, state: dict[str, Any]) -> None:
+    temporary = path.with_name(f".writing-{path.name}")
+    try:
+        write_checkpoint(temporary, state)
+        os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise InputError(
+            f"cannot write {path}: {error.strerror}; is the folder writable and the disk not full?"
+        ) from error
 
 
 def _start(
@@ -92,8 +133,8 @@ def _start(
     pairs: Sequence[PairMatches],
     options: PosesOptions,
     on_progress: Callable[[int, int, int, str], None],
-) -> tuple[Solution, int]:
-    """The first images' poses by their features, and how many images those are."""
+) -> dict[str, Any]:
+    """The poses of the first images by their features, and how they were found."""
     failure: SolveError | None = None
     for wanted in _FIRST_IMAGES:
         count = min(wanted, len(photographs))
@@ -103,7 +144,11 @@ def _start(
                 [pair for pair in pairs if pair.second < count], options, on_progress,
             )  # fmt: skip
             if found.num_registered == count:
-                return found, count
+                return {
+                    "poses": found.camera_from_world,
+                    "initial_pair": list(found.initial_pair),
+                    "restarts": found.restarts,
+                }
         except SolveError as error:
             failure = error
         if count == len(photographs):
@@ -128,7 +173,13 @@ class _VideoLoop(TrainingLoop):
 
 
 class _Growth:
-    """The scene and the poses so far."""
+    """The scene and the poses so far.
+
+    Attributes:
+        points: where bearings meet.
+        next: the image to be posed next.
+        rounds: over all poses, done at the end.
+    """
 
     def __init__(
         self,
@@ -137,8 +188,7 @@ class _Growth:
         features: Sequence[Features],
         pairs: Sequence[PairMatches],
         options: PosesOptions,
-        start: Solution,
-        count: int,
+        first: dict[str, Any],
     ) -> None:
         self._photographs, self._cameras, self._features = photographs, list(cameras), features
         self._poses = np.full((len(photographs), 4, 4), np.nan)
@@ -147,8 +197,9 @@ class _Growth:
         self.points = BearingPoints(
             cameras, features, pairs, max_error, np.radians(options.min_angle)
         )
-        for image in range(count):
-            self._poses[image] = start.camera_from_world[image]
+        self._first, self.next, self.rounds = first, len(first["poses"]), 0
+        for image, pose in enumerate(first["poses"]):
+            self._poses[image] = pose
             self.points.add_image(image, self._poses)
         lenses = list(dict.fromkeys(self._cameras))
         self._lens_of = [lenses.index(camera) for camera in self._cameras]
@@ -165,18 +216,49 @@ class _Growth:
         ).resolved()  # fmt: skip
         self._loop = _VideoLoop(self._scene, self._options)
         self._follow()
+
+    def begin(self) -> None:
+        """Makes the scene of the first images."""
         self._train(_FIRST_STEPS)
-        for image in range(0, count, 3):
+        for image in range(0, self.next, 3):
             self._fill(image)
             self._train(_FIRST_STEPS)
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that later images depend on."""
+        found = {
+            str(image): {
+                field.name: getattr(pose, field.name) for field in dataclasses.fields(pose)
+            }
+            for image, pose in self._found.items()
+        }
+        return {
+            "first": self._first,
+            "next": self.next,
+            "rounds": self.rounds,
+            "poses": self._poses,
+            "found": found,
+            "points": self.points.state_dict(),
+            "loop": self._loop.state_dict(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Goes on exactly where `state_dict` was taken."""
+        self.next, self.rounds, self._poses = state["next"], state["rounds"], state["poses"]
+        self._found = {int(image): RefinedPose(**pose) for image, pose in state["found"].items()}
+        self.points.load_state_dict(state["points"])
+        self._loop.load_state_dict(state["loop"])
+        self._follow()
 
     @property
     def posed(self) -> np.ndarray:
         """Indices of the images with a pose."""
         return np.flatnonzero(~np.isnan(self._poses).any(axis=(1, 2)))
 
-    def add(self, image: int) -> None:
+    def add_next(self) -> None:
         """Finds the pose of the next image and grows the scene by what it shows."""
+        image = self.next
+        self.next += 1
         try:
             found = self._refined(image, self._guess(image), _LEVELS)
         except SolveError:
@@ -192,15 +274,14 @@ class _Growth:
         if image % _WINDOW_EVERY == 0:
             self._refine_again(self._loop.posed[-_WINDOW:])
 
-    def finish(self, on_round: Callable[[], None]) -> None:
-        """All poses against all that has been seen, a few times."""
-        for _ in range(_ROUNDS):
-            self._loop.recent = len(self._loop.posed)
-            self._train(_ROUND_STEPS * len(self.posed))
-            self._refine_again(self._loop.posed[1:])
-            on_round()
+    def round(self) -> None:
+        """All poses against all that has been seen."""
+        self._loop.recent = len(self._loop.posed)
+        self._train(_ROUND_STEPS * len(self.posed))
+        self._refine_again(self._loop.posed[1:])
+        self.rounds += 1
 
-    def solution(self, start: Solution) -> Solution:
+    def solution(self) -> Solution:
         """In the form of the mapper by features."""
         points, sights, n = self.points.positions, self.points.sights, len(self._photographs)
         pixels, residuals, angles = at_sights(
@@ -216,9 +297,10 @@ class _Growth:
         return Solution(
             self._photographs.names, self._cameras, np.isin(np.arange(n), self.posed),
             self._all_poses(), covariances, points, self.points.colors,
-            sums / counts, sights, pixels, residuals, angles, start.initial_pair,
-            start.restarts, float(np.sqrt(np.mean(lengths[seen] ** 2))),
-            float(np.median(lengths[seen])), None, np.zeros((0, 3), np.int32),
+            sums / counts, sights, pixels, residuals, angles,
+            tuple(self._first["initial_pair"]), self._first["restarts"],
+            float(np.sqrt(np.mean(lengths[seen] ** 2))), float(np.median(lengths[seen])), None,
+            np.zeros((0, 3), np.int32),
         )  # fmt: skip
 
     def _all_poses(self) -> np.ndarray:

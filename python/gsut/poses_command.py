@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import json
 import os
 import sys
@@ -90,8 +91,9 @@ def poses(arguments: argparse.Namespace) -> int:
         if arguments.unknown_lens:
             raise InputError("--photometric needs a known lens; give it by --camera")
         from gsut.photometric_poses import grow_poses
+        from gsut.structure.stages import FOLDER
 
-        mapper = grow_poses
+        mapper = functools.partial(grow_poses, keep=Path(arguments.out) / FOLDER / "growth.npz")
         if options.pairs == "auto":
             options = dataclasses.replace(options, pairs="sequential")
     result = estimate_with_bars(

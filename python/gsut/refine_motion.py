@@ -56,10 +56,11 @@ def without_mean_motion(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     return out
 
 
-def moved_on(after: np.ndarray, before: np.ndarray, factor: float) -> np.ndarray:
-    """Poses (N, 4, 4) that have gone `factor` times as far from `before` as `after` has."""
-    turns = factor * _turns(after, before)
-    centers = centers_of(before) + factor * (centers_of(after) - centers_of(before))
+def moved_on(after: np.ndarray, before: np.ndarray, factor: float | np.ndarray) -> np.ndarray:
+    """Poses (N, 4, 4) that have gone `factor` (one, or (N,)) times as far from `before`."""
+    factors = np.reshape(factor, (-1, 1))
+    turns = factors * _turns(after, before)
+    centers = centers_of(before) + factors * (centers_of(after) - centers_of(before))
     out = np.tile(np.eye(4), (len(after), 1, 1))
     for pose, turn, old in zip(out, turns, before, strict=True):
         pose[:3, :3] = old[:3, :3] @ exp_pose(np.concatenate([np.zeros(3), turn]))[:3, :3].T

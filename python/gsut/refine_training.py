@@ -6,8 +6,8 @@ poses it found. Many views see a Gaussian, so that the scene is their mean and e
 shows as a shift. What no view can tell, a similarity of the whole world, is held: each sweep's mean
 motion is taken out (see refine_motion.py), and the scene stays in the world of the first poses.
 
-Poses from tracks of features are a prior: how far a sweep leads away from them, against how well
-tracks are known to place a view, says how much the colours are worth (see _weight).
+Poses from tracks of features, or else those given, are a prior, and half of a photograph's pixels
+checks the other: a view goes only as far as its colours are worth (see refine_trust.py).
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from gsut.projection import DEFAULT_UNSCENTED
 from gsut.pyramid import Level
 from gsut.refine import chosen_pixels, inner_pixels
 from gsut.refine_motion import moved_on, pose_changes, without_mean_motion
+from gsut.refine_trust import Halves, Trust, half_of, lens_weight, trust_in
 
 # Fractions of the steps after which a sweep follows. Poses wait for a scene that can tell them: a
 # young one misplaces views by 0.2 degrees on sponza_fisheye, more than tracks do (0.03).
@@ -34,8 +35,6 @@ _WITHOUT_TRACKS, _MOST_SWEEPS = (0.3, 0.88), 10  # first and last, evenly spaced
 # Views that share what they see follow each other slowly, single ones at once: every second sweep
 # goes twice as far as it found, which quickens the former and leaves the latter to the next sweep.
 _OVERSHOOT = 2.0
-# Predicted standard deviations of poses from tracks are about half of what is seen (README).
-_TRACKS_SIGMAS = 2.0
 # Colour difference beyond which a pixel counts less. On sponza_fisheye with its true poses, poses
 # wander by 0.0125 degrees with 0.03 and by 0.0135 with 0.1.
 _LOSS_SCALE = 0.03
@@ -45,12 +44,23 @@ _ITERATIONS, _ITERATIONS_END = 1, 3
 
 @dataclasses.dataclass(frozen=True)
 class Sweep:
-    """What one sweep did: medians over the views, in degrees and world units."""
+    """What one sweep did: medians over the views, in degrees and world units.
+
+    Attributes:
+        weight: of the colours, against where the views started.
+        error_degrees, error_moved: of the colours, by how much halves of the pixels differ.
+        lens_weight, lens_error_px: likewise of a refined lens.
+    """
 
     step: int
     turned_degrees: float
     moved: float
     rms: float
+    weight: float
+    error_degrees: float
+    error_moved: float
+    lens_weight: float | None = None
+    lens_error_px: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """For metrics.json."""
@@ -77,8 +87,9 @@ class TrainingRefiner:
         self.scene, self.options = scene, options
         self.sweeps: list[Sweep] = []
         self.tracks: dict[str, Any] = {}
-        self._prior: dict[str, np.ndarray] | None = None
+        self.trust: Trust | None = None  # of the last sweep
         check_refinable(scene, options)
+        self._hold([])
         steps = options.steps
         fractions: Any = _AFTER_TRACKS
         if not options.refine_tracks:
@@ -109,33 +120,35 @@ class TrainingRefiner:
         iterations: int,
         overshoot: bool,
     ) -> None:
-        indices = self.scene.train_indices
         before = self.poses()
-        scene = gaussians.astype(np.float32)
-        free = self.options.refine_lens
-        views = [
-            self._view(level, index, step, _PIXELS_JOINT if free else _PIXELS) for index in indices
-        ]
-        if free:
-            found = [self._solve(scene, level, views, sh_degree, iterations, True)]
-            self._set_lens(level, found[0]["lens_params"][0])
-        else:
-            found = [
-                self._solve(scene, level, [view], sh_degree, iterations, False) for view in views
-            ]
-        after = np.array([pose for each in found for pose in each["camera_from_world"]])
-        after = without_mean_motion(after, before)
+        drawn = gaussians.astype(np.float32)
+        halves, lenses, squares = [], [], []
+        for half in (0, 1):
+            views = [self._view(level, index, step, half) for index in self.scene.train_indices]
+            groups = [views] if self.options.refine_lens else [[view] for view in views]
+            found = [self._solve(drawn, level, group, sh_degree, iterations) for group in groups]
+            poses = np.array([pose for each in found for pose in each["camera_from_world"]])
+            halves.append(without_mean_motion(poses, before))
+            lenses.append(found[0]["lens_params"][0])
+            squares += [each["rms_after"] ** 2 for each in found]
+        both = Halves(*halves)
+        self.trust = trust_in(both, *(self._start[name] for name in ("poses", "tracked", "sigma")))
+        after = both.middle()
         if overshoot:
             after = without_mean_motion(moved_on(after, before, _OVERSHOOT), before)
-        after = self._held_to_tracks(after)
+        after = moved_on(after, self._start["poses"], self.trust.weights)
         self._set_poses(after)
+        of_lens = self._set_lens(level, lenses) if self.options.refine_lens else {}
         changes = pose_changes(after, before)
         self.sweeps.append(
             Sweep(
                 step,
                 float(np.median(changes.degrees)),
                 float(np.median(changes.distances)),
-                float(np.sqrt(np.mean([each["rms_after"] ** 2 for each in found]))),
+                float(np.sqrt(np.mean(squares))),
+                float(np.median(self.trust.weights)),
+                *(float(error) for error in self.trust.errors),
+                **of_lens,
             )
         )
 
@@ -147,31 +160,16 @@ class TrainingRefiner:
             figures: of `TracksResult`.
         """
         self.tracks = figures
-        if tracked:
-            self._prior = {
-                "poses": self.poses(),
-                "tracked": np.isin(self.scene.train_indices, tracked),
-                "lens": np.array(self.scene.file_cameras[0].params),
-                "farthest": np.zeros(2),
-            }
+        self._hold(tracked)
 
-    def _held_to_tracks(self, after: np.ndarray) -> np.ndarray:
-        """Poses between those of the tracks and those of the colours; so is a refined lens."""
-        if self._prior is None:
-            return after
-        prior, tracked = self._prior["poses"], self._prior["tracked"]
-        changes = pose_changes(after[tracked], prior[tracked])
-        here = np.array([np.median(changes.degrees), np.median(changes.distances)])
-        self._prior["farthest"] = np.maximum(self._prior["farthest"], here)
-        sigma = [self.tracks["sigma_degrees"], self.tracks["sigma_moved"]]
-        weight = _weight(self._prior["farthest"], _TRACKS_SIGMAS * np.array(sigma))
-        out = np.array(after)
-        out[tracked] = moved_on(after[tracked], prior[tracked], weight)
-        if self.options.refine_lens:
-            (file,) = self.scene.file_cameras
-            lens = self._prior["lens"] + weight * (np.array(file.params) - self._prior["lens"])
-            self.scene = self.scene.with_lenses([file.with_params(lens)])
-        return out
+    def _hold(self, tracked: list[int]) -> None:
+        """The present poses and lens are those that sweeps start from."""
+        self._start: dict[str, Any] = {
+            "poses": self.poses(),
+            "tracked": np.isin(self.scene.train_indices, tracked),
+            "sigma": self.tracks["sigma_degrees"] if tracked else None,
+            "lens": np.array(self.scene.file_cameras[0].params),
+        }
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that later steps depend on."""
@@ -180,16 +178,22 @@ class TrainingRefiner:
             "lenses": [np.array(camera.params) for camera in self.scene.file_cameras],
             "sweeps": [sweep.as_dict() for sweep in self.sweeps],
             "tracks": self.tracks,
-            "prior": self._prior,
+            "start": self._start,
+            "trust": None if self.trust is None else dataclasses.asdict(self.trust),
         }
 
     def figures(self) -> dict[str, Any]:
         """For metrics.json: what tracks and sweeps did, and the lens where it was refined."""
         lens = [float(value) for value in self.scene.file_cameras[0].params]
+        names = [self.scene.views[index].name for index in self.scene.train_indices]
+        rejected = [] if self.trust is None else self.trust.rejected(names)
+        note = "" if self.trust is None else self.trust.note(names)
         return {
             "gauge": "mean motion of the training views taken out after each sweep",
             "tracks": self.tracks,
             "sweeps": [sweep.as_dict() for sweep in self.sweeps],
+            "rejected": rejected,
+            **({"note": note} if note else {}),
             **({"lens_params": lens} if self.options.refine_lens else {}),
         }
 
@@ -203,7 +207,8 @@ class TrainingRefiner:
         if lenses != self.scene.file_cameras:
             self.scene = self.scene.with_lenses(lenses)
         self.sweeps = [Sweep(**sweep) for sweep in state["sweeps"]]
-        self.tracks, self._prior = state["tracks"], state["prior"]
+        self.tracks, self._start, trust = state["tracks"], state["start"], state["trust"]
+        self.trust = None if trust is None else Trust(**trust)
 
     def poses(self) -> np.ndarray:
         """(n, 4, 4) camera_from_world of the training views, in their order."""
@@ -212,21 +217,29 @@ class TrainingRefiner:
     def _set_poses(self, poses: np.ndarray) -> None:
         self.scene = with_poses(self.scene, self.scene.train_indices, poses)
 
-    def _set_lens(self, level: Level, params: np.ndarray) -> None:
-        """The lens found at a level's size, as that of the files."""
+    def _set_lens(self, level: Level, params: list[np.ndarray]) -> dict[str, float]:
+        """Goes from the first lens towards those that both halves found at a level's size."""
         (file,) = self.scene.file_cameras
-        at_level = level.scene.cameras[0].with_params(params)
-        full = at_level.resized(file.width, file.height)
-        self.scene = self.scene.with_lenses([full])
+        found = [
+            level.scene.cameras[0].with_params(each).resized(file.width, file.height)
+            for each in params
+        ]
+        weight, error = lens_weight(found[0], found[1], file.with_params(self._start["lens"]))
+        middle = np.mean([each.params for each in found], axis=0)
+        lens = self._start["lens"] + weight * (middle - self._start["lens"])
+        self.scene = self.scene.with_lenses([file.with_params(lens)])
+        return {"lens_weight": weight, "lens_error_px": error}
 
     def _view(
-        self, level: Level, index: int, step: int, count: int
+        self, level: Level, index: int, step: int, half: int
     ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
-        """Lens, pose, pixels and colours of a view; the pixels differ from sweep to sweep."""
+        """Lens, pose, pixels and colours of a view's half; pixels differ from sweep to sweep."""
         camera = level.camera(index)
         seen = level.scene.mask(index) & camera.rays()[1]
+        seen &= half_of(camera.height, camera.width, half)
         if self.options.refine_lens:
             seen &= inner_pixels(camera)
+        count = (_PIXELS_JOINT if self.options.refine_lens else _PIXELS) // 2
         chosen = chosen_pixels(seen, count, (self.options.seed, step, index))
         colors = level.scene.image(index).reshape(-1, 3)[chosen].astype(np.float32)
         view = self.scene.views[index]
@@ -239,7 +252,6 @@ class TrainingRefiner:
         views: list[Any],
         sh_degree: int,
         iterations: int,
-        free: bool,
     ) -> dict[str, Any]:
         """The views that have pixels, refined together; those without keep their poses."""
         used = [view for view in views if len(view[2])]
@@ -250,7 +262,7 @@ class TrainingRefiner:
         poses = {id(view): view[1] for view in views}
         if used:
             settings: dict[str, Any] = {"loss_scale": _LOSS_SCALE, "max_iterations": iterations}
-            if free:
+            if self.options.refine_lens:
                 settings["lens_free"] = [[1] * len(c.params) for c in level.scene.cameras]
             found = _core.refine_photometric(
                 gaussians, level.scene.cameras, used, _core.BlendRule(), self.options.background,
@@ -259,19 +271,6 @@ class TrainingRefiner:
             poses |= {id(v): p for v, p in zip(used, found["camera_from_world"], strict=True)}
             out |= found
         return {**out, "camera_from_world": [poses[id(view)] for view in views]}
-
-
-def _weight(distance: np.ndarray, sigma: np.ndarray) -> float:
-    """What a step away from the tracks' poses is worth, 0 to 1.
-
-    Colours and tracks err independently, so a median view that colours place at this distance from
-    the tracks has distance^2 = sigma_tracks^2 + sigma_colours^2, and the best mean of both gives
-    the colours sigma_tracks^2 / distance^2. The smaller of both kinds counts.
-
-    Args:
-        distance: (2,) degrees and world units. sigma: (2,) of the tracks, likewise.
-    """
-    return float(np.min(np.minimum(1.0, (sigma / np.maximum(distance, 1e-12)) ** 2)))
 
 
 def check_refinable(scene: Scene, options: TrainOptions) -> None:

@@ -88,8 +88,8 @@ def write_results(
 
 def _refinement_notes(metrics: dict[str, Any]) -> list[str]:
     """What the report says about refined poses; nothing in a run that only takes them over."""
-    tracks = metrics.get("refinement", {}).get("tracks", {})
-    notes = [tracks["note"]] if "note" in tracks else []
+    refinement = metrics.get("refinement", {})
+    notes = [each["note"] for each in (refinement.get("tracks", {}), refinement) if "note" in each]
     if "alignment" in metrics:
         aligned = metrics["alignment"]
         notes.append(

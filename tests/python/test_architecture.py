@@ -81,7 +81,8 @@ PYTHON_GROUPS: dict[str, set[str]] = {
     "training": {
         *("alignment", "calibration_weights", "compact_run", "evaluate", "finetune"),
         *("first_gaussians", "growth", "held_out", "localize", "mini_splatting", "pyramid"),
-        *("refine", "refine_motion", "refine_tracks", "refine_training", "refined_poses"),
+        *("refine", "refine_motion", "refine_tracks", "refine_training", "refine_trust"),
+        *("refined_poses",),
         *("run_results", "schedule", "train", "trained_run", "trajectory_mean"),
     },
     "photometric poses": {"bearing_points", "photometric_poses"},

@@ -1,5 +1,6 @@
 """Poses of a video by the colours of Gaussians that grow image by image."""
 
+import functools
 import json
 
 import numpy as np
@@ -12,6 +13,7 @@ from gsut.cli import main
 from gsut.structure.align import compare_poses, rotation_angles
 from gsut.structure.features import Features
 from gsut.structure.matching import PairMatches
+from gsut.structure.stages import FOLDER
 
 FRAMES, SIZE, SHARE = 12, 120, 0.0012  # frames, pixels, share of the demo's path a frame
 
@@ -108,6 +110,55 @@ def test_a_video_is_registered_by_its_colours(video, tmp_path):
     assert off.max() < 0.4  # degrees; worst observed: 0.14
     assert compare_poses(*poses).ate_percent < 1.5  # worst observed: 0.54
     assert (out / "report.html").is_file()
+
+
+def test_a_killed_run_goes_on_from_its_last_images_to_the_same_bits(video, tmp_path, monkeypatch):
+    from gsut import photometric_poses
+    from gsut.structure.estimate import estimate_poses
+    from gsut.structure.options import PosesOptions
+
+    posed: list[int] = []
+    add_next = photometric_poses._Growth.add_next
+
+    def counted(growth):
+        posed.append(growth.next)
+        add_next(growth)
+
+    monkeypatch.setattr(photometric_poses._Growth, "add_next", counted)
+    options = PosesOptions(pairs="sequential", threads=1)
+
+    def run(name, on_progress=None):
+        keep = tmp_path / name / FOLDER / "growth.npz"
+        mapper = functools.partial(photometric_poses.grow_poses, keep=keep)
+        return estimate_poses(
+            video, tmp_path / name, options=options, mapper=mapper, on_progress=on_progress
+        ).solution
+
+    class Killed(Exception):
+        pass
+
+    def kill(stage, done, total, text):
+        if len(posed) == 3:
+            raise Killed
+
+    with pytest.raises(Killed):
+        run("part", kill)
+    assert posed == [8, 9, 10]  # kept after image 9
+    posed.clear()
+    resumed = run("part")
+    assert posed == [10, 11]
+    assert not (tmp_path / "part" / FOLDER).exists()
+    posed.clear()
+    whole = run("whole")
+    assert posed == [8, 9, 10, 11]
+    np.testing.assert_array_equal(resumed.camera_from_world, whole.camera_from_world)
+    np.testing.assert_array_equal(resumed.points, whole.points)
+    np.testing.assert_array_equal(resumed.covariances, whole.covariances)
+    # A damaged file is made again.
+    broken = tmp_path / "broken" / FOLDER
+    broken.mkdir(parents=True)
+    (broken / "growth.npz").write_bytes(b"PK")
+    assert photometric_poses._read_kept(broken / "growth.npz") is None
 
 
 def test_photometric_without_a_lens_is_refused(video, tmp_path, capsys):

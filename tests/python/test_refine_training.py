@@ -190,29 +190,6 @@ def test_tracks_that_say_nothing_leave_the_poses(scene):
     assert result.scene is scene
 
 
-def test_poses_are_held_to_tracks_by_what_tracks_are_worth(rng, scene):
-    options = dataclasses.replace(OPTIONS, refine_tracks=True, refine_lens=True).resolved()
-    refiner = TrainingRefiner(scene, options)
-    tracked = scene.train_indices[1:]
-    refiner.hold_to(tracked, {"sigma_degrees": 0.25, "sigma_moved": 1.0})
-    start = refiner.poses()
-    # Tracks err by 0.5 degrees (twice what they predict), colours lead 1 degree away: a quarter.
-    after = np.array([disturbed_pose(rng, pose, 1.0, 0.05) for pose in start])
-    held = refiner._held_to_tracks(after)
-    change = pose_changes(held, start)
-    np.testing.assert_allclose(change.degrees, [1.0, *[0.25] * len(tracked)], rtol=1e-6)
-    np.testing.assert_allclose(change.distances, [0.05, *[0.0125] * len(tracked)], rtol=1e-6)
-    # Nearer than tracks err, the colours are believed; but not once they have led far away.
-    near = np.array([disturbed_pose(rng, pose, 0.4, 0.02) for pose in start])
-    np.testing.assert_allclose(pose_changes(refiner._held_to_tracks(near), start).degrees[1:], 0.1)
-    fresh = TrainingRefiner(scene, options)
-    fresh.hold_to(tracked, {"sigma_degrees": 0.25, "sigma_moved": 1.0})
-    np.testing.assert_allclose(fresh._held_to_tracks(near), near, atol=1e-12)
-    again = TrainingRefiner(scene, options)
-    again.load_state_dict(refiner.state_dict())
-    np.testing.assert_array_equal(again._held_to_tracks(near), refiner._held_to_tracks(near))
-
-
 def test_what_cannot_be_refined_is_refused(scene):
     rolling = [dataclasses.replace(v, shutter=gsut.Shutter("top_to_bottom")) for v in scene.views]
     with pytest.raises(gsut.InputError, match="rolling shutter"):

@@ -248,12 +248,21 @@ double Rms(const SceneEvaluation& evaluation, const std::vector<PhotometricImage
   return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(1, count)));
 }
 
-// Of one image: its normal equations with Huber's weights, pose first, then gain and bias.
+// Blocks of an image, along its longer side, that count as independent in the covariance.
+constexpr int kCovarianceBlocks = 16;
+constexpr int kFewestBlocks = 32;  // with pixels; below it each pixel counts as independent
+
+// Of one image, by the sandwich of normal equations N with Huber's weights (pose first, then gain
+// and bias) and the sums of their right-hand sides g over blocks of pixels: N^-1 (sum g g^T) N^-1.
+// What neighbouring pixels err together thus counts (Liang and Zeger 1986).
 Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const PhotometricImage& image,
-                                       const PhotometricOptions& options) {
+                                       const Camera& camera, const PhotometricOptions& options) {
   const int size = options.with_gain ? 8 : 6;
+  const int width = camera.width();
+  const int side = (std::max(width, camera.height()) + kCovarianceBlocks - 1) / kCovarianceBlocks;
   Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(size, size);
-  double sum = 0.0, total = 0.0;
+  Eigen::MatrixXd by_block = Eigen::MatrixXd::Zero(size, kCovarianceBlocks * kCovarianceBlocks);
+  Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(size, size);  // of the pixels' right-hand sides
   for (std::size_t i = 0; i < image.pixels.size(); ++i) {
     const ColorCost cost(state, &image.colors[3 * i], i, 0);
     Vector3d residual = Vector3d::Zero();
@@ -269,8 +278,11 @@ Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const Photometri
       rows.col(7).setOnes();
     }
     normal += weight * rows.transpose() * rows;
-    sum += weight * residual.squaredNorm();
-    total += 3.0 * weight;
+    const int pixel = static_cast<int>(image.pixels[i]);
+    const int block = pixel / width / side * kCovarianceBlocks + pixel % width / side;
+    const Eigen::VectorXd right = weight * rows.transpose() * residual;
+    by_block.col(block) += right;
+    squares += right * right.transpose();
   }
   // To a diagonal of ones, so that units do not matter; Eigen solves a singular matrix in silence.
   const Eigen::VectorXd scale =
@@ -280,9 +292,13 @@ Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const Photometri
   if (factors.info() != Eigen::Success || !(factors.vectorD().minCoeff() > kSingular)) {
     throw SolveError("the photograph does not determine its pose: too little of it shows texture");
   }
-  const double variance = sum / std::max(1.0, total - size);
-  const Eigen::MatrixXd inverse = factors.solve(Eigen::MatrixXd::Identity(size, size));
-  return variance * (scale.asDiagonal() * inverse * scale.asDiagonal()).topLeftCorner<6, 6>();
+  const auto blocks = (by_block.colwise().squaredNorm().array() > 0.0).count();
+  if (blocks >= kFewestBlocks) {
+    squares = by_block * by_block.transpose() * (static_cast<double>(blocks) / (blocks - 1));
+  }
+  const Eigen::MatrixXd scaled = factors.solve(Eigen::MatrixXd(scale.asDiagonal()));
+  const Eigen::MatrixXd inverse = scale.asDiagonal() * scaled;
+  return (inverse * squares * inverse.transpose()).topLeftCorner<6, 6>();
 }
 
 }  // namespace
@@ -369,7 +385,9 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
     image.camera_from_world = FromBlock(state.pose);
     image.gain = state.gain[0];
     image.bias = state.gain[1];
-    if (options.covariances) summary.covariances.push_back(Covariance(state, image, options));
+    if (!options.covariances) continue;
+    const Camera& camera = (*cameras)[static_cast<std::size_t>(image.camera)];
+    summary.covariances.push_back(Covariance(state, image, camera, options));
   }
   std::vector<Camera> refined;
   for (std::size_t c = 0; c < cameras->size(); ++c) {

@@ -48,9 +48,9 @@ struct PhotometricSummary {
   int iterations = 0, evaluations = 0;
   bool converged = false;
   // With covariances and no free lens: of each image (centre in the world, rotation vector in the
-  // camera frame, as PoseCovariances), from the normal equations and the remaining differences.
-  // Differences of neighbouring pixels count as independent, which they are not where the scene is
-  // wrong: a lower bound.
+  // camera frame, as PoseCovariances), from the normal equations and the differences that remain,
+  // which may err together within a sixteenth of the image. What the whole scene errs by is not
+  // in it.
   std::vector<Eigen::Matrix<double, 6, 6>> covariances;
 };
 

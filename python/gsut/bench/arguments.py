@@ -274,9 +274,13 @@ def _add_refine(benchmarks: Any) -> None:
         "--no-tracks", action="store_true", help="refine against the Gaussians alone"
     )
     parser.add_argument(
-        "--basin", metavar="X,Y", help="degrees of the disturbances [0.5,1,2,4,8,16]"
+        "--basin", metavar="X,Y", help="degrees of the disturbances [0.5,1,2,4,8,16,32]"
     )
     parser.add_argument("--no-basin", action="store_true", help="leave the basin out")
+    parser.add_argument(
+        "--resume", action="store_true",
+        help="keep the rows of --json FILE that were made with the same settings",
+    )  # fmt: skip
     _add_files(parser, "the share of poses that come back against the disturbance")
     parser.set_defaults(run=_command("refine"))
 

@@ -12,7 +12,13 @@ from typing import Any
 from gsut import _core
 from gsut._core import InputError
 from gsut.bench.plots import check_plot_path, plot_curves, plot_knobs, plot_scale
-from gsut.bench.report_rows import RENDER_COLUMNS, table_text, write_csv, write_json
+from gsut.bench.report_rows import (
+    RENDER_COLUMNS,
+    read_rows,
+    table_text,
+    write_csv,
+    write_json,
+)
 
 
 def render(arguments: argparse.Namespace) -> int:
@@ -193,9 +199,8 @@ def _poses_on_rig(arguments: argparse.Namespace) -> int:
 def refine(arguments: argparse.Namespace) -> int:
     """`gsut bench refine DATA`."""
     from gsut.bench.plots import plot_basin
+    from gsut.bench.refine_basin import BASIN_COLUMNS, BASIN_DEGREES
     from gsut.bench.refine_bench import (
-        BASIN_COLUMNS,
-        BASIN_DEGREES,
         REFINE_COLUMNS,
         RefineBenchOptions,
         num_parts,
@@ -217,18 +222,19 @@ def refine(arguments: argparse.Namespace) -> int:
         tracks=not arguments.no_tracks,
         basin=[] if arguments.no_basin else basin,
     )
-
     with _bar(num_parts(options)) as advance:
-        rows, basin_rows = refine_bench(options, advance, _row_writer(arguments))
-    _print_and_write(rows, REFINE_COLUMNS, arguments)
+        rows, basin_rows = refine_bench(
+            options, advance, _row_writer(arguments), _rows_to_keep(arguments)
+        )
+    print(table_text(rows, REFINE_COLUMNS))
     print(f"points moved by {options.jitter:g} (one sigma): a data set's own may be exact")
     if basin_rows:
-        print("\nshare of test views that come back to 0.1 degrees and 0.01 units (refine_pose)")
+        print("\nshare of poses that come back to 0.1 degrees and 0.01 units")
         print(table_text(basin_rows, BASIN_COLUMNS))
-        if arguments.json:
-            write_json(arguments.json, [*rows, *basin_rows])
         if arguments.plot:
             plot_basin(arguments.plot, basin_rows)
+    if arguments.csv:
+        write_csv(arguments.csv, [*rows, *basin_rows])
     return 0
 
 
@@ -329,8 +335,7 @@ def _rows_to_keep(arguments: argparse.Namespace) -> list[dict[str, Any]]:
         return []
     if not arguments.json:
         raise InputError("--resume goes with --json: the rows are kept there")
-    path = Path(arguments.json)
-    return json.loads(path.read_text()) if path.is_file() else []
+    return read_rows(arguments.json)
 
 
 def _row_writer(arguments: argparse.Namespace) -> Callable[[list[dict[str, Any]]], None]:

@@ -201,16 +201,27 @@ def _save(figure: Any, path: str | os.PathLike[str]) -> None:
 
 
 def plot_basin(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
-    """Share of views whose pose comes back, against the disturbance."""
+    """Share of poses that come back against the disturbance, a line for each way back."""
     figure, axes = _figure(
-        "poses that their colours bring back",
-        "disturbance [degrees, and 4 cm a degree]",
-        "share of test views",
-        (7.2, 4.4),
+        "poses that come back to 0.1 degrees and 1 cm",
+        "turned by so many degrees, and moved by 4 cm a degree",
+        "share",
+        (7.2, 4.0),
     )
-    x, y = [row["degrees"] for row in rows], [row["share"] for row in rows]
-    axes.plot(x, y, _MARKERS[0] + "-", color=_COLORS[0], markersize=6, linewidth=1.5)
+    ways = {
+        "tracks": "training poses, by tracks of features",
+        "colours": "one new photograph, by its colours alone",
+    }
+    for place, (way, words) in enumerate(ways.items()):
+        line = [row for row in rows if row["basin"] == way]
+        if line:
+            axes.plot(
+                [row["degrees"] for row in line], [row["share"] for row in line],
+                _MARKERS[place] + "-", color=_COLORS[place], markersize=6, linewidth=1.5,
+                label=f"{words} ({line[0]['poses']} a point)",
+            )  # fmt: skip
     axes.set_xscale("log", base=2)
     axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.set_ylim(-0.03, 1.05)
+    axes.legend(frameon=False, fontsize=9, loc="lower left")
     _save(figure, path)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gsut._core import InputError, SolveError
+from gsut._core import InputError
 from gsut.alignment import evaluate_aligned
+from gsut.bench.refine_basin import BASIN_DEGREES, colors_row, tracks_row
 from gsut.bench.refine_disturb import (
     DISTURBANCES,
     Disturbance,
     disturbed,
-    disturbed_pose,
     jittered_points,
     lens_errors,
 )
@@ -23,8 +25,7 @@ from gsut.data.load import load_dataset
 from gsut.data.scene import Scene
 from gsut.gaussians import Gaussians
 from gsut.options import TrainOptions
-from gsut.refine import refine_pose
-from gsut.refine_motion import pose_changes
+from gsut.refine_trust import lens_distance
 from gsut.structure.align import PoseErrors, compare_poses
 from gsut.train import train
 
@@ -38,6 +39,7 @@ REFINE_COLUMNS = (
     ("end [mm]", "position_mm", ".2f"),
     ("focal [%]", "focal_percent", ".4f"),
     ("k1 [%]", "k1_percent", ".2f"),
+    ("lens [px]", "lens_px", ".3f"),
     ("PSNR as given", "psnr_before", ".2f"),
     ("re-aligned [dB]", "psnr", ".2f"),
     ("of truth [dB]", "psnr_to_truth", "+.2f"),
@@ -45,16 +47,6 @@ REFINE_COLUMNS = (
     ("all [s]", "seconds", ".1f"),
     ("CPU [s]", "cpu_seconds", ".1f"),
 )
-BASIN_COLUMNS = (
-    ("disturbance [deg]", "degrees", "g"),
-    ("[m]", "distance", "g"),
-    ("views", "views", "d"),
-    ("come back", "share", ".2f"),
-)
-BASIN_DEGREES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-# World units a degree, as in the disturbances; and what counts as come back.
-_BASIN_DISTANCE = 0.04
-_BASIN_DEGREES, _BASIN_UNITS = 0.1, 0.01
 _MILLIMETRES = 1000.0  # in a world unit, which is taken for a metre
 
 
@@ -69,6 +61,7 @@ class RefineBenchOptions:
         jitter: of the dataset's points, world units, one sigma.
         tracks: begin refinement with tracks of features.
         basin: degrees of the basin's disturbances; empty: none.
+        basin_seeds: how often each test view is disturbed.
     """
 
     data: str
@@ -81,6 +74,7 @@ class RefineBenchOptions:
     jitter: float = 0.02
     tracks: bool = True
     basin: Sequence[float] = BASIN_DEGREES
+    basin_seeds: int = 3
 
     def __post_init__(self) -> None:
         known = [each.name for each in DISTURBANCES]
@@ -88,56 +82,127 @@ class RefineBenchOptions:
             if name not in known:
                 raise InputError(f"--cases takes {', '.join(known)}; found {name!r}")
 
+    def settings(self) -> dict[str, Any]:
+        """What a row depends on besides its disturbance."""
+        values = dataclasses.asdict(self)
+        for name in ("cases", "threads", "basin"):
+            del values[name]
+        return {**values, "data": str(Path(self.data).resolve())}
+
 
 def num_parts(options: RefineBenchOptions) -> int:
-    """How often `refine_bench` tells its progress."""
-    return 1 + 2 * len(options.cases) + len(options.basin)
+    """How often `refine_bench` tells its progress, at most."""
+    again = bool(options.basin)  # the truth is trained once more where its row was finished before
+    return 1 + 2 * len(options.cases) + (1 + options.tracks) * len(options.basin) + again
 
 
 def refine_bench(
     options: RefineBenchOptions,
     on_progress: Callable[[str], None],
     on_row: Callable[[list[dict[str, Any]]], None] = lambda rows: None,
+    finished: Sequence[dict[str, Any]] = (),
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Rows of training with the truth, and with each disturbance without and with refinement.
 
     Args:
         options: see RefineBenchOptions.
         on_progress: told what begins.
-        on_row: given all rows so far, after each.
+        on_row: given all rows so far, after each, and those of `finished` that are yet to come.
+        finished: rows of a broken run; those made with the same settings are not measured again.
 
     Returns:
-        Rows of REFINE_COLUMNS, and rows of BASIN_COLUMNS: the share of test views that
-        `refine_pose` brings back to 0.1 degrees and 0.01 units in the scene of the truth.
+        Rows of REFINE_COLUMNS, and rows of BASIN_COLUMNS (see refine_basin.py).
     """
-    truth = load_dataset(options.data)
-    if not truth.test_indices:
-        raise InputError(f"{truth.path} has no held-out views to judge by")
-    truth = jittered_points(truth, options.jitter, options.seed)
-    settings = _settings(options)
-    on_progress("true poses")
-    row, gaussians, scene = _measure(truth, truth, settings, "nothing", "plain")
-    rows = [row]
-    on_row(rows)
-    for by in [each for each in DISTURBANCES if each.name in options.cases]:
-        start = disturbed(truth, by, options.seed)
-        for refined in (False, True):
-            on_progress(f"{by.name}, {'refined' if refined else 'plain'}")
-            chosen = settings
-            if refined:
-                chosen = dataclasses.replace(
-                    settings, refine_poses=True, refine_lens=by.of_lens,
-                    refine_tracks=options.tracks,
-                )  # fmt: skip
-            row, _, _ = _measure(start, truth, chosen, _text(by), "refined" if refined else "plain")
-            row["psnr_to_truth"] = row["psnr"] - rows[0]["psnr"]
-            rows.append(row)
-            on_row(rows)
-    basin = []
-    for degrees in options.basin:
-        on_progress(f"basin, {degrees:g} degrees")
-        basin.append(_basin_row(gaussians, scene, degrees, options.seed))
-    return rows, basin
+    bench = _Bench(options, on_progress, on_row, finished)
+    rows = bench.training_rows()
+    return rows, bench.basin_rows()
+
+
+class _Bench:
+    """A run of the benchmark: its rows so far."""
+
+    def __init__(
+        self,
+        options: RefineBenchOptions,
+        on_progress: Callable[[str], None],
+        on_row: Callable[[list[dict[str, Any]]], None],
+        finished: Sequence[dict[str, Any]],
+    ) -> None:
+        self._options, self._on_progress, self._on_row = options, on_progress, on_row
+        self._kept = [row for row in finished if row.get("settings") == options.settings()]
+        truth = load_dataset(options.data)
+        if not truth.test_indices:
+            raise InputError(f"{truth.path} has no held-out views to judge by")
+        self._truth = jittered_points(truth, options.jitter, options.seed)
+        self._trained: tuple[Gaussians, Scene] | None = None  # on the true poses
+        self._rows: list[dict[str, Any]] = []
+
+    def training_rows(self) -> list[dict[str, Any]]:
+        """The truth, and each disturbance without and with refinement."""
+        first = self._row(
+            {"disturbed": "nothing", "training": "plain"}, "true poses", self._train_on_truth
+        )
+        for by in [each for each in DISTURBANCES if each.name in self._options.cases]:
+            for refined in (False, True):
+                training = "refined" if refined else "plain"
+                row = self._row(
+                    {"disturbed": _text(by), "training": training},
+                    f"{by.name}, {training}",
+                    functools.partial(self._train_disturbed, by, refined),
+                )
+                row["psnr_to_truth"] = row["psnr"] - first["psnr"]
+        return list(self._rows)
+
+    def basin_rows(self) -> list[dict[str, Any]]:
+        """How far poses may be off: by the tracks of all, and by the colours of one photograph."""
+        options, count = self._options, len(self._rows)
+        for degrees in options.basin if options.tracks else ():
+            self._row(
+                {"basin": "tracks", "degrees": degrees},
+                f"basin of tracks, {degrees:g} degrees",
+                functools.partial(
+                    tracks_row, self._truth, degrees, options.seed, options.threads
+                ),
+            )  # fmt: skip
+        for degrees in options.basin:
+            self._row(
+                {"basin": "colours", "degrees": degrees},
+                f"basin of colours, {degrees:g} degrees",
+                functools.partial(self._colors_row, degrees),
+            )
+        return self._rows[count:]
+
+    def _row(
+        self, names: dict[str, Any], text: str, measure: Callable[[], dict[str, Any]]
+    ) -> dict[str, Any]:
+        """The finished row of these names, or a new one."""
+        self._on_progress(text)
+        kept = [row for row in self._kept if names.items() <= row.items()]
+        row = kept[0] if kept else {**names, **measure(), "settings": self._options.settings()}
+        self._rows.append(row)
+        self._kept = [each for each in self._kept if each is not row]
+        self._on_row([*self._rows, *self._kept])
+        return row
+
+    def _train_on_truth(self) -> dict[str, Any]:
+        row, gaussians, scene = _measure(self._truth, self._truth, _settings(self._options))
+        self._trained = gaussians, scene
+        return row
+
+    def _train_disturbed(self, by: Disturbance, refined: bool) -> dict[str, Any]:
+        chosen = dataclasses.replace(
+            _settings(self._options), refine_poses=refined, refine_lens=refined and by.of_lens,
+            refine_tracks=self._options.tracks,
+        )  # fmt: skip
+        return _measure(disturbed(self._truth, by, self._options.seed), self._truth, chosen)[0]
+
+    def _colors_row(self, degrees: float) -> dict[str, Any]:
+        if self._trained is None:
+            self._on_progress("true poses once more")
+            self._train_on_truth()
+        assert self._trained is not None
+        options = self._options
+        return colors_row(*self._trained, degrees, options.seed, options.basin_seeds)
 
 
 def _settings(options: RefineBenchOptions) -> TrainOptions:
@@ -160,7 +225,7 @@ def _text(by: Disturbance) -> str:
 
 
 def _measure(
-    start: Scene, truth: Scene, settings: TrainOptions, name: str, training: str
+    start: Scene, truth: Scene, settings: TrainOptions
 ) -> tuple[dict[str, Any], Gaussians, Scene]:
     """One training; its row, Gaussians and scene with the poses that it ended with."""
     began, cpu = time.perf_counter(), time.process_time()
@@ -172,15 +237,14 @@ def _measure(
     before, after = _errors(start, truth), _errors(result.scene, truth)
     focal, first = lens_errors(result.scene, truth)
     row = {
-        "disturbed": name,
-        "training": training,
         "rotation_start_degrees": float(np.median(before.rotation_degrees)),
         "rotation_degrees": float(np.median(after.rotation_degrees)),
         "rotation_max_degrees": float(after.rotation_degrees.max()),
         "position_start_mm": _MILLIMETRES * float(np.median(before.center_distances)),
         "position_mm": _MILLIMETRES * float(np.median(after.center_distances)),
         "focal_percent": 100 * focal,
-        "k1_percent": 100 * first,
+        "k1_percent": None if np.isnan(first) else 100 * first,
+        "lens_px": lens_distance(result.scene.file_cameras[0], truth.file_cameras[0]),
         "psnr_before": evaluation["alignment"]["psnr_before"],
         "psnr": evaluation["alignment"]["psnr_after"],
         "psnr_to_truth": 0.0,
@@ -199,27 +263,3 @@ def _errors(scene: Scene, truth: Scene) -> PoseErrors:
         for each in (scene, truth)
     ]
     return compare_poses(*poses)
-
-
-def _basin_row(gaussians: Gaussians, scene: Scene, degrees: float, seed: int) -> dict[str, Any]:
-    """Test views put off by so much, and the share that their colours bring back."""
-    rng = np.random.default_rng([seed, 2, round(1000 * degrees)])
-    distance = _BASIN_DISTANCE * degrees
-    back = 0
-    for index in scene.test_indices:
-        true = scene.views[index].camera_from_world
-        start = disturbed_pose(rng, true, degrees, distance)
-        try:
-            found = refine_pose(
-                gaussians, scene.camera(index), start, scene.image(index), scene.mask(index)
-            )
-        except SolveError:
-            continue
-        change = pose_changes(found.camera_from_world[None], true[None])
-        back += bool(change.degrees[0] <= _BASIN_DEGREES and change.distances[0] <= _BASIN_UNITS)
-    return {
-        "degrees": degrees,
-        "distance": distance,
-        "views": len(scene.test_indices),
-        "share": back / len(scene.test_indices),
-    }

@@ -64,6 +64,23 @@ def write_json(path: str | os.PathLike[str], rows: Any) -> None:
     write_whole(path, lambda file: file.write(text.encode()))
 
 
+def read_rows(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
+    """The rows that `write_json` wrote; none where there is no such file.
+
+    Raises:
+        InputError: the file cannot be read or holds something else.
+    """
+    if not Path(path).exists():
+        return []
+    try:
+        rows = json.loads(Path(path).read_text())
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot read {path}: {error}; remove it or leave --resume out") from None
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise InputError(f"{path} holds no rows of a benchmark; name another file with --json")
+    return rows
+
+
 def write_csv(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
     """The rows as a CSV file: a heading, then one line a row; what is null is empty.
 

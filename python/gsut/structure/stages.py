@@ -16,7 +16,7 @@ from gsut._core import InputError
 from gsut.structure.features import Features
 from gsut.structure.matching import RawMatches
 
-_FOLDER = "stages"
+FOLDER = "stages"
 _KEY = "key.json"
 _MATCHES = "matches.npz"
 _TEMPORARY = ".writing-"
@@ -51,7 +51,7 @@ class Stages:
     """
 
     def __init__(self, out: Path, key: dict[str, Any]) -> None:
-        self._folder = out / _FOLDER
+        self._folder = out / FOLDER
         text = json.dumps(key, sort_keys=True)
         digest = hashlib.sha256(text.encode()).hexdigest()
         stored = self._folder / _KEY
