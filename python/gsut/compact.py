@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -134,6 +135,14 @@ def _finite(gaussians: Gaussians) -> Gaussians:
 def looks_at_views(method: str) -> bool:
     """Whether a method makes use of views."""
     return method in _LOOKING
+
+
+def settings_of(method: str) -> dict[str, Any]:
+    """The constants that a method works with here, to tell results of other constants apart."""
+    if method not in _MERGING:
+        return {"method": method}
+    rounds = _REFIT_ROUNDS if method == "ghap" else 0
+    return {"method": method, "costs": list(_MERGING_COSTS), "refit_rounds": rounds}
 
 
 def check_method(method: str, has_views: bool) -> None:
