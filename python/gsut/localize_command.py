@@ -100,10 +100,8 @@ def _camera_of(path: Path, pixels: np.ndarray, scene: Any, lens_file: str | None
 def _figures(localized: Any, scene: Any, start: str) -> dict[str, Any]:
     """What is printed, in the dataset's coordinates."""
     found = localized.pose
-    pose = found.camera_from_world.copy()
-    pose[:3, 3] -= pose[:3, :3] @ scene.world_offset
     return {
-        "camera_from_world": pose.tolist(),
+        "camera_from_world": scene.in_dataset(found.camera_from_world).tolist(),
         "center": (found.center + scene.world_offset).tolist(),
         "center_std": found.center_std.tolist(),
         "rotation_std_degrees": found.rotation_std.tolist(),

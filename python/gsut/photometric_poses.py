@@ -22,16 +22,16 @@ from gsut._core import InputError, SolveError
 from gsut.bearing_points import BearingPoints
 from gsut.cameras import Camera
 from gsut.data.scene import Scene, View
-from gsut.first_gaussians import first_gaussians
 from gsut.gaussians import Gaussians
 from gsut.options import TrainOptions
 from gsut.refine import RefinedPose, refine_pose
+from gsut.seeding import seed_from_points
 from gsut.structure.align import centers_of
 from gsut.structure.features import Features
 from gsut.structure.inputs import Photographs
 from gsut.structure.matching import PairMatches
 from gsut.structure.options import PosesOptions
-from gsut.structure.solution import Solution, diagonal, solve
+from gsut.structure.solution import Solution, at_sights, diagonal, in_cameras, solve
 from gsut.train import TrainingLoop
 
 _FIRST_IMAGES = (8, 12, 16, 24, 40)  # solved by features: the fewest that can be
@@ -78,9 +78,9 @@ def grow_poses(
     for image in range(len(photographs)):
         if image >= count:
             growth.add(image)
-        on_progress(growth.num_posed, len(photographs), len(growth.points.positions), "grow")
+        on_progress(len(growth.posed), len(photographs), len(growth.points.positions), "grow")
     growth.finish(lambda: on_progress(
-        growth.num_posed, len(photographs), len(growth.points.positions), "all poses"
+        len(growth.posed), len(photographs), len(growth.points.positions), "all poses"
     ))  # fmt: skip
     return growth.solution(start)
 
@@ -141,24 +141,22 @@ class _Growth:
         count: int,
     ) -> None:
         self._photographs, self._cameras, self._features = photographs, list(cameras), features
-        self._poses: list[np.ndarray | None] = [None] * len(photographs)
+        self._poses = np.full((len(photographs), 4, 4), np.nan)
         self._found: dict[int, RefinedPose] = {}
         max_error = options.max_error * diagonal(self._cameras) / 1000
         self.points = BearingPoints(
             cameras, features, pairs, max_error, np.radians(options.min_angle)
         )
         for image in range(count):
-            self._poses[image] = np.array(start.camera_from_world[image])
+            self._poses[image] = start.camera_from_world[image]
             self.points.add_image(image, self._poses)
         lenses = list(dict.fromkeys(self._cameras))
-        places = [lenses.index(camera) for camera in self._cameras]
-        self._whole = Scene(
-            photographs.root, lenses, self._views(places), self.points.positions,
-            self.points.colors, list(range(len(photographs))), [], np.zeros(3), [],
-        )  # fmt: skip
-        self._places = places
+        self._lens_of = [lenses.index(camera) for camera in self._cameras]
         pixels = max(c.width * c.height for c in lenses)
-        self._scene = self._whole.scaled(min(1.0, (_PIXELS / pixels) ** 0.5))
+        self._scene = Scene(
+            photographs.root, lenses, self._views(), self.points.positions, self.points.colors,
+            list(range(len(photographs))), [], np.zeros(3),
+        ).scaled(min(1.0, (_PIXELS / pixels) ** 0.5))  # fmt: skip
         self._options = TrainOptions(
             steps=10_000_000, max_gaussians=100_000_000, sh_degree=0, coarse_to_fine=(0.0, 0.0),
             strategy="adaptive", densify_until=0.0, densify_from=0.0, noise=False, eval_every=0,
@@ -173,9 +171,9 @@ class _Growth:
             self._train(_FIRST_STEPS)
 
     @property
-    def num_posed(self) -> int:
-        """Images with a pose."""
-        return sum(pose is not None for pose in self._poses)
+    def posed(self) -> np.ndarray:
+        """Indices of the images with a pose."""
+        return np.flatnonzero(~np.isnan(self._poses).any(axis=(1, 2)))
 
     def add(self, image: int) -> None:
         """Finds the pose of the next image and grows the scene by what it shows."""
@@ -198,56 +196,48 @@ class _Growth:
         """All poses against all that has been seen, a few times."""
         for _ in range(_ROUNDS):
             self._loop.recent = len(self._loop.posed)
-            self._train(_ROUND_STEPS * self.num_posed)
+            self._train(_ROUND_STEPS * len(self.posed))
             self._refine_again(self._loop.posed[1:])
             on_round()
 
     def solution(self, start: Solution) -> Solution:
         """In the form of the mapper by features."""
-        sights = self.points.sights
-        n = len(self._photographs)
-        pixels, residuals, angles = (np.full((len(sights), k), np.nan) for k in (2, 2, 1))
-        for image in self._loop.posed:
-            rows = np.flatnonzero(sights[:, 1] == image)
-            positions, features = self.points.positions[sights[rows, 0]], sights[rows, 2]
-            pixels[rows] = self._features[image].pixels[features]
-            residuals[rows] = self.points.residuals(image, features, positions, self._poses)
-            pose = self._poses[image]
-            assert pose is not None
-            p = positions @ pose[:3, :3].T + pose[:3, 3]
-            angles[rows, 0] = np.arctan2(np.hypot(p[:, 0], p[:, 1]), p[:, 2])
+        points, sights, n = self.points.positions, self.points.sights, len(self._photographs)
+        pixels, residuals, angles = at_sights(
+            sights, in_cameras(points, sights, self._poses), self._cameras, self._features
+        )
         lengths = np.linalg.norm(residuals, axis=1)
         seen = np.isfinite(lengths)
-        counts = np.bincount(sights[seen, 0], minlength=len(self.points.positions)).clip(1)
-        sums = np.bincount(sights[seen, 0], lengths[seen], minlength=len(self.points.positions))
+        counts = np.bincount(sights[seen, 0], minlength=len(points)).clip(1)
+        sums = np.bincount(sights[seen, 0], lengths[seen], minlength=len(points))
         covariances = np.full((n, 6, 6), np.nan)
         for image, found in self._found.items():
             covariances[image] = found.covariance
         return Solution(
-            self._photographs.names, self._cameras,
-            np.array([pose is not None for pose in self._poses]),
-            np.array([np.eye(4) if pose is None else pose for pose in self._poses]), covariances,
-            self.points.positions, self.points.colors, sums / counts, sights, pixels, residuals,
-            angles[:, 0], start.initial_pair, start.restarts,
-            float(np.sqrt(np.mean(lengths[seen] ** 2))), float(np.median(lengths[seen])),
-            None, np.zeros((0, 3), np.int32),
+            self._photographs.names, self._cameras, np.isin(np.arange(n), self.posed),
+            self._all_poses(), covariances, points, self.points.colors,
+            sums / counts, sights, pixels, residuals, angles, start.initial_pair,
+            start.restarts, float(np.sqrt(np.mean(lengths[seen] ** 2))),
+            float(np.median(lengths[seen])), None, np.zeros((0, 3), np.int32),
         )  # fmt: skip
 
-    def _views(self, places: Sequence[int]) -> list[View]:
+    def _all_poses(self) -> np.ndarray:
+        """(N, 4, 4), the identity for images without a pose, which nothing looks at."""
+        return np.where(np.isnan(self._poses), np.eye(4), self._poses)
+
+    def _views(self) -> list[View]:
         p = self._photographs
         return [
-            View(p.names[i], p.paths[i], places[i], np.eye(4) if pose is None else pose,
-                 mask_path=p.masks[i])
-            for i, pose in enumerate(self._poses)
-        ]  # fmt: skip
+            View(p.names[i], p.paths[i], self._lens_of[i], pose, mask_path=p.masks[i])
+            for i, pose in enumerate(self._all_poses())
+        ]
 
     def _follow(self) -> None:
         """The training loop uses the poses as they are now."""
-        loop, scene = self._loop, self._scene.with_views(self._views(self._places))
+        loop, scene = self._loop, self._scene.with_views(self._views())
         loop.scene = scene
-        loop.posed = [i for i, pose in enumerate(self._poses) if pose is not None]
-        posed = np.array([pose for pose in self._poses if pose is not None])
-        middle = centers_of(posed).mean(axis=0)
+        loop.posed = self.posed.tolist()
+        middle = centers_of(self._poses[loop.posed]).mean(axis=0)
         distance = float(np.median(np.linalg.norm(self.points.positions - middle, axis=1)))
         loop.options = dataclasses.replace(self._options, lr_means=_RATE * distance / scene.extent)
 
@@ -257,14 +247,10 @@ class _Growth:
 
     def _guess(self, image: int) -> np.ndarray:
         """The motion between the last two images goes on."""
-        before, last = self._loop.posed[-2:]
-        from_world = [self._poses[before], self._poses[last]]
-        first, second = (pose for pose in from_world if pose is not None)
-        step = second @ np.linalg.inv(first)
-        guess = second
-        for _ in range(round((image - last) / (last - before))):
-            guess = step @ guess
-        return guess
+        before, last = self.posed[-2:]
+        step = self._poses[last] @ np.linalg.inv(self._poses[before])
+        steps = round((image - last) / (last - before))
+        return np.linalg.matrix_power(step, steps) @ self._poses[last]
 
     def _refined(self, image: int, start: np.ndarray, levels: int) -> RefinedPose:
         return refine_pose(
@@ -277,10 +263,8 @@ class _Growth:
 
     def _refine_again(self, images: Sequence[int]) -> None:
         for image in images:
-            pose = self._poses[image]
-            assert pose is not None
             try:
-                self._take(image, self._refined(image, pose, 1))
+                self._take(image, self._refined(image, self._poses[image], 1))
             except SolveError:
                 continue  # it keeps its pose
         self.points.adjust(self._poses)
@@ -289,7 +273,6 @@ class _Growth:
     def _fill(self, image: int) -> None:
         """New Gaussians on a grid of pixels where the image is not yet rendered."""
         camera, pose = self._scene.camera(image), self._poses[image]
-        assert pose is not None
         photograph, gaussians = self._scene.image(image), self._loop.gaussians
         render = gsut.render(gaussians, camera, pose)
         difference = np.abs(render.image - photograph / np.float32(255)).mean(axis=-1)
@@ -325,11 +308,9 @@ class _Growth:
 
     def _seeds(self, positions: np.ndarray, colors: np.ndarray) -> Gaussians:
         """Gaussians as large as the distance to their neighbours, new and old."""
-        old = np.asarray(self._loop.gaussians.means, np.float64)
-        scene = Scene(
-            self._whole.path, self._whole.cameras, self._whole.views,
+        o, old = self._options, np.asarray(self._loop.gaussians.means, np.float64)
+        return seed_from_points(
             np.concatenate([positions, old]),
             np.concatenate([colors, np.zeros((len(old), 3), np.uint8)]),
-            self._whole.train_indices, [], np.zeros(3), [],
-        )  # fmt: skip
-        return first_gaussians(scene, self._options)[: len(positions)]
+            sh_degree=o.sh_degree, scale_factor=o.init_scale, opacity=o.init_opacity, seed=o.seed,
+        )[: len(positions)]  # fmt: skip

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gsut._core import InputError
 from gsut.cameras import Camera
-from gsut.data.lens_nerfstudio import format_nerfstudio
-from gsut.data.poses import OPENGL_FROM_OPENCV, inverse
-from gsut.data.scene import Scene, View
+from gsut.data.assemble import Frame
+from gsut.data.poses import inverse
+from gsut.data.scene import Scene
+from gsut.data.write_nerfstudio import format_transforms
 from gsut.run_folder import REFINED, TRANSFORMS, RunFolder
 
 
@@ -35,14 +33,23 @@ def write_refined(run: RunFolder, scene: Scene) -> list[str]:
                 "name": view.name,
                 "lens": view.camera_index,
                 "split": "test" if index in scene.test_indices else "train",
-                "camera_from_world": _in_dataset(view, scene).tolist(),
+                "camera_from_world": scene.in_dataset(view.camera_from_world).tolist(),
             }
             for index, view in enumerate(scene.views)
         ],
     }
     run.write_json(REFINED, values)
+    cameras = scene.file_cameras
+    frames = [
+        Frame(
+            view.name, view.image_path, cameras[view.camera_index],
+            inverse(scene.in_dataset(view.camera_from_world)), mask_path=view.mask_path,
+        )
+        for view in scene.views
+    ]  # fmt: skip
+    test = [scene.views[index].name for index in scene.test_indices]
     try:
-        text = _transforms(scene, run.path)
+        text = format_transforms(frames, run.path, test=test)
     except InputError as error:
         return [f"{TRANSFORMS} was not written: {error}"]
     run.write_text(TRANSFORMS, text)
@@ -64,8 +71,7 @@ def with_refined(run: RunFolder, scene: Scene) -> Scene:
         rows = {row["name"]: np.array(row["camera_from_world"]) for row in values["views"]}
         views = []
         for view in scene.views:
-            pose = rows[view.name].reshape(4, 4)
-            pose[:3, 3] += pose[:3, :3] @ scene.world_offset
+            pose = scene.from_dataset(rows[view.name].reshape(4, 4))
             views.append(dataclasses.replace(view, camera_from_world=pose))
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path} does not fit {scene.path}: {error!r}; train again") from None
@@ -73,12 +79,6 @@ def with_refined(run: RunFolder, scene: Scene) -> Scene:
     if sizes[0] != sizes[1]:
         raise InputError(f"{path} has lenses for images of {sizes[0]}, {scene.path} of {sizes[1]}")
     return scene.with_views(views).with_lenses(cameras)
-
-
-def _in_dataset(view: View, scene: Scene) -> np.ndarray:
-    pose = np.array(view.camera_from_world)
-    pose[:3, 3] -= pose[:3, :3] @ scene.world_offset
-    return pose
 
 
 def _lens_values(camera: Camera) -> dict[str, Any]:
@@ -96,28 +96,3 @@ def _lens(values: dict[str, Any]) -> Camera:
         values["model"], values["params"], values["width"], values["height"],
         valid_field_angle=values["valid_field_angle"],
     )  # fmt: skip
-
-
-def _transforms(scene: Scene, folder: Path) -> str:
-    """nerfstudio's file: images stay where they are, named from the run's folder."""
-    lenses = [json.loads(format_nerfstudio(camera)) for camera in scene.file_cameras]
-    values: dict[str, Any] = dict(lenses[0]) if len(lenses) == 1 else {}
-    values["frames"] = []
-    for view in scene.views:
-        frame: dict[str, Any] = {} if len(lenses) == 1 else dict(lenses[view.camera_index])
-        frame["file_path"] = _relative(view.image_path, folder)
-        pose = inverse(_in_dataset(view, scene)) @ OPENGL_FROM_OPENCV
-        frame["transform_matrix"] = pose.tolist()
-        if view.mask_path is not None:
-            frame["mask_path"] = _relative(view.mask_path, folder)
-        values["frames"].append(frame)
-    for key, indices in (
-        ("train_filenames", scene.train_indices),
-        ("test_filenames", scene.test_indices),
-    ):
-        values[key] = [values["frames"][index]["file_path"] for index in indices]
-    return json.dumps(values, indent=1) + "\n"
-
-
-def _relative(path: Path, folder: Path) -> str:
-    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()

@@ -41,7 +41,7 @@ def posed_rays(rng, images=4, points=60):
         for a in range(images)
         for b in range(a + 1, images)
     ]
-    return camera, positions, poses, features, pairs
+    return camera, positions, np.array(poses), features, pairs
 
 
 def test_bearing_points_of_exact_poses_are_exact_and_one_a_track(rng):

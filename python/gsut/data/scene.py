@@ -157,6 +157,18 @@ class Scene:
         """Camera of view `index`."""
         return self.cameras[self.views[index].camera_index]
 
+    def in_dataset(self, camera_from_world: np.ndarray) -> np.ndarray:
+        """(4, 4) the pose in the dataset's coordinates."""
+        pose = np.array(camera_from_world)
+        pose[:3, 3] -= pose[:3, :3] @ self.world_offset
+        return pose
+
+    def from_dataset(self, camera_from_world: np.ndarray) -> np.ndarray:
+        """(4, 4) a pose in the dataset's coordinates, in the scene's."""
+        pose = np.array(camera_from_world)
+        pose[:3, 3] += pose[:3, :3] @ self.world_offset
+        return pose
+
     @property
     def extent(self) -> float:
         """1.1 x the largest distance of a training camera from their centroid, world units.

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +10,11 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.cameras import Camera
+from gsut.data.assemble import Frame
 from gsut.data.lens_colmap import format_colmap
 from gsut.data.lens_nerfstudio import format_nerfstudio
-from gsut.data.poses import OPENGL_FROM_OPENCV, inverse
+from gsut.data.poses import inverse
+from gsut.data.write_nerfstudio import format_transforms, points_ply
 from gsut.structure.inputs import Photographs
 from gsut.structure.solution import FEATURE_VARIANCE, Solution
 from gsut.structure.stages import write_atomically
@@ -23,8 +23,6 @@ TRANSFORMS = "transforms.json"
 POINTS = "points3D.ply"
 FIGURES = "poses.json"
 COLMAP = "sparse/0"
-_AXES = ("x", "y", "z")
-_COLORS = ("red", "green", "blue")
 
 
 def check_lenses(cameras: list[Camera]) -> None:
@@ -57,8 +55,9 @@ def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> li
     Raises:
         InputError: a file cannot be written.
     """
-    write_atomically(out / POINTS, _ply(solution))
-    write_atomically(out / TRANSFORMS, _transforms(solution, photographs, out).encode())
+    write_atomically(out / POINTS, points_ply(solution.points, solution.colors))
+    text = format_transforms(_frames(solution, photographs), out, points_file=POINTS)
+    write_atomically(out / TRANSFORMS, text.encode())
     try:
         texts = _colmap(solution)
     except InputError as error:
@@ -71,52 +70,22 @@ def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> li
     return []
 
 
-def _ply(solution: Solution) -> bytes:
-    layout = [(name, "<f8") for name in _AXES] + [(name, "u1") for name in _COLORS]
-    vertices = np.empty(len(solution.points), dtype=layout)
-    for axis, name in enumerate(_AXES):
-        vertices[name] = solution.points[:, axis]
-    for channel, name in enumerate(_COLORS):
-        vertices[name] = solution.colors[:, channel]
-    types = {"<f8": "double", "u1": "uchar"}
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
-    header += [f"property {types[kind]} {name}" for name, kind in layout] + ["end_header", ""]
-    return "\n".join(header).encode() + vertices.tobytes()
-
-
-def _transforms(solution: Solution, photographs: Photographs, out: Path) -> str:
-    """nerfstudio's file; the lens stands at the top, or in each frame where there are several."""
-    lenses = list(dict.fromkeys(solution.cameras))
-    values: dict[str, Any] = json.loads(format_nerfstudio(lenses[0])) if len(lenses) == 1 else {}
-    values["ply_file_path"] = POINTS
-    values["frames"] = []
-    ends = None
+def _frames(solution: Solution, photographs: Photographs) -> list[Frame]:
+    frames = [
+        Frame(name, path, camera, inverse(pose), mask_path=mask, shutter=solution.shutter)
+        for name, path, camera, pose, mask in zip(
+            solution.names, photographs.paths, solution.cameras, solution.camera_from_world,
+            photographs.masks, strict=True,
+        )
+    ]  # fmt: skip
     if solution.shutter is not None:
-        values["rolling_shutter"] = {"direction": solution.shutter.direction}
         ends = solution.poses_at(0.0), solution.poses_at(1.0)
-    for i, camera in enumerate(solution.cameras):
-        if not solution.registered[i]:
-            continue
-        pose = inverse(solution.camera_from_world[i]) @ OPENGL_FROM_OPENCV
-        frame = {
-            "file_path": _relative(photographs.paths[i], out),
-            "transform_matrix": pose.tolist(),
-        }
-        if ends is not None:
-            for key, camera_from_world in zip(("start", "end"), ends, strict=True):
-                pose = inverse(camera_from_world[i]) @ OPENGL_FROM_OPENCV
-                frame[f"transform_matrix_{key}"] = pose.tolist()
-        mask = photographs.masks[i]
-        if mask is not None:
-            frame["mask_path"] = _relative(mask, out)
-        if len(lenses) > 1:
-            frame.update(json.loads(format_nerfstudio(camera)))
-        values["frames"].append(frame)
-    return json.dumps(values, indent=1) + "\n"
-
-
-def _relative(path: Path, folder: Path) -> str:
-    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+        for frame, start, end in zip(frames, *ends, strict=True):
+            frame.world_from_camera_start, frame.world_from_camera_end = (
+                inverse(start),
+                inverse(end),
+            )
+    return [f for f, registered in zip(frames, solution.registered, strict=True) if registered]
 
 
 def _colmap(solution: Solution) -> dict[str, str]:

@@ -1,0 +1,93 @@
+"""Writes a dataset in nerfstudio's form: transforms.json and the points' PLY."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.data.assemble import Frame
+from gsut.data.lens_nerfstudio import format_nerfstudio
+from gsut.data.poses import OPENGL_FROM_OPENCV
+
+_AXES = ("x", "y", "z")
+_COLORS = ("red", "green", "blue")
+
+
+def format_transforms(
+    frames: Sequence[Frame],
+    folder: Path,
+    *,
+    points_file: str | None = None,
+    test: Collection[str] | None = None,
+) -> str:
+    """The text of a transforms.json.
+
+    The lens stands at the top, or in each frame where there are several. Files are named by their
+    paths from `folder`.
+
+    Args:
+        frames: one for each image, all with a rolling shutter of one direction or none.
+        folder: where the file will lie.
+        points_file: name of the points' PLY in `folder`.
+        test: names of the frames that are for testing; None: the reader chooses.
+
+    Raises:
+        InputError: the form has no place for a lens.
+    """
+    lenses = list(dict.fromkeys(frame.camera for frame in frames))
+    texts = {lens: json.loads(format_nerfstudio(lens)) for lens in lenses}
+    values: dict[str, Any] = dict(texts[lenses[0]]) if len(lenses) == 1 else {}
+    if points_file is not None:
+        values["ply_file_path"] = points_file
+    directions = {frame.shutter.direction if frame.shutter else "global" for frame in frames}
+    if len(directions) > 1:
+        raise InputError(f"transforms.json has room for one shutter, found {sorted(directions)}")
+    for direction in directions - {"global"}:
+        values["rolling_shutter"] = {"direction": direction}
+    rows = [
+        (texts[frame.camera] if len(lenses) > 1 else {}) | _frame_values(frame, folder)
+        for frame in frames
+    ]
+    if test is not None:
+        for key, is_test in (("train_filenames", False), ("test_filenames", True)):
+            values[key] = [
+                row["file_path"]
+                for row, frame in zip(rows, frames, strict=True)
+                if (frame.name in test) == is_test
+            ]
+    return json.dumps({**values, "frames": rows}, indent=1) + "\n"
+
+
+def points_ply(points: np.ndarray, colors: np.ndarray) -> bytes:
+    """A PLY of points (P, 3), written as doubles, with colours (P, 3) uint8."""
+    layout = [(name, "<f8") for name in _AXES] + [(name, "u1") for name in _COLORS]
+    vertices = np.empty(len(points), dtype=layout)
+    for names, columns in ((_AXES, points), (_COLORS, colors)):
+        for name, column in zip(names, np.asarray(columns).T, strict=True):
+            vertices[name] = column
+    types = {"<f8": "double", "u1": "uchar"}
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header += [f"property {types[kind]} {name}" for name, kind in layout] + ["end_header", ""]
+    return "\n".join(header).encode() + vertices.tobytes()
+
+
+def _frame_values(frame: Frame, folder: Path) -> dict[str, Any]:
+    values: dict[str, Any] = {"file_path": _relative(frame.image_path, folder)}
+    for ending in ("", "_start", "_end"):
+        pose = getattr(frame, f"world_from_camera{ending}")
+        if pose is not None:
+            values[f"transform_matrix{ending}"] = (pose @ OPENGL_FROM_OPENCV).tolist()
+    for key, path in (("mask_path", frame.mask_path), ("depth_file_path", frame.depth_path)):
+        if path is not None:
+            values[key] = _relative(path, folder)
+    return values
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
