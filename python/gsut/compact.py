@@ -11,7 +11,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.compact_refit import refit_colors
+from gsut.compact_refit import DAMPING, refit_colors
 from gsut.compact_scores import SeenView, blend_weights, lightgaussian_scores, pup_scores
 from gsut.gaussians import Gaussians
 
@@ -141,8 +141,8 @@ def settings_of(method: str) -> dict[str, Any]:
     """The constants that a method works with here, to tell results of other constants apart."""
     if method not in _MERGING:
         return {"method": method}
-    rounds = _REFIT_ROUNDS if method == "ghap" else 0
-    return {"method": method, "costs": list(_MERGING_COSTS), "refit_rounds": rounds}
+    refit = [_REFIT_ROUNDS, DAMPING] if method == "ghap" else []
+    return {"method": method, "costs": list(_MERGING_COSTS), "refit": refit}
 
 
 def check_method(method: str, has_views: bool) -> None:
