@@ -217,7 +217,7 @@ def _bench_run(
             rival = next((it for it in had if it.get("settings") == settings), None)
             if rival is None:
                 budget = max(row["total_seconds"] for row in made)
-                pace = min(row["finetune_seconds"] for row in made) / options.finetune
+                pace = statistics.median(row["finetune_seconds"] for row in made) / options.finetune
                 rival = {
                     "settings": settings, **_rival(scene, train_options, count, budget, pace)
                 }  # fmt: skip
