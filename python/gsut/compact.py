@@ -5,12 +5,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.compact_refit import refit_colors
+from gsut.compact_refit import DAMPING, refit_colors
 from gsut.compact_scores import SeenView, blend_weights, lightgaussian_scores, pup_scores
 from gsut.gaussians import Gaussians
 
@@ -134,6 +135,14 @@ def _finite(gaussians: Gaussians) -> Gaussians:
 def looks_at_views(method: str) -> bool:
     """Whether a method makes use of views."""
     return method in _LOOKING
+
+
+def settings_of(method: str) -> dict[str, Any]:
+    """The constants that a method works with here, to tell results of other constants apart."""
+    if method not in _MERGING:
+        return {"method": method}
+    refit = [_REFIT_ROUNDS, DAMPING] if method == "ghap" else []
+    return {"method": method, "costs": list(_MERGING_COSTS), "refit": refit}
 
 
 def check_method(method: str, has_views: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from gsut.data.scene import Scene
@@ -20,7 +21,9 @@ class GrowthLimit:
     """The cap of a run and, with --max-gaussians auto, when to stop before it.
 
     Growth stops when the PSNR on training views that were set aside no longer rises; from then on
-    these views are trained on, too. The test views play no part.
+    these views are trained on, too. The test views play no part. Only the full resolution decides:
+    a coarse one is soon satisfied, and what it does not miss may be missed later. So with auto the
+    cap is reached later (`grow_until`) than without.
 
     Args:
         scene: at the resolution to train at.
@@ -43,35 +46,41 @@ class GrowthLimit:
         if len(self._aside) == len(views):  # a single view: nothing can be set aside
             self.ended, self._aside = True, []
         self._found: list[float] = []
-        self._width = 0
+        self._last_step = _last_growth(options)
+        self.grown(0)
 
     @property
     def aside(self) -> list[int]:
         """Views that are measured on and must not be trained on now."""
         return [] if self.ended else self._aside
 
-    def observe(self, psnr: float, width: int) -> None:
-        """Takes note of the PSNR on `aside`; ends growth if it has stopped to rise.
-
-        Args:
-            psnr: dB.
-            width: of the images it was measured on: a new resolution begins anew.
-        """
-        if width != self._width:
-            self._found, self._width = [], width
+    def observe(self, psnr: float) -> None:
+        """Takes note of the PSNR on `aside` in dB; ends growth if it has stopped to rise."""
         self._found.append(psnr)
         if len(self._found) > _PATIENCE:
             before, last = self._found[:-_PATIENCE], self._found[-_PATIENCE:]
             self.ended = max(last) < max(before) + _LEAST_GAIN_DB
 
+    def grown(self, step: int) -> None:
+        """After each densification, with its step: ends growth where the cap is reached."""
+        self.ended = self.ended or step >= self._last_step
+
     def state_dict(self) -> dict[str, Any]:
         """What later decisions depend on."""
-        return {"ended": self.ended, "found": list(self._found), "width": self._width}
+        return {"ended": self.ended, "found": list(self._found)}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Goes on where `state_dict` was taken."""
-        self.ended, self._width = bool(state["ended"]), int(state["width"])
+        self.ended = bool(state["ended"])
         self._found = [float(value) for value in state["found"]]
+
+
+def _last_growth(options: TrainOptions) -> int:
+    """The step of the densification that reaches the cap, or is the last; 0 if there is none."""
+    o, rounding = options, 1e-9
+    last = math.floor(o.densify_until * o.steps + rounding) // o.densify_every * o.densify_every
+    reaching = math.ceil(o.grow_until * o.steps / o.densify_every - rounding) * o.densify_every
+    return 0 if last < o.densify_from * o.steps else min(reaching, last)
 
 
 def _most_for(scene: Scene) -> int:

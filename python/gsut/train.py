@@ -250,6 +250,7 @@ class TrainingLoop:
             lap("noise")
         if step % o.densify_every == 0 and o.densify_from <= fraction <= o.densify_until:
             self._densify(fraction)
+            self.limit.grown(step)
             self._radii = None
             self._mean.restart()
             lap("densify")
@@ -372,12 +373,12 @@ class TrainingLoop:
         return self.limit.auto and self.limit.ended
 
     def _measure_growth(self, fraction: float) -> None:
-        """With --max-gaussians auto: ends growth when it no longer helps, or at its cap."""
-        scene, o = self.pyramid.at(fraction).scene, self.options
-        found = mean_psnr(scene, self.gaussians, self.limit.aside, o.background, self.renderer)
-        self.limit.observe(found, scene.cameras[0].width)
-        if fraction >= o.grow_until:
-            self.limit.ended = True
+        """With --max-gaussians auto: ends growth when it no longer helps."""
+        if self.pyramid.at(fraction).scene.cameras[0].width == self.scene.cameras[0].width:
+            background, aside = self.options.background, self.limit.aside
+            self.limit.observe(
+                mean_psnr(self.scene, self.drawn(), aside, background, self.renderer)
+            )
 
     def _make_room(self, g: Gaussians) -> None:
         if len(self._gradients) != len(g):

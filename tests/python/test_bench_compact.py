@@ -66,6 +66,23 @@ def test_bench_compact_goes_on_where_it_stopped(run, tmp_path):
     assert again[2]["tuned"]["psnr"] == rows[2]["tuned"]["psnr"]
 
 
+def test_bench_compact_makes_rows_of_other_settings_again_and_keeps_other_runs_rows(run):
+    options = CompactBenchOptions([str(run)], ["ghap", "field"], [0.5], finetune=2, rival=False)
+    rows = compact_bench(options)
+    other = {**rows[1], "run": "elsewhere"}
+    old = {**rows[2], "settings": "old", "tuned": {"psnr": 99.0}}
+    again = compact_bench(options, done=[other, rows[0], rows[1], old])
+    assert again[:3] == [other, rows[0], rows[1]]
+    assert len(again) == 4 and again[3]["tuned"] == {**rows[2]["tuned"], **_ms(again[3])}
+    longer = CompactBenchOptions([str(run)], ["ghap"], [0.5], finetune=3, rival=False)
+    (made,) = (row for row in compact_bench(longer, done=rows) if row["method"] == "ghap")
+    assert made["finetune_steps"] == 3 and made["settings"] != rows[1]["settings"]
+
+
+def _ms(row):
+    return {"render_ms": row["tuned"]["render_ms"]}
+
+
 def test_bench_compact_trains_its_starts_once(run, tmp_path, capsys):
     data = run.parent / "data"
     words = [str(data), "--start", "mcmc,adc,lean", "--folder", str(tmp_path), "--cap", "150"]

@@ -7,8 +7,8 @@ import pytest
 
 import gsut
 from gsut.compact import compact
-from gsut.compact_refit import refit_colors
-from gsut.compact_scores import SeenView
+from gsut.compact_refit import _SH0, refit_colors
+from gsut.compact_scores import SeenView, blend_weights
 from random_scenes import fisheye, gaussians_in_view, random_pose
 
 
@@ -64,6 +64,24 @@ def test_refit_finds_the_colours_of_a_scene_that_lost_them(rng):
         found.append(float(np.sqrt(np.mean((image - truth)[mask] ** 2))))
     assert found[1] < 0.3 * found[0]
     assert found[2] < 0.1 * found[0]
+
+
+def test_refit_moves_what_is_hardly_seen_by_no_more_than_it_is_seen(rng):
+    """A faint Gaussian before a bright wall that the others lost: it must not make up for that."""
+    camera, pose = fisheye(64), np.eye(4)
+    mask = np.array(camera.rays()[1], bool)
+    views = [SeenView(camera, pose, mask)]
+    wall = gsut.Gaussians(
+        np.array([[0.0, 0.0, 4.0], [0.0, 0.0, 2.0]]), np.tile([1.0, 0, 0, 0], (2, 1)),
+        np.log([[1.0] * 3, [0.05] * 3]), np.array([5.0, -4.0]), np.full((2, 1, 3), 1.5),
+    ).astype(np.float32)  # fmt: skip
+    faint = wall[np.array([1])]
+    faint.sh[:] = -1.0
+    weight = blend_weights(faint, views)[0]
+    assert 0.01 < weight < 0.5  # pixels
+    moved = refit_colors(faint, wall, views, 1).sh - faint.sh
+    assert np.all(moved > 0)
+    assert _SH0 * moved.max() < weight
 
 
 def test_refit_leaves_what_no_view_sees(scene, views):

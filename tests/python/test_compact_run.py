@@ -197,13 +197,41 @@ def test_auto_ends_growth_where_views_set_aside_no_longer_gain(scene):
     assert limit.auto and not limit.ended
     assert limit.aside and set(limit.aside) < set(scene.train_indices)
     for psnr in (20.0, 21.0, 22.0, 22.0, 22.01):
-        limit.observe(psnr, 48)
+        limit.observe(psnr)
         assert not limit.ended
-    limit.observe(22.02, 48)
+    limit.observe(22.02)
     assert limit.ended
     assert limit.aside == []
     given = GrowthLimit(scene, TrainOptions(steps=100, max_gaussians=70).resolved())
     assert (given.most, given.aside, given.auto) == (70, [], False)
+
+
+def test_auto_reaches_its_cap_where_views_set_aside_keep_gaining(scene):
+    options = TrainOptions(steps=60, max_gaussians="auto", densify_every=7).resolved()
+    loop = TrainingLoop(scene, options)
+    loop.limit.observe = lambda psnr: None  # never satisfied
+    aside = loop.limit.aside
+    while loop.step < 42:  # the first densification at 0.7 of the steps
+        assert loop.limit.aside == aside
+        loop.advance()
+    assert len(loop.gaussians) == loop.limit.most
+    assert loop.limit.ended and loop.limit.aside == []
+
+
+def test_auto_decides_at_full_resolution_only(scene, monkeypatch):
+    monkeypatch.setattr("gsut.pyramid._SMALLEST_SIDE", 8)
+    fractions = {"coarse_to_fine": (0.0, 0.5), "densify_every": 10}
+    options = TrainOptions(steps=100, max_gaussians="auto", **fractions).resolved()
+    loop, seen = TrainingLoop(scene, options), []
+    loop.limit.observe = lambda psnr: seen.append(loop.step)
+    while loop.step < 80:
+        loop.advance()
+    assert seen == [60, 70]
+
+
+def test_auto_without_densification_sets_nothing_aside(scene):
+    options = TrainOptions(steps=20, max_gaussians="auto", densify_every=50).resolved()
+    assert GrowthLimit(scene, options).aside == []
 
 
 def test_auto_trains_and_resumes_to_the_same_bits(scene):

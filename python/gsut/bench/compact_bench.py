@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 import statistics
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -17,7 +19,15 @@ from gsut.bench.compact_starts import (
     check_start,
     trained_start,
 )
-from gsut.compact import METHODS, check_keep, check_method, compact, looks_at_views, scores_of
+from gsut.compact import (
+    METHODS,
+    check_keep,
+    check_method,
+    compact,
+    looks_at_views,
+    scores_of,
+    settings_of,
+)
 from gsut.compact_scores import SeenView, seen_views
 from gsut.evaluate import evaluate
 from gsut.finetune import finetune, finetune_options
@@ -114,11 +124,13 @@ def compact_bench(
         options: what to do.
         on_part: called before each part of the work with its name.
         on_row: called with all rows so far after each of them.
-        done: rows of an earlier, interrupted call with the same options; they are not made again.
+        done: rows of an earlier call. Those of the same run, method, fraction and settings are not
+            made again; those of the same with other settings are dropped; all others stay.
 
     Returns:
         One row a run ("method": "whole") and one a method and fraction: dict run, scene, start,
-        method, keep, num_gaussians, megabytes (of a PLY file), compact_seconds, finetune_seconds,
+        method, keep, settings (a digest of all that decides the result but the code),
+        num_gaussians, megabytes (of a PLY file), compact_seconds, finetune_seconds,
         total_seconds; `free` (before fine-tuning), `tuned` and `rival`, each a dict psnr, ssim,
         render_ms, of the rival also num_gaussians, steps and total_seconds; and `source` with
         num_gaussians, psnr, ssim, render_ms of the whole model.
@@ -152,12 +164,9 @@ def _bench_run(
     name = f"{scene.path.name} {start}"
     key = {"run": str(Path(folder).resolve()), "scene": scene.path.name, "start": start}
 
-    def found(method: str, keep: float) -> dict[str, Any] | None:
-        wanted = (key["run"], method, keep)
-        return next((r for r in rows if (r["run"], r["method"], r["keep"]) == wanted), None)
-
     on_part(f"{name} whole")
-    whole = found("whole", 1.0)
+    key["settings"] = _digest(train_options)
+    whole = _found(rows, key, "whole", 1.0)
     if whole is None:
         figures = _figures(gaussians, scene, train_options)
         whole = {
@@ -180,7 +189,10 @@ def _bench_run(
         made = []
         for method in options.methods:
             on_part(f"{name} {method} {keep:g}")
-            row = found(method, keep)
+            count = max(1, round(keep * len(gaussians)))
+            tuning = finetune_options(train_options, options.finetune, count)
+            key["settings"] = _digest(tuning, settings_of(method))
+            row = _found(rows, key, method, keep)
             if row is None:
                 seen: Sequence[SeenView] = views if looks_at_views(method) else ()
                 row = key | _one(
@@ -196,15 +208,37 @@ def _bench_run(
             made.append(row)
         if options.rival:
             on_part(f"{name} rival {keep:g}")
-            rival = next((row["rival"] for row in made if "rival" in row), None)
+            count = max(1, round(keep * len(gaussians)))
+            settings = _digest(_rival_options(train_options, count, _PILOT_STEPS), options.finetune)
+            had = [row["rival"] for row in made if "rival" in row]
+            rival = next((it for it in had if it.get("settings") == settings), None)
             if rival is None:
                 budget = max(row["total_seconds"] for row in made)
-                pace = min(row["finetune_seconds"] for row in made) / options.finetune
-                count = max(1, round(keep * len(gaussians)))
-                rival = _rival(scene, train_options, count, budget, pace)
+                pace = statistics.median(row["finetune_seconds"] for row in made) / options.finetune
+                rival = {
+                    "settings": settings, **_rival(scene, train_options, count, budget, pace)
+                }  # fmt: skip
             for row in made:
                 row["rival"] = rival
             on_row(rows)
+
+
+def _digest(options: TrainOptions, *more: Any) -> str:
+    """Short name of settings; threads do not change a result."""
+    values = [dataclasses.asdict(dataclasses.replace(options, threads=0)), *more]
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def _found(
+    rows: list[dict[str, Any]], key: dict[str, Any], method: str, keep: float
+) -> dict[str, Any] | None:
+    """The row of a run, method and fraction; one with other settings is taken out of `rows`."""
+    wanted = (key["run"], method, keep)
+    row = next((r for r in rows if (r["run"], r["method"], r["keep"]) == wanted), None)
+    if row is None or row.get("settings") == key["settings"]:
+        return row
+    rows.remove(row)
+    return None
 
 
 def _read(folder: str) -> tuple[Any, Any, TrainOptions, float]:
@@ -257,7 +291,10 @@ def _rival(
     pilot = dataclasses.replace(
         schedule, steps=_PILOT_STEPS, densify_every=max(1, _PILOT_STEPS // 20)
     )
-    pace = _train(scene, pilot)[1] / _PILOT_STEPS
+    # At least what the steps at full resolution take at fine-tuning's pace: young Gaussians overlap
+    # less, and with the pilot alone a rival on fox took 47 s for 36.
+    full_size = 1.0 - schedule.coarse_to_fine[1]
+    pace = max(_train(scene, pilot)[1] / _PILOT_STEPS, full_size * full_pace)
     chosen = _rival_options(options, count, max(_PILOT_STEPS, round(budget / pace)))
     gaussians, seconds = _train(scene, chosen)
     return {

@@ -20,7 +20,7 @@ _MARKERS = "osD^vPXd"
 
 
 # plot_compact: dB below the whole model; what is worse leaves the picture.
-_SHOWN_DB = 10.0
+_SHOWN_DB = 6.0
 
 
 def check_plot_path(path: str) -> None:
@@ -117,58 +117,79 @@ def plot_curves(path: str | os.PathLike[str], curves: dict[str, list[dict[str, A
 
 
 def plot_compact(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
-    """One row of two panels a scene: lines are fine-tuned, dotted lines not, black the rival.
+    """One row of two panels a scene and start: PSNR against Gaussians and against render time.
 
-    Points more than 10 dB below the whole model are not shown.
+    Points more than 6 dB below the whole model are not shown.
 
     Args:
         path: svg, png or pdf.
         rows: of `compact_bench`.
     """
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
-    scenes = list(dict.fromkeys(f"{row['scene']} {row['start']}" for row in rows))
-    figure = Figure(figsize=(11.0, 4.6 * len(scenes)), layout="constrained")
+    scenes = list(dict.fromkeys((row["scene"], row["start"]) for row in rows))
+    figure = Figure(figsize=(10.0, 0.8 + 3.1 * len(scenes)), layout="constrained")
+    drawn: dict[str, Any] = {}  # what the legend shows, once for all panels
     for place, scene in enumerate(scenes):
-        of_scene = [row for row in rows if f"{row['scene']} {row['start']}" == scene]
-        panels = [figure.add_subplot(len(scenes), 2, 2 * place + k + 1) for k in range(2)]
-        _style(panels[0], f"{scene}: held-out PSNR", "Gaussians", "dB")
-        _style(panels[1], "", "ms a view", "dB")
-        for axes, key in zip(panels, ("num_gaussians", "render_ms"), strict=True):
-            _lines(axes, of_scene, key)
-            whole = next(row for row in of_scene if row["method"] == "whole")
+        of_scene = [row for row in rows if (row["scene"], row["start"]) == scene]
+        whole = next(row for row in of_scene if row["method"] == "whole")
+        title = f"{scene[0]}, {scene[1]} start of {whole['num_gaussians']:,}"
+        for k, key in enumerate(("num_gaussians", "render_ms")):
+            axes = figure.add_subplot(len(scenes), 2, 2 * place + k + 1)
+            x = ("Gaussians", "render time, ms a view (processor time / threads)")[k]
+            _style(axes, title if k == 0 else "", x, "held-out PSNR, dB" if k == 0 else "")
+            drawn |= _lines(axes, of_scene, whole, key)
+            _rounded_ticks(axes)
             axes.set_ylim(bottom=whole["free"]["psnr"] - _SHOWN_DB)
-            axes.set_xscale("log")
-            axes.xaxis.set_major_formatter(lambda value, _: f"{value:,g}")
-            axes.xaxis.set_minor_formatter(lambda value, _: "")
-        panels[0].legend(frameon=False, fontsize=8)
+    drawn["fine-tuned"] = Line2D([], [], color=_MUTED, linestyle="-", linewidth=1.4)
+    drawn["no photograph"] = Line2D([], [], color=_MUTED, linestyle=":", linewidth=1.4)
+    figure.legend(
+        [*drawn.values()], [*drawn], loc="outside upper left", ncols=5, frameon=False, fontsize=9
+    )
     _save(figure, path)
 
 
-def _lines(axes: Any, rows: Sequence[dict[str, Any]], key: str) -> None:
+def _lines(
+    axes: Any, rows: Sequence[dict[str, Any]], whole: dict[str, Any], key: str
+) -> dict[str, Any]:
+    """Each method's lines, the rival's and the whole model; the legend's entries by label."""
+    drawn: dict[str, Any] = {}
     methods = list(dict.fromkeys(row["method"] for row in rows if row["method"] != "whole"))
     for method in methods:
         index = METHODS.index(method)  # one colour a method in all panels
         line = sorted((row for row in rows if row["method"] == method), key=lambda row: row["keep"])
         color, marker = _COLORS[index % 6], _MARKERS[index % len(_MARKERS)]
-        for kind, form, label in (("tuned", "-", method), ("free", ":", None)):
-            x = [row[key] if key in row else row[kind][key] for row in line]
-            y = [row[kind]["psnr"] for row in line]
-            axes.plot(
-                x, y, marker + form, color=color, label=label, markersize=5, linewidth=1.4
-            )  # fmt: skip
-    whole = next(row for row in rows if row["method"] == "whole")
-    at = whole[key] if key in whole else whole["free"][key]
-    axes.plot([at], [whole["free"]["psnr"]], "*", color="#000000", markersize=11, label="whole")
+        for kind, form in ((":", "free"), ("-", "tuned")):
+            x = [row[key] if key in row else row[form][key] for row in line]
+            y = [row[form]["psnr"] for row in line]
+            (drawn[method],) = axes.plot(
+                x, y, marker + kind, color=color, markersize=4, linewidth=1.3
+            )
     rivals = {
         row["keep"]: row["rival"] for row in rows if row["method"] != "whole" and row.get("rival")
     }
     line = [rivals[keep] for keep in sorted(rivals)]
     if line:
-        axes.plot(
+        (drawn["trained that small, same seconds"],) = axes.plot(
             [rival[key] for rival in line], [rival["psnr"] for rival in line], "X--",
-            color="#000000", label="trained that small, same seconds", markersize=6, linewidth=1.2,
+            color="#000000", markersize=6, linewidth=1.2,
         )  # fmt: skip
+    at = whole[key] if key in whole else whole["free"][key]
+    (drawn["whole"],) = axes.plot(
+        [at], [whole["free"]["psnr"]], "*", color="#000000", markersize=11
+    )
+    return drawn
+
+
+def _rounded_ticks(axes: Any) -> None:
+    """A logarithmic axis with ticks at 1, 2 and 5 times the powers of ten, written out."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
 
 
 def _figure(title: str, x: str, y: str, size: tuple[float, float]) -> tuple[Any, Any]:
