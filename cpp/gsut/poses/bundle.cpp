@@ -12,6 +12,7 @@
 #include "gsut/poses/bundle_cost.h"
 #include "gsut/poses/lens_evaluation.h"
 #include "gsut/poses/pose_block.h"
+#include "gsut/poses/solver_log.h"
 
 namespace gsut {
 namespace {
@@ -224,7 +225,10 @@ BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
   if (evaluation) evaluation->PrepareForEvaluation(false, true);
   summary.rms_before = Rms(*bundle, state, evaluation.get());
   ceres::Solver::Summary words;
-  ceres::Solve(solver, &problem, &words);
+  {
+    const QuietSolver quiet;  // a step that fails is tried again shorter: nothing to tell
+    ceres::Solve(solver, &problem, &words);
+  }
   if (!words.IsSolutionUsable()) {
     throw SolveError("bundle adjustment failed: " + words.message);
   }
