@@ -21,6 +21,7 @@
 #include "gsut/poses/match.h"
 #include "gsut/poses/relative_pose.h"
 #include "gsut/poses/sampler.h"
+#include "gsut/poses/solver_log.h"
 #include "gsut/poses/structure.h"
 #include "gsut/poses/three_point.h"
 #include "gsut/poses/triangulate.h"
@@ -392,6 +393,20 @@ TEST(BuildTracks, NeverHoldTwoFeaturesOfOneImage) {
   }
   pairs[2].matches[0] = {3, 0};
   EXPECT_THROW(BuildTracks(counts, pairs), InputError);
+}
+
+TEST(QuietSolver, KeepsWarningsFromStandardErrorWhileItLives) {
+  const auto logged = [] {
+    testing::internal::CaptureStderr();
+    LOG(WARNING) << "a step failed";
+    return !testing::internal::GetCapturedStderr().empty();
+  };
+  EXPECT_TRUE(logged());
+  {
+    const QuietSolver quiet;
+    EXPECT_FALSE(logged());
+  }
+  EXPECT_TRUE(logged());
 }
 
 TEST(MatchDescriptors, AgreesWithExhaustiveSearchOnEveryInstructionSet) {

@@ -40,6 +40,7 @@ CPP_LIBRARIES: dict[str, set[str]] = {
     "tbb": {"base", "cameras"},
     "Eigen": set(CPP_MAY_USE) | {"bindings"},
     "ceres": {"poses"},
+    "glog": {"poses"},  # what Ceres logs to, kept quiet; it comes with Ceres
     "pybind11": {"bindings"},
 }
 # Headers of the system, which have no folder.

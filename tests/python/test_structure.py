@@ -17,9 +17,15 @@ from gsut.cli import main
 from gsut.structure import estimate
 from gsut.structure.align import centers_of, compare_poses, rotation_angles, similarity
 from gsut.structure.estimate import estimate_poses
-from gsut.structure.features import find_features
+from gsut.structure.features import features_in, find_features
 from gsut.structure.inputs import Photographs
-from gsut.structure.lens_search import connected_pairs, guessed_lens, search_lens
+from gsut.structure.lens_search import (
+    as_fisheye,
+    connected_pairs,
+    guessed_lens,
+    search_lens,
+    thinned,
+)
 from gsut.structure.matching import match_in_full, verify
 from gsut.structure.options import PosesOptions
 from gsut.structure.output import quaternion_of
@@ -232,6 +238,17 @@ def test_find_features_leaves_out_what_has_no_ray(tmp_path):
         find_features(path, camera.resized(100, 100), PosesOptions())
 
 
+def test_find_features_at_once_finds_those_of_detection_and_choice(tmp_path):
+    texture(tmp_path / "a.png", 3, 200)
+    image = cv2.imread(str(tmp_path / "a.png"))
+    options = PosesOptions(max_features=150)
+    at_once = features_in(image, None, options)
+    chosen = features_in(image, np.ones(image.shape[:2], bool), options)
+    assert 150 <= len(at_once) <= 155 and len(chosen) == 150  # SIFT keeps those equal to the last
+    own = {(*p, *d) for p, d in zip(at_once.pixels, at_once.descriptors, strict=True)}
+    assert own >= {(*p, *d) for p, d in zip(chosen.pixels, chosen.descriptors, strict=True)}
+
+
 def test_similarity_is_found_again(rng):
     source = rng.standard_normal((10, 3))
     rotation = _core.exp_pose([0, 0, 0, 0.3, -1.0, 2.0])[:3, :3]
@@ -373,6 +390,19 @@ def test_poses_command_corrupt_image_is_named_and_the_rest_kept(some_sponza, tmp
 
 
 # --- bad input ------------------------------------------------------------------------------------
+
+
+def test_poses_command_images_of_another_place_are_named_and_the_rest_kept(some_sponza, tmp_path):
+    folder = tmp_path / "in"
+    (folder / "images").mkdir(parents=True)
+    for path in sorted((some_sponza[0] / "images").iterdir())[:6]:
+        (folder / "images" / path.name).symlink_to(path.resolve())
+    for name in ("elsewhere_1.png", "elsewhere_2.png"):
+        texture(folder / "images" / name, len(name), 480)
+    result = estimate_poses(folder, tmp_path / "out", camera=some_sponza[0] / "lens.yaml")
+    assert result.solution.num_registered == 6
+    (note,) = [note for note in result.figures["notes"] if "6 of 8 images" in note]
+    assert "elsewhere_1.png" in note and "elsewhere_2.png" in note
 
 
 def texture(path: Path, seed: int, size: int = 160) -> None:
@@ -521,6 +551,23 @@ def test_search_lens_finds_the_fisheye_of_a_synthetic_walk(rng, tmp_path):
     assert lens.model == "kannala_brandt"
     assert abs(lens.params[0] / scene.camera.params[0] - 1) < tolerances.SFM_FOCAL
     assert len(found.rows) == 2 and found.rows[-1]["held_out_px"] < 0.5
+
+
+def test_as_fisheye_is_the_same_lens():
+    lens = gsut.Camera("opencv4", [330, 331, 243, 178, -0.12, 0.03, 0, 0], 480, 360)
+    pixels = np.stack(np.meshgrid(np.arange(5.0, 480, 25), np.arange(5.0, 360, 25)), -1)
+    rays, valid = lens.unproject(pixels.reshape(-1, 2))
+    assert valid.all()
+    off = as_fisheye(lens).project(rays)[0] - pixels.reshape(-1, 2)
+    assert np.linalg.norm(off, axis=1).max() < tolerances.SFM_AS_FISHEYE_PX
+
+
+def test_thinned_pairs_keep_the_most_distinct_matches(rng):
+    (pair, *_) = Synthetic(rng, images=2).verified()
+    (few,) = thinned([pair], 10)
+    assert np.array_equal(few.matches, pair.matches[:10])
+    assert few.rotation_matches == round(pair.rotation_matches * 10 / len(pair.matches))
+    assert thinned([pair], len(pair.matches))[0] is pair
 
 
 def test_connected_images_are_as_many_as_asked_for(rng):

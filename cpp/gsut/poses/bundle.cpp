@@ -12,6 +12,7 @@
 #include "gsut/poses/bundle_cost.h"
 #include "gsut/poses/lens_evaluation.h"
 #include "gsut/poses/pose_block.h"
+#include "gsut/poses/solver_log.h"
 
 namespace gsut {
 namespace {
@@ -163,16 +164,19 @@ BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
   for (std::size_t image = 0; image < options.image_fixed.size(); ++image) {
     if (options.image_fixed[image]) fixed_body[body_of(static_cast<int>(image))] = 1;
   }
+  // Points are eliminated first. Each array is a group of its own: within a group Ceres goes by
+  // addresses, which differ from run to run between arrays, and so would the last bits.
+  enum Group { kPoints, kPoses, kVelocities, kMounts, kLenses };  // and one more for each lens
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
   for (int body = 0; body < state.num_bodies(); ++body) {
     if (!used_body[body]) continue;
     double* pose = state.poses[body].data();
-    ordering->AddElementToGroup(pose, 1);
+    ordering->AddElementToGroup(pose, kPoses);
     problem.SetManifold(pose, body == scale_body ? &scaled_pose : &free_pose);
     if (body == gauge_body || fixed_body[body]) problem.SetParameterBlockConstant(pose);
     if (state.velocities.empty()) continue;
     double* velocity = state.velocities[body].data();
-    ordering->AddElementToGroup(velocity, 1);
+    ordering->AddElementToGroup(velocity, kVelocities);
     if (fixed_body[body]) {
       problem.SetParameterBlockConstant(velocity);
     } else if (!options.velocity_priors.empty()) {
@@ -182,7 +186,7 @@ BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
   }
   for (std::size_t i = 0; i < state.points.size(); ++i) {
     if (!used_point[i]) continue;
-    ordering->AddElementToGroup(state.points[i].data(), 0);
+    ordering->AddElementToGroup(state.points[i].data(), kPoints);
     if (Flag(options.point_fixed, static_cast<int>(i))) {
       problem.SetParameterBlockConstant(state.points[i].data());
     }
@@ -190,14 +194,14 @@ BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
   for (std::size_t m = 0; m < state.mounts.size(); ++m) {
     if (!used_mount[m]) continue;
     double* mount = state.mounts[m].data();
-    ordering->AddElementToGroup(mount, 1);
+    ordering->AddElementToGroup(mount, kMounts);
     problem.SetManifold(mount, &free_pose);
     if (!Flag(options.mount_free, static_cast<int>(m))) problem.SetParameterBlockConstant(mount);
   }
   for (std::size_t c = 0; c < state.lenses.size(); ++c) {
     if (!used_lens[c]) continue;
     std::vector<double>& lens = state.lenses[c];
-    ordering->AddElementToGroup(lens.data(), 1);
+    ordering->AddElementToGroup(lens.data(), kLenses + static_cast<int>(c));
     std::vector<int> held;
     for (std::size_t k = 0; k < lens.size(); ++k) {
       if (!options.lens_free[c][k]) held.push_back(static_cast<int>(k));
@@ -221,7 +225,10 @@ BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
   if (evaluation) evaluation->PrepareForEvaluation(false, true);
   summary.rms_before = Rms(*bundle, state, evaluation.get());
   ceres::Solver::Summary words;
-  ceres::Solve(solver, &problem, &words);
+  {
+    const QuietSolver quiet;  // a step that fails is tried again shorter: nothing to tell
+    ceres::Solve(solver, &problem, &words);
+  }
   if (!words.IsSolutionUsable()) {
     throw SolveError("bundle adjustment failed: " + words.message);
   }

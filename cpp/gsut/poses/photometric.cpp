@@ -14,6 +14,7 @@
 #include "gsut/base/errors.h"
 #include "gsut/cameras/ray_jacobian.h"
 #include "gsut/poses/pose_block.h"
+#include "gsut/poses/solver_log.h"
 
 namespace gsut {
 namespace {
@@ -369,6 +370,7 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
   solver.function_tolerance = options.function_tolerance;
   solver.num_threads = std::max(1, options.num_threads);
   solver.logging_type = ceres::SILENT;
+  const QuietSolver quiet;
   ceres::Solver::Summary words;
   ceres::Solve(solver, &problem, &words);
   if (!words.IsSolutionUsable()) {

@@ -215,8 +215,10 @@ class Mapper {
       map_->Filter(options_.max_error);
     }
     LoosenBy(1.0);
+    const bool extends = wanted_.extend_rounds > 0 && HasDescriptors(images_);
     for (int round = 0; round < kFinalRounds; ++round) {
-      map_->AdjustGlobally(kFinalIterations, kFinalTolerance, lens_free, lens_free);
+      map_->AdjustGlobally(kFinalIterations, extends ? kExtendTolerance : kFinalTolerance,
+                           lens_free, lens_free);
       const int dropped = map_->Filter(options_.max_error);
       const int added = map_->Complete(-1);
       map_->DropWeakImages();
@@ -224,7 +226,7 @@ class Mapper {
       Tell("adjustment");
       if (dropped + added < kSettled * sights) break;
     }
-    for (int round = 0; round < wanted_.extend_rounds && HasDescriptors(images_); ++round) {
+    for (int round = 0; extends && round < wanted_.extend_rounds; ++round) {
       map_->Extend();
       Tell("longer tracks");
       map_->AdjustGlobally(kFinalIterations, kExtendTolerance, lens_free, lens_free);

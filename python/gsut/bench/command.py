@@ -333,7 +333,7 @@ def _rows_to_keep(arguments: argparse.Namespace) -> list[dict[str, Any]]:
     if not arguments.resume:
         return []
     if not arguments.json:
-        raise InputError("--resume goes with --json: the rows are kept there")
+        raise InputError("--resume goes on with the rows of --json FILE; name that file")
     return read_rows(arguments.json)
 
 

@@ -224,10 +224,10 @@ def as_fisheye(lens: Camera) -> Camera:
     offsets, rays = (pixels - center)[valid], rays[valid]
     angle = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
     powers = angle[:, None] ** np.array([1, 3, 5, 7, 9])
-    radius = np.hypot(offsets[:, 0], offsets[:, 1])
+    ratio = lens.params[1] / lens.params[0]
+    radius = np.hypot(offsets[:, 0], offsets[:, 1] / ratio)
     focal, *others = np.linalg.lstsq(powers, radius, rcond=None)[0]
     coefficients = [value / focal for value in others]
-    ratio = lens.params[1] / lens.params[0]
     params = [focal, focal * ratio, *center, *coefficients]
     return Camera("kannala_brandt", params, lens.width, lens.height)
 

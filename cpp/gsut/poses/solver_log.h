@@ -1,0 +1,22 @@
+// Keeps Ceres from writing its warnings to standard error: gsut tells what went wrong itself.
+#pragma once
+
+#include <glog/logging.h>
+
+namespace gsut {
+
+// While it lives, only errors are logged by this process' glog (which Ceres writes to).
+class QuietSolver {
+ public:
+  QuietSolver() : before_(FLAGS_minloglevel) {
+    if (before_ < google::GLOG_ERROR) FLAGS_minloglevel = google::GLOG_ERROR;
+  }
+  ~QuietSolver() { FLAGS_minloglevel = before_; }
+  QuietSolver(const QuietSolver&) = delete;
+  QuietSolver& operator=(const QuietSolver&) = delete;
+
+ private:
+  int before_;
+};
+
+}  // namespace gsut
