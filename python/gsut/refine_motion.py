@@ -56,6 +56,35 @@ def without_mean_motion(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     return out
 
 
+def turned_onto(after: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Poses (N, 4, 4) whose world is turned a little, and moved, onto that of `before`.
+
+    A similarity by the centres alone leaves the turn about a path that is nearly a line to chance.
+    Here both centres and the cameras' turns count, each as much as it scatters. For turns of a few
+    degrees.
+
+    Args:
+        after, before: (N, 4, 4) camera_from_world.
+    """
+    turns, start = _turns(after, before), centers_of(before)
+    spread = centers_of(after) - centers_of(after).mean(axis=0)
+    missing = start - start.mean(axis=0) - spread
+    of_turns = float(np.median(np.sum((turns - turns.mean(axis=0)) ** 2, axis=1)))
+    of_centers = float(np.median(np.sum(missing**2, axis=1)))
+    # Least squares of turns + w over its variance and of w x spread - missing over the other.
+    size = float(np.sum(spread**2))
+    trust = max(of_turns, _SMALLEST_SPREAD)
+    balance = max(of_centers, _SMALLEST_SPREAD * size) / trust
+    normal = (balance * len(turns) + size) * np.eye(3) - spread.T @ spread
+    right = np.cross(spread, missing).sum(axis=0) - balance * turns.sum(axis=0)
+    turn = exp_pose(np.concatenate([np.zeros(3), np.linalg.solve(normal, right)]))[:3, :3]
+    out = np.tile(np.eye(4), (len(after), 1, 1))
+    out[:, :3, :3] = after[:, :3, :3] @ turn.T
+    centers = spread @ turn.T + start.mean(axis=0)
+    out[:, :3, 3] = -np.einsum("nij,nj->ni", out[:, :3, :3], centers)
+    return out
+
+
 def moved_on(after: np.ndarray, before: np.ndarray, factor: float | np.ndarray) -> np.ndarray:
     """Poses (N, 4, 4) that have gone `factor` (one, or (N,)) times as far from `before`."""
     factors = np.reshape(factor, (-1, 1))

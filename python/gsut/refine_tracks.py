@@ -2,7 +2,7 @@
 
 What `--refine-poses` begins with: tracks tie far views together, which colours can do only once a
 scene is sharp, and slowly. The poses found are moved by the similarity that fits the given ones
-best, so that the scene's points stay where they belong.
+best, so that the scene's points stay where they belong. Given poses as good as the tracks' stay.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from gsut._core import InputError, SolveError
 from gsut.cameras import Camera
 from gsut.data.scene import Scene
 from gsut.options import TrainOptions
-from gsut.refine_motion import pose_changes
+from gsut.refine_motion import pose_changes, turned_onto
 from gsut.refine_training import with_poses
 from gsut.structure.align import compare_poses
 from gsut.structure.features import Features, find_all_features, no_features
@@ -42,7 +42,8 @@ class TracksResult:
         figures: for metrics.json; sigma_degrees and sigma_moved are the predicted standard
             deviations of a pose (root of the three axes' sum), medians.
         tracked: the views that have a pose from tracks.
-        note: why nothing was refined, or what was left out; empty otherwise.
+        note: why nothing was refined, or what was left out; empty otherwise. Given poses that
+            are as good as those of tracks stay.
     """
 
     scene: Scene
@@ -80,7 +81,7 @@ def refine_by_tracks(
     ]
     given = np.array([scene.views[index].camera_from_world for index in indices])
     found = np.array(solution.camera_from_world)[np.asarray(solution.registered, bool)]
-    found = _moved(found, compare_poses(found, given).reference_from_world)
+    found = turned_onto(_moved(found, compare_poses(found, given).reference_from_world), given)
     changes = pose_changes(found, given)
     refined = with_poses(scene, indices, found)
     if options.refine_lens:
@@ -97,7 +98,25 @@ def refine_by_tracks(
         "sigma_degrees": float(np.degrees(np.median(np.sqrt(variances[:, 3:].sum(axis=1))))),
         "sigma_moved": float(np.median(np.sqrt(variances[:, :3].sum(axis=1)))),
     }
+    if not options.refine_lens and _as_good_as_tracks(figures):
+        note = (
+            f"Tracks of features differ from the given poses by {figures['turned_degrees']:.2g} "
+            f"degrees and {figures['moved']:.2g} units, and err by about "
+            f"{figures['sigma_degrees']:.2g} and {figures['sigma_moved']:.2g} themselves: the "
+            "given poses, which are as good, were kept."
+        )
+        return TracksResult(scene, figures, [], note)
     return TracksResult(refined, figures, indices, note)
+
+
+def _as_good_as_tracks(figures: dict[str, Any]) -> bool:
+    """Whether the given poses err no more than tracks predict for their own.
+
+    Both err independently: the squares of how far they differ are then up to twice the tracks'.
+    """
+    turned = figures["turned_degrees"] / max(figures["sigma_degrees"], 1e-12)
+    moved = figures["moved"] / max(figures["sigma_moved"], 1e-12)
+    return bool((turned**2 + moved**2) / 2 <= 2.0)
 
 
 def _adjusted(scene: Scene, options: TrainOptions, show: OnProgress) -> Solution:

@@ -69,9 +69,8 @@ class Trust:
         by = f"by {self.errors[0]:.2g} degrees and {self.errors[1]:.2g} units"
         if len(named) > len(names) / 2:
             return (
-                f"Colours place {len(named)} of {len(names)} training views no better than the "
-                f"poses they had: halves of their pixels put a view off {by}, about as far as all "
-                "of them would move it. Those views stay near the poses they had."
+                f"For {len(named)} of {len(names)} training views colours count less than the "
+                f"poses they had: halves of their pixels put a view off {by}."
             )
         shown = ", ".join(named[:_NAMED]) + (" ..." if len(named) > _NAMED else "")
         return (

@@ -92,7 +92,7 @@ def test_command_resumes_prints_and_draws(folder, tmp_path, capsys):
     first = capsys.readouterr().out
     assert "focal 2 %, k1 20 %" in first
     assert "come back" in first
-    assert b"new photograph" in plot.read_bytes()
+    assert b"held-out photograph" in plot.read_bytes()
     assert main([*command, "--json", str(rows), "--resume"]) == 0
     assert capsys.readouterr().out == first
     assert main([*command, "--resume"]) == 2

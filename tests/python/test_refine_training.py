@@ -10,8 +10,10 @@ import gsut
 import tolerances
 from gsut import TrainOptions, _core
 from gsut.bench.refine_disturb import Disturbance, disturbed, disturbed_pose, jittered_points
+from gsut.demo_scene import dataset as demo
+from gsut.demo_scene.views import camera_path
 from gsut.projection import DEFAULT_UNSCENTED
-from gsut.refine_motion import pose_changes, without_mean_motion
+from gsut.refine_motion import pose_changes, turned_onto, without_mean_motion
 from gsut.refine_tracks import refine_by_tracks
 from gsut.refine_training import TrainingRefiner
 from gsut.run_folder import REFINED, TRANSFORMS, RunFolder
@@ -48,6 +50,22 @@ def test_mean_motion_of_all_poses_is_taken_out(rng):
     # One pose alone has no common growth; its own motion is the mean.
     alone = pose_changes(without_mean_motion(after[:1], before[:1]), before[:1])
     assert alone.degrees.max() < tolerances.MEAN_MOTION_DEGREES
+
+
+def test_a_turn_about_a_line_of_cameras_is_found_by_the_cameras_own(rng):
+    before = np.array([random_pose(rng) for _ in range(20)])
+    before[:, :3, 3] = 0.0
+    along = np.stack([np.linspace(-2, 2, 20), *rng.normal(0, 0.01, (2, 20))], axis=1)
+    before[:, :3, 3] = -np.einsum("nij,nj->ni", before[:, :3, :3], along)
+    noisy = np.array([disturbed_pose(rng, pose, 0.02, 0.01) for pose in before])
+    turned = noisy @ gsut.exp_pose([0, 0, 0, np.radians(2.0), 0, 0])
+    found = pose_changes(turned_onto(turned, before), before)
+    assert np.median(found.degrees) < 0.03
+    assert np.median(found.distances) < 0.02
+    exact = before @ gsut.exp_pose([0.3, 0.1, 0.2, 0.01, -0.02, 0.01])
+    found = pose_changes(turned_onto(exact, before), before)
+    assert found.degrees.max() < tolerances.MEAN_MOTION_DEGREES
+    assert found.distances.max() < tolerances.MEAN_MOTION_UNITS
 
 
 def test_own_motions_stay_when_the_mean_is_taken_out(rng):
@@ -188,6 +206,35 @@ def test_tracks_that_say_nothing_leave_the_poses(scene):
     result = refine_by_tracks(scene, OPTIONS.resolved())
     assert "no poses from tracks" in result.note
     assert result.scene is scene
+
+
+def test_tracks_bring_poses_back_and_leave_those_that_are_as_good(tmp_path, monkeypatch):
+    # A sixth of the demo's way, on which photographs share enough.
+    monkeypatch.setattr(demo, "camera_path", lambda n, seed: camera_path(6 * n, seed)[:n])
+    folder = demo.make_demo_scene(tmp_path / "data", 12, 0, size=160, progress=False)
+    true = gsut.load_dataset(folder)
+    options = TrainOptions(refine_poses=True, threads=2).resolved()
+    kept = refine_by_tracks(true, options)
+    print(kept.figures)
+    assert "as good, were kept" in kept.note
+    assert kept.tracked == []
+    np.testing.assert_array_equal(poses_of(kept.scene), poses_of(true))
+    start = disturbed(true, Disturbance("x", degrees=2.0, distance=0.08), 5)
+    found = refine_by_tracks(start, options)
+    assert len(found.tracked) == 12
+    assert found.note == ""
+    # Centres on so short a way leave a similarity's turn to chance.
+    turns = [
+        np.median(pose_changes(turned_onto(poses_of(each), poses_of(true)), poses_of(true)).degrees)
+        for each in (start, found.scene)
+    ]
+    centers = [compare_poses(poses_of(each), poses_of(true)).ate for each in (start, found.scene)]
+    print(turns, centers, found.figures)
+    assert turns[1] < tolerances.TRACKS_DEGREES_SHARE * turns[0]
+    assert centers[1] < tolerances.TRACKS_CENTERS_SHARE * centers[0]
+    # Refined again, they are as good as tracks get.
+    again = refine_by_tracks(found.scene, options)
+    np.testing.assert_array_equal(poses_of(again.scene), poses_of(found.scene))
 
 
 def test_what_cannot_be_refined_is_refused(scene):

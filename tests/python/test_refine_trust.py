@@ -127,7 +127,7 @@ def test_true_poses_stay_where_colours_alone_would_worsen_them(tmp_path, monkeyp
     guarded, metrics = errors(scene)
     names = [row["name"] for row in metrics["refinement"]["rejected"]]
     assert names == [scene.views[index].name for index in scene.train_indices]
-    assert "Colours place 12 of 12 training views no better" in metrics["refinement"]["note"]
+    assert "For 12 of 12 training views colours count less" in metrics["refinement"]["note"]
     off = disturbed(scene, Disturbance("x", degrees=1.0, distance=0.05), 5)
     back, moved = errors(off)
     assert moved["refinement"]["rejected"] == []

@@ -231,7 +231,7 @@ def plot_basin(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> 
     )
     ways = {
         "tracks": "training poses, by tracks of features",
-        "colours": "one new photograph, by its colours alone",
+        "colours": "one held-out photograph, by its colours alone",
     }
     for place, (way, words) in enumerate(ways.items()):
         line = [row for row in rows if row["basin"] == way]

@@ -145,12 +145,11 @@ class _Bench:
         for by in [each for each in DISTURBANCES if each.name in self._options.cases]:
             for refined in (False, True):
                 training = "refined" if refined else "plain"
-                row = self._row(
+                self._row(
                     {"disturbed": _text(by), "training": training},
                     f"{by.name}, {training}",
-                    functools.partial(self._train_disturbed, by, refined),
+                    functools.partial(self._train_disturbed, by, refined, first["psnr"]),
                 )
-                row["psnr_to_truth"] = row["psnr"] - first["psnr"]
         return list(self._rows)
 
     def basin_rows(self) -> list[dict[str, Any]]:
@@ -189,12 +188,14 @@ class _Bench:
         self._trained = gaussians, scene
         return row
 
-    def _train_disturbed(self, by: Disturbance, refined: bool) -> dict[str, Any]:
+    def _train_disturbed(self, by: Disturbance, refined: bool, best: float) -> dict[str, Any]:
         chosen = dataclasses.replace(
             _settings(self._options), refine_poses=refined, refine_lens=refined and by.of_lens,
             refine_tracks=self._options.tracks,
         )  # fmt: skip
-        return _measure(disturbed(self._truth, by, self._options.seed), self._truth, chosen)[0]
+        start = disturbed(self._truth, by, self._options.seed)
+        row, _, _ = _measure(start, self._truth, chosen)
+        return {**row, "psnr_to_truth": row["psnr"] - best}
 
     def _colors_row(self, degrees: float) -> dict[str, Any]:
         if self._trained is None:
