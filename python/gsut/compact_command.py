@@ -41,7 +41,8 @@ def add_compact_flags(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--finetune", type=int, default=0, metavar="STEPS",
-        help="train the result so many steps on the photographs [default 0: no photograph is used]",
+        help="train the result so many steps on the photographs; the fewer are kept, the more "
+        "pay: half as many as the run had, or as many [default 0: no photograph is used]",
     )  # fmt: skip
     parser.add_argument(
         "--harmonics-drop", type=float, metavar="DB",

@@ -207,7 +207,10 @@ def _add_compact(benchmarks: Any) -> None:
         "--scale", type=float, default=1.0, metavar="X", help="of the datasets' images [default 1]"
     )
     parser.add_argument(
-        "--resume", action="store_true", help="keep the rows that the --json file holds already"
+        "--resume",
+        action="store_true",
+        help="keep the rows that the --json file holds already, but those of these runs with other "
+        "settings; rows of other runs are printed and drawn, too",
     )
     parser.add_argument("--methods", metavar="A,B", help="[default: all of gsut compact]")
     parser.add_argument(

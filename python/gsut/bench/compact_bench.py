@@ -133,7 +133,7 @@ def compact_bench(
         num_gaussians, megabytes (of a PLY file), compact_seconds, finetune_seconds,
         total_seconds; `free` (before fine-tuning), `tuned` and `rival`, each a dict psnr, ssim,
         render_ms, of the rival also num_gaussians, steps and total_seconds; and `source` with
-        num_gaussians, psnr, ssim, render_ms of the whole model.
+        num_gaussians, psnr, ssim, render_ms of the whole model. Ordered by run, fraction, method.
 
     Raises:
         InputError: a run that is not finished, or whose dataset holds no view out.
@@ -148,7 +148,19 @@ def compact_bench(
             on_part(f"{Path(name).name} {start} training")
             folder = trained_start(name, start, options.recipe, options.folder)
             _bench_run(str(folder), start, options, rows, on_part, on_row)
-    return rows
+    return _ordered(rows)
+
+
+def _ordered(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows by run as they first come, the whole model first, then by fraction and method."""
+    runs = list(dict.fromkeys(row["run"] for row in rows))
+    methods = ("whole", *METHODS)
+
+    def place(row: dict[str, Any]) -> tuple[int, float, int]:
+        method = row["method"]
+        return runs.index(row["run"]), row["keep"] * (method != "whole"), methods.index(method)
+
+    return sorted(rows, key=place)
 
 
 def _bench_run(

@@ -155,7 +155,8 @@ def _lines(
 ) -> dict[str, Any]:
     """Each method's lines, the rival's and the whole model; the legend's entries by label."""
     drawn: dict[str, Any] = {}
-    methods = list(dict.fromkeys(row["method"] for row in rows if row["method"] != "whole"))
+    there = {row["method"] for row in rows}
+    methods = [method for method in METHODS if method in there]
     for method in methods:
         index = METHODS.index(method)  # one colour a method in all panels
         line = sorted((row for row in rows if row["method"] == method), key=lambda row: row["keep"])
