@@ -44,10 +44,10 @@ def poses_of(transforms):
 def read_points(path):
     header, data = path.read_bytes().split(b"end_header\n")
     count = int(header.split(b"element vertex ")[1].split(b"\n")[0])
-    layout = [("xyz", "<f4", 3), ("rgb", "u1", 3)]
+    layout = [("xyz", "<f8", 3), ("rgb", "u1", 3)]
     vertices = np.frombuffer(data, dtype=layout)
     assert len(vertices) == count
-    return vertices["xyz"].astype(np.float64), vertices["rgb"]
+    return vertices["xyz"], vertices["rgb"]
 
 
 def read_image(path):
@@ -263,7 +263,7 @@ def test_demo_scene_interrupted_leaves_nothing(tmp_path, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(dataset, "write_points", interrupt)
+    monkeypatch.setattr(dataset, "points_ply", interrupt)
     with pytest.raises(KeyboardInterrupt):
         make_demo_scene(tmp_path / "data", 1, 0, 16, progress=False)
     assert not list(tmp_path.iterdir())

@@ -253,9 +253,8 @@ double Rms(const SceneEvaluation& evaluation, const std::vector<PhotometricImage
 constexpr int kCovarianceBlocks = 16;
 constexpr int kFewestBlocks = 32;  // with pixels; below it each pixel counts as independent
 
-// Of one image, by the sandwich of normal equations N with Huber's weights (pose first, then gain
-// and bias) and the sums of their right-hand sides g over blocks of pixels: N^-1 (sum g g^T) N^-1.
-// What neighbouring pixels err together thus counts (Liang and Zeger 1986).
+// N^-1 (sum g g^T) N^-1 of one image: N its normal equations with Huber's weights, pose first; g of
+// a block its right-hand side, as pixels of a block may err together (Liang and Zeger 1986).
 Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const PhotometricImage& image,
                                        const Camera& camera, const PhotometricOptions& options) {
   const int size = options.with_gain ? 8 : 6;
@@ -368,7 +367,6 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
   if (any_lens) solver.linear_solver_ordering = ordering;
   solver.max_num_iterations = options.max_iterations;
   solver.function_tolerance = options.function_tolerance;
-  solver.num_threads = std::max(1, options.num_threads);
   solver.logging_type = ceres::SILENT;
   const QuietSolver quiet;
   ceres::Solver::Summary words;

@@ -40,7 +40,6 @@ struct PhotometricOptions {
   // lens_free[c]: which parameters of camera c are estimated, one flag each; empty: none.
   std::vector<std::vector<std::uint8_t>> lens_free;
   bool covariances = false;
-  int num_threads = 1;
 };
 
 struct PhotometricSummary {

@@ -17,6 +17,7 @@ from gsut.data.poses import OPENGL_FROM_OPENCV
 
 _AXES = ("x", "y", "z")
 _COLORS = ("red", "green", "blue")
+_PIXEL_CENTER = 0.5  # of the first pixel, written for other readers: cx = w / 2 is the middle
 
 
 def format_transforms(
@@ -43,6 +44,7 @@ def format_transforms(
     lenses = list(dict.fromkeys(frame.camera for frame in frames))
     texts = {lens: json.loads(format_nerfstudio(lens)) for lens in lenses}
     values: dict[str, Any] = dict(texts[lenses[0]]) if len(lenses) == 1 else {}
+    values["pixel_center"] = _PIXEL_CENTER
     if points_file is not None:
         values["ply_file_path"] = points_file
     directions = {frame.shutter.direction if frame.shutter else "global" for frame in frames}

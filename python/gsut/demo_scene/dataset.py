@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import json
 import os
 import shutil
 import tempfile
@@ -18,8 +17,8 @@ from tqdm import tqdm
 
 from gsut._core import InputError, num_threads
 from gsut.cameras import Camera
-from gsut.data.lens_nerfstudio import format_nerfstudio
-from gsut.data.poses import OPENGL_FROM_OPENCV
+from gsut.data.assemble import Frame
+from gsut.data.write_nerfstudio import format_transforms, points_ply
 from gsut.demo_scene.hall import Hall, make_hall
 from gsut.demo_scene.tracing import Tracer
 from gsut.demo_scene.views import camera_path, demo_camera
@@ -27,6 +26,7 @@ from gsut.demo_scene.views import camera_path, demo_camera
 SAMPLES_PER_SIDE = 4  # rays a pixel: a grid of 4 x 4
 _BLOCK = 32  # pixels; rays of a block are traced together
 _POINTS = 4000
+_POINTS_FILE = "points3D.ply"
 _POINT_NOISE = 0.01  # metres, standard deviation: as good as structure from motion gets
 _MILLIMETRES = 1000.0
 _FOLDER_MODE = 0o755
@@ -127,8 +127,17 @@ def _write_dataset(
     points, colors = surface_points(
         hall, camera, mask, [poses[i] for i in train], [images[i] for i in train], seed
     )
-    write_points(folder / "points3D.ply", points, colors)
-    _write_transforms(folder / "transforms.json", camera, poses, names, is_test)
+    (folder / _POINTS_FILE).write_bytes(points_ply(points, colors))
+    frames = [
+        Frame(
+            name, folder / "images" / name, camera, pose, mask_path=folder / "mask.png",
+            depth_path=folder / "depth" / name if test else None,
+        )
+        for name, pose, test in zip(names, poses, is_test, strict=True)
+    ]  # fmt: skip
+    test_names = [name for name, test in zip(names, is_test, strict=True) if test]
+    text = format_transforms(frames, folder, points_file=_POINTS_FILE, test=test_names)
+    (folder / "transforms.json").write_text(text, encoding="utf-8")
 
 
 def distances(hall: Hall, pose: np.ndarray, rays: np.ndarray) -> np.ndarray:
@@ -231,44 +240,3 @@ def write_image(path: Path, pixels: np.ndarray) -> None:
         raise InputError(
             f"{path}: cannot be written; is the folder writable and the disk not full?"
         )
-
-
-def write_points(path: Path, points: np.ndarray, colors: np.ndarray) -> None:
-    layout = [(n, "<f4") for n in "xyz"] + [(n, "u1") for n in ("red", "green", "blue")]
-    vertices = np.empty(len(points), dtype=layout)
-    for axis, name in enumerate("xyz"):
-        vertices[name] = points[:, axis]
-    for channel, name in enumerate(("red", "green", "blue")):
-        vertices[name] = colors[:, channel]
-    types = {"<f4": "float", "u1": "uchar"}
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
-    header += [f"property {types[kind]} {name}" for name, kind in layout] + ["end_header", ""]
-    path.write_bytes("\n".join(header).encode() + vertices.tobytes())
-
-
-def _write_transforms(
-    path: Path, camera: Camera, poses: list[np.ndarray], names: list[str], is_test: list[bool]
-) -> None:
-    lens = json.loads(format_nerfstudio(camera))
-    frames = []
-    for pose, name, test in zip(poses, names, is_test, strict=True):
-        frame = {
-            "file_path": f"images/{name}",
-            "transform_matrix": (pose @ OPENGL_FROM_OPENCV).tolist(),
-            "mask_path": "mask.png",
-        }
-        if test:
-            frame["depth_file_path"] = f"depth/{name}"
-        frames.append(frame)
-    listed = {
-        "train_filenames": [f"images/{n}" for n, t in zip(names, is_test, strict=True) if not t],
-        "test_filenames": [f"images/{n}" for n, t in zip(names, is_test, strict=True) if t],
-    }
-    text = json.dumps(
-        {
-            **lens, "pixel_center": 0.5, "ply_file_path": "points3D.ply", **listed,
-            "frames": frames,
-        },
-        indent=1,
-    )  # fmt: skip
-    path.write_text(text + "\n", encoding="utf-8")
