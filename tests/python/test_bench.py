@@ -36,7 +36,7 @@ def _same_machine_after():
 def small_options(**changes):
     given = {
         "scenes": ["synthetic_2k_64x48"], "isas": _core.available_isas()[:1], "threads": (1, 2),
-        "repeats": 2, "scalar_repeats": 1, "steps": 2, "tiles": 6,
+        "repeats": 6, "scalar_repeats": 1, "steps": 2, "tiles": 6,
     }  # fmt: skip
     return render_bench.RenderBenchOptions(**given | changes)
 
