@@ -12,7 +12,6 @@ and 0.47 degrees off on average (0.5 % of the way), where bundle adjustment of f
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -28,6 +27,7 @@ from gsut.data.scene import Scene, View
 from gsut.gaussians import Gaussians
 from gsut.options import TrainOptions
 from gsut.refine import RefinedPose, refine_pose
+from gsut.run_folder import RunFolder
 from gsut.seeding import seed_from_points
 from gsut.structure.align import centers_of
 from gsut.structure.features import Features
@@ -93,7 +93,9 @@ def grow_poses(
 
     def show(step: str, to_keep: bool) -> None:
         if keep is not None and to_keep:
-            _write_kept(keep, growth.state_dict())
+            RunFolder(keep.parent).write(
+                keep.name, lambda path: write_checkpoint(path, growth.state_dict())
+            )
         on_progress(len(growth.posed), len(photographs), len(growth.points.positions), step)
 
     show("grow", kept is None)
@@ -112,18 +114,6 @@ def _read_kept(path: Path) -> dict[str, Any] | None:
         return read_checkpoint(path) if path.exists() else None
     except InputError:
         return None
-
-
-def _write_kept(path: Path, state: dict[str, Any]) -> None:
-    temporary = path.with_name(f".writing-{path.name}")
-    try:
-        write_checkpoint(temporary, state)
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(
-            f"cannot write {path}: {error.strerror}; is the folder writable and the disk not full?"
-        ) from error
 
 
 def _start(
