@@ -199,9 +199,9 @@ def _bench_run(
 
     for keep in options.keeps:
         made = []
+        count = max(1, round(keep * len(gaussians)))
         for method in options.methods:
             on_part(f"{name} {method} {keep:g}")
-            count = max(1, round(keep * len(gaussians)))
             tuning = finetune_options(train_options, options.finetune, count)
             key["settings"] = _digest(tuning, settings_of(method))
             row = _found(rows, key, method, keep)
@@ -220,7 +220,6 @@ def _bench_run(
             made.append(row)
         if options.rival:
             on_part(f"{name} rival {keep:g}")
-            count = max(1, round(keep * len(gaussians)))
             settings = _digest(_rival_options(train_options, count, _PILOT_STEPS), options.finetune)
             had = [row["rival"] for row in made if "rival" in row]
             rival = next((it for it in had if it.get("settings") == settings), None)
