@@ -279,6 +279,7 @@ def test_demo_scene_parent_that_is_a_file_raises(tmp_path):
 def test_glass_is_found_one_float_inside_the_edges_of_every_window(seed):
     hall = make_hall(seed)
     tracer = Tracer(hall, 4)
+    tried = 0
     for window in hall.windows:
         edges = np.float32([window.y - window.width / 2, window.y + window.width / 2])
         y = np.concatenate([np.nextafter(edges, np.float32(side)) for side in (-1e9, 1e9)])
@@ -286,6 +287,8 @@ def test_glass_is_found_one_float_inside_the_edges_of_every_window(seed):
         z = np.float32([low, np.nextafter(low, high), np.nextafter(high, low), high])
         yy, zz = (grid.ravel() for grid in np.meshgrid(y, z))
         assert tracer._glass(yy, zz).shape == (len(yy), 3)
+        tried += len(yy)
+    assert tried == 16 * len(hall.windows) > 0
 
 
 def test_no_ray_is_stopped_where_there_is_none():
