@@ -8,7 +8,6 @@ import os
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from gsut._core import CalibrationError, InputError
@@ -162,6 +161,8 @@ def _of_camchain(file: Path, text: str) -> Rig:
 
 def _pose(values: Any, where: str) -> np.ndarray:
     """(4, 4) of six numbers or a matrix."""
+    import cv2
+
     try:
         array = np.array(values, np.float64)
     except (TypeError, ValueError):
@@ -211,6 +212,8 @@ def relative_changes(given: Rig, found: np.ndarray) -> list[tuple[float, float]]
     Args:
         given: as read. found: (K, 4, 4) camera_from_reference now.
     """
+    import cv2
+
     changes = []
     for before, after in zip(given.camera_from_reference, found, strict=True):
         step = after @ inverse(before)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 
-import cv2
 import numpy as np
 
 from gsut._core import SolveError
@@ -165,6 +164,8 @@ def _reference_pose(
 
 def _vector_degrees(rotation: np.ndarray) -> np.ndarray:
     """(3,) the rotation's axis times its angle in degrees."""
+    import cv2
+
     return np.degrees(cv2.Rodrigues(rotation)[0].ravel())
 
 

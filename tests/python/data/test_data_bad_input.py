@@ -521,7 +521,7 @@ def test_load_bad_input_is_one_clear_sentence(name, tmp_path):
     assert str(path) in message
 
 
-@pytest.mark.parametrize("name", NEEDS_DECODING)
+@pytest.mark.parametrize("name", sorted(NEEDS_DECODING))
 def test_load_bad_pixels_are_not_read_before_they_are_needed(name, tmp_path):
     CASES[name][0](tmp_path)
     assert len(load_dataset(tmp_path)) == small.VIEWS
