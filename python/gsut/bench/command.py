@@ -288,7 +288,6 @@ def projection(arguments: argparse.Namespace) -> int:
     options = ProjectionBenchOptions(
         lenses=_words(arguments.lenses),
         samples=arguments.samples,
-        max_error_px=arguments.max_error_px,
     )
     with _bar(len(bench_lenses(options.lenses))) as advance:
         rows = projection_bench(options, advance)

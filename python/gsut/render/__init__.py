@@ -10,11 +10,10 @@ from gsut.render.metrics import (
 )
 from gsut.render.paths import orbit_path, smooth_path
 from gsut.render.pictures import picture_stems, to_uint8, write_png, write_video
-from gsut.render.projection import DEFAULT_MAX_ERROR_PX, METHODS, Projection, project
+from gsut.render.projection import METHODS, Projection, project
 from gsut.render.renderer import DEFAULT_UNSCENTED, Gradients, Render, render, render_backward
 
 __all__ = [
-    "DEFAULT_MAX_ERROR_PX",
     "DEFAULT_UNSCENTED",
     "METHODS",
     "RING_EDGES_DEGREES",

@@ -14,12 +14,9 @@ from gsut.gaussians import Gaussians
 from gsut.render.motion import camera_motion
 
 # In the order of the core's enumeration.
-METHODS = (
-    "ewa", "unscented", "simplex", "cubature", "gauss_hermite", "silhouette", "adaptive",
-)  # fmt: skip
+METHODS = ("ewa", "unscented", "simplex", "cubature", "gauss_hermite", "silhouette")
 # alpha, beta, kappa of the unscented transform (FACTS: gsplat alpha 0.1, 3dgrut alpha 1).
 DEFAULT_UNSCENTED = (1.0, 2.0, 0.0)
-DEFAULT_MAX_ERROR_PX = 0.25
 
 
 @dataclasses.dataclass
@@ -36,7 +33,6 @@ class Projection:
             alpha >= alpha_min has its centre inside. Low > high: there is none. On a panorama a box
             may reach across the seam and then means its copy one period further, too.
         bounded: (N,) bool, the method says which pixels see the Gaussian (or that none does).
-        methods: (N,) names of the methods used; "adaptive" names its choice.
         converged: (N,) bool, with a rolling shutter: every sigma point settled on the line that
             sees it; where it is False the footprint is NaN. Without one always True.
     """
@@ -48,7 +44,6 @@ class Projection:
     valid: np.ndarray
     boxes: np.ndarray
     bounded: np.ndarray
-    methods: np.ndarray
     converged: np.ndarray
 
 
@@ -61,7 +56,6 @@ def project(
     method: str = "unscented",
     unscented: Sequence[float] = DEFAULT_UNSCENTED,
     alpha_min: float = 1.0 / 255.0,
-    max_error_px: float = DEFAULT_MAX_ERROR_PX,
     dtype: str = "float32",
 ) -> Projection:
     """Projects Gaussians through the lens.
@@ -77,23 +71,16 @@ def project(
         method: "ewa": the lens' Jacobian at the mean. "unscented": 7 sigma points. "simplex",
             "cubature", "gauss_hermite": 4, 6 and 27 points. "silhouette": the cone of rays that
             touch the ellipsoid where alpha falls to alpha_min, through the lens; its boxes are
-            exact, with the camera inside, across the domain's edge and the seam, too. "adaptive":
-            the cheapest of EWA, unscented and silhouette whose error is proven to be under
-            max_error_px, decided from size and place before any of them is computed.
-        unscented: alpha, beta, kappa of the transform (not of "adaptive", which takes 1, 2, 0).
+            exact, with the camera inside, across the domain's edge and the seam, too.
+        unscented: alpha, beta, kappa of the transform.
         alpha_min: opacity times response below which a Gaussian is not drawn; sets the extents.
-        max_error_px: "adaptive" only: bound of the error of the centre (against the mean of the
-            projected Gaussian cut at 3.33 standard deviations), and of EWA's box. By Taylor's
-            formula and bounds of the lens' second and third derivatives over patches of directions,
-            from interval arithmetic: proven but for rounding. Boxes of "adaptive" are widened by
-            the bound of their error: they miss no pixel at any max_error_px.
         dtype: "float32" (vectorised) or "float64" (the scalar reference).
 
     Returns:
         The footprints. Centres in float32 are within 1e-4 px of the reference for alpha >= 0.1.
 
     Raises:
-        InputError: unknown method or dtype, shapes, weights, max_error_px, pose or shutter.
+        InputError: unknown method or dtype, shapes, weights, pose or shutter.
     """
     if method not in METHODS:
         raise InputError(f'projection method "{method}" is unknown; known: {", ".join(METHODS)}')
@@ -109,9 +96,7 @@ def project(
         return _moving(gaussians, camera, place, weights, float(alpha_min), dtype)
     g = gaussians.astype(np.dtype(dtype))
     found: dict[str, Any]
-    footprinter = _core.Footprinter(
-        METHODS.index(method), weights, float(alpha_min), float(max_error_px)
-    )
+    footprinter = _core.Footprinter(METHODS.index(method), weights, float(alpha_min))
     if dtype == "float64":
         found = dict(footprinter.reference(g, camera, place))
     else:
@@ -131,8 +116,7 @@ def project(
         extents[found["status"] != _BOX] = np.nan
     return Projection(
         centers, found["covariances"], extents, depths, np.isfinite(centers[:, 0]), boxes,
-        found["status"] != _UNKNOWN, np.asarray(METHODS)[found["method"]],
-        np.ones(len(g), bool),
+        found["status"] != _UNKNOWN, np.ones(len(g), bool),
     )  # fmt: skip
 
 
@@ -184,7 +168,4 @@ def _moving(
     boxes = np.concatenate([centers - extents, centers + extents], axis=1)
     arrays = (array.astype(dtype) for array in (centers, cov, extents, depths, boxes))
     centers, cov, extents, depths, boxes = arrays
-    names = np.full(len(g), "unscented")
-    return Projection(
-        centers, cov, extents, depths, valid, boxes, valid & converged, names, converged
-    )
+    return Projection(centers, cov, extents, depths, valid, boxes, valid & converged, converged)

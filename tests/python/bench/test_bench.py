@@ -229,7 +229,7 @@ def test_bench_projection_writes_rows_and_a_plot_a_lens(tmp_path, capsys):
     assert "ns" in capsys.readouterr().out
     for row in rows:
         assert row["ns_per_gaussian"] > 0
-        if row["method"] in ("silhouette", "adaptive"):
+        if row["method"] == "silhouette":
             assert row["alpha_missed"] in (None, 0.0)
     small = [r for r in rows if r["size"] == "small" and r["center_error_px"] is not None]
     assert len(small) > 20
