@@ -13,7 +13,7 @@ from gsut.sfm.output import TRANSFORMS, check_lenses, figures, write_dataset
 from gsut.sfm.pairs import choose_pairs
 from gsut.sfm.report import REPORT, write_report
 from gsut.sfm.rig_file import Rig, read_rig, relative_changes, write_rig
-from gsut.sfm.solution import Solution, at_sights, diagonal, in_cameras, refine, solve
+from gsut.sfm.solution import Solution, diagonal, evaluate_observations, in_cameras, refine, solve
 from gsut.sfm.stages import FOLDER, write_atomically
 
 __all__ = [
@@ -30,13 +30,13 @@ __all__ = [
     "RefinedLens",
     "Rig",
     "Solution",
-    "at_sights",
     "centers_of",
     "check_lenses",
     "choose_pairs",
     "compare_poses",
     "diagonal",
     "estimate_poses",
+    "evaluate_observations",
     "features_in",
     "figures",
     "find_all_features",

@@ -15,7 +15,7 @@ from gsut.cli import main
 from gsut.sfm.align import compare_poses
 from gsut.sfm.estimate import estimate_poses
 from gsut.sfm.inputs import Photographs
-from gsut.sfm.lens_search import guessed_lens, search_lens
+from gsut.sfm.lens_search import guess_lens, search_lens
 from gsut.sfm.matching import match_and_verify, match_in_full, verify
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.pairs import choose_pairs
@@ -91,7 +91,7 @@ def test_solve_with_the_readout_time_given_agrees(walk):
 
 def test_search_lens_finds_a_rolling_fisheye_with_the_poses(walk, tmp_path):
     count = len(walk.features)
-    guess = guessed_lens(walk.camera.width, walk.camera.height, 180.0)
+    guess = guess_lens(walk.camera.width, walk.camera.height, 180.0)
     names = [f"{i:03d}.png" for i in range(count)]
     photographs = Photographs(
         tmp_path, names, [tmp_path / n for n in names], [None] * count, [guess] * count
