@@ -16,6 +16,7 @@ import tempfile
 from pathlib import Path
 
 from gsut._core import InputError
+from gsut.lens import OWN_SUFFIX
 
 _HERE = Path(__file__).resolve().parent
 # The folder that holds calib/: of an installed gsut, or of the repository.
@@ -129,11 +130,11 @@ def calibrate(arguments: argparse.Namespace) -> int:
 
 
 def _from_dataset(arguments: argparse.Namespace) -> int:
-    """Refines; a lens that mrcal lacks is written again by calib, as the nearest it has."""
+    """Refines; a fisheye that mrcal lacks is written again by calib, as the nearest it has."""
     from gsut.cli.calibrate_dataset import calibrate_from_dataset
 
     written, wanted = calibrate_from_dataset(arguments), Path(arguments.out)
-    if written == wanted:
+    if written == wanted or written.name.endswith(OWN_SUFFIX):
         return 0
     return _run_calib("calib.nearest_splined", str(written), str(wanted))
 

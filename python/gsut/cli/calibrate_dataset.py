@@ -13,14 +13,13 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import read_dataset
-from gsut.lens import Camera, grid_pixels, save_uncertainty
+from gsut.lens import OWN_SUFFIX, Camera, grid_pixels, save_uncertainty
 from gsut.run import StageBars
 from gsut.sfm import (
     REPORT,
     TRANSFORMS,
     PosesOptions,
     RefinedLens,
-    check_lenses,
     figures,
     refine_lens,
     write_atomically,
@@ -39,14 +38,14 @@ def calibrate_from_dataset(arguments: argparse.Namespace) -> Path:
 
     Beside the lens file: report.json, report.html and the folder NAME-dataset with the refined
     poses. A Kannala-Brandt lens, which mrcal does not have, goes to NAME.yaml where a .cameramodel
-    was asked for; the caller adds the nearest splined lens.
+    was asked for; the caller adds the nearest splined lens. Any other lens that the form asked for
+    does not have goes to NAME.lens.json.
 
     Raises:
         InputError: wrong arguments or data, one sentence. SolveError: nothing to be trusted.
     """
     out, data = Path(arguments.out), Path(arguments.from_dataset)
     _check(arguments, out)
-    check_lenses(list({frame.camera for frame in read_dataset(data).frames}))
     started = time.perf_counter()
     notes: list[str] = []
     with StageBars(enabled=not arguments.quiet) as bars:
@@ -105,7 +104,11 @@ def _write_lens(camera: Camera, sigma: np.ndarray, out: Path) -> Path:
     exact = out
     if out.suffix.lower() == ".cameramodel" and camera.model == "kannala_brandt":
         exact = out.with_suffix(".yaml")
-    camera.save(exact, "opencv" if exact.suffix.lower() != ".cameramodel" else "mrcal")
+    try:
+        camera.save(exact, "opencv" if exact.suffix.lower() != ".cameramodel" else "mrcal")
+    except InputError:  # the form that was asked for has no such lens
+        exact = out.with_suffix(OWN_SUFFIX)
+        camera.save(exact)
     save_uncertainty(exact, sigma)
     return exact
 

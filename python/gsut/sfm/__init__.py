@@ -8,7 +8,7 @@ from gsut.sfm.features import Features, features_in, find_all_features, no_featu
 from gsut.sfm.inputs import Photographs, find_photographs
 from gsut.sfm.matching import PairMatches, match_and_verify, preview_pairs
 from gsut.sfm.options import PosesOptions
-from gsut.sfm.output import TRANSFORMS, check_lenses, figures, write_dataset
+from gsut.sfm.output import TRANSFORMS, figures, write_dataset
 from gsut.sfm.pairs import choose_pairs
 from gsut.sfm.refine_lens import RefinedLens, refine_lens
 from gsut.sfm.report import REPORT, write_report
@@ -32,7 +32,6 @@ __all__ = [
     "Solution",
     "at_sights",
     "centers_of",
-    "check_lenses",
     "choose_pairs",
     "compare_poses",
     "diagonal",
