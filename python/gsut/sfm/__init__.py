@@ -6,11 +6,11 @@ from gsut.sfm.calibrate_dataset_page import write_page
 from gsut.sfm.estimate import PosesResult, estimate_poses, is_finished
 from gsut.sfm.features import Features, features_in, find_all_features, no_features
 from gsut.sfm.inputs import Photographs, find_photographs
+from gsut.sfm.lens_refinement import RefinedLens, refine_lens
 from gsut.sfm.matching import PairMatches, match_and_verify, preview_pairs
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import TRANSFORMS, figures, write_dataset
 from gsut.sfm.pairs import choose_pairs
-from gsut.sfm.refine_lens import RefinedLens, refine_lens
 from gsut.sfm.report import REPORT, write_report
 from gsut.sfm.rig_file import Rig, read_rig, relative_changes, write_rig
 from gsut.sfm.solution import Solution, at_sights, diagonal, in_cameras, refine, solve
