@@ -2,25 +2,28 @@
 
 from gsut.lens.calibration_weights import CalibrationWeights
 from gsut.lens.camera import Camera, camera_models
-from gsut.lens.convert import run_convert
+from gsut.lens.convert import convert_camera, format_conversion
 from gsut.lens.files import colmap_camera, load_camera, nerfstudio_camera
 from gsut.lens.files.colmap import PARAMETER_COUNTS, format_colmap
 from gsut.lens.files.kalibr import is_camchain
 from gsut.lens.files.nerfstudio import format_nerfstudio
+from gsut.lens.fit import SplineGrid
 from gsut.lens.uncertainty import grid_pixels, save_uncertainty
 
 __all__ = [
     "PARAMETER_COUNTS",
     "CalibrationWeights",
     "Camera",
+    "SplineGrid",
     "camera_models",
     "colmap_camera",
+    "convert_camera",
     "format_colmap",
+    "format_conversion",
     "format_nerfstudio",
     "grid_pixels",
     "is_camchain",
     "load_camera",
     "nerfstudio_camera",
-    "run_convert",
     "save_uncertainty",
 ]
