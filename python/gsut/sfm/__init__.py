@@ -6,6 +6,7 @@ from gsut.sfm.dataset_calibration import calibrate_from_dataset
 from gsut.sfm.estimate import PosesResult, estimate_poses, is_finished
 from gsut.sfm.features import Features, features_in, find_all_features, no_features
 from gsut.sfm.inputs import Photographs, find_photographs
+from gsut.sfm.lens_refinement import refine_lens
 from gsut.sfm.matching import PairMatches, match_and_verify, preview_pairs
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.pairs import choose_pairs
@@ -43,6 +44,7 @@ __all__ = [
     "preview_pairs",
     "read_rig",
     "refine",
+    "refine_lens",
     "relative_changes",
     "solve",
     "write_rig",

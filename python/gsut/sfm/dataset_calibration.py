@@ -16,9 +16,9 @@ from gsut._core import InputError
 from gsut.data import read_dataset
 from gsut.lens import Camera, grid_pixels, save_uncertainty
 from gsut.sfm.calibrate_dataset_page import write_page
+from gsut.sfm.lens_refinement import RefinedLens, refine_lens
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import TRANSFORMS, check_lenses, figures, write_dataset
-from gsut.sfm.refine_lens import RefinedLens, refine_lens
 from gsut.sfm.report import REPORT, write_report
 from gsut.sfm.stages import write_atomically
 
