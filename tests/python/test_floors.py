@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 # Folder (or module) of python/gsut -> floor; the package `gsut` itself is above all.
 FLOORS = {
-    "_core": 0,
+    **dict.fromkeys(("_core", "least_squares"), 0),
     **dict.fromkeys(("gaussians", "lens", "run", "page"), 1),
     **dict.fromkeys(("render", "optimize", "data", "formats"), 2),
     **dict.fromkeys(("capture", "sfm", "evaluate", "compact", "surface", "demo"), 3),
@@ -31,8 +31,6 @@ MAX_FUNCTION, MAX_CLASS, MAX_FILE = 80, 250, 400  # lines
 LONGER: dict[str, str] = {  # "path" or "path:name" -> why it is longer
     "python/gsut/optimize/optimizer.py:GaussianOptimizer": "",
     "python/gsut/run/options.py:TrainOptions": "every option with its help",
-    "python/gsut/sfm/estimate.py:estimate_poses": "",
-    "python/gsut/sfm/rig.py:_fit": "",
     "python/gsut/training/loop.py:TrainingLoop": "",
 }
 

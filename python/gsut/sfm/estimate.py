@@ -15,14 +15,14 @@ from gsut import _core
 from gsut._core import InputError, Shutter
 from gsut.data import some_names
 from gsut.run import Stopwatch
-from gsut.sfm.features import Features, find_all_features, no_features
-from gsut.sfm.inputs import Photographs, find_photographs
+from gsut.sfm.correspondences import OnProgress, collect_features, match_images
+from gsut.sfm.features import Features
+from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_search import guess_lenses, search_lens
-from gsut.sfm.matching import PairMatches, RawMatches, match_in_full, preview_pairs, verify
+from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.options import PosesOptions
-from gsut.sfm.output import FIGURES, TRANSFORMS, check_lenses, figures, write_dataset
+from gsut.sfm.output import FIGURES, TRANSFORMS, figures, write_dataset
 from gsut.sfm.overlap import require_overlap
-from gsut.sfm.pairs import choose_pairs
 from gsut.sfm.readout import readout_time
 from gsut.sfm.report import REPORT, write_report
 from gsut.sfm.rig import COVARIANCE_OF, RigFit, refuse_beside_rig, solve_rig
@@ -38,8 +38,6 @@ _FEW_AGREE = 0.6
 # shutter SfM", ECCV 2016): 0.34 to 0.75 in three such sets of views of helmet_distorted_rs, 0.86
 # and more in eight sets that were right (10 to 20 views).
 _FEW_AGREE_ROLLING = 0.8
-# Told (stage, done, total, text) as the work goes on.
-OnProgress = Callable[[str, int, int, str], None]
 # (photographs, features, pairs, options, on_progress) -> poses and points; lenses are known.
 Mapper = Callable[
     [
@@ -118,12 +116,14 @@ def estimate_poses(
     folder.mkdir(parents=True, exist_ok=True)
     stages = Stages(folder, _key(photographs, options, fov_degrees))
     with _threads(options.threads):
-        features = _features(photographs, options, stages, log)
+        features = collect_features(photographs, options, log.show, log.note, stages)
         log.watch.lap("features")
         known = photographs.lenses_known
         if not known:
             photographs = guess_lenses(photographs, fov_degrees)
-        raw = _matches(photographs, features, options, stages, log.show)
+        raw = match_images(
+            photographs.names, features, options, log.show, photographs.frames, stages
+        )
         pairs = verify(
             features, photographs.lenses, raw, options, log.on_pairs("verifying"), shutter
         )
@@ -209,12 +209,12 @@ def _inputs(
         refuse_beside_rig(options, others)
         on_rig = read_rig(rig)
         photographs = find_rig_photographs(images, on_rig)
-        check_lenses(photographs.lenses)
+        require_central(photographs.lenses)
         return photographs, on_rig
     photographs = find_photographs(images, None if camera is None else Path(camera))
     if unknown_lens:
         photographs = dataclasses.replace(photographs, cameras=[None] * len(photographs))
-    check_lenses([camera for camera in photographs.cameras if camera is not None])
+    require_central([camera for camera in photographs.cameras if camera is not None])
     return photographs, None
 
 
@@ -341,70 +341,6 @@ def _shutter(
             "leave it out, or give --shutter global"
         )
     return shutter
-
-
-def _features(
-    photographs: Photographs, options: PosesOptions, stages: Stages, log: _Log
-) -> list[Features]:
-    """Of all images, from the stage files where they are there; none of unreadable ones."""
-    found = [stages.load_features(i) for i in range(len(photographs))]
-    absent = [i for i, features in enumerate(found) if features is None]
-    done = len(photographs) - len(absent)
-    log.show("features", done, len(photographs), "")
-    broken: list[str] = []
-
-    def on_image(place: int, features: Features | None, error: Exception | None) -> None:
-        nonlocal done
-        index = absent[place]
-        if features is None:
-            broken.append(str(error))
-            log.note(f"left out: {error}")
-            features = no_features()
-        else:
-            stages.save_features(index, features)
-        found[index] = features
-        done += 1
-        name = photographs.names[index]
-        log.show("features", done, len(photographs), f"{len(features):,} in {name}")
-
-    find_all_features(
-        [photographs.paths[i] for i in absent],
-        [photographs.cameras[i] for i in absent],
-        [photographs.masks[i] for i in absent],
-        options,
-        on_image,
-    )
-    usable = len(photographs) - len(broken)
-    if usable < 2:
-        raise InputError(
-            f"{usable} of {len(photographs)} images can be used, and poses need at least 2 that "
-            f"overlap; {broken[0] if broken else ''}"
-        )
-    return [f for f in found if f is not None]
-
-
-def _matches(
-    photographs: Photographs,
-    features: list[Features],
-    options: PosesOptions,
-    stages: Stages,
-    show: OnProgress,
-) -> RawMatches:
-    """Of all pairs that look alike, from the stage file where it is there."""
-    kept = stages.load_matches()
-    if kept is not None:
-        return kept
-    pairs = choose_pairs(photographs.names, features, options, photographs.frames)
-    pairs = preview_pairs(
-        features, pairs, options,
-        lambda done, total: show("preview", done, total, f"{total} pairs"),
-    )  # fmt: skip
-    raw = match_in_full(
-        features, pairs, options,
-        lambda done, total: show("matching", done, total, f"{total} pairs"),
-    )  # fmt: skip
-    stages.save_matches(raw)
-    return raw
 
 
 def is_finished(out: Path) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -121,3 +122,18 @@ def _lens_of(path: Path) -> Camera:
     if file is None:
         raise InputError(f"{path} holds neither a transforms.json nor a lens file")
     return load_camera(file)
+
+
+def require_central(cameras: Iterable[Camera]) -> None:
+    """Refuses lenses whose rays do not meet in one point.
+
+    Raises:
+        InputError: says what to do instead.
+    """
+    for camera in cameras:
+        if not camera.is_central:
+            raise InputError(
+                f"poses need a lens whose rays meet in one point, and those of {camera.model} do "
+                "not: fit a central one to it, such as splined_stereographic, with `gsut camera "
+                "convert`"
+            )

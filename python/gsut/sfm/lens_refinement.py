@@ -10,24 +10,22 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import Frame, inverse, read_dataset, some_names
+from gsut.least_squares import minimize_least_squares
 from gsut.lens import Camera, refinable_params
-from gsut.sfm.features import Features, find_all_features, no_features
-from gsut.sfm.inputs import Photographs
+from gsut.sfm.correspondences import OnProgress, collect_features, match_images
+from gsut.sfm.features import Features
+from gsut.sfm.inputs import Photographs, require_central
 from gsut.sfm.lens_covariance import LensCovariance, lens_covariance
-from gsut.sfm.matching import OnPairs, PairMatches, match_and_verify, preview_pairs
+from gsut.sfm.matching import PairMatches, RawMatches, verify
 from gsut.sfm.options import PosesOptions
-from gsut.sfm.output import check_lenses
-from gsut.sfm.pairs import choose_pairs
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution, in_cameras, refine
 
-# Told (stage, done, total, text) as the work goes on.
-OnProgress = Callable[[str, int, int, str], None]
 _FEWEST_IMAGES = 3
 _HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare a observation
 _ROUNDS = 2  # of verified matches: the second through the refined lens
 # Of the first matches' largest error: through a lens that is some percent off.
 _LOOSER = 4.0
-_POINT_STEPS = 20  # Gauss-Newton steps of points seen by fixed cameras
+_POINT_STEPS = 20  # Levenberg-Marquardt steps of points seen by fixed cameras
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,12 +82,8 @@ def refine_lens(
         [frame.camera for frame in frames],
     )
     given = [inverse(frame.world_from_camera) for frame in frames]
-    features = _features(photographs, options, on_progress, note)
-    pairs = choose_pairs(photographs.names, features, options)
-    pairs = preview_pairs(
-        features, pairs, options,
-        lambda done, total: on_progress("preview", done, total, f"{total} pairs"),
-    )  # fmt: skip
+    features = collect_features(photographs, options, on_progress, note)
+    raw = match_images(photographs.names, features, options, on_progress)
     free = refinable_params(before)
     if not free.all():
         note(_held_note(before, free))
@@ -97,15 +91,12 @@ def refine_lens(
     loose = dataclasses.replace(options, max_two_view_error=_LOOSER * options.max_two_view_error)
     passed = 0
 
-    def show_pairs(done: int, total: int) -> None:
-        on_progress("matching", done + passed * total, _ROUNDS * total, f"{total} pairs")
-
     def show_images(done: int, total: int, points: int, step: str) -> None:
         on_progress("adjusting", done + passed * total, _ROUNDS * total, f"{points:,} points")
 
     for passed in range(_ROUNDS):
         last = passed == _ROUNDS - 1
-        verified = _verified(features, camera, pairs, options if last else loose, show_pairs)
+        verified = _verified(features, camera, raw, options if last else loose)
         solution = refine(
             photographs.names, [camera] * len(frames), features, verified, poses, options,
             show_images, lens_free=free, hold_out_every=_HOLD_OUT_EVERY if last else 0,
@@ -159,38 +150,19 @@ def _checked_frames(data: Path) -> list[Frame]:
             f"{data} has a rolling shutter, which --from-dataset does not model; calibrate with a "
             "board and a still camera"
         )
-    check_lenses(lenses)
+    require_central(lenses)
     if not lenses[0].params.size:
         raise InputError(f"{data}: the lens {lenses[0].model} has no parameters to refine")
     return frames
 
 
-def _features(
-    photographs: Photographs,
-    options: PosesOptions,
-    on_progress: OnProgress,
-    note: Callable[[str], None],
-) -> list[Features]:
-    found: list[Features] = []
-
-    def on_image(index: int, features: Features | None, error: Exception | None) -> None:
-        if features is None:
-            note(f"left out: {error}")
-        found.append(features if features is not None else no_features())
-        on_progress("features", len(found), len(photographs), photographs.names[index])
-
-    find_all_features(photographs.paths, photographs.cameras, photographs.masks, options, on_image)
-    return found
-
-
 def _verified(
     features: Sequence[Features],
     camera: Camera,
-    pairs: np.ndarray,
+    raw: RawMatches,
     options: PosesOptions,
-    on_pairs: OnPairs,
 ) -> list[PairMatches]:
-    verified = match_and_verify(features, [camera] * len(features), pairs, options, on_pairs)
+    verified = verify(features, [camera] * len(features), raw, options)
     if not verified:
         raise InputError(
             "no two images have matches that agree through this lens: do images and lens belong "
@@ -228,34 +200,29 @@ def fitted_points(
     camera: Camera,
     poses: np.ndarray,
 ) -> np.ndarray:
-    """Points (P, 3) that fit their observations best through fixed cameras: damped Gauss-Newton.
+    """Points (P, 3) that fit their observations best through fixed cameras.
 
     Args:
         start: (P, 3). observations: (S, 3) int: point, image, feature. pixels: (S, 2) of them.
         camera: of all images. poses: (N, 4, 4) camera_from_world.
     """
-    points, which = start.copy(), observations[:, 0]
+    which = observations[:, 0]
 
-    def cost_of(trial: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        p = in_cameras(trial, observations, poses)
-        residual = camera.project(p)[0] - pixels
-        lost = ~np.isfinite(residual).all(axis=1)
-        squared = np.where(lost, np.inf, np.sum(residual**2, axis=1))
-        return np.bincount(which, squared, len(points)), p, np.where(lost[:, None], 0.0, residual)
+    def residuals(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        p = in_cameras(points, observations, poses)
+        return p, camera.project(p)[0] - pixels
 
-    cost, p, residual = cost_of(points)
-    damping = np.full(len(points), 1e-3)
-    for _ in range(_POINT_STEPS):
+    def cost_of(points: np.ndarray) -> np.ndarray:
+        squared = np.sum(residuals(points)[1] ** 2, axis=1)
+        return np.bincount(which, np.where(np.isfinite(squared), squared, np.inf), len(points))
+
+    def normal_equations(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        p, residual = residuals(points)
+        residual = np.where(np.isfinite(residual).all(axis=1)[:, None], residual, 0.0)
         by_point = np.nan_to_num(camera.project_jacobian(p)[0]) @ poses[observations[:, 1], :3, :3]
-        normal, gradient = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3))
-        np.add.at(normal, which, by_point.transpose(0, 2, 1) @ by_point)
+        gradient, normal = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
         np.add.at(gradient, which, np.einsum("nij,ni->nj", by_point, residual))
-        size = np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-12)
-        normal += (damping * size)[:, None, None] * np.eye(3)
-        trial = points - np.linalg.solve(normal, gradient[:, :, None])[:, :, 0]
-        trial_cost, _, _ = cost_of(trial)
-        better = trial_cost < cost
-        points = np.where(better[:, None], trial, points)
-        damping = np.where(better, damping / 10, damping * 10).clip(1e-12, 1e6)
-        cost, p, residual = cost_of(points)
-    return points
+        np.add.at(normal, which, by_point.transpose(0, 2, 1) @ by_point)
+        return gradient, normal
+
+    return minimize_least_squares(start, cost_of, normal_equations, max_steps=_POINT_STEPS)[0]

@@ -15,8 +15,9 @@ from gsut import _core
 from gsut.bench import poses_bench, pycolmap_poses
 from gsut.cli import main
 from gsut.lens import convert_camera
-from gsut.sfm import estimate
+from gsut.sfm import correspondences, estimate
 from gsut.sfm.align import centers_of, compare_poses, rotation_angles, similarity
+from gsut.sfm.correspondences import match_images
 from gsut.sfm.estimate import estimate_poses
 from gsut.sfm.features import features_in, find_features
 from gsut.sfm.inputs import Photographs
@@ -26,7 +27,7 @@ from gsut.sfm.lens_search import (
     keep_most_distinct,
     search_lens,
 )
-from gsut.sfm.matching import match_in_full, verify
+from gsut.sfm.matching import verify
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import quaternion_of
 from gsut.sfm.pairs import choose_pairs, counts_up
@@ -348,7 +349,7 @@ def test_poses_command_writes_figures_report_and_colmap(some_sponza, solved_spon
 def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path, monkeypatch):
     out = tmp_path / "data"
     calls = {"features": 0}
-    original = estimate.find_all_features
+    original = correspondences.find_all_features
 
     def counted(paths, *rest):
         calls["features"] += len(paths)
@@ -357,14 +358,14 @@ def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path,
     def killed(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(estimate, "find_all_features", counted)
+    monkeypatch.setattr(correspondences, "find_all_features", counted)
     with monkeypatch.context() as patch:
         patch.setattr(estimate, "solve", killed)
         with pytest.raises(KeyboardInterrupt):
             estimate_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
     with monkeypatch.context() as patch:  # features and matches are not made again
-        patch.setattr(estimate, "match_in_full", killed)
+        patch.setattr(correspondences, "match_in_full", killed)
         result = estimate_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
     assert result.solution.num_registered == IMAGES
@@ -511,13 +512,13 @@ def test_poses_command_wrong_lens_size_says_so(tmp_path, capsys):
     assert "the lens is for 100 x 100" in capsys.readouterr().err
 
 
-def test_poses_command_lens_that_no_format_holds_is_refused_first(tmp_path, capsys):
+def test_poses_command_lens_without_one_centre_is_refused_first(tmp_path, capsys):
     folder = tmp_path / "in"
     folder.mkdir()
     for i in range(2):
         texture(folder / f"{i}.png", i)
-    lens = tmp_path / "lens.cameramodel"
-    gsut.Camera("stereographic", [100, 100, 80, 80], 160, 160).save(lens)
+    lens = tmp_path / "lens.lens.json"
+    gsut.Camera("orthographic", [100, 100, 80, 80], 160, 160).save(lens)
     arguments = ["poses", str(folder), "--camera", str(lens), "-o", str(tmp_path / "out")]
     assert main(arguments) == 2
     assert "camera convert" in capsys.readouterr().err
@@ -542,8 +543,7 @@ def test_search_lens_finds_the_fisheye_of_a_synthetic_walk(rng, tmp_path):
         tmp_path, names, [tmp_path / n for n in names], [None] * count, [guess] * count
     )
     options = PosesOptions(max_two_view_error=4.0, max_error=5.0)
-    pairs = choose_pairs(names, scene.features, options)
-    raw = match_in_full(scene.features, pairs, options, quiet)
+    raw = match_images(names, scene.features, options, quiet)
     verified = verify(scene.features, [guess] * count, raw, options)
     found = search_lens(photographs, scene.features, verified, raw, options, 180.0, lambda *_: None)
     assert found.solution.num_registered == count
