@@ -2,7 +2,7 @@
 
 from gsut.lens.calibration_weights import CalibrationWeights
 from gsut.lens.camera import Camera, camera_models
-from gsut.lens.convert import run_convert
+from gsut.lens.convert import Conversion, convert_camera, run_convert
 from gsut.lens.files import colmap_camera, load_camera, nerfstudio_camera
 from gsut.lens.files.colmap import PARAMETER_COUNTS, format_colmap
 from gsut.lens.files.kalibr import is_camchain
@@ -13,8 +13,10 @@ __all__ = [
     "PARAMETER_COUNTS",
     "CalibrationWeights",
     "Camera",
+    "Conversion",
     "camera_models",
     "colmap_camera",
+    "convert_camera",
     "format_colmap",
     "format_nerfstudio",
     "grid_pixels",

@@ -16,7 +16,11 @@ _NO_LIMIT = math.inf
 
 
 def camera_models() -> list[str]:
-    """Names of all lenses that `Camera` takes as its model."""
+    """Names of all lenses that `Camera` takes as its model.
+
+    Returns:
+        Sorted names, such as "kannala_brandt"; docs/lenses.md describes each.
+    """
     return _core.camera_models()
 
 
@@ -107,7 +111,7 @@ class Camera(_core.Camera):
         """Where the rays of pixels start: points on them, in the camera frame.
 
         Args:
-            pixels: (N, 2), as for `unproject`.
+            pixels: (N, 2), anywhere: also outside the image.
 
         Returns:
             origins (N, 3) float64, 0 for a central lens and NaN where invalid; valid (N,) bool.
@@ -119,7 +123,11 @@ class Camera(_core.Camera):
         return super().ray_origins(pixels)
 
     def origins(self) -> np.ndarray:
-        """(H, W, 3) origins of `rays`, as `ray_origins`; 0 for a central lens."""
+        """Where the rays of all pixel centres start.
+
+        Returns:
+            (H, W, 3) float64 points in the camera frame; 0 for a central lens.
+        """
         return super().origins()
 
     def project_jacobian(self, points_in_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -148,6 +156,12 @@ class Camera(_core.Camera):
 
     def resized(self, width: int, height: int) -> Camera:
         """The same lens on the image resized to this size, scaled about the pixel corner (0, 0).
+
+        Args:
+            width, height: of the new image, pixels.
+
+        Returns:
+            The lens with its parameters in pixels of the new image.
 
         Raises:
             InputError: a size that is not positive.

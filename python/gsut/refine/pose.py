@@ -46,6 +46,11 @@ class RefinedPose:
     rms: float
     converged: bool
 
+    def __repr__(self) -> str:
+        at = ", ".join(f"{value:.4g}" for value in self.center)
+        state = "converged" if self.converged else "not converged"
+        return f"RefinedPose(at ({at}), rms {self.rms:.4f}, {state})"
+
     @property
     def center(self) -> np.ndarray:
         """(3,) camera centre in the world, scene units."""
@@ -90,6 +95,9 @@ def refine_pose(
         with_gain: also estimate a gain and a bias of the photograph's brightness.
         levels: how many sizes at most, the full one included; sides stay at 24 pixels or more.
         max_pixels: pixels compared at each size at most, spread evenly by chance (a fixed seed).
+
+    Returns:
+        The pose, its covariance and how well the render then fits the photograph.
 
     Raises:
         InputError: shapes differ, no pixel counts, a rolling shutter, or a lens without one centre.
