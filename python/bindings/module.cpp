@@ -16,7 +16,8 @@ PYBIND11_MODULE(_core, m) {
   const auto& solve_error =
       pybind11::register_exception<gsut::SolveError>(m, "SolveError", PyExc_RuntimeError);
   input_error.attr("__doc__") =
-      "An argument, option or dataset is wrong; the message says which, what was found, what to do.";
+      "An argument, option or dataset is wrong; the message says which, what was found, what to "
+      "do.";
   calibration_error.attr("__doc__") =
       "A lens file cannot be used; the message names file, line where known, and key.";
   solve_error.attr("__doc__") = "A solver found nothing; the message carries its summary.";

@@ -47,13 +47,15 @@ Raises:
                                    parity.is_none() ? std::string() : std::string(py::str(parity)));
            }),
            py::arg("direction") = "global", py::arg("parity") = py::none())
-      .def_property_readonly("direction", &Shutter::DirectionName, "The order of the lines, by name.")
-      .def_property_readonly("parity",
-                             [](const Shutter& shutter) -> py::object {
-                               if (!shutter.gsplat_parity) return py::none();
-                               return py::str("gsplat");
-                             },
-                             "Whose convention of times it follows; None: gsut's.")
+      .def_property_readonly("direction", &Shutter::DirectionName,
+                             "The order of the lines, by name.")
+      .def_property_readonly(
+          "parity",
+          [](const Shutter& shutter) -> py::object {
+            if (!shutter.gsplat_parity) return py::none();
+            return py::str("gsplat");
+          },
+          "Whose convention of times it follows; None: gsut's.")
       .def_property_readonly("is_global", &Shutter::IsGlobal, "Whether all lines share one time.")
       .def(
           "line_times",
@@ -89,12 +91,12 @@ Raises:
              return CameraMotion(ReadPose(start), ReadPose(end), shutter);
            }),
            py::arg("start"), py::arg("end"), py::arg("shutter"))
-      .def_property_readonly("start",
-                             [](const CameraMotion& motion) { return WritePose(motion.start); },
-                             "(4, 4) camera_from_world at time 0.")
-      .def_property_readonly("end",
-                             [](const CameraMotion& motion) { return WritePose(motion.end); },
-                             "(4, 4) camera_from_world at time 1.")
+      .def_property_readonly(
+          "start", [](const CameraMotion& motion) { return WritePose(motion.start); },
+          "(4, 4) camera_from_world at time 0.")
+      .def_property_readonly(
+          "end", [](const CameraMotion& motion) { return WritePose(motion.end); },
+          "(4, 4) camera_from_world at time 1.")
       .def_readonly("shutter", &CameraMotion::shutter, "When each line is read.")
       .def(
           "at", [](const CameraMotion& motion, double t) { return WritePose(motion.At(t)); },

@@ -372,10 +372,8 @@ Raises:
                      "Where blending stops; in [0, 1).")
       .def_readwrite("stop_before", &BlendRule::stop_before,
                      "Whether the Gaussian that would reach transmittance_min is left out.")
-      .def_readwrite("near_z", &BlendRule::near_z,
-                     "Centres with a smaller camera z are not drawn.")
-      .def_readwrite("far_z", &BlendRule::far_z,
-                     "Centres with a larger camera z are not drawn.")
+      .def_readwrite("near_z", &BlendRule::near_z, "Centres with a smaller camera z are not drawn.")
+      .def_readwrite("far_z", &BlendRule::far_z, "Centres with a larger camera z are not drawn.")
       .def_property(
           "order_by_z", [](const BlendRule& rule) { return rule.order == OrderKey::kDepthZ; },
           [](BlendRule& rule, bool by_z) {

@@ -2,9 +2,9 @@
 
 By task: `load_dataset`, `load_camera`, `diagnose` read; `estimate_poses`, `refine_pose`,
 `localize_image` find poses; `train` trains, and `render`, `photometric_loss`, `render_backward` and
-`GaussianOptimizer` are what a training loop of your own is made of; `render`, `project`,
-`orbit_path`, `write_video` draw; `evaluate`, `psnr`, `ssim` judge; `compact` makes small; `save_ply`
-and `Camera.save` write. docs/api.md lists all of it.
+`GaussianOptimizer` make a training loop of your own; `render`, `project`, `orbit_path`,
+`write_video` draw; `evaluate`, `psnr`, `ssim` judge; `compact` reduces; `save_ply` and
+`Camera.save` write. docs/api.md lists all of it.
 """
 
 from gsut._core import (
@@ -36,7 +36,14 @@ from gsut.gaussians import (
     seed_from_points,
     seed_in_view,
 )
-from gsut.lens import Camera, Conversion, camera_models, convert_camera, load_camera
+from gsut.lens import (
+    Camera,
+    Conversion,
+    SplineGrid,
+    camera_models,
+    convert_camera,
+    load_camera,
+)
 from gsut.optimize import GaussianOptimizer, LearningRates, learning_rates
 from gsut.refine import Localized, RefinedPose, localize_image, refine_pose
 from gsut.render import METHODS as PROJECTION_METHODS
@@ -75,6 +82,7 @@ __all__ = [  # noqa: RUF022
     "camera_models",
     "convert_camera",
     "Conversion",
+    "SplineGrid",
     # Find poses
     "estimate_poses",
     "PosesOptions",

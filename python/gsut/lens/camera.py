@@ -267,31 +267,3 @@ def _checked_copy(values: Any, name: str, shape: tuple[int | None, ...]) -> np.n
         raise InputError(f"{name} must have shape {shape}, found {array.shape}")
     array.flags.writeable = False
     return array
-
-
-def load_camera(path: str | os.PathLike[str], camera_id: int | str | None = None) -> Camera:
-    """Reads a lens file.
-
-    Formats, told apart by name and content: mrcal .cameramodel, OpenCV YAML / JSON (FileStorage or
-    ROS camera_info), Kalibr camchain YAML, COLMAP cameras.txt and cameras.bin, nerfstudio
-    transforms.json, Project Aria calibration JSON. Pixel conventions are converted: mrcal, OpenCV,
-    Kalibr and Aria put the centre of the top-left pixel at (0, 0), gsut, COLMAP and nerfstudio at
-    (0.5, 0.5).
-
-    Args:
-        path: the file.
-        camera_id: which camera, for a file with several: COLMAP's number, Kalibr's "cam0" or Aria's
-            label.
-
-    Returns:
-        The camera. The valid field angle is set where the file states one.
-
-    Raises:
-        CalibrationError: the file is not a lens file, is cut off, lacks a key, or holds a lens that
-            gsut does not have; the message names file, line where known, and key.
-        InputError: the file holds several cameras and camera_id is not given or not among them.
-        OSError: the file cannot be read.
-    """
-    from gsut.lens.files import load_camera as load  # here: lens_files makes cameras
-
-    return load(path, camera_id)

@@ -34,7 +34,7 @@ class RefinedPose:
             and Zeger 1986). What the whole scene errs by is not in it: on a demo scene errors are
             1.7 times what it says.
         gain: the photograph is compared with gain x render + bias, all channels alike.
-        bias: see gain; colours are in 0 ... 1.
+        bias: added to the render after the gain; colours are in 0 ... 1.
         rms: root mean square colour difference that remains, a channel.
         converged: the last, finest step stopped because it no longer improved.
     """

@@ -40,7 +40,7 @@ class Render:
 
     def __repr__(self) -> str:
         height, width = self.alpha.shape
-        return f"Render({width} x {height}, {self.camera.model}, {self.image.dtype}, {self.gaussians})"
+        return f"Render({width} x {height}, {self.camera.model}, of {self.gaussians})"
 
     def statistics(self) -> dict[str, int]:
         """Counts of the tiled path: num_visible, num_pairs, num_contributing_pairs ..."""
