@@ -14,6 +14,7 @@ from typing import Any
 from gsut import _core
 from gsut._core import InputError, Shutter
 from gsut.data import some_names
+from gsut.files import write_file
 from gsut.sfm.features import Features, find_all_features, no_features
 from gsut.sfm.inputs import Photographs, find_photographs
 from gsut.sfm.lens_search import LensSearch, first_guess, search_lens
@@ -28,7 +29,7 @@ from gsut.sfm.rig import COVARIANCE_OF, RigFit, refuse_beside_rig, solve_rig
 from gsut.sfm.rig_file import Rig, read_rig, write_rig
 from gsut.sfm.rig_images import find_rig_photographs
 from gsut.sfm.solution import Solution, matches_in_points, solve
-from gsut.sfm.stages import Stages, write_atomically
+from gsut.sfm.stages import Stages
 
 RIG = "rig.json"
 # Share of the matches that must end in points, or the lens is doubted: see matches_in_points.
@@ -219,7 +220,7 @@ def estimate_poses(
     cpu_seconds["total"] = sum(cpu_seconds.values())
     values = figures(solution, seconds, notes, extra)
     write_report(folder, solution, values)
-    write_atomically(folder / FIGURES, (json.dumps(values, indent=1) + "\n").encode())
+    write_file(folder / FIGURES, json.dumps(values, indent=1) + "\n")
     stages.remove()
     return PosesResult(folder, solution, values)
 
