@@ -17,6 +17,7 @@ from pathlib import Path
 
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.lens import OWN_SUFFIX
 from gsut.run import Progress
 
 HELP = "photographs of a chessboard to a lens file"
@@ -155,7 +156,7 @@ def _from_dataset(arguments: argparse.Namespace) -> int:
     silent = arguments.quiet or arguments.json
     if not silent:
         print("\n".join(done.summary))
-    if done.lens == out:
+    if done.lens == out or done.lens.name.endswith(OWN_SUFFIX):
         return 0
     return _run_calib("calib.nearest_splined", str(done.lens), str(out), silent=silent)
 

@@ -15,11 +15,11 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import read_dataset
 from gsut.files import write_file
-from gsut.lens import Camera, grid_pixels, save_uncertainty
+from gsut.lens import OWN_SUFFIX, Camera, grid_pixels, save_uncertainty
 from gsut.sfm.calibrate_dataset_page import write_page
 from gsut.sfm.lens_refinement import RefinedLens, refine_lens
 from gsut.sfm.options import PosesOptions
-from gsut.sfm.output import TRANSFORMS, check_lenses, figures, write_dataset
+from gsut.sfm.output import TRANSFORMS, figures, write_dataset
 from gsut.sfm.report import REPORT, write_report
 
 _REPORT_JSON = "report.json"
@@ -45,7 +45,8 @@ def calibrate_from_dataset(
 
     Beside the lens file: report.json, report.html and the folder NAME-dataset with the refined
     poses. A Kannala-Brandt lens, which mrcal does not have, goes to NAME.yaml where a .cameramodel
-    was asked for; the caller adds the nearest splined lens.
+    was asked for; the caller adds the nearest splined lens. Any other lens that the form asked for
+    does not have goes to NAME.lens.json.
 
     Args:
         data: the dataset; its lens and poses are roughly right.
@@ -58,7 +59,6 @@ def calibrate_from_dataset(
     """
     data = Path(data)
     _check_file(out)
-    check_lenses(list({frame.camera for frame in read_dataset(data).frames}))
     started = time.perf_counter()
     notes: list[str] = []
 
@@ -113,7 +113,11 @@ def _write_lens(camera: Camera, sigma: np.ndarray, out: Path) -> Path:
     exact = out
     if out.suffix.lower() == ".cameramodel" and camera.model == "kannala_brandt":
         exact = out.with_suffix(".yaml")
-    camera.save(exact, "opencv" if exact.suffix.lower() != ".cameramodel" else "mrcal")
+    try:
+        camera.save(exact, "opencv" if exact.suffix.lower() != ".cameramodel" else "mrcal")
+    except InputError:  # the form that was asked for has no such lens
+        exact = out.with_suffix(OWN_SUFFIX)
+        camera.save(exact)
     save_uncertainty(exact, sigma)
     return exact
 
