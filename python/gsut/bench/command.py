@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import itertools
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -368,5 +369,5 @@ def _numbers(text: str | None, kind: Callable[[str], Any], flag: str) -> list[An
 def _bar(total: int) -> Iterator[Callable[[str], None]]:
     """Progress on standard error; gives the function that is told what begins."""
     begun = itertools.count()
-    with Progress() as bars:
+    with Progress(sys.stderr.isatty()) as bars:
         yield lambda text: bars.show("measured", next(begun), total, text)
