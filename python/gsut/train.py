@@ -12,7 +12,7 @@ from gsut._core import InputError
 from gsut.data import Scene, with_shutter
 from gsut.evaluate import run_metrics
 from gsut.gaussians import Gaussians
-from gsut.run import TrainingProgress, TrainOptions
+from gsut.run import Progress, TrainOptions
 from gsut.training import TrainingLoop, create_run, first_poses, judge, write_results
 
 # Held-out views that the curve of PSNR is measured on: a few, spread evenly.
@@ -84,11 +84,12 @@ def train(
         loop.load_state_dict(checkpoint[1])
     history = run.read_history() if run is not None else []
 
-    with TrainingProgress(o.steps, progress is True, loop.step) as bar:
+    with Progress(progress is True) as bar:
         while loop.step < o.steps:
             loss = loop.advance()
             row = loop.history_row(loss)
-            bar.update(loop.step, loss, len(loop.gaussians), row.get("psnr") if row else None)
+            psnr = row.get("psnr") if row else None
+            bar.show_step(loop.step, o.steps, loss, len(loop.gaussians), psnr)
             if row:
                 history.append(row)
                 if run is not None:

@@ -8,7 +8,6 @@ from gsut.lens.files import (
     colmap_camera,
     load_camera,
     nerfstudio_camera,
-    write_atomically,
 )
 from gsut.lens.files.colmap import PARAMETER_COUNTS, format_colmap
 from gsut.lens.files.kalibr import is_camchain
@@ -41,5 +40,4 @@ __all__ = [
     "nerfstudio_camera",
     "refinable_params",
     "save_uncertainty",
-    "write_atomically",
 ]

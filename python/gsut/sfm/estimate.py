@@ -29,7 +29,7 @@ from gsut.sfm.rig import COVARIANCE_OF, RigFit, refuse_beside_rig, solve_rig
 from gsut.sfm.rig_file import Rig, read_rig, write_rig
 from gsut.sfm.rig_images import find_rig_photographs
 from gsut.sfm.solution import Solution, matches_in_points, solve
-from gsut.sfm.stages import Stages, write_atomically
+from gsut.sfm.stages import Stages
 
 RIG = "rig.json"
 # Share of the matches that must end in points, or the lens is doubted: see matches_in_points.
@@ -294,7 +294,7 @@ def _write(
     cpu_seconds["total"] = sum(cpu_seconds.values())
     values = figures(solution, seconds, log.notes, {**extra, "cpu_seconds": cpu_seconds})
     write_report(folder, solution, values)
-    write_atomically(folder / FIGURES, (json.dumps(values, indent=1) + "\n").encode())
+    write_file(folder / FIGURES, json.dumps(values, indent=1) + "\n")
     return values
 
 
