@@ -14,6 +14,7 @@ from typing import Any
 from gsut import _core
 from gsut._core import InputError, Shutter
 from gsut.data import some_names
+from gsut.files import write_file
 from gsut.run import Stopwatch
 from gsut.sfm.correspondences import OnProgress, collect_features, match_images
 from gsut.sfm.features import Features
