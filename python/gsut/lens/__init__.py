@@ -2,7 +2,7 @@
 
 from gsut.lens.calibration_weights import CalibrationWeights
 from gsut.lens.camera import Camera, camera_models
-from gsut.lens.convert import convert_camera, format_conversion
+from gsut.lens.convert import Conversion, convert_camera, format_conversion
 from gsut.lens.files import (
     OWN_SUFFIX,
     colmap_camera,
@@ -23,6 +23,7 @@ __all__ = [
     "PARAMETER_COUNTS",
     "CalibrationWeights",
     "Camera",
+    "Conversion",
     "SplineGrid",
     "camera_from_values",
     "camera_models",

@@ -15,7 +15,14 @@ _CODEC = "mp4v"  # MPEG-4 part 2: the one .mp4 codec that every build of OpenCV'
 
 
 def to_uint8(image: np.ndarray) -> np.ndarray:
-    """Colours in [0, 1] as uint8, rounded; values outside are clipped, NaN becomes 0."""
+    """Colours as bytes, ready to be written.
+
+    Args:
+        image: floating point, in [0, 1]; values outside are clipped, NaN becomes 0.
+
+    Returns:
+        uint8 of the same shape, rounded.
+    """
     return np.rint(np.clip(np.nan_to_num(image), 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
@@ -41,13 +48,16 @@ def write_png(path: Path, image: np.ndarray) -> None:
 
 
 def write_video(path: Path, frames: Iterable[np.ndarray], frames_per_second: float) -> int:
-    """Writes an .mp4 video; returns the number of frames.
+    """Writes an .mp4 video.
 
     Args:
         path: the file; must not exist.
         frames: (H, W, 3) uint8 red, green, blue, all of one size; at least one. Odd sizes lose
             their last row or column, which the codec cannot hold.
-        frames_per_second: frames a second.
+        frames_per_second: of the video.
+
+    Returns:
+        The number of frames written.
 
     Raises:
         InputError: OpenCV cannot write such a video here, or the file cannot be written.

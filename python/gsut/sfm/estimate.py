@@ -66,6 +66,10 @@ class PosesResult:
     solution: Solution
     figures: dict[str, Any]
 
+    def __repr__(self) -> str:
+        images = f"{self.solution.num_registered} of {len(self.solution.registered)} images"
+        return f"PosesResult({str(self.path)!r}, {images})"
+
 
 def estimate_poses(
     images: str | os.PathLike[str],
@@ -94,7 +98,7 @@ def estimate_poses(
             or the dataset's own; if there is none the lens is estimated.
         unknown_lens: estimate the lens even where one lies beside the images.
         fov_degrees: rough horizontal field of view, for an unknown lens; None: several are tried.
-        options: see PosesOptions.
+        options: every setting of the search; None: the defaults.
         mapper: makes poses of verified pairs where the lens is known; None: incremental, with
             bundle adjustment.
         rig: file of a rig (see `rig_file.read_rig`): images then holds one folder a camera, images
@@ -103,6 +107,9 @@ def estimate_poses(
         refine_rig: the cameras' poses on the rig are adjusted; its size stays.
         on_progress: told (stage, done, total, text).
         notes_to: told each note as it arises (an image left out, say).
+
+    Returns:
+        The output folder, poses with points, and figures.
 
     Raises:
         InputError: too few images, wrong lens, or a file that cannot be written.

@@ -46,7 +46,28 @@ OWN_SUFFIX = ".lens.json"  # of gsut's own form, which holds every lens
 
 
 def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
-    """See `gsut.load_camera`."""
+    """Reads a lens file.
+
+    Formats, told apart by name and content: mrcal .cameramodel, OpenCV YAML / JSON (FileStorage or
+    ROS camera_info), Kalibr camchain YAML, COLMAP cameras.txt and cameras.bin, nerfstudio
+    transforms.json, Project Aria calibration JSON, and gsut's own .lens.json. Pixel conventions are
+    converted: mrcal, OpenCV, Kalibr and Aria put the centre of the top-left pixel at (0, 0), gsut,
+    COLMAP and nerfstudio at (0.5, 0.5).
+
+    Args:
+        path: the file.
+        camera_id: which camera, for a file with several: COLMAP's number, Kalibr's "cam0" or Aria's
+            label.
+
+    Returns:
+        The camera. The valid field angle is set where the file states one.
+
+    Raises:
+        CalibrationError: the file is not a lens file, is cut off, lacks a key, or holds a lens that
+            gsut does not have; the message names file, line where known, and key.
+        InputError: the file holds several cameras and camera_id is not given or not among them.
+        OSError: the file cannot be read.
+    """
     file = Path(path)
     source = str(path)
     data = file.read_bytes()
