@@ -309,12 +309,12 @@ class _Growth:
 
     def _follow(self) -> None:
         """The training loop uses the poses as they are now."""
-        loop, scene = self._loop, self._scene.with_views(self._views())
-        loop.scene = scene
+        loop = self._loop
+        loop.views.move(self._all_poses())
         loop.posed = self.posed.tolist()
         middle = centers_of(self._poses[loop.posed]).mean(axis=0)
         distance = float(np.median(np.linalg.norm(self.points.positions - middle, axis=1)))
-        loop.options = dataclasses.replace(self._options, lr_means=_RATE * distance / scene.extent)
+        loop.options = dataclasses.replace(self._options, lr_means=_RATE * distance / loop.scene.extent)
 
     def _train(self, steps: int) -> None:
         for _ in range(steps):

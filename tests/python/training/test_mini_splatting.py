@@ -8,7 +8,7 @@ from gsut import TrainOptions
 from gsut.compact.scores import blend_weights, seen_views
 from gsut.optimize.optimizer import GaussianOptimizer
 from gsut.training.loop import TrainingLoop
-from gsut.training.mini_splatting import OVERGROWN, blurred, reinitialised, sampled
+from gsut.training.strategies.mini import OVERGROWN, blurred, reinitialised, sampled
 from rendered_dataset import write_dataset
 
 SHORT = {"steps": 80, "max_gaussians": 150, "densify_every": 4, "strategy": "mini", "noise": False}
