@@ -125,19 +125,19 @@ class Scene:
         file_cameras: the cameras at the size of the image files, if `cameras` are smaller.
         larger: the same scene at a larger size, whose images are shrunk in place of the files'.
 
-    Sequences are kept as tuples, arrays read-only; `replace` makes another scene.
+    Any sequences are taken and kept as tuples, arrays are read-only; `replace` makes another scene.
     """
 
     path: Path
-    cameras: Sequence[Camera]
-    views: Sequence[View]
+    cameras: tuple[Camera, ...]
+    views: tuple[View, ...]
     points: np.ndarray
     point_colors: np.ndarray
-    train_indices: Sequence[int]
-    test_indices: Sequence[int]
+    train_indices: tuple[int, ...]
+    test_indices: tuple[int, ...]
     world_offset: np.ndarray
-    notes: Sequence[str] = ()
-    file_cameras: Sequence[Camera] = ()
+    notes: tuple[str, ...] = ()
+    file_cameras: tuple[Camera, ...] = ()
     larger: Scene | None = None
     _images: _LruCache = dataclasses.field(init=False)
     _masks: _LruCache = dataclasses.field(init=False)
@@ -202,7 +202,9 @@ class Scene:
             for c in self.cameras
         ]
         # Images of other pixels: nothing that is decoded can be shared.
-        return dataclasses.replace(self, cameras=cameras, larger=self if keep_larger else None)
+        return dataclasses.replace(
+            self, cameras=tuple(cameras), larger=self if keep_larger else None
+        )
 
     def __len__(self) -> int:
         return len(self.views)

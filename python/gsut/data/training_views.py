@@ -1,4 +1,4 @@
-"""The views of a training: photographs at the resolution of a step, poses and lenses as they are."""
+"""The views of a training: photographs at a step's resolution, poses and lenses as they are now."""
 
 from __future__ import annotations
 

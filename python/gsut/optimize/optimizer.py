@@ -67,7 +67,8 @@ class GaussianOptimizer:
             raise InputError(f"capacity is {capacity}, but there are {size} Gaussians")
         self.steps, self.seed = 0, seed
         params = grown(gaussians.astype(np.float32), size, capacity)
-        self.arrays = [params, grown(params, 0, capacity), grown(params, 0, capacity)]
+        moments = grown(params, 0, capacity), grown(params, 0, capacity)
+        self.arrays: tuple[Gaussians, Gaussians, Gaussians] = (params, *moments)
         self.resize(size)
 
     @property
@@ -111,11 +112,14 @@ class GaussianOptimizer:
                 raise InputError(
                     f"gradient of {name} must have shape {expected}, found {gradient.shape}"
                 )
-        params, *moments = ([getattr(rows, name) for name in FIELDS] for rows in self.arrays)
+        params, moment1, moment2 = (
+            [getattr(rows, name) for name in FIELDS] for rows in self.arrays
+        )
         _core.adam_step(
             params,
             gradients,
-            *moments,
+            moment1,
+            moment2,
             [*([getattr(rates, name)] for name in FIELDS[:-1]), sh_rates],
             self.steps + 1,
             self.size,
@@ -205,17 +209,19 @@ class GaussianOptimizer:
         for name in (*needed, *_STATISTICS, "steps", "seed"):
             if name not in state:
                 raise InputError(f"the optimizer state has no {name}")
-        loaded = [
+        params, moment1, moment2 = (
             Gaussians(*(state[f"{prefix}.{name}"] for name in FIELDS)) for prefix in _SETS
-        ]
-        sizes = {len(rows) for rows in (*loaded, *(state[name] for name in _STATISTICS))}
+        )
+        sizes = {len(rows) for rows in (params, moment1, moment2)}
+        sizes |= {len(state[name]) for name in _STATISTICS}
         if len(sizes) != 1:
             raise InputError(
                 f"the optimizer state has arrays of different lengths: {sorted(sizes)}"
             )
         (size,) = sizes
         capacity = max(self.capacity, size)
-        self.arrays = [grown(rows, size, capacity) for rows in loaded]
+        self.arrays, self.size = (params, moment1, moment2), size
+        self._set_capacity(capacity)
         self.resize(size)
         for name in _STATISTICS:
             getattr(self, name)[:] = state[name]
@@ -224,8 +230,7 @@ class GaussianOptimizer:
     def reserve(self, rows: int) -> None:
         """Makes room for `rows` Gaussians."""
         if rows > self.capacity:
-            capacity = max(rows, int(_GROWTH * self.capacity))
-            self.arrays = [grown(old, self.size, capacity) for old in self.arrays]
+            self._set_capacity(max(rows, int(_GROWTH * self.capacity)))
 
     def resize(self, size: int) -> None:
         """From here on `size` rows are alive; their statistics begin anew."""
@@ -233,3 +238,7 @@ class GaussianOptimizer:
         self.gradient_max = np.zeros(size, np.float32)
         self.gradient_sum = np.zeros(size, np.float32)
         self.seen = np.zeros(size, np.int32)
+
+    def _set_capacity(self, rows: int) -> None:
+        params, moment1, moment2 = (grown(old, self.size, rows) for old in self.arrays)
+        self.arrays = params, moment1, moment2

@@ -273,4 +273,3 @@ def check_refinable(scene: Scene, options: TrainOptions) -> None:
             f"--refine-lens refines one lens, {scene.path} has {len(scene.cameras)}; split the "
             "data by lens, or refine the poses only (--refine-poses)"
         )
-

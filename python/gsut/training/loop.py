@@ -214,10 +214,12 @@ class TrainingLoop:
     def _densify(self, step: _Step) -> None:
         """Where it is due: more and fewer Gaussians; or once, many fewer (`compact_at`)."""
         o, scene = self.options, self.scene
-        if step.number % o.densify_every == 0 and o.densify_from <= step.fraction <= o.densify_until:
-            if self.limit.aside and step.level.scene.cameras[0].width == scene.cameras[0].width:
-                views, renderer = self.limit.aside, self.renderer
-                self.limit.observe(mean_psnr(scene, self.drawn(), views, o.background, renderer))
+        within = o.densify_from <= step.fraction <= o.densify_until
+        if within and step.number % o.densify_every == 0:
+            aside = self.limit.aside
+            if aside and step.level.scene.cameras[0].width == scene.cameras[0].width:
+                psnr = mean_psnr(scene, self.drawn(), aside, o.background, self.renderer)
+                self.limit.observe(psnr)
             compacted = o.compact_at is not None and step.number >= o.compact_at
             full_grown = compacted or (self.limit.auto and self.limit.ended)
             turn = Turn(step.number, step.fraction, step.level.scene, scene.extent, full_grown)
@@ -226,7 +228,9 @@ class TrainingLoop:
             self._begin_anew()
         if step.number == o.compact_at:
             views = seen_views(scene, scene.train_indices)
-            small = compact(self.gaussians, o.keep, method=o.compact_method, views=views, seed=o.seed)
+            small = compact(
+                self.gaussians, o.keep, method=o.compact_method, views=views, seed=o.seed
+            )
             self.optimizer = self.optimizer.restarted(small.gaussians)
             self._begin_anew()
 

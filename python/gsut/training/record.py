@@ -81,7 +81,7 @@ class TrainingRecord:
             self._save(loop)
 
     def _row(self, loop: TrainingLoop, loss: float) -> dict[str, Any]:
-        """The row of this step, with the held-out PSNR when it is due; empty where there is none."""
+        """The row of this step, with the held-out PSNR when it is due; empty between rows."""
         o, step = self._options, loop.step
         measure = step == o.steps or (o.eval_every and step % o.eval_every == 0)
         if not (measure or step % max(1, o.steps // _MOST_ROWS) == 0):
@@ -95,9 +95,7 @@ class TrainingRecord:
         test = loop.scene.test_indices
         if measure and test:
             chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
-            row["psnr"] = mean_psnr(
-                loop.scene, loop.result(), chosen, o.background, loop.renderer
-            )
+            row["psnr"] = mean_psnr(loop.scene, loop.result(), chosen, o.background, loop.renderer)
         return row
 
     def _save(self, loop: TrainingLoop) -> None:

@@ -92,7 +92,8 @@ def write_results(
     comment = f"gsut: dataset coordinates = these + {offset}"
     run.write("scene.ply", lambda path: save_ply(path, gaussians, comments=(comment,)))
     if refined is not None:
-        metrics["notes"] += _refinement_notes(metrics) + write_refined(run, refined)
+        metrics["notes"] += _refinement_notes(metrics)
+        write_refined(run, refined)
     run.write_json("metrics.json", metrics)
     write_report(run)
 

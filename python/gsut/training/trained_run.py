@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+
 from gsut._core import InputError
 from gsut.data import Scene, load_dataset
 from gsut.formats import load_ply

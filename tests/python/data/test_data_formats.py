@@ -187,7 +187,7 @@ def test_load_lists_of_the_file_decide_the_split(tmp_path):
     values["train_filenames"] = small.names()[:6]
     values["test_filenames"] = small.names()[7:9]
     scene = load_dataset(small.write_nerfstudio(tmp_path, values))
-    assert (scene.train_indices, scene.test_indices) == ([0, 1, 2, 3, 4, 5], [7, 8])
+    assert (scene.train_indices, scene.test_indices) == ((0, 1, 2, 3, 4, 5), (7, 8))
     assert "2 images are in no list" in scene.notes[0]
 
 
@@ -206,7 +206,7 @@ def test_load_test_names_full_short_or_stem_win(name, tmp_path):
     assert scene.test_indices == (4,) and len(scene.train_indices) == small.VIEWS - 1
 
 
-@pytest.mark.parametrize(("every", "test"), [(0, []), (4, [0, 4, 8]), (8, [0, 8])])
+@pytest.mark.parametrize(("every", "test"), [(0, ()), (4, (0, 4, 8)), (8, (0, 8))])
 def test_load_test_every_holds_out_every_nth_by_name(every, test, tmp_path):
     values = small.transforms()
     values["frames"].reverse()

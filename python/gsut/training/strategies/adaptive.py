@@ -1,4 +1,4 @@
-"""Adaptive density control: clone and split by gradient, prune, lower all opacities now and then."""
+"""Adaptive density control: clone and split by gradient, prune, reset opacities now and then."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""MCMC: dead Gaussians are relocated onto living ones, whose number grows geometrically to a cap."""
+"""MCMC: relocates dead Gaussians onto living ones; their number grows geometrically to a cap."""
 
 from __future__ import annotations
 
