@@ -43,6 +43,11 @@ class TrainResult:
     history: list[dict[str, Any]]
     scene: Scene
 
+    def __repr__(self) -> str:
+        psnr = self.metrics["psnr"]
+        judged = "" if psnr is None else f", {psnr:.2f} dB on {self.metrics['evaluated_on']}"
+        return f"TrainResult({self.gaussians}, {self.metrics['steps']} steps{judged})"
+
 
 def train(
     scene: Scene,
@@ -56,7 +61,7 @@ def train(
 
     Args:
         scene: from `load_dataset`.
-        options: see `TrainOptions`; None: the defaults.
+        options: every setting of the run; None: the defaults.
         out: run folder that gets scene.ply, metrics.json, report.html, checkpoints ...; None: no
             files.
         resume: go on from the checkpoint in `out`, to the same bits as an unbroken run.

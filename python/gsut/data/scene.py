@@ -54,6 +54,11 @@ class View:
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _read_only(getattr(self, name), np.float64))
 
+    def __repr__(self) -> str:
+        at = ", ".join(f"{value:.3g}" for value in self.camera_center)
+        readout = "" if self.shutter is None else f", rolling {self.shutter.direction}"
+        return f"View({self.name!r}, camera {self.camera_index}, at ({at}){readout})"
+
     @property
     def motion(self) -> np.ndarray | CameraMotion:
         """What `render` takes: the pose, or with a rolling shutter the motion between both."""

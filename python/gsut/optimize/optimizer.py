@@ -20,7 +20,16 @@ _STATISTICS = ("gradient_max", "gradient_sum", "seen")
 
 @dataclasses.dataclass(frozen=True)
 class LearningRates:
-    """One step's learning rates; that of `means` in world units, the others dimensionless."""
+    """One step's learning rates.
+
+    Args:
+        means: of the centres, world units.
+        quats: of the rotations.
+        log_scales: of the logarithms of the scales.
+        opacity_logits: of the opacities' logits.
+        sh0: of the constant coefficient of the harmonics.
+        sh_rest: of the other coefficients.
+    """
 
     means: float
     quats: float

@@ -10,7 +10,7 @@ from typing import Any
 
 from gsut.data import Scene
 from gsut.evaluate import mean_psnr
-from gsut.run import RunFolder, TrainingProgress, TrainOptions, describe_environment
+from gsut.run import Progress, RunFolder, TrainOptions, describe_environment
 from gsut.training.loop import TrainingLoop
 
 # Held-out views that the curve of PSNR is measured on: a few, spread evenly.
@@ -46,7 +46,7 @@ class TrainingRecord:
         progress: bool | Callable[[dict[str, Any]], None],
     ) -> None:
         self._options, self._progress = options, progress
-        self._bar = TrainingProgress(options.steps, enabled=False)
+        self._bar = Progress(progress is True)
         self.run: RunFolder | None = None
         self.checkpoint: dict[str, Any] | None = None
         self.history: list[dict[str, Any]] = []
@@ -62,14 +62,15 @@ class TrainingRecord:
         """Brings the loop to the checkpoint, shows a bar meanwhile, and saves its state at last."""
         if self.checkpoint is not None:
             loop.load_state_dict(self.checkpoint)
-        with TrainingProgress(self._options.steps, self._progress is True, loop.step) as self._bar:
+        with self._bar:
             yield
         self._save(loop)
 
     def add(self, loop: TrainingLoop, loss: float) -> None:
         """After each step, with its loss."""
         row = self._row(loop, loss)
-        self._bar.update(loop.step, loss, len(loop.gaussians), row.get("psnr"))
+        steps, count = self._options.steps, len(loop.gaussians)
+        self._bar.show_step(loop.step, steps, loss, count, row.get("psnr"))
         if row:
             self.history.append(row)
             if self.run is not None:

@@ -16,7 +16,7 @@ from gsut.refine import (
     refine_by_tracks,
     write_refined,
 )
-from gsut.run import RunFolder, StageBars, TrainOptions
+from gsut.run import Progress, RunFolder, TrainOptions
 
 
 def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
@@ -34,7 +34,7 @@ def first_poses(scene: Scene, options: TrainOptions, progress: bool) -> TracksRe
     if not (options.refine_poses and options.refine_tracks):
         return None
     check_refinable(scene, options)
-    with StageBars(progress) as bar:
+    with Progress(progress) as bar:
         return refine_by_tracks(scene, options, bar.show)
 
 
