@@ -102,6 +102,9 @@ def densify_adaptive(
         max_scale: world units; above it a Gaussian is pruned. 3DGS: 0.1 x extent.
         max_gaussians: only the Gaussians with the largest gradients grow beyond it.
 
+    Returns:
+        Counts.
+
     Source: Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023.
     """
     plan = _core.plan_adaptive(
