@@ -32,9 +32,9 @@ from gsut.sfm import (
     Photographs,
     PosesOptions,
     Solution,
-    at_sights,
     centers_of,
     diagonal,
+    evaluate_observations,
     in_cameras,
     solve,
 )
@@ -276,21 +276,28 @@ class _Growth:
 
     def solution(self) -> Solution:
         """In the form of the mapper by features."""
-        points, sights, n = self.points.positions, self.points.sights, len(self._photographs)
-        pixels, residuals, angles = at_sights(
-            sights, in_cameras(points, sights, self._poses), self._cameras, self._features
+        points, observations, n = (
+            self.points.positions,
+            self.points.observations,
+            len(self._photographs),
+        )
+        pixels, residuals, angles = evaluate_observations(
+            observations,
+            in_cameras(points, observations, self._poses),
+            self._cameras,
+            self._features,
         )
         lengths = np.linalg.norm(residuals, axis=1)
         seen = np.isfinite(lengths)
-        counts = np.bincount(sights[seen, 0], minlength=len(points)).clip(1)
-        sums = np.bincount(sights[seen, 0], lengths[seen], minlength=len(points))
+        counts = np.bincount(observations[seen, 0], minlength=len(points)).clip(1)
+        sums = np.bincount(observations[seen, 0], lengths[seen], minlength=len(points))
         covariances = np.full((n, 6, 6), np.nan)
         for image, found in self._found.items():
             covariances[image] = found.covariance
         return Solution(
             self._photographs.names, self._cameras, np.isin(np.arange(n), self.posed),
             self._all_poses(), covariances, points, self.points.colors,
-            sums / counts, sights, pixels, residuals, angles,
+            sums / counts, observations, pixels, residuals, angles,
             tuple(self._first["initial_pair"]), self._first["restarts"],
             float(np.sqrt(np.mean(lengths[seen] ** 2))), float(np.median(lengths[seen])), None,
             np.zeros((0, 3), np.int32),
