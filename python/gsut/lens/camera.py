@@ -209,7 +209,7 @@ class Camera(_core.Camera):
 
         Raises:
             InputError: the format cannot hold this lens, or is unknown.
-            OSError: the file cannot be written.
+            InputError, also an OSError: the file cannot be written.
         """
         from gsut.lens.files import save_camera  # here: lens_files makes cameras
 

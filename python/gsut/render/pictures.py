@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from gsut._core import InputError
+from gsut.files import whole_file, write_file
 
 _CODEC = "mp4v"  # MPEG-4 part 2: the one .mp4 codec that every build of OpenCV's wheels can write
 
@@ -40,11 +39,7 @@ def write_png(path: Path, image: np.ndarray) -> None:
 
     pixels = image[..., ::-1] if image.ndim == 3 else image
     _, data = cv2.imencode(".png", np.ascontiguousarray(pixels))
-    try:
-        with _unfinished(path) as temporary:
-            temporary.write_bytes(data.tobytes())
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+    write_file(path, data.tobytes())
 
 
 def write_video(path: Path, frames: Iterable[np.ndarray], frames_per_second: float) -> int:
@@ -66,28 +61,25 @@ def write_video(path: Path, frames: Iterable[np.ndarray], frames_per_second: flo
 
     count = 0
     writer = None
-    try:
-        with _unfinished(path) as temporary:
-            try:
-                for frame in frames:
-                    height, width = (size - size % 2 for size in frame.shape[:2])
-                    if writer is None:
-                        codec = cv2.VideoWriter.fourcc(*_CODEC)
-                        writer = cv2.VideoWriter(
-                            str(temporary), codec, frames_per_second, (width, height)
+    with whole_file(path) as temporary:
+        try:
+            for frame in frames:
+                height, width = (size - size % 2 for size in frame.shape[:2])
+                if writer is None:
+                    codec = cv2.VideoWriter.fourcc(*_CODEC)
+                    writer = cv2.VideoWriter(
+                        str(temporary), codec, frames_per_second, (width, height)
+                    )
+                    if not writer.isOpened():
+                        raise InputError(
+                            f"OpenCV cannot write the video {path} ({width} x {height}) here; "
+                            "give a folder instead to get the frames as images"
                         )
-                        if not writer.isOpened():
-                            raise InputError(
-                                f"OpenCV cannot write the video {path} ({width} x {height}) here; "
-                                "give a folder instead to get the frames as images"
-                            )
-                    writer.write(np.ascontiguousarray(frame[:height, :width, ::-1]))
-                    count += 1
-            finally:
-                if writer is not None:
-                    writer.release()
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+                writer.write(np.ascontiguousarray(frame[:height, :width, ::-1]))
+                count += 1
+        finally:
+            if writer is not None:
+                writer.release()
     return count
 
 
@@ -103,15 +95,3 @@ def picture_stems(names: Sequence[str]) -> list[str]:
         taken.add(unique)
         stems.append(unique)
     return stems
-
-
-@contextlib.contextmanager
-def _unfinished(path: Path):
-    """A temporary path beside `path` (same extension), renamed to it if the block succeeds."""
-    temporary = path.with_name(f".writing-{os.getpid()}-{path.name}")
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()

@@ -24,7 +24,7 @@ from gsut.run.option_fields import (
     option_info,
 )
 from gsut.run.options import AUTO, PRESETS, TrainOptions
-from gsut.run.progress import StageBars, TrainingProgress
+from gsut.run.progress import Progress
 from gsut.run.stopwatch import Stopwatch
 
 __all__ = [
@@ -38,11 +38,10 @@ __all__ = [
     "REPORT",
     "SCENE",
     "TRANSFORMS",
+    "Progress",
     "RunFolder",
-    "StageBars",
     "Stopwatch",
     "TrainOptions",
-    "TrainingProgress",
     "add_option_flags",
     "check_options",
     "default_text",

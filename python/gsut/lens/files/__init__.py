@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import CalibrationError, InputError
+from gsut.files import write_file
 from gsut.lens.camera import Camera
 from gsut.lens.files.aria import format_aria, is_aria, load_aria
 from gsut.lens.files.colmap import (
@@ -208,28 +207,4 @@ def save_camera(camera: Camera, path: _Path, format: str | None = None) -> None:
     chosen = _format_of_name(file) if format is None else format
     if chosen not in _WRITERS:
         raise InputError(f"unknown lens file format {format!r}; known: {', '.join(_WRITERS)}")
-    write_atomically(file, _WRITERS[chosen](camera, file))
-
-
-def write_atomically(path: Path, content: str | bytes) -> None:
-    """Under a temporary name in the same folder, then renamed."""
-    data = content.encode("utf-8") if isinstance(content, str) else content
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
-    try:
-        with os.fdopen(handle, "wb") as out:
-            out.write(data)
-            out.flush()
-            os.fsync(out.fileno())
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(temporary)
-        raise
-
-
-def _umask() -> int:
-    """What a plain open would take off; mkstemp makes private files."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    write_file(file, _WRITERS[chosen](camera, file))
