@@ -17,7 +17,6 @@ from gsut._core import InputError, SolveError
 from gsut.data import Scene
 from gsut.lens import Camera, refinable_params
 from gsut.refine.motion import pose_changes, turned_onto
-from gsut.refine.refiner import with_poses
 from gsut.run import TrainOptions
 from gsut.sfm import (
     Photographs,
@@ -87,7 +86,7 @@ def refine_by_tracks(
     found = np.array(solution.camera_from_world)[np.asarray(solution.registered, bool)]
     found = turned_onto(_moved(found, compare_poses(found, given).reference_from_world), given)
     changes = pose_changes(found, given)
-    refined = with_poses(scene, indices, found)
+    refined = scene.with_poses(indices, found)
     if options.refine_lens:
         refined = refined.with_lenses([solution.cameras[0]])
     missing = len(scene.train_indices) - len(indices)

@@ -198,8 +198,8 @@ class _Growth:
         self._lens_of = [lenses.index(camera) for camera in self._cameras]
         pixels = max(c.width * c.height for c in lenses)
         self._scene = Scene(
-            photographs.root, lenses, self._views(), self.points.positions, self.points.colors,
-            list(range(len(photographs))), [], np.zeros(3),
+            photographs.root, tuple(lenses), self._views(), self.points.positions,
+            self.points.colors, tuple(range(len(photographs))), (), np.zeros(3),
         ).scaled(min(1.0, (_PIXELS / pixels) ** 0.5))  # fmt: skip
         self._options = TrainOptions(
             steps=10_000_000, max_gaussians=100_000_000, sh_degree=0, coarse_to_fine=(0.0, 0.0),
@@ -307,21 +307,23 @@ class _Growth:
         """(N, 4, 4), the identity for images without a pose, which nothing looks at."""
         return np.where(np.isnan(self._poses), np.eye(4), self._poses)
 
-    def _views(self) -> list[View]:
+    def _views(self) -> tuple[View, ...]:
         p = self._photographs
-        return [
+        return tuple(
             View(p.names[i], p.paths[i], self._lens_of[i], pose, mask_path=p.masks[i])
             for i, pose in enumerate(self._all_poses())
-        ]
+        )
 
     def _follow(self) -> None:
         """The training loop uses the poses as they are now."""
-        loop, scene = self._loop, self._scene.with_views(self._views())
-        loop.scene = scene
+        loop = self._loop
+        loop.views.move(self._all_poses())
         loop.posed = self.posed.tolist()
         middle = centers_of(self._poses[loop.posed]).mean(axis=0)
         distance = float(np.median(np.linalg.norm(self.points.positions - middle, axis=1)))
-        loop.options = dataclasses.replace(self._options, lr_means=_RATE * distance / scene.extent)
+        loop.options = dataclasses.replace(
+            self._options, lr_means=_RATE * distance / loop.scene.extent
+        )
 
     def _train(self, steps: int) -> None:
         for _ in range(steps):
