@@ -1,6 +1,6 @@
 """Writes the pages of docs/ that come from the code: lenses.md, cli.md, api.md.
 
-.venv/bin/python tests/docs/generate.py
+./run docs
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "cpp" / "gsut" / "cameras" / "models"
 STUB = ROOT / "python" / "gsut" / "_core.pyi"
 VECTORS = ROOT / "tests" / "oracles" / "lens_vectors.json"
-NOTE = "<!-- Written by tests/docs/generate.py: edit the code, then run it again. -->\n"
+NOTE = "<!-- Written by `./run docs` from the code: edit that. -->\n"
 SECTION = re.compile(r"^(Args|Attributes|Returns|Raises):$")
 # Lenses that tests/python/lens compares with a program and not with recorded vectors.
 CV2 = ("kannala_brandt", "opencv12", "opencv14", "opencv4", "opencv5", "opencv8", "pinhole")
@@ -89,7 +89,7 @@ def lenses_page() -> str:
     return (
         f"{NOTE}# Lens models\n\n"
         f"The {len(models)} lenses that `Camera`, every command and every dataset reader take. "
-        "Each is one file in\n`cpp/gsut/cameras/models`, and what follows is the comment at its top. "
+        "Each is one file in\n`cpp/gsut/cameras/models`, and below is the comment at its top. "
         "[Which lens do I have?](which-lens.md)\nhelps to choose.\n\n"
         f"| Lens | What it is |\n|---|---|\n{rows}\n" + "\n".join(map(lens_section, models))
     )

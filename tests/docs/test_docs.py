@@ -124,7 +124,7 @@ def test_blocks_were_found():
 
 @pytest.mark.parametrize("name", PAGES)
 def test_generated_page_is_current(name):
-    assert (ROOT / "docs" / name).read_text() == page(name), "run tests/docs/generate.py"
+    assert (ROOT / "docs" / name).read_text() == page(name), "./run docs renews it"
 
 
 def anchors(path: Path) -> set[str]:
