@@ -13,14 +13,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from tqdm import tqdm
 
 from gsut._core import InputError, num_threads
-from gsut.data import Frame, format_transforms, points_ply
+from gsut.data import Frame, points_ply, write_transforms
 from gsut.demo.hall import Hall, make_hall
 from gsut.demo.tracing import Tracer
 from gsut.demo.views import camera_path, demo_camera
 from gsut.lens import Camera
+from gsut.run import Progress
 
 SAMPLES_PER_SIDE = 4  # rays a pixel: a grid of 4 x 4
 _BLOCK = 32  # pixels; rays of a block are traced together
@@ -135,8 +135,7 @@ def _write_dataset(
         for name, pose, test in zip(names, poses, is_test, strict=True)
     ]  # fmt: skip
     test_names = [name for name, test in zip(names, is_test, strict=True) if test]
-    text = format_transforms(frames, folder, points_file=_POINTS_FILE, test=test_names)
-    (folder / "transforms.json").write_text(text, encoding="utf-8")
+    write_transforms(folder / "transforms.json", frames, points_file=_POINTS_FILE, test=test_names)
 
 
 def distances(hall: Hall, pose: np.ndarray, rays: np.ndarray) -> np.ndarray:
@@ -201,8 +200,7 @@ def render_views(
         return np.round(np.clip(colors, 0, 1) * 255).astype(np.uint8)
 
     with ThreadPoolExecutor(num_threads()) as pool:
-        shown = tqdm(poses, desc="ray-casting the demo scene", unit="view", disable=not progress)
-        for pose in shown:
+        for pose in Progress(progress).through("ray-casting the demo scene", poses):
             image = np.zeros((camera.height, camera.width, 3), dtype=np.uint8)
             results = pool.map(block_colors, itertools.repeat(pose), blocks)
             for block, colors in zip(blocks, results, strict=True):

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import CalibrationError, InputError
+from gsut.files import write_file
 from gsut.lens.camera import Camera
 from gsut.lens.files.aria import format_aria, is_aria, load_aria
 from gsut.lens.files.colmap import (
@@ -24,22 +23,50 @@ from gsut.lens.files.colmap import (
     load_colmap_text,
 )
 from gsut.lens.files.kalibr import format_kalibr, is_camchain, load_kalibr
-from gsut.lens.files.nerfstudio import format_nerfstudio, load_nerfstudio, nerfstudio_camera
+from gsut.lens.files.nerfstudio import (
+    format_nerfstudio,
+    is_nerfstudio,
+    load_nerfstudio,
+    nerfstudio_camera,
+)
 from gsut.lens.files.opencv import (
     format_opencv_json,
     format_opencv_yaml,
     has_camera_matrix,
     load_opencv,
 )
+from gsut.lens.files.own import camera_from_values, format_own, is_own
 
 __all__ = ["colmap_camera", "load_camera", "nerfstudio_camera", "save_camera"]
 
 _Path = str | os.PathLike[str]
 _YAML = (".yaml", ".yml")
+OWN_SUFFIX = ".lens.json"  # of gsut's own form, which holds every lens
 
 
 def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
-    """See `gsut.load_camera`."""
+    """Reads a lens file.
+
+    Formats, told apart by name and content: mrcal .cameramodel, OpenCV YAML / JSON (FileStorage or
+    ROS camera_info), Kalibr camchain YAML, COLMAP cameras.txt and cameras.bin, nerfstudio
+    transforms.json, Project Aria calibration JSON, and gsut's own .lens.json. Pixel conventions are
+    converted: mrcal, OpenCV, Kalibr and Aria put the centre of the top-left pixel at (0, 0), gsut,
+    COLMAP and nerfstudio at (0.5, 0.5).
+
+    Args:
+        path: the file.
+        camera_id: which camera, for a file with several: COLMAP's number, Kalibr's "cam0" or Aria's
+            label.
+
+    Returns:
+        The camera. The valid field angle is set where the file states one.
+
+    Raises:
+        CalibrationError: the file is not a lens file, is cut off, lacks a key, or holds a lens that
+            gsut does not have; the message names file, line where known, and key.
+        InputError: the file holds several cameras and camera_id is not given or not among them.
+        OSError: the file cannot be read.
+    """
     file = Path(path)
     source = str(path)
     data = file.read_bytes()
@@ -60,7 +87,7 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
         return _load_keys(_parse_yaml(text, source), source, text, camera_id)
     raise InputError(
         f"{source}: unknown kind of lens file; known: .cameramodel (mrcal), .yaml, .yml and .json"
-        " (OpenCV, Kalibr, nerfstudio, Project Aria), cameras.txt and cameras.bin (COLMAP)"
+        " (gsut, OpenCV, Kalibr, nerfstudio, Project Aria), cameras.txt and cameras.bin (COLMAP)"
     )
 
 
@@ -89,11 +116,13 @@ def _load_keys(values: Any, source: str, text: str, camera_id: int | str | None)
         return load_kalibr(values, source, text, camera_id)
     if has_camera_matrix(values):
         return load_opencv(values, source, text)
-    if any(key in values for key in ("fl_x", "camera_angle_x", "frames", "camera_model")):
+    if is_own(values):
+        return camera_from_values(values, source, text)
+    if is_nerfstudio(values):
         return load_nerfstudio(values, source, text)
     raise CalibrationError(
-        f"{source}: has neither camera_matrix (OpenCV) nor cam0 (Kalibr) nor fl_x (nerfstudio) nor"
-        " cameras (Project Aria); is it a lens file?"
+        f"{source}: has neither model and params (gsut) nor camera_matrix (OpenCV) nor cam0"
+        " (Kalibr) nor fl_x (nerfstudio) nor cameras (Project Aria); is it a lens file?"
     )
 
 
@@ -146,6 +175,7 @@ _WRITERS: dict[str, Callable[[Camera, Path], str | bytes]] = {
     "colmap": lambda camera, _: format_colmap(camera),
     "colmap-binary": lambda camera, _: format_colmap_binary(camera),
     "aria": lambda camera, _: format_aria(camera),
+    "gsut": lambda camera, _: format_own(camera),
 }
 
 
@@ -156,6 +186,8 @@ def _format_of_name(path: Path) -> str:
     if suffix == ".txt":
         return "colmap"
     if suffix == ".json":
+        if name.endswith(OWN_SUFFIX):
+            return "gsut"
         if name.startswith("transforms"):
             return "nerfstudio"
         return "aria" if "aria" in name else "opencv"
@@ -175,28 +207,4 @@ def save_camera(camera: Camera, path: _Path, format: str | None = None) -> None:
     chosen = _format_of_name(file) if format is None else format
     if chosen not in _WRITERS:
         raise InputError(f"unknown lens file format {format!r}; known: {', '.join(_WRITERS)}")
-    write_atomically(file, _WRITERS[chosen](camera, file))
-
-
-def write_atomically(path: Path, content: str | bytes) -> None:
-    """Under a temporary name in the same folder, then renamed."""
-    data = content.encode("utf-8") if isinstance(content, str) else content
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
-    try:
-        with os.fdopen(handle, "wb") as out:
-            out.write(data)
-            out.flush()
-            os.fsync(out.fileno())
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(temporary)
-        raise
-
-
-def _umask() -> int:
-    """What a plain open would take off; mkstemp makes private files."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    write_file(file, _WRITERS[chosen](camera, file))

@@ -1,20 +1,25 @@
-"""`gsut compact`: the arguments, and what the command does step by step."""
+"""`gsut compact`: fewer Gaussians for the same picture, of a run or a PLY file."""
 
 from __future__ import annotations
 
 import argparse
-import json
+import itertools
 import sys
 from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
+from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json
 
+HELP = "fewer Gaussians for the same picture"
+DESCRIPTION = (
+    "Merges or prunes the Gaussians of a finished run, or of a PLY file, and writes a new run or "
+    "file. Nothing in RUN changes."
+)
 _PLY = ".ply"
 
 
-def add_compact_flags(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `gsut compact`."""
+def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "source", metavar="RUN|FILE.ply", help="a finished run, or any PLY file of Gaussians"
     )
@@ -49,18 +54,13 @@ def add_compact_flags(parser: argparse.ArgumentParser) -> None:
         help="lower each Gaussian's degree of harmonics as far as the held-out views lose at most "
         "so many dB by it [default: leave them]",
     )  # fmt: skip
-    parser.add_argument(
-        "--data", metavar="DATA", help="the dataset, if it is not where training read it"
-    )
+    add_moved_data(parser)
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="[default 0]")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
-    parser.add_argument(
-        "--json", action="store_true", help="print the figures as JSON instead of the summary"
-    )
+    add_quiet(parser)
+    add_json(parser)
 
 
-def compact_command(arguments: argparse.Namespace) -> int:
-    """`gsut compact RUN -o RUN2` and `gsut compact FILE.ply -o FILE2.ply`."""
+def run(arguments: argparse.Namespace) -> int:
     from gsut.training import CompactOptions, parsed_bytes
 
     size = arguments.target_size
@@ -78,7 +78,7 @@ def compact_command(arguments: argparse.Namespace) -> int:
     else:
         figures = _compact_run(arguments, options)
     if arguments.json:
-        print(json.dumps(figures, indent=2))
+        print_json(figures)
     return 0
 
 
@@ -126,44 +126,30 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
 
 
 def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
-    from gsut.run import METRICS, SCENE, RunFolder, TrainingProgress
+    from gsut.run import METRICS, SCENE, Progress, RunFolder
     from gsut.training import RunCompactor, read_trained, write_compacted_run
 
     source, target = RunFolder.open(arguments.source), RunFolder(arguments.out)
     target.refuse_run()  # before anything that takes long
     train_options, scene, gaussians = read_trained(source, arguments.data)
-    bars: dict[str, Any] = {}
-
-    def on_view() -> None:
-        if "views" not in bars:
-            from tqdm import tqdm
-
-            bars["views"] = tqdm(
-                total=len(scene.train_indices), unit="view", dynamic_ncols=True,
-                disable=arguments.quiet or not sys.stderr.isatty(),
-            )  # fmt: skip
-        bars["views"].update(1)
-        if bars["views"].n >= len(scene.train_indices):
-            bars.pop("views").close()
-
-    def on_step(loop: Any, loss: float) -> None:
-        if loop.step == 1:
-            bars["steps"] = TrainingProgress(options.finetune, not arguments.quiet)
-        bars["steps"].update(loop.step, loss, len(loop.gaussians))
-        if loop.step == options.finetune:
-            bars.pop("steps").close()
 
     def on_try(count: int, psnr: float) -> None:
         if not arguments.quiet:
             print(f"gsut: {count:,} Gaussians: {psnr:.2f} dB", file=sys.stderr)
 
     earlier = (source.read_json(METRICS) or {}).get("compaction") or {}
-    compactor = RunCompactor(
-        scene, gaussians, train_options, options,
-        keep_degrees=earlier.get("harmonics_degrees") is not None,
-        on_view=on_view, on_step=on_step, on_try=on_try,
-    )  # fmt: skip
-    made = compactor.make()
+    done, views = itertools.count(), len(scene.train_indices)
+    with Progress(not arguments.quiet) as bars:
+        compactor = RunCompactor(
+            scene, gaussians, train_options, options,
+            keep_degrees=earlier.get("harmonics_degrees") is not None,
+            on_view=lambda: bars.show("views", next(done) % views + 1, views),
+            on_step=lambda loop, loss: bars.show_step(
+                loop.step, options.finetune, loss, len(loop.gaussians)
+            ),
+            on_try=on_try,
+        )  # fmt: skip
+        made = compactor.make()
     run = write_compacted_run(target.path, source, compactor, made)
     metrics = run.read_json(METRICS)
     if not arguments.quiet and not arguments.json:
