@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import tolerances
-from gsut.bench.projection_bench import SIZES, _example_camera, _gaussians
-from gsut.bench.projection_truth import alpha_images, projected_moments, sampled_moments
+from tests.bench.projection_bench import SIZES, _example_camera, _gaussians
+from tests.bench.projection_truth import alpha_images, projected_moments, sampled_moments
 
 SAMPLES = 1_000_000
 LENSES = (
