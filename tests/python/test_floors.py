@@ -32,11 +32,7 @@ CALIB_WITH_MRCAL = {"calib/inside_mrcal.py"}
 
 MAX_FUNCTION, MAX_CLASS, MAX_FILE = 80, 250, 400  # lines
 LONGER: dict[str, str] = {  # "path" or "path:name" -> why it is longer
-    "python/gsut/optimize/optimizer.py:GaussianOptimizer": "",
     "python/gsut/run/options.py:TrainOptions": "every option with its help",
-    "python/gsut/sfm/estimate.py:estimate_poses": "",
-    "python/gsut/sfm/rig.py:_fit": "",
-    "python/gsut/training/loop.py:TrainingLoop": "",
 }
 
 
