@@ -21,6 +21,7 @@ from tests.bench.measure import (
     Times,
     best_times,
     measure_step,
+    scalar_baseline,
 )
 from tests.bench.plots import plot_knobs
 from tests.bench.report_rows import (
@@ -327,12 +328,16 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     check_files(arguments)
+    scalar_repeats = arguments.scalar_repeats
+    if scalar_repeats and scalar_baseline is None:
+        print("without the scalar baseline, which only ./run build in a clone makes")
+        scalar_repeats = 0
     options = RenderBenchOptions(
         scenes=words(arguments.scenes) or DEFAULT_SCENES,
         isas=words(arguments.isa),
         threads=numbers(arguments.threads, int, "--threads"),
         repeats=arguments.repeats,
-        scalar_repeats=arguments.scalar_repeats,
+        scalar_repeats=scalar_repeats,
         steps=arguments.steps,
         tiles=arguments.tiles,
         ply=arguments.ply,

@@ -19,7 +19,7 @@ from tests.bench.render_bench import RENDER_COLUMNS
 from tests.bench.report_rows import table_text, write_csv
 from tests.bench.train_bench import seconds_to_db
 
-# What the rows of gsut bench render hold at least.
+# What the rows of ./run bench render hold at least.
 ROW_KEYS = (
     "name", "isa", "threads", "num_gaussians", "width", "height", "pairs_per_pixel", "forward_ms",
     "backward_ms", "step_ms", "scalar_forward_ms", "scalar_backward_ms", "forward_speedup",

@@ -1,4 +1,4 @@
-"""`gsut bench compact`: rows, files and refusals on a small scene."""
+"""`./run bench compact`: rows, files and refusals on a small scene."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""`gsut bench refine`: its rows, resuming a broken run, and the basin."""
+"""`./run bench refine`: its rows, resuming a broken run, and the basin."""
 
 import json
 import types

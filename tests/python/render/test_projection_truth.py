@@ -1,4 +1,4 @@
-"""The truth of `gsut bench projection`: quadrature against a million random samples."""
+"""The truth of `./run bench projection`: quadrature against a million random samples."""
 
 import numpy as np
 import pytest
