@@ -14,7 +14,7 @@ _RANDOM_NEAR, _RANDOM_FAR = 0.05, 4.0
 _RANDOM_COUNT = 30_000
 
 
-def first_gaussians(scene: Scene, options: TrainOptions) -> Gaussians:
+def seed_first(scene: Scene, options: TrainOptions) -> Gaussians:
     """The Gaussians that training starts from: on the scene's points, or random in view."""
     o = options
     shape: dict[str, Any] = {
