@@ -10,6 +10,7 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/gaussians/gaussians.h"
+#include "gsut/gaussians/harmonics_rows.h"
 
 namespace gsut::bindings {
 
@@ -82,20 +83,26 @@ T* MutableData(const py::handle& object, const char* name,
 
 // View of a gsut.Gaussians (any object with means, quats, log_scales, opacity_logits, sh as
 // C-contiguous arrays). View is GaussiansView<T>, or GaussiansView<const T> to read only, and
-// get(object, name, shape) the checked pointer. The caller keeps the object alive meanwhile.
+// get(object, name, shape) the checked pointer. rows: of harmonics of several degrees, which are
+// one array of floats; null: sh (N, K, 3). The caller keeps the object alive meanwhile.
 template <class View, class Get>
-View GaussiansOf(const py::handle& gaussians, Get&& get) {
+View GaussiansOf(const py::handle& gaussians, const HarmonicsRows* rows, Get&& get) {
   View view;
   const py::object sh = gaussians.attr("sh");
   const py::object means = gaussians.attr("means");
-  const auto sh_array = py::reinterpret_borrow<py::array>(sh);
   view.size = static_cast<std::int64_t>(py::len(means));
-  view.sh_coefficients = sh_array.ndim() == 3 ? static_cast<int>(sh_array.shape(1)) : 0;
   view.means = get(means, "means", {view.size, 3});
   view.quats = get(gaussians.attr("quats"), "quats", {view.size, 4});
   view.log_scales = get(gaussians.attr("log_scales"), "log_scales", {view.size, 3});
   view.opacity_logits = get(gaussians.attr("opacity_logits"), "opacity_logits", {view.size});
-  view.sh = get(sh, "sh", {view.size, view.sh_coefficients, 3});
+  if (rows != nullptr) {
+    view.sh_coefficients = NumShCoefficients(rows->MaxDegree());
+    view.sh = get(sh, "sh", {rows->Offset(view.size)});
+  } else {
+    const auto sh_array = py::reinterpret_borrow<py::array>(sh);
+    view.sh_coefficients = sh_array.ndim() == 3 ? static_cast<int>(sh_array.shape(1)) : 0;
+    view.sh = get(sh, "sh", {view.size, view.sh_coefficients, 3});
+  }
   const int k = view.sh_coefficients;
   if (k != 1 && k != 4 && k != 9 && k != 16) {
     throw InputError("sh must have 1, 4, 9 or 16 coefficients (degree 0 to 3), found " +
@@ -105,17 +112,20 @@ View GaussiansOf(const py::handle& gaussians, Get&& get) {
 }
 
 template <class T>
-GaussiansView<T> MutableGaussians(const py::handle& gaussians) {
-  return GaussiansOf<GaussiansView<T>>(gaussians, [](const py::handle& array, const char* name,
-                                                     std::initializer_list<std::int64_t> shape) {
-    return MutableData<T>(array, name, shape);
-  });
+GaussiansView<T> MutableGaussians(const py::handle& gaussians,
+                                  const HarmonicsRows* rows = nullptr) {
+  return GaussiansOf<GaussiansView<T>>(
+      gaussians, rows,
+      [](const py::handle& array, const char* name, std::initializer_list<std::int64_t> shape) {
+        return MutableData<T>(array, name, shape);
+      });
 }
 
 template <class T>
-GaussiansView<const T> ConstGaussians(const py::handle& gaussians) {
+GaussiansView<const T> ConstGaussians(const py::handle& gaussians,
+                                      const HarmonicsRows* rows = nullptr) {
   return GaussiansOf<GaussiansView<const T>>(
-      gaussians,
+      gaussians, rows,
       [](const py::handle& array, const char* name, std::initializer_list<std::int64_t> shape) {
         return ConstData<T>(array, name, shape);
       });

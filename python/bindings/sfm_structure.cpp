@@ -55,16 +55,17 @@ Rig ReadRig(const py::object& object) {
 }
 
 // (S, 3) int32: point, image, feature.
-py::array WriteSights(const Structure& structure,
-                      std::vector<TrackElement> StructurePoint::*elements) {
-  std::vector<std::int32_t> sights;
+py::array WriteObservations(const Structure& structure,
+                            std::vector<TrackElement> StructurePoint::*elements) {
+  std::vector<std::int32_t> observations;
   for (std::size_t i = 0; i < structure.points.size(); ++i) {
-    for (const TrackElement& sight : structure.points[i].*elements) {
-      sights.insert(sights.end(), {static_cast<std::int32_t>(i), sight.image, sight.feature});
+    for (const TrackElement& observation : structure.points[i].*elements) {
+      observations.insert(observations.end(),
+                          {static_cast<std::int32_t>(i), observation.image, observation.feature});
     }
   }
-  auto array = NewArray<std::int32_t>({static_cast<py::ssize_t>(sights.size() / 3), 3});
-  std::copy(sights.begin(), sights.end(), array.mutable_data());
+  auto array = NewArray<std::int32_t>({static_cast<py::ssize_t>(observations.size() / 3), 3});
+  std::copy(observations.begin(), observations.end(), array.mutable_data());
   return array;
 }
 
@@ -99,8 +100,9 @@ py::dict WriteStructure(const Structure& structure) {
       in_camera.insert(in_camera.end(), p.begin(), p.end());
     }
   }
-  auto sights_in_camera = NewArray<double>({static_cast<py::ssize_t>(in_camera.size() / 3), 3});
-  std::copy(in_camera.begin(), in_camera.end(), sights_in_camera.mutable_data());
+  auto observations_in_camera =
+      NewArray<double>({static_cast<py::ssize_t>(in_camera.size() / 3), 3});
+  std::copy(in_camera.begin(), in_camera.end(), observations_in_camera.mutable_data());
   py::list camera_from_body;
   for (const Pose& pose : structure.camera_from_body) camera_from_body.append(WritePose(pose));
   py::list lens_params;
@@ -113,9 +115,9 @@ py::dict WriteStructure(const Structure& structure) {
   result["camera_from_body"] = camera_from_body;
   result["points"] = positions;
   result["point_errors"] = errors;
-  result["sights"] = WriteSights(structure, &StructurePoint::sights);
-  result["sights_in_camera"] = sights_in_camera;
-  result["held_out_sights"] = WriteSights(structure, &StructurePoint::held_out);
+  result["observations"] = WriteObservations(structure, &StructurePoint::observations);
+  result["observations_in_camera"] = observations_in_camera;
+  result["held_out_sights"] = WriteObservations(structure, &StructurePoint::held_out);
   result["lens_params"] = lens_params;
   result["rms"] = structure.rms;
   result["median"] = structure.median;

@@ -153,7 +153,8 @@ BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
     const BundleObservation& observation = bundle->observations[i];
     const int camera = bundle->camera_of_image[observation.image];
     const bool lens_free = lenses_free && !options.lens_free[camera].empty();
-    auto* cost = new SightCost(*bundle, state, static_cast<int>(i), evaluation.get(), lens_free);
+    auto* cost =
+        new ReprojectionCost(*bundle, state, static_cast<int>(i), evaluation.get(), lens_free);
     problem.AddResidualBlock(cost, loss, cost->Blocks(&state));
     used_lens[camera] |= lens_free;
     used_body[body_of(observation.image)] = used_point[observation.point] = 1;

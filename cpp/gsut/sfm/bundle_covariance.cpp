@@ -15,7 +15,7 @@ namespace {
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 using MatrixX3 = Eigen::Matrix<double, Eigen::Dynamic, 3>;
 
-// A sight's derivatives by its body's pose and, if bodies move, velocity; and by the point.
+// An observation's derivatives by its body's pose and, if bodies move, velocity; and by the point.
 struct Linearized {
   int body;
   Eigen::Matrix<double, 2, Eigen::Dynamic> by_body;
@@ -56,32 +56,32 @@ std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& 
     const double weight = s > 0 ? std::sqrt(1.0 / (1.0 + squared / (s * s))) : 1.0;
     sum += weight * weight * squared;
     const ChainDerivatives by = Derivatives(chain, point, weight * by_p);
-    Linearized sight = {state.body_of_image[observation.image], {}, by.by_point};
-    sight.by_body.resize(2, size);
-    sight.by_body.leftCols<6>() = by.by_pose;
-    if (size > 6) sight.by_body.rightCols<6>() = by.by_velocity;
-    of_point[observation.point].push_back(std::move(sight));
+    Linearized linear = {state.body_of_image[observation.image], {}, by.by_point};
+    linear.by_body.resize(2, size);
+    linear.by_body.leftCols<6>() = by.by_pose;
+    if (size > 6) linear.by_body.rightCols<6>() = by.by_velocity;
+    of_point[observation.point].push_back(std::move(linear));
   }
   Eigen::MatrixXd reduced = Eigen::MatrixXd::Zero(size * bodies, size * bodies);
   std::int64_t freedom = 2 * static_cast<std::int64_t>(bundle.observations.size());
   std::vector<MatrixX3> cross;
-  for (const auto& sights : of_point) {
-    if (sights.empty()) continue;
+  for (const auto& observations : of_point) {
+    if (observations.empty()) continue;
     freedom -= 3;
     Eigen::Matrix3d by_point = Eigen::Matrix3d::Zero();
     cross.clear();
-    for (const Linearized& sight : sights) {
-      by_point += sight.by_point.transpose() * sight.by_point;
-      cross.push_back(sight.by_body.transpose() * sight.by_point);
-      reduced.block(size * sight.body, size * sight.body, size, size) +=
-          sight.by_body.transpose() * sight.by_body;
+    for (const Linearized& observation : observations) {
+      by_point += observation.by_point.transpose() * observation.by_point;
+      cross.push_back(observation.by_body.transpose() * observation.by_point);
+      reduced.block(size * observation.body, size * observation.body, size, size) +=
+          observation.by_body.transpose() * observation.by_body;
     }
     const Eigen::Matrix3d inverse = by_point.inverse();
     if (!inverse.allFinite()) throw SolveError("a point of the bundle is not determined");
-    for (std::size_t i = 0; i < sights.size(); ++i) {
+    for (std::size_t i = 0; i < observations.size(); ++i) {
       const MatrixX3 scaled = cross[i] * inverse;
-      for (std::size_t j = 0; j < sights.size(); ++j) {
-        reduced.block(size * sights[i].body, size * sights[j].body, size, size) -=
+      for (std::size_t j = 0; j < observations.size(); ++j) {
+        reduced.block(size * observations[i].body, size * observations[j].body, size, size) -=
             scaled * cross[j].transpose();
       }
     }

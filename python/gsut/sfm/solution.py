@@ -302,9 +302,9 @@ def _solution(
         for c, p in zip(lenses, found["lens_params"], strict=True)
     ]
     own = [solved[lenses.index(c)] for c in cameras]
-    observations = found["sights"]
+    observations = found["observations"]
     pixels, residuals, angles = evaluate_observations(
-        observations, found["sights_in_camera"], own, features
+        observations, found["observations_in_camera"], own, features
     )
     colors = _mean_colors(observations, len(found["points"]), features)
     return Solution(

@@ -56,7 +56,7 @@ def test_estimate_poses_synthetic_walk_finds_all_poses_within_noise(rng):
 def test_estimate_poses_sees_beyond_ninety_degrees(rng):
     scene = Synthetic(rng)
     found = scene.solve()
-    observations = found["sights"]
+    observations = found["observations"]
     behind = 0
     for point, image, _ in observations:
         pose = found["camera_from_world"][image]
