@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 import gsut
-from gsut.refined_poses import write_refined
-from gsut.run_folder import TRANSFORMS, RunFolder
+from gsut.refine.pose_files import write_refined
+from gsut.run.folder import TRANSFORMS, RunFolder
 from random_scenes import fisheye
 from rendered_dataset import _write_points
 

@@ -82,7 +82,7 @@ py::dict FootprintArrays(const Footprints<T>& found) {
   const py::ssize_t n = static_cast<py::ssize_t>(found.size);
   py::array_t<T> centers({n, py::ssize_t{2}}), boxes({n, py::ssize_t{4}});
   py::array_t<T> covariances({n, py::ssize_t{2}, py::ssize_t{2}});
-  py::array_t<std::uint8_t> status(n), method(n);
+  py::array_t<std::uint8_t> status(n);
   T* center = centers.mutable_data();
   T* box = boxes.mutable_data();
   T* covariance = covariances.mutable_data();
@@ -98,29 +98,25 @@ py::dict FootprintArrays(const Footprints<T>& found) {
     box[4 * i + 2] = found.high_u[j];
     box[4 * i + 3] = found.high_v[j];
     status.mutable_data()[i] = static_cast<std::uint8_t>(found.status[j]);
-    method.mutable_data()[i] = static_cast<std::uint8_t>(found.method[j]);
   }
   py::dict out;
   out["centers"] = centers;
   out["covariances"] = covariances;
   out["boxes"] = boxes;
   out["status"] = status;
-  out["method"] = method;
   return out;
 }
 
 // Keeps the arrays of footprints from call to call, so that a timing does not count their making.
 class Footprinter {
  public:
-  Footprinter(int method, const std::array<double, 3>& unscented, double alpha_min,
-              double max_error_px) {
-    if (method < 0 || method > static_cast<int>(ProjectionMethod::kAdaptive)) {
+  Footprinter(int method, const std::array<double, 3>& unscented, double alpha_min) {
+    if (method < 0 || method > static_cast<int>(ProjectionMethod::kSilhouette)) {
       throw InputError("projection method " + std::to_string(method) + " is unknown");
     }
     options_.method = static_cast<ProjectionMethod>(method);
     options_.unscented = Options(unscented[0], unscented[1], unscented[2]);
     options_.rule.alpha_min = alpha_min;
-    options_.max_error_px = max_error_px;
   }
 
   // Finds them and returns (wall, processor) seconds.
@@ -189,8 +185,8 @@ void BindProjection(py::module_& m) {
   m.def("project_reference", &ProjectDouble, py::arg("gaussians"), py::arg("camera"),
         py::arg("camera_from_world"), py::arg("alpha"), py::arg("beta"), py::arg("kappa"));
   py::class_<Footprinter>(m, "Footprinter", "Footprints by one method, with its buffers.")
-      .def(py::init<int, const std::array<double, 3>&, double, double>(), py::arg("method"),
-           py::arg("unscented"), py::arg("alpha_min"), py::arg("max_error_px"))
+      .def(py::init<int, const std::array<double, 3>&, double>(), py::arg("method"),
+           py::arg("unscented"), py::arg("alpha_min"))
       .def("find", &Footprinter::Find, py::arg("gaussians"), py::arg("camera"),
            py::arg("camera_from_world"))
       .def("arrays", &Footprinter::Arrays)

@@ -222,12 +222,9 @@ class _FootprintArrays(TypedDict):
     covariances: NDArray[Any]  # (N, 2, 2)
     boxes: NDArray[Any]  # (N, 4)
     status: NDArray[np.uint8]
-    method: NDArray[np.uint8]
 
 class Footprinter:
-    def __init__(
-        self, method: int, unscented: Sequence[float], alpha_min: float, max_error_px: float
-    ) -> None: ...
+    def __init__(self, method: int, unscented: Sequence[float], alpha_min: float) -> None: ...
     def find(
         self, gaussians: _Gaussians, camera: Camera, camera_from_world: _PoseLike
     ) -> tuple[float, float]: ...  # wall and processor seconds

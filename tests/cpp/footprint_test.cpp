@@ -11,11 +11,9 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
-#include <limits>
 #include <string>
 #include <vector>
 
-#include "gsut/base/errors.h"
 #include "gsut/base/isa.h"
 #include "gsut/base/parallel.h"
 #include "gsut/gaussians/activations.h"
@@ -36,8 +34,7 @@ using testing_scenes::ToDouble;
 
 constexpr ProjectionMethod kAllMethods[] = {
     ProjectionMethod::kEwa,      ProjectionMethod::kUnscented,    ProjectionMethod::kSimplex,
-    ProjectionMethod::kCubature, ProjectionMethod::kGaussHermite, ProjectionMethod::kSilhouette,
-    ProjectionMethod::kAdaptive};
+    ProjectionMethod::kCubature, ProjectionMethod::kGaussHermite, ProjectionMethod::kSilhouette};
 
 // A pixel this much above the cut-off, relative, is above it in float, too (see raster_test.cpp).
 constexpr double kMissMargin = 2e-3;
@@ -164,7 +161,7 @@ std::int64_t GaussiansALens() {
   return text == nullptr ? 1400 : std::atoll(text);
 }
 
-TEST(FootprintTest, SilhouetteAndAdaptiveMissNoPixelOnAnyLens) {
+TEST(FootprintTest, SilhouetteMissesNoPixelOnAnyLens) {
   MethodCount counts[3][std::size(kAllMethods)] =
       {};  // double, float with the best, and lowest ISA
   std::int64_t pairs = 0;
@@ -210,7 +207,7 @@ TEST(FootprintTest, SilhouetteAndAdaptiveMissNoPixelOnAnyLens) {
         for (int path = 0; path < 3; ++path) {
           counts[path][m].seen += here[path].seen;
           counts[path][m].missed += here[path].missed;
-          if (kAllMethods[m] >= ProjectionMethod::kSilhouette) {
+          if (kAllMethods[m] == ProjectionMethod::kSilhouette) {
             EXPECT_EQ(here[path].missed, 0)
                 << lens.name << " kind " << kind << " method " << m << " path " << path;
           }
@@ -255,7 +252,7 @@ OwnedGaussians<float> OnLines(const Camera& camera, const Pose& pose, std::int64
   return g;
 }
 
-TEST(FootprintTest, SilhouetteAndAdaptiveMissNoPixelWhereRaysDoNotMeet) {
+TEST(FootprintTest, SilhouetteMissesNoPixelWhereRaysDoNotMeet) {
   constexpr int kColumns = 48;
   std::uint64_t stream = 900;
   int lenses = 0;
@@ -276,21 +273,18 @@ TEST(FootprintTest, SilhouetteAndAdaptiveMissNoPixelWhereRaysDoNotMeet) {
         float_truth.push_back(
             SeenPixels(exact, i, camera, pose, rule.alpha_min * (1.0 + kMissMargin), false));
       }
-      for (const ProjectionMethod method :
-           {ProjectionMethod::kSilhouette, ProjectionMethod::kAdaptive}) {
-        FootprintOptions options;
-        options.method = method;
-        Footprints<double> found;
-        FindFootprintsReference(exact.View(), camera, pose, options, &found);
-        Footprints<float> kernel;
-        FindFootprints(g.View(), camera, pose, options, &kernel);
-        MethodCount count, float_count;
-        CountMisses(found, truth, camera, &count);
-        CountMisses(kernel, float_truth, camera, &float_count);
-        EXPECT_EQ(count.missed, 0) << name;
-        EXPECT_EQ(float_count.missed, 0) << name;
-        EXPECT_GT(count.seen, GaussiansALens() / 2) << name;
-      }
+      FootprintOptions options;
+      options.method = ProjectionMethod::kSilhouette;
+      Footprints<double> found;
+      FindFootprintsReference(exact.View(), camera, pose, options, &found);
+      Footprints<float> kernel;
+      FindFootprints(g.View(), camera, pose, options, &kernel);
+      MethodCount count, float_count;
+      CountMisses(found, truth, camera, &count);
+      CountMisses(kernel, float_truth, camera, &float_count);
+      EXPECT_EQ(count.missed, 0) << name;
+      EXPECT_EQ(float_count.missed, 0) << name;
+      EXPECT_GT(count.seen, GaussiansALens() / 2) << name;
       ++lenses;
     }
   }
@@ -334,13 +328,10 @@ TEST(FootprintTest, FloatMatchesDoubleOnEveryLensMethodAndInstructionSet) {
           const double size =
               std::max(truth.high_u[i] - truth.low_u[i], truth.high_v[i] - truth.low_v[i]);
           if (!std::isfinite(truth.u[i]) || !(size < 2.0 * kWidest)) continue;
-          // On the edge of the domain, or between two methods, float may choose otherwise.
-          if (found.status[i] != truth.status[i] || found.method[i] != truth.method[i] ||
-              !std::isfinite(found.u[i])) {
-            continue;
-          }
+          // On the edge of the domain float may decide otherwise.
+          if (found.status[i] != truth.status[i] || !std::isfinite(found.u[i])) continue;
           ++compared;
-          const bool outline = truth.method[i] == ProjectionMethod::kSilhouette;
+          const bool outline = method == ProjectionMethod::kSilhouette;
           const double center = std::hypot(found.u[i] - truth.u[i], found.v[i] - truth.v[i]);
           const double loose = kBoxRounding + kFloatEdge + (outline ? kOutlineLoose * size : 0.0);
           EXPECT_LT(center, kFloatPixels) << lens.name << " " << isa;
@@ -424,51 +415,10 @@ TEST(FootprintTest, RulesHaveMeanZeroAndCovarianceOne) {
   EXPECT_EQ(ran, 4);
 }
 
-TEST(FootprintTest, AdaptiveTakesTheCheapMethodsForSmallGaussiansAndHonoursItsBound) {
-  // Whatever the bound, no pixel is missed (above); a smaller bound takes EWA less often.
-  const Camera camera("kannala_brandt", {60.0, 60.0, 100.0, 100.0, 0.01, -0.002}, 200, 200);
-  Draws draws(13, 0);
-  const Pose pose = RandomPose(&draws);
-  const auto g = ToDouble(GaussiansInView(camera, pose, 2000, kKinds[1], &draws));
-  std::int64_t before = std::numeric_limits<std::int64_t>::max();
-  int ran = 0;
-  for (const double bound : {1.0, 0.1, 0.01, 1e-4}) {
-    FootprintOptions options;
-    options.max_error_px = bound;
-    Footprints<double> found;
-    FindFootprintsReference(g.View(), camera, pose, options, &found);
-    options.method = ProjectionMethod::kGaussHermite;
-    Footprints<double> accurate;
-    FindFootprintsReference(g.View(), camera, pose, options, &accurate);
-    std::int64_t ewa = 0;
-    for (std::size_t i = 0; i < 2000; ++i) {
-      if (found.method[i] == ProjectionMethod::kSilhouette || !std::isfinite(accurate.u[i])) {
-        continue;
-      }
-      ewa += found.method[i] == ProjectionMethod::kEwa;
-      EXPECT_LE(std::hypot(found.u[i] - accurate.u[i], found.v[i] - accurate.v[i]), bound);
-    }
-    EXPECT_LE(ewa, before);
-    before = ewa;
-    EXPECT_GT(ewa, bound >= 0.1 ? 500 : -1);
-    ++ran;
-  }
-  EXPECT_EQ(ran, 4);
-}
-
-TEST(FootprintTest, BadBoundIsRefusedAndNoGaussiansGiveNothing) {
+TEST(FootprintTest, NoGaussiansGiveNothing) {
   const Camera camera("pinhole", {100.0, 100.0, 50.0, 50.0}, 100, 100);
   const OwnedGaussians<float> none(0);
-  const auto exact = ToDouble(none);
   Footprints<float> found;
-  Footprints<double> reference;
-  for (const double bound : {0.0, -1.0, std::numeric_limits<double>::quiet_NaN()}) {
-    FootprintOptions options;
-    options.max_error_px = bound;
-    EXPECT_THROW(FindFootprints(none.View(), camera, Pose(), options, &found), InputError);
-    EXPECT_THROW(FindFootprintsReference(exact.View(), camera, Pose(), options, &reference),
-                 InputError);
-  }
   FindFootprints(none.View(), camera, Pose(), {}, &found);
   EXPECT_EQ(found.size, 0);
 }

@@ -85,8 +85,7 @@ def test_gaussians_on_the_seam_and_at_the_poles_match_double(rng, lens):
     assert len(outcomes) == 1 + len(gsut.available_isas())
 
 
-@pytest.mark.parametrize("method", ["silhouette", "adaptive"])
-def test_bounds_hold_hostile_gaussians_in_every_path(rng, method):
+def test_silhouette_holds_hostile_gaussians_in_every_path(rng):
     # Needles, discs, the camera inside, half behind, the seam: no pixel outside a box.
     ran = seen = 0
     for camera in (pinhole(48), FOLDS["barrel opencv"], *PANORAMAS.values()):
@@ -98,7 +97,7 @@ def test_bounds_hold_hostile_gaussians_in_every_path(rng, method):
             for path in every_path():
                 gsut.set_isa("" if path == "float64" else path)
                 dtype = "float64" if path == "float64" else "float32"
-                found = gsut.project(g, camera, np.eye(4), method=method, dtype=dtype)
+                found = gsut.project(g, camera, np.eye(4), method="silhouette", dtype=dtype)
                 assert found.bounded[0], (path, scales)
                 box, turn = found.boxes[0], camera.width
                 held = np.zeros(len(rows), bool)

@@ -1,4 +1,4 @@
-// Footprints of Gaussians by seven methods, from the linear one to the exact silhouette.
+// Footprints of Gaussians by six methods, from the linear one to the exact silhouette.
 #pragma once
 
 #include <cstdint>
@@ -19,17 +19,12 @@ enum class ProjectionMethod : std::uint8_t {
   kCubature = 3,      // 6 points of the spherical-radial rule (Arasaratnam and Haykin, 2009)
   kGaussHermite = 4,  // 27 points, 3 an axis
   kSilhouette = 5,    // the cone of rays that touch the cut-off ellipsoid, through the lens: exact
-  kAdaptive = 6,  // the cheapest of EWA, unscented, silhouette with a proven error under a bound
 };
 
 struct FootprintOptions {
-  ProjectionMethod method = ProjectionMethod::kAdaptive;
+  ProjectionMethod method = ProjectionMethod::kUnscented;
   UnscentedOptions unscented;
   FootprintRule rule;
-  // Adaptive only: bound of the centre's error (pixels) where EWA or unscented is chosen, and of
-  // how far EWA's own box may be from the footprint's, proven (footprint_error.h, lens_bound.h).
-  // The box misses nothing whatever the bound.
-  double max_error_px = 0.25;
 };
 
 enum class FootprintStatus : std::uint8_t {
@@ -47,7 +42,6 @@ struct Footprints {
   AlignedVector<T> cov_uu, cov_uv, cov_vv;  // pixels^2
   AlignedVector<T> low_u, high_u, low_v, high_v;
   AlignedVector<FootprintStatus> status;
-  AlignedVector<ProjectionMethod> method;  // that was used: adaptive names its choice
 
   void Resize(std::int64_t n);
 };
@@ -62,8 +56,8 @@ void FindFootprintsReference(const GaussiansView<const double>& gaussians, const
 
 // Float path, vectorised and threaded. Boxes are kBoxRounding wider than the method says, so that
 // rounding to float loses nothing. What has no simple outline (the camera inside, cut by the
-// domain's edge, around a pole) is bounded by the scalar code; so is everything that silhouette and
-// adaptive find through a lens whose rays do not meet.
+// domain's edge, around a pole) is bounded by the scalar code; so is everything that silhouette
+// finds through a lens whose rays do not meet.
 void FindFootprints(const GaussiansView<const float>& gaussians, const Camera& camera,
                     const Pose& camera_from_world, const FootprintOptions& options,
                     Footprints<float>* footprints);

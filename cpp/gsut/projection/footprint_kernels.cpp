@@ -29,7 +29,7 @@ using LaneFootprint = PlacedFootprint<Lane, LaneMask>;
 
 // Stores footprints and states of the lanes from i on.
 HWY_INLINE void StoreFootprints(const LaneFootprint& f, LaneMask possible, std::int64_t i,
-                                int count, ProjectionMethod method, Footprints<float>* out) {
+                                int count, Footprints<float>* out) {
   const FloatTag d;
   const LaneMask whole =
       AndMask(AndMask(possible, f.valid), IsFinite(f.low_u + f.high_u + f.low_v + f.high_v));
@@ -53,7 +53,6 @@ HWY_INLINE void StoreFootprints(const LaneFootprint& f, LaneMask possible, std::
     out->status[j] = (is_box >> k) & 1        ? FootprintStatus::kBox
                      : (is_possible >> k) & 1 ? FootprintStatus::kUnknown
                                               : FootprintStatus::kNothing;
-    out->method[j] = method;
   }
 }
 
@@ -122,7 +121,7 @@ void FootprintsOfLens(const FootprintTask& task, std::int64_t begin, std::int64_
         f = SigmaFootprint<Lens, Lane>(task.domain, params, task.num_params, period, *task.rule, g);
         break;
     }
-    StoreFootprints(f, possible, i, count, task.method, out);
+    StoreFootprints(f, possible, i, count, out);
   }
 }
 

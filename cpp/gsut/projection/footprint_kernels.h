@@ -24,7 +24,7 @@ struct FootprintTask {
   ViewFloats view;
   float log2_alpha_min;
   float max_cutoff;
-  ProjectionMethod method;  // not kAdaptive
+  ProjectionMethod method;
   const SigmaRule* rule;
 };
 

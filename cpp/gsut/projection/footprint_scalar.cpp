@@ -9,8 +9,6 @@
 #include "gsut/cameras/lens_registry.h"
 #include "gsut/cameras/scalar_math.h"
 #include "gsut/gaussians/activations.h"
-#include "gsut/projection/footprint_choice.h"
-#include "gsut/projection/footprint_error.h"
 #include "gsut/projection/project_kernels.h"
 
 // The scalar names that the methods' text uses; before its text.
@@ -40,9 +38,8 @@ using Found = HWY_NAMESPACE::PlacedFootprint<double, bool>;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-OneFootprint Nothing(ProjectionMethod method) {
-  return {kNaN, kNaN, kNaN, kNaN, kNaN, 1.0, -1.0, 1.0, -1.0, FootprintStatus::kNothing, method};
-}
+constexpr OneFootprint kNowhere = {kNaN, kNaN, kNaN, kNaN, kNaN,
+                                   1.0,  -1.0, 1.0,  -1.0, FootprintStatus::kNothing};
 
 template <class Lens>
 Found Ewa(const Camera& camera, const PlacedDouble& g) {
@@ -65,11 +62,8 @@ Found Ewa(const Camera& camera, const PlacedDouble& g) {
 ScalarFootprints::ScalarFootprints(const Camera& camera, const Pose& camera_from_world,
                                    const FootprintOptions& options)
     : camera_(camera), pose_(camera_from_world), options_(options) {
-  const bool adaptive = options.method == ProjectionMethod::kAdaptive;
-  rule_ = MakeSigmaRule(adaptive ? ProjectionMethod::kUnscented : options.method,
-                        adaptive ? UnscentedOptions() : options.unscented);
-  if (adaptive) bend_ = BendOf(camera);
-  if (adaptive || options.method == ProjectionMethod::kSilhouette) pyramid_ = PyramidOf(camera);
+  rule_ = MakeSigmaRule(options.method, options.unscented);
+  if (options.method == ProjectionMethod::kSilhouette) pyramid_ = PyramidOf(camera);
   for (int k = 0; k < kOutlinePointsReference; ++k) {
     circle_[k][0] = std::cos(2.0 * kPi * k / kOutlinePointsReference);
     circle_[k][1] = std::sin(2.0 * kPi * k / kOutlinePointsReference);
@@ -90,9 +84,7 @@ template <class T>
 OneFootprint ScalarFootprints::FindAs(const GaussiansView<const T>& gaussians,
                                       std::int64_t i) const {
   Placed g;
-  if (!Place(gaussians, i, &g)) return Nothing(options_.method);
-  if (options_.method == ProjectionMethod::kAdaptive) return Adapt(g);
-  return By(options_.method, g);
+  return Place(gaussians, i, &g) ? FindPlaced(g) : kNowhere;
 }
 
 // False where no pixel can see it.
@@ -129,7 +121,8 @@ bool ScalarFootprints::Place(const GaussiansView<const T>& gaussians, std::int64
   return !(sine < 1.0 && angle - std::asin(sine) > camera_.MaxAngle());
 }
 
-OneFootprint ScalarFootprints::By(ProjectionMethod method, const Placed& g) const {
+OneFootprint ScalarFootprints::FindPlaced(const Placed& g) const {
+  const ProjectionMethod method = options_.method;
   const LensDomain& domain = camera_.domain();
   const double* params = camera_.params().data();
   const int num_params = camera_.num_params();
@@ -147,10 +140,9 @@ OneFootprint ScalarFootprints::By(ProjectionMethod method, const Placed& g) cons
   });
   if (found.valid) {
     return {found.u,     found.v,      found.cov_uu, found.cov_uv, found.cov_vv,
-            found.low_u, found.high_u, found.low_v,  found.high_v, FootprintStatus::kBox,
-            method};
+            found.low_u, found.high_u, found.low_v,  found.high_v, FootprintStatus::kBox};
   }
-  OneFootprint out = Nothing(method);
+  OneFootprint out = kNowhere;
   out.status = FootprintStatus::kUnknown;
   if (method == ProjectionMethod::kSilhouette) Search(g, &out);
   return out;
@@ -179,32 +171,6 @@ void ScalarFootprints::Search(const Placed& g, OneFootprint* out) const {
   out->high_u = box[1];
   out->low_v = box[2];
   out->high_v = box[3];
-}
-
-OneFootprint ScalarFootprints::Adapt(const Placed& g) const {
-  // The bounds are those of an image that is the same along a ray from the origin, or linear.
-  if (!camera_.IsCentral() && !camera_.IsParallel()) return By(ProjectionMethod::kSilhouette, g);
-  const double distance = Vector3d(g.mean[0], g.mean[1], g.mean[2]).norm();
-  const double size = std::max({g.scale[0], g.scale[1], g.scale[2]}) / distance;
-  const Bend bend = bend_->At(g.mean, BendSine(size, g.reach));
-  const FootprintError error = BoundFootprintError(bend, size, g.reach);
-  const ProjectionMethod method =
-      CheapestWithin(options_.max_error_px, error.ewa, error.unscented_center, error.unscented_box,
-                     error.loosest_box);
-  if (method != ProjectionMethod::kSilhouette) {
-    OneFootprint out = By(method, g);
-    const double half = 0.5 * std::max(out.high_u - out.low_u, out.high_v - out.low_v);
-    const bool by_ewa = method == ProjectionMethod::kEwa;
-    const double width = by_ewa ? error.ewa : error.unscented_box;
-    if (out.status == FootprintStatus::kBox && (by_ewa || width <= kLooseBox * half)) {
-      out.low_u -= width;
-      out.high_u += width;
-      out.low_v -= width;
-      out.high_v += width;
-      return out;
-    }
-  }
-  return By(ProjectionMethod::kSilhouette, g);
 }
 
 }  // namespace gsut

@@ -6,7 +6,6 @@
 
 #include "gsut/projection/footprint.h"
 #include "gsut/projection/footprint_kernels.h"
-#include "gsut/projection/lens_bend.h"
 #include "gsut/projection/ray_pyramid.h"
 
 namespace gsut {
@@ -15,7 +14,6 @@ struct OneFootprint {
   double u, v, cov_uu, cov_uv, cov_vv;
   double low_u, high_u, low_v, high_v;
   FootprintStatus status;
-  ProjectionMethod method;
 };
 
 // The scalar methods on one camera, which must outlive the object.
@@ -33,15 +31,13 @@ class ScalarFootprints {
   OneFootprint FindAs(const GaussiansView<const T>& gaussians, std::int64_t i) const;
   template <class T>
   bool Place(const GaussiansView<const T>& gaussians, std::int64_t i, Placed* g) const;
-  OneFootprint By(ProjectionMethod method, const Placed& g) const;
+  OneFootprint FindPlaced(const Placed& g) const;
   void Search(const Placed& g, OneFootprint* out) const;
-  OneFootprint Adapt(const Placed& g) const;
 
   const Camera& camera_;
   const Pose& pose_;
   const FootprintOptions options_;
   SigmaRule rule_;
-  std::shared_ptr<const LensBend> bend_;
   std::shared_ptr<const RayPyramid> pyramid_;
   double circle_[kOutlinePointsReference][2];
 };
@@ -60,7 +56,6 @@ void StoreFootprint(const OneFootprint& one, double rounding, std::size_t j, Foo
   out->low_v[j] = static_cast<T>(one.low_v - wider);
   out->high_v[j] = static_cast<T>(one.high_v + wider);
   out->status[j] = one.status;
-  out->method[j] = one.method;
 }
 
 }  // namespace gsut

@@ -63,7 +63,6 @@ SigmaRule MakeSigmaRule(ProjectionMethod method, const UnscentedOptions& options
       break;
     case ProjectionMethod::kEwa:
     case ProjectionMethod::kSilhouette:
-    case ProjectionMethod::kAdaptive:
       break;
   }
   return rule;

@@ -240,10 +240,6 @@ def _add_projection(benchmarks: Any) -> None:
         help="Gaussians a cell whose errors are measured [default 6]",
     )  # fmt: skip
     parser.add_argument(
-        "--max-error-px", type=float, default=0.25, metavar="X",
-        help="bound of the adaptive method [default 0.25]",
-    )  # fmt: skip
-    parser.add_argument(
         "--no-million", action="store_true",
         help="leave out the unscented projection of a million Gaussians",
     )  # fmt: skip

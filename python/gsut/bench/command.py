@@ -120,8 +120,7 @@ def train(arguments: argparse.Namespace) -> int:
         stage_rows,
         train_bench,
     )
-    from gsut.options import PRESETS
-    from gsut.progress import TrainingProgress
+    from gsut.run import PRESETS, TrainingProgress
 
     _check_files(arguments)
     options = TrainBenchOptions(
@@ -289,7 +288,6 @@ def projection(arguments: argparse.Namespace) -> int:
     options = ProjectionBenchOptions(
         lenses=_words(arguments.lenses),
         samples=arguments.samples,
-        max_error_px=arguments.max_error_px,
     )
     with _bar(len(bench_lenses(options.lenses))) as advance:
         rows = projection_bench(options, advance)

@@ -16,12 +16,9 @@ import numpy as np
 from gsut._core import InputError, SolveError
 from gsut.bench import pycolmap_poses
 from gsut.bench.train_bench import TrainBenchOptions, train_bench
-from gsut.data.lens_colmap import format_colmap
-from gsut.data.load import load_dataset
-from gsut.structure.align import PoseErrors, compare_poses
-from gsut.structure.estimate import estimate_poses
-from gsut.structure.inputs import find_photographs
-from gsut.structure.options import PosesOptions
+from gsut.data import load_dataset
+from gsut.lens import format_colmap
+from gsut.sfm import PoseErrors, PosesOptions, compare_poses, estimate_poses, find_photographs
 
 LENSES = ("known", "unknown")
 SHUTTERS = ("auto", "global", "rolling")

@@ -12,7 +12,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.bench.projection_truth import alpha_images, periods, projected_moments
 from gsut.gaussians import Gaussians
-from gsut.projection import DEFAULT_MAX_ERROR_PX, METHODS
+from gsut.render import METHODS
 
 # (name, method of the core, alpha beta kappa)
 BENCH_METHODS: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
@@ -23,7 +23,6 @@ BENCH_METHODS: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
     ("cubature", "cubature", (1.0, 2.0, 0.0)),
     ("gauss_hermite", "gauss_hermite", (1.0, 2.0, 0.0)),
     ("silhouette", "silhouette", (1.0, 2.0, 0.0)),
-    ("adaptive", "adaptive", (1.0, 2.0, 0.0)),
 )
 # Standard deviation over the distance, and the ratio of the longest axis to the others.
 SIZES = {"small": (0.003, 1.0), "medium": (0.02, 1.0), "large": (0.1, 1.0), "needle": (0.06, 30.0)}
@@ -59,7 +58,6 @@ class ProjectionBenchOptions:
         width: of the images, pixels; three times that for panoramas.
         samples: Gaussians a cell (size x ring) whose errors are measured.
         repeats: timings, of which the shortest counts.
-        max_error_px: bound of the adaptive method.
         million: also time the unscented projection of a million Gaussians.
     """
 
@@ -67,7 +65,6 @@ class ProjectionBenchOptions:
     width: int = 128
     samples: int = 6
     repeats: int = 3
-    max_error_px: float = DEFAULT_MAX_ERROR_PX
     million: bool = True
     seed: int = 0
 
@@ -165,9 +162,7 @@ def _cell(
     _core.set_num_threads(1)
     rows = []
     for name, method, unscented in BENCH_METHODS:
-        footprinter = _core.Footprinter(
-            METHODS.index(method), unscented, _ALPHA_MIN, options.max_error_px
-        )
+        footprinter = _core.Footprinter(METHODS.index(method), unscented, _ALPHA_MIN)
         footprinter.find(gaussians, camera, np.eye(4))
         seconds = min(
             footprinter.find(gaussians, camera, np.eye(4))[1] for _ in range(options.repeats)
@@ -181,18 +176,13 @@ def _cell(
             found["covariances"][picked].astype(np.float64) - covariances, axis=(1, 2)
         ) / np.linalg.norm(covariances, axis=(1, 2))
         missed, loose = _box_quality(alphas, found["boxes"][picked], periods(camera))
-        used = found["method"]
         rows.append({
             "lens": lens, "method": name, "size": size, "ring": f"{ring[0]:g}-{ring[1]:g}",
             "ns_per_gaussian": 1e9 * seconds / len(gaussians),
             "center_error_px": _median(center),
             "covariance_relative_error": _median(covariance),
             "alpha_missed": missed, "box_over_true": loose,
-            "isa": _core.active_isa(), "max_error_px": options.max_error_px,
-            "width": camera.width, "height": camera.height,
-            "share_of": {
-                METHODS[k]: float(np.mean(used == k)) for k in np.unique(used)
-            },
+            "isa": _core.active_isa(), "width": camera.width, "height": camera.height,
         })  # fmt: skip
     return rows
 
@@ -230,9 +220,7 @@ def million_row(repeats: int = 5) -> dict[str, Any]:
     from gsut.bench.scenes import make_scene
 
     scene = make_scene("synthetic_1m_1920x1080")
-    footprinter = _core.Footprinter(
-        METHODS.index("unscented"), (1.0, 2.0, 0.0), _ALPHA_MIN, DEFAULT_MAX_ERROR_PX
-    )
+    footprinter = _core.Footprinter(METHODS.index("unscented"), (1.0, 2.0, 0.0), _ALPHA_MIN)
     times = [
         footprinter.find(scene.gaussians, scene.camera, scene.camera_from_world)
         for _ in range(1 + repeats)

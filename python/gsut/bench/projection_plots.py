@@ -44,7 +44,7 @@ def plot_lens(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> N
         _style(axes, rows[0]["lens"] if place == 0 else "", "ns a Gaussian, one thread", title)
         for marker, size in zip(_MARKERS, SIZES, strict=False):
             points = []
-            for color, (method, _, _) in zip(_COLORS, BENCH_METHODS, strict=True):
+            for color, (method, _, _) in zip(_COLORS, BENCH_METHODS, strict=False):
                 cells = [r for r in rows if r["method"] == method and r["size"] == size]
                 errors = [r[key] for r in cells if r[key] is not None]
                 if not errors:
@@ -79,7 +79,7 @@ def _legend(figure: Any) -> None:
 
     handles = [
         Line2D([], [], color=color, marker="s", linestyle="none", label=method)
-        for color, (method, _, _) in zip(_COLORS, BENCH_METHODS, strict=True)
+        for color, (method, _, _) in zip(_COLORS, BENCH_METHODS, strict=False)
     ] + [
         Line2D([], [], color=_MUTED, marker=marker, linestyle="none", label=size)
         for marker, size in zip(_MARKERS, SIZES, strict=False)

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError, Shutter
-from gsut.cameras import Camera
 from gsut.data.findings import DatasetError, OnError, some_names, stop
 from gsut.data.images import read_header
 from gsut.data.poses import inverse
 from gsut.data.scene import Scene, View
 from gsut.data.split import TEST_EVERY, split_views
+from gsut.lens import Camera
 
 HALF_PIXEL = 0.5  # a down-scaled copy's size may be rounded by this much
 SAME_POSE = 1e-9  # relative difference of two poses of a frame that is listed twice

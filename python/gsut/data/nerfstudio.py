@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError, Shutter
-from gsut.cameras import Camera
 from gsut.data.assemble import Frame, Listing
 from gsut.data.colmap import find_model, read_points
 from gsut.data.findings import DatasetError, OnError, stop
 from gsut.data.images import read_header
-from gsut.data.lens_files import nerfstudio_camera
+from gsut.data.points import load_points_ply
 from gsut.data.poses import OPENGL_FROM_OPENCV, halfway, rigid_transform
-from gsut.formats import load_points_ply
+from gsut.lens import Camera, nerfstudio_camera
 
 FILE_NAME = "transforms.json"
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")  # for file_path without one

@@ -12,8 +12,8 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.assemble import Frame
-from gsut.data.lens_nerfstudio import format_nerfstudio
 from gsut.data.poses import OPENGL_FROM_OPENCV
+from gsut.lens import format_nerfstudio
 
 _AXES = ("x", "y", "z")
 _COLORS = ("red", "green", "blue")

@@ -1,0 +1,175 @@
+"""`gsut calibrate`: hands photographs of a board to calib/, which solves for the lens.
+
+Thin on purpose: writes a job file, runs `python -m calib` on it, and passes on what it says.
+`--from-dataset` needs no board and is done by gsut itself (calibrate_dataset.py).
+"""
+
+from __future__ import annotations
+
+import argparse
+import glob
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from gsut._core import InputError
+
+_HERE = Path(__file__).resolve().parent
+# The folder that holds calib/: of an installed gsut, or of the repository.
+_PLACES = (_HERE.parent / "share", _HERE.parents[2])
+_IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
+_LENSES = ("auto", "fisheye", "opencv4", "opencv8", "splined")
+_SOLVERS = ("auto", "opencv", "mrcal")
+_MRCAL_INSTALL = "sudo apt-get install mrcal python3-mrcal"  # as calib/mrcal_process.py says it
+
+
+def add_calibrate_flags(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `gsut calibrate`."""
+    parser.epilog = (
+        "mrcal is a program of the system, not part of gsut, and optional: it solves opencv4, "
+        "opencv8 and splined lenses, states their uncertainty, and solves all cameras of a rig at "
+        f"once. Install it with `{_MRCAL_INSTALL}`; without it OpenCV solves fisheye, opencv4 and "
+        "opencv8."
+    )
+    parser.add_argument(
+        "images", metavar="IMAGES", nargs="*", help="photographs of the board, or folders of them"
+    )
+    parser.add_argument(
+        "--from-dataset",
+        metavar="DATA",
+        help="instead of a board: a data set with images, poses and a lens that is roughly right; "
+        "lens and poses are refined together",
+    )
+    parser.add_argument(
+        "--board",
+        metavar="COLUMNSxROWS",
+        help="inner corners of the chessboard, where four squares meet, such as 9x6",
+    )
+    parser.add_argument(
+        "--spacing",
+        metavar="METRES",
+        type=float,
+        help="side of a square, in metres (or any unit: the poses of a rig then have it)",
+    )
+    parser.add_argument(
+        "--lens",
+        choices=_LENSES,
+        default="auto",
+        help="auto: the one that predicts boards it has not seen best; fisheye: Kannala-Brandt "
+        "with 4 coefficients; opencv4, opencv8: radial-tangential; splined: mrcal's splined "
+        "stereographic [default auto]",
+    )
+    parser.add_argument(
+        "--solver",
+        choices=_SOLVERS,
+        default="auto",
+        help="auto: OpenCV for fisheye, mrcal for the others; --lens auto does without mrcal where "
+        "it is not installed [default auto]",
+    )
+    parser.add_argument(
+        "--rig",
+        metavar="NAMES",
+        default="",
+        help="names of a rig's cameras with commas, such as left,right: each image's path holds "
+        "one of them, and images whose paths are otherwise the same were taken together",
+    )
+    parser.add_argument(
+        "--knot-degrees",
+        metavar="X",
+        type=float,
+        help="angle between the knots of a splined lens, in degrees [default: 16, more where "
+        "corners are few]",
+    )
+    parser.add_argument(
+        "-o",
+        "--out",
+        metavar="LENS",
+        required=True,
+        help="lens file, .cameramodel (mrcal) or .yaml (OpenCV); a rig's cameras get "
+        "LENS-NAME; report.html, report.json, corners.vnl and the folder corners are written "
+        "beside it, and replace older ones; with --from-dataset report.json and the folder "
+        "LENS-dataset",
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def calibrate(arguments: argparse.Namespace) -> int:
+    """Runs calib on the arguments; returns its exit status.
+
+    Raises:
+        InputError: no images, or calib/ is not installed.
+    """
+    if arguments.from_dataset:
+        return _from_dataset(arguments)
+    for name in ("images", "board", "spacing"):
+        if getattr(arguments, name) in ([], None):
+            what = "photographs" if name == "images" else f"--{name}"
+            raise InputError(
+                f"{what} missing: give photographs of a chessboard with --board COLUMNSxROWS and "
+                "--spacing METRES, or --from-dataset DATA"
+            )
+    job = {
+        "images": [str(path) for path in _images(arguments.images)],
+        "board": arguments.board,
+        "spacing": arguments.spacing,
+        "lens": arguments.lens,
+        "solver": arguments.solver,
+        "cameras": [name.strip() for name in arguments.rig.split(",") if name.strip()],
+        "knot_degrees": arguments.knot_degrees,
+        "out": arguments.out,
+        "progress": not arguments.quiet,
+    }
+    with tempfile.TemporaryDirectory(prefix="gsut-calibrate-") as folder:
+        file = Path(folder) / "job.json"
+        file.write_text(json.dumps(job))
+        return _run_calib("calib", str(file))
+
+
+def _from_dataset(arguments: argparse.Namespace) -> int:
+    """Refines; a lens that mrcal lacks is written again by calib, as the nearest it has."""
+    from gsut.cli.calibrate_dataset import calibrate_from_dataset
+
+    written, wanted = calibrate_from_dataset(arguments), Path(arguments.out)
+    if written == wanted:
+        return 0
+    return _run_calib("calib.nearest_splined", str(written), str(wanted))
+
+
+def _run_calib(module: str, *words: str) -> int:
+    """`python -m MODULE WORDS...` with calib/ on its path; its exit status.
+
+    Raises:
+        InputError: calib/ is not installed.
+    """
+    place = next((place for place in _PLACES if (place / "calib" / "__main__.py").is_file()), None)
+    if place is None:
+        raise InputError(
+            "calib/ is not part of this installation; run gsut from a clone of its repository"
+        )
+    paths = [str(_HERE.parent), str(place), os.environ.get("PYTHONPATH", "")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)}
+    command = [sys.executable, "-m", module, *words]
+    return subprocess.run(command, env=environment, check=False).returncode
+
+
+def _images(given: list[str]) -> list[Path]:
+    """Files as given; folders and quoted patterns replaced by the images in them."""
+    found: list[Path] = []
+    for name in given:
+        path = Path(name)
+        if path.is_dir():
+            inside = [p for p in sorted(path.iterdir()) if p.suffix.lower() in _IMAGE_SUFFIXES]
+            if not inside:
+                raise InputError(f"{path} holds no images ({', '.join(_IMAGE_SUFFIXES)})")
+            found += inside
+        elif not path.exists() and glob.has_magic(name):
+            matches = sorted(glob.glob(name))
+            if not matches:
+                raise InputError(f"no file matches {name}; check the path")
+            found += [Path(match) for match in matches]
+        else:
+            found.append(path)
+    return found
