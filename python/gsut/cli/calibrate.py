@@ -149,7 +149,7 @@ def _run_calib(module: str, *words: str) -> int:
         raise InputError(
             "calib/ is not part of this installation; run gsut from a clone of its repository"
         )
-    paths = [str(_HERE.parent), str(place), os.environ.get("PYTHONPATH", "")]
+    paths = [str(_HERE.parents[1]), str(place), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)}
     command = [sys.executable, "-m", module, *words]
     return subprocess.run(command, env=environment, check=False).returncode

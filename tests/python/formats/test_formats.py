@@ -7,6 +7,8 @@ import pytest
 
 from gsut import Gaussians, InputError, formats
 
+pytestmark = pytest.mark.quick
+
 COEFFICIENTS = (1, 4, 9, 16)
 
 

@@ -10,6 +10,8 @@ import tolerances
 from gsut import Gaussians, InputError, _core, set_num_threads
 from gsut.optimize.optimizer import GaussianOptimizer, LearningRates, exponential_rate
 
+pytestmark = pytest.mark.quick
+
 FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 RATES = LearningRates(
     means=1e-3, quats=2e-3, log_scales=1e-2, opacity_logits=5e-2, sh0=5e-3, sh_rest=1e-4

@@ -7,6 +7,8 @@ import pytest
 import tolerances
 from gsut import InputError, _core, available_isas, metrics, set_isa, set_num_threads
 
+pytestmark = pytest.mark.quick
+
 HEIGHT, WIDTH = 60, 52
 
 
