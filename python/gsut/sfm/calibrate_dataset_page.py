@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsut.lens import Camera, grid_pixels
-from gsut.sfm.refine_lens import RefinedLens
+from gsut.sfm.lens_refinement import RefinedLens
 from gsut.sfm.stages import write_atomically
 
 PAGE = "report.html"

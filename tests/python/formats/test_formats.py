@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gsut import Gaussians, InputError, formats
+from gsut.data.points import load_points_ply
 
 pytestmark = pytest.mark.quick
 
@@ -200,7 +201,7 @@ def test_load_ply_with_a_word_that_is_no_number_names_row_and_property(tmp_path)
     header += "".join(f"property float {name}\n" for name in "xyz") + "end_header\n"
     (tmp_path / "a.ply").write_text(header + "1 2 3\n4 oops 6\n")
     with pytest.raises(InputError, match='vertex row 1 of 2, property y: "oops" is not a number'):
-        formats.load_points_ply(tmp_path / "a.ply")
+        load_points_ply(tmp_path / "a.ply")
 
 
 def test_load_ply_of_a_file_that_does_not_exist_raises(tmp_path):
@@ -234,7 +235,7 @@ def test_load_points_ply_reads_points_and_colors(tmp_path, rng, byte_order, pref
     columns |= {n: points[:, i] for i, n in enumerate("xyz")}
     types = dict.fromkeys(columns, "u1") | dict.fromkeys("xyz", "f8")
     write_table(tmp_path / "a.ply", columns, byte_order, types)
-    found_points, found_colors = formats.load_points_ply(tmp_path / "a.ply")
+    found_points, found_colors = load_points_ply(tmp_path / "a.ply")
     np.testing.assert_array_equal(found_points, points)
     np.testing.assert_array_equal(found_colors, colors)
     assert found_points.dtype == np.float64 and found_colors.dtype == np.uint8
@@ -243,7 +244,7 @@ def test_load_points_ply_reads_points_and_colors(tmp_path, rng, byte_order, pref
 def test_load_points_ply_without_colors_is_mid_grey(tmp_path):
     columns = {name: np.zeros(2, np.float32) for name in "xyz"}
     write_table(tmp_path / "a.ply", columns, "<", dict.fromkeys("xyz", "f4"))
-    assert np.all(formats.load_points_ply(tmp_path / "a.ply")[1] == 128)
+    assert np.all(load_points_ply(tmp_path / "a.ply")[1] == 128)
 
 
 def test_load_points_ply_with_float_colors_scales_and_clamps(tmp_path):
@@ -251,10 +252,10 @@ def test_load_points_ply_with_float_colors_scales_and_clamps(tmp_path):
     for name in ("red", "green", "blue"):
         columns[name] = np.array([0.5, 2.0, np.nan], np.float32)
     write_table(tmp_path / "a.ply", columns, "<", dict.fromkeys(columns, "f4"))
-    assert formats.load_points_ply(tmp_path / "a.ply")[1][:, 0].tolist() == [128, 255, 0]
+    assert load_points_ply(tmp_path / "a.ply")[1][:, 0].tolist() == [128, 255, 0]
 
 
 def test_load_points_ply_of_fox_has_its_points(shared):
-    points, colors = formats.load_points_ply(shared / "data" / "fox" / "points3D.ply")
+    points, colors = load_points_ply(shared / "data" / "fox" / "points3D.ply")
     assert points.shape == (11954, 3) and colors.shape == (11954, 3)
     assert np.isfinite(points).all()

@@ -6,7 +6,8 @@ from scipy import special
 from scipy.spatial import cKDTree
 
 import tolerances
-from gsut import InputError, _core, seeding
+from gsut import InputError, _core
+from gsut.gaussians import seeding
 
 
 def unit_vectors(rng, count):

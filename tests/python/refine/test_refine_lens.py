@@ -11,7 +11,7 @@ import gsut
 import tolerances
 from gsut import _core
 from gsut.cli import main
-from gsut.sfm import refine_lens
+from gsut.sfm import lens_refinement
 from gsut.sfm.align import compare_poses
 from gsut.sfm.lens_covariance import lens_covariance
 from gsut.sfm.options import PosesOptions
@@ -69,7 +69,7 @@ def refined(tmp_path_factory):
 
     words = ["calibrate", "--from-dataset", str(folder / "data"), "--quiet"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(refine_lens, "find_all_features", found)
+        patch.setattr(lens_refinement, "find_all_features", found)
         assert main([*words, "-o", str(folder / "lens.cameramodel")]) == 0
     return scene, lens, poses, folder
 

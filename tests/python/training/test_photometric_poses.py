@@ -82,15 +82,15 @@ def test_bearing_points_leave_out_wrong_matches_and_thin_angles(rng):
 @pytest.fixture(scope="module")
 def video(tmp_path_factory):
     """A dataset of a short video through the demo's fisheye, in the order of names."""
-    path = gsut.demo_scene.dataset.camera_path
+    path = gsut.demo.dataset.camera_path
     patch = pytest.MonkeyPatch()
     patch.setattr(
-        gsut.demo_scene.dataset,
+        gsut.demo.dataset,
         "camera_path",
         lambda count, seed: path(round(1 / SHARE), seed)[:count],
     )
     folder = tmp_path_factory.mktemp("video") / "data"
-    gsut.demo_scene.dataset.make_demo_scene(
+    gsut.demo.dataset.make_demo_scene(
         folder, views=FRAMES, test_views=0, size=SIZE, seed=5, progress=False
     )
     patch.undo()
