@@ -18,7 +18,7 @@ from pathlib import Path
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, print_json
 from gsut.lens import OWN_SUFFIX
-from gsut.run import StageBars
+from gsut.run import Progress
 
 HELP = "photographs of a chessboard to a lens file"
 DESCRIPTION = (
@@ -151,7 +151,7 @@ def _from_dataset(arguments: argparse.Namespace) -> int:
     from gsut.sfm import calibrate_from_dataset
 
     out = Path(arguments.out)
-    with StageBars(not arguments.quiet) as bars:
+    with Progress(not arguments.quiet) as bars:
         done = calibrate_from_dataset(arguments.from_dataset, out, bars.show, bars.note)
     silent = arguments.quiet or arguments.json
     if not silent:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 from pathlib import Path
 from typing import Any
@@ -31,11 +32,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--target-psnr-drop", type=float, metavar="DB",
-        help="instead: the fewest that lose at most so many dB on the held-out views",
+        help="instead: the fewest Gaussians that lose at most DB on the held-out views",
     )  # fmt: skip
     parser.add_argument(
         "--target-size", metavar="SIZE",
-        help="instead: the most that fit into a PLY file of this size, such as 5MB",
+        help="instead: the most Gaussians that fit into a PLY file of this size, such as 5MB",
     )  # fmt: skip
     parser.add_argument(
         "--method", default="ghap", metavar="METHOD",
@@ -45,13 +46,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--finetune", type=int, default=0, metavar="STEPS",
-        help="train the result so many steps on the photographs; the fewer are kept, the more "
-        "pay: half as many as the run had, or as many [default 0: no photograph is used]",
+        help="train the result STEPS steps on the photographs; the fewer Gaussians are kept, the "
+        "more steps pay, up to as many as the run had [default 0: no photograph is used]",
     )  # fmt: skip
     parser.add_argument(
         "--harmonics-drop", type=float, metavar="DB",
         help="lower each Gaussian's degree of harmonics as far as the held-out views lose at most "
-        "so many dB by it [default: leave them]",
+        "DB by it [default: leave them]",
     )  # fmt: skip
     add_moved_data(parser)
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="[default 0]")
@@ -60,14 +61,14 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.training import CompactOptions, parsed_bytes
+    from gsut.training import CompactOptions, parse_size
 
     size = arguments.target_size
     options = CompactOptions(
         method=arguments.method,
         keep=arguments.keep,
         target_psnr_drop=arguments.target_psnr_drop,
-        target_bytes=None if size is None else parsed_bytes(size),
+        target_bytes=None if size is None else parse_size(size),
         finetune=arguments.finetune,
         harmonics_drop=arguments.harmonics_drop,
         seed=arguments.seed,
@@ -125,44 +126,30 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
 
 
 def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
-    from gsut.run import METRICS, SCENE, RunFolder, TrainingProgress
+    from gsut.run import METRICS, SCENE, Progress, RunFolder
     from gsut.training import RunCompactor, read_trained, write_compacted_run
 
     source, target = RunFolder.open(arguments.source), RunFolder(arguments.out)
     target.refuse_run()  # before anything that takes long
     train_options, scene, gaussians = read_trained(source, arguments.data)
-    bars: dict[str, Any] = {}
-
-    def on_view() -> None:
-        if "views" not in bars:
-            from tqdm import tqdm
-
-            bars["views"] = tqdm(
-                total=len(scene.train_indices), unit="view", dynamic_ncols=True,
-                disable=arguments.quiet or not sys.stderr.isatty(),
-            )  # fmt: skip
-        bars["views"].update(1)
-        if bars["views"].n >= len(scene.train_indices):
-            bars.pop("views").close()
-
-    def on_step(loop: Any, loss: float) -> None:
-        if loop.step == 1:
-            bars["steps"] = TrainingProgress(options.finetune, not arguments.quiet)
-        bars["steps"].update(loop.step, loss, len(loop.gaussians))
-        if loop.step == options.finetune:
-            bars.pop("steps").close()
 
     def on_try(count: int, psnr: float) -> None:
         if not arguments.quiet:
             print(f"gsut: {count:,} Gaussians: {psnr:.2f} dB", file=sys.stderr)
 
     earlier = (source.read_json(METRICS) or {}).get("compaction") or {}
-    compactor = RunCompactor(
-        scene, gaussians, train_options, options,
-        keep_degrees=earlier.get("harmonics_degrees") is not None,
-        on_view=on_view, on_step=on_step, on_try=on_try,
-    )  # fmt: skip
-    made = compactor.make()
+    done, views = itertools.count(), len(scene.train_indices)
+    with Progress(not arguments.quiet) as bars:
+        compactor = RunCompactor(
+            scene, gaussians, train_options, options,
+            keep_degrees=earlier.get("harmonics_degrees") is not None,
+            on_view=lambda: bars.show("views", next(done) % views + 1, views),
+            on_step=lambda loop, loss: bars.show_step(
+                loop.step, options.finetune, loss, len(loop.gaussians)
+            ),
+            on_try=on_try,
+        )  # fmt: skip
+        made = compactor.make()
     run = write_compacted_run(target.path, source, compactor, made)
     metrics = run.read_json(METRICS)
     if not arguments.quiet and not arguments.json:

@@ -1,7 +1,6 @@
 """Compaction: fewer Gaussians that render the same, and the refit of their colours."""
 
 from gsut.compact.compaction import (
-    METHODS,
     Compaction,
     check_keep,
     check_method,
@@ -11,7 +10,8 @@ from gsut.compact.compaction import (
     settings_of,
 )
 from gsut.compact.harmonics import drop_harmonics
-from gsut.compact.scores import SeenView, blend_weights, seen_views, strongest
+from gsut.compact.method import METHODS
+from gsut.compact.scores import SeenView, blend_weights, find_strongest, seen_views
 
 __all__ = [
     "METHODS",
@@ -22,9 +22,9 @@ __all__ = [
     "check_method",
     "compact",
     "drop_harmonics",
+    "find_strongest",
     "looks_at_views",
     "scores_of",
     "seen_views",
     "settings_of",
-    "strongest",
 ]

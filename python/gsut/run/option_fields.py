@@ -6,7 +6,9 @@ import argparse
 import dataclasses
 import math
 import operator
+import pkgutil
 import typing
+from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
@@ -62,6 +64,18 @@ def option(default: Any, group: str, help: str, **info: Any) -> Any:
     return dataclasses.field(default=default, metadata={"option": OptionInfo(group, help, **info)})
 
 
+def choices_in(folder: str, first: str) -> tuple[str, ...]:
+    """Names of the modules in a folder of gsut, each a choice; nothing is imported.
+
+    Args:
+        folder: below the package. A dash in a choice is an underscore in its module's name.
+        first: the default, which is listed before the others.
+    """
+    modules = pkgutil.iter_modules([str(Path(__file__).parents[1] / folder)])
+    names = (module.name.replace("_", "-") for module in modules)
+    return tuple(sorted(names, key=lambda name: (name != first, name)))
+
+
 def option_info(field: dataclasses.Field) -> OptionInfo:
     """The `OptionInfo` that `option` has put into a field."""
     return field.metadata["option"]
@@ -81,6 +95,21 @@ def default_text(field: dataclasses.Field) -> str:
     if isinstance(field.default, tuple):
         return ",".join(f"{value:g}" for value in field.default)
     return f"{field.default:g}" if isinstance(field.default, float) else str(field.default)
+
+
+def describe_options(options: type) -> type:
+    """Lists the fields of an options dataclass in its docstring, before what it raises."""
+    doc, _, raises = (options.__doc__ or "").partition("    Raises:")
+    rows = "".join(f"        {f.name}: {option_text(f)}.\n" for f in dataclasses.fields(options))
+    options.__doc__ = f"{doc}    Args:\n{rows}\n    Raises:{raises}"
+    return options
+
+
+def option_text(field: dataclasses.Field) -> str:
+    """What an option does, with its unit, default and reason."""
+    info = option_info(field)
+    notes = [info.unit, f"default {default_text(field)}", info.reason]
+    return f"{info.help} [{'; '.join(note for note in notes if note)}]"
 
 
 def check_options(options: Any) -> None:
@@ -164,8 +193,7 @@ def add_option_flags(parser: argparse.ArgumentParser, options: type) -> None:
         info = option_info(field)
         if info.group not in groups:
             groups[info.group] = parser.add_argument_group(info.group)
-        notes = [info.unit, f"default {default_text(field)}", info.reason]
-        text = f"{info.help} [{'; '.join(note for note in notes if note)}]".replace("%", "%%")
+        text = option_text(field).replace("%", "%%")
         plain = _plain_kind(kinds[field.name])
         settings: dict[str, Any] = {"default": argparse.SUPPRESS, "help": text}
         if plain is bool:

@@ -15,7 +15,7 @@ import math
 from typing import Any
 
 from gsut._core import InputError
-from gsut.run.option_fields import check_options, option
+from gsut.run.option_fields import check_options, choices_in, describe_options, option
 
 # --max-gaussians auto: see gsut.growth.
 AUTO = "auto"
@@ -46,14 +46,14 @@ _SH_WITHIN = 0.6  # all harmonics are in use after this fraction of the steps (d
 _SH_EVERY_MOST = 1000  # the published interval
 
 
+@describe_options
 @dataclasses.dataclass(frozen=True)
 class TrainOptions:
     """All settings of one training run; immutable, checked when made.
 
-    Every field is described by its metadata (see `gsut train --help`). `steps`, `max_gaussians`
-    and `sh_degree` take the preset's value where they are not given. The fields whose default
-    depends on the number of steps are None (`coarse_to_fine`: "auto") until `resolved()`; their
-    types are the ones they have from then on.
+    `steps`, `max_gaussians` and `sh_degree` take the preset's value where they are not given. The
+    fields whose default depends on the number of steps are None (`coarse_to_fine`: "auto") until
+    `resolved()`; their types are the ones they have from then on.
 
     Raises:
         InputError: a value of the wrong kind or out of range (names option, value and range), or
@@ -77,11 +77,11 @@ class TrainOptions:
         low=0, high=4096,
     )
     eval_every: int = option(
-        None, "Run", "held-out PSNR is measured every so many steps; 0 = at the end only",
+        None, "Run", "steps between measurements of the held-out PSNR; 0 = at the end only",
         unit="steps", low=0, none="steps / 10",
     )
     checkpoint_every: int = option(
-        250, "Run", "a checkpoint is written every so many steps; 0 = at the end only",
+        250, "Run", "steps between checkpoints; 0 = at the end only",
         unit="steps", low=0, reason="at most some seconds of work are lost",
     )
 
@@ -90,7 +90,7 @@ class TrainOptions:
         low=0.0, high=1.0, low_open=True,
     )
     test_every: int = option(
-        8, "Data", "every so many-th image by name is held out where the data has no split of its "
+        8, "Data", "every N-th image by name is held out where the dataset has no split of its "
         "own; 0 = none", low=0, reason="the split of published results",
     )
     test_names: tuple[str, ...] | None = option(
@@ -125,8 +125,8 @@ class TrainOptions:
     )
 
     max_gaussians: int = option(
-        None, "Gaussians", "at most so many Gaussians; auto: growth ends when it no longer helps "
-        "training views that are set aside for that", low=1, high=100_000_000, words=(AUTO,),
+        None, "Gaussians", "most Gaussians; auto: growth ends when it no longer helps training "
+        "views set aside for this", low=1, high=100_000_000, words=(AUTO,),
         none="fast 50000, balanced 200000, best 300000",
     )
     sh_degree: int = option(
@@ -213,7 +213,7 @@ class TrainOptions:
         "uncertain", none="all pixels count the same",
     )
     sh_every: int = option(
-        None, "Loss", "one more degree of harmonics every so many steps", unit="steps", low=1,
+        None, "Loss", "steps between degrees of harmonics", unit="steps", low=1,
         none="0.6 steps / (degree + 1), at most 1000",
     )
 
@@ -221,7 +221,7 @@ class TrainOptions:
         "mcmc", "Densification", "mcmc: relocation, with a cap; adaptive: clone, split and prune "
         "by gradient; mini: Mini-Splatting's, which overgrows and samples (0.2 and 1.5 dB "
         "below mcmc on sponza_fisheye and fox, in twice the time)",
-        choices=("mcmc", "adaptive", "mini"),
+        choices=choices_in("training/strategies", "mcmc"),
     )
     densify_from: float = option(
         0.05, "Densification", "first densification", unit="fraction of steps", low=0.0, high=1.0)
@@ -244,14 +244,14 @@ class TrainOptions:
         None, "Densification", "MCMC noise on the centres", none="from 1500 steps on")
 
     compact_at: int | None = option(
-        None, "Compaction", "after so many steps the Gaussians are reduced (see gsut compact), and "
-        "their number stays", unit="steps", low=1, none="never",
+        None, "Compaction", "step at which the Gaussians are compacted (see gsut compact); their "
+        "number then stays", unit="steps", low=1, none="never",
     )
     keep: float = option(
         0.2, "Compaction", "fraction that --compact-at keeps", low=0.0, high=1.0, low_open=True)
     compact_method: str = option(
         "ghap", "Compaction", "method of --compact-at",
-        choices=("ghap", "field", "ghap-paper", "lightgaussian", "pup"),
+        choices=choices_in("compact/methods", "ghap"),
     )
     # fmt: on
 
