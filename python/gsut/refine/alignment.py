@@ -1,4 +1,4 @@
-"""Test views brought to a refined scene before they are judged, and what that changed."""
+"""Aligns test views with a refined scene before they are judged, and says how far they moved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses, and asked for the lens, of the training views refined against the Gaussians in training.
+"""Refines poses, and if asked the lens, of the training views against the Gaussians in training.
 
 A sweep holds the Gaussians and moves every training view, by a few steps of Levenberg-Marquardt on
 its colours (see pose.py), until its render fits its photograph better; training goes on with the

@@ -65,7 +65,7 @@ class TrainingLoop:
         optimizer: owner of the Gaussians.
         step: steps made.
         seconds: of the steps alone, without reading images and measuring PSNR.
-        stopwatch: of the steps' stages, for gsut bench train.
+        stopwatch: of the steps' stages, for ./run bench train.
     """
 
     def __init__(
