@@ -43,7 +43,7 @@ class Camera(_core.Camera):
             (valid_intrinsics_region); kept for saving, used by nothing here.
 
     Attributes:
-        model, params, width, height: as given; params is (K,) float64, a copy.
+        model, params, width, height: the arguments; params is (K,) float64, a copy.
         max_angle: radians from the axis at which the domain ends, pi at most.
         is_central: whether all rays meet in one point; is_parallel: whether all are parallel.
 
