@@ -43,7 +43,7 @@ def tracks_row(truth: Scene, degrees: float, seed: int, threads: int) -> dict[st
 def colors_row(
     gaussians: Gaussians, scene: Scene, degrees: float, seed: int, repeats: int
 ) -> dict[str, Any]:
-    """Test views perturbed by so much, `repeats` times each, and the share `refine_pose` brings back.
+    """Test views perturbed `repeats` times each, and the share that `refine_pose` brings back.
 
     Args:
         gaussians: a scene trained with `scene`'s poses, which are true.

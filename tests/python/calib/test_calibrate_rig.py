@@ -64,10 +64,10 @@ def test_rig_boards_seen_upside_down_are_found(rng):
     assert unify_turns(cameras, BOARD) == [right[1], right[5], right[6]]
 
 
-def test_rig_without_common_moment_is_an_error(rng):
+def test_rig_without_common_frame_is_an_error(rng):
     cameras, _ = _rig(rng, BOARD, NOISE_PX)
     for photograph in cameras[1].photographs:
-        photograph.moment += "-later"
+        photograph.frame += "-later"
     with pytest.raises(SolveError, match="right has no moment"):
         solve_rig(cameras, BOARD)
 
