@@ -222,7 +222,7 @@ def test_auto_decides_at_full_resolution_only(scene, monkeypatch):
 
 def test_auto_without_densification_sets_nothing_aside(scene):
     options = TrainOptions(steps=20, max_gaussians="auto", densify_every=50).resolved()
-    assert GrowthLimit(scene, options).aside == []
+    assert GrowthLimit(scene, options).held_aside == []
 
 
 def test_auto_trains_and_resumes_to_the_same_bits(scene):
