@@ -133,7 +133,8 @@ def _add_poses(benchmarks: Any) -> None:
     )
     parser.add_argument(
         "--lens", metavar="A,B", default="known", dest="lenses",
-        help="known, unknown or both [default known]",
+        help="known, unknown or a camera model, whose fit to DATA's own lens is then used "
+        "[default known]",
     )  # fmt: skip
     parser.add_argument(
         "--rig", metavar="RIG",
