@@ -82,7 +82,7 @@ def refine_by_tracks(
         for index, registered in zip(scene.train_indices, solution.registered, strict=True)
         if registered
     ]
-    given = np.array([scene.views[index].camera_from_world for index in indices])
+    given = scene.poses(indices)
     found = np.array(solution.camera_from_world)[np.asarray(solution.registered, bool)]
     found = turned_onto(_moved(found, compare_poses(found, given).reference_from_world), given)
     changes = pose_changes(found, given)

@@ -35,7 +35,7 @@ def scene(tmp_path_factory):
 
 
 def poses_of(scene):
-    return np.array([scene.views[index].camera_from_world for index in scene.train_indices])
+    return scene.poses(scene.train_indices)
 
 
 def test_mean_motion_of_all_poses_is_taken_out(rng):

@@ -118,10 +118,7 @@ def test_true_poses_stay_where_colours_alone_would_worsen_them(tmp_path, monkeyp
 
     def errors(start):
         found = gsut.train(start, options, progress=False)
-        poses = [
-            np.array([each.views[index].camera_from_world for index in scene.train_indices])
-            for each in (found.scene, scene)
-        ]
+        poses = [each.poses(scene.train_indices) for each in (found.scene, scene)]
         return compare_poses(*poses), found.metrics
 
     guarded, metrics = errors(scene)

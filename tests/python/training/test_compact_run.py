@@ -14,6 +14,7 @@ from gsut.training.compact_run import CompactOptions, RunCompactor, count_for_by
 from gsut.training.finetuning import finetune, finetune_options
 from gsut.training.growth import GrowthLimit
 from gsut.training.loop import TrainingLoop
+from random_scenes import arrays_of
 from rendered_dataset import write_dataset
 
 SHORT = {"steps": 80, "max_gaussians": 300, "eval_every": 40, "checkpoint_every": 10}
@@ -33,19 +34,9 @@ def run(scene, tmp_path_factory):
     return out
 
 
-@pytest.fixture(autouse=True)
-def defaults():
-    yield
-    gsut.set_num_threads(0)
-
-
 def refused(capsys, *words):
     assert main(["compact", *map(str, words)]) == 2
     return capsys.readouterr().err
-
-
-def arrays_of(g):
-    return [a.tobytes() for a in (g.means, g.quats, g.log_scales, g.opacity_logits, g.sh)]
 
 
 def metrics_of(folder):

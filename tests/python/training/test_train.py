@@ -17,7 +17,7 @@ from gsut import InputError, TrainOptions
 from gsut.run.folder import HISTORY, SCENE
 from gsut.training.loop import TrainingLoop
 from gsut.training.start import first_gaussians
-from random_scenes import pinhole
+from random_scenes import arrays_of, pinhole
 from rendered_dataset import VIEWS, write_dataset
 
 STEPS = 60
@@ -44,13 +44,6 @@ def unbroken(scene, tmp_path_factory):
     return out
 
 
-@pytest.fixture(autouse=True)
-def defaults():
-    yield
-    gsut.set_num_threads(0)
-    gsut.set_isa("")
-
-
 def train(scene, options, **arguments):
     return gsut.train(scene, options, progress=False, **arguments)
 
@@ -63,10 +56,6 @@ def history_of(run):
 
 def psnr_on(scene, gaussians, indices):
     return gsut.evaluate(gaussians, scene, indices)["psnr"]
-
-
-def arrays_of(g):
-    return [a.tobytes() for a in (g.means, g.quats, g.log_scales, g.opacity_logits, g.sh)]
 
 
 def test_train_300_steps_learns_the_scene(scene):
