@@ -8,7 +8,6 @@ import pytest
 
 import gsut
 import tolerances
-from gsut.bench.refine_disturb import disturbed_pose
 from gsut.cli import main
 from gsut.refine.localization import localize_image
 from gsut.refine.motion import pose_changes
@@ -17,6 +16,7 @@ from gsut.sfm import compare_poses, correspondences, estimate
 from gsut.sfm.features import Features
 from random_scenes import every_lens, gaussians_in_view, pinhole
 from synthetic_rig import pose_of
+from tests.bench.refine_disturb import disturbed_pose
 
 WIDTH, NOISE_PX = 256, 0.1
 FRAMES, POINTS = 5, 300

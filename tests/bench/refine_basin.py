@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.bench.refine_disturb import Disturbance, disturbed, disturbed_pose
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
 from gsut.refine import pose_changes, refine_by_tracks, refine_pose
 from gsut.run import TrainOptions
 from gsut.sfm import compare_poses
+from tests.bench.refine_disturb import Disturbance, disturbed, disturbed_pose
 
 BASIN_COLUMNS = (
     ("by", "basin", ""),
