@@ -150,6 +150,15 @@ def test_links_lead_somewhere(path):
     assert broken == []
 
 
+def test_architecture_names_every_folder():
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    parts = [p for folder in ("python/gsut", "cpp/gsut") for p in (ROOT / folder).iterdir()]
+    names = [p.name for p in parts if p.is_dir() or p.suffix == ".py"]
+    names = [name for name in names if not name.startswith("_")]
+    assert len(names) >= 20
+    assert [name for name in names if f"`{name}`" not in text] == []
+
+
 def test_every_lens_has_a_picture_and_every_page_is_linked():
     pictures = {path.stem for path in (ROOT / "docs" / "lenses").glob("*.jpg")}
     assert pictures == set(gsut.camera_models()), "./run docs draws what lacks"
