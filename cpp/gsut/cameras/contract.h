@@ -45,7 +45,8 @@
 //                               double u, double v, double* origin, double* ray);
 //     // Optional, with kHasOrigins: every ray looks along the axis.
 //     static constexpr bool kIsParallel = true;
-//     // Optional, for lenses with tables of parameters: Project takes `template <class T, class P>`
+//     // Optional, for lenses with tables of parameters: Project takes `template <class T, class
+//     P>`
 //     // and `const P* params`; P is T for scalars and float for the lanes of a kernel. Entries are
 //     // read as T(params[i]) at an i known beforehand, or at an i of type T that holds whole
 //     // numbers: At<T>(params, i) for one, SumRows(params, i, stride, rows, columns, weight, sums)

@@ -12,8 +12,9 @@ FloatLens::FloatLens(const Camera& camera)
       domain(camera.domain()),
       num_params(camera.num_params()),
       params(camera.params().begin(), camera.params().end()) {
-  const bool has_table =
-      VisitLens(lens, [](auto model) { return requires { decltype(model)::kHasTable; }; });
+  const bool has_table = VisitLens(lens, [](auto model) {
+    return requires { decltype(model)::kHasTable; };
+  });
   if (num_params > kMaxScalarParams && !has_table) {
     throw InputError("the lens has " + std::to_string(num_params) + " parameters; at most " +
                      std::to_string(kMaxScalarParams) + " can be projected or rendered");

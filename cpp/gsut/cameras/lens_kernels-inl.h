@@ -58,8 +58,7 @@ HWY_NOINLINE void ProjectLens(const FloatLens& lens, int count, const LensBatch&
     const T y = Variable(Lane(hn::Load(d, batch.y + i)), 1, T());
     const T z = Variable(Lane(hn::Load(d, batch.z + i)), 2, T());
     T u, v;
-    const LaneMask valid =
-        Lens::Project(lens.domain, params, lens.num_params, x, y, z, &u, &v);
+    const LaneMask valid = Lens::Project(lens.domain, params, lens.num_params, x, y, z, &u, &v);
     StorePixel(valid, u, v, batch, i);
   }
 }

@@ -1,4 +1,5 @@
-// The scalar text of every lens (double, Dual), and the dispatch to it: for .cpp files of cameras only.
+// The scalar text of every lens (double, Dual), and the dispatch to it: for .cpp files of cameras
+// only.
 #pragma once
 
 #include "gsut/cameras/contract.h"

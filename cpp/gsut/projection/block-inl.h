@@ -55,16 +55,16 @@ HWY_INLINE Visibility VisibilityOf(const SeenLanes& g, double max_angle) {
     out.g2 += whitened * whitened;
   }
   out.possible =
-      AndMask(g.usable, AndMask(IsFinite(out.g2),
-                                IsFinite(g.mean[0] + g.mean[1] + g.mean[2] + g.distance)));
+      AndMask(g.usable,
+              AndMask(IsFinite(out.g2), IsFinite(g.mean[0] + g.mean[1] + g.mean[2] + g.distance)));
   out.reach = Sqrt(Max(g.cutoff, Lane(0.0)));
   const Lane largest = Max(g.scale[0], Max(g.scale[1], g.scale[2]));
   out.sine = Min(out.reach * largest / g.distance, Lane(1.0));
   out.mean_angle = Atan2(Sqrt(g.mean[0] * g.mean[0] + g.mean[1] * g.mean[1]), g.mean[2]);
   constexpr double kAngleSlack = 1e-5;  // float rounding of the angle
   // A sphere around the camera has no cone.
-  out.beyond_domain = AndMask(out.sine < Lane(1.0), out.mean_angle - Asin(out.sine) >
-                                                        Lane(max_angle + kAngleSlack));
+  out.beyond_domain =
+      AndMask(out.sine<Lane(1.0), out.mean_angle - Asin(out.sine)> Lane(max_angle + kAngleSlack));
   return out;
 }
 

@@ -1,5 +1,5 @@
-// Footprints of one Gaussian (or one a lane) by each method: its points, and its footprint from their
-// pixels. Text for any scalar; the lens stands between the two.
+// Footprints of one Gaussian (or one a lane) by each method: its points, and its footprint from
+// their pixels. Text for any scalar; the lens stands between the two.
 
 #if defined(GSUT_PROJECTION_FOOTPRINT_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_PROJECTION_FOOTPRINT_INL_H_
@@ -175,9 +175,8 @@ HWY_INLINE auto PutOutline(const LensDomain& domain, const double (*circle)[2],
 // The footprint from the outline's pixels get(i, &u, &v), NaN where there is none. valid: whether
 // there is an outline.
 template <int kPoints, class T, class Get, class Mask>
-HWY_INLINE BoundedFootprint<T> OutlineFootprint(const LensDomain& domain,
-                                                const double (*circle)[2], T reach, Mask valid,
-                                                Get&& get) {
+HWY_INLINE BoundedFootprint<T> OutlineFootprint(const LensDomain& domain, const double (*circle)[2],
+                                                T reach, Mask valid, Get&& get) {
   T u[kPoints], v[kPoints];
   T mean_u(0.0), mean_v(0.0), cos_u(0.0), cos_v(0.0), sin_u(0.0), sin_v(0.0);
   for (int i = 0; i < kPoints; ++i) {

@@ -78,9 +78,8 @@ HWY_INLINE void PutGaussians(const FootprintTask& task, std::int64_t i, int v, i
   waiting.reach = visibility.reach;
   waiting.possible = AndMask(AndMask(visibility.possible, seen.distance > Lane(0.0)),
                              NotMask(visibility.beyond_domain));
-  const auto put = [&](int k, Lane x, Lane y, Lane z) HWY_ATTR {
-    block->Put(points * v + k, x, y, z);
-  };
+  const auto put = [&](int k, Lane x, Lane y, Lane z)
+                       HWY_ATTR { block->Put(points * v + k, x, y, z); };
   switch (task.method) {
     case ProjectionMethod::kEwa:
       put(0, g.mean[0], g.mean[1], g.mean[2]);
@@ -121,9 +120,9 @@ HWY_INLINE BoundedFootprint<Lane> GetFootprints(const FootprintTask& task, int v
 void FootprintRange(const FootprintTask& task, std::int64_t begin, std::int64_t end,
                     Footprints<float>* out) {
   const bool by_ewa = task.method == ProjectionMethod::kEwa;
-  const int points = by_ewa                                           ? 1
+  const int points = by_ewa                                         ? 1
                      : task.method == ProjectionMethod::kSilhouette ? kOutlinePoints
-                                                                      : task.rule.size;
+                                                                    : task.rule.size;
   const int most_vectors =
       HWY_MIN(FootprintBlock::kVectors, PointBlock::kPoints / (points * kLanes));
   FootprintBlock block;

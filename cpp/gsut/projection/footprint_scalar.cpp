@@ -8,7 +8,6 @@
 #include "gsut/projection/scalar_text.h"
 
 namespace gsut {
-
 namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
@@ -79,9 +78,7 @@ OneFootprint ScalarFootprints::FindPlaced(const PlacedGaussian<double>& g, doubl
     *u = pixels[i][0];
     *v = pixels[i][1];
   };
-  const auto project = [&](int count) {
-    camera_.Project(count, points[0], pixels[0], valid);
-  };
+  const auto project = [&](int count) { camera_.Project(count, points[0], pixels[0], valid); };
   const LensDomain& domain = camera_.domain();
   const auto found = [&]() -> BoundedFootprint<double> {
     if (options_.method == ProjectionMethod::kEwa) {
@@ -91,12 +88,15 @@ OneFootprint ScalarFootprints::FindPlaced(const PlacedGaussian<double>& g, doubl
                                          derivatives + 3);
     }
     if (options_.method == ProjectionMethod::kSilhouette) {
-      const bool has_outline =
-          HWY_NAMESPACE::PutOutline<kOutlinePointsReference>(domain, circle_, g, reach, put);
+      BoundedFootprint<double> none = {};
+      none.u = kNaN;
+      if (!camera_.IsCentral()) return none;  // rays that touch the ellipsoid form no cone
+      if (!HWY_NAMESPACE::PutOutline<kOutlinePointsReference>(domain, circle_, g, reach, put)) {
+        return none;
+      }
       project(kOutlinePointsReference);
-      // Through a lens whose rays do not meet, those that touch the ellipsoid form no cone.
-      return HWY_NAMESPACE::OutlineFootprint<kOutlinePointsReference>(
-          domain, circle_, reach, has_outline && camera_.IsCentral(), get);
+      return HWY_NAMESPACE::OutlineFootprint<kOutlinePointsReference>(domain, circle_, reach, true,
+                                                                      get);
     }
     HWY_NAMESPACE::PutSigmaPoints(rule_, g, put);
     project(rule_.size);

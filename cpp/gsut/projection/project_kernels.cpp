@@ -54,9 +54,9 @@ HWY_INLINE WaitingSplat PutSplat(const ProjectTask& task, std::int64_t i, int fi
                                  PointBlock* block, Splats* splats) {
   const LensDomain& domain = task.lens.domain;
   const SeenLanes g = LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
-  PutUnscentedPoints(
-      task.weights, g.mean, g.axes, g.scale,
-      [&](int k, Lane x, Lane y, Lane z) HWY_ATTR { block->Put(first_vector + k, x, y, z); });
+  PutUnscentedPoints(task.weights, g.mean, g.axes, g.scale,
+                     [&](int k, Lane x, Lane y, Lane z)
+                         HWY_ATTR { block->Put(first_vector + k, x, y, z); });
   const Visibility seen = VisibilityOf(g, domain.max_angle);
   WaitingSplat out;
   out.reach = seen.reach;
@@ -67,8 +67,8 @@ HWY_INLINE WaitingSplat PutSplat(const ProjectTask& task, std::int64_t i, int fi
       AndMask(seen.possible, NotMask(AndMask(NotMask(out.is_near), seen.beyond_domain)));
   // The lens' scale may change without bound towards the edge of its domain, and a panorama turns
   // around its poles.
-  out.smooth = domain.IsPanorama() ? PoleSine(domain, g.mean)
-                                   : Lane(domain.max_angle) - seen.mean_angle;
+  out.smooth =
+      domain.IsPanorama() ? PoleSine(domain, g.mean) : Lane(domain.max_angle) - seen.mean_angle;
   hn::StoreU(g.distance.v, FloatTag(), &splats->distance[static_cast<std::size_t>(i)]);
   return out;
 }
@@ -81,9 +81,8 @@ HWY_INLINE void StoreSplat(const ProjectTask& task, const WaitingSplat& g,
   const Lane width(task.width), height(task.height);
   const Lane extent_u = g.reach * Sqrt(footprint.cov_uu);
   const Lane extent_v = g.reach * Sqrt(footprint.cov_vv);
-  const LaneMask whole =
-      AndMask(NotMask(g.is_near),
-              IsFinite(footprint.u + footprint.v + footprint.cov_uu + footprint.cov_vv));
+  const LaneMask whole = AndMask(NotMask(g.is_near), IsFinite(footprint.u + footprint.v +
+                                                              footprint.cov_uu + footprint.cov_vv));
   // The ellipse is an estimate: only what lies well outside the image by it is dropped here.
   const Lane margin_u = Lane(kCullFactor) * extent_u + Lane(kCullPixels);
   const Lane margin_v = Lane(kCullFactor) * extent_v + Lane(kCullPixels);
@@ -108,8 +107,7 @@ HWY_INLINE void StoreSplat(const ProjectTask& task, const WaitingSplat& g,
     uncertain = OrMask(uncertain, AndMask(g.candidate, bent));
   }
   constexpr double kLeastSmooth = 1e-6;
-  const Lane sine =
-      Min(g.sine / Max(Min(g.smooth, Lane(1.0)), Lane(kLeastSmooth)), Lane(1.0));
+  const Lane sine = Min(g.sine / Max(Min(g.smooth, Lane(1.0)), Lane(kLeastSmooth)), Lane(1.0));
   LaneMask small = AndMask(ellipse, sine < Lane(kSmallSine));
   if (!domain.IsPanorama()) {
     small = AndMask(small, g.mean_angle + sine < Lane(kSmallAngle * domain.max_angle));
@@ -151,9 +149,8 @@ void ProjectRange(const ProjectTask& task, std::int64_t begin, std::int64_t end,
     ProjectPoints(task.lens, kUnscentedPoints * kLanes * vectors, block.Batch());
     for (int v = 0; v < vectors; ++v) {
       const auto footprint = UnscentedFootprint<Lane>(
-          task.lens.domain, task.weights, [&](int k, Lane* pu, Lane* pv) HWY_ATTR {
-            block.Get(kUnscentedPoints * v + k, pu, pv);
-          });
+          task.lens.domain, task.weights,
+          [&](int k, Lane* pu, Lane* pv) HWY_ATTR { block.Get(kUnscentedPoints * v + k, pu, pv); });
       const std::int64_t i = first + v * kLanes;
       const int count = static_cast<int>(HWY_MIN(end - i, static_cast<std::int64_t>(kLanes)));
       StoreSplat(task, waiting[v], footprint, i, count, splats);

@@ -29,9 +29,8 @@ void PlaceOnLines(const Camera& camera, const CameraMotion& motion, std::int64_t
   for (int step = 0; step < kMaxSteps && !moving.empty(); ++step) {
     for (std::size_t k = 0; k < moving.size(); ++k) {
       const Pose pose = motion.At(times[moving[k]]);
-      Eigen::Map<Eigen::Vector3d>(&in_camera[3 * k]) =
-          pose.rotation * Eigen::Map<const Eigen::Vector3d>(points + 3 * moving[k]) +
-          pose.translation;
+      Eigen::Vector3d::Map(&in_camera[3 * k]) =
+          pose.rotation * Eigen::Vector3d::Map(points + 3 * moving[k]) + pose.translation;
     }
     camera.Project(static_cast<std::int64_t>(moving.size()), in_camera.data(), found.data(),
                    valid.data());
