@@ -15,23 +15,23 @@ from gsut._core import (
     set_isa,
     set_num_threads,
 )
-from gsut.cameras import Camera, camera_models
-from gsut.compact import compact
-from gsut.compact_scores import seen_views
-from gsut.data.lens_files import load_camera
-from gsut.data.load import load_dataset
-from gsut.data.scene import Scene, View
+from gsut.compact import compact, seen_views
+from gsut.data import Scene, View, load_dataset
 from gsut.evaluate import evaluate
 from gsut.formats import load_ply, save_ply
-from gsut.gaussians import Gaussians
-from gsut.low_pass import filter_radii, low_pass, low_pass_backward
-from gsut.metrics import psnr, ssim
-from gsut.options import TrainOptions
-from gsut.projection import METHODS as PROJECTION_METHODS
-from gsut.projection import Projection, project
+from gsut.gaussians import (
+    Gaussians,
+    filter_radii,
+    low_pass,
+    low_pass_backward,
+    seed_from_points,
+    seed_in_view,
+)
+from gsut.lens import Camera, camera_models, load_camera
 from gsut.refine import RefinedPose, refine_pose
-from gsut.render import Gradients, Render, render, render_backward
-from gsut.seeding import seed_from_points, seed_in_view
+from gsut.render import METHODS as PROJECTION_METHODS
+from gsut.render import Gradients, Projection, Render, project, psnr, render, render_backward, ssim
+from gsut.run import TrainOptions
 from gsut.train import TrainResult, train
 
 __all__ = [

@@ -53,7 +53,7 @@ TEST(UnscentedTest, WeightsFollowTheirDefinitionAndSumToOne) {
     }
   }
   EXPECT_EQ(ran, 15);
-  // gsplat's: FACTS of its implementation.
+  // As in gsplat.
   const UnscentedWeights gsplat = MakeUnscentedWeights({0.1, 2.0, 0.0});
   EXPECT_NEAR(gsplat.mean_0, -99.0, 1e-9);
   EXPECT_NEAR(gsplat.cov_0, -96.01, 1e-9);

@@ -135,7 +135,7 @@ inline std::vector<NamedCamera> EveryLens(int width) {
     for (const LensExample& example : LensExamples(LensFromName(name))) {
       const Camera whole(name, {example.params, example.params + example.num_params}, example.width,
                          example.height);
-      if (!whole.IsCentral()) continue;  // rendered by lines: tests/python/test_lines.py
+      if (!whole.IsCentral()) continue;  // rendered by lines: tests/python/render/test_lines.py
       const auto shrunk = [&](int columns) {
         return whole.Resized(columns, std::max(1, columns * example.height / example.width));
       };

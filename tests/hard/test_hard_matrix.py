@@ -196,7 +196,7 @@ def odd_images(rng):
         yield in_view(rng, camera, 30)
 
 
-# Number of FACTS.md, section 4 -> its scenes, and how many they are.
+# Number of the hard case -> its scenes, and how many they are.
 CASES = {
     1: (small_alpha, 2),
     2: (points_outside_the_domain, 2),

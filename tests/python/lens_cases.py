@@ -3,7 +3,7 @@
 import numpy as np
 
 from gsut import _core
-from gsut.cameras import Camera, camera_models
+from gsut.lens.camera import Camera, camera_models
 
 _RATIONAL = (0.12, -0.05, 3e-3, -2e-3, 0.01, 0.08, -0.02, 5e-3)
 _BARREL = (-0.2, 0.05, 1e-3, 2e-3, 0.01, 0.02, -0.01, 0.005)

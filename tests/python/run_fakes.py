@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import math
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+
+import gsut
 
 SIZE = 32  # pixels, width and height
 HALF_FIELD_DEGREES = 95.0  # at the rim of the fake fisheye's circle
@@ -93,12 +96,14 @@ def fake_renderer(scene: FakeScene, error: float = 0.1):
 
 def install(monkeypatch, scene: FakeScene, error: float = 0.1) -> None:
     """Puts the fakes in the place of gsut's renderer and readers."""
-    import gsut
-
-    gaussians = range(1234)
-    monkeypatch.setattr(gsut, "render", fake_renderer(scene, error), raising=False)
-    monkeypatch.setattr(gsut, "load_dataset", lambda path, **_: scene, raising=False)
-    monkeypatch.setattr(gsut, "load_ply", lambda path: gaussians, raising=False)
+    evaluation = importlib.import_module("gsut.evaluate.evaluation")
+    trained_run = importlib.import_module("gsut.training.trained_run")
+    gaussians, renderer = range(1234), fake_renderer(scene, error)
+    monkeypatch.setattr(evaluation, "render", renderer)
+    monkeypatch.setattr(gsut, "render", renderer)
+    monkeypatch.setattr(trained_run, "load_ply", lambda path: gaussians)
+    for reader in (gsut, trained_run):
+        monkeypatch.setattr(reader, "load_dataset", lambda path, **_: scene)
 
 
 def finished_run(path: Path, scene: FakeScene, options=None, report: bool = True):
@@ -106,11 +111,11 @@ def finished_run(path: Path, scene: FakeScene, options=None, report: bool = True
 
     Without `report` the report is an empty file, which is much faster.
     """
-    from gsut.environment import describe_environment
-    from gsut.evaluate import evaluate, run_metrics
-    from gsut.options import TrainOptions
-    from gsut.report import write_report
-    from gsut.run_folder import METRICS, REPORT, SCENE, RunFolder
+    from gsut.evaluate.evaluation import evaluate, run_metrics
+    from gsut.evaluate.report import write_report
+    from gsut.run.environment import describe_environment
+    from gsut.run.folder import METRICS, REPORT, SCENE, RunFolder
+    from gsut.run.options import TrainOptions
 
     options = (options or TrainOptions(steps=100)).resolved()
     run = RunFolder.create(path, options, environment=describe_environment(scene.path))

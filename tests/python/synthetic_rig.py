@@ -7,10 +7,10 @@ import numpy as np
 
 import gsut
 from gsut.data.poses import inverse
-from gsut.structure.features import Features
-from gsut.structure.inputs import Photographs
-from gsut.structure.matching import PairMatches
-from gsut.structure.rig_file import Rig
+from gsut.sfm.features import Features
+from gsut.sfm.inputs import Photographs
+from gsut.sfm.matching import PairMatches
+from gsut.sfm.rig_file import Rig
 
 _FEWEST_SHARED = 25  # points of a pair of images worth a match
 

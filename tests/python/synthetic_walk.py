@@ -4,10 +4,10 @@ import numpy as np
 
 import gsut
 from gsut import _core
-from gsut.structure.features import Features
-from gsut.structure.matching import match_and_verify, preview_pairs
-from gsut.structure.options import PosesOptions
-from gsut.structure.pairs import choose_pairs
+from gsut.sfm.features import Features
+from gsut.sfm.matching import match_and_verify, preview_pairs
+from gsut.sfm.options import PosesOptions
+from gsut.sfm.pairs import choose_pairs
 
 
 def quiet(done: int, total: int) -> None:

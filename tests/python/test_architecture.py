@@ -4,9 +4,7 @@ The tables below are those of the design. A new folder or module needs a line he
 needs a change of the design first.
 """
 
-import ast
 import re
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -52,94 +50,11 @@ LENS_FILES = "gsut_lens_files.inc"
 # The two that compile the lens files: for scalars and for vectors. All others call them.
 LENS_TEXT_READERS = {"cpp/gsut/cameras/visit_lens.h", "cpp/gsut/cameras/lens_kernels-inl.h"}
 
-# Python group -> its modules (fnmatch-like: a final * stands for any ending).
-PYTHON_GROUPS: dict[str, set[str]] = {
-    "core": {"_core"},
-    # Thin faces of the C++ folders: numpy in, numpy out.
-    "faces": {
-        *(
-            "camera_motion",
-            "cameras",
-            "formats",
-            "gaussians",
-            "low_pass",
-            "metrics",
-            "mixed_harmonics",
-            "mixed_optimizer",
-            "optimize",
-            "optimizer_arrays",
-            "projection",
-        ),
-        *("render", "seeding"),
-    },
-    "data": {"data", "data.*"},  # dataset and lens files
-    # What a run is made of: settings, its folder, its words and pictures.
-    "run": {
-        *("checkpoint", "environment", "option_fields", "options", "pictures", "progress"),
-        *("run_folder", "stopwatch"),
-    },
-    "report": {"report", "report_plots"},
-    "structure": {"structure", "structure.*"},  # poses of photographs
-    "scene tools": {"demo_scene*", "doctor", "render_path"},
-    "compaction": {"compact", "compact_harmonics", "compact_refit", "compact_scores"},
-    "training": {
-        *("alignment", "calibration_weights", "compact_run", "evaluate", "finetune"),
-        *("first_gaussians", "growth", "held_out", "localize", "mini_splatting", "pyramid"),
-        *("refine", "refine_motion", "refine_tracks", "refine_training", "refine_trust"),
-        *("refined_poses",),
-        *("run_results", "schedule", "train", "trained_run", "trajectory_mean"),
-    },
-    "photometric poses": {"bearing_points", "photometric_poses"},
-    "benchmarks": {"bench", "bench.*"},
-    "command line": {
-        *("__main__", "calibrate", "calibrate_dataset", "calibrate_dataset_page"),
-        *("camera_convert", "camera_fit", "cli", "commands"),
-        *("compact_command", "localize_command", "poses_command"),
-    },
-    "package": {"gsut"},
-}
-# Python group -> groups that it may import, besides itself and core.
-PYTHON_MAY_USE: dict[str, set[str]] = {
-    "core": set(),
-    "faces": set(),
-    "data": {"faces"},
-    "run": set(),
-    "report": {"run"},
-    "structure": {"faces", "data", "run"},
-    "scene tools": {"faces", "data"},
-    # The package: evaluate renders by the public name gsut.render.
-    "compaction": {"faces"},
-    # structure: --refine-poses begins with bundle adjustment of tracks.
-    "training": {"faces", "compaction", "data", "run", "report", "structure", "package"},
-    "photometric poses": {"faces", "data", "run", "structure", "training", "package"},
-    "benchmarks": {
-        *("faces", "compaction", "data", "run", "scene tools", "structure", "training", "package"),
-    },
-    "command line": {
-        *("faces", "compaction", "data", "run", "report", "scene tools", "structure", "training"),
-        *("benchmarks", "package", "photometric poses"),
-    },
-    "package": {"faces", "compaction", "data", "run", "training"},
-}
-# Single arrows beyond the table, inside functions only: Camera.save and gsut.load_camera are
-# cameras' own names for what data/lens_files does.
-PYTHON_EXCEPTIONS = {("cameras", "data.lens_files")}
-# Library -> why gsut depends on it. Everything else outside Python's own library is forbidden.
-PYTHON_LIBRARIES = {"cv2", "jinja2", "matplotlib", "numpy", "tqdm", "yaml"}
-# calib/ is a program beside gsut: it calls gsut's public names like anybody, and gsut starts it as
-# a process. mrcal is imported in one file, which runs under the system's Python.
-CALIB_LIBRARIES = PYTHON_LIBRARIES | {"calib", "gsut"}
-CALIB_WITH_MRCAL = {"calib/inside_mrcal.py"}
-
-MAX_LINES = 400  # a file with one job is shorter; most have fewer than 300
-LONGER_FILES: dict[str, str] = {}  # path -> why it is longer than MAX_LINES
-
 
 class Arrow(NamedTuple):
     path: str  # of the file that includes or imports, below the root
     line: int
     target: str  # as it is written there
-    inside: bool = False  # within a function (Python)
 
 
 def files(root: Path, folders: tuple[str, ...], *suffixes: str) -> list[Path]:
@@ -249,128 +164,7 @@ def test_cmake_libraries_link_what_the_design_allows():
     assert {p.name for p in (ROOT / "cpp/gsut").iterdir() if p.is_dir()} == set(CPP_MAY_USE)
 
 
-# --- Python ---------------------------------------------------------------------------------------
-
-
-def imports(root: Path, folder: str = "python/gsut") -> list[Arrow]:
-    """Every import of a folder; `from gsut import x` counts as the module x if it is one."""
-    package = root / "python/gsut"
-    arrows = []
-    for path in files(root, (folder,), ".py"):
-        tree = ast.parse(path.read_text())
-        functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)]
-        within = {id(child) for function in functions for child in ast.walk(function)}
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                names = ["." * node.level + (node.module or "")]
-                if names == ["gsut"]:
-                    inner = [alias.name for alias in node.names]
-                    names = [f"gsut.{n}" if is_module(package, n) else "gsut" for n in inner]
-            else:
-                continue
-            where = str(path.relative_to(root))
-            arrows += [Arrow(where, node.lineno, name, id(node) in within) for name in names]
-    return arrows
-
-
-def is_module(package: Path, name: str) -> bool:
-    return any((package / f"{name}{end}").exists() for end in (".py", ".pyi", "/__init__.py"))
-
-
-def module_name(path: str) -> str:
-    """data.scene of python/gsut/data/scene.py; a package has the name of its folder."""
-    parts = Path(path).with_suffix("").parts[2:]
-    parts = parts[:-1] if parts[-1] == "__init__" else parts
-    return ".".join(parts) or "gsut"
-
-
-def group_of(module: str) -> str | None:
-    for group, patterns in PYTHON_GROUPS.items():
-        for pattern in patterns:
-            if module == pattern or (pattern[-1] == "*" and module.startswith(pattern[:-1])):
-                return group
-    return None
-
-
-def import_is_allowed(arrow: Arrow) -> bool:
-    head, _, rest = arrow.target.partition(".")
-    if head != "gsut":
-        return head in sys.stdlib_module_names or head in PYTHON_LIBRARIES
-    source, target = module_name(arrow.path), rest or "gsut"
-    if (source, target) in PYTHON_EXCEPTIONS:
-        return arrow.inside
-    source_group, target_group = group_of(source), group_of(target)
-    if source_group is None or target_group is None:
-        return False
-    return target_group in {"core", source_group} | PYTHON_MAY_USE[source_group]
-
-
-def forbidden_imports(root: Path) -> list[str]:
-    return [
-        f"{arrow.path}:{arrow.line} imports {arrow.target}"
-        for arrow in imports(root)
-        if not import_is_allowed(arrow)
-    ]
-
-
-def test_python_imports_follow_the_design():
-    arrows = imports(ROOT)
-    assert len({arrow.path for arrow in arrows}) >= 45  # files
-    assert sum(arrow.target.split(".")[0] == "gsut" for arrow in arrows) >= 150  # arrows
-    assert forbidden_imports(ROOT) == []
-
-
-def test_calib_uses_the_public_names_of_gsut_only():
-    arrows = imports(ROOT, "calib")
-    assert len({arrow.path for arrow in arrows}) >= 25  # files
-    forbidden = []
-    for arrow in arrows:
-        head, _, rest = arrow.target.partition(".")
-        libraries = CALIB_LIBRARIES | ({"mrcal"} if arrow.path in CALIB_WITH_MRCAL else set())
-        if (head == "gsut" and rest) or head not in libraries | sys.stdlib_module_names:
-            forbidden.append(f"{arrow.path}:{arrow.line} imports {arrow.target}")
-    assert forbidden == []
-
-
-def test_python_modules_have_a_group():
-    modules = [module_name(str(p.relative_to(ROOT))) for p in files(ROOT, ("python/gsut",), ".py")]
-    assert [module for module in modules if group_of(module) is None] == []
-
-
-@pytest.mark.parametrize(
-    ("path", "line"),
-    [
-        ("data/a.py", "from gsut.train import train"),  # against the way of the data
-        ("data/a.py", "import gsut.report"),
-        ("data/a.py", "from gsut import commands"),
-        ("data/a.py", "from . import scene"),  # relative: the reader cannot see the arrow
-        ("render.py", "from gsut.options import TrainOptions"),
-        ("cameras.py", "from gsut.data.lens_files import load_camera"),  # only inside functions
-        ("train.py", "def f():\n    from gsut.cli import main"),
-        ("train.py", "import torch"),
-        ("metrics.py", "from scipy import ndimage"),  # for tests only
-        ("surprise.py", "from gsut._core import InputError"),  # a module of no group
-    ],
-)
-def test_python_import_against_the_design_is_found(tmp_path, path, line):
-    for name in ("commands.py", path):
-        file = tmp_path / "python/gsut" / name
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(line + "\n" if name == path else "")
-    assert len(forbidden_imports(tmp_path)) == 1
-
-
 # --- every file -----------------------------------------------------------------------------------
-
-
-def test_files_are_short():
-    checked = files(ROOT, ("cpp", "python", "calib"), ".h", ".cpp", ".inc", ".py")
-    assert len(checked) >= 150
-    lengths = {str(p.relative_to(ROOT)): len(p.read_text().splitlines()) for p in checked}
-    longer = {path for path, length in lengths.items() if length > MAX_LINES}
-    assert longer == set(LONGER_FILES)
 
 
 def test_files_say_their_job_in_the_first_line():

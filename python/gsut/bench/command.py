@@ -120,8 +120,7 @@ def train(arguments: argparse.Namespace) -> int:
         stage_rows,
         train_bench,
     )
-    from gsut.options import PRESETS
-    from gsut.progress import TrainingProgress
+    from gsut.run import PRESETS, TrainingProgress
 
     _check_files(arguments)
     options = TrainBenchOptions(

@@ -21,18 +21,18 @@ from gsut.bench.compact_starts import (
 )
 from gsut.compact import (
     METHODS,
+    SeenView,
     check_keep,
     check_method,
     compact,
     looks_at_views,
     scores_of,
+    seen_views,
     settings_of,
 )
-from gsut.compact_scores import SeenView, seen_views
-from gsut.evaluate import evaluate
-from gsut.finetune import finetune, finetune_options
-from gsut.held_out import view_image
-from gsut.options import TrainOptions
+from gsut.evaluate import evaluate, view_image
+from gsut.run import TrainOptions
+from gsut.training import finetune, finetune_options
 
 DEFAULT_KEEPS = (0.05, 0.1, 0.2, 0.5)
 # The rival's pace is measured on a run of so many steps with the same schedule.
@@ -254,8 +254,8 @@ def _found(
 
 def _read(folder: str) -> tuple[Any, Any, TrainOptions, float]:
     """Scene, Gaussians, options and seconds of training of a finished run with held-out views."""
-    from gsut.run_folder import METRICS, RunFolder
-    from gsut.trained_run import read_trained
+    from gsut.run import METRICS, RunFolder
+    from gsut.training import read_trained
 
     run = RunFolder.open(folder)
     metrics = run.read_json(METRICS)
@@ -333,7 +333,7 @@ def _rival_options(options: TrainOptions, count: int, steps: int) -> TrainOption
 
 
 def _train(scene: Any, options: TrainOptions) -> tuple[Any, float]:
-    from gsut.train import TrainingLoop
+    from gsut.training import TrainingLoop
 
     loop = TrainingLoop(scene, options)
     clock = ThreadSeconds()

@@ -10,7 +10,7 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.options import TrainOptions
+from gsut.run import TrainOptions
 
 # Seconds of training in metrics.json: processor time of the whole of it over the threads.
 TRAIN_CPU = "train_seconds_processor"
@@ -99,7 +99,7 @@ def trained_start(data: str, start: str, recipe: StartRecipe, folder: str) -> Pa
         InputError: the run that is there was trained with other options.
     """
     import gsut
-    from gsut.run_folder import METRICS, RunFolder
+    from gsut.run import METRICS, RunFolder
 
     scene = gsut.load_dataset(data)
     path = Path(folder) / f"{scene.path.resolve().name}_{start}"

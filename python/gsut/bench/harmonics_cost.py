@@ -75,7 +75,7 @@ def _measure(
 ) -> dict[str, Any]:
     from gsut.bench.measure import BACKWARD_STAGES, FORWARD_STAGES, step_loop, step_times
     from gsut.bench.scenes import dense_sigma_pixels, synthetic_scene
-    from gsut.mixed_harmonics import mixed
+    from gsut.gaussians import mixed
 
     sigma = dense_sigma_pixels(count, width, height)
     scene: Any = synthetic_scene(count, width, height, sigma_pixels=sigma)

@@ -10,7 +10,7 @@ import numpy as np
 from gsut import _core
 from gsut.bench.measure import BACKWARD_STAGES, FORWARD_STAGES, FastRun, Times, best_times
 from gsut.bench.scenes import make_scene
-from gsut.cameras import Camera
+from gsut.lens import Camera
 
 # The grid of the splined lens: cubic, ten intervals across the width of the image.
 _ORDER, _COLUMNS, _ROWS, _FOV_DEGREES = 3, 16, 12, 70.0

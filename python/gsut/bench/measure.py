@@ -16,7 +16,7 @@ from gsut.bench.scenes import BenchScene
 from gsut.render import DEFAULT_UNSCENTED
 
 if TYPE_CHECKING:
-    from gsut.train import TrainingLoop
+    from gsut.training import TrainingLoop
 
 FORWARD_STAGES = ("project", "records", "bin", "forward")
 BACKWARD_STAGES = ("backward", "gradients")
@@ -157,9 +157,9 @@ def step_loop(scene: BenchScene, repeats: int) -> TrainingLoop:
         scene: copied.
         repeats: steps that will be made, at most.
     """
-    from gsut.mixed_optimizer import optimizer_of
-    from gsut.options import TrainOptions
-    from gsut.train import TrainingLoop
+    from gsut.optimize import optimizer_of
+    from gsut.run import TrainOptions
+    from gsut.training import TrainingLoop
 
     steps = 1000 * max(1, repeats)
     rates: dict[str, Any] = dict.fromkeys(

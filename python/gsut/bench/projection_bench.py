@@ -12,7 +12,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.bench.projection_truth import alpha_images, periods, projected_moments
 from gsut.gaussians import Gaussians
-from gsut.projection import METHODS
+from gsut.render import METHODS
 
 # (name, method of the core, alpha beta kappa)
 BENCH_METHODS: tuple[tuple[str, str, tuple[float, float, float]], ...] = (

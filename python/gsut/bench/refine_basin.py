@@ -8,13 +8,11 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.bench.refine_disturb import Disturbance, disturbed, disturbed_pose
-from gsut.data.scene import Scene
+from gsut.data import Scene
 from gsut.gaussians import Gaussians
-from gsut.options import TrainOptions
-from gsut.refine import refine_pose
-from gsut.refine_motion import pose_changes
-from gsut.refine_tracks import refine_by_tracks
-from gsut.structure.align import compare_poses
+from gsut.refine import pose_changes, refine_by_tracks, refine_pose
+from gsut.run import TrainOptions
+from gsut.sfm import compare_poses
 
 BASIN_COLUMNS = (
     ("by", "basin", ""),

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.alignment import evaluate_aligned
 from gsut.bench.refine_basin import BASIN_DEGREES, colors_row, tracks_row
 from gsut.bench.refine_disturb import (
     DISTURBANCES,
@@ -21,12 +20,11 @@ from gsut.bench.refine_disturb import (
     jittered_points,
     lens_errors,
 )
-from gsut.data.load import load_dataset
-from gsut.data.scene import Scene
+from gsut.data import Scene, load_dataset
 from gsut.gaussians import Gaussians
-from gsut.options import TrainOptions
-from gsut.refine_trust import lens_distance
-from gsut.structure.align import PoseErrors, compare_poses
+from gsut.refine import evaluate_aligned, lens_distance
+from gsut.run import TrainOptions
+from gsut.sfm import PoseErrors, compare_poses
 from gsut.train import train
 
 # (heading, key of the row, format)

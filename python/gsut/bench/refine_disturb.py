@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 
 from gsut._core import InputError, exp_pose
-from gsut.cameras import Camera
-from gsut.data.scene import Scene
-from gsut.refine_training import with_poses
+from gsut.data import Scene
+from gsut.lens import Camera
+from gsut.refine import with_poses
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,11 +12,16 @@ import cv2
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.bench.poses_bench import errors_against
-from gsut.data.poses import inverse
-from gsut.structure.estimate import estimate_poses
-from gsut.structure.options import PosesOptions
-from gsut.structure.rig_file import Rig, read_rig, relative_changes, write_rig
+from gsut.data import inverse
+from gsut.sfm import (
+    PosesOptions,
+    Rig,
+    errors_against,
+    estimate_poses,
+    read_rig,
+    relative_changes,
+    write_rig,
+)
 
 DISTURBED_DEGREES = 0.5
 DISTURBED_SHARE = 0.01  # of the baseline

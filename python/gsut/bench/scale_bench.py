@@ -179,7 +179,7 @@ def _measure(count: int, width: int, height: int, threads: int, steps: int) -> d
     """One size, in this process."""
     from gsut.bench.measure import BACKWARD_STAGES, FORWARD_STAGES, step_loop, step_times
     from gsut.bench.scenes import dense_sigma_pixels, synthetic_scene
-    from gsut.environment import peak_rss_mb
+    from gsut.run import peak_rss_mb
 
     _core.set_num_threads(threads)
     sigma = dense_sigma_pixels(count, width, height)

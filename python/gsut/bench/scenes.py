@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError, Shutter, exp_pose
-from gsut.cameras import Camera
 from gsut.gaussians import Gaussians
+from gsut.lens import Camera
 
 KNOWN_SCENES = (
     "synthetic_100k_640x480",
@@ -244,7 +244,7 @@ def _trained_demo() -> tuple:
     from pathlib import Path
 
     import gsut
-    from gsut.demo_scene import make_demo_scene
+    from gsut.demo import make_demo_scene
 
     steps = 400
     with tempfile.TemporaryDirectory(prefix="gsut_bench_") as folder:

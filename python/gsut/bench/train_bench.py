@@ -14,9 +14,8 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.metrics import psnr
-from gsut.options import PRESETS, TrainOptions
-from gsut.render import DEFAULT_UNSCENTED
+from gsut.render import DEFAULT_UNSCENTED, psnr
+from gsut.run import PRESETS, TrainOptions
 
 # Whole dB at which the time to quality is told, where a run passes them.
 _MILESTONES_DB = range(20, 45)
@@ -109,7 +108,7 @@ def _train_one(
     preset: str, options: TrainBenchOptions, on_step: Callable[[dict[str, Any]], None]
 ) -> dict[str, Any]:
     import gsut
-    from gsut.train import TrainingLoop
+    from gsut.training import TrainingLoop
 
     o = TrainOptions(
         preset=preset, threads=options.threads, eval_every=0, **options.overrides

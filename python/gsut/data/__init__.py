@@ -1,7 +1,45 @@
-"""Dataset readers, one file a format; `load_dataset` finds out which one it is."""
+"""Datasets: scene and views, readers and writers (one module a format), splits, checks."""
 
-from gsut.data.findings import DatasetError, Finding
-from gsut.data.load import load_dataset
+from gsut.data.assemble import Frame
+from gsut.data.camera_path import read_path
+from gsut.data.colmap import find_mask
+from gsut.data.doctor import diagnose, findings_text
+from gsut.data.findings import DatasetError, Finding, some_names
+from gsut.data.folder import find_images, find_lens_file
+from gsut.data.images import decode_image, decode_mask, read_header, shrink_image, shrink_mask
+from gsut.data.load import load_dataset, read_dataset
+from gsut.data.poses import inverse, rigid_transform
+from gsut.data.pyramid import ImagePyramid, Level
 from gsut.data.scene import Scene, View
+from gsut.data.shutter import frame_times, with_shutter
+from gsut.data.write_nerfstudio import points_ply, write_transforms
 
-__all__ = ["DatasetError", "Finding", "Scene", "View", "load_dataset"]
+__all__ = [
+    "DatasetError",
+    "Finding",
+    "Frame",
+    "ImagePyramid",
+    "Level",
+    "Scene",
+    "View",
+    "decode_image",
+    "decode_mask",
+    "diagnose",
+    "find_images",
+    "find_lens_file",
+    "find_mask",
+    "findings_text",
+    "frame_times",
+    "inverse",
+    "load_dataset",
+    "points_ply",
+    "read_dataset",
+    "read_header",
+    "read_path",
+    "rigid_transform",
+    "shrink_image",
+    "shrink_mask",
+    "some_names",
+    "with_shutter",
+    "write_transforms",
+]

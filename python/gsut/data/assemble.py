@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError, Shutter
-from gsut.cameras import Camera
 from gsut.data.findings import DatasetError, OnError, some_names, stop
 from gsut.data.images import read_header
 from gsut.data.poses import inverse
 from gsut.data.scene import Scene, View
 from gsut.data.split import TEST_EVERY, split_views
+from gsut.lens import Camera
 
 HALF_PIXEL = 0.5  # a down-scaled copy's size may be rounded by this much
 SAME_POSE = 1e-9  # relative difference of two poses of a frame that is listed twice
@@ -39,13 +39,15 @@ class Frame:
 class Listing:
     """What a reader found: the frames whose image exists, names of the others, points, lists.
 
-    `source` is the file that lists the images; `path` the dataset's folder.
+    `missing_depth` names depth files that the dataset lists and that do not exist. `source` is the
+    file that lists the images; `path` the dataset's folder.
     """
 
     path: Path
     source: Path
     frames: list[Frame] = dataclasses.field(default_factory=list)
     missing: list[str] = dataclasses.field(default_factory=list)
+    missing_depth: list[str] = dataclasses.field(default_factory=list)
     points: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
     point_colors: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 3), np.uint8))
     listed_train: Sequence[str] | None = None
@@ -75,6 +77,11 @@ def assemble(
         notes.append(
             f"{listing.source}: {len(listing.missing)} of {total} images do not exist and are"
             f" left out: {some_names(listing.missing)}"
+        )
+    if listing.missing_depth:
+        notes.append(
+            f"{listing.source}: {len(listing.missing_depth)} depth files do not exist, which"
+            f" training does not need: {some_names(listing.missing_depth)}"
         )
     frames = _without_repeats(listing, notes, on_error)
     frames = _fit_cameras(frames, notes, on_error)

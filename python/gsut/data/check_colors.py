@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
-from tqdm import tqdm
 
 from gsut._core import InputError
 from gsut.data.findings import Finding, some_names
@@ -70,6 +69,8 @@ def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
         scene: at full size, with coloured points; nothing is found otherwise.
         progress: show a bar.
     """
+    from tqdm import tqdm
+
     if len(scene.points) < MIN_SAMPLES or np.ptp(scene.point_colors) == 0:
         return
     chosen = np.unique(np.linspace(0, len(scene) - 1, VIEWS_TESTED).round().astype(int))

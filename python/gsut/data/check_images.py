@@ -5,9 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 
-import cv2
 import numpy as np
-from tqdm import tqdm
 
 from gsut._core import InputError
 from gsut.data.findings import DatasetError, Finding, some_names
@@ -46,6 +44,8 @@ def check_images(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
         scene: at full size.
         progress: show a bar.
     """
+    from tqdm import tqdm
+
     stats: list[ImageStats] = []
     for index in tqdm(range(len(scene)), desc="images", disable=not progress, leave=False):
         try:
@@ -73,6 +73,8 @@ def image_stats(scene: Scene, index: int) -> ImageStats:
     Raises:
         DatasetError: the image or the mask cannot be used.
     """
+    import cv2
+
     pixels, mask = scene.image(index), scene.mask(index)
     grey = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
     width = min(SHARPNESS_WIDTH, grey.shape[1])

@@ -11,13 +11,12 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cameras import Camera
 from gsut.data.assemble import Frame, Listing
 from gsut.data.colmap_binary import read_cameras_bin, read_images_bin, read_points_bin
 from gsut.data.colmap_text import read_cameras_txt, read_images_txt, read_points_txt
 from gsut.data.findings import DatasetError, OnError, some_names, stop
-from gsut.data.lens_files import colmap_camera
 from gsut.data.poses import inverse, pose_from_quaternion
+from gsut.lens import Camera, colmap_camera
 
 MODEL_FOLDERS = ("sparse/0", "sparse", ".")
 IMAGE_FOLDERS = ("images", "images_2", "images_4", "images_8", ".")

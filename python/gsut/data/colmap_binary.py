@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut.data.colmap_records import CameraRow, ImageRow
 from gsut.data.findings import DatasetError
-from gsut.data.lens_colmap import PARAMETER_COUNTS
+from gsut.lens import PARAMETER_COUNTS
 
 _COUNT = struct.Struct("<Q")
 _CAMERA = struct.Struct("<IiQQ")  # id, model, width, height

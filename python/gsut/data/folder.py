@@ -19,10 +19,10 @@ from gsut.data.assemble import Frame, Listing
 from gsut.data.colmap import find_mask
 from gsut.data.findings import DatasetError, OnError, some_names, stop
 from gsut.data.images import IMAGE_SUFFIXES
-from gsut.data.lens_files import load_camera
 from gsut.data.nerfstudio import read_json
+from gsut.data.points import load_points_ply
 from gsut.data.poses import pose_from_quaternion, rigid_transform
-from gsut.formats import load_points_ply
+from gsut.lens import load_camera
 
 LENS_PATTERNS = (
     "lens.*", "camera.*", "*.cameramodel", "calibration.*", "*.yaml", "*.yml", "cameras.txt",

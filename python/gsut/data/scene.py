@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import CameraMotion, InputError, Shutter
-from gsut.cameras import Camera
 from gsut.data.findings import DatasetError
 from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mask
+from gsut.lens import Camera
 
 IMAGE_CACHE_BYTES = 1 << 30  # decoded pixels kept by one scene (preload() keeps all)
 EXTENT_MARGIN = 1.1  # of 3DGS: the scene's extent over the cameras' radius

@@ -1,0 +1,96 @@
+"""The command line: finds the commands, one file each in this folder, and runs one.
+
+A command is a module NAME.py with HELP (its line in `gsut --help`), DESCRIPTION, add_flags(parser)
+and run(arguments) -> exit status; the files whose names begin with "_" are none. What takes long
+to import is imported by `run`, so that `--help` and a wrong argument answer at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import pkgutil
+import sys
+import traceback
+from collections.abc import Iterable, Sequence
+from typing import Any, NoReturn
+
+from gsut import _core
+
+EXIT_OK = 0
+EXIT_INPUT = 2  # wrong arguments or data: one sentence says which
+EXIT_INTERRUPTED = 130  # as shells report Ctrl-C
+DEBUG_VARIABLE = "GSUT_DEBUG"
+
+
+class _Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one sentence, like all others.
+
+    Flags cannot be shortened: a new flag would change what an old command line means.
+    """
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, **settings)
+
+    def error(self, message: str) -> NoReturn:
+        raise _core.InputError(f"{message} (see {self.prog} --help)")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command; returns its exit status.
+
+    Args:
+        arguments: the words after the program's name; those of the process if None.
+
+    Returns:
+        0; 2 after wrong input, told in one sentence on standard error (with GSUT_DEBUG=1 the
+        traceback too); 130 after Ctrl-C.
+    """
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    try:
+        names = command_names()
+        parsed = build_parser(words[:1] if words and words[0] in names else names).parse_args(words)
+        return parsed.run(parsed)
+    except KeyboardInterrupt as interrupt:
+        print(f"\ngsut: {interrupt or 'stopped'}", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:  # the reader of a pipe, such as head, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_OK
+    except (_core.InputError, _core.CalibrationError, _core.SolveError) as error:
+        return _report(str(error))
+    except OSError as error:
+        if error.filename is None:
+            raise
+        return _report(f"{error.filename}: {error.strerror}")
+
+
+def _report(message: str) -> int:
+    if os.environ.get(DEBUG_VARIABLE, "0") not in ("", "0"):
+        traceback.print_exc()
+    print(f"gsut: error: {' '.join(message.split())}", file=sys.stderr)
+    return EXIT_INPUT
+
+
+def command_names() -> list[str]:
+    """The commands there are: the modules of this folder."""
+    found = (module.name for module in pkgutil.iter_modules(__path__))
+    return sorted(name for name in found if not name.startswith("_"))
+
+
+def build_parser(names: Iterable[str] | None = None) -> argparse.ArgumentParser:
+    """The parser of these commands, or all; each sets `run`, the function that carries it out."""
+    parser = _Parser(
+        prog="gsut",
+        description="3D Gaussian splatting for any real lens, on any machine, without a GPU.",
+        epilog="`gsut COMMAND --help` lists a command's options.",
+    )
+    parser.add_argument("--version", action="version", version=f"gsut {_core.__version__}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for name in command_names() if names is None else names:
+        command = importlib.import_module(f"gsut.cli.{name}")
+        added = commands.add_parser(name, help=command.HELP, description=command.DESCRIPTION)
+        added.set_defaults(run=getattr(command, "run", None))
+        command.add_flags(added)
+    return parser

@@ -1,0 +1,199 @@
+"""`gsut calibrate`: hands photographs of a board to calib/, which solves for the lens.
+
+Thin on purpose: writes a job file, runs `python -m calib` on it, and passes on what it says.
+`--from-dataset` needs no board and is done by gsut itself (gsut.sfm).
+"""
+
+from __future__ import annotations
+
+import argparse
+import glob
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from gsut._core import InputError
+from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.lens import OWN_SUFFIX
+from gsut.run import StageBars
+
+HELP = "photographs of a chessboard to a lens file"
+DESCRIPTION = (
+    "Finds the board in photographs, solves for the lens with OpenCV or mrcal, and writes a lens "
+    "file with the field angle to which it can be trusted, and a report."
+)
+_HERE = Path(__file__).resolve().parent
+# The folder that holds calib/: of an installed gsut, or of the repository.
+_PLACES = (_HERE.parent / "share", _HERE.parents[2])
+_IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
+_LENSES = ("auto", "fisheye", "opencv4", "opencv8", "splined")
+_REPORT = "report.json"  # beside the lens file
+_SOLVERS = ("auto", "opencv", "mrcal")
+_MRCAL_INSTALL = "sudo apt-get install mrcal python3-mrcal"  # as calib/mrcal_process.py says it
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    parser.epilog = (
+        "mrcal is a program of the system, not part of gsut, and optional: it solves opencv4, "
+        "opencv8 and splined lenses, states their uncertainty, and solves all cameras of a rig at "
+        f"once. Install it with `{_MRCAL_INSTALL}`; without it OpenCV solves fisheye, opencv4 and "
+        "opencv8."
+    )
+    parser.add_argument(
+        "images", metavar="IMAGES", nargs="*", help="photographs of the board, or folders of them"
+    )
+    parser.add_argument(
+        "--from-dataset",
+        metavar="DATA",
+        help="instead of a board: a data set with images, poses and a lens that is roughly right; "
+        "lens and poses are refined together",
+    )
+    parser.add_argument(
+        "--board",
+        metavar="COLUMNSxROWS",
+        help="inner corners of the chessboard, where four squares meet, such as 9x6",
+    )
+    parser.add_argument(
+        "--spacing",
+        metavar="METRES",
+        type=float,
+        help="side of a square, in metres (or any unit: the poses of a rig then have it)",
+    )
+    parser.add_argument(
+        "--lens",
+        choices=_LENSES,
+        default="auto",
+        help="auto: the one that predicts boards it has not seen best; fisheye: Kannala-Brandt "
+        "with 4 coefficients; opencv4, opencv8: radial-tangential; splined: mrcal's splined "
+        "stereographic [default auto]",
+    )
+    parser.add_argument(
+        "--solver",
+        choices=_SOLVERS,
+        default="auto",
+        help="auto: OpenCV for fisheye, mrcal for the others; --lens auto does without mrcal where "
+        "it is not installed [default auto]",
+    )
+    parser.add_argument(
+        "--rig",
+        metavar="NAMES",
+        default="",
+        help="names of a rig's cameras with commas, such as left,right: each image's path holds "
+        "one of them, and images whose paths are otherwise the same were taken together",
+    )
+    parser.add_argument(
+        "--knot-degrees",
+        metavar="X",
+        type=float,
+        help="angle between the knots of a splined lens, in degrees [default: 16, more where "
+        "corners are few]",
+    )
+    parser.add_argument(
+        "-o",
+        "--out",
+        metavar="LENS",
+        required=True,
+        help="lens file, .cameramodel (mrcal) or .yaml (OpenCV); a rig's cameras get "
+        "LENS-NAME; report.html, report.json, corners.vnl and the folder corners are written "
+        "beside it, and replace older ones; with --from-dataset report.json and the folder "
+        "LENS-dataset",
+    )
+    add_quiet(parser)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    status = (_from_dataset if arguments.from_dataset else _from_boards)(arguments)
+    if arguments.json and status == 0:
+        print_json(json.loads((Path(arguments.out).parent / _REPORT).read_text()))
+    return status
+
+
+def _from_boards(arguments: argparse.Namespace) -> int:
+    """Runs calib on the arguments; returns its exit status.
+
+    Raises:
+        InputError: no images, or calib/ is not installed.
+    """
+    for name in ("images", "board", "spacing"):
+        if getattr(arguments, name) in ([], None):
+            what = "photographs" if name == "images" else f"--{name}"
+            raise InputError(
+                f"{what} missing: give photographs of a chessboard with --board COLUMNSxROWS and "
+                "--spacing METRES, or --from-dataset DATA"
+            )
+    job = {
+        "images": [str(path) for path in _images(arguments.images)],
+        "board": arguments.board,
+        "spacing": arguments.spacing,
+        "lens": arguments.lens,
+        "solver": arguments.solver,
+        "cameras": [name.strip() for name in arguments.rig.split(",") if name.strip()],
+        "knot_degrees": arguments.knot_degrees,
+        "out": arguments.out,
+        "progress": not arguments.quiet,
+    }
+    with tempfile.TemporaryDirectory(prefix="gsut-calibrate-") as folder:
+        file = Path(folder) / "job.json"
+        file.write_text(json.dumps(job))
+        return _run_calib("calib", str(file), silent=arguments.quiet or arguments.json)
+
+
+def _from_dataset(arguments: argparse.Namespace) -> int:
+    """Refines; a lens that mrcal lacks is written again by calib, as the nearest it has."""
+    given = [name for name in ("board", "spacing", "rig") if getattr(arguments, name)]
+    if arguments.images or given:
+        what = f"--{given[0]}" if given else "photographs of a board"
+        raise InputError(f"--from-dataset needs no board; leave out {what}")
+    from gsut.sfm import calibrate_from_dataset
+
+    out = Path(arguments.out)
+    with StageBars(not arguments.quiet) as bars:
+        done = calibrate_from_dataset(arguments.from_dataset, out, bars.show, bars.note)
+    silent = arguments.quiet or arguments.json
+    if not silent:
+        print("\n".join(done.summary))
+    if done.lens == out or done.lens.name.endswith(OWN_SUFFIX):
+        return 0
+    return _run_calib("calib.nearest_splined", str(done.lens), str(out), silent=silent)
+
+
+def _run_calib(module: str, *words: str, silent: bool) -> int:
+    """`python -m MODULE WORDS...` with calib/ on its path; its exit status.
+
+    Raises:
+        InputError: calib/ is not installed.
+    """
+    place = next((place for place in _PLACES if (place / "calib" / "__main__.py").is_file()), None)
+    if place is None:
+        raise InputError(
+            "calib/ is not part of this installation; run gsut from a clone of its repository"
+        )
+    paths = [str(_HERE.parent), str(place), os.environ.get("PYTHONPATH", "")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)}
+    command = [sys.executable, "-m", module, *words]
+    output = subprocess.DEVNULL if silent else None
+    return subprocess.run(command, env=environment, check=False, stdout=output).returncode
+
+
+def _images(given: list[str]) -> list[Path]:
+    """Files as given; folders and quoted patterns replaced by the images in them."""
+    found: list[Path] = []
+    for name in given:
+        path = Path(name)
+        if path.is_dir():
+            inside = [p for p in sorted(path.iterdir()) if p.suffix.lower() in _IMAGE_SUFFIXES]
+            if not inside:
+                raise InputError(f"{path} holds no images ({', '.join(_IMAGE_SUFFIXES)})")
+            found += inside
+        elif not path.exists() and glob.has_magic(name):
+            matches = sorted(glob.glob(name))
+            if not matches:
+                raise InputError(f"no file matches {name}; check the path")
+            found += [Path(match) for match in matches]
+        else:
+            found.append(path)
+    return found

@@ -1,0 +1,196 @@
+"""`gsut compact`: fewer Gaussians for the same picture, of a run or a PLY file."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from gsut._core import InputError
+from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json
+
+HELP = "fewer Gaussians for the same picture"
+DESCRIPTION = (
+    "Merges or prunes the Gaussians of a finished run, or of a PLY file, and writes a new run or "
+    "file. Nothing in RUN changes."
+)
+_PLY = ".ply"
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "source", metavar="RUN|FILE.ply", help="a finished run, or any PLY file of Gaussians"
+    )
+    parser.add_argument(
+        "-o", "--out", metavar="RUN2|FILE2.ply", required=True,
+        help="folder of the new run; of a PLY file the PLY file to write",
+    )  # fmt: skip
+    parser.add_argument(
+        "--keep", type=float, metavar="X", help="fraction of the Gaussians to keep, such as 0.1"
+    )
+    parser.add_argument(
+        "--target-psnr-drop", type=float, metavar="DB",
+        help="instead: the fewest that lose at most so many dB on the held-out views",
+    )  # fmt: skip
+    parser.add_argument(
+        "--target-size", metavar="SIZE",
+        help="instead: the most that fit into a PLY file of this size, such as 5MB",
+    )  # fmt: skip
+    parser.add_argument(
+        "--method", default="ghap", metavar="METHOD",
+        help="ghap: merge neighbours where it costs least, weighted by what the lenses see, and "
+        "fit colours to the whole model's pictures; field: without the fit; ghap-paper: the "
+        "published k-means; lightgaussian, pup: prune by score [default ghap]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--finetune", type=int, default=0, metavar="STEPS",
+        help="train the result so many steps on the photographs; the fewer are kept, the more "
+        "pay: half as many as the run had, or as many [default 0: no photograph is used]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--harmonics-drop", type=float, metavar="DB",
+        help="lower each Gaussian's degree of harmonics as far as the held-out views lose at most "
+        "so many dB by it [default: leave them]",
+    )  # fmt: skip
+    add_moved_data(parser)
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="[default 0]")
+    add_quiet(parser)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from gsut.training import CompactOptions, parsed_bytes
+
+    size = arguments.target_size
+    options = CompactOptions(
+        method=arguments.method,
+        keep=arguments.keep,
+        target_psnr_drop=arguments.target_psnr_drop,
+        target_bytes=None if size is None else parsed_bytes(size),
+        finetune=arguments.finetune,
+        harmonics_drop=arguments.harmonics_drop,
+        seed=arguments.seed,
+    )
+    if Path(arguments.source).suffix.lower() == _PLY or Path(arguments.source).is_file():
+        figures = _compact_file(arguments, options)
+    else:
+        figures = _compact_run(arguments, options)
+    if arguments.json:
+        print_json(figures)
+    return 0
+
+
+def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
+    """A PLY file without cameras or photographs."""
+    import time
+
+    import gsut
+    from gsut.compact import check_method, compact
+    from gsut.training import count_for_bytes
+
+    wishes = (options.target_psnr_drop, options.harmonics_drop)
+    if options.finetune or any(wish is not None for wish in wishes):
+        raise InputError(
+            "--finetune, --target-psnr-drop and --harmonics-drop need photographs; give the folder "
+            "of a run"
+        )
+    check_method(options.method, False)
+    out = Path(arguments.out)
+    if out.suffix.lower() != _PLY:
+        raise InputError(f"-o {out}: of a PLY file a PLY file is made; give a name ending in .ply")
+    if out.exists():
+        raise InputError(f"{out} exists; give another name (nothing was overwritten)")
+    gaussians = gsut.load_ply(arguments.source)
+    keep, count = options.keep, None
+    if options.target_bytes is not None:
+        count = count_for_bytes(gaussians, options.target_bytes)
+    started = time.perf_counter()
+    result = compact(gaussians, keep, count=count, method=options.method, seed=options.seed)
+    seconds = time.perf_counter() - started
+    gsut.save_ply(out, result.gaussians)
+    if not arguments.quiet and not arguments.json:
+        print(
+            f"{len(gaussians):,} -> {len(result.gaussians):,} Gaussians in {seconds:.1f} s: {out}"
+        )
+        _print_dropped(result.dropped)
+    return {
+        "method": options.method,
+        "source_num_gaussians": len(gaussians),
+        "num_gaussians": len(result.gaussians),
+        "dropped": result.dropped,
+        "compact_seconds": seconds,
+        "bytes": out.stat().st_size,
+    }
+
+
+def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
+    from gsut.run import METRICS, SCENE, RunFolder, TrainingProgress
+    from gsut.training import RunCompactor, read_trained, write_compacted_run
+
+    source, target = RunFolder.open(arguments.source), RunFolder(arguments.out)
+    target.refuse_run()  # before anything that takes long
+    train_options, scene, gaussians = read_trained(source, arguments.data)
+    bars: dict[str, Any] = {}
+
+    def on_view() -> None:
+        if "views" not in bars:
+            from tqdm import tqdm
+
+            bars["views"] = tqdm(
+                total=len(scene.train_indices), unit="view", dynamic_ncols=True,
+                disable=arguments.quiet or not sys.stderr.isatty(),
+            )  # fmt: skip
+        bars["views"].update(1)
+        if bars["views"].n >= len(scene.train_indices):
+            bars.pop("views").close()
+
+    def on_step(loop: Any, loss: float) -> None:
+        if loop.step == 1:
+            bars["steps"] = TrainingProgress(options.finetune, not arguments.quiet)
+        bars["steps"].update(loop.step, loss, len(loop.gaussians))
+        if loop.step == options.finetune:
+            bars.pop("steps").close()
+
+    def on_try(count: int, psnr: float) -> None:
+        if not arguments.quiet:
+            print(f"gsut: {count:,} Gaussians: {psnr:.2f} dB", file=sys.stderr)
+
+    earlier = (source.read_json(METRICS) or {}).get("compaction") or {}
+    compactor = RunCompactor(
+        scene, gaussians, train_options, options,
+        keep_degrees=earlier.get("harmonics_degrees") is not None,
+        on_view=on_view, on_step=on_step, on_try=on_try,
+    )  # fmt: skip
+    made = compactor.make()
+    run = write_compacted_run(target.path, source, compactor, made)
+    metrics = run.read_json(METRICS)
+    if not arguments.quiet and not arguments.json:
+        _print_summary(metrics, (run.path / SCENE).stat().st_size)
+    return metrics
+
+
+def _print_dropped(count: int) -> None:
+    if count:
+        print(f"{count} Gaussians with values that are not finite were left out")
+
+
+def _print_summary(metrics: dict[str, Any], size: int) -> None:
+    done = metrics["compaction"]
+    tuned = f", {done['finetune_steps']} steps" if done["finetune_steps"] else ""
+    print(
+        f"{done['source_num_gaussians']:,} -> {metrics['num_gaussians']:,} Gaussians by "
+        f"{done['method']}{tuned} in {done['compact_seconds'] + done['finetune_seconds']:.1f} s, "
+        f"{size / 1e6:.1f} MB"
+    )
+    _print_dropped(done["dropped"])
+    if done["harmonics_degrees"]:
+        counts = enumerate(done["harmonics_degrees"])
+        print("harmonics: " + ", ".join(f"{count:,} of degree {d}" for d, count in counts))
+    if metrics["psnr"] is not None:
+        before = done["source_psnr"]
+        was = "" if before is None else f" (before {before:.2f} dB)"
+        print(
+            f"PSNR {metrics['psnr']:.2f} dB{was}, SSIM {metrics['ssim']:.4f}, "
+            f"{metrics['render_ms']:.1f} ms a view"
+        )

@@ -1,0 +1,134 @@
+"""`gsut localize`: where a photograph was taken, in the scene of a finished run."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.cli._flags import add_json, add_moved_data, print_json
+
+HELP = "where a photograph of a trained scene was taken"
+DESCRIPTION = (
+    "Finds the pose of a photograph: matches its features with views rendered from the training "
+    "poses that look most like it, and refines the pose by the colours."
+)
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("image", metavar="IMAGE", help="the photograph")
+    parser.add_argument("--run", metavar="RUN", required=True, dest="folder", help="a finished run")
+    parser.add_argument(
+        "--camera", metavar="LENS", help="lens file of IMAGE [default: the run's only camera]"
+    )
+    parser.add_argument("--mask", metavar="FILE", help="image: black where IMAGE does not count")
+    add_moved_data(parser)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from gsut.data import decode_image, decode_mask, shrink_image, shrink_mask
+    from gsut.refine import localize_image
+    from gsut.run import RunFolder, StageBars
+    from gsut.training import read_trained
+
+    path = Path(arguments.image)
+    pixels, alpha = decode_image(path)
+    options, scene, gaussians = read_trained(RunFolder.open(arguments.folder), arguments.data)
+    mask = np.ones(pixels.shape[:2], bool) if alpha is None else np.asarray(alpha, bool)
+    if arguments.mask:
+        drawn = decode_mask(Path(arguments.mask))
+        if drawn.shape != mask.shape:
+            raise InputError(
+                f"{arguments.mask} is {drawn.shape[1]} x {drawn.shape[0]}, {path} is "
+                f"{mask.shape[1]} x {mask.shape[0]}: a mask has its image's size"
+            )
+        mask = mask & drawn
+    camera = _camera_of(path, pixels, scene, arguments.camera)
+    size = (camera.width, camera.height)
+    pixels, mask = shrink_image(pixels, *size), shrink_mask(mask, *size)
+    indices = scene.train_indices or range(len(scene.views))
+    with StageBars(sys.stderr.isatty()) as bars:
+        found = localize_image(
+            gaussians,
+            [(scene.camera(index), scene.views[index].camera_from_world) for index in indices],
+            camera,
+            pixels,
+            mask,
+            background=options.background,
+            on_progress=bars.show,
+        )
+    start = found.start if isinstance(found.start, str) else scene.views[indices[found.start]].name
+    figures = _figures(found, scene, start)
+    if arguments.json:
+        print_json(figures)
+    else:
+        _print_pose(figures)
+    return 0
+
+
+def _camera_of(path: Path, pixels: np.ndarray, scene: Any, lens_file: str | None) -> Any:
+    """The photograph's lens at the photograph's size, or at the training images' if smaller."""
+    import gsut
+
+    if lens_file is not None:
+        camera, source = gsut.load_camera(lens_file), lens_file
+    elif len(scene.cameras) == 1:
+        camera, source = scene.cameras[0], str(scene.path)
+    else:
+        raise InputError(
+            f"{scene.path} has {len(scene.cameras)} cameras: say with --camera LENS which lens "
+            f"took {path}"
+        )
+    height, width = pixels.shape[:2]
+    if abs(width * camera.height - height * camera.width) > max(camera.width, camera.height):
+        raise InputError(
+            f"{path} is {width} x {height}, but the lens of {source} is for images of "
+            f"{camera.width} x {camera.height}; give the lens of this photograph with --camera"
+        )
+    trained = max(c.width for c in scene.cameras)
+    width = min(width, trained)
+    return camera.resized(width, round(camera.height * width / camera.width))
+
+
+def _figures(localized: Any, scene: Any, start: str) -> dict[str, Any]:
+    """What is printed, in the dataset's coordinates."""
+    found = localized.pose
+    return {
+        "camera_from_world": scene.in_dataset(found.camera_from_world).tolist(),
+        "center": (found.center + scene.world_offset).tolist(),
+        "center_std": found.center_std.tolist(),
+        "rotation_std_degrees": found.rotation_std.tolist(),
+        "covariance": found.covariance.tolist(),
+        "gain": found.gain,
+        "bias": found.bias,
+        "rms": found.rms,
+        "converged": found.converged,
+        "start": start,
+        "matches": localized.matches,
+        "starts_tried": localized.starts,
+    }
+
+
+def _print_pose(figures: dict[str, Any]) -> None:
+    if figures["matches"]:
+        print(f"start: from {figures['matches']} matches with rendered training views")
+    else:
+        print(f"start: the pose of {figures['start']}")
+    print("camera_from_world (dataset coordinates):")
+    for row in figures["camera_from_world"]:
+        print("  " + " ".join(f"{value:12.6f}" for value in row))
+    pairs = zip(figures["center"], figures["center_std"], strict=True)
+    print("centre: " + ", ".join(f"{value:.5f} +- {std:.5f}" for value, std in pairs))
+    turns = ", ".join(f"{std:.4f}" for std in figures["rotation_std_degrees"])
+    print(f"rotation: +- {turns} degrees about the camera's axes")
+    print(
+        f"colours: rms difference {figures['rms']:.4f} with gain {figures['gain']:.3f} and bias "
+        f"{figures['bias']:+.3f}"
+    )
+    if not figures["converged"]:
+        print("gsut: note: the refinement stopped before it converged", file=sys.stderr)

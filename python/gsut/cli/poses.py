@@ -1,0 +1,158 @@
+"""`gsut poses`: flags, progress bars and words; the work is done by gsut.sfm."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import functools
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gsut._core import InputError
+from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.run import StageBars, add_option_flags, given_options
+from gsut.sfm import PosesOptions
+
+if TYPE_CHECKING:
+    from gsut.sfm import PosesResult
+
+
+HELP = "camera poses and points of photographs, without COLMAP"
+DESCRIPTION = (
+    "Finds where photographs were taken, through any lens, and points that they see; writes a "
+    "dataset that `gsut train` reads."
+)
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "images",
+        metavar="IMAGES",
+        help="folder of photographs, or a dataset (its poses are not looked at)",
+    )
+    parser.add_argument(
+        "--camera",
+        metavar="LENS",
+        help="lens file, or a dataset whose lens is used [default: the one beside the images; if "
+        "there is none the lens is estimated]",
+    )
+    parser.add_argument(
+        "--unknown-lens",
+        action="store_true",
+        help="estimate the lens even where one lies beside the images",
+    )
+    parser.add_argument(
+        "--fov",
+        type=float,
+        metavar="DEGREES",
+        help="rough horizontal field of view of an unknown lens [default: several are tried]",
+    )
+    parser.add_argument(
+        "-o",
+        "--out",
+        metavar="DATA",
+        required=True,
+        help="folder for transforms.json, points3D.ply, sparse/0 (COLMAP), poses.json and "
+        "report.html; a run that was killed goes on here",
+    )
+    parser.add_argument(
+        "--photometric",
+        action="store_true",
+        help="for a video in the order of names: find each pose by the colours of Gaussians that "
+        "grow image by image, instead of by bundle adjustment, which is more exact where features "
+        "are many (lens known)",
+    )
+    parser.add_argument(
+        "--rig",
+        metavar="RIG",
+        help="file of several cameras that are fixed to each other: the report.json of "
+        "`gsut calibrate --rig`, or a camchain of Kalibr. IMAGES then holds one folder a camera; "
+        "images of one moment (of one name, or else in order) share one pose, and poses and points "
+        "are in the rig's unit",
+    )
+    parser.add_argument(
+        "--refine-rig",
+        action="store_true",
+        help="adjust the cameras' poses on the rig too; its size is kept: it sets the scale",
+    )
+    add_quiet(parser)
+    add_json(parser)
+    add_option_flags(parser, PosesOptions)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    if arguments.camera and arguments.unknown_lens:
+        raise InputError("--unknown-lens contradicts --camera; give one of them")
+    options = PosesOptions(**given_options(PosesOptions, arguments))
+    if arguments.refine_rig and not arguments.rig:
+        raise InputError("--refine-rig needs a rig; give its file by --rig")
+    mapper = None
+    if arguments.photometric:
+        if arguments.unknown_lens:
+            raise InputError("--photometric needs a known lens; give it by --camera")
+        from gsut.sfm import FOLDER
+        from gsut.training import grow_poses
+
+        mapper = functools.partial(grow_poses, keep=Path(arguments.out) / FOLDER / "growth.npz")
+        if options.pairs == "auto":
+            options = dataclasses.replace(options, pairs="sequential")
+    result = estimate_with_bars(
+        arguments.images,
+        arguments.out,
+        enabled=not arguments.quiet,
+        camera=arguments.camera,
+        unknown_lens=arguments.unknown_lens,
+        fov_degrees=arguments.fov,
+        options=options,
+        mapper=mapper,
+        rig=arguments.rig,
+        refine_rig=arguments.refine_rig,
+    )
+    figures = result.figures
+    if arguments.json:
+        print_json({key: value for key, value in figures.items() if key != "views"})
+    elif not arguments.quiet:
+        error = figures["reprojection_error_px"]
+        print(
+            f"{figures['registered']} of {figures['images']} images registered, "
+            f"{figures['points']:,} points, median error {error['median']:.3f} px, "
+            f"{figures['seconds']['total']:.1f} s"
+        )
+        if "rig" in figures:
+            print(_rig_words(figures["rig"]))
+        for lens in figures["lenses"] if figures["lens"] == "estimated" else []:
+            values = " ".join(f"{value:.6g}" for value in lens["params"])
+            print(f"lens found: {lens['model']} {values}")
+        print(f"report: {Path(arguments.out) / 'report.html'}")
+    return 0
+
+
+def estimate_with_bars(
+    images: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    enabled: bool = True,
+    **settings: Any,
+) -> PosesResult:
+    """`estimate_poses` with a progress bar a stage, if enabled."""
+    from gsut.sfm import estimate_poses
+
+    with StageBars(enabled) as bars:
+        return estimate_poses(images, out, on_progress=bars.show, notes_to=bars.note, **settings)
+
+
+def _rig_words(rig: dict[str, Any]) -> str:
+    words = (
+        f"rig: {rig['moments_registered']} of {rig['moments_total']} moments, in the unit of "
+        f"{rig['file']} (baseline {rig['baseline']:.6g})"
+    )
+    if rig["scale_sigma_percent"] is not None:
+        words += f", lengths good to {rig['scale_sigma_percent']:.2f} % (one sigma) if it is exact"
+    if not rig["refined"]:
+        return words
+    changes = [
+        f"{c['name']} turned {c['turned_degrees']:.3f} degrees, shifted {c['shifted']:.4g}"
+        for c in rig["cameras"]
+    ]
+    return f"{words}; {'; '.join(changes)}"

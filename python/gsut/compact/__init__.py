@@ -1,0 +1,30 @@
+"""Compaction: fewer Gaussians that render the same, and the refit of their colours."""
+
+from gsut.compact.compaction import (
+    METHODS,
+    Compaction,
+    check_keep,
+    check_method,
+    compact,
+    looks_at_views,
+    scores_of,
+    settings_of,
+)
+from gsut.compact.harmonics import drop_harmonics
+from gsut.compact.scores import SeenView, blend_weights, seen_views, strongest
+
+__all__ = [
+    "METHODS",
+    "Compaction",
+    "SeenView",
+    "blend_weights",
+    "check_keep",
+    "check_method",
+    "compact",
+    "drop_harmonics",
+    "looks_at_views",
+    "scores_of",
+    "seen_views",
+    "settings_of",
+    "strongest",
+]

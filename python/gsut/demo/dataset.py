@@ -1,0 +1,240 @@
+"""Writes the demo's data set: fisheye images, lens, poses, points, and the truth of test views."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from gsut._core import InputError, num_threads
+from gsut.data import Frame, points_ply, write_transforms
+from gsut.demo.hall import Hall, make_hall
+from gsut.demo.tracing import Tracer
+from gsut.demo.views import camera_path, demo_camera
+from gsut.lens import Camera
+
+SAMPLES_PER_SIDE = 4  # rays a pixel: a grid of 4 x 4
+_BLOCK = 32  # pixels; rays of a block are traced together
+_POINTS = 4000
+_POINTS_FILE = "points3D.ply"
+_POINT_NOISE = 0.01  # metres, standard deviation: as good as structure from motion gets
+_MILLIMETRES = 1000.0
+_FOLDER_MODE = 0o755
+
+
+def make_demo_scene(
+    folder: str | os.PathLike[str],
+    views: int = 30,
+    test_views: int = 5,
+    size: int = 200,
+    seed: int = 0,
+    progress: bool = True,
+    camera: Camera | None = None,
+) -> Path:
+    """Makes a small data set with exact truth: a furnished hall through a 190-degree fisheye.
+
+    Writes a nerfstudio data set: transforms.json (OPENCV_FISHEYE, camera-to-world with OpenGL
+    axes, metres, pixel centre 0.5), images/*.png, mask.png (255 where a pixel lies wholly inside
+    the image circle), points3D.ply (4000 surface points that cameras see, off by 1 cm), depth/*.png
+    of the test views (distance along the ray in mm, 16 bit, 0 outside the circle).
+
+    Args:
+        folder: is created; appears only when it is complete.
+        views: number of training images.
+        test_views: number of held-out images, spread along the same path.
+        size: width and height of the images, pixels.
+        seed: of textures, camera path and points; the same seed gives the same bytes.
+        progress: show a progress bar on stderr.
+        camera: another lens that a nerfstudio file can hold, such as equirectangular; `size` then
+            does not count.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: the folder exists or cannot be created, a number is out of range, or nerfstudio
+            has no such lens.
+    """
+    folder = Path(folder)
+    for name, value, least in (("views", views, 1), ("test_views", test_views, 0),
+                               ("size", size, 16), ("seed", seed, 0)):  # fmt: skip
+        if value < least:
+            raise InputError(f"{name} is {value}; give at least {least}")
+    with new_folder(folder) as partial:
+        _write_dataset(partial, views, test_views, camera or demo_camera(size), seed, progress)
+    return folder
+
+
+@contextlib.contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """A folder beside it to write to, renamed at the end: an interrupted run leaves none.
+
+    Raises:
+        InputError: the folder exists or cannot be created.
+    """
+    if folder.exists():
+        raise InputError(f"{folder} exists; remove it or name another folder for the demo scene")
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        partial = Path(
+            tempfile.mkdtemp(prefix=f"{folder.name}.", suffix=".partial", dir=folder.parent)
+        )
+    except OSError as error:
+        raise InputError(
+            f"{folder} cannot be created ({error.strerror}); name a writable folder"
+        ) from error
+    try:
+        yield partial
+        partial.chmod(_FOLDER_MODE)  # mkdtemp's is private
+        partial.rename(folder)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+
+
+def _write_dataset(
+    folder: Path, views: int, test_views: int, camera: Camera, seed: int, progress: bool
+) -> None:
+    for name in ("images", "depth"):
+        (folder / name).mkdir()
+    hall = make_hall(seed)
+    poses = camera_path(views + test_views, seed)
+    is_test = _test_places(views, test_views)
+    names = [f"{'test' if test else 'train'}_{i:03d}.png" for i, test in enumerate(is_test)]
+    mask = whole_pixels(camera)
+    rays, inside = camera.rays()
+    images = []
+    for number, image in enumerate(render_views(hall, camera, poses, progress)):
+        images.append(image)
+        write_image(folder / "images" / names[number], image[..., ::-1])
+        if is_test[number]:
+            depth = np.zeros(inside.shape)
+            depth[inside] = distances(hall, poses[number], rays[inside])
+            millimetres = np.round(depth * _MILLIMETRES).astype(np.uint16)
+            write_image(folder / "depth" / names[number], millimetres)
+    write_image(folder / "mask.png", mask.astype(np.uint8) * 255)
+    train = [i for i, test in enumerate(is_test) if not test]
+    points, colors = surface_points(
+        hall, camera, mask, [poses[i] for i in train], [images[i] for i in train], seed
+    )
+    (folder / _POINTS_FILE).write_bytes(points_ply(points, colors))
+    frames = [
+        Frame(
+            name, folder / "images" / name, camera, pose, mask_path=folder / "mask.png",
+            depth_path=folder / "depth" / name if test else None,
+        )
+        for name, pose, test in zip(names, poses, is_test, strict=True)
+    ]  # fmt: skip
+    test_names = [name for name, test in zip(names, is_test, strict=True) if test]
+    write_transforms(folder / "transforms.json", frames, points_file=_POINTS_FILE, test=test_names)
+
+
+def distances(hall: Hall, pose: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """(N,) exact distance in metres along unit rays (N, 3) of a camera at a pose (4, 4)."""
+    return Tracer(hall, 1).depths(pose[:3, 3], rays @ pose[:3, :3].T).astype(np.float64)
+
+
+def _test_places(views: int, test_views: int) -> list[bool]:
+    """Which images of the path are held out: evenly spread ones."""
+    count = views + test_views
+    is_test = [False] * count
+    for i in range(test_views):
+        is_test[int((i + 0.5) * count / test_views)] = True
+    return is_test
+
+
+def whole_pixels(camera: Camera) -> np.ndarray:
+    """(H, W) pixels whose four corners lie inside the image circle."""
+    x, y = np.meshgrid(np.arange(camera.width + 1.0), np.arange(camera.height + 1.0))
+    valid = camera.unproject(np.stack([x.ravel(), y.ravel()], axis=1))[1].reshape(x.shape)
+    return valid[:-1, :-1] & valid[1:, :-1] & valid[:-1, 1:] & valid[1:, 1:]
+
+
+def _sample_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """(S, H, W, 3) float32 rays through a grid in each pixel and (S, H, W) validity."""
+    steps = (np.arange(SAMPLES_PER_SIDE) + 0.5) / SAMPLES_PER_SIDE
+    rays, valid = [], []
+    for dy, dx in itertools.product(steps, steps):
+        x, y = np.meshgrid(np.arange(camera.width) + dx, np.arange(camera.height) + dy)
+        r, v = camera.unproject(np.stack([x.ravel(), y.ravel()], axis=1))
+        rays.append(np.nan_to_num(r).astype(np.float32).reshape(*x.shape, 3))
+        valid.append(v.reshape(x.shape))
+    return np.stack(rays), np.stack(valid)
+
+
+def render_views(
+    hall: Hall, camera: Camera, poses: list[np.ndarray], progress: bool
+) -> Iterator[np.ndarray]:
+    """(H, W, 3) uint8 RGB images, one a pose, black outside the image circle."""
+    rays, valid = _sample_rays(camera)
+    share = valid.mean(axis=0)
+    tracer = Tracer(hall, SAMPLES_PER_SIDE**2)
+    blocks = [
+        (slice(y, y + _BLOCK), slice(x, x + _BLOCK))
+        for y in range(0, camera.height, _BLOCK)
+        for x in range(0, camera.width, _BLOCK)
+    ]
+
+    def block_colors(pose: np.ndarray, block: tuple[slice, slice]) -> np.ndarray:
+        colors = np.zeros((*share[block].shape, 3))
+        seen = share[block] > 0
+        if seen.any():
+            # A sample without a ray goes through the middle of the others, and counts as black.
+            directions = rays[:, block[0], block[1]][:, seen]
+            middle = directions.sum(axis=0)
+            directions = np.where(
+                valid[:, block[0], block[1]][:, seen][..., None], directions, middle
+            )
+            directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+            world = directions @ pose[:3, :3].T.astype(np.float32)
+            colors[seen] = tracer.colors(pose[:3, 3], world) * share[block][seen][:, None]
+        return np.round(np.clip(colors, 0, 1) * 255).astype(np.uint8)
+
+    with ThreadPoolExecutor(num_threads()) as pool:
+        shown = tqdm(poses, desc="ray-casting the demo scene", unit="view", disable=not progress)
+        for pose in shown:
+            image = np.zeros((camera.height, camera.width, 3), dtype=np.uint8)
+            results = pool.map(block_colors, itertools.repeat(pose), blocks)
+            for block, colors in zip(blocks, results, strict=True):
+                image[block] = colors
+            yield image
+
+
+def surface_points(
+    hall: Hall,
+    camera: Camera,
+    mask: np.ndarray,
+    poses: list[np.ndarray],
+    images: list[np.ndarray],
+    seed: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """World points (N, 3) on surfaces that the training views see, and their colours (N, 3)."""
+    rng = np.random.default_rng([seed, 2])
+    rays = camera.rays()[0]
+    pixels = np.argwhere(mask)
+    points, colors = [], []
+    for i, (pose, image) in enumerate(zip(poses, images, strict=True)):
+        count = _POINTS // len(poses) + (i < _POINTS % len(poses))
+        row, column = pixels[rng.integers(0, len(pixels), count)].T
+        chosen = rays[row, column]
+        away = distances(hall, pose, chosen)
+        points.append(pose[:3, 3] + away[:, None] * (chosen @ pose[:3, :3].T))
+        colors.append(image[row, column])
+    exact = np.concatenate(points)
+    return exact + _POINT_NOISE * rng.standard_normal(exact.shape), np.concatenate(colors)
+
+
+def write_image(path: Path, pixels: np.ndarray) -> None:
+    if not cv2.imwrite(str(path), pixels):
+        raise InputError(
+            f"{path}: cannot be written; is the folder writable and the disk not full?"
+        )

@@ -1,0 +1,15 @@
+"""Held-out figures and the report of a run."""
+
+from gsut.evaluate.evaluation import evaluate, run_metrics
+from gsut.evaluate.held_out import mean_psnr, view_image
+from gsut.evaluate.report import write_report
+from gsut.evaluate.report_plots import ring_text
+
+__all__ = [
+    "evaluate",
+    "mean_psnr",
+    "ring_text",
+    "run_metrics",
+    "view_image",
+    "write_report",
+]

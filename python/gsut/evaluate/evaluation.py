@@ -1,0 +1,199 @@
+"""Figures and pictures of a trained scene on views of a dataset."""
+
+from __future__ import annotations
+
+import itertools
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut.gaussians import lighter
+from gsut.render import (
+    RING_EDGES_DEGREES,
+    Ring,
+    color_corrected_psnr,
+    picture_stems,
+    psnr,
+    render,
+    ring_psnr,
+    ssim,
+    to_uint8,
+    write_png,
+)
+from gsut.run import TrainOptions, peak_rss_mb
+
+_DEPTH_LEVELS = 65535  # of a 16-bit picture
+_OPAQUE = 0.5  # pixels with less alpha have no depth in the picture
+
+
+def evaluate(
+    gaussians: Any,
+    scene: Any,
+    indices: Sequence[int],
+    *,
+    background: Sequence[float] = (0.0, 0.0, 0.0),
+    render_folder: Path | None = None,
+    on_view: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Renders views of a scene and compares them with their photographs, inside their masks.
+
+    Args:
+        gaussians: gsut.Gaussians.
+        scene: gsut.Scene.
+        indices: which of `scene.views`.
+        background: colour behind the Gaussians, 3 values in [0, 1].
+        render_folder: an existing folder that gets NAME_truth.png and NAME_render.png (8 bit,
+            masked pixels black) and NAME_depth.png (16 bit; distance = value x `depth_unit` of the
+            view's row, 0 = less than half opaque); None writes nothing.
+        on_view: called with (views done, views in all) after each.
+
+    Returns:
+        dict, ready for JSON:
+            psnr, ssim, psnr_color_corrected: means over the views (PSNR in dB); None if no view.
+            psnr_min, worst_view: the least PSNR and its view's name.
+            render_ms: median time of one render in milliseconds.
+            rings: list of dict from_degrees, to_degrees, psnr (mean over the views that have
+                pixels there; None if none has), pixels (of all views).
+            views: list of dict name, psnr, ssim, psnr_color_corrected, render_ms, pixels, and with
+                `render_folder` truth, render, depth (file names) and depth_unit.
+
+        Renders are clipped to [0, 1] but not rounded to 8 bits before they are compared.
+    """
+    gaussians = lighter(gaussians)
+    stems = picture_stems([scene.views[index].name for index in indices])
+    angles: dict[int, np.ndarray] = {}
+    views, ring_rows = [], []
+    for done, (index, stem) in enumerate(zip(indices, stems, strict=True), start=1):
+        view, camera, mask = scene.views[index], scene.camera(index), scene.mask(index)
+        truth = scene.image(index).astype(np.float32) / np.float32(255)
+        started = time.perf_counter()
+        rendered = render(gaussians, camera, view.motion, background=tuple(background))
+        milliseconds = 1e3 * (time.perf_counter() - started)
+        image = np.clip(rendered.image, 0.0, 1.0)
+        row = {
+            "name": view.name,
+            "psnr": psnr(image, truth, mask),
+            "ssim": ssim(image, truth, mask),
+            "psnr_color_corrected": color_corrected_psnr(image, truth, mask),
+            "render_ms": milliseconds,
+            "pixels": int(np.count_nonzero(mask)),
+        }
+        if id(camera) not in angles:  # `scene` keeps its cameras, so ids stay theirs
+            angles[id(camera)] = field_angles(camera)
+        ring_rows.append(ring_psnr(image, truth, angles[id(camera)], mask=mask))
+        if render_folder is not None:
+            row |= _write_pictures(render_folder, stem, truth, image, mask, rendered)
+        views.append(row)
+        if on_view is not None:
+            on_view(done, len(stems))
+    worst = min(views, key=lambda row: row["psnr"], default=None)
+    return {
+        "psnr": _mean(row["psnr"] for row in views),
+        "ssim": _mean(row["ssim"] for row in views),
+        "psnr_color_corrected": _mean(row["psnr_color_corrected"] for row in views),
+        "psnr_min": worst["psnr"] if worst else None,
+        "worst_view": worst["name"] if worst else None,
+        "render_ms": statistics.median(row["render_ms"] for row in views) if views else None,
+        "rings": _join_rings(ring_rows),
+        "views": views,
+    }
+
+
+def run_metrics(
+    evaluation: dict[str, Any],
+    gaussians: Any,
+    scene: Any,
+    options: TrainOptions,
+    *,
+    steps: int,
+    train_seconds: float,
+) -> dict[str, Any]:
+    """The content of metrics.json: an evaluation together with what training cost.
+
+    Args:
+        evaluation: from `evaluate`.
+        gaussians: gsut.Gaussians.
+        scene: gsut.Scene.
+        options: of the run.
+        steps: training steps done.
+        train_seconds: wall time of the steps, without reading data and evaluating.
+    """
+    return {
+        "psnr": evaluation["psnr"],
+        "ssim": evaluation["ssim"],
+        "num_gaussians": len(gaussians),
+        "steps": steps,
+        "train_seconds": train_seconds,
+        "seconds_per_step": train_seconds / steps if steps else None,
+        "render_ms": evaluation["render_ms"],
+        "peak_rss_mb": peak_rss_mb(),
+        "camera_model": ", ".join(sorted({camera.model for camera in scene.cameras})),
+        "image_size": sorted({(camera.width, camera.height) for camera in scene.cameras}),
+        "threads": _core.num_threads(),
+        "isa": _core.active_isa(),
+        "seed": options.seed,
+        "version": _core.__version__,
+        "dataset": scene.path.resolve().name,
+        "world_offset": [float(value) for value in scene.world_offset],
+        "train_views": len(scene.train_indices),
+        "test_views": [scene.views[index].name for index in scene.test_indices],
+        "notes": list(scene.notes),
+        **evaluation,
+    }
+
+
+def field_angles(camera: Any) -> np.ndarray:
+    """(H, W) angle of each pixel's ray to the optical axis in radians; NaN without a ray."""
+    rays, valid = camera.rays()
+    rays = np.asarray(rays, np.float64)
+    angles = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])
+    return np.where(valid, angles, np.nan)
+
+
+def _write_pictures(
+    folder: Path, stem: str, truth: np.ndarray, image: np.ndarray, mask: np.ndarray, rendered: Any
+) -> dict[str, Any]:
+    """Writes truth, render and depth; returns their file names and the depth's unit."""
+    alpha = np.asarray(rendered.alpha, np.float64)
+    shown = mask & (alpha >= _OPAQUE)
+    distance = np.where(shown, rendered.depth / np.where(shown, alpha, 1.0), 0.0)
+    unit = float(distance.max()) / _DEPTH_LEVELS or 1.0
+    pictures = {
+        "truth": to_uint8(truth * mask[..., None]),
+        "render": to_uint8(np.where(mask[..., None], image, 0.0)),
+        "depth": np.rint(distance / unit).astype(np.uint16),
+    }
+    for kind, picture in pictures.items():
+        write_png(folder / f"{stem}_{kind}.png", picture)
+    return {kind: f"{stem}_{kind}.png" for kind in pictures} | {"depth_unit": unit}
+
+
+def _join_rings(of_views: list[list[Ring]]) -> list[dict[str, Any]]:
+    """One row a ring from the rows of all views."""
+    joined = []
+    for low, high in itertools.pairwise(RING_EDGES_DEGREES):
+        rows = [
+            row
+            for rows in of_views
+            for row in rows
+            if row["from_degrees"] == low and row["to_degrees"] == high and row["pixels"] > 0
+        ]
+        joined.append(
+            {
+                "from_degrees": low,
+                "to_degrees": high,
+                "psnr": _mean(row["psnr"] for row in rows),
+                "pixels": int(sum(row["pixels"] for row in rows)),
+            }
+        )
+    return joined
+
+
+def _mean(values: Any) -> float | None:
+    values = list(values)
+    return float(np.mean(values)) if values else None

@@ -1,0 +1,61 @@
+"""PLY files of Gaussians, in the layout of 3DGS."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+
+from gsut import _core
+from gsut.gaussians import Gaussians
+
+
+def load_ply(path: str | os.PathLike[str]) -> Gaussians:
+    """Reads Gaussians from a PLY file in the layout of 3DGS.
+
+    Args:
+        path: ascii or binary of either byte order; properties x y z, f_dc_0..2, f_rest_* (0, 9, 24
+            or 45 of them, channel-major), opacity (logit), scale_0..2 (logarithm), rot_0..3 (w, x,
+            y, z, any norm) in any order and numeric type. Others are ignored.
+
+    Returns:
+        float32 Gaussians; the degree of the harmonics follows from the number of f_rest properties.
+        Bits of float32 files are kept, but infinite opacity logits, which some writers use for
+        opacities of exactly 0 and 1, become -20 and 20. Rows with other values that are not finite
+        are left out, and a warning says how many.
+
+    Raises:
+        InputError: the file cannot be opened, is no PLY file, misses a property (the message names
+            it and what is there) or is truncated.
+    """
+    *arrays, not_finite = _core.read_ply(os.fspath(path))
+    gaussians = Gaussians(*arrays)
+    if not_finite == 0:
+        return gaussians
+    warnings.warn(
+        f"{os.fspath(path)}: {not_finite} of {len(gaussians)} Gaussians have values that are not "
+        "finite and were left out",
+        stacklevel=2,
+    )
+    finite = np.ones(len(gaussians), dtype=bool)
+    for array in arrays:
+        finite &= np.isfinite(array.reshape(len(array), -1)).all(axis=1)
+    return gaussians[finite]
+
+
+def save_ply(
+    path: str | os.PathLike[str], gaussians: Gaussians, comments: Sequence[str] = ()
+) -> None:
+    """Writes Gaussians as a PLY file in the layout of 3DGS (binary little endian, float32).
+
+    Args:
+        path: the file; written as PATH.partial first and then renamed, so it is never half a file.
+        gaussians: float32 bits are kept; float64 is rounded to float32.
+        comments: lines for the header, none with a line break.
+
+    Raises:
+        InputError: the file cannot be written, or a comment holds a line break.
+    """
+    _core.write_ply(os.fspath(path), gaussians.astype(np.float32), list(comments))

@@ -1,0 +1,18 @@
+"""The scene's parameters: arrays, packed harmonics, seeding, the low-pass filter."""
+
+from gsut.gaussians.arrays import Gaussians
+from gsut.gaussians.low_pass import filter_radii, low_pass, low_pass_backward
+from gsut.gaussians.packed_harmonics import MixedGaussians, lighter, mixed
+from gsut.gaussians.seeding import seed_from_points, seed_in_view
+
+__all__ = [
+    "Gaussians",
+    "MixedGaussians",
+    "filter_radii",
+    "lighter",
+    "low_pass",
+    "low_pass_backward",
+    "mixed",
+    "seed_from_points",
+    "seed_in_view",
+]

@@ -1,0 +1,101 @@
+"""The 3D low-pass filter: Gaussians that no camera can see thinner than its own pixels."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError
+from gsut.gaussians.arrays import Gaussians
+
+# A point this far outside the image (pixels, of the image's size) still counts as seen.
+_BORDER = 0.1
+
+
+def filter_radii(
+    means: np.ndarray, cameras: Sequence[_core.Camera], camera_from_world: Any, pixels: float
+) -> np.ndarray:
+    """Standard deviation of each Gaussian's filter: some pixels of the camera that sees it best.
+
+    A pixel's size at a point is through the real lens: 1 / sqrt(s1 s2), s1 and s2 the singular
+    values of the pixel's derivative to the point. The smallest over the cameras whose image (and a
+    tenth of it around) holds the point counts.
+
+    Args:
+        means: (N, 3) world coordinates.
+        cameras: C of them.
+        camera_from_world: (C, 4, 4), one a camera.
+        pixels: standard deviation of the filter in pixels; 0.3 is about that of a pixel itself.
+
+    Returns:
+        (N,) float64 world units. A point that no camera sees takes the largest of the others.
+
+    Raises:
+        InputError: pixels is not positive, or there are not as many poses as cameras.
+    """
+    if not (np.isfinite(pixels) and pixels > 0):
+        raise InputError(f"low_pass must be a positive number of pixels, found {pixels}")
+    poses = np.asarray(camera_from_world, np.float64)
+    if poses.shape != (len(cameras), 4, 4):
+        raise InputError(
+            f"camera_from_world must have shape ({len(cameras)}, 4, 4), one pose a camera, found "
+            f"{poses.shape}"
+        )
+    points = np.asarray(means, np.float64)
+    density = np.zeros(len(points))  # pixels a unit of length, squared
+    for camera, pose in zip(cameras, poses, strict=True):
+        in_camera = points @ pose[:3, :3].T + pose[:3, 3]
+        size = np.array([camera.width, camera.height])
+        places, valid = camera.project(in_camera)
+        with np.errstate(invalid="ignore"):
+            seen = valid & np.all((places > -_BORDER * size) & (places < (1 + _BORDER) * size), 1)
+        if not seen.any():
+            continue
+        slope, _ = camera.project_jacobian(in_camera[seen])
+        # s1 s2 of a 2 x 3 matrix: the length of the cross product of its rows.
+        here = np.linalg.norm(np.cross(slope[:, 0], slope[:, 1]), axis=1)
+        density[seen] = np.maximum(density[seen], np.nan_to_num(here, posinf=0.0))
+    radii = np.full(len(points), np.nan)
+    known = density > 0
+    radii[known] = pixels / np.sqrt(density[known])
+    radii[~known] = radii[known].max() if known.any() else 0.0
+    return radii
+
+
+def low_pass(gaussians: Gaussians, radii: np.ndarray) -> Gaussians:
+    """The Gaussians convolved with round ones of standard deviation `radii`.
+
+    Scales become sqrt(scale^2 + radius^2); opacities are multiplied by the ratio of the areas of
+    the shadows before and after (root mean square over all directions), so that the light that
+    passes stays the same. Means, quaternions and harmonics are those of the argument, not copies.
+
+    Args:
+        gaussians: N Gaussians.
+        radii: (N,) world units; 0 leaves a Gaussian as it is.
+    """
+    out = dataclasses.replace(
+        gaussians,
+        log_scales=np.empty_like(gaussians.log_scales),
+        opacity_logits=np.empty_like(gaussians.opacity_logits),
+    )
+    _core.low_pass(gaussians, _as_radii(gaussians, radii), out)
+    return out
+
+
+def low_pass_backward(gaussians: Gaussians, radii: np.ndarray, gradients: Gaussians) -> None:
+    """Turns gradients to `low_pass(gaussians, radii)` into those to `gaussians`, in place.
+
+    The radii count as constants.
+    """
+    _core.low_pass_backward(gaussians, _as_radii(gaussians, radii), gradients)
+
+
+def _as_radii(gaussians: Gaussians, radii: np.ndarray) -> np.ndarray:
+    out = np.ascontiguousarray(radii, dtype=gaussians.dtype)
+    if not np.all(out >= 0) or not np.isfinite(out).all():
+        raise InputError("radii must be finite and not negative")
+    return out

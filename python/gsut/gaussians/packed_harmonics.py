@@ -1,0 +1,163 @@
+"""Gaussians that store no more harmonics than they have: each its own degree, 0 to 3."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.gaussians.arrays import Gaussians
+
+# Degrees change at multiples of so many rows, so that the core's vectors have one degree each.
+_ROWS_TOGETHER = 16
+_MAX_DEGREE = 3
+# Packing is worth it where it saves this fraction of the harmonics.
+_WORTH = 0.1
+
+
+@dataclasses.dataclass
+class MixedGaussians:
+    """N Gaussians in falling order of their harmonics' degree; rendered and trained as Gaussians.
+
+    The same picture, bit for bit, as `to_gaussians()`, in less memory and time.
+
+    Args:
+        means, quats, log_scales, opacity_logits: as in `Gaussians`, float32.
+        sh: (S,) float32, one Gaussian's (degree + 1)^2 coefficients of three channels after
+            another's.
+        degree_ends: entry d: the Gaussians before this row have degree d or more; entry 0 is N.
+
+    Raises:
+        InputError: shapes disagree.
+    """
+
+    means: np.ndarray
+    quats: np.ndarray
+    log_scales: np.ndarray
+    opacity_logits: np.ndarray
+    sh: np.ndarray
+    degree_ends: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        ends = self.degree_ends
+        if (
+            len(ends) != _MAX_DEGREE + 1
+            or ends[0] != len(self.means)
+            or sorted(ends)[::-1] != [*ends]
+        ):
+            raise InputError(f"degree_ends must be 4 falling numbers from N, found {ends}")
+        floats = sum(3 * (2 * degree + 1) * end for degree, end in enumerate(ends))
+        if self.sh.shape != (floats,):
+            raise InputError(f"sh must have shape ({floats},), found {self.sh.shape}")
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    @property
+    def dtype(self) -> np.dtype:
+        """float32."""
+        return self.means.dtype
+
+    @property
+    def sh_degree(self) -> int:
+        """The highest degree."""
+        return max(degree for degree, end in enumerate(self.degree_ends) if end or degree == 0)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all arrays."""
+        return sum(
+            array.nbytes
+            for array in (self.means, self.quats, self.log_scales, self.opacity_logits, self.sh)
+        )
+
+    def astype(self, dtype: np.typing.DTypeLike) -> Any:
+        """Itself in float32; `Gaussians` in float64, which the double reference takes."""
+        if np.dtype(dtype) == np.float32:
+            return self
+        return self.to_gaussians().astype(dtype)
+
+    def copy(self) -> MixedGaussians:
+        """A deep copy."""
+        return dataclasses.replace(self, **{f: getattr(self, f).copy() for f in (*_GEOMETRY, "sh")})
+
+    def zeros_like(self) -> MixedGaussians:
+        """The same shapes, all values 0: for gradients and moments."""
+        return dataclasses.replace(
+            self, **{f: np.zeros_like(getattr(self, f)) for f in (*_GEOMETRY, "sh")}
+        )
+
+    def bands(self) -> list[tuple[slice, np.ndarray]]:
+        """For each degree in use, from the highest: the rows, and (n, K, 3) a view of their sh."""
+        found, begin, offset = [], 0, 0
+        for degree in range(_MAX_DEGREE, -1, -1):
+            end = self.degree_ends[degree]
+            if end > begin:
+                k = (degree + 1) ** 2
+                stop = offset + 3 * k * (end - begin)
+                sh = self.sh[offset:stop].reshape(end - begin, k, 3)
+                found.append((slice(begin, end), sh))
+                begin, offset = end, stop
+        return found
+
+    def to_gaussians(self) -> Gaussians:
+        """With zeros for the harmonics that are not stored; rows in this order."""
+        sh = np.zeros((len(self), (self.sh_degree + 1) ** 2, 3), np.float32)
+        for rows, band in self.bands():
+            sh[rows, : band.shape[1]] = band
+        return Gaussians(self.means, self.quats, self.log_scales, self.opacity_logits, sh)
+
+
+_GEOMETRY = ("means", "quats", "log_scales", "opacity_logits")
+
+
+def used_degrees(gaussians: Gaussians) -> np.ndarray:
+    """(N,) uint8: each Gaussian's highest degree with a coefficient that is not 0."""
+    degrees = np.zeros(len(gaussians), np.uint8)
+    for degree in range(1, gaussians.sh_degree + 1):
+        band = gaussians.sh[:, degree * degree : (degree + 1) ** 2]
+        degrees[np.any(band != 0, axis=(1, 2))] = degree
+    return degrees
+
+
+def mixed(gaussians: Gaussians, degrees: np.ndarray | None = None) -> MixedGaussians:
+    """Gaussians without the harmonics above each one's degree.
+
+    Args:
+        gaussians: N Gaussians.
+        degrees: (N,) of each; None: `used_degrees`. At each change of degree up to 15 Gaussians
+            keep the higher one.
+
+    Returns:
+        In falling order of degree, otherwise in the same order.
+    """
+    g = gaussians.astype(np.float32)
+    degrees = used_degrees(g) if degrees is None else np.minimum(degrees, g.sh_degree)
+    order = np.argsort(-degrees.astype(np.int64), kind="stable")
+    ends = [len(g)]
+    for degree in range(1, _MAX_DEGREE + 1):
+        count = int(np.count_nonzero(degrees >= degree))
+        ends.append(min(len(g), -(-count // _ROWS_TOGETHER) * _ROWS_TOGETHER))
+    pieces, begin = [], 0
+    for degree in range(_MAX_DEGREE, -1, -1):
+        rows = order[begin : ends[degree]]
+        pieces.append(g.sh[rows, : (degree + 1) ** 2].reshape(-1))
+        begin = max(begin, ends[degree])
+    return MixedGaussians(
+        g.means[order], g.quats[order], g.log_scales[order], g.opacity_logits[order],
+        np.concatenate(pieces), tuple(ends),
+    )  # fmt: skip
+
+
+def lighter(gaussians: Any) -> Any:
+    """The same Gaussians as `MixedGaussians` where that saves a tenth of the harmonics or more."""
+    if not isinstance(gaussians, Gaussians) or gaussians.sh_degree == 0 or len(gaussians) == 0:
+        return gaussians
+    if gaussians.dtype != np.float32:
+        return gaussians
+    degrees = used_degrees(gaussians).astype(np.int64)
+    if np.sum((degrees + 1) ** 2) > (1 - _WORTH) * len(degrees) * gaussians.sh.shape[1]:
+        return gaussians
+    return mixed(gaussians, degrees)

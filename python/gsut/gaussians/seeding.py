@@ -1,0 +1,198 @@
+"""The first Gaussians of a scene: from a point cloud, or at random inside the cameras' view."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError
+from gsut.gaussians.arrays import Gaussians
+
+_MAX_SH_DEGREE = 3
+
+
+class HasRays(Protocol):
+    """What seed_in_view needs of a camera."""
+
+    def rays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Unit rays (H, W, 3) of the pixel centres in camera axes, and valid (H, W)."""
+        ...
+
+
+def seed_from_points(
+    points: np.ndarray,
+    colors: np.ndarray | None = None,
+    *,
+    sh_degree: int = 1,
+    scale_factor: float = 0.5,
+    opacity: float = 0.5,
+    max_gaussians: int | None = None,
+    seed: int = 0,
+) -> Gaussians:
+    """One isotropic Gaussian at each point, as large as the distance to its neighbours says.
+
+    Args:
+        points: (N, 3) world coordinates.
+        colors: (N, 3) uint8, or floating-point numbers in [0, 1]; mid-grey if None.
+        sh_degree: 0 to 3; coefficients above the constant one are 0.
+        scale_factor: standard deviation / mean distance to the three nearest other points (exact).
+            Default: measured best at a CPU's budget; 3DGS uses 1, MCMC 0.1.
+        opacity: in (0, 1). Default: as scale_factor; 3DGS uses 0.1.
+        max_gaussians: if there are more points, a random choice of this many, order kept.
+        seed: of that choice.
+
+    Returns:
+        float32 Gaussians with identity rotations. Distances are at least 1 % of their median (for
+        points with duplicates), and 1 world unit where no two points differ.
+
+    Raises:
+        InputError: shapes disagree, a value is not finite, or an option is out of range.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"points must have shape (N, 3), found {points.shape}")
+    if not 0 <= sh_degree <= _MAX_SH_DEGREE:
+        raise InputError(f"sh_degree is {sh_degree}; give 0 to {_MAX_SH_DEGREE}")
+    if colors is None:
+        colors = np.full_like(points, 0.5)
+    colors = np.asarray(colors)
+    if colors.shape != points.shape:
+        raise InputError(f"colors must have shape {points.shape} as points, found {colors.shape}")
+    if colors.dtype == np.uint8:
+        colors = colors / 255.0
+    elif not np.issubdtype(colors.dtype, np.floating):
+        raise InputError(f"colors must be uint8 or floating point, found {colors.dtype}")
+    if max_gaussians is not None and max_gaussians < 0:
+        raise InputError(f"max_gaussians is {max_gaussians}; give 0 or more, or None")
+    if max_gaussians is not None and len(points) > max_gaussians:
+        rows = np.random.default_rng(seed).choice(len(points), max_gaussians, replace=False)
+        rows.sort()
+        points, colors = points[rows], colors[rows]
+    n = len(points)
+    gaussians = Gaussians(
+        np.empty((n, 3), np.float32),
+        np.empty((n, 4), np.float32),
+        np.empty((n, 3), np.float32),
+        np.empty(n, np.float32),
+        np.empty((n, (sh_degree + 1) ** 2, 3), np.float32),
+    )
+    _core.seed_from_points(points, colors, gaussians, scale_factor, opacity)
+    return gaussians
+
+
+def points_in_view(
+    cameras: HasRays | Sequence[HasRays],
+    poses: np.ndarray,
+    count: int,
+    *,
+    near: float,
+    far: float,
+    distances: str = "log",
+    seed: int = 0,
+) -> np.ndarray:
+    """Random points that the cameras see, whatever their lenses.
+
+    Args:
+        cameras: one camera for all poses, or one a pose.
+        poses: (M, 4, 4) camera_from_world.
+        count: number of points.
+        near, far: world units; the range of the distance from the camera, 0 < near < far.
+        distances: "log" (equal numbers in each octave) or "inverse" (uniform in 1 / distance).
+        seed: of the random numbers.
+
+    Returns:
+        (count, 3) float64 world coordinates: each along the ray of a random valid pixel of a random
+        pose, so wide lenses fill their whole field.
+
+    Raises:
+        InputError: shapes disagree, bounds are out of order, or no camera has a valid pixel.
+    """
+    poses = np.asarray(poses, dtype=np.float64)
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4) or len(poses) == 0:
+        raise InputError(f"poses must have shape (M, 4, 4) with M > 0, found {poses.shape}")
+    if not 0 < near < far < np.inf:
+        raise InputError(f"near {near} and far {far} must be finite with 0 < near < far")
+    if distances not in ("log", "inverse"):
+        raise InputError(f'distances is "{distances}"; known are "log" and "inverse"')
+    one_a_pose = list(cameras) if isinstance(cameras, Sequence) else [cameras] * len(poses)
+    if len(one_a_pose) != len(poses):
+        raise InputError(
+            f"{len(one_a_pose)} cameras for {len(poses)} poses; give one, or one a pose"
+        )
+    rng = np.random.default_rng(seed)
+    chosen = rng.integers(len(poses), size=count)
+    fraction = rng.random(count)
+    pixel = rng.random(count)
+    if distances == "log":
+        distance = near * (far / near) ** fraction
+    else:
+        distance = 1.0 / (1.0 / far + fraction * (1.0 / near - 1.0 / far))
+    points = np.empty((count, 3))
+    directions: dict[int, np.ndarray] = {}
+    starts: dict[int, np.ndarray] = {}
+    for index in np.unique(chosen):
+        camera = one_a_pose[index]
+        if id(camera) not in directions:
+            rays, valid = camera.rays()
+            directions[id(camera)] = rays[np.asarray(valid, dtype=bool)]
+            if not getattr(camera, "is_central", True):
+                starts[id(camera)] = _origins(camera)[np.asarray(valid, dtype=bool)]
+        rays = directions[id(camera)]
+        if len(rays) == 0:
+            raise InputError(f"camera {index} has no valid pixel")
+        rows = np.flatnonzero(chosen == index)
+        drawn = (pixel[rows] * len(rays)).astype(np.int64)
+        in_camera = rays[drawn] * distance[rows, None]
+        if id(camera) in starts:
+            in_camera += starts[id(camera)][drawn]
+        rotation, translation = poses[index, :3, :3], poses[index, :3, 3]
+        points[rows] = (in_camera - translation) @ rotation
+    return points
+
+
+def _origins(camera: Any) -> np.ndarray:
+    return np.asarray(camera.origins())
+
+
+def seed_in_view(
+    cameras: HasRays | Sequence[HasRays],
+    poses: np.ndarray,
+    count: int,
+    *,
+    near: float,
+    far: float,
+    distances: str = "log",
+    colors: str = "grey",
+    sh_degree: int = 1,
+    scale_factor: float = 0.5,
+    opacity: float = 0.5,
+    seed: int = 0,
+) -> Gaussians:
+    """Random Gaussians that the cameras see, for scenes without points.
+
+    Args:
+        cameras, poses, count, near, far, distances, seed: as points_in_view.
+        colors: "grey" (0.5) or "random" (uniform in [0, 1]).
+        sh_degree, scale_factor, opacity: as seed_from_points.
+
+    Returns:
+        `count` float32 Gaussians.
+
+    Raises:
+        InputError: as points_in_view and seed_from_points, or an unknown `colors`.
+    """
+    if colors not in ("grey", "random"):
+        raise InputError(f'colors is "{colors}"; known are "grey" and "random"')
+    points = points_in_view(
+        cameras, poses, count, near=near, far=far, distances=distances, seed=seed
+    )
+    rgb = np.full((count, 3), 0.5)
+    if colors == "random":
+        # A stream of its own, so that the points do not depend on the choice of colours.
+        rgb = np.random.default_rng([seed, 1]).random((count, 3))
+    return seed_from_points(
+        points, rgb, sh_degree=sh_degree, scale_factor=scale_factor, opacity=opacity
+    )

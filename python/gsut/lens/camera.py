@@ -1,0 +1,283 @@
+"""Cameras: a lens with its parameters and image size, between points, pixels and rays."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError
+
+_NO_LIMIT = math.inf
+
+
+def camera_models() -> list[str]:
+    """Names of all lenses that `Camera` takes as its model."""
+    return _core.camera_models()
+
+
+class Camera(_core.Camera):
+    """A camera without its pose: one lens, its parameters and the image's size. Immutable.
+
+    Points are in the camera frame: x right, y down, z forward. Pixel (0.5, 0.5) is the centre of
+    the top-left pixel. "Valid" means inside the lens' one-to-one domain; whether the pixel lies
+    inside the image is another question. Results have the same bits on any number of threads.
+
+    Args:
+        model: one of `camera_models()`.
+        params: (K,) fx fy cx cy in pixels, then the lens' coefficients; see `param_names`.
+        width, height: of the image, in pixels.
+        valid_field_angle: radians from the axis up to which the calibration is trusted; points and
+            pixels beyond it are invalid. None: the lens' whole domain.
+        extrinsics: (6,) Rodrigues rotation and translation reference -> camera, as carried by a
+            .cameramodel file (rt_cam_ref); kept for saving, used by nothing here.
+        valid_region: (M, 2) polygon of trusted pixels, as carried by a .cameramodel file
+            (valid_intrinsics_region); kept for saving, used by nothing here.
+
+    Raises:
+        InputError: unknown model (the known ones are listed), wrong number of parameters, values
+            that are no lens, a size that is not positive.
+    """
+
+    extrinsics: np.ndarray | None
+    valid_region: np.ndarray | None
+
+    def __init__(
+        self,
+        model: str,
+        params: Sequence[float] | np.ndarray,
+        width: int,
+        height: int,
+        *,
+        valid_field_angle: float | None = None,
+        extrinsics: Sequence[float] | np.ndarray | None = None,
+        valid_region: Sequence[Sequence[float]] | np.ndarray | None = None,
+    ) -> None:
+        limit = _NO_LIMIT if valid_field_angle is None else float(valid_field_angle)
+        values = [float(value) for value in np.asarray(params, dtype=np.float64).ravel()]
+        super().__init__(str(model), values, int(width), int(height), limit)
+        self.extrinsics = _checked_copy(extrinsics, "extrinsics", (6,))
+        self.valid_region = _checked_copy(valid_region, "valid_region", (None, 2))
+
+    @property
+    def valid_field_angle(self) -> float | None:  # type: ignore[override]  # None, not infinity
+        """Radians from the axis up to which the calibration is trusted; None: no limit known."""
+        limit = super().valid_field_angle
+        return None if limit == _NO_LIMIT else limit
+
+    @property
+    def param_names(self) -> str:
+        """What `params` holds, in order; "..." stands for any number of further coefficients."""
+        return _core.camera_param_names(self.model)
+
+    def project(self, points_in_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels of points.
+
+        Args:
+            points_in_camera: (N, 3) of any length but 0.
+
+        Returns:
+            pixels (N, 2) float64, NaN where invalid; valid (N,) bool.
+
+        Raises:
+            InputError: wrong shape.
+        """
+        return super().project(points_in_camera)
+
+    def unproject(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rays of pixels.
+
+        Args:
+            pixels: (N, 2), anywhere: also outside the image.
+
+        Returns:
+            rays (N, 3) float64 of unit length, NaN where invalid; valid (N,) bool. A valid ray
+            projects to its pixel within 1e-9 px (for coordinates below 1e6).
+
+        Raises:
+            InputError: wrong shape.
+        """
+        return super().unproject(pixels)
+
+    def ray_origins(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the rays of pixels start: points on them, in the camera frame.
+
+        Args:
+            pixels: (N, 2), as for `unproject`.
+
+        Returns:
+            origins (N, 3) float64, 0 for a central lens and NaN where invalid; valid (N,) bool.
+            origin + t ray, t > 0, projects to the pixel.
+
+        Raises:
+            InputError: wrong shape.
+        """
+        return super().ray_origins(pixels)
+
+    def origins(self) -> np.ndarray:
+        """(H, W, 3) origins of `rays`, as `ray_origins`; 0 for a central lens."""
+        return super().origins()
+
+    def project_jacobian(self, points_in_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Exact derivatives of `project`, by forward-mode differentiation.
+
+        Args:
+            points_in_camera: (N, 3).
+
+        Returns:
+            dpixel_dpoint (N, 2, 3) in pixels per unit of the points; dpixel_dparams (N, 2, K).
+            NaN where the point is invalid.
+
+        Raises:
+            InputError: wrong shape.
+        """
+        return super().project_jacobian(points_in_camera)
+
+    def rays(self) -> tuple[np.ndarray, np.ndarray]:
+        """The rays of all pixel centres, computed once and kept.
+
+        Returns:
+            rays (H, W, 3) float64 of unit length, NaN where invalid; valid (H, W) bool. Read-only
+            views. Each valid ray was checked to project back to its pixel within 1e-6 px.
+        """
+        return super().rays()
+
+    def resized(self, width: int, height: int) -> Camera:
+        """The same lens on the image resized to this size, scaled about the pixel corner (0, 0).
+
+        Raises:
+            InputError: a size that is not positive.
+        """
+        region = self.valid_region
+        if region is not None:
+            region = region * (width / self.width, height / self.height)
+        resized = super().resized(int(width), int(height))
+        return self._with(resized, valid_region=region)
+
+    def with_params(self, params: Sequence[float] | np.ndarray) -> Camera:
+        """Another lens of the same model, image size and field angle.
+
+        Pose and trusted region, which belong to this lens, are left out.
+
+        Args:
+            params: (K,) in the model's order.
+
+        Raises:
+            InputError: see `Camera`.
+        """
+        return Camera(
+            self.model, params, self.width, self.height, valid_field_angle=self.valid_field_angle
+        )
+
+    def with_valid_field_angle(self, valid_field_angle: float | None) -> Camera:
+        """The same lens, trusted up to this angle from the axis (radians; None: everywhere)."""
+        limit = _NO_LIMIT if valid_field_angle is None else float(valid_field_angle)
+        return self._with(super().with_valid_field_angle(limit), valid_region=self.valid_region)
+
+    def save(self, path: str | os.PathLike[str], format: str | None = None) -> None:
+        """Writes the lens to a file; see `gsut.load_camera` for the formats.
+
+        The file is written under a temporary name and renamed, so that a crash leaves the old one.
+        Kalibr and COLMAP files have no place for the valid field angle, and only mrcal's and
+        gsut's for extrinsics and valid_region; those are left out.
+
+        Args:
+            path: a file; its name chooses the format: *.cameramodel (mrcal), *camchain*.yaml
+                (Kalibr), *.lens.json (gsut, which holds every lens), other *.yaml or *.yml and
+                *.json (OpenCV), transforms*.json (nerfstudio), *aria*.json (Project Aria), *.txt
+                and *.bin (COLMAP cameras.txt, cameras.bin).
+            format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "aria", "colmap" or
+                "colmap-binary", to choose it by hand.
+
+        Raises:
+            InputError: the format cannot hold this lens, or is unknown.
+            OSError: the file cannot be written.
+        """
+        from gsut.lens.files import save_camera  # here: lens_files makes cameras
+
+        save_camera(self, path, format)
+
+    def _with(self, core: _core.Camera, valid_region: np.ndarray | None) -> Camera:
+        return Camera(
+            core.model,
+            core.params,
+            core.width,
+            core.height,
+            valid_field_angle=core.valid_field_angle,
+            extrinsics=self.extrinsics,
+            valid_region=valid_region,
+        )
+
+    def __eq__(self, other: object) -> bool:
+        """Same model, parameters, size and valid field angle."""
+        if not isinstance(other, _core.Camera):
+            return NotImplemented
+        return bool(_core.Camera.__eq__(self, other))
+
+    def __hash__(self) -> int:
+        return hash((self.model, tuple(self.params), self.width, self.height))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        keywords = {
+            "valid_field_angle": self.valid_field_angle,
+            "extrinsics": self.extrinsics,
+            "valid_region": self.valid_region,
+        }
+        return _restore, (self.model, self.params, self.width, self.height, keywords)
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{value:.10g}" for value in self.params)
+        limit = self.valid_field_angle
+        field = "" if limit is None else f", valid_field_angle={limit:.6g}"
+        return f"Camera({self.model!r}, [{values}], {self.width}, {self.height}{field})"
+
+
+def _restore(
+    model: str, params: np.ndarray, width: int, height: int, keywords: dict[str, Any]
+) -> Camera:
+    return Camera(model, params, width, height, **keywords)
+
+
+def _checked_copy(values: Any, name: str, shape: tuple[int | None, ...]) -> np.ndarray | None:
+    if values is None:
+        return None
+    array = np.array(values, dtype=np.float64)
+    same = array.ndim == len(shape) and all(
+        want is None or want == found for want, found in zip(shape, array.shape, strict=True)
+    )
+    if not same:
+        raise InputError(f"{name} must have shape {shape}, found {array.shape}")
+    array.flags.writeable = False
+    return array
+
+
+def load_camera(path: str | os.PathLike[str], camera_id: int | str | None = None) -> Camera:
+    """Reads a lens file.
+
+    Formats, told apart by name and content: mrcal .cameramodel, OpenCV YAML / JSON (FileStorage or
+    ROS camera_info), Kalibr camchain YAML, COLMAP cameras.txt and cameras.bin, nerfstudio
+    transforms.json, Project Aria calibration JSON. Pixel conventions are converted: mrcal, OpenCV,
+    Kalibr and Aria put the centre of the top-left pixel at (0, 0), gsut, COLMAP and nerfstudio at
+    (0.5, 0.5).
+
+    Args:
+        path: the file.
+        camera_id: which camera, for a file with several: COLMAP's number, Kalibr's "cam0" or Aria's
+            label.
+
+    Returns:
+        The camera. The valid field angle is set where the file states one.
+
+    Raises:
+        CalibrationError: the file is not a lens file, is cut off, lacks a key, or holds a lens that
+            gsut does not have; the message names file, line where known, and key.
+        InputError: the file holds several cameras and camera_id is not given or not among them.
+        OSError: the file cannot be read.
+    """
+    from gsut.lens.files import load_camera as load  # here: lens_files makes cameras
+
+    return load(path, camera_id)

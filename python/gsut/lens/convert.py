@@ -1,0 +1,177 @@
+"""Fits one lens by another over the image, and says how far apart they are by field angle."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.lens.camera import Camera
+from gsut.lens.fit import FitTarget, SplineGrid, angles_of, check_model, fit_lens
+
+# Points along the longer side of the image at which the lenses are compared.
+_SAMPLES = 48
+_SAMPLES_A_POINT = 3  # along that side, of a spline: more than it has control points
+# World units at which points count as infinitely far from a lens whose rays nearly meet.
+_FAR = 1e6
+# Of a second set of points, over the distance of the first: tells where rays start.
+_FARTHER = 4.0
+_RINGS = 6
+
+
+@dataclasses.dataclass(frozen=True)
+class Ring:
+    """The error between two field angles.
+
+    Attributes:
+        from_degrees, to_degrees: angles from the axis.
+        points: rays compared; 0 if the image has none there.
+        rms: root of the mean squared distance, pixels; NaN without points.
+        worst: the largest distance, pixels; infinite where the new lens does not see a ray.
+    """
+
+    from_degrees: float
+    to_degrees: float
+    points: int
+    rms: float
+    worst: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Conversion:
+    """A lens fitted to another.
+
+    Attributes:
+        camera: the fitted lens.
+        rings: the error by field angle.
+        rms, worst: over the whole image, pixels.
+    """
+
+    camera: Camera
+    rings: list[Ring]
+    rms: float
+    worst: float
+
+
+def convert_camera(
+    camera: Camera,
+    model: str,
+    max_angle: float | None = None,
+    num_params: int | None = None,
+    *,
+    grid: SplineGrid | None = None,
+    distance: float | None = None,
+) -> Conversion:
+    """The lens of another model that sends the rays of the image to the same pixels.
+
+    Minimises the sum of squared pixel distances over a grid of pixels that covers the image: by
+    Levenberg-Marquardt with the lens' exact derivatives, for the control points of
+    splined_stereographic in one linear step. equirectangular has nothing to fit: the image's size
+    is the lens, and only the error is found.
+
+    Args:
+        camera: what to imitate.
+        model: the lens to fit; see `camera_models()`.
+        max_angle: radians; points farther from the axis are left out. None: all of the image.
+        num_params: of a lens with any number of coefficients (kannala_brandt); None: four of them.
+        grid: the control points of splined_stereographic; None: `SplineGrid()`.
+        distance: of the points that both lenses are to see alike, in world units, for lenses whose
+            rays do not meet. None: far away, which orthographic cannot do.
+
+    Returns:
+        The fitted lens, with the valid field angle of the original, and its error.
+
+    Raises:
+        InputError: the model is unknown, or cannot see what the other sees, or the image has no
+            rays.
+    """
+    check_model(model, num_params)
+    target = _target(camera, model, max_angle, grid, distance)
+    params = fit_lens(target, model, num_params, grid)
+    fitted = Camera(
+        model,
+        params,
+        camera.width,
+        camera.height,
+        valid_field_angle=camera.valid_field_angle,
+        extrinsics=camera.extrinsics,
+        valid_region=camera.valid_region,
+    )
+    distances, angle = _errors(fitted, target), angles_of(target.points)
+    edges = np.linspace(0.0, np.nextafter(angle.max(), np.inf), _RINGS + 1)
+    rings = []
+    for low, high in itertools.pairwise(edges):
+        inside = distances[(angle >= low) & (angle <= high)]
+        rings.append(
+            Ring(math.degrees(low), math.degrees(high), len(inside), _rms(inside), _worst(inside))
+        )
+    return Conversion(fitted, rings, _rms(distances), _worst(distances))
+
+
+def format_conversion(conversion: Conversion) -> str:
+    """A table of the error by field angle, for people."""
+    lines = ["field angle (degrees)   rays   rms (px)   worst (px)"]
+    for ring in conversion.rings:
+        lines.append(
+            f"{ring.from_degrees:8.2f} to {ring.to_degrees:6.2f} {ring.points:9d}"
+            f" {ring.rms:10.3g} {ring.worst:12.3g}"
+        )
+    total = sum(ring.points for ring in conversion.rings)
+    lines.append(f"{'all':>18} {total:9d} {conversion.rms:10.3g} {conversion.worst:12.3g}")
+    return "\n".join(lines)
+
+
+def _target(
+    camera: Camera,
+    model: str,
+    max_angle: float | None,
+    grid: SplineGrid | None,
+    distance: float | None,
+) -> FitTarget:
+    """Points and pixels of a grid over the image, its edges included."""
+    if distance is not None and not (distance > 0 and math.isfinite(distance)):
+        raise InputError(f"the distance must be a positive number, found {distance}")
+    parallel = [name for name in {camera.model, model} if name == "orthographic"]
+    if parallel and distance is None:
+        raise InputError(
+            "the rays of 'orthographic' are parallel: it and another lens agree at one distance "
+            "only; give that distance (--distance)"
+        )
+    samples = _SAMPLES
+    if model == "splined_stereographic":
+        samples = max(samples, _SAMPLES_A_POINT * (grid or SplineGrid()).columns)
+    step = max(camera.width, camera.height) / samples
+    columns = np.linspace(0.5, camera.width - 0.5, max(2, round(camera.width / step)))
+    rows = np.linspace(0.5, camera.height - 0.5, max(2, round(camera.height / step)))
+    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    rays, valid = camera.unproject(pixels)
+    origins, _ = camera.ray_origins(pixels)
+    near = distance if distance is not None else 1.0 if camera.is_central else _FAR
+    # Two lenses whose rays do not meet are told apart by points at two distances.
+    several = not camera.is_central and distance is not None and model == "cahvore"
+    places = (near, _FARTHER * near) if several else (near,)
+    points = np.concatenate([origins + place * rays for place in places])
+    pixels, valid = (np.concatenate([array] * len(places)) for array in (pixels, valid))
+    if max_angle is not None:
+        valid = valid & (angles_of(points) <= max_angle)
+    if valid.sum() < 8:
+        raise InputError(f"only {valid.sum()} of {len(pixels)} sampled pixels have a ray to fit")
+    return FitTarget(camera, points[valid], pixels[valid], near, several)
+
+
+def _errors(camera: Camera, target: FitTarget) -> np.ndarray:
+    """(N,) pixels between where a lens sees the points and where it should."""
+    found, valid = camera.project(target.points)
+    off = np.linalg.norm(np.nan_to_num(found) - target.pixels, axis=1)
+    return np.where(valid, off, np.inf)
+
+
+def _rms(distance: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(distance**2))) if len(distance) else math.nan
+
+
+def _worst(distance: np.ndarray) -> float:
+    return float(distance.max()) if len(distance) else math.nan

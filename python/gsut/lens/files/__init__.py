@@ -1,0 +1,214 @@
+"""Lens files in and out: finds the format; one file a format beside this one."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import CalibrationError, InputError
+from gsut.lens.camera import Camera
+from gsut.lens.files.aria import format_aria, is_aria, load_aria
+from gsut.lens.files.colmap import (
+    colmap_camera,
+    format_colmap,
+    format_colmap_binary,
+    load_colmap_binary,
+    load_colmap_text,
+)
+from gsut.lens.files.kalibr import format_kalibr, is_camchain, load_kalibr
+from gsut.lens.files.nerfstudio import (
+    format_nerfstudio,
+    is_nerfstudio,
+    load_nerfstudio,
+    nerfstudio_camera,
+)
+from gsut.lens.files.opencv import (
+    format_opencv_json,
+    format_opencv_yaml,
+    has_camera_matrix,
+    load_opencv,
+)
+from gsut.lens.files.own import camera_from_values, format_own, is_own
+
+__all__ = ["colmap_camera", "load_camera", "nerfstudio_camera", "save_camera"]
+
+_Path = str | os.PathLike[str]
+_YAML = (".yaml", ".yml")
+OWN_SUFFIX = ".lens.json"  # of gsut's own form, which holds every lens
+
+
+def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
+    """See `gsut.load_camera`."""
+    file = Path(path)
+    source = str(path)
+    data = file.read_bytes()
+    suffix = file.suffix.lower()
+    if suffix == ".bin":
+        return load_colmap_binary(data, source, camera_id)
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise CalibrationError(f"{source}: is not text ({error}); give a lens file") from error
+    if suffix == ".txt":
+        return load_colmap_text(text, source, camera_id)
+    if suffix == ".cameramodel":
+        return _load_mrcal(text, source)
+    if suffix == ".json":
+        return _load_keys(_parse_json(text, source), source, text, camera_id)
+    if suffix in _YAML:
+        return _load_keys(_parse_yaml(text, source), source, text, camera_id)
+    raise InputError(
+        f"{source}: unknown kind of lens file; known: .cameramodel (mrcal), .yaml, .yml and .json"
+        " (gsut, OpenCV, Kalibr, nerfstudio, Project Aria), cameras.txt and cameras.bin (COLMAP)"
+    )
+
+
+def _load_mrcal(text: str, source: str) -> Camera:
+    core, extrinsics, valid_region = _core.parse_camera_model(text, source)
+    return Camera(
+        core.model,
+        core.params,
+        core.width,
+        core.height,
+        valid_field_angle=core.valid_field_angle,
+        extrinsics=extrinsics,
+        # No polygon is unknown; an empty one means that mrcal trusts no pixel.
+        valid_region=None if valid_region is None else np.reshape(valid_region, (-1, 2)),
+    )
+
+
+def _load_keys(values: Any, source: str, text: str, camera_id: int | str | None) -> Camera:
+    if not isinstance(values, dict):
+        raise CalibrationError(
+            f"{source}: expected keys with values, found {type(values).__name__}"
+        )
+    if is_aria(values):
+        return load_aria(values, source, text, camera_id)
+    if is_camchain(values):
+        return load_kalibr(values, source, text, camera_id)
+    if has_camera_matrix(values):
+        return load_opencv(values, source, text)
+    if is_own(values):
+        return camera_from_values(values, source, text)
+    if is_nerfstudio(values):
+        return load_nerfstudio(values, source, text)
+    raise CalibrationError(
+        f"{source}: has neither model and params (gsut) nor camera_matrix (OpenCV) nor cam0"
+        " (Kalibr) nor fl_x (nerfstudio) nor cameras (Project Aria); is it a lens file?"
+    )
+
+
+def _parse_json(text: str, source: str) -> Any:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise CalibrationError(
+            f"{source}, line {error.lineno}: not JSON ({error.msg}); is the file cut off?"
+        ) from error
+
+
+def _parse_yaml(text: str, source: str) -> Any:
+    import yaml  # here, because gsut --help needs none
+
+    class FileStorageLoader(yaml.SafeLoader):
+        """YAML as OpenCV writes it: its matrices are tagged dictionaries."""
+
+    FileStorageLoader.add_constructor(
+        "tag:yaml.org,2002:opencv-matrix",
+        lambda loader, node: loader.construct_mapping(node, deep=True),
+    )
+    # OpenCV's directive "%YAML:1.0" is not YAML; an empty line keeps the line numbers.
+    first, newline, rest = text.partition("\n")
+    body = newline + rest if first.startswith("%YAML:") else text
+    try:
+        return yaml.load(body, Loader=FileStorageLoader)  # a SafeLoader
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}" if mark is not None else ""
+        problem = getattr(error, "problem", None) or "cannot be parsed"
+        raise CalibrationError(f"{source}{line}: not YAML ({problem})") from error
+
+
+def _format_mrcal(camera: Camera) -> str:
+    extrinsics = [0.0] * 6 if camera.extrinsics is None else list(camera.extrinsics)
+    region = None if camera.valid_region is None else camera.valid_region.tolist()
+    return _core.format_camera_model(camera, extrinsics, region)
+
+
+def _format_opencv(camera: Camera, path: Path) -> str:
+    return (format_opencv_json if path.suffix.lower() == ".json" else format_opencv_yaml)(camera)
+
+
+_WRITERS: dict[str, Callable[[Camera, Path], str | bytes]] = {
+    "mrcal": lambda camera, _: _format_mrcal(camera),
+    "opencv": _format_opencv,
+    "kalibr": lambda camera, _: format_kalibr(camera),
+    "nerfstudio": lambda camera, _: format_nerfstudio(camera),
+    "colmap": lambda camera, _: format_colmap(camera),
+    "colmap-binary": lambda camera, _: format_colmap_binary(camera),
+    "aria": lambda camera, _: format_aria(camera),
+    "gsut": lambda camera, _: format_own(camera),
+}
+
+
+def _format_of_name(path: Path) -> str:
+    name, suffix = path.name.lower(), path.suffix.lower()
+    if suffix == ".cameramodel":
+        return "mrcal"
+    if suffix == ".txt":
+        return "colmap"
+    if suffix == ".json":
+        if name.endswith(OWN_SUFFIX):
+            return "gsut"
+        if name.startswith("transforms"):
+            return "nerfstudio"
+        return "aria" if "aria" in name else "opencv"
+    if suffix == ".bin":
+        return "colmap-binary"
+    if suffix in _YAML:
+        return "kalibr" if "camchain" in name else "opencv"
+    raise InputError(
+        f"{path}: the name chooses no format; use .cameramodel, .yaml, .json, .txt or .bin,"
+        " or give format"
+    )
+
+
+def save_camera(camera: Camera, path: _Path, format: str | None = None) -> None:
+    """See `gsut.Camera.save`."""
+    file = Path(path)
+    chosen = _format_of_name(file) if format is None else format
+    if chosen not in _WRITERS:
+        raise InputError(f"unknown lens file format {format!r}; known: {', '.join(_WRITERS)}")
+    write_atomically(file, _WRITERS[chosen](camera, file))
+
+
+def write_atomically(path: Path, content: str | bytes) -> None:
+    """Under a temporary name in the same folder, then renamed."""
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+    try:
+        with os.fdopen(handle, "wb") as out:
+            out.write(data)
+            out.flush()
+            os.fsync(out.fileno())
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(temporary)
+        raise
+
+
+def _umask() -> int:
+    """What a plain open would take off; mkstemp makes private files."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

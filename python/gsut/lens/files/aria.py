@@ -1,0 +1,91 @@
+"""Project Aria's calibration as JSON: a dictionary of cameras."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from gsut._core import CalibrationError, InputError
+from gsut.lens.camera import Camera
+from gsut.lens.files.values import LensValues
+
+# Aria's pixel (0, 0) is gsut's (0.5, 0.5).
+_PIXEL_SHIFT = 0.5
+# gsut's lens, the number of parameters, and how many of them are focal lengths.
+_MODELS = {
+    "FISHEYE624": ("fisheye624", 15, 1),
+    "KANNALA_BRANDT_K3": ("kannala_brandt", 8, 2),
+    "LINEAR": ("pinhole", 4, 2),
+}
+
+
+def is_aria(values: dict[str, Any]) -> bool:
+    """Whether the keys are those of an Aria calibration."""
+    cameras = values.get("cameras")
+    return isinstance(cameras, dict) and any(
+        isinstance(entry, dict) and "params" in entry and "model" in entry
+        for entry in cameras.values()
+    )
+
+
+def load_aria(values: dict[str, Any], source: str, text: str, camera_id: Any) -> Camera:
+    """The only camera, or the one of this label ("camera-rgb").
+
+    Each has model, params (FISHEYE624: f cx cy k0..k5 p0 p1 s0..s3), size and, if known,
+    max_solid_angle: the largest angle from the axis in radians.
+    """
+    cameras = values["cameras"]
+    known = ", ".join(cameras)
+    if camera_id is None and len(cameras) > 1:
+        raise InputError(f"{source}: holds {len(cameras)} cameras; give camera_id, one of {known}")
+    label = next(iter(cameras)) if camera_id is None else str(camera_id)
+    if label not in cameras:
+        raise InputError(f"{source}: has no camera {camera_id}; it holds {known}")
+    entry = cameras[label]
+    if not isinstance(entry, dict):
+        raise CalibrationError(f"{source}, key '{label}': expected a dictionary, found {entry!r}")
+    start = max(text.find(f'"{label}": {{'), 0)
+    reader = LensValues(entry, source, "\n" * text.count("\n", 0, start) + text[start:])
+    name = str(entry[reader.need("model")]).rpartition(".")[2]
+    if name not in _MODELS:
+        reader.fail("model", f"{name!r} is not supported; supported: {', '.join(_MODELS)}")
+    lens, count, num_focal = _MODELS[name]
+    numbers = reader.numbers(reader.need("params"), count)
+    focal, (cx, cy), rest = numbers[:num_focal], numbers[num_focal : num_focal + 2], numbers
+    params = [focal[0], focal[-1], cx + _PIXEL_SHIFT, cy + _PIXEL_SHIFT, *rest[num_focal + 2 :]]
+    width, height = reader.numbers(reader.need("size"), 2)
+    sizes = LensValues({"size": width, "height": height}, source, text)
+    limit = reader.number("max_solid_angle") if "max_solid_angle" in entry else None
+    return reader.camera(lens, params, sizes.pixels("size"), sizes.pixels("height"), limit)
+
+
+def format_aria(camera: Camera, label: str = "camera-rgb") -> str:
+    """A calibration of one camera, with its largest angle.
+
+    Raises:
+        InputError: Aria has no such lens: fisheye624 with one focal length, kannala_brandt with
+            four coefficients or fewer, or pinhole.
+    """
+    params = [float(value) for value in camera.params]
+    names = [name for name, (lens, _, _) in _MODELS.items() if lens == camera.model]
+    _, count, num_focal = _MODELS[names[0]] if names else ("", 0, 0)
+    if not names or len(params) - 2 + num_focal > count:
+        raise InputError(
+            f"Project Aria has no camera model for '{camera.model}' with {len(params)} parameters;"
+            " save a .cameramodel or OpenCV file instead"
+        )
+    if num_focal == 1 and params[0] != params[1]:
+        raise InputError(
+            f"Project Aria's {names[0]} has one focal length, and this '{camera.model}' has two:"
+            f" {params[0]} and {params[1]}"
+        )
+    centre = [value - _PIXEL_SHIFT for value in params[2:4]]
+    values = [*params[:num_focal], *centre, *params[4:]]
+    entry: dict[str, Any] = {
+        "model": names[0],
+        "params": values + [0.0] * (count - len(values)),
+        "size": [camera.width, camera.height],
+    }
+    if camera.valid_field_angle is not None:
+        entry["max_solid_angle"] = camera.valid_field_angle
+    return json.dumps({"cameras": {label: entry}}, indent=2) + "\n"

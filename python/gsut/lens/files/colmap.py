@@ -1,0 +1,244 @@
+"""COLMAP's camera models and its cameras.txt and cameras.bin."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from gsut._core import CalibrationError, InputError
+from gsut.lens.camera import Camera
+from gsut.lens.files.values import LensValues
+
+_Values = Sequence[float]
+
+
+class _Model(NamedTuple):
+    """One COLMAP model: its number, number of parameters, and gsut's lens and parameters for it."""
+
+    number: int
+    num_params: int
+    lens: str
+    params: Callable[[_Values], list[float]]
+
+
+def _same(p: _Values) -> list[float]:
+    return list(p)
+
+
+def _one_focal(p: _Values) -> list[float]:
+    return [p[0], *p]
+
+
+def _one_focal_radial1(p: _Values) -> list[float]:
+    return [p[0], *p, 0.0, 0.0, 0.0]
+
+
+def _one_focal_radial2(p: _Values) -> list[float]:
+    return [p[0], *p, 0.0, 0.0]
+
+
+def _none(p: _Values) -> list[float]:
+    return []
+
+
+# Number, length and order of the parameters: COLMAP, src/colmap/sensor/models.h.
+_MODELS = {
+    "SIMPLE_PINHOLE": _Model(0, 3, "pinhole", _one_focal),
+    "PINHOLE": _Model(1, 4, "pinhole", _same),
+    "SIMPLE_RADIAL": _Model(2, 4, "opencv4", _one_focal_radial1),
+    "RADIAL": _Model(3, 5, "opencv4", _one_focal_radial2),
+    "OPENCV": _Model(4, 8, "opencv4", _same),
+    "OPENCV_FISHEYE": _Model(5, 8, "kannala_brandt", _same),
+    "FULL_OPENCV": _Model(6, 12, "opencv8", _same),
+    "FOV": _Model(7, 5, "fov", _same),
+    "SIMPLE_RADIAL_FISHEYE": _Model(8, 4, "kannala_brandt", _one_focal),
+    "RADIAL_FISHEYE": _Model(9, 5, "kannala_brandt", _one_focal),
+    "THIN_PRISM_FISHEYE": _Model(10, 12, "thin_prism_fisheye", _same),
+    "RAD_TAN_THIN_PRISM_FISHEYE": _Model(11, 16, "fisheye624", _same),
+    "SIMPLE_DIVISION": _Model(12, 4, "division", _one_focal),
+    "DIVISION": _Model(13, 5, "division", _same),
+    "SIMPLE_FISHEYE": _Model(14, 3, "kannala_brandt", _one_focal),
+    "FISHEYE": _Model(15, 4, "kannala_brandt", _same),
+    "EUCM": _Model(16, 6, "extended_unified", _same),
+    "EQUIRECTANGULAR": _Model(17, 2, "equirectangular", _none),
+}
+# Lenses that COLMAP has with the same parameters, beside those that format_colmap converts.
+_WRITTEN = {
+    "division": "DIVISION",
+    "extended_unified": "EUCM",
+    "fisheye624": "RAD_TAN_THIN_PRISM_FISHEYE",
+    "fov": "FOV",
+    "thin_prism_fisheye": "THIN_PRISM_FISHEYE",
+}
+_NAMES = {model.number: name for name, model in _MODELS.items()}
+_SUPPORTED = ", ".join(_MODELS)
+# Number of parameters by model number. Binary files do not hold it.
+PARAMETER_COUNTS = {model.number: model.num_params for model in _MODELS.values()}
+
+
+def colmap_camera(
+    model: str | int, params: Sequence[float], width: int, height: int, source: str = ""
+) -> Camera:
+    """The camera of a COLMAP camera record.
+
+    Args:
+        model: COLMAP's name ("OPENCV_FISHEYE") or number (5).
+        params: in COLMAP's order for that model. Its pixel convention is gsut's.
+        width, height: of the image, in pixels.
+        source: file and line, for messages.
+
+    Returns:
+        The camera: SIMPLE_PINHOLE and PINHOLE are `pinhole`; SIMPLE_RADIAL, RADIAL and OPENCV
+        `opencv4`; FULL_OPENCV `opencv8`; SIMPLE_FISHEYE, FISHEYE, SIMPLE_RADIAL_FISHEYE,
+        RADIAL_FISHEYE and OPENCV_FISHEYE `kannala_brandt` with 0, 0, 1, 2 and 4 coefficients;
+        RAD_TAN_THIN_PRISM_FISHEYE `fisheye624`; SIMPLE_DIVISION and DIVISION `division`; EUCM
+        `extended_unified`; FOV, THIN_PRISM_FISHEYE and EQUIRECTANGULAR the lenses of these names.
+
+    Raises:
+        CalibrationError: unknown or unsupported model, wrong number of parameters, no lens.
+    """
+    prefix = f"{source}: " if source else ""
+    name = _NAMES.get(model, str(model)) if isinstance(model, int) else str(model)
+    entry = _MODELS.get(name)
+    if entry is None:
+        raise CalibrationError(
+            f"{prefix}camera model {name} is not supported; supported: {_SUPPORTED}"
+        )
+    if len(params) != entry.num_params:
+        raise CalibrationError(
+            f"{prefix}camera model {name} has {entry.num_params} parameters, found {len(params)}"
+        )
+    if name == "EQUIRECTANGULAR" and list(params) != [width, height]:
+        raise CalibrationError(
+            f"{prefix}EQUIRECTANGULAR's parameters {list(params)} are not the image's size"
+            f" {width} x {height}; a part of a panorama is not supported"
+        )
+    lens_params = entry.params([float(value) for value in params])
+    return LensValues({}, source).camera(entry.lens, lens_params, width, height)
+
+
+class _Record(NamedTuple):
+    camera_id: int
+    model: str | int
+    width: int
+    height: int
+    params: list[float]
+    where: str
+
+
+def load_colmap_text(text: str, source: str, camera_id: int | str | None) -> Camera:
+    """The only camera of a cameras.txt, or the one with this number."""
+    records = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split("#", 1)[0].split()
+        if not words:
+            continue
+        where = f"{source}, line {number}"
+        if len(words) < 5:
+            raise CalibrationError(
+                f"{where}: expected CAMERA_ID MODEL WIDTH HEIGHT PARAMS..., found {line.strip()!r}"
+            )
+        try:
+            key, width, height = int(words[0]), int(words[2]), int(words[3])
+            params = [float(word) for word in words[4:]]
+        except ValueError as error:
+            raise CalibrationError(f"{where}: {error}") from error
+        records.append(_Record(key, words[1], width, height, params, where))
+    return _choose(records, source, camera_id)
+
+
+def load_colmap_binary(data: bytes, source: str, camera_id: int | str | None) -> Camera:
+    """The only camera of a cameras.bin, or the one with this number."""
+    position = 0
+
+    def take(layout: str) -> tuple:
+        nonlocal position
+        size = struct.calcsize(layout)
+        if position + size > len(data):
+            raise CalibrationError(
+                f"{source}: cut off at byte {len(data)} in camera {len(records) + 1}; copy or"
+                " export it again"
+            )
+        values = struct.unpack_from(layout, data, position)
+        position += size
+        return values
+
+    records: list[_Record] = []
+    (count,) = take("<Q")
+    while len(records) < count:
+        where = f"{source}, camera {len(records) + 1} of {count}"
+        key, number, width, height = take("<IiQQ")
+        name = _NAMES.get(number)
+        if name is None:
+            raise CalibrationError(
+                f"{where}: unknown camera model number {number}; supported: {_SUPPORTED}"
+            )
+        params = list(take(f"<{_MODELS[name].num_params}d"))
+        records.append(_Record(key, name, width, height, params, where))
+    return _choose(records, source, camera_id)
+
+
+def _choose(records: list[_Record], source: str, camera_id: int | str | None) -> Camera:
+    known = ", ".join(str(record.camera_id) for record in records)
+    if not records:
+        raise CalibrationError(f"{source}: holds no camera")
+    if camera_id is None and len(records) > 1:
+        raise InputError(f"{source}: holds {len(records)} cameras; give camera_id, one of {known}")
+    for record in records:
+        if camera_id is None or str(record.camera_id) == str(camera_id):
+            where = f"{record.where} (camera {record.camera_id})"
+            return colmap_camera(record.model, record.params, record.width, record.height, where)
+    raise InputError(f"{source}: has no camera {camera_id}; it holds {known}")
+
+
+def _record_of(camera: Camera) -> tuple[str, list[float]]:
+    """COLMAP's name and parameters; InputError if it has no such lens."""
+    params = [float(value) for value in camera.params]
+    if camera.model == "pinhole":
+        name = "PINHOLE"
+    elif camera.model == "opencv4":
+        name = "OPENCV"
+    elif camera.model in ("opencv5", "opencv8"):
+        name = "FULL_OPENCV"
+    elif camera.model == "kannala_brandt" and len(params) <= _MODELS["OPENCV_FISHEYE"].num_params:
+        name = "OPENCV_FISHEYE"
+    elif camera.model == "equirectangular":
+        name, params = "EQUIRECTANGULAR", [float(camera.width), float(camera.height)]
+    elif camera.model == "unified":
+        name, params = "EUCM", [*params, 1.0]
+    elif camera.model in _WRITTEN:
+        name = _WRITTEN[camera.model]
+    else:
+        raise InputError(
+            f"COLMAP has no camera model for '{camera.model}' with {len(params)} parameters;"
+            " save a .cameramodel or OpenCV file instead"
+        )
+    params += [0.0] * (_MODELS[name].num_params - len(params))
+    return name, params
+
+
+def format_colmap(camera: Camera) -> str:
+    """The text of a cameras.txt with this camera as number 1.
+
+    Raises:
+        InputError: COLMAP has no such lens.
+    """
+    name, params = _record_of(camera)
+    values = " ".join(repr(value) for value in params)
+    return (
+        "# Camera list with one line of data per camera:\n"
+        "#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
+        f"1 {name} {camera.width} {camera.height} {values}\n"
+    )
+
+
+def format_colmap_binary(camera: Camera) -> bytes:
+    """The bytes of a cameras.bin with this camera as number 1.
+
+    Raises:
+        InputError: COLMAP has no such lens.
+    """
+    name, params = _record_of(camera)
+    head = struct.pack("<QIiQQ", 1, 1, _MODELS[name].number, camera.width, camera.height)
+    return head + struct.pack(f"<{len(params)}d", *params)

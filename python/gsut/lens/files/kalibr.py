@@ -1,0 +1,125 @@
+"""Kalibr's camchain YAML files."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from gsut._core import CalibrationError, InputError
+from gsut.lens.camera import Camera
+from gsut.lens.files.values import LensValues
+
+# Kalibr's pixel (0, 0) is gsut's (0.5, 0.5).
+_PIXEL_SHIFT = 0.5
+_CAMERA_NAME = re.compile(r"cam\d+$")
+# gsut's lens and the number of coefficients of each camera_model and distortion_model.
+_LENSES = {
+    ("pinhole", "none"): ("pinhole", 0),
+    ("pinhole", "radtan"): ("opencv4", 4),
+    ("pinhole", "equi"): ("kannala_brandt", 4),
+    ("pinhole", "equidistant"): ("kannala_brandt", 4),
+    ("pinhole", "fov"): ("fov", 1),
+    ("omni", "none"): ("mei", 0),
+    ("omni", "radtan"): ("mei", 4),
+    ("ds", "none"): ("double_sphere", 0),
+    ("eucm", "none"): ("extended_unified", 0),
+}
+# Intrinsics before fu fv pu pv.
+_LEADING = {"pinhole": 0, "omni": 1, "ds": 2, "eucm": 2}
+_NUM_FISHEYE = 4
+
+
+def is_camchain(values: dict[str, Any]) -> bool:
+    """Whether the top level of a file has cameras as Kalibr names them."""
+    return any(_CAMERA_NAME.match(str(key)) for key in values)
+
+
+def load_kalibr(values: dict[str, Any], source: str, text: str, camera_id: Any) -> Camera:
+    """The only camera of a camchain, or the one of this name ("cam1" or 1)."""
+    names = [str(key) for key in values if _CAMERA_NAME.match(str(key))]
+    if camera_id is None and len(names) > 1:
+        raise InputError(
+            f"{source}: holds {len(names)} cameras; give camera_id, one of {', '.join(names)}"
+        )
+    wanted = names[0] if camera_id is None else str(camera_id)
+    if wanted.isdigit():
+        wanted = f"cam{wanted}"
+    if wanted not in names:
+        raise InputError(f"{source}: has no camera {camera_id}; it holds {', '.join(names)}")
+    entry = values[wanted]
+    if not isinstance(entry, dict):
+        raise CalibrationError(f"{source}, key '{wanted}': expected a dictionary, found {entry!r}")
+    # Lines are searched in this camera's part of the text.
+    start = text.find(f"{wanted}:")
+    reader = LensValues(entry, source, "\n" * text.count("\n", 0, start) + text[max(start, 0) :])
+    return _camera(reader)
+
+
+def _camera(reader: LensValues) -> Camera:
+    model = str(reader.values[reader.need("camera_model")])
+    if model not in _LEADING:
+        known = ", ".join(_LEADING)
+        reader.fail("camera_model", f"{model!r} is not supported; supported: {known}")
+    width, height = reader.numbers("resolution", 2)
+    sizes = LensValues({"resolution": width, "height": height}, reader.source, reader.text)
+    size = sizes.pixels("resolution"), sizes.pixels("height")
+    distortion = str(reader.values.get("distortion_model") or "none")
+    if (model, distortion) not in _LENSES:
+        known = ", ".join(name for camera, name in _LENSES if camera == model)
+        reader.fail("distortion_model", f"{distortion!r} is not supported; supported: {known}")
+    lens, count = _LENSES[model, distortion]
+    leading = _LEADING[model]
+    intrinsics = reader.numbers("intrinsics", leading + 4)
+    own, (fx, fy, cx, cy) = intrinsics[:leading], intrinsics[leading:]
+    coefficients = reader.numbers("distortion_coeffs", count) if count else []
+    if lens == "mei":
+        own, coefficients = [0.0, *own], coefficients or [0.0] * 4  # no skew
+    params = [fx, fy, cx + _PIXEL_SHIFT, cy + _PIXEL_SHIFT, *own, *coefficients]
+    return reader.camera(lens, params, *size)
+
+
+def format_kalibr(camera: Camera) -> str:
+    """The text of a camchain with this camera as cam0.
+
+    Raises:
+        InputError: Kalibr has no such lens.
+    """
+    if camera.model == "equirectangular":
+        raise _no_model(camera)
+    values = [float(value) for value in camera.params]
+    fx, fy, cx, cy, *rest = values
+    model, distortion, own, coefficients = "pinhole", "none", [], rest
+    if camera.model == "opencv4":
+        distortion = "radtan"
+    elif camera.model == "fov":
+        distortion = "fov"
+    elif camera.model == "kannala_brandt" and len(rest) <= _NUM_FISHEYE:
+        distortion, coefficients = "equi", rest + [0.0] * (_NUM_FISHEYE - len(rest))
+    elif camera.model == "double_sphere":
+        model, own, coefficients = "ds", rest, []
+    elif camera.model in ("extended_unified", "unified"):
+        model, own, coefficients = "eucm", [rest[0], *(rest[1:] or [1.0])], []
+    elif camera.model == "mei" and rest[0] == 0.0:
+        model, distortion, own, coefficients = "omni", "radtan", [rest[1]], rest[2:]
+    elif camera.model != "pinhole":
+        raise _no_model(camera)
+    intrinsics = [*own, fx, fy, cx - _PIXEL_SHIFT, cy - _PIXEL_SHIFT]
+    return (
+        "cam0:\n"
+        f"  camera_model: {model}\n"
+        f"  intrinsics: {_list(intrinsics)}\n"
+        f"  distortion_model: {distortion}\n"
+        f"  distortion_coeffs: {_list(coefficients)}\n"
+        f"  resolution: [{camera.width}, {camera.height}]\n"
+    )
+
+
+def _no_model(camera: Camera) -> InputError:
+    return InputError(
+        f"Kalibr has no camera model for '{camera.model}' with {len(camera.params)}"
+        " parameters; save a .cameramodel or OpenCV file instead"
+    )
+
+
+def _list(values: list[float]) -> str:
+    return "[" + ", ".join(f"{value:.16e}" for value in values) + "]"

@@ -1,0 +1,173 @@
+"""OpenCV's FileStorage lens files (YAML and JSON), and ROS camera_info, which looks the same."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from gsut._core import InputError
+from gsut.lens.camera import Camera
+from gsut.lens.files.values import LensValues
+
+# OpenCV's pixel (0, 0) is gsut's (0.5, 0.5).
+PIXEL_SHIFT = 0.5
+_MATRIX_KEYS = ("camera_matrix", "K", "cameraMatrix", "intrinsic_matrix", "M1")
+_DISTORTION_KEYS = ("distortion_coefficients", "D", "distCoeffs", "dist_coeffs", "D1")
+_FISHEYE_FLAGS = ("fisheye", "fisheye_model")
+_MODEL_KEYS = ("distortion_model", "camera_model", "model")
+_FISHEYE_NAMES = ("equidistant", "fisheye", "equi", "kannala_brandt", "opencv_fisheye")
+_RADIAL_LENSES = {4: "opencv4", 5: "opencv5", 8: "opencv8", 12: "opencv12", 14: "opencv14"}
+_NUM_FISHEYE = 4
+# Its presence makes the lens one of the module omnidir: xi, skew, k1 k2 p1 p2.
+_XI_KEYS = ("xi",)
+_NUM_OMNIDIR = 4
+# Written beside OpenCV's own keys; OpenCV ignores it.
+_FIELD_ANGLE_KEY = "valid_field_angle"
+
+
+def has_camera_matrix(values: dict[str, Any]) -> bool:
+    """Whether these keys look like an OpenCV lens."""
+    return LensValues(values, "").find(*_MATRIX_KEYS) is not None
+
+
+def load_opencv(values: dict[str, Any], source: str, text: str) -> Camera:
+    """The camera of a parsed FileStorage or camera_info file."""
+    reader = LensValues(values, source, text)
+    matrix_key = reader.need(*_MATRIX_KEYS)
+    matrix = reader.numbers(matrix_key, 9)
+    is_omnidir = reader.find(*_XI_KEYS) is not None
+    if (matrix[1] != 0.0 and not is_omnidir) or matrix[3:4] + matrix[6:] != [0.0, 0.0, 0.0, 1.0]:
+        reader.fail(matrix_key, f"expected fx 0 cx, 0 fy cy, 0 0 1 (no skew), found {matrix}")
+    params = [matrix[0], matrix[4], matrix[2] + PIXEL_SHIFT, matrix[5] + PIXEL_SHIFT]
+    width, height = _size(reader)
+    limit = reader.number(_FIELD_ANGLE_KEY) if _FIELD_ANGLE_KEY in values else None
+    key = reader.find(*_DISTORTION_KEYS)
+    coefficients = reader.numbers(key) if key is not None else []
+    if is_omnidir:
+        (xi,) = _as_list(reader, str(reader.find(*_XI_KEYS)), 1)
+        if len(coefficients) != _NUM_OMNIDIR:
+            reader.fail(
+                key or _DISTORTION_KEYS[0],
+                f"omnidir has {_NUM_OMNIDIR} coefficients, found {len(coefficients)}",
+            )
+        params += [matrix[1], xi, *coefficients]
+        return reader.camera("mei", params, width, height, limit)
+    if _is_fisheye(reader):
+        if len(coefficients) != _NUM_FISHEYE:
+            reader.fail(
+                key or _DISTORTION_KEYS[0],
+                f"a fisheye has {_NUM_FISHEYE} coefficients, found {len(coefficients)}",
+            )
+        return reader.camera("kannala_brandt", params + coefficients, width, height, limit)
+    if not coefficients:
+        return reader.camera("pinhole", params, width, height, limit)
+    lens = _RADIAL_LENSES.get(len(coefficients))
+    if lens is None:
+        known = ", ".join(map(str, _RADIAL_LENSES))
+        reader.fail(str(key), f"expected {known} coefficients, found {len(coefficients)}")
+    return reader.camera(lens, params + coefficients, width, height, limit)
+
+
+def _as_list(reader: LensValues, key: str, count: int) -> list[float]:
+    """The numbers of a list, a matrix, or of one plain number."""
+    if isinstance(reader.values[key], (int, float, str)):
+        return [reader.number(key)]
+    return reader.numbers(key, count)
+
+
+def _size(reader: LensValues) -> tuple[int, int]:
+    both = reader.find("image_size", "imageSize", "img_size", "resolution")
+    if both is not None and reader.find("image_width", "width") is None:
+        width, height = reader.numbers(both, 2)
+        sizes = LensValues({"width": width, "height": height}, reader.source, reader.text)
+        return sizes.pixels("width"), sizes.pixels("height")
+    width_key = reader.need("image_width", "width", "imageWidth")
+    height_key = reader.need("image_height", "height", "imageHeight")
+    return reader.pixels(width_key), reader.pixels(height_key)
+
+
+def _is_fisheye(reader: LensValues) -> bool:
+    flag = reader.find(*_FISHEYE_FLAGS)
+    if flag is not None:
+        return str(reader.values[flag]).lower() not in ("0", "false", "no", "none")
+    key = reader.find(*_MODEL_KEYS)
+    return key is not None and str(reader.values[key]).lower() in _FISHEYE_NAMES
+
+
+def _keys(camera: Camera) -> tuple[dict[str, int | float], list[float], list[float]]:
+    """Plain keys, camera matrix and distortion coefficients of a camera."""
+    if camera.model == "equirectangular":
+        raise InputError("OpenCV has no camera model for 'equirectangular'")
+    fx, fy, cx, cy, *coefficients = (float(value) for value in camera.params)
+    skew, xi = 0.0, None
+    if camera.model == "mei":
+        skew, xi, *coefficients = coefficients
+    fisheye = camera.model == "kannala_brandt"
+    if fisheye and len(coefficients) <= _NUM_FISHEYE:
+        coefficients += [0.0] * (_NUM_FISHEYE - len(coefficients))
+    elif camera.model not in ("pinhole", "mei", *_RADIAL_LENSES.values()):
+        raise InputError(
+            f"OpenCV has no camera model for '{camera.model}' with {len(camera.params)} parameters"
+        )
+    plain: dict[str, int | float] = {
+        "image_width": camera.width,
+        "image_height": camera.height,
+        "fisheye": int(fisheye),
+    }
+    if camera.valid_field_angle is not None:
+        plain[_FIELD_ANGLE_KEY] = camera.valid_field_angle
+    if xi is not None:
+        plain["xi"] = xi
+    matrix = [fx, skew, cx - PIXEL_SHIFT, 0.0, fy, cy - PIXEL_SHIFT, 0.0, 0.0, 1.0]
+    return plain, matrix, coefficients
+
+
+def format_opencv_yaml(camera: Camera) -> str:
+    """The text of a FileStorage YAML file.
+
+    Raises:
+        InputError: OpenCV has no such lens.
+    """
+    plain, matrix, coefficients = _keys(camera)
+    lines = ["%YAML:1.0", "---"]
+    lines += [f"{key}: {value!r}" for key, value in plain.items()]
+    lines += _yaml_matrix("camera_matrix", 3, 3, matrix)
+    if coefficients:
+        lines += _yaml_matrix("distortion_coefficients", 1, len(coefficients), coefficients)
+    return "\n".join(lines) + "\n"
+
+
+def _yaml_matrix(name: str, rows: int, columns: int, values: list[float]) -> list[str]:
+    # 17 significant digits read back exactly; "%.16e" always has the dot that YAML 1.1 wants.
+    data = ", ".join(f"{value:.16e}" for value in values)
+    return [
+        f"{name}: !!opencv-matrix",
+        f"   rows: {rows}",
+        f"   cols: {columns}",
+        "   dt: d",
+        f"   data: [ {data} ]",
+    ]
+
+
+def format_opencv_json(camera: Camera) -> str:
+    """The text of a FileStorage JSON file.
+
+    Raises:
+        InputError: OpenCV has no such lens.
+    """
+    plain, matrix, coefficients = _keys(camera)
+    values: dict[str, Any] = dict(plain)
+
+    def put(name: str, rows: int, columns: int, data: list[float]) -> None:
+        values[name] = {
+            "type_id": "opencv-matrix",
+            "rows": rows,
+            "cols": columns,
+            "dt": "d",
+            "data": data,
+        }
+
+    put("camera_matrix", 3, 3, matrix)
+    if coefficients:
+        put("distortion_coefficients", 1, len(coefficients), coefficients)
+    return json.dumps(values, indent=4) + "\n"

@@ -1,0 +1,124 @@
+"""Checked access to the keys of a parsed lens file; errors name file, line and key."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+from gsut._core import CalibrationError, InputError
+from gsut.lens.camera import Camera
+
+
+class LensValues:
+    """The keys of one lens in a parsed file.
+
+    Args:
+        values: what the parser returned.
+        source: the file's name, for messages; may be empty.
+        text: the file's text, to find the lines of keys in.
+    """
+
+    def __init__(self, values: dict[str, Any], source: str, text: str = "") -> None:
+        self.values = values
+        self.source = source
+        self.text = text
+
+    def fail(self, key: str, problem: str) -> NoReturn:
+        """Raises CalibrationError for a key."""
+        place = [self.source] if self.source else []
+        pattern = re.compile(rf"""^[\s{{,-]*["']?{re.escape(key)}["']?\s*:""", re.MULTILINE)
+        match = pattern.search(self.text)
+        if match:
+            key_start = match.end() - len(match.group().lstrip())
+            place.append(f"line {self.text.count(chr(10), 0, key_start) + 1}")
+        place.append(f"key '{key}'")
+        raise CalibrationError(f"{', '.join(place)}: {problem}")
+
+    def find(self, *keys: str) -> str | None:
+        """The first of these keys that is present, in any mix of upper and lower case."""
+        present = {str(key).lower(): str(key) for key in self.values}
+        for key in keys:
+            if key in self.values:
+                return key
+            if key.lower() in present:
+                return present[key.lower()]
+        return None
+
+    def need(self, *keys: str) -> str:
+        """As find, but an error if none is present."""
+        key = self.find(*keys)
+        if key is None:
+            others = f" (nor {', '.join(keys[1:])})" if len(keys) > 1 else ""
+            self.fail(keys[0], f"is missing{others}; add it")
+        return key
+
+    def _float(self, key: str, value: Any) -> float:
+        # YAML reads 1e-05, which has no dot, as text.
+        if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+            self.fail(key, f"expected a number, found {_short(value)}")
+        try:
+            number = float(value)
+        except (ValueError, OverflowError):
+            number = math.nan
+        if not math.isfinite(number):
+            self.fail(key, f"expected a finite number, found {_short(value)}")
+        return number
+
+    def number(self, key: str, default: float | None = None) -> float:
+        """The finite number under this key; the default, if given, where the key is absent."""
+        if key not in self.values and default is not None:
+            return default
+        return self._float(self.need(key), self.values[self.need(key)])
+
+    def pixels(self, key: str) -> int:
+        """The positive whole number under this key: 1080 and 1080.0 alike."""
+        number = self.number(key)
+        if number < 1 or number != int(number):
+            self.fail(key, f"expected a positive whole number of pixels, found {number:g}")
+        return int(number)
+
+    def numbers(self, key: str, count: int | None = None) -> list[float]:
+        """The list of finite numbers under this key, flattened; checked for its length if given."""
+        flat = _flatten(self.values[self.need(key)])
+        if flat is None:
+            self.fail(key, f"expected a list of numbers, found {_short(self.values[key])}")
+        if count is not None and len(flat) != count:
+            self.fail(key, f"expected {count} numbers, found {len(flat)}")
+        return [self._float(key, value) for value in flat]
+
+    def camera(
+        self,
+        model: str,
+        params: Sequence[float],
+        width: int,
+        height: int,
+        valid_field_angle: float | None = None,
+    ) -> Camera:
+        """The camera; what makes it no camera is an error of the file."""
+        try:
+            return Camera(model, params, width, height, valid_field_angle=valid_field_angle)
+        except InputError as error:
+            prefix = f"{self.source}: " if self.source else ""
+            raise CalibrationError(f"{prefix}{error}") from error
+
+
+def _flatten(value: Any) -> list[Any] | None:
+    """The items of a nested list, or of a matrix written as a dictionary with "data"."""
+    if isinstance(value, dict):
+        value = value.get("data")
+    if value is None or not isinstance(value, (list, tuple)):
+        return None
+    flat: list[Any] = []
+    for item in value:
+        if isinstance(item, (list, tuple)):
+            flat.extend(_flatten(item) or [])
+        else:
+            flat.append(item)
+    return flat
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

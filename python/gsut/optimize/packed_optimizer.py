@@ -1,0 +1,102 @@
+"""Adam for Gaussians whose harmonics have different degrees; their number and degrees stay."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut.gaussians import Gaussians, MixedGaussians
+from gsut.optimize.arrays import mask
+from gsut.optimize.optimizer import GaussianOptimizer, LearningRates
+
+_GEOMETRY = ("means", "quats", "log_scales", "opacity_logits")
+_COLUMNS = [3, 4, 3, 1]
+
+
+class MixedOptimizer:
+    """What `GaussianOptimizer` is to Gaussians, without densification; to the same bits.
+
+    Args:
+        gaussians: the start, copied.
+        beta1, beta2, epsilon: Adam's (defaults: 3DGS).
+
+    Attributes:
+        gaussians: follow each step.
+        steps: Adam steps made.
+    """
+
+    def __init__(
+        self,
+        gaussians: MixedGaussians,
+        beta1: float = 0.9,
+        beta2: float = 0.999,
+        epsilon: float = 1e-15,
+    ) -> None:
+        self.gaussians = gaussians.copy()
+        self.steps = 0
+        self._constants = (beta1, beta2, epsilon)
+        self._moments = gaussians.zeros_like(), gaussians.zeros_like()
+
+    def step(
+        self,
+        grads: MixedGaussians,
+        rates: LearningRates,
+        visible: np.ndarray | None = None,
+        active_sh_degree: int | None = None,
+    ) -> None:
+        """One Adam step in place, as `GaussianOptimizer.step`."""
+        self.steps += 1
+        seen = mask(visible)
+        sets = (self.gaussians, grads, *self._moments)
+        geometry = [[getattr(arrays, name) for name in _GEOMETRY] for arrays in sets]
+        self._adam(geometry, [[getattr(rates, name)] for name in _GEOMETRY], seen, _COLUMNS)
+        for parts in zip(*(arrays.bands() for arrays in sets), strict=True):
+            rows, coefficients = parts[0][0], parts[0][1].shape[1]
+            if active_sh_degree is not None:
+                coefficients = min(coefficients, (active_sh_degree + 1) ** 2)
+            of_sh = [rates.sh0] * 3 + [rates.sh_rest] * (3 * (coefficients - 1))
+            bands = [[band] for _, band in parts]
+            self._adam(bands, [of_sh], None if seen is None else seen[rows], [3 * coefficients])
+
+    def _adam(
+        self,
+        arrays: list[list[np.ndarray]],
+        rates: list[list[float]],
+        visible: np.ndarray | None,
+        columns: list[int],
+    ) -> None:
+        params, grads, moment1, moment2 = arrays
+        _core.adam_step(
+            params, grads, moment1, moment2, rates, self.steps, len(params[0]), visible, columns,
+            *self._constants,
+        )  # fmt: skip
+
+    def add_regularizer(self, grads: Any, opacity_weight: float, scale_weight: float) -> None:
+        """As `GaussianOptimizer.add_regularizer`."""
+        if opacity_weight == 0 and scale_weight == 0:
+            return
+        g = self.gaussians
+        no_sh = np.zeros((len(g), 1, 3), np.float32)
+        plain = Gaussians(g.means, g.quats, g.log_scales, g.opacity_logits, no_sh)
+        _core.mcmc_regularize(
+            plain, len(g), grads.opacity_logits, grads.log_scales, opacity_weight, scale_weight
+        )
+
+    def accumulate(
+        self, grad_means: np.ndarray, distances: np.ndarray, visible: np.ndarray | None = None
+    ) -> None:
+        """Nothing: statistics are for densification."""
+
+
+def optimizer_of(start: Any, capacity: int | None, seed: int) -> Any:
+    """The optimizer of a run.
+
+    Args:
+        start: `Gaussians`, or `MixedGaussians`, whose number and degrees stay.
+        capacity, seed: of a `GaussianOptimizer`.
+    """
+    if isinstance(start, MixedGaussians):
+        return MixedOptimizer(start)
+    return GaussianOptimizer(start, capacity, seed=seed)

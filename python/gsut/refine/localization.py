@@ -1,0 +1,188 @@
+"""Where a photograph was taken in a scene: matches with rendered views, then its colours.
+
+The scene is rendered from training poses that look like the photograph; features that match carry
+the rendered distance, so three of them give a pose (P3P in RANSAC), which the colours then refine.
+Training poses themselves are starts, too. The start that explains the photograph best wins.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import SolveError
+from gsut.data import shrink_image, shrink_mask
+from gsut.gaussians import Gaussians, filter_radii, low_pass
+from gsut.refine.pose import RefinedPose, refine_pose
+from gsut.render import render, to_uint8
+from gsut.sfm import Features, PosesOptions, features_in
+
+_THUMBNAIL = 48  # pixels along the shorter side, at most
+_PIXEL_BLUR = 0.3  # standard deviation of a thumbnail's pixel, in such pixels
+_MATCHED_VIEWS = 12  # rendered views, most alike first, that are matched
+_OPAQUE = 0.8  # alpha from which a rendered distance is that of a surface
+# Distance of a match that agrees with a pose, in thousandths of the image's diagonal: rendered
+# distances are less exact than triangulated ones (1.8 there).
+_MAX_ERROR = 4.0
+_FEWEST_MATCHES = 12  # that agree, of a pose to start from
+_SURE_MATCHES = 40  # from which no other start is tried, if the colours converge
+_POSES_TRIED = 3  # training poses that are starts, most alike first
+
+
+@dataclasses.dataclass(frozen=True)
+class Localized:
+    """A photograph's pose.
+
+    Attributes:
+        pose: refined by its colours.
+        start: "matches", or the index of the training view whose pose was the start.
+        matches: features of rendered views that agree with the start; 0 for a training pose.
+        starts: how many starts were tried.
+    """
+
+    pose: RefinedPose
+    start: str | int
+    matches: int
+    starts: int
+
+
+def localize_image(
+    gaussians: Gaussians,
+    views: Sequence[tuple[_core.Camera, np.ndarray]],
+    camera: _core.Camera,
+    pixels: np.ndarray,
+    mask: np.ndarray,
+    *,
+    background: Sequence[float] = (0.0, 0.0, 0.0),
+    on_progress: Callable[[str, int, int], None] | None = None,
+) -> Localized:
+    """The pose of a photograph that may be far from every training view.
+
+    Args:
+        gaussians: the scene.
+        views: cameras and poses (4, 4) from which the scene is known, those of training.
+        camera: lens of the photograph, at its size.
+        pixels: (H, W, 3) uint8. mask: (H, W) bool, False where it does not count.
+        background: colour behind everything.
+        on_progress: told (what, done, in all).
+
+    Raises:
+        SolveError: no start led to a pose.
+    """
+    show = on_progress or (lambda what, done, total: None)
+    order = _most_alike(gaussians, views, camera, pixels, mask, background, show)
+    found = _pose_from_matches(gaussians, views, order, camera, pixels, mask, background, show)
+    starts: list[tuple[str | int, np.ndarray, int]] = [] if found is None else [found]
+    starts += [(index, views[index][1], 0) for index in order[:_POSES_TRIED]]
+    best: Localized | None = None
+    for number, (name, pose, matches) in enumerate(starts, start=1):
+        show("refining", number, len(starts))
+        try:
+            refined = refine_pose(gaussians, camera, pose, pixels, mask, background=background)
+        except SolveError:
+            continue
+        if best is None or refined.rms < best.pose.rms:
+            best = Localized(refined, name, matches, number)
+        if matches >= _SURE_MATCHES and refined.converged:
+            break
+    if best is None:
+        raise SolveError(
+            f"none of {len(starts)} starts led to a pose: the photograph shows too little of the "
+            "scene"
+        )
+    return best
+
+
+def _most_alike(
+    gaussians: Gaussians,
+    views: Sequence[tuple[_core.Camera, np.ndarray]],
+    camera: _core.Camera,
+    pixels: np.ndarray,
+    mask: np.ndarray,
+    background: Sequence[float],
+    show: Callable[[str, int, int], None],
+) -> list[int]:
+    """Indices of the views, those first from whose poses the small photograph is best explained."""
+    factor = min(1.0, _THUMBNAIL / min(camera.width, camera.height))
+    size = [max(1, round(side * factor)) for side in (camera.width, camera.height)]
+    small = camera.resized(*size)
+    valid = shrink_mask(mask, *size) & small.rays()[1]
+    seen = _normalized(shrink_image(pixels, *size)[valid])
+    likeness = []
+    for _, pose in views:
+        radii = filter_radii(gaussians.means, [small], pose[None], _PIXEL_BLUR)
+        image = render(low_pass(gaussians, radii), small, pose, background=background).image
+        likeness.append(float(np.sum(seen * _normalized(image[valid]))))
+        show("looking", len(likeness), len(views))
+    return [int(index) for index in np.argsort(-np.array(likeness), kind="stable")]
+
+
+def _normalized(colors: np.ndarray) -> np.ndarray:
+    """Colours (n, 3) less their mean, of length 1: brightness and contrast do not count."""
+    centred = colors.astype(np.float64) - colors.mean(axis=0, dtype=np.float64)
+    return centred / max(float(np.linalg.norm(centred)), 1e-12)
+
+
+def _pose_from_matches(
+    gaussians: Gaussians,
+    views: Sequence[tuple[_core.Camera, np.ndarray]],
+    order: Sequence[int],
+    camera: _core.Camera,
+    pixels: np.ndarray,
+    mask: np.ndarray,
+    background: Sequence[float],
+    show: Callable[[str, int, int], None],
+) -> tuple[str, np.ndarray, int] | None:
+    """ "matches", a pose and how many matches agree with it; None where too few do."""
+    options = PosesOptions()
+    photograph = features_in(np.ascontiguousarray(pixels), mask & camera.rays()[1], options)
+    if not len(photograph):
+        return None
+    chosen = list(order[:_MATCHED_VIEWS])
+    features, points = [], []
+    for number, index in enumerate(chosen, start=1):
+        show("matching", number, len(chosen))
+        found, places = _rendered_features(gaussians, *views[index], background, options)
+        features.append(found)
+        points.append(places)
+    descriptors = [f.descriptors for f in (photograph, *features)]
+    pairs = np.array([(0, number) for number in range(1, len(descriptors))])
+    matched = _core.match_pairs(descriptors, pairs, options.max_ratio, options.max_distance)
+    rows = np.concatenate([matches[:, 0] for matches in matched]).astype(np.int64)
+    places = np.concatenate(
+        [points[number][matches[:, 1]] for number, matches in enumerate(matched)]
+    )
+    bearings = _core.ImageBearings(camera, photograph.pixels)
+    good = np.isfinite(places).all(axis=1) & bearings.valid[rows]
+    if np.count_nonzero(good) < _FEWEST_MATCHES:
+        return None
+    max_error = _MAX_ERROR * float(np.hypot(camera.width, camera.height)) / 1000
+    pose, inliers = _core.absolute_pose(bearings, rows[good], places[good], max_error, 0)
+    agree = len(np.unique(rows[good][inliers]))
+    return ("matches", pose, agree) if agree >= _FEWEST_MATCHES else None
+
+
+def _rendered_features(
+    gaussians: Gaussians,
+    camera: _core.Camera,
+    pose: np.ndarray,
+    background: Sequence[float],
+    options: PosesOptions,
+) -> tuple[Features, np.ndarray]:
+    """Features of a rendered view and the points of the scene (n, 3) that they show, or NaN."""
+    result: Any = render(gaussians, camera, pose, background=background)
+    _, valid = camera.rays()
+    found = features_in(to_uint8(result.image), np.array(valid, bool), options)
+    if not len(found):
+        return found, np.zeros((0, 3))
+    column, row = np.clip(found.pixels.astype(int), 0, [camera.width - 1, camera.height - 1]).T
+    alpha = result.alpha[row, column].astype(np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = np.where(alpha >= _OPAQUE, result.depth[row, column] / alpha, np.nan)
+    exact, known = camera.unproject(found.pixels)
+    in_camera = np.where(known[:, None], exact, np.nan) * distance[:, None]
+    return found, (in_camera - pose[:3, 3]) @ pose[:3, :3]

@@ -1,0 +1,114 @@
+"""Small changes of camera poses: how far they moved, alone and all together."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from gsut._core import exp_pose
+from gsut.sfm import centers_of
+
+_SMALLEST_SPREAD = 1e-12  # of camera centres, beside their size: below it they fix no scale
+
+
+@dataclasses.dataclass(frozen=True)
+class PoseChanges:
+    """How N poses moved.
+
+    Attributes:
+        degrees: (N,) angles of the turns. distances: (N,) of the centres, world units.
+    """
+
+    degrees: np.ndarray
+    distances: np.ndarray
+
+
+def pose_changes(after: np.ndarray, before: np.ndarray) -> PoseChanges:
+    """Angles and distances between two sets of poses (N, 4, 4), camera_from_world."""
+    turns = np.linalg.norm(_turns(after, before), axis=1)
+    return PoseChanges(
+        np.degrees(turns), np.linalg.norm(centers_of(after) - centers_of(before), axis=1)
+    )
+
+
+def without_mean_motion(after: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Poses (N, 4, 4) less the small similarity of the world that they all share.
+
+    The mean turn, the mean shift and the common growth against `before` are taken out, so that a
+    scene that belongs to `before` belongs to the result, too. Exact to first order.
+
+    Args:
+        after, before: (N, 4, 4) camera_from_world.
+    """
+    turn = exp_pose(np.concatenate([np.zeros(3), _turns(after, before).mean(axis=0)]))[:3, :3]
+    start, end = centers_of(before), centers_of(after)
+    spread = start - start.mean(axis=0)
+    turned = (end - end.mean(axis=0)) @ turn  # by the inverse of the mean turn
+    size = float(np.sum(spread**2))
+    growth = 1.0
+    if size > _SMALLEST_SPREAD * max(1.0, float(np.sum(start**2))):
+        growth = float(np.sum(spread * turned)) / size
+    centers = turned / (growth if growth > 0 else 1.0) + start.mean(axis=0)
+    out = np.tile(np.eye(4), (len(after), 1, 1))
+    out[:, :3, :3] = after[:, :3, :3] @ turn
+    out[:, :3, 3] = -np.einsum("nij,nj->ni", out[:, :3, :3], centers)
+    return out
+
+
+def turned_onto(after: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Poses (N, 4, 4) whose world is turned a little, and moved, onto that of `before`.
+
+    A similarity by the centres alone leaves the turn about a path that is nearly a line to chance.
+    Here both centres and the cameras' turns count, each as much as it scatters. For turns of a few
+    degrees.
+
+    Args:
+        after, before: (N, 4, 4) camera_from_world.
+    """
+    turns, start = _turns(after, before), centers_of(before)
+    spread = centers_of(after) - centers_of(after).mean(axis=0)
+    missing = start - start.mean(axis=0) - spread
+    of_turns = float(np.median(np.sum((turns - turns.mean(axis=0)) ** 2, axis=1)))
+    of_centers = float(np.median(np.sum(missing**2, axis=1)))
+    # Least squares of turns + w over its variance and of w x spread - missing over the other.
+    size = float(np.sum(spread**2))
+    trust = max(of_turns, _SMALLEST_SPREAD)
+    balance = max(of_centers, _SMALLEST_SPREAD * size) / trust
+    normal = (balance * len(turns) + size) * np.eye(3) - spread.T @ spread
+    right = np.cross(spread, missing).sum(axis=0) - balance * turns.sum(axis=0)
+    turn = exp_pose(np.concatenate([np.zeros(3), np.linalg.solve(normal, right)]))[:3, :3]
+    out = np.tile(np.eye(4), (len(after), 1, 1))
+    out[:, :3, :3] = after[:, :3, :3] @ turn.T
+    centers = spread @ turn.T + start.mean(axis=0)
+    out[:, :3, 3] = -np.einsum("nij,nj->ni", out[:, :3, :3], centers)
+    return out
+
+
+def moved_on(after: np.ndarray, before: np.ndarray, factor: float | np.ndarray) -> np.ndarray:
+    """Poses (N, 4, 4) that have gone `factor` (one, or (N,)) times as far from `before`."""
+    factors = np.reshape(factor, (-1, 1))
+    turns = factors * _turns(after, before)
+    centers = centers_of(before) + factors * (centers_of(after) - centers_of(before))
+    out = np.tile(np.eye(4), (len(after), 1, 1))
+    for pose, turn, old in zip(out, turns, before, strict=True):
+        pose[:3, :3] = old[:3, :3] @ exp_pose(np.concatenate([np.zeros(3), turn]))[:3, :3].T
+    out[:, :3, 3] = -np.einsum("nij,nj->ni", out[:, :3, :3], centers)
+    return out
+
+
+def _turns(after: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """(N, 3) rotation vectors w, world axes: after's camera axes in the world are turned by w."""
+    relative = np.einsum("nji,njk->nik", after[:, :3, :3], before[:, :3, :3])
+    axis = np.stack(
+        [
+            relative[:, 2, 1] - relative[:, 1, 2],
+            relative[:, 0, 2] - relative[:, 2, 0],
+            relative[:, 1, 0] - relative[:, 0, 1],
+        ],
+        axis=1,
+    )
+    sine = np.linalg.norm(axis, axis=1, keepdims=True) / 2
+    cosine = (np.trace(relative, axis1=1, axis2=2)[:, None] - 1) / 2
+    angle = np.arctan2(sine, cosine)
+    return axis / 2 * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 1.0)

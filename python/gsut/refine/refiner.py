@@ -1,0 +1,305 @@
+"""Poses, and asked for the lens, of the training views refined against the Gaussians in training.
+
+A sweep holds the Gaussians and moves every training view, by a few steps of Levenberg-Marquardt on
+its colours (see refine.py), until its render fits its photograph better; training goes on with the
+poses it found. Many views see a Gaussian, so that the scene is their mean and each view's own error
+shows as a shift. What no view can tell, a similarity of the whole world, is held: each sweep's mean
+motion is taken out (see refine_motion.py), and the scene stays in the world of the first poses.
+
+Poses from tracks of features, or else those given, are a prior, and half of a photograph's pixels
+checks the other: a view goes only as far as its colours are worth (see refine_trust.py).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError
+from gsut.data import Level, Scene
+from gsut.gaussians import Gaussians
+from gsut.refine.motion import moved_on, pose_changes, without_mean_motion
+from gsut.refine.pose import chosen_pixels, inner_pixels
+from gsut.refine.trust import Halves, Trust, half_of, lens_weight, trust_in
+from gsut.render import DEFAULT_UNSCENTED
+from gsut.run import TrainOptions
+
+# Fractions of the steps after which a sweep follows. Poses wait for a scene that can tell them: a
+# young one misplaces views by 0.2 degrees on sponza_fisheye, more than tracks do (0.03).
+_AFTER_TRACKS = (0.46, 0.56, 0.66, 0.76, 0.86)
+_WITHOUT_TRACKS, _MOST_SWEEPS = (0.3, 0.88), 10  # first and last, evenly spaced
+# Views that share what they see follow each other slowly, single ones at once: every second sweep
+# goes twice as far as it found, which quickens the former and leaves the latter to the next sweep.
+_OVERSHOOT = 2.0
+# Colour difference beyond which a pixel counts less. On sponza_fisheye with its true poses, poses
+# wander by 0.0125 degrees with 0.03 and by 0.0135 with 0.1.
+_LOSS_SCALE = 0.03
+_PIXELS, _PIXELS_JOINT = 20_000, 4_000  # of a view, alone and where all views share the lens
+_ITERATIONS, _ITERATIONS_END = 1, 3
+
+
+@dataclasses.dataclass(frozen=True)
+class Sweep:
+    """What one sweep did: medians over the views, in degrees and world units.
+
+    Attributes:
+        weight: of the colours, against where the views started.
+        error_degrees, error_moved: of the colours, by how much halves of the pixels differ.
+        lens_weight, lens_error_px: likewise of a refined lens.
+    """
+
+    step: int
+    turned_degrees: float
+    moved: float
+    rms: float
+    weight: float
+    error_degrees: float
+    error_moved: float
+    lens_weight: float | None = None
+    lens_error_px: float | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """For metrics.json."""
+        return dataclasses.asdict(self)
+
+
+class TrainingRefiner:
+    """When and how the training views are refined; `scene` holds their poses and lenses.
+
+    Args:
+        scene: at the resolution to train at.
+        options: resolved.
+
+    Attributes:
+        scene: with the poses and lenses as they are now.
+        sweeps: what each sweep did.
+        tracks: what bundle adjustment of tracks did before the first step.
+
+    Raises:
+        InputError: a rolling shutter, a lens without one centre, or several lenses to refine.
+    """
+
+    def __init__(self, scene: Scene, options: TrainOptions) -> None:
+        self.scene, self.options = scene, options
+        self.sweeps: list[Sweep] = []
+        self.tracks: dict[str, Any] = {}
+        self.trust: Trust | None = None  # of the last sweep
+        check_refinable(scene, options)
+        self._hold([])
+        steps = options.steps
+        fractions: Any = _AFTER_TRACKS
+        if not options.refine_tracks:
+            epochs = steps * (_WITHOUT_TRACKS[1] - _WITHOUT_TRACKS[0]) / len(scene.train_indices)
+            count = max(2, min(_MOST_SWEEPS, round(epochs)))
+            fractions = np.linspace(*_WITHOUT_TRACKS, count)
+        self._due = {max(1, round(float(fraction) * steps)) for fraction in fractions}
+
+    def is_due(self, step: int) -> bool:
+        """Whether a sweep follows this step."""
+        return step in self._due
+
+    def sweep(self, gaussians: Gaussians, level: Level, step: int, sh_degree: int) -> None:
+        """Refines every training view at a level's resolution; changes `scene`."""
+        overshoot = len(self.sweeps) % 2 == 1 and step != max(self._due)
+        self._sweep(gaussians, level, step, sh_degree, _ITERATIONS, overshoot)
+
+    def finish(self, gaussians: Gaussians, level: Level, step: int) -> None:
+        """The last sweep, with more steps, against the finished Gaussians."""
+        self._sweep(gaussians, level, step, gaussians.sh_degree, _ITERATIONS_END, False)
+
+    def _sweep(
+        self,
+        gaussians: Gaussians,
+        level: Level,
+        step: int,
+        sh_degree: int,
+        iterations: int,
+        overshoot: bool,
+    ) -> None:
+        before = self.poses()
+        drawn = gaussians.astype(np.float32)
+        halves, lenses, squares = [], [], []
+        for half in (0, 1):
+            views = [self._view(level, index, step, half) for index in self.scene.train_indices]
+            groups = [views] if self.options.refine_lens else [[view] for view in views]
+            found = [self._solve(drawn, level, group, sh_degree, iterations) for group in groups]
+            poses = np.array([pose for each in found for pose in each["camera_from_world"]])
+            halves.append(without_mean_motion(poses, before))
+            lenses.append(found[0]["lens_params"][0])
+            squares += [each["rms_after"] ** 2 for each in found]
+        both = Halves(*halves)
+        self.trust = trust_in(both, *(self._start[name] for name in ("poses", "tracked", "sigma")))
+        after = both.middle()
+        if overshoot:
+            after = without_mean_motion(moved_on(after, before, _OVERSHOOT), before)
+        after = moved_on(after, self._start["poses"], self.trust.weights)
+        self._set_poses(after)
+        of_lens = self._set_lens(level, lenses) if self.options.refine_lens else {}
+        changes = pose_changes(after, before)
+        self.sweeps.append(
+            Sweep(
+                step,
+                float(np.median(changes.degrees)),
+                float(np.median(changes.distances)),
+                float(np.sqrt(np.mean(squares))),
+                float(np.median(self.trust.weights)),
+                *(float(error) for error in self.trust.errors),
+                **of_lens,
+            )
+        )
+
+    def hold_to(self, tracked: list[int], figures: dict[str, Any]) -> None:
+        """Makes the present poses, which came from tracks, the prior of all sweeps.
+
+        Args:
+            tracked: indices of the views that tracks have placed.
+            figures: of `TracksResult`.
+        """
+        self.tracks = figures
+        self._hold(tracked)
+
+    def _hold(self, tracked: list[int]) -> None:
+        """The present poses and lens are those that sweeps start from."""
+        self._start: dict[str, Any] = {
+            "poses": self.poses(),
+            "tracked": np.isin(self.scene.train_indices, tracked),
+            "sigma": self.tracks["sigma_degrees"] if tracked else None,
+            "lens": np.array(self.scene.file_cameras[0].params),
+        }
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that later steps depend on."""
+        return {
+            "poses": self.poses(),
+            "lenses": [np.array(camera.params) for camera in self.scene.file_cameras],
+            "sweeps": [sweep.as_dict() for sweep in self.sweeps],
+            "tracks": self.tracks,
+            "start": self._start,
+            "trust": None if self.trust is None else dataclasses.asdict(self.trust),
+        }
+
+    def figures(self) -> dict[str, Any]:
+        """For metrics.json: what tracks and sweeps did, and the lens where it was refined."""
+        lens = [float(value) for value in self.scene.file_cameras[0].params]
+        names = [self.scene.views[index].name for index in self.scene.train_indices]
+        rejected = [] if self.trust is None else self.trust.rejected(names)
+        note = "" if self.trust is None else self.trust.note(names)
+        return {
+            "gauge": "mean motion of the training views taken out after each sweep",
+            "tracks": self.tracks,
+            "sweeps": [sweep.as_dict() for sweep in self.sweeps],
+            "rejected": rejected,
+            **({"note": note} if note else {}),
+            **({"lens_params": lens} if self.options.refine_lens else {}),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Goes on exactly where `state_dict` was taken."""
+        self._set_poses(state["poses"])
+        lenses = [
+            camera.with_params(params)
+            for camera, params in zip(self.scene.file_cameras, state["lenses"], strict=True)
+        ]
+        if lenses != self.scene.file_cameras:
+            self.scene = self.scene.with_lenses(lenses)
+        self.sweeps = [Sweep(**sweep) for sweep in state["sweeps"]]
+        self.tracks, self._start, trust = state["tracks"], state["start"], state["trust"]
+        self.trust = None if trust is None else Trust(**trust)
+
+    def poses(self) -> np.ndarray:
+        """(n, 4, 4) camera_from_world of the training views, in their order."""
+        return np.array([self.scene.views[i].camera_from_world for i in self.scene.train_indices])
+
+    def _set_poses(self, poses: np.ndarray) -> None:
+        self.scene = with_poses(self.scene, self.scene.train_indices, poses)
+
+    def _set_lens(self, level: Level, params: list[np.ndarray]) -> dict[str, float]:
+        """Goes from the first lens towards those that both halves found at a level's size."""
+        (file,) = self.scene.file_cameras
+        found = [
+            level.scene.cameras[0].with_params(each).resized(file.width, file.height)
+            for each in params
+        ]
+        weight, error = lens_weight(found[0], found[1], file.with_params(self._start["lens"]))
+        middle = np.mean([each.params for each in found], axis=0)
+        lens = self._start["lens"] + weight * (middle - self._start["lens"])
+        self.scene = self.scene.with_lenses([file.with_params(lens)])
+        return {"lens_weight": weight, "lens_error_px": error}
+
+    def _view(
+        self, level: Level, index: int, step: int, half: int
+    ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+        """Lens, pose, pixels and colours of a view's half; pixels differ from sweep to sweep."""
+        camera = level.camera(index)
+        seen = level.scene.mask(index) & camera.rays()[1]
+        seen &= half_of(camera.height, camera.width, half)
+        if self.options.refine_lens:
+            seen &= inner_pixels(camera)
+        count = (_PIXELS_JOINT if self.options.refine_lens else _PIXELS) // 2
+        chosen = chosen_pixels(seen, count, (self.options.seed, step, index))
+        colors = level.scene.image(index).reshape(-1, 3)[chosen].astype(np.float32)
+        view = self.scene.views[index]
+        return view.camera_index, view.camera_from_world, chosen, colors / np.float32(255)
+
+    def _solve(
+        self,
+        gaussians: Gaussians,
+        level: Level,
+        views: list[Any],
+        sh_degree: int,
+        iterations: int,
+    ) -> dict[str, Any]:
+        """The views that have pixels, refined together; those without keep their poses."""
+        used = [view for view in views if len(view[2])]
+        out: dict[str, Any] = {
+            "rms_after": 0.0,
+            "lens_params": [c.params for c in level.scene.cameras],
+        }
+        poses = {id(view): view[1] for view in views}
+        if used:
+            settings: dict[str, Any] = {"loss_scale": _LOSS_SCALE, "max_iterations": iterations}
+            if self.options.refine_lens:
+                settings["lens_free"] = [[1] * len(c.params) for c in level.scene.cameras]
+            found = _core.refine_photometric(
+                gaussians, level.scene.cameras, used, _core.BlendRule(), self.options.background,
+                sh_degree, DEFAULT_UNSCENTED, settings,
+            )  # fmt: skip
+            poses |= {id(v): p for v, p in zip(used, found["camera_from_world"], strict=True)}
+            out |= found
+        return {**out, "camera_from_world": [poses[id(view)] for view in views]}
+
+
+def check_refinable(scene: Scene, options: TrainOptions) -> None:
+    """Refuses views whose poses cannot be refined.
+
+    Raises:
+        InputError: says which and what to do.
+    """
+    flag = "--refine-lens" if options.refine_lens else "--refine-poses"
+    if any(scene.views[index].shutter is not None for index in scene.train_indices):
+        raise InputError(
+            f"{scene.path} has a rolling shutter, whose motion {flag} does not refine; leave it "
+            "out, or train with --shutter global"
+        )
+    for camera in scene.cameras:
+        if not camera.is_central:
+            raise InputError(
+                f"{flag} needs a lens with one centre, {scene.path} has {camera.model}; leave it "
+                "out"
+            )
+    if options.refine_lens and len(scene.cameras) > 1:
+        raise InputError(
+            f"--refine-lens refines one lens, {scene.path} has {len(scene.cameras)}; split the "
+            "data by lens, or refine the poses only (--refine-poses)"
+        )
+
+
+def with_poses(scene: Scene, indices: list[int], poses: np.ndarray) -> Scene:
+    """The scene with other poses (n, 4, 4) of the views `indices`; its images stay decoded."""
+    views = list(scene.views)
+    for index, pose in zip(indices, poses, strict=True):
+        views[index] = dataclasses.replace(views[index], camera_from_world=np.array(pose))
+    return scene.with_views(views)

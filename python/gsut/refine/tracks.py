@@ -1,0 +1,177 @@
+"""Poses, and asked for the lens, of the training views by bundle adjustment of features' tracks.
+
+What `--refine-poses` begins with: tracks tie far views together, which colours can do only once a
+scene is sharp, and slowly. The poses found are moved by the similarity that fits the given ones
+best, so that the scene's points stay where they belong. Given poses as good as the tracks' stay.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError, SolveError
+from gsut.data import Scene
+from gsut.lens import Camera
+from gsut.refine.motion import pose_changes, turned_onto
+from gsut.refine.refiner import with_poses
+from gsut.run import TrainOptions
+from gsut.sfm import (
+    Features,
+    PosesOptions,
+    Solution,
+    choose_pairs,
+    compare_poses,
+    find_all_features,
+    match_and_verify,
+    no_features,
+    preview_pairs,
+    refine,
+)
+
+# Of the largest error of a match: before the lens, or the poses, are refined.
+_LOOSER = 4.0
+_FEWEST_VIEWS = 3
+# Told (what is done now, its parts done, its parts in all).
+OnProgress = Callable[[str, int, int], None]
+
+
+@dataclasses.dataclass(frozen=True)
+class TracksResult:
+    """What the adjustment gave.
+
+    Attributes:
+        scene: with the refined poses, and lens, of the training views.
+        figures: for metrics.json; sigma_degrees and sigma_moved are the predicted standard
+            deviations of a pose (root of the three axes' sum), medians.
+        tracked: the views that have a pose from tracks.
+        note: why nothing was refined, or what was left out; empty otherwise. Given poses that
+            are as good as those of tracks stay.
+    """
+
+    scene: Scene
+    figures: dict[str, Any]
+    tracked: list[int]
+    note: str = ""
+
+    def summary(self) -> dict[str, Any]:
+        """Figures and note, for metrics.json."""
+        return {**self.figures, **({"note": self.note} if self.note else {})}
+
+
+def refine_by_tracks(
+    scene: Scene, options: TrainOptions, on_progress: OnProgress | None = None
+) -> TracksResult:
+    """Refines the poses of the training views, and with `refine_lens` their lens.
+
+    Features are those of the image files, at their full size. Where they do not determine the
+    poses, the scene comes back as it was, with a note: colours alone may still do.
+
+    Args:
+        scene: with poses that are roughly right.
+        options: of the run.
+        on_progress: told as the work goes on.
+    """
+    show = on_progress or (lambda what, done, total: None)
+    try:
+        solution = _adjusted(scene, options, show)
+    except (InputError, SolveError) as error:
+        return TracksResult(scene, {}, [], f"no poses from tracks of features: {error}")
+    indices = [
+        index
+        for index, registered in zip(scene.train_indices, solution.registered, strict=True)
+        if registered
+    ]
+    given = np.array([scene.views[index].camera_from_world for index in indices])
+    found = np.array(solution.camera_from_world)[np.asarray(solution.registered, bool)]
+    found = turned_onto(_moved(found, compare_poses(found, given).reference_from_world), given)
+    changes = pose_changes(found, given)
+    refined = with_poses(scene, indices, found)
+    if options.refine_lens:
+        refined = refined.with_lenses([solution.cameras[0]])
+    missing = len(scene.train_indices) - len(indices)
+    note = f"{missing} training views see too few tracks and keep their poses" if missing else ""
+    variances = np.einsum("nii->ni", np.array(solution.covariances)[solution.registered])
+    figures = {
+        "views": len(indices),
+        "points": len(solution.points),
+        "error_px": float(solution.median),
+        "turned_degrees": float(np.median(changes.degrees)),
+        "moved": float(np.median(changes.distances)),
+        "sigma_degrees": float(np.degrees(np.median(np.sqrt(variances[:, 3:].sum(axis=1))))),
+        "sigma_moved": float(np.median(np.sqrt(variances[:, :3].sum(axis=1)))),
+    }
+    if not options.refine_lens and _as_good_as_tracks(figures):
+        note = (
+            f"Tracks of features differ from the given poses by {figures['turned_degrees']:.2g} "
+            f"degrees and {figures['moved']:.2g} units, and err by about "
+            f"{figures['sigma_degrees']:.2g} and {figures['sigma_moved']:.2g} themselves: the "
+            "given poses, which are as good, were kept."
+        )
+        return TracksResult(scene, figures, [], note)
+    return TracksResult(refined, figures, indices, note)
+
+
+def _as_good_as_tracks(figures: dict[str, Any]) -> bool:
+    """Whether the given poses err no more than tracks predict for their own.
+
+    Both err independently: the squares of how far they differ are then up to twice the tracks'.
+    """
+    turned = figures["turned_degrees"] / max(figures["sigma_degrees"], 1e-12)
+    moved = figures["moved"] / max(figures["sigma_moved"], 1e-12)
+    return bool((turned**2 + moved**2) / 2 <= 2.0)
+
+
+def _adjusted(scene: Scene, options: TrainOptions, show: OnProgress) -> Solution:
+    """Features, matches and bundle adjustment of the training views."""
+    views = [scene.views[index] for index in scene.train_indices]
+    if len(views) < _FEWEST_VIEWS:
+        raise InputError(f"{len(views)} training views are too few")
+    cameras: list[Camera] = [scene.file_cameras[view.camera_index] for view in views]
+    settings = PosesOptions(threads=options.threads, seed=options.seed)
+    features: list[Features] = []
+
+    def on_image(_: int, found: Features | None, error: Exception | None) -> None:
+        features.append(no_features() if found is None else found)
+        show("features", len(features), len(views))
+
+    find_all_features(
+        [view.image_path for view in views], cameras, [view.mask_path for view in views], settings,
+        on_image,
+    )  # fmt: skip
+    names = [view.name for view in views]
+    pairs = preview_pairs(
+        features, choose_pairs(names, features, settings), settings, lambda done, total: None
+    )
+    poses = [view.camera_from_world for view in views]
+    free = np.ones(len(cameras[0].params), bool) if options.refine_lens else None
+    # Through a wrong lens few matches agree: a first, loose round finds a better one.
+    loose = dataclasses.replace(settings, max_two_view_error=_LOOSER * settings.max_two_view_error)
+    for round_settings in [loose, settings] if options.refine_lens else [settings]:
+        verified = match_and_verify(
+            features, cameras, pairs, round_settings,
+            lambda done, total: show("matches", done, total),
+        )  # fmt: skip
+        if not verified:
+            raise InputError("no two images have matches that agree through their lens")
+        solution = refine(
+            names, cameras, features, verified, poses, settings,
+            lambda done, total, points, step: show("poses", int(done), int(total)),
+            lens_free=free,
+        )  # fmt: skip
+        poses = solution.poses_or(poses)
+        cameras = list(solution.cameras)
+    return solution
+
+
+def _moved(camera_from_world: np.ndarray, new_from_old: np.ndarray) -> np.ndarray:
+    """Poses (N, 4, 4) in a world that a similarity (4, 4) has moved; rigid again."""
+    scale = float(np.cbrt(np.linalg.det(new_from_old[:3, :3])))
+    rotation, shift = new_from_old[:3, :3] / scale, new_from_old[:3, 3]
+    out = np.array(camera_from_world)
+    out[:, :3, :3] = camera_from_world[:, :3, :3] @ rotation.T
+    out[:, :3, 3] = scale * camera_from_world[:, :3, 3] - out[:, :3, :3] @ shift
+    return out

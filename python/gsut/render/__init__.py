@@ -1,0 +1,37 @@
+"""Rendering and projection, metrics, camera paths, pictures and videos."""
+
+from gsut.render.metrics import (
+    RING_EDGES_DEGREES,
+    Ring,
+    color_corrected_psnr,
+    psnr,
+    ring_psnr,
+    ssim,
+)
+from gsut.render.paths import orbit_path, smooth_path
+from gsut.render.pictures import picture_stems, to_uint8, write_png, write_video
+from gsut.render.projection import METHODS, Projection, project
+from gsut.render.renderer import DEFAULT_UNSCENTED, Gradients, Render, render, render_backward
+
+__all__ = [
+    "DEFAULT_UNSCENTED",
+    "METHODS",
+    "RING_EDGES_DEGREES",
+    "Gradients",
+    "Projection",
+    "Render",
+    "Ring",
+    "color_corrected_psnr",
+    "orbit_path",
+    "picture_stems",
+    "project",
+    "psnr",
+    "render",
+    "render_backward",
+    "ring_psnr",
+    "smooth_path",
+    "ssim",
+    "to_uint8",
+    "write_png",
+    "write_video",
+]

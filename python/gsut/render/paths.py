@@ -1,0 +1,142 @@
+"""Camera paths: smoothly through given poses, or around a scene."""
+
+from __future__ import annotations
+
+import numpy as np
+
+# The optical axes have a common point to look at where the least eigenvalue of their mean
+# perpendicular projector is above this (0 = parallel, 2/3 = all directions alike) ...
+_LEAST_CONVERGENCE = 1e-3
+# ... and where this fraction of the cameras has that point in front.
+_LEAST_FACING = 0.75
+# Radius of a turn on the spot over the cameras' spread: some parallax, still where they stood.
+_TURN_RADIUS = 0.25
+
+
+def smooth_path(camera_from_world: np.ndarray, num_frames: int, closed: bool = False) -> np.ndarray:
+    """Poses that pass smoothly through key poses, at even speed between them.
+
+    Cubic Hermite curves through the camera centres and, alike, through the rotation matrices, each
+    then replaced by the nearest rotation (between two poses the great arc that slerp takes); knots
+    are spaced by distance and turn, so that close keys are not lingered on.
+
+    Args:
+        camera_from_world: (N, 4, 4) rigid key poses in order, N >= 1.
+        num_frames: number of poses wanted, >= 1; the first and last keys are among them.
+        closed: come back to the first key (which is then not repeated).
+
+    Returns:
+        (num_frames, 4, 4) float64 camera_from_world.
+    """
+    keys = np.linalg.inv(np.asarray(camera_from_world, np.float64))[:, :3]  # world_from_camera
+    if closed and len(keys) > 1:
+        keys = np.concatenate([keys, keys[:1]])
+    if len(keys) == 1:
+        keys = np.repeat(keys, 2, axis=0)
+    knots = np.concatenate([[0.0], np.cumsum(_spacing(keys))])
+    time = np.linspace(0.0, knots[-1], num_frames + 1 if closed else num_frames)[:num_frames]
+
+    tangents = np.empty_like(keys)
+    tangents[1:-1] = (keys[2:] - keys[:-2]) / (knots[2:] - knots[:-2])[:, None, None]
+    # Open ends: the parabola through the end, its neighbour and the neighbour's tangent.
+    first = (keys[1] - keys[0]) / knots[1]
+    last = (keys[-1] - keys[-2]) / (knots[-1] - knots[-2])
+    tangents[0] = 2 * first - tangents[1] if len(keys) > 2 else first
+    tangents[-1] = 2 * last - tangents[-2] if len(keys) > 2 else last
+    if closed:
+        around = (keys[1] - keys[-2]) / (knots[1] + knots[-1] - knots[-2])
+        tangents[0] = tangents[-1] = around
+
+    left = np.clip(np.searchsorted(knots, time, side="right") - 1, 0, len(keys) - 2)
+    width = knots[left + 1] - knots[left]
+    t = (time - knots[left]) / width
+    weights = np.stack(
+        [
+            (1 + 2 * t) * (1 - t) ** 2,
+            t * (1 - t) ** 2 * width,
+            t**2 * (3 - 2 * t),
+            t**2 * (t - 1) * width,
+        ]
+    )[..., None, None]
+    parts = np.stack([keys[left], tangents[left], keys[left + 1], tangents[left + 1]])
+    return _camera_from_world(np.sum(weights * parts, axis=0))
+
+
+def orbit_path(camera_from_world: np.ndarray, num_frames: int) -> np.ndarray:
+    """One closed round of a scene, from the poses it was photographed with.
+
+    Where most cameras look at a common point: a circle around it at their mean distance and
+    height. Else (a walk, or cameras that look outward): a full turn of the view near their
+    centre. Up is the cameras' mean up.
+
+    Args:
+        camera_from_world: (N, 4, 4) poses of the photographs, N >= 1.
+        num_frames: number of poses wanted, >= 1.
+
+    Returns:
+        (num_frames, 4, 4) float64 camera_from_world.
+    """
+    world_from_camera = np.linalg.inv(np.asarray(camera_from_world, np.float64))
+    centers = world_from_camera[:, :3, 3]
+    forward = world_from_camera[:, :3, 2]
+    up = -world_from_camera[:, :3, 1].mean(axis=0)
+    length = np.linalg.norm(up)
+    up = up / length if length > _LEAST_CONVERGENCE else -world_from_camera[0, :3, 1]
+    middle = centers.mean(axis=0)
+
+    angle = 2 * np.pi * np.arange(num_frames) / num_frames
+    first = forward[0] - up * (up @ forward[0])
+    if np.linalg.norm(first) < _LEAST_CONVERGENCE:  # the first camera looks straight up or down
+        first = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    first = first / np.linalg.norm(first)
+    outward = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * np.cross(up, first)
+
+    look_at = _look_at_point(centers, forward)
+    if look_at is None:
+        spread = np.sqrt(np.mean(np.sum((centers - middle) ** 2, axis=1)))
+        return _look(middle + _TURN_RADIUS * spread * outward, outward, up)
+    height = (centers - look_at) @ up
+    radius = np.mean(np.linalg.norm(centers - look_at - height[:, None] * up, axis=1))
+    positions = look_at + height.mean() * up - radius * outward  # starts on the first camera's side
+    return _look(positions, look_at - positions, up)
+
+
+def _spacing(keys: np.ndarray) -> np.ndarray:
+    """(N-1,) positive distances between neighbouring (3, 4) poses: way plus turn, scale-free."""
+    way = np.linalg.norm(np.diff(keys[:, :, 3], axis=0), axis=1)
+    relative = np.einsum("nji,njk->nik", keys[:-1, :, :3], keys[1:, :, :3])
+    cosine = (np.trace(relative, axis1=1, axis2=2) - 1) / 2
+    turn = np.arccos(np.clip(cosine, -1.0, 1.0))
+    tiny = np.finfo(np.float64).eps
+    length = way / max(way.sum(), tiny) + turn / max(turn.sum(), tiny)
+    return np.maximum(length, 1e-3 / len(length))  # keys at one place still take some time
+
+
+def _look_at_point(centers: np.ndarray, forward: np.ndarray) -> np.ndarray | None:
+    """The point nearest to all optical axes in the least-squares sense; None if there is none."""
+    projectors = np.eye(3) - forward[:, :, None] * forward[:, None, :]
+    matrix = projectors.mean(axis=0)
+    if np.linalg.eigvalsh(matrix)[0] < _LEAST_CONVERGENCE:
+        return None
+    point = np.linalg.solve(matrix, np.einsum("nij,nj->i", projectors, centers) / len(centers))
+    in_front = np.sum((point - centers) * forward, axis=1) > 0
+    return point if in_front.mean() >= _LEAST_FACING else None
+
+
+def _look(positions: np.ndarray, directions: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """(N, 4, 4) camera_from_world of cameras that look along directions with `up` upward."""
+    z = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    x = np.cross(z, up)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return _camera_from_world(np.stack([x, np.cross(z, x), z, positions], axis=-1))
+
+
+def _camera_from_world(world_from_camera: np.ndarray) -> np.ndarray:
+    """(N, 4, 4) inverse of (N, 3, 4) poses whose left part is brought to the nearest rotation."""
+    left, _, right = np.linalg.svd(world_from_camera[:, :, :3])
+    left[..., -1] *= np.linalg.det(left @ right)[:, None]  # a rotation, never a reflection
+    rotation = np.swapaxes(left @ right, 1, 2)
+    result = np.tile(np.eye(4), (len(rotation), 1, 1))
+    result[:, :3, :3] = rotation
+    result[:, :3, 3] = -np.einsum("nij,nj->ni", rotation, world_from_camera[:, :, 3])
+    return result

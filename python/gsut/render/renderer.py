@@ -1,0 +1,185 @@
+"""Images of Gaussians through any lens, and their exact gradients."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import BlendRule, InputError
+from gsut.gaussians import Gaussians
+from gsut.render.motion import camera_motion
+from gsut.render.projection import DEFAULT_UNSCENTED
+
+
+@dataclasses.dataclass
+class Render:
+    """One rendered image and what `render_backward` needs.
+
+    Attributes:
+        image: (H, W, 3) colour, background blended in; 0 where the pixel has no ray.
+        alpha: (H, W) 1 - remaining transmittance.
+        depth: (H, W) sum of weight times distance along the ray; divide by alpha for the expected
+            distance. In scene units.
+    """
+
+    image: np.ndarray
+    alpha: np.ndarray
+    depth: np.ndarray
+    gaussians: Gaussians
+    camera: _core.Camera
+    camera_from_world: Any  # (4, 4), or a _core.CameraMotion
+    rule: BlendRule
+    background: tuple[float, float, float]
+    sh_degree: int
+    renderer: Any  # _core.Renderer, or None for the double reference
+
+    def statistics(self) -> dict[str, int]:
+        """Counts of the tiled path: num_visible, num_pairs, num_contributing_pairs ..."""
+        return {} if self.renderer is None else self.renderer.statistics()
+
+
+@dataclasses.dataclass
+class Gradients:
+    """Gradients of a scalar loss.
+
+    Attributes:
+        gaussians: shaped like the Gaussians; to means, quats, log_scales, opacity_logits, sh.
+        pose: (6,) to (v, w) in camera_from_world <- exp(v, w) camera_from_world; with a rolling
+            shutter (2, 6), of the start and of the end pose.
+        touched: (N,) bool, some pixel saw the Gaussian; None for the double reference.
+        lens: (K,) to the camera's parameters, in their order; None unless asked for.
+        rays: (H, W, 3) to the pixels' unit rays, across them, in the axes of the camera in the
+            middle of the exposure; None unless asked for.
+    """
+
+    gaussians: Gaussians
+    pose: np.ndarray
+    touched: np.ndarray | None
+    lens: np.ndarray | None = None
+    rays: np.ndarray | None = None
+
+
+def _blend_rule(parity: str | None, blend: BlendRule | None) -> BlendRule:
+    if blend is not None:
+        if parity is not None:
+            raise InputError("give parity or blend, not both")
+        return blend
+    return BlendRule(parity or "")
+
+
+def render(
+    gaussians: Gaussians,
+    camera: _core.Camera,
+    camera_from_world: Any,
+    *,
+    shutter: _core.Shutter | str | None = None,
+    background: Sequence[float] = (0.0, 0.0, 0.0),
+    parity: str | None = None,
+    blend: BlendRule | None = None,
+    sh_degree: int = 3,
+    unscented: Sequence[float] = DEFAULT_UNSCENTED,
+    dtype: str = "float32",
+) -> Render:
+    """Renders Gaussians: each pixel's ray is evaluated against the Gaussians in 3D.
+
+    Args:
+        gaussians: the scene.
+        camera: lens and image size.
+        camera_from_world: (4, 4) rigid transform, or an object with such a `matrix`. With a
+            rolling shutter the pair of them at the start and at the end of the exposure.
+        shutter: the `Shutter` of a pair of poses, or its direction: "top_to_bottom",
+            "bottom_to_top", "left_to_right" or "right_to_left". Each line of the image is then
+            seen from its own pose; Gaussians are ordered and shaded from the middle one.
+        background: colour behind everything.
+        parity: blending rules of "gsplat" or "3dgrut"; None: gsut's own (distance order).
+        blend: a `BlendRule` of your own in place of parity.
+        sh_degree: harmonics above this degree are ignored.
+        unscented: alpha, beta, kappa of the transform that bounds each Gaussian's tiles.
+        dtype: "float32": tiled and vectorised. "float64": the scalar reference, every Gaussian at
+            every pixel; slow.
+
+    Returns:
+        Image, alpha and depth, with what `render_backward` needs. float32 is within 1e-5 rms of the
+        reference.
+
+    Raises:
+        InputError: shapes, poses, shutter, parity or dtype are wrong.
+    """
+    rule = _blend_rule(parity, blend)
+    color = tuple(float(c) for c in background)
+    if len(color) != 3:
+        raise InputError(f"background must be 3 numbers, found {len(color)}")
+    pose = camera_motion(camera_from_world, shutter)
+    degree = min(int(sh_degree), gaussians.sh_degree)
+    if dtype == "float64":
+        g = gaussians.astype(np.float64)
+        exact = _core.render_reference(g, camera, pose, rule, color, degree)
+        return Render(*exact[:3], g, camera, pose, rule, color, degree, None)
+    if dtype != "float32":
+        raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
+    g = gaussians.astype(np.float32)
+    shape = (camera.height, camera.width)
+    image = np.zeros((*shape, 3), np.float32)
+    alpha = np.zeros(shape, np.float32)
+    depth = np.zeros(shape, np.float32)
+    renderer = _core.Renderer()
+    renderer.render(
+        g, camera, pose, rule, color, degree, tuple(unscented), image, alpha, depth, True
+    )
+    return Render(image, alpha, depth, g, camera, pose, rule, color, degree, renderer)
+
+
+def render_backward(
+    result: Render,
+    dimage: np.ndarray,
+    dalpha: np.ndarray | None = None,
+    ddepth: np.ndarray | None = None,
+    *,
+    with_lens: bool = False,
+) -> Gradients:
+    """Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth).
+
+    Args:
+        result: what `render` returned; its Gaussians must not have changed since.
+        dimage: (H, W, 3), dalpha: (H, W), ddepth: (H, W); None stands for zeros.
+        with_lens: also the gradients to the lens and to each pixel's ray, which takes longer.
+
+    Returns:
+        Gradients to all parameters and to the pose. Exact but for the cut-offs of the blend rule,
+        which are not differentiated; a clamped alpha or colour has gradient 0. The lens' are
+        through the rays: pixels stay, their rays move (implicit function theorem on `project`);
+        which pixels have a ray at all is not differentiated, nor, for depths through a moving
+        pupil, where along itself a ray starts.
+
+    Raises:
+        InputError: shapes differ from the image's.
+    """
+    g = result.gaussians
+    dimage = np.ascontiguousarray(dimage, dtype=g.dtype)
+    dalpha = None if dalpha is None else np.ascontiguousarray(dalpha, dtype=g.dtype)
+    ddepth = None if ddepth is None else np.ascontiguousarray(ddepth, dtype=g.dtype)
+    out = g.zeros_like()
+    if result.renderer is None:
+        pose, of_lens = _core.render_reference_backward(
+            g,
+            result.camera,
+            result.camera_from_world,
+            result.rule,
+            result.background,
+            result.sh_degree,
+            dimage,
+            dalpha,
+            ddepth,
+            out,
+            None,
+            with_lens,
+        )
+        return Gradients(out, pose, None, *(of_lens or (None, None)))
+    touched = np.zeros(len(g), np.uint8)
+    pose = result.renderer.backward(dimage, dalpha, ddepth, out, touched, True, True, with_lens)
+    of_tiles = result.renderer.lens_gradients() or (None, None)
+    return Gradients(out, pose, touched.astype(bool), *of_tiles)

@@ -1,0 +1,56 @@
+"""A run: its folder, checkpoints, options and their flags, progress, environment."""
+
+from gsut.run.checkpoint import read_checkpoint, write_checkpoint
+from gsut.run.environment import describe_environment, peak_rss_mb
+from gsut.run.folder import (
+    ENVIRONMENT,
+    METRICS,
+    OPTIONS,
+    REFINED,
+    RENDERS,
+    REPORT,
+    SCENE,
+    TRANSFORMS,
+    RunFolder,
+)
+from gsut.run.option_fields import (
+    add_option_flags,
+    check_options,
+    default_text,
+    flag_name,
+    given_options,
+    option,
+    option_info,
+)
+from gsut.run.options import AUTO, PRESETS, TrainOptions
+from gsut.run.progress import StageBars, TrainingProgress
+from gsut.run.stopwatch import Stopwatch
+
+__all__ = [
+    "AUTO",
+    "ENVIRONMENT",
+    "METRICS",
+    "OPTIONS",
+    "PRESETS",
+    "REFINED",
+    "RENDERS",
+    "REPORT",
+    "SCENE",
+    "TRANSFORMS",
+    "RunFolder",
+    "StageBars",
+    "Stopwatch",
+    "TrainOptions",
+    "TrainingProgress",
+    "add_option_flags",
+    "check_options",
+    "default_text",
+    "describe_environment",
+    "flag_name",
+    "given_options",
+    "option",
+    "option_info",
+    "peak_rss_mb",
+    "read_checkpoint",
+    "write_checkpoint",
+]

@@ -1,0 +1,302 @@
+"""The folder of one training run: which files it holds, written so that no crash can spoil them."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import math
+import os
+import shutil
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.run.checkpoint import read_checkpoint, write_checkpoint
+from gsut.run.options import TrainOptions
+
+OPTIONS = "options.json"  # the TrainOptions, resolved
+ENVIRONMENT = "environment.json"  # dataset, command line, versions and machine
+HISTORY = "history.jsonl"  # one JSON object a line: step, seconds, loss, num_gaussians, [psnr]
+CHECKPOINT = "checkpoint.npz"  # the whole state of training
+SCENE = "scene.ply"  # the trained Gaussians
+METRICS = "metrics.json"  # the figures on the held-out images
+REPORT = "report.html"  # all of it to look at
+REFINED = "refined.json"  # poses and lenses, where they were refined (see gsut.refined_poses)
+TRANSFORMS = "transforms.json"  # the same as a dataset, where the format has the lens
+RENDERS = "renders"  # pictures of the held-out views
+
+_FILES = (
+    *(OPTIONS, ENVIRONMENT, HISTORY, CHECKPOINT, SCENE, METRICS, REPORT, REFINED, TRANSFORMS),
+    RENDERS,
+)
+_TEMPORARY = ".writing-"  # start of the names of unfinished files
+# Options that a resumed run may have otherwise than the run that it goes on with: they change
+# neither the result's bits nor the steps at which history is written.
+_FREE_ON_RESUME = ("threads", "checkpoint_every")
+
+
+class RunFolder:
+    """Paths, atomic writing and reading of one run.
+
+    Every file appears complete or not at all: it is written under a temporary name in the same
+    folder, flushed to the disk and renamed. Make one with `create` (to train) or `open` (to read).
+
+    Attributes:
+        path: the folder.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+
+    @classmethod
+    def create(
+        cls,
+        path: str | os.PathLike[str],
+        options: TrainOptions,
+        *,
+        resume: bool = False,
+        overwrite: bool = False,
+        environment: dict[str, Any] | None = None,
+    ) -> RunFolder:
+        """Makes the folder of a new run, or takes up the one of an interrupted run.
+
+        Args:
+            path: the folder; it and its parents are made where absent.
+            options: written as options.json, resolved.
+            resume: go on with the run that the folder holds. Without one a new run begins.
+            overwrite: remove the files of the run that the folder holds (only those: other files
+                in it stay).
+            environment: written as environment.json; a run that is resumed keeps its own, which
+                holds the command line that reproduces it.
+
+        Raises:
+            InputError: the folder holds a run and neither resume nor overwrite is said; the run to
+                resume has other options (all but `threads` and `checkpoint_every` must agree); the
+                folder cannot be made or written.
+        """
+        run = cls(path)
+        if run.holds_run():
+            if resume:
+                run._check_same_options(options)
+            elif overwrite:
+                run._remove_run()
+            else:
+                run.refuse_run()
+        try:
+            run.path.mkdir(parents=True, exist_ok=True)
+            for leftover in run.path.glob(_TEMPORARY + "*"):
+                leftover.unlink()
+        except OSError as error:
+            raise InputError(f"cannot make the folder {run.path}: {_reason(error)}") from None
+        run.write_text(OPTIONS, options.resolved().to_json() + "\n")
+        if environment is not None and not (resume and (run.path / ENVIRONMENT).is_file()):
+            run.write_json(ENVIRONMENT, environment)
+        return run
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> RunFolder:
+        """The folder of a run that exists.
+
+        Raises:
+            InputError: there is no such folder, or it holds no run.
+        """
+        run = cls(path)
+        if not run.path.is_dir():
+            raise InputError(f"{run.path}: no such folder; give the folder of a run")
+        if not (run.path / OPTIONS).is_file():
+            raise InputError(
+                f"{run.path} holds no run (no {OPTIONS}); give a folder that gsut train has written"
+            )
+        return run
+
+    def holds_run(self) -> bool:
+        """Whether the folder has any file of a run."""
+        return any((self.path / name).exists() for name in _FILES)
+
+    def refuse_run(self) -> None:
+        """Raises InputError if the folder has any file of a run, or is not a folder."""
+        if self.path.exists() and not self.path.is_dir():
+            raise InputError(f"{self.path} is a file; give a folder for the run")
+        if self.holds_run():
+            raise InputError(
+                f"{self.path} already holds a run; add --resume to go on with it, or give another "
+                "folder (nothing was overwritten)"
+            )
+
+    @property
+    def renders(self) -> Path:
+        """The folder of the pictures; made when asked for."""
+        folder = self.path / RENDERS
+        folder.mkdir(exist_ok=True)
+        return folder
+
+    # Files that appear whole or not at all.
+
+    def write(self, name: str, writer: Callable[[Path], None]) -> Path:
+        """Writes RUN/name atomically: `writer` gets the path that it has to write to.
+
+        Raises:
+            InputError: the folder cannot be written (permissions, disk full); what was there
+                before is unchanged.
+        """
+        target = self.path / name
+        # Ends as the target does: some writers choose the format by the name.
+        temporary = target.with_name(f"{_TEMPORARY}{os.getpid()}-{target.name}")
+        try:
+            writer(temporary)
+            with open(temporary, "r+b") as file:
+                os.fsync(file.fileno())
+            os.replace(temporary, target)
+            _flush_folder(target.parent)
+        except OSError as error:
+            raise InputError(f"cannot write {target}: {_reason(error)}") from None
+        finally:
+            with contextlib.suppress(OSError):
+                temporary.unlink()
+        return target
+
+    def write_text(self, name: str, text: str) -> Path:
+        """Writes RUN/name atomically as UTF-8."""
+        return self.write(name, lambda path: _write_bytes(path, text.encode()))
+
+    def write_json(self, name: str, value: Any) -> Path:
+        """Writes RUN/name atomically as JSON; NaN and infinities, which JSON lacks, become null."""
+        return self.write_text(name, json.dumps(_json_value(value), indent=2) + "\n")
+
+    def read_json(self, name: str) -> Any:
+        """The content of a JSON file of the run; None where the file is absent.
+
+        Raises:
+            InputError: the file is not JSON.
+        """
+        path = self.path / name
+        if not path.is_file():
+            return None
+        try:
+            return json.loads(path.read_text())
+        except ValueError as error:
+            raise InputError(f"{path}: not valid JSON ({error})") from None
+
+    def read_options(self) -> TrainOptions:
+        """The options of the run."""
+        path = self.path / OPTIONS
+        return TrainOptions.from_json(path.read_text(), source=str(path))
+
+    # Checkpoints.
+
+    def save_checkpoint(self, step: int, state: dict[str, Any]) -> Path:
+        """Writes the state of training after `step` steps; replaces the one before atomically.
+
+        Args:
+            step: number of steps done.
+            state: numpy arrays and JSON-able values, in dicts and lists as deep as wanted (see
+                `gsut.checkpoint.write_checkpoint`); read back exact to the bit.
+        """
+        return self.write(
+            CHECKPOINT, lambda path: write_checkpoint(path, {"step": step, "state": state})
+        )
+
+    def load_checkpoint(self) -> tuple[int, dict[str, Any]] | None:
+        """The step and state of the last `save_checkpoint`; None where there is no checkpoint.
+
+        Also rolls history.jsonl back to that step, so that the resumed run's rows follow on.
+
+        Raises:
+            InputError: the file is damaged.
+        """
+        path = self.path / CHECKPOINT
+        if not path.is_file():
+            self.roll_back_history(0)
+            return None
+        content = read_checkpoint(path)
+        self.roll_back_history(content["step"])
+        return content["step"], content["state"]
+
+    # History.
+
+    def append_history(self, row: dict[str, Any]) -> None:
+        """Adds one line to history.jsonl; `row` holds at least `step`."""
+        try:
+            with open(self.path / HISTORY, "a", encoding="utf-8") as file:
+                file.write(json.dumps(_json_value(row)) + "\n")
+        except OSError as error:
+            raise InputError(f"cannot write {self.path / HISTORY}: {_reason(error)}") from None
+
+    def read_history(self) -> list[dict[str, Any]]:
+        """All complete rows of history.jsonl; a line torn by a crash is left out."""
+        path = self.path / HISTORY
+        rows = []
+        for line in path.read_text().splitlines() if path.is_file() else ():
+            with contextlib.suppress(json.JSONDecodeError):
+                row = json.loads(line)
+                if isinstance(row, dict) and isinstance(row.get("step"), int):
+                    rows.append(row)
+        return rows
+
+    def roll_back_history(self, step: int) -> None:
+        """Drops the rows of history.jsonl that come after `step`."""
+        if (self.path / HISTORY).is_file():
+            self._write_history(row for row in self.read_history() if row["step"] <= step)
+
+    def _write_history(self, rows: Iterable[dict[str, Any]]) -> None:
+        self.write_text(HISTORY, "".join(json.dumps(row) + "\n" for row in rows))
+
+    def _check_same_options(self, options: TrainOptions) -> None:
+        if not (self.path / OPTIONS).is_file():
+            return  # killed before the options were written: nothing to disagree with
+        saved = dataclasses.asdict(self.read_options())
+        wanted = dataclasses.asdict(options.resolved())
+        for name, value in wanted.items():
+            if name not in _FREE_ON_RESUME and saved[name] != value:
+                raise InputError(
+                    f"{self.path} was begun with {name} = {saved[name]}, not {value}; a resumed "
+                    "run keeps its options, so leave this one out or begin a new run"
+                )
+
+    def _remove_run(self) -> None:
+        for name in _FILES:
+            path = self.path / name
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+
+
+def _write_bytes(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
+
+
+def _flush_folder(folder: Path) -> None:
+    """Makes a rename last through a power cut, where the system can (not on Windows)."""
+    if os.name != "posix":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _reason(error: OSError) -> str:
+    return error.strerror or str(error)
+
+
+def _json_value(value: Any) -> Any:
+    """`value` with numpy's types as plain ones and numbers that JSON lacks as None."""
+    if isinstance(value, dict):
+        return {str(key): _json_value(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_json_value(entry) for entry in value]
+    if isinstance(value, np.ndarray):
+        return _json_value(value.tolist())
+    if isinstance(value, np.generic):
+        return _json_value(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Path):
+        return str(value)
+    return value

@@ -1,0 +1,362 @@
+"""Training options: every value with its unit, default, allowed range and the reason for it.
+
+`TrainOptions` is the only list of options: the command line's flags, `options.json` and the
+settings table of the report are all made from its fields. The defaults are the two recipes
+measured for CPU budgets (short: up to 1000 steps; medium: 2000 and more); values that depend on
+the number of steps are None until `TrainOptions.resolved()` fills them in.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import math
+from typing import Any
+
+from gsut._core import InputError
+from gsut.run.option_fields import check_options, option
+
+# --max-gaussians auto: see gsut.growth.
+AUTO = "auto"
+# Values a preset gives where the user gives none. "balanced" is also what no preset means.
+PRESETS: dict[str, dict[str, Any]] = {
+    "fast": {"steps": 500, "max_gaussians": 50_000, "sh_degree": 1},
+    "balanced": {"steps": 2000, "max_gaussians": 200_000, "sh_degree": 1},
+    "best": {"steps": 7000, "max_gaussians": 300_000, "sh_degree": 2},
+}
+
+# "The rate of the means times the number of steps is what matters": 1.6e-3 at 500 steps, 8e-4 at
+# 1000; from 1667 steps on the rate stays at the value measured as best for 2000 and more.
+_MEANS_LR_TIMES_STEPS = 0.8
+_MEANS_LR_RANGE = (4.8e-4, 3.2e-3)  # the upper end (250 steps) is extrapolated, not measured
+# Decay of the other rates, (steps, factor at the last step): none in short runs.
+_LR_FINAL_FACTOR = ((1000, 1.0), (2000, 0.5), (7000, 0.3))
+# Steps between relocations: 50 in the short recipe, 100 in the medium one.
+_DENSIFY_EVERY = ((1000, 50.0), (2000, 100.0))
+# Until which fraction of the steps to train at 1/4 and 1/2 of the resolution.
+_QUARTER_UNTIL = ((1000, 0.20), (2000, 0.15), (7000, 0.075))
+_HALF_UNTIL = ((1000, 0.45), (2000, 0.40), (7000, 0.20))
+# Until which fraction of the steps Gaussians grow, with a given cap and with an automatic one,
+# which needs time at full resolution to decide. Auto until 0.5 / 0.7: fox at 1/8, 500 steps 29.30 /
+# 29.41 dB, the demo's hall, 1000 steps 31.14 / 30.88.
+_GROW_UNTIL, _GROW_UNTIL_AUTO = 0.5, 0.7
+_NOISE_FROM_STEPS = 1500  # noise gained nothing at 500 and 1000 steps, 0.17 dB at 2000
+_SH_WITHIN = 0.6  # all harmonics are in use after this fraction of the steps (degree 1: half of it)
+_SH_EVERY_MOST = 1000  # the published interval
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainOptions:
+    """All settings of one training run; immutable, checked when made.
+
+    Every field is described by its metadata (see `gsut train --help`). `steps`, `max_gaussians`
+    and `sh_degree` take the preset's value where they are not given. The fields whose default
+    depends on the number of steps are None (`coarse_to_fine`: "auto") until `resolved()`; their
+    types are the ones they have from then on.
+
+    Raises:
+        InputError: a value of the wrong kind or out of range (names option, value and range), or
+            options that contradict each other.
+    """
+
+    # A table: a few lines an option, not one an argument.
+    # fmt: off
+    preset: str | None = option(
+        None, "Run", "sets --steps, --max-gaussians and --sh-degree where these are not given; "
+        "fast takes 15 s, balanced 1 to 2 minutes, best 10 to 15 (60 images of 480 x 480, 2 cores)",
+        choices=tuple(PRESETS), none="balanced",
+    )
+    steps: int = option(
+        None, "Run", "training steps, one image each", low=1, high=10_000_000,
+        none="fast 500, balanced 2000, best 7000",
+    )
+    seed: int = option(0, "Run", "seed of every random number", low=0, high=2**63 - 1)
+    threads: int = option(
+        0, "Run", "threads; 0 = all processors; the result's bits do not depend on it",
+        low=0, high=4096,
+    )
+    eval_every: int = option(
+        None, "Run", "held-out PSNR is measured every so many steps; 0 = at the end only",
+        unit="steps", low=0, none="steps / 10",
+    )
+    checkpoint_every: int = option(
+        250, "Run", "a checkpoint is written every so many steps; 0 = at the end only",
+        unit="steps", low=0, reason="at most some seconds of work are lost",
+    )
+
+    scale: float = option(
+        1.0, "Data", "size of the images used, of the originals' (area filter)",
+        low=0.0, high=1.0, low_open=True,
+    )
+    test_every: int = option(
+        8, "Data", "every so many-th image by name is held out where the data has no split of its "
+        "own; 0 = none", low=0, reason="the split of published results",
+    )
+    test_names: tuple[str, ...] | None = option(
+        None, "Data", "names of the held-out images, instead of --test-every",
+        none="the data's own split",
+    )
+
+    shutter: str = option(
+        "auto", "Data", "rolling: each line of an image has its own pose; global: one pose an "
+        "image; auto: as the data says", choices=("auto", "global", "rolling"),
+    )
+    readout_time: float | None = option(
+        None, "Data", "time from the first line of an image to its last, for a video with one pose "
+        "a frame; the velocity is found from neighbouring frames", unit="x time between frames",
+        low=0.0, high=1.0, low_open=True, none="the data's start and end poses",
+    )
+    readout_direction: str = option(
+        "top_to_bottom", "Data", "order in which --readout-time reads the lines",
+        choices=("top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left"),
+    )
+
+    refine_poses: bool = option(
+        False, "Refinement", "the poses of the training views are refined: first from tracks of "
+        "features, then against the Gaussians; test views are aligned before they are judged",
+    )
+    refine_lens: bool = option(
+        False, "Refinement", "the lens is refined along with the poses; includes --refine-poses")
+    refine_tracks: bool = option(
+        True, "Refinement", "refinement begins with bundle adjustment of tracks of features; off: "
+        "against the Gaussians alone", reason="colours alone leave 0.08 degrees where tracks leave "
+        "0.03 (sponza_fisheye, poses 2 degrees off, 1000 steps)",
+    )
+
+    max_gaussians: int = option(
+        None, "Gaussians", "at most so many Gaussians; auto: growth ends when it no longer helps "
+        "training views that are set aside for that", low=1, high=100_000_000, words=(AUTO,),
+        none="fast 50000, balanced 200000, best 300000",
+    )
+    sh_degree: int = option(
+        None, "Gaussians", "degree of the spherical harmonics of colour", low=0, high=3,
+        none="fast and balanced 1, best 2",
+    )
+    init: str = option(
+        "auto", "Gaussians", "first Gaussians: the data's points, random ones inside the cameras' "
+        "view, or points where the data has them", choices=("auto", "points", "random"),
+    )
+    init_count: int | None = option(
+        None, "Gaussians", "number of first Gaussians", low=1, high=100_000_000,
+        none="all points; 30000 if random; never more than --max-gaussians",
+    )
+    init_scale: float = option(
+        0.5, "Gaussians", "first standard deviation", unit="x mean distance of 3 neighbours",
+        low=0.0, high=100.0, low_open=True, reason="0.25 costs 0.8 dB, 1.0 costs 0.15 dB",
+    )
+    init_opacity: float = option(
+        0.5, "Gaussians", "first opacity", low=0.0, high=1.0, low_open=True, high_open=True,
+        reason="0.2 costs 0.25 dB",
+    )
+    background: tuple[float, float, float] = option(
+        (0.0, 0.0, 0.0), "Gaussians", "colour behind all Gaussians, red,green,blue",
+        low=0.0, high=1.0,
+    )
+    low_pass: float = option(
+        0.0, "Gaussians", "3D low-pass filter: standard deviation, in pixels of the camera that "
+        "sees a Gaussian best; 0 = none", unit="pixels", low=0.0, high=100.0,
+        reason="0.3 is a pixel's own; against aliasing of Gaussians below a pixel",
+    )
+
+    lr_means: float = option(
+        None, "Learning rates", "centres", unit="x scene extent", low=0.0, high=1.0,
+        none="0.8 / steps within 4.8e-4 .. 3.2e-3", reason="+0.3 dB over the published 1.6e-4",
+    )
+    lr_means_final_factor: float = option(
+        0.01, "Learning rates", "centres: last rate / first rate", low=0.0, high=1.0,
+        low_open=True, reason="published; 0.05 costs 1.4 dB at 2000 steps",
+    )
+    lr_scales: float = option(
+        1.5e-2, "Learning rates", "logarithms of scales", low=0.0, high=1.0,
+        reason="3 x published",
+    )
+    lr_quats: float = option(
+        4e-3, "Learning rates", "rotations", low=0.0, high=1.0, reason="4 x published")
+    lr_opacity: float = option(
+        0.1, "Learning rates", "opacity logits", low=0.0, high=1.0, reason="+0.2 dB over 5e-2")
+    lr_sh0: float = option(
+        7e-3, "Learning rates", "base colour", low=0.0, high=1.0, reason="3 x published")
+    lr_sh_rest: float = option(
+        1.25e-4, "Learning rates", "harmonics above degree 0", low=0.0, high=1.0,
+        reason="published",
+    )
+    lr_final_factor: float = option(
+        None, "Learning rates", "all but the centres: last rate / first rate",
+        low=0.0, high=1.0, low_open=True, none="1 to 1000 steps, 0.5 at 2000, 0.3 from 7000",
+    )
+    sparse_adam: bool = option(
+        True, "Learning rates", "update only Gaussians that the step's image saw",
+        reason="10 % faster for 0.15 dB",
+    )
+    average_from: float = option(
+        0.9, "Learning rates", "the result is the mean of the Gaussians over the steps after this "
+        "fraction of them; 1 = the last step's", unit="fraction of steps", low=0.0, high=1.0,
+        reason="+0.7 dB where exposure drifts, 0.1 dB where it does not",
+    )
+
+    ssim_weight: float = option(
+        0.2, "Loss", "loss = (1 - w) L1 + w (1 - SSIM)", low=0.0, high=1.0,
+        reason="published; 0 costs 0.66 dB PSNR",
+    )
+    opacity_regularizer: float = option(
+        0.01, "Loss", "weight of the mean opacity", low=0.0, high=100.0, reason="published (MCMC)")
+    scale_regularizer: float = option(
+        0.01, "Loss", "weight of the mean scale", low=0.0, high=100.0, reason="published (MCMC)")
+    coarse_to_fine: tuple[float, float] = option(
+        "auto", "Loss", "train at 1/4 of the resolution until the first, at 1/2 until the second "
+        "fraction of the steps; 0,0 = full resolution throughout", low=0.0, high=1.0,
+        words=("auto",), reason="a third of the time less for 0.2 dB",
+    )
+    calibration_weights: str | None = option(
+        None, "Loss", "lens file of `gsut calibrate`: residuals count less where that lens is "
+        "uncertain", none="all pixels count the same",
+    )
+    sh_every: int = option(
+        None, "Loss", "one more degree of harmonics every so many steps", unit="steps", low=1,
+        none="0.6 steps / (degree + 1), at most 1000",
+    )
+
+    strategy: str = option(
+        "mcmc", "Densification", "mcmc: relocation, with a cap; adaptive: clone, split and prune "
+        "by gradient; mini: Mini-Splatting's, which overgrows and samples (0.2 and 1.5 dB "
+        "below mcmc on sponza_fisheye and fox, in twice the time)",
+        choices=("mcmc", "adaptive", "mini"),
+    )
+    densify_from: float = option(
+        0.05, "Densification", "first densification", unit="fraction of steps", low=0.0, high=1.0)
+    densify_until: float = option(
+        0.8, "Densification", "last densification", unit="fraction of steps", low=0.0, high=1.0)
+    grow_until: float = option(
+        None, "Densification", "--max-gaussians is reached here, by geometric growth",
+        unit="fraction of steps", low=0.0, high=1.0, none="0.5; 0.7 where that is auto",
+        reason="60 % of the densification; 30 % of it costs 0.46 dB",
+    )
+    densify_every: int = option(
+        None, "Densification", "steps between densifications", unit="steps", low=1,
+        none="50 to 1000 steps, 100 from 2000",
+    )
+    dead_opacity: float = option(
+        0.005, "Densification", "Gaussians at or below this opacity are relocated or pruned",
+        low=0.0, high=1.0, high_open=True, reason="published",
+    )
+    noise: bool = option(
+        None, "Densification", "MCMC noise on the centres", none="from 1500 steps on")
+
+    compact_at: int | None = option(
+        None, "Compaction", "after so many steps the Gaussians are reduced (see gsut compact), and "
+        "their number stays", unit="steps", low=1, none="never",
+    )
+    keep: float = option(
+        0.2, "Compaction", "fraction that --compact-at keeps", low=0.0, high=1.0, low_open=True)
+    compact_method: str = option(
+        "ghap", "Compaction", "method of --compact-at",
+        choices=("ghap", "field", "ghap-paper", "lightgaussian", "pup"),
+    )
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        check_options(self)
+        for name, value in PRESETS[self.preset or "balanced"].items():
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, value)
+        if self.densify_from > self.densify_until:
+            raise InputError(
+                f"--densify-from {self.densify_from} lies after --densify-until "
+                f"{self.densify_until}; both are fractions of the steps"
+            )
+        fractions = self.coarse_to_fine
+        if isinstance(fractions, tuple) and fractions[0] > fractions[1]:
+            raise InputError(
+                f"--coarse-to-fine {fractions[0]:g},{fractions[1]:g}: the quarter resolution "
+                "must end before the half resolution does"
+            )
+        if self.refine_lens:
+            object.__setattr__(self, "refine_poses", True)
+        if self.compact_at is not None and self.compact_at >= self.steps:
+            raise InputError(
+                f"--compact-at {self.compact_at} is not before the end of {self.steps} --steps"
+            )
+        auto = self.max_gaussians == AUTO
+        if self.strategy == "mcmc" and not auto and (self.init_count or 0) > self.max_gaussians:
+            raise InputError(
+                f"--init-count {self.init_count} is more than --max-gaussians {self.max_gaussians}"
+            )
+
+    def resolved(self) -> TrainOptions:
+        """The same options with every value that depends on the number of steps filled in.
+
+        Returns:
+            TrainOptions in which only `preset`, `test_names`, `readout_time`, `init_count` (all but
+            the first depend on the data) and `compact_at` (never) may be None. Values that were
+            given are kept; resolving twice changes nothing.
+        """
+        steps = self.steps
+        means_low, means_high = _MEANS_LR_RANGE
+        densify_every = round(_at_steps(steps, _DENSIFY_EVERY))
+        derived: dict[str, Any] = {
+            "eval_every": max(1, steps // 10),
+            "lr_means": min(max(_MEANS_LR_TIMES_STEPS / steps, means_low), means_high),
+            "lr_final_factor": _at_steps(steps, _LR_FINAL_FACTOR),
+            "sh_every": max(
+                1, min(_SH_EVERY_MOST, round(_SH_WITHIN * steps / (self.sh_degree + 1)))
+            ),
+            # At least ten times in a run that is shorter than the recipes.
+            "densify_every": max(1, min(densify_every, steps // 10)),
+            "noise": steps >= _NOISE_FROM_STEPS,
+            "grow_until": _GROW_UNTIL_AUTO if self.max_gaussians == AUTO else _GROW_UNTIL,
+        }
+        changes = {name: value for name, value in derived.items() if getattr(self, name) is None}
+        if not isinstance(self.coarse_to_fine, tuple):
+            changes["coarse_to_fine"] = (
+                _at_steps(steps, _QUARTER_UNTIL),
+                _at_steps(steps, _HALF_UNTIL),
+            )
+        return dataclasses.replace(self, **changes)
+
+    def to_json(self) -> str:
+        """The options as a JSON object, one key a field; `from_json` gives the same object."""
+        return json.dumps(dataclasses.asdict(self), indent=2)
+
+    @classmethod
+    def from_json(cls, text: str, source: str = "options") -> TrainOptions:
+        """Options from the text of `to_json`; keys that are absent take their defaults.
+
+        Args:
+            text: a JSON object.
+            source: name of the file, for messages.
+
+        Raises:
+            InputError: not a JSON object, an unknown key (lists the known ones), or a bad value.
+        """
+        try:
+            values = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise InputError(f"{source}: not valid JSON ({error})") from None
+        if not isinstance(values, dict):
+            raise InputError(f"{source}: a JSON object of options is needed, found {text[:40]!r}")
+        known = [field.name for field in dataclasses.fields(cls)]
+        unknown = sorted(set(values) - set(known))
+        if unknown:
+            raise InputError(
+                f"{source}: unknown option {', '.join(unknown)}; known are {', '.join(known)}"
+            )
+        given: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in values.items()
+        }
+        try:
+            return cls(**given)
+        except InputError as error:
+            raise InputError(f"{source}: {error}") from None
+
+
+def _at_steps(steps: int, table: tuple[tuple[int, float], ...]) -> float:
+    """Value at `steps`, linear in log(steps) between the table's rows, constant outside."""
+    if steps <= table[0][0]:
+        return table[0][1]
+    for (s0, v0), (s1, v1) in itertools.pairwise(table):
+        if steps <= s1:
+            t = math.log(steps / s0) / math.log(s1 / s0)
+            return v0 + t * (v1 - v0)
+    return table[-1][1]

@@ -1,0 +1,231 @@
+"""report.html of `gsut calibrate --from-dataset`: the lens before and after, in pictures."""
+
+from __future__ import annotations
+
+import html
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut.lens import Camera, grid_pixels
+from gsut.sfm.lens_refinement import RefinedLens
+from gsut.sfm.stages import write_atomically
+
+PAGE = "report.html"
+_REGIONS = 3  # columns and rows of the image for which residuals are given
+_MOST_ARROWS = 3000
+_ARROW_PART = 0.05  # of the image's width: length of the arrow of a 99-percentile residual
+_RING_DEGREES = 5.0
+_FEWEST_IN_RING = 10
+_INK, _MUTED, _GRID, _LINE, _BEFORE = "#1d2733", "#6b7785", "#e3e8ee", "#1668b8", "#c2571a"
+_HTML = """<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>
+<style>body{{font:15px/1.5 system-ui,sans-serif;color:#1d2733;max-width:1080px;margin:2em auto;
+padding:0 1em}}h1{{font-size:1.5em}}h2{{font-size:1.1em;margin-top:2em}}table{{border-collapse:
+collapse;font-size:13px}}td,th{{padding:2px 10px;text-align:right;border-bottom:1px solid #e3e8ee}}
+td:first-child,th:first-child{{text-align:left}}svg{{max-width:100%;height:auto}}.pictures{{display:
+flex;flex-wrap:wrap;gap:1em}}.pictures svg{{width:500px}}.note{{background:#fff6e0;
+padding:.5em 1em}}</style>
+<h1>{title}</h1>{notes}<table>{summary}</table>
+<h2>Parameters</h2><table><tr><th>parameter<th>before<th>after<th>sigma<th>change / sigma</tr>
+{params}</table>
+<h2>Pictures</h2><div class="pictures">{pictures}</div>
+<h2>Residuals by region of the image</h2>
+<p>Before: the same points and refined poses through the data set's own lens, turned as well as it
+can be; pixels, root mean square lengths. The mean says where a region is off as a whole.</p>
+<table><tr><th>column, row<th>sights<th>before<th>after<th>mean x, y after<th>sigma of the lens</tr>
+{regions}</table></html>
+"""
+
+
+def write_page(
+    folder: Path, found: RefinedLens, camera: Camera, sigma: np.ndarray, values: dict[str, Any]
+) -> Path:
+    """Writes FOLDER/report.html, self-contained, and returns its path.
+
+    Args:
+        folder: beside the lens. found: of `refine_lens`. camera: the refined lens.
+        sigma: (rows, columns) pixels on the grid of `grid_pixels`. values: of report.json.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    solution = found.solution
+    good = np.isfinite(solution.residuals).all(axis=1)
+    after = solution.residuals[good]
+    turn = _turn(found.before, camera, found.reach)
+    before = _residuals_before(found, turn)[good]
+    title = f"{values['lens']} refined from {values['images']} images"
+    rows = {
+        "images": f"{values['images']} of {values['images_total']}",
+        "points, sights": f"{values['points']:,}, {values['sights']:,}",
+        "residuals": f"RMS {values['rms_2d_px']:.3f} px (2-D), {values['rms_axis_px']:.3f} "
+        f"(an axis); median {values['median_px']:.3f}",
+        "sights that no adjustment used, median": f"{_text(values['held_out_before_px'])} px "
+        f"before, {_text(values['held_out_after_px'])} after ({values['held_out_sights']} sights)",
+        "seen to": f"{values['valid_angle_degrees']:.1f} degrees from the axis; the lens is "
+        f"one-to-one to {values['lens_domain_degrees']:.1f}",
+        "standard deviation of a projected pixel": ", ".join(
+            f"{_text(value)} px ({name})" for name, value in values["uncertainty_px"].items()
+        ),
+        "seconds": f"{values['seconds']:.1f}",
+    }
+    pictures = [
+        _arrows(camera, solution.pixels[good], after),
+        _rings(np.degrees(solution.field_angles[good]), before, after),
+        _map(camera, sigma, "Uncertainty of projection [px, one standard deviation]", "inferno"),
+        _map(camera, _change(found.before, camera, turn), "Change of the lens [px]", "viridis"),
+    ]
+    page = _HTML.format(
+        title=html.escape(title),
+        notes="".join(f'<p class="note">{html.escape(note)}</p>' for note in values["notes"]),
+        summary="".join(f"<tr><td>{name}<td>{text}</tr>" for name, text in rows.items()),
+        params="".join(map(_param, values["params"])),
+        pictures="".join(pictures),
+        regions=_region_rows(camera, solution.pixels[good], before, after, sigma),
+    )
+    path = folder / PAGE
+    write_atomically(path, page.encode())
+    return path
+
+
+def _turn(before: Camera, after: Camera, reach: float) -> np.ndarray:
+    """(3, 3) the rotation that brings the rays of the new lens onto the old one's (Kabsch): poses
+    follow a lens that is turned as a whole."""
+    pixels = grid_pixels(after.width, after.height).reshape(-1, 2)
+    (old, _), (new, _) = before.unproject(pixels), after.unproject(pixels)
+    use = np.isfinite(old).all(axis=1) & np.isfinite(new).all(axis=1)
+    use[use] = new[use][:, 2] >= np.cos(reach)
+    u, _, vt = np.linalg.svd(old[use].T @ new[use])
+    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+
+
+def _residuals_before(found: RefinedLens, turn: np.ndarray) -> np.ndarray:
+    """(S, 2) pixels through the data set's lens minus pixels seen; NaN where it has none."""
+    solution = found.solution
+    pose = solution.camera_from_world[solution.sights[:, 1]]
+    points = solution.points[solution.sights[:, 0]]
+    directions = np.einsum("nij,nj->ni", pose[:, :3, :3], points) + pose[:, :3, 3]
+    pixels, valid = found.before.project(directions @ turn.T)
+    return np.where(valid[:, None], pixels, np.nan) - solution.pixels
+
+
+def _change(before: Camera, after: Camera, turn: np.ndarray) -> np.ndarray:
+    """(rows, columns) pixels between the images of one ray in the two lenses; NaN without one."""
+    pixels = grid_pixels(after.width, after.height)
+    rays, _ = after.unproject(pixels.reshape(-1, 2))
+    old, valid = before.project(rays @ turn.T)
+    distance = np.linalg.norm(np.where(valid[:, None], old, np.nan) - pixels.reshape(-1, 2), axis=1)
+    return distance.reshape(pixels.shape[:2])
+
+
+def _region_rows(
+    camera: Camera, pixels: np.ndarray, before: np.ndarray, after: np.ndarray, sigma: np.ndarray
+) -> str:
+    size = np.array([camera.width, camera.height])
+
+    def cell(at: np.ndarray) -> np.ndarray:
+        place = np.clip(at * _REGIONS / size, 0, _REGIONS - 1).astype(int)
+        return place[..., 1] * _REGIONS + place[..., 0]
+
+    of_sight, of_grid = cell(pixels), cell(grid_pixels(camera.width, camera.height))
+    rows = []
+    for index in range(_REGIONS**2):
+        mine, here = of_sight == index, sigma[of_grid == index]
+        mean = after[mine].mean(axis=0) if mine.any() else np.full(2, np.nan)
+        here = here[np.isfinite(here)]
+        known = _text(float(np.median(here))) if len(here) else "-"
+        rows.append(
+            f"<tr><td>{index % _REGIONS + 1}, {index // _REGIONS + 1}<td>{mine.sum():,}"
+            f"<td>{_text(_rms(before[mine]))}<td>{_text(_rms(after[mine]))}"
+            f"<td>{_text(mean[0])}, {_text(mean[1])}<td>{known}</tr>"
+        )
+    return "".join(rows)
+
+
+def _rms(residuals: np.ndarray) -> float:
+    squares = np.sum(residuals**2, axis=1)
+    squares = squares[np.isfinite(squares)]
+    return float(np.sqrt(squares.mean())) if len(squares) else float("nan")
+
+
+def _param(row: dict[str, Any]) -> str:
+    before, after, sigma = row["before"], row["after"], row["sigma"]
+    moved = f"{(after - before) / sigma:.1f}" if sigma > 0 else "-"
+    return (
+        f"<tr><td>{html.escape(row['name'])}<td>{before:.8g}<td>{after:.8g}<td>{sigma:.2g}"
+        f"<td>{moved}</tr>"
+    )
+
+
+def _text(value: float | None) -> str:
+    return "-" if value is None or not np.isfinite(value) else f"{value:.3f}"
+
+
+def _figure(title: str, width: float, height: float) -> tuple[Any, Any]:
+    from matplotlib.figure import Figure  # without pyplot: no state, no display
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.add_subplot()
+    axes.set_title(title, color=_INK, fontsize=10)
+    axes.tick_params(colors=_MUTED, labelsize=8)
+    for spine in axes.spines.values():
+        spine.set_color(_GRID)
+    return figure, axes
+
+
+def _svg(figure: Any) -> str:
+    import matplotlib
+
+    buffer = io.StringIO()
+    with matplotlib.rc_context({"svg.hashsalt": "gsut"}):  # the same page from the same run
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]
+
+
+def _over_image(camera: Camera, title: str) -> tuple[Any, Any]:
+    figure, axes = _figure(title, 6.0, 6.0 * camera.height / camera.width + 0.5)
+    axes.set(xlim=(0, camera.width), ylim=(camera.height, 0), aspect="equal")
+    return figure, axes
+
+
+def _arrows(camera: Camera, pixels: np.ndarray, residuals: np.ndarray) -> str:
+    length = float(np.percentile(np.linalg.norm(residuals, axis=1), 99))
+    factor = _ARROW_PART * camera.width / max(length, 1e-12)
+    figure, axes = _over_image(camera, f"Residuals after, enlarged {factor:.0f} times")
+    step = max(1, len(pixels) // _MOST_ARROWS)
+    at, by = pixels[::step], residuals[::step] * factor
+    axes.quiver(
+        *at.T, *by.T, angles="xy", scale_units="xy", scale=1, width=0.0016, color=_LINE,
+        rasterized=True,
+    )  # fmt: skip
+    return _svg(figure)
+
+
+def _rings(degrees: np.ndarray, before: np.ndarray, after: np.ndarray) -> str:
+    figure, axes = _figure("RMS of residuals [px] by field angle", 6.0, 3.4)
+    ring = np.floor(degrees / _RING_DEGREES).astype(int)
+    full = [i for i in np.unique(ring) if np.sum(ring == i) >= _FEWEST_IN_RING]
+    middle = [(i + 0.5) * _RING_DEGREES for i in full]
+    for residuals, color, name in ((before, _BEFORE, "before"), (after, _LINE, "after")):
+        rms = [_rms(residuals[ring == i]) for i in full]
+        axes.plot(middle, rms, color=color, marker="o", markersize=4, label=name)
+    axes.set_yscale("log")
+    axes.grid(color=_GRID, linewidth=0.6)
+    axes.set_xlabel("degrees from the axis", color=_MUTED)
+    axes.legend(fontsize=8, frameon=False)
+    return _svg(figure)
+
+
+def _map(camera: Camera, values: np.ndarray, title: str, colours: str) -> str:
+    figure, axes = _over_image(camera, title)
+    if np.isfinite(values).any():
+        low, high = np.nanpercentile(values, (0, 99))
+        shown = axes.imshow(
+            np.ma.masked_invalid(values), cmap=colours, vmin=low, vmax=max(high, low + 1e-12),
+            extent=(0, camera.width, camera.height, 0), interpolation="nearest",
+        )  # fmt: skip
+        figure.colorbar(shown, ax=axes, shrink=0.75)
+    return _svg(figure)

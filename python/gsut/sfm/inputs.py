@@ -1,0 +1,112 @@
+"""The photographs of `gsut poses` and the lens of each."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from gsut._core import InputError, Shutter
+from gsut.data import find_images, find_lens_file, find_mask, read_dataset
+from gsut.lens import Camera, load_camera
+
+FEWEST_IMAGES = 2
+
+
+@dataclasses.dataclass(frozen=True)
+class Photographs:
+    """What poses are estimated for.
+
+    Args:
+        root: the folder that names are relative to.
+        names: of the images, sorted.
+        paths: of the images.
+        masks: image that is white where pixels are valid, or None; one an image.
+        cameras: one an image, equal lenses the same object; None: unknown.
+        shutter: rolling, in the direction that the dataset says, or None: nothing said.
+        moments: (N,) of a rig: which images were taken together, counted from 0 in order of time.
+        rig_cameras: (N,) of a rig: the camera, counted from 0.
+        paired_by: of a rig: "name" or "order" of the images.
+    """
+
+    root: Path
+    names: list[str]
+    paths: list[Path]
+    masks: list[Path | None]
+    cameras: list[Camera | None]
+    shutter: Shutter | None = None
+    moments: np.ndarray | None = None
+    rig_cameras: np.ndarray | None = None
+    paired_by: str | None = None
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+def find_photographs(images: Path, lens: Path | None) -> Photographs:
+    """Finds images and lens.
+
+    Args:
+        images: a folder of images (or with a folder `images`), with masks as
+            `gsut train` reads them (mask.png, masks/); or a dataset, whose images, masks and lens
+            are used and whose poses are not.
+        lens: lens file, or a dataset whose lens is used; None: the one beside the images, or
+            unknown.
+
+    Raises:
+        InputError: no such folder, fewer than two images, or the lens cannot be read.
+    """
+    if not images.is_dir():
+        raise InputError(f"{images} is no folder; give the folder of the photographs")
+    if (images / "transforms.json").is_file():
+        found = _of_dataset(images)
+    else:
+        found = photographs_in(images, with_lens=lens is None)
+    if lens is not None:
+        camera = _lens_of(lens)
+        found = dataclasses.replace(found, cameras=[camera] * len(found))
+    if len(found) < FEWEST_IMAGES:
+        raise InputError(
+            f"{images} holds {len(found)} image(s); poses need at least {FEWEST_IMAGES} that "
+            "overlap, better 20 or more"
+        )
+    return found
+
+
+def _of_dataset(path: Path) -> Photographs:
+    frames = sorted(read_dataset(path).frames, key=lambda frame: frame.name)
+    return Photographs(
+        path,
+        [frame.name for frame in frames],
+        [frame.image_path for frame in frames],
+        [frame.mask_path for frame in frames],
+        [frame.camera for frame in frames],
+        next((frame.shutter for frame in frames if frame.shutter is not None), None),
+    )
+
+
+def photographs_in(path: Path, *, with_lens: bool = False) -> Photographs:
+    """The images and masks of a plain folder, and, if asked for, the lens beside them."""
+    paths = find_images(path)
+    root = path / "images" if (path / "images").is_dir() else path
+    names = [p.relative_to(root).as_posix() for p in paths]
+    common = path / "mask.png" if (path / "mask.png").is_file() else None
+    masks = [find_mask(path / "masks", name) or common for name in names]
+    file = find_lens_file(path) if with_lens else None
+    camera = load_camera(file) if file is not None else None
+    return Photographs(root, names, paths, masks, [camera] * len(paths))
+
+
+def _lens_of(path: Path) -> Camera:
+    if not path.is_dir():
+        return load_camera(path)
+    if (path / "transforms.json").is_file():
+        cameras = {frame.camera for frame in read_dataset(path).frames}
+        if len(cameras) != 1:
+            raise InputError(f"{path} has {len(cameras)} lenses; give the file of one")
+        return cameras.pop()
+    file = find_lens_file(path)
+    if file is None:
+        raise InputError(f"{path} holds neither a transforms.json nor a lens file")
+    return load_camera(file)

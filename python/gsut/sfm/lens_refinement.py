@@ -1,0 +1,236 @@
+"""Refines a data set's lens together with its poses, from features of its images; no board."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.data import Frame, inverse, read_dataset, some_names
+from gsut.least_squares import minimize_least_squares
+from gsut.lens import Camera
+from gsut.sfm.features import Features, find_all_features, no_features
+from gsut.sfm.inputs import Photographs
+from gsut.sfm.lens_covariance import LensCovariance, lens_covariance
+from gsut.sfm.matching import PairMatches, match_and_verify, preview_pairs
+from gsut.sfm.options import PosesOptions
+from gsut.sfm.pairs import choose_pairs
+from gsut.sfm.solution import FEATURE_VARIANCE, Solution, in_cameras, refine
+
+# Told (stage, done, total, text) as the work goes on.
+OnProgress = Callable[[str, int, int, str], None]
+_FEWEST_IMAGES = 3
+_HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare a sight
+_ROUNDS = 2  # of verified matches: the second through the refined lens
+# Of the first matches' largest error: through a lens that is some percent off.
+_LOOSER = 4.0
+_POINT_STEPS = 20  # Levenberg-Marquardt steps of points seen by fixed cameras
+
+
+@dataclasses.dataclass(frozen=True)
+class RefinedLens:
+    """What was found.
+
+    Args:
+        before: the data set's lens. solution: refined poses, points and lens.
+        photographs: the images. covariance: of the lens.
+        free: (K,) bool, parameters that were refined.
+        held_out_before_px, held_out_after_px: median distance at sights that no adjustment used,
+            of points triangulated from the others; through the data set's own lens and poses, and
+            through the refined ones.
+        held_out: number of those sights.
+        reach: radians from the axis to the outermost sight.
+    """
+
+    before: Camera
+    solution: Solution
+    photographs: Photographs
+    covariance: LensCovariance
+    free: np.ndarray
+    held_out_before_px: float
+    held_out_after_px: float
+    held_out: int
+    reach: float
+
+    @property
+    def camera(self) -> Camera:
+        """The refined lens."""
+        return self.solution.cameras[0]
+
+
+def refine_lens(
+    data: Path, options: PosesOptions, on_progress: OnProgress, note: Callable[[str], None]
+) -> RefinedLens:
+    """Refines the lens of a data set by bundle adjustment, starting from its lens and poses.
+
+    Args:
+        data: a data set with poses and one lens. options: see PosesOptions.
+        on_progress: told (stage, done, total, text). note: told each note as it arises.
+
+    Raises:
+        InputError: no data set, several lenses, a rolling shutter, or too few images.
+        SolveError: the images, lens and poses do not agree, or do not determine the lens.
+    """
+    frames = _checked_frames(data)
+    before = frames[0].camera
+    photographs = Photographs(
+        data if data.is_dir() else data.parent,
+        [frame.name for frame in frames],
+        [frame.image_path for frame in frames],
+        [frame.mask_path for frame in frames],
+        [frame.camera for frame in frames],
+    )
+    given = [inverse(frame.world_from_camera) for frame in frames]
+    features = _features(photographs, options, on_progress, note)
+    pairs = choose_pairs(photographs.names, features, options)
+    pairs = preview_pairs(
+        features, pairs, options,
+        lambda done, total: on_progress("preview", done, total, f"{total} pairs"),
+    )  # fmt: skip
+    free = np.ones(len(before.params), bool)
+    camera, poses = before, given
+    loose = dataclasses.replace(options, max_two_view_error=_LOOSER * options.max_two_view_error)
+    for round_ in range(_ROUNDS):
+        last = round_ == _ROUNDS - 1
+        verified = _verified(features, camera, pairs, options if last else loose, on_progress)
+        solution = refine(
+            photographs.names, [camera] * len(frames), features, verified, poses, options,
+            lambda done, total, points, step: on_progress(
+                "adjusting", done, total, f"{points:,} points"),
+            lens_free=free, hold_out_every=_HOLD_OUT_EVERY if last else 0,
+        )  # fmt: skip
+        poses = solution.poses_or(poses)
+        camera = solution.cameras[0]
+    if solution.num_registered < len(frames):
+        note(
+            f"{len(frames) - solution.num_registered} of {len(frames)} images see too few points "
+            f"and are left out: {some_names(solution.unregistered_names())}"
+        )
+    held = solution.held_out_sights
+    return RefinedLens(
+        before,
+        solution,
+        photographs,
+        lens_covariance(solution, free, options.loss_scale, FEATURE_VARIANCE),
+        free,
+        _held_out_error(solution, features, before, given),
+        _held_out_error(solution, features, camera, list(solution.camera_from_world)),
+        len(held),
+        float(np.max(solution.field_angles)),
+    )
+
+
+def _checked_frames(data: Path) -> list[Frame]:
+    frames = sorted(read_dataset(data).frames, key=lambda frame: frame.name)
+    if len(frames) < _FEWEST_IMAGES:
+        raise InputError(
+            f"{data} has {len(frames)} images with a pose; refining a lens needs at least "
+            f"{_FEWEST_IMAGES}, better 20 or more"
+        )
+    lenses = list(dict.fromkeys(frame.camera for frame in frames))
+    if len(lenses) > 1:
+        raise InputError(
+            f"{data} has {len(lenses)} lenses; --from-dataset refines one: split the data set by "
+            "lens"
+        )
+    if any(frame.shutter is not None for frame in frames):
+        raise InputError(
+            f"{data} has a rolling shutter, which --from-dataset does not model; calibrate with a "
+            "board and a still camera"
+        )
+    if not lenses[0].params.size:
+        raise InputError(f"{data}: the lens {lenses[0].model} has no parameters to refine")
+    return frames
+
+
+def _features(
+    photographs: Photographs,
+    options: PosesOptions,
+    on_progress: OnProgress,
+    note: Callable[[str], None],
+) -> list[Features]:
+    found: list[Features] = []
+
+    def on_image(index: int, features: Features | None, error: Exception | None) -> None:
+        if features is None:
+            note(f"left out: {error}")
+        found.append(features if features is not None else no_features())
+        on_progress("features", len(found), len(photographs), photographs.names[index])
+
+    find_all_features(photographs.paths, photographs.cameras, photographs.masks, options, on_image)
+    return found
+
+
+def _verified(
+    features: Sequence[Features],
+    camera: Camera,
+    pairs: np.ndarray,
+    options: PosesOptions,
+    on_progress: OnProgress,
+) -> list[PairMatches]:
+    verified = match_and_verify(
+        features, [camera] * len(features), pairs, options,
+        lambda done, total: on_progress("matching", done, total, f"{total} pairs"),
+    )  # fmt: skip
+    if not verified:
+        raise InputError(
+            "no two images have matches that agree through this lens: do images and lens belong "
+            "together?"
+        )
+    return verified
+
+
+def _held_out_error(
+    solution: Solution, features: Sequence[Features], camera: Camera, poses: list[np.ndarray]
+) -> float:
+    """Median pixel distance at the held-out sights, of points that the other sights give."""
+    held = solution.held_out_sights
+    if not len(held):
+        return float("nan")
+    used = solution.sights[np.isin(solution.sights[:, 0], held[:, 0])]
+    points = fitted_points(solution.points, used, _pixels(features, used), camera, np.array(poses))
+    p = in_cameras(points, held, np.array(poses))
+    distance = np.linalg.norm(camera.project(p)[0] - _pixels(features, held), axis=1)
+    return float(np.median(np.where(np.isfinite(distance), distance, np.inf)))
+
+
+def _pixels(features: Sequence[Features], sights: np.ndarray) -> np.ndarray:
+    pixels = np.zeros((len(sights), 2))
+    for image in np.unique(sights[:, 1]):
+        rows = sights[:, 1] == image
+        pixels[rows] = features[image].pixels[sights[rows, 2]]
+    return pixels
+
+
+def fitted_points(
+    start: np.ndarray, sights: np.ndarray, pixels: np.ndarray, camera: Camera, poses: np.ndarray
+) -> np.ndarray:
+    """Points (P, 3) that fit their sights best through fixed cameras.
+
+    Args:
+        start: (P, 3). sights: (S, 3) int: point, image, feature. pixels: (S, 2) of the sights.
+        camera: of all images. poses: (N, 4, 4) camera_from_world.
+    """
+    which = sights[:, 0]
+
+    def residuals(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        p = in_cameras(points, sights, poses)
+        return p, camera.project(p)[0] - pixels
+
+    def cost_of(points: np.ndarray) -> np.ndarray:
+        squared = np.sum(residuals(points)[1] ** 2, axis=1)
+        return np.bincount(which, np.where(np.isfinite(squared), squared, np.inf), len(points))
+
+    def normal_equations(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        p, residual = residuals(points)
+        residual = np.where(np.isfinite(residual).all(axis=1)[:, None], residual, 0.0)
+        by_point = np.nan_to_num(camera.project_jacobian(p)[0]) @ poses[sights[:, 1], :3, :3]
+        gradient, normal = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
+        np.add.at(gradient, which, np.einsum("nij,ni->nj", by_point, residual))
+        np.add.at(normal, which, by_point.transpose(0, 2, 1) @ by_point)
+        return gradient, normal
+
+    return minimize_least_squares(start, cost_of, normal_equations, max_steps=_POINT_STEPS)[0]

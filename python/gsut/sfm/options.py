@@ -1,0 +1,118 @@
+"""The settings of `gsut poses`: every default with its unit, range and reason."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from gsut.run import check_options, option
+
+PAIR_RULES = ("auto", "all", "sequential", "similar")
+
+
+@dataclasses.dataclass(frozen=True)
+class PosesOptions:
+    """What `estimate_poses` does; immutable, checked when made; see `gsut poses --help`.
+
+    Raises:
+        InputError: a value of the wrong kind or out of range (names option, value and range).
+    """
+
+    # fmt: off
+    max_features: int = option(
+        4000, "Features", "features of an image: those of most contrast", low=50, high=100_000,
+    )
+    feature_scale: float = option(
+        0.0, "Features", "size of the images in which features are sought, of the originals'; 0: "
+        "such that they have at most --max-megapixels", low=0, high=1,
+    )
+    max_megapixels: float = option(
+        2.1, "Features", "see --feature-scale", low=0.01, high=1000,
+    )
+    contrast: float = option(
+        0.0067, "Features", "SIFT's threshold of contrast", low=0, high=1,
+        reason="with 0.02 only 56 of the 60 images of sponza_fisheye are registered",
+    )
+    pairs: str = option(
+        "auto", "Pairs", "images compared: all; sequential: each with the next --window, and with "
+        "ever more distant ones; similar: each with the --neighbors most alike; auto: all up to "
+        "--all-up-to images, beyond that similar, and sequential where names count up",
+        choices=PAIR_RULES,
+    )
+    all_up_to: int = option(100, "Pairs", "see --pairs", low=2)
+    window: int = option(8, "Pairs", "see --pairs", low=1)
+    neighbors: int = option(20, "Pairs", "see --pairs", low=1)
+    preview_features: int = option(
+        700, "Pairs", "largest features that decide whether a pair is compared in full", low=10,
+    )
+    preview_matches: int = option(
+        8, "Pairs", "of them that must match; 0: all pairs are compared in full", low=0,
+    )
+    partners: int = option(
+        24, "Pairs", "most images that an image is compared with in full: those with most matches "
+        "of the largest features", low=2,
+    )
+    max_ratio: float = option(
+        0.85, "Matches", "ratio of the descriptors' distances, nearest to second nearest",
+        low=0, low_open=True, high=1,
+    )
+    max_distance: float = option(
+        0.7, "Matches", "distance of matched descriptors of unit length", low=0, low_open=True,
+        high=2,
+    )
+    max_two_view_error: float = option(
+        1.2, "Matches", "error of a match against the pose of its two images",
+        unit="thousandths of the image's diagonal", low=0, low_open=True, high=100,
+    )
+    min_matches: int = option(20, "Matches", "matches that agree, of a pair that is used", low=8)
+    max_error: float = option(
+        1.8, "Mapping", "distance at which a feature no longer sees a point",
+        unit="thousandths of the image's diagonal", low=0, low_open=True, high=100,
+    )
+    min_angle: float = option(
+        1.5, "Mapping", "smallest angle under which a point is seen", unit="degrees", low=0,
+        low_open=True, high=90,
+    )
+    min_inliers: int = option(
+        15, "Mapping", "points that an image must see to be registered", low=4,
+    )
+    loss_scale: float = option(
+        1.5, "Mapping", "residuals beyond this many times their median lose weight (Cauchy)",
+        low=0, low_open=True, high=100,
+    )
+    extend_rounds: int = option(
+        2, "Mapping", "times that points are looked for, at the end, in images that do not see "
+        "them yet: longer tracks", low=0, high=20,
+        reason="chosen on a demo scene (seed 1): rotations 0.016 -> 0.012 degrees there",
+    )
+    extend_radius: float = option(
+        2.2, "Mapping", "how far from where a point should be its feature is looked for",
+        unit="thousandths of the image's diagonal", low=0, low_open=True, high=100,
+    )
+    extend_distance: float = option(
+        0.8, "Mapping", "distance of the feature's descriptor, of unit length, from the mean of "
+        "the point's", low=0, low_open=True, high=2,
+    )
+    shutter: str = option(
+        "auto", "Shutter", "rolling: the camera moves while an image is read, each image with its "
+        "own velocity; global: one pose an image; auto: as the dataset says, rolling where "
+        "--readout-time is given", choices=("auto", "global", "rolling"),
+    )
+    readout_time: float | None = option(
+        None, "Shutter", "time from the first line of an image to its last, for a video: "
+        "velocities are held near those between neighbouring frames", unit="x time between frames",
+        low=0.0, high=1.0, low_open=True, none="each image's velocity by itself",
+    )
+    readout_direction: str = option(
+        "top_to_bottom", "Shutter", "order in which lines are read, where the dataset does not say",
+        choices=("top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left"),
+    )
+    rolling_error: float = option(
+        12.0, "Shutter", "rolling: errors may be this many times larger until the velocities are "
+        "known", low=1.0, high=1000,
+    )
+    threads: int = option(0, "Run", "threads; 0 = all processors", low=0, high=4096)
+    seed: int = option(0, "Run", "seed of every random number", low=0, high=2**63 - 1)
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        check_options(self)

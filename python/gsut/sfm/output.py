@@ -1,0 +1,183 @@
+"""Writes poses: transforms.json, COLMAP text, points3D.ply and poses.json."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.data import Frame, inverse, points_ply, write_transforms
+from gsut.lens import format_colmap
+from gsut.sfm.inputs import Photographs
+from gsut.sfm.solution import FEATURE_VARIANCE, Solution
+from gsut.sfm.stages import write_atomically
+
+TRANSFORMS = "transforms.json"
+POINTS = "points3D.ply"
+FIGURES = "poses.json"
+COLMAP = "sparse/0"
+
+
+def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> list[str]:
+    """Writes the poses in all formats; every file as a whole or not at all.
+
+    Args:
+        solution: what was found.
+        photographs: the images; named by paths relative to `out`, not copied.
+        out: the folder.
+
+    Returns:
+        What could not be written, one sentence each (COLMAP lacks some lenses).
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    write_atomically(out / POINTS, points_ply(solution.points, solution.colors))
+    try:
+        write_transforms(out / TRANSFORMS, _frames(solution, photographs), points_file=POINTS)
+    except OSError as error:
+        raise InputError(f"cannot write {out / TRANSFORMS}: {error.strerror}") from error
+    try:
+        texts = _colmap(solution)
+    except InputError as error:
+        return [f"{COLMAP} was not written: {error}"]
+    (out / COLMAP).mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        write_atomically(out / COLMAP / name, text.encode())
+    if solution.shutter is not None:
+        return [f"{COLMAP} has the pose in the middle of each readout: COLMAP knows no other"]
+    return []
+
+
+def _frames(solution: Solution, photographs: Photographs) -> list[Frame]:
+    frames = [
+        Frame(name, path, camera, inverse(pose), mask_path=mask, shutter=solution.shutter)
+        for name, path, camera, pose, mask in zip(
+            solution.names, photographs.paths, solution.cameras, solution.camera_from_world,
+            photographs.masks, strict=True,
+        )
+    ]  # fmt: skip
+    if solution.shutter is not None:
+        ends = solution.poses_at(0.0), solution.poses_at(1.0)
+        for frame, start, end in zip(frames, *ends, strict=True):
+            frame.world_from_camera_start, frame.world_from_camera_end = (
+                inverse(start),
+                inverse(end),
+            )
+    return [f for f, registered in zip(frames, solution.registered, strict=True) if registered]
+
+
+def _colmap(solution: Solution) -> dict[str, str]:
+    """cameras.txt, images.txt and points3D.txt; images and points count from 1."""
+    lenses = list(dict.fromkeys(solution.cameras))
+    cameras = []
+    for number, camera in enumerate(lenses, 1):
+        record = format_colmap(camera).splitlines()[-1]
+        cameras.append(f"{number} {record.split(' ', 1)[1]}")
+    places: list[list[str]] = [[] for _ in solution.names]
+    tracks: list[list[str]] = [[] for _ in solution.points]
+    for (point, image, _), (x, y) in zip(solution.sights, solution.pixels, strict=True):
+        tracks[point].append(f"{image + 1} {len(places[image])}")
+        places[image].append(f"{x:.6f} {y:.6f} {point + 1}")
+    images = []
+    for i, name in enumerate(solution.names):
+        if not solution.registered[i]:
+            continue
+        pose = solution.camera_from_world[i]
+        quaternion = quaternion_of(pose[:3, :3])
+        numbers = " ".join(repr(float(v)) for v in (*quaternion, *pose[:3, 3]))
+        images += [
+            f"{i + 1} {numbers} {lenses.index(solution.cameras[i]) + 1} {name}",
+            " ".join(places[i]),
+        ]
+    points = []
+    for i, position in enumerate(solution.points):
+        numbers = " ".join(repr(float(v)) for v in position)
+        color = " ".join(str(int(v)) for v in solution.colors[i])
+        points.append(
+            f"{i + 1} {numbers} {color} {solution.point_errors[i]:.6f} " + " ".join(tracks[i])
+        )
+    return {
+        "cameras.txt": "\n".join(["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]", *cameras, ""]),
+        "images.txt": "\n".join(
+            ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", *images, ""]
+        ),
+        "points3D.txt": "\n".join(
+            [
+                "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)",
+                *points,
+                "",
+            ]
+        ),
+    }
+
+
+def quaternion_of(rotation: np.ndarray) -> np.ndarray:
+    """(4,) w, x, y, z with w >= 0 of a rotation (3, 3).
+
+    The eigenvector of the largest eigenvalue of Bar-Itzhack's matrix (2000): stable everywhere.
+    """
+    r = rotation
+    matrix = np.array(
+        [
+            [r[0, 0] + r[1, 1] + r[2, 2], r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]],
+            [r[2, 1] - r[1, 2], r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]],
+            [r[0, 2] - r[2, 0], r[0, 1] + r[1, 0], r[1, 1] - r[0, 0] - r[2, 2], r[1, 2] + r[2, 1]],
+            [r[1, 0] - r[0, 1], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], r[2, 2] - r[0, 0] - r[1, 1]],
+        ]
+    )
+    vector = np.linalg.eigh(matrix)[1][:, -1]
+    return vector if vector[0] >= 0 else -vector
+
+
+def figures(
+    solution: Solution, seconds: dict[str, float], notes: list[str], extra: dict[str, Any]
+) -> dict[str, Any]:
+    """What poses.json holds: JSON values, None for what is not known."""
+    sigmas = np.sqrt(np.einsum("nii->ni", solution.covariances))
+    lenses = list(dict.fromkeys(solution.cameras))
+    rows = []
+    for i, name in enumerate(solution.names):
+        row: dict[str, Any] = {"name": name, "registered": bool(solution.registered[i])}
+        if solution.registered[i]:
+            mine = solution.sights[:, 1] == i
+            lengths = np.linalg.norm(solution.residuals[mine], axis=1)
+            row["camera_from_world"] = solution.camera_from_world[i].tolist()
+            if solution.velocities is not None:
+                row["readout_shift"] = solution.velocities[i, :3].tolist()
+                row["readout_turn_degrees"] = np.degrees(solution.velocities[i, 3:]).tolist()
+            row["points"] = int(mine.sum())
+            row["error_px"] = _number(np.nanmedian(lengths)) if len(lengths) else None
+            row["sigma_center"] = [_number(v) for v in sigmas[i, :3]]
+            row["sigma_turn_degrees"] = [_number(math.degrees(v)) for v in sigmas[i, 3:]]
+            row["covariance"] = [[_number(v) for v in line] for line in solution.covariances[i]]
+        rows.append(row)
+    return {
+        "registered": solution.num_registered,
+        "images": len(solution.names),
+        "points": len(solution.points),
+        "sights": len(solution.sights),
+        "mean_track_length": _number(len(solution.sights) / max(1, len(solution.points))),
+        "reprojection_error_px": {"rms": solution.rms, "median": solution.median},
+        "seconds": {**seconds, "total": sum(seconds.values())},
+        "initial_pair": [solution.names[i] for i in solution.initial_pair],
+        "restarts": solution.restarts,
+        "lenses": [
+            {"model": c.model, "params": list(map(float, c.params)), "width": c.width,
+             "height": c.height}
+            for c in lenses
+        ],
+        "notes": notes,
+        "covariance_scale": FEATURE_VARIANCE,
+        "covariance_of": "centre in the world, turn in the camera frame (radians); the first image "
+        "of initial_pair and one component of the second's centre are held",
+        **extra,
+        "views": rows,
+    }  # fmt: skip
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,216 @@
+"""report.html of `gsut poses`: cameras and points, track lengths, residuals by field angle."""
+
+from __future__ import annotations
+
+import html
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut.sfm.align import centers_of
+from gsut.sfm.solution import Solution
+from gsut.sfm.stages import write_atomically
+
+REPORT = "report.html"
+_MOST_POINTS = 20000  # drawn
+_SHOWN_PERCENT = 97.0  # of the points, nearest first: far ones would shrink the rest
+_INK, _MUTED, _GRID, _LINE = "#1d2733", "#6b7785", "#e3e8ee", "#1668b8"  # as the training report
+_CAMERAS = (_LINE, "#c8442f", "#2a8f5a", "#8a4fb0", "#b07a12", "#3a8fa0")  # of a rig, in turn
+_BIN_DEGREES = 5.0
+_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>gsut poses: {title}</title>
+<style>body{{font:15px/1.5 system-ui,sans-serif;color:#1d2733;max-width:1000px;margin:2em auto;
+padding:0 1em}}h1{{font-size:1.5em}}h2{{font-size:1.1em;margin-top:2em}}table{{border-collapse:
+collapse;font-size:13px}}td,th{{padding:2px 10px;text-align:right;border-bottom:1px solid #e3e8ee}}
+td:first-child,th:first-child{{text-align:left}}svg{{max-width:100%;height:auto}}.note{{background:
+#fff6e0;padding:.5em 1em}}</style>
+<h1>{title}</h1>{notes}<table>{summary}</table>
+<h2>Cameras and points from above and from the side</h2>{scene}
+<h2>Residuals and tracks</h2>{residuals}{tracks}
+<h2>Images</h2><table><tr><th>image<th>points<th>median error [px]<th>sigma of the turn [degrees]
+</tr>{images}</table></html>
+"""
+
+
+def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
+    """Writes report.html, self-contained.
+
+    Args:
+        out: the folder.
+        solution: poses and points.
+        values: the content of poses.json.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    title = f"{values['registered']} of {values['images']} images registered"
+    error = values["reprojection_error_px"]
+    summary = {
+        "points": f"{values['points']:,}",
+        "sights": f"{values['sights']:,} ({values['mean_track_length'] or 0:.1f} a point)",
+        "reprojection error": f"median {error['median']:.3f} px, rms {error['rms']:.3f} px",
+        "seconds": ", ".join(f"{k} {v:.1f}" for k, v in values["seconds"].items()),
+        "began with": " and ".join(values["initial_pair"]),
+        **(_rig_rows(values["rig"]) if "rig" in values else {}),
+        **{
+            f"lens {i}": f"{lens['model']} "
+            + " ".join(f"{v:.6g}" for v in lens["params"])
+            + f" ({values['lens']})"
+            for i, lens in enumerate(values["lenses"], 1)
+        },
+    }
+    images = []
+    for row in values["views"]:
+        name = html.escape(row["name"])
+        if not row["registered"]:
+            images.append(f"<tr><td>{name}<td colspan=3>not registered</tr>")
+            continue
+        sigma = [v for v in row["sigma_turn_degrees"] if v is not None]
+        shown = f"{max(sigma):.4f}" if sigma else "unknown"
+        images.append(
+            f"<tr><td>{name}<td>{row['points']}<td>{row['error_px'] or 0:.3f}<td>{shown}</tr>"
+        )
+    page = _PAGE.format(
+        title=html.escape(title),
+        notes="".join(f'<p class="note">{html.escape(n)}</p>' for n in values["notes"]),
+        summary="".join(
+            f"<tr><td>{html.escape(k)}<td>{html.escape(v)}</tr>" for k, v in summary.items()
+        ),
+        scene=_scene_plot(solution, values.get("rig")),
+        residuals=_residual_plot(solution),
+        tracks=_track_plot(solution),
+        images="".join(images),
+    )
+    write_atomically(out / REPORT, page.encode())
+
+
+def _rig_rows(rig: dict[str, Any]) -> dict[str, str]:
+    """Of the summary: the moments, the unit, and where each camera of the rig is."""
+    rows = {
+        "rig": f"{rig['moments_registered']} of {rig['moments_total']} moments; lengths in the "
+        f"unit of {rig['file']}, baseline {rig['baseline']:.6g}",
+        "residuals of the same features": f"{rig['residual_px']:.3f} px with one pose a moment, "
+        f"{rig['residual_alone_px']:.3f} px image by image (medians)",
+    }
+    if rig["scale_sigma_percent"] is not None:
+        rows["standard error of lengths"] = (
+            f"{rig['scale_sigma_percent']:.2f} %, the baseline taken for exact"
+        )
+    for camera in rig["cameras"]:
+        words = f"{camera['registered']} of {camera['images']} images"
+        if rig["refined"]:
+            words += (
+                f"; refined: turned by {camera['turned_degrees']:.4f} degrees, moved by "
+                f"{camera['shifted']:.3g}"
+            )
+        rows[f"camera {camera['name']}"] = words
+    return rows
+
+
+def _figure(columns: int, width: float, height: float) -> tuple[Any, Any]:
+    from matplotlib.figure import Figure  # without pyplot: no state, no display
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(1, columns, squeeze=False)[0]
+    for axis in axes:
+        axis.tick_params(colors=_MUTED, labelsize=8)
+        axis.grid(color=_GRID, linewidth=0.6)
+        for spine in axis.spines.values():
+            spine.set_color(_GRID)
+    return figure, axes
+
+
+def _svg(figure: Any) -> str:
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg")
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]
+
+
+def _scene_plot(solution: Solution, rig: dict[str, Any] | None) -> str:
+    """Seen along two principal axes of the camera path; each camera of a rig in a colour."""
+    centers = centers_of(solution.camera_from_world[solution.registered])
+    forward = solution.camera_from_world[solution.registered][:, 2, :3]
+    down = solution.camera_from_world[solution.registered][:, 1, :3].mean(axis=0)
+    down = down / max(float(np.linalg.norm(down)), 1e-12)
+    middle = centers.mean(axis=0)
+    flat = centers - middle - np.outer((centers - middle) @ down, down)
+    across = np.linalg.svd(flat - flat.mean(axis=0))[2][0]
+    across = across - (across @ down) * down
+    across /= max(float(np.linalg.norm(across)), 1e-12)
+    along = np.cross(down, across)
+    far = np.linalg.norm(solution.points - middle, axis=1)
+    keep = np.flatnonzero(far <= np.percentile(far, _SHOWN_PERCENT))
+    keep = keep[:: max(1, len(keep) // _MOST_POINTS)]
+    points, colors = solution.points[keep] - middle, solution.colors[keep] / 255.0
+    cameras, moments = _rig_places(solution, rig)
+    figure, axes = _figure(2, 10, 5)
+    size = 0.03 * max(float(np.ptp(centers @ across)), float(np.ptp(centers @ along)), 1e-9)
+    for axis, (x, y) in zip(axes, ((across, along), (across, -down)), strict=True):
+        axis.scatter(points @ x, points @ y, s=0.6, c=colors, linewidths=0, rasterized=True)
+        c = centers - middle
+        for number, (name, rows) in enumerate(cameras.items()):
+            color = _CAMERAS[number % len(_CAMERAS)]
+            axis.plot(c[rows] @ x, c[rows] @ y, ".", color=color, markersize=4, label=name)
+            for center, ray in zip(c[rows], forward[rows], strict=True):
+                end = center + size * ray
+                axis.plot([center @ x, end @ x], [center @ y, end @ y], color=color, linewidth=0.8)
+        for rows in moments:
+            axis.plot(c[rows] @ x, c[rows] @ y, color=_MUTED, linewidth=0.8, zorder=1.5)
+        axis.set_aspect("equal")
+    if rig is not None:
+        axes[0].set_xlabel("in the rig's unit", color=_MUTED)
+        axes[0].legend(fontsize=8, frameon=False)
+    return _svg(figure)
+
+
+def _rig_places(
+    solution: Solution, rig: dict[str, Any] | None
+) -> tuple[dict[str, list[int]], list[list[int]]]:
+    """Rows, among the images with a pose, of each camera of a rig, and of each moment."""
+    if rig is None:
+        return {"": list(range(solution.num_registered))}, []
+    with_pose = [n for n, good in zip(solution.names, solution.registered, strict=True) if good]
+    place = {name: row for row, name in enumerate(with_pose)}
+    cameras = {
+        camera["name"]: [place[m[number]] for m in rig["moments"] if m[number] in place]
+        for number, camera in enumerate(rig["cameras"])
+    }
+    return cameras, [[place[name] for name in m if name in place] for m in rig["moments"]]
+
+
+def _residual_plot(solution: Solution) -> str:
+    lengths = np.linalg.norm(solution.residuals, axis=1)
+    good = np.isfinite(lengths)
+    degrees = np.degrees(solution.field_angles[good])
+    lengths = lengths[good]
+    figure, axes = _figure(2, 10, 3)
+    bins = np.floor(degrees / _BIN_DEGREES).astype(int)
+    middles, medians, upper = [], [], []
+    for index in np.unique(bins):
+        inside = lengths[bins == index]
+        if len(inside) < 10:
+            continue
+        middles.append((index + 0.5) * _BIN_DEGREES)
+        medians.append(np.median(inside))
+        upper.append(np.percentile(inside, 90))
+    axes[0].plot(middles, medians, color=_LINE, marker="o", markersize=4, label="median")
+    axes[0].plot(middles, upper, color=_MUTED, marker=".", label="90 %")
+    axes[0].set_xlabel("degrees from the axis", color=_MUTED)
+    axes[0].set_title("residual [px] by field angle", color=_INK, fontsize=10)
+    axes[0].set_ylim(bottom=0)
+    axes[0].legend(fontsize=8, frameon=False)
+    axes[1].hist(lengths, bins=60, range=(0, float(np.percentile(lengths, 99))), color=_LINE)
+    axes[1].set_title("residuals [px]", color=_INK, fontsize=10)
+    return _svg(figure)
+
+
+def _track_plot(solution: Solution) -> str:
+    lengths = np.bincount(solution.sights[:, 0])
+    figure, axes = _figure(1, 5, 3)
+    longest = int(max(lengths.max(initial=2), 3))
+    axes[0].hist(lengths, bins=np.arange(1.5, longest + 1.5), color=_LINE)
+    axes[0].set_yscale("log")
+    axes[0].set_title("points by track length (images)", color=_INK, fontsize=10)
+    return _svg(figure)

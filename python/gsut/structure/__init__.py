@@ -1,1 +1,0 @@
-"""Structure from motion: photographs and a lens in, camera poses and points out."""

@@ -1,0 +1,31 @@
+"""The training loop: growth, densification, fine-tuning, and what a run writes."""
+
+from gsut.training.compact_run import (
+    CompactOptions,
+    RunCompactor,
+    count_for_bytes,
+    parsed_bytes,
+    write_compacted_run,
+)
+from gsut.training.finetuning import finetune, finetune_options
+from gsut.training.loop import TrainingLoop
+from gsut.training.photometric_poses import grow_poses
+from gsut.training.results import create_run, first_poses, judge, write_results
+from gsut.training.trained_run import read_trained
+
+__all__ = [
+    "CompactOptions",
+    "RunCompactor",
+    "TrainingLoop",
+    "count_for_bytes",
+    "create_run",
+    "finetune",
+    "finetune_options",
+    "first_poses",
+    "grow_poses",
+    "judge",
+    "parsed_bytes",
+    "read_trained",
+    "write_compacted_run",
+    "write_results",
+]

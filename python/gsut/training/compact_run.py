@@ -1,0 +1,286 @@
+"""Compaction of a finished run into a new one: how many to keep, fine-tuning, evaluation, files."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.compact import (
+    Compaction,
+    SeenView,
+    check_keep,
+    check_method,
+    compact,
+    drop_harmonics,
+    looks_at_views,
+    scores_of,
+    seen_views,
+)
+from gsut.data import Scene
+from gsut.evaluate import evaluate, mean_psnr, run_metrics
+from gsut.gaussians import Gaussians, MixedGaussians, lighter
+from gsut.run import METRICS, REFINED, RunFolder, TrainOptions
+from gsut.training.finetuning import finetune, finetune_options
+from gsut.training.results import write_results
+
+# The search for the smallest number stops when its bounds are this close, as a ratio.
+_SEARCH_RATIO = 1.05
+_SEARCH_LEAST = 0.005  # of the Gaussians: not searched below
+_UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
+_FLOAT_BYTES = 4
+# Floats of a row of a 3DGS PLY but for the harmonics: position, normal, opacity, scales, rotation.
+_ROW_FLOATS = 14
+_HEADER_BYTES = 2048  # more than any header that save_ply writes
+
+
+@dataclasses.dataclass(frozen=True)
+class CompactOptions:
+    """What to make of a run. One of keep, target_psnr_drop and target_bytes is given.
+
+    Attributes:
+        method: see `gsut.compact`.
+        keep: fraction of the Gaussians, above 0 and at most 1.
+        target_psnr_drop: dB of held-out PSNR (training views where none is held out) that may be
+            lost, fine-tuning included; the smallest number that holds it is searched by bisection.
+        target_bytes: size of scene.ply that is not exceeded.
+        finetune: steps on the photographs afterwards, at a fixed number of Gaussians.
+        harmonics_drop: dB of the same PSNR that may be lost by lowering each Gaussian's degree of
+            harmonics afterwards; None leaves the harmonics alone.
+        seed: of the methods that draw.
+
+    Raises:
+        InputError: a value out of range, or not exactly one target.
+    """
+
+    method: str = "ghap"
+    keep: float | None = None
+    target_psnr_drop: float | None = None
+    target_bytes: int | None = None
+    finetune: int = 0
+    harmonics_drop: float | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        targets = (self.keep, self.target_psnr_drop, self.target_bytes)
+        if sum(target is not None for target in targets) != 1:
+            raise InputError("give one of --keep, --target-psnr-drop and --target-size")
+        if self.keep is not None:
+            check_keep(self.keep)
+        drop = self.target_psnr_drop
+        if drop is not None and not (math.isfinite(drop) and drop > 0):
+            raise InputError(f"--target-psnr-drop must be above 0 dB, found {drop}")
+        drop = self.harmonics_drop
+        if drop is not None and not (math.isfinite(drop) and drop >= 0):
+            raise InputError(f"--harmonics-drop must be 0 dB or more, found {drop}")
+        if self.finetune < 0:
+            raise InputError(f"--finetune must be 0 or more steps, found {self.finetune}")
+        check_method(self.method, True)
+
+
+def parsed_bytes(text: str) -> int:
+    """Bytes of a size such as 5MB, 800kB or 123456.
+
+    Raises:
+        InputError: no such size.
+    """
+    number = text.strip().upper().rstrip("BKMG")
+    unit = text.strip().upper()[len(number) :] or "B"
+    try:
+        size = float(number) * _UNITS[unit]
+    except (ValueError, KeyError):
+        raise InputError(f"--target-size must be like 5MB or 800kB, found {text!r}") from None
+    if not (math.isfinite(size) and size >= 1):
+        raise InputError(f"--target-size must be a positive size, found {text!r}")
+    return int(size)
+
+
+def count_for_bytes(gaussians: Gaussians, size: int) -> int:
+    """How many Gaussians of this degree of harmonics fit into a PLY file of `size` bytes.
+
+    Raises:
+        InputError: not one.
+    """
+    row = _FLOAT_BYTES * (_ROW_FLOATS + 3 * gaussians.sh.shape[1])
+    count = (size - _HEADER_BYTES) // row
+    if count < 1:
+        raise InputError(
+            f"--target-size of {size} bytes is too small: a PLY file with one Gaussian of degree "
+            f"{gaussians.sh_degree} needs {_HEADER_BYTES + row}"
+        )
+    return min(len(gaussians), count)
+
+
+class RunCompactor:
+    """Compacts one run's Gaussians, again and again if a search asks for it.
+
+    Args:
+        scene: the run's dataset at the resolution that it was trained at.
+        gaussians: the run's.
+        train_options: the run's.
+        options: what to make.
+        keep_degrees: fine-tuning leaves each Gaussian's degree of harmonics, which was chosen.
+        on_view: called after each view that is looked at for scores.
+        on_step: called after each step of fine-tuning with the loop and the loss.
+        on_try: called with (number of Gaussians, PSNR) after each try of the search.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        gaussians: Gaussians,
+        train_options: TrainOptions,
+        options: CompactOptions,
+        *,
+        keep_degrees: bool = False,
+        on_view: Callable[[], object] = lambda: None,
+        on_step: Callable[[Any, float], object] = lambda loop, loss: None,
+        on_try: Callable[[int, float], object] = lambda count, psnr: None,
+    ) -> None:
+        self.scene, self.gaussians = scene, gaussians
+        self.train_options, self.options = train_options, options
+        self.keep_degrees = keep_degrees
+        self.on_view, self.on_step, self.on_try = on_view, on_step, on_try
+        self.views: Sequence[SeenView] = (
+            seen_views(scene, scene.train_indices) if looks_at_views(options.method) else ()
+        )
+        self._scores: np.ndarray | None = None  # the same for all tries
+        self.compact_seconds = 0.0
+        self.finetune_seconds = 0.0
+        self.dropped = 0
+        self.degrees: list[int] | None = None  # how many Gaussians have harmonics of degree 0, 1 ..
+
+    def make(self) -> Gaussians:
+        """The compacted (and fine-tuned) Gaussians."""
+        small, drop = self._fewer(), self.options.harmonics_drop
+        if drop is None:
+            return small
+        views = self.views or seen_views(self.scene, self.scene.train_indices)
+        lowered = drop_harmonics(small, views, self._psnr, drop, self.on_view)
+        self.degrees = np.bincount(lowered.degrees, minlength=small.sh_degree + 1).tolist()
+        return lowered.gaussians
+
+    def _fewer(self) -> Gaussians:
+        o = self.options
+        if o.keep is not None:
+            return self._try(keep=o.keep)
+        if o.target_bytes is not None:
+            return self._try(count=count_for_bytes(self.gaussians, o.target_bytes))
+        return self._search()
+
+    def _try(self, keep: float | None = None, count: int | None = None) -> Gaussians:
+        o = self.options
+        started = time.perf_counter()
+        if self._scores is None:
+            self._scores = scores_of(self.gaussians, o.method, self.views, self.on_view)
+        result: Compaction = compact(
+            self.gaussians,
+            keep,
+            count=count,
+            method=o.method,
+            views=self.views,
+            seed=o.seed,
+            scores=self._scores,
+            on_view=self.on_view,
+        )
+        self.compact_seconds = time.perf_counter() - started
+        self.dropped = result.dropped
+        if not o.finetune:
+            return result.gaussians
+        tuned, self.finetune_seconds = finetune(
+            self.scene,
+            lighter(result.gaussians) if self.keep_degrees else result.gaussians,
+            finetune_options(self.train_options, o.finetune, len(result.gaussians)),
+            self.on_step,
+        )
+        return tuned.to_gaussians() if isinstance(tuned, MixedGaussians) else tuned
+
+    def _search(self) -> Gaussians:
+        """Bisection over the logarithm of the number: fewer Gaussians, lower PSNR."""
+        assert self.options.target_psnr_drop is not None
+        whole = self._psnr(self.gaussians)
+        wanted = whole - self.options.target_psnr_drop
+        high = len(self.gaussians)
+        low = max(1, round(_SEARCH_LEAST * high))
+        best = self.gaussians
+        while high > _SEARCH_RATIO * low:
+            count = round(math.sqrt(low * high))
+            if count in (low, high):
+                break
+            tried = self._try(count=count)
+            found = self._psnr(tried)
+            self.on_try(count, found)
+            if found >= wanted:
+                high, best = count, tried
+            else:
+                low = count
+        return best
+
+    def _psnr(self, gaussians: Gaussians) -> float:
+        indices = self.scene.test_indices or self.scene.train_indices
+        return mean_psnr(self.scene, gaussians, indices, self.train_options.background)
+
+
+def write_compacted_run(
+    out: str | os.PathLike[str],
+    source: RunFolder,
+    compactor: RunCompactor,
+    gaussians: Gaussians,
+) -> RunFolder:
+    """Evaluates compacted Gaussians and writes them as a run of their own.
+
+    Args:
+        out: a folder without a run.
+        source: the run that was compacted.
+        compactor: which made them.
+        gaussians: the result.
+
+    Returns:
+        The new run: scene.ply, metrics.json (with `compaction`: method, counts, seconds, and the
+        source's PSNR), report.html, options.json, environment.json.
+
+    Raises:
+        InputError: `out` holds a run or cannot be written.
+    """
+    from gsut.run import describe_environment
+
+    o, scene = compactor.options, compactor.scene
+    options = compactor.train_options
+    if o.finetune:
+        options = finetune_options(options, o.finetune, len(gaussians))
+    run = RunFolder.create(out, options.resolved(), environment=describe_environment(scene.path))
+    before = source.read_json(METRICS) or {}
+    indices = scene.test_indices or scene.train_indices
+    figures = evaluate(
+        gaussians, scene, indices, background=options.background, render_folder=run.renders
+    )
+    metrics = run_metrics(
+        figures,
+        gaussians,
+        scene,
+        options,
+        steps=int(before.get("steps") or 0) + o.finetune,
+        train_seconds=float(before.get("train_seconds") or 0.0) + compactor.finetune_seconds,
+    )
+    metrics["evaluated_on"] = "test views" if scene.test_indices else "training views"
+    metrics["compaction"] = {
+        "method": o.method,
+        "source": str(Path(source.path).resolve()),
+        "source_num_gaussians": len(compactor.gaussians),
+        "source_psnr": before.get("psnr"),
+        "source_render_ms": before.get("render_ms"),
+        "dropped": compactor.dropped,
+        "harmonics_degrees": compactor.degrees,
+        "finetune_steps": o.finetune,
+        "compact_seconds": compactor.compact_seconds,
+        "finetune_seconds": compactor.finetune_seconds,
+    }
+    write_results(run, gaussians, metrics, scene if source.read_json(REFINED) is not None else None)
+    return run

@@ -1,0 +1,41 @@
+"""The Gaussians that training starts from."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.data import Scene
+from gsut.gaussians import Gaussians, seed_from_points, seed_in_view
+from gsut.run import TrainOptions
+
+# Random first Gaussians lie between these distances from a camera, in units of the scene's extent.
+_RANDOM_NEAR, _RANDOM_FAR = 0.05, 4.0
+_RANDOM_COUNT = 30_000
+
+
+def first_gaussians(scene: Scene, options: TrainOptions) -> Gaussians:
+    """The Gaussians that training starts from: on the scene's points, or random in view."""
+    o = options
+    shape: dict[str, Any] = {
+        "sh_degree": o.sh_degree,
+        "scale_factor": o.init_scale,
+        "opacity": o.init_opacity,
+        "seed": o.seed,
+    }
+    if o.init == "points" and len(scene.points) == 0:
+        raise InputError(f"{scene.path} has no points to start from; use --init random")
+    if o.init == "random" or len(scene.points) == 0:
+        views = [scene.views[i] for i in scene.train_indices]
+        return seed_in_view(
+            [scene.cameras[view.camera_index] for view in views],
+            np.array([view.camera_from_world for view in views]),
+            min(o.init_count or _RANDOM_COUNT, o.max_gaussians),
+            near=_RANDOM_NEAR * scene.extent,
+            far=_RANDOM_FAR * scene.extent,
+            **shape,
+        )
+    most = min(o.init_count or len(scene.points), o.max_gaussians)
+    return seed_from_points(scene.points, scene.point_colors, max_gaussians=most, **shape)

@@ -1,0 +1,34 @@
+"""A finished run as it is read again: options, dataset and Gaussians."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from gsut._core import InputError
+from gsut.data import Scene, load_dataset, with_shutter
+from gsut.formats import load_ply
+from gsut.refine import with_refined
+from gsut.run import ENVIRONMENT, SCENE, RunFolder, TrainOptions
+
+
+def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Any, Any]:
+    """Options, scene with the poses that the run refined (if it did), and Gaussians of a run."""
+    path = run.path / SCENE
+    if not path.is_file():
+        raise InputError(f"{path} is absent: the run is not finished; resume it")
+    options = run.read_options()
+    data = data or (run.read_json(ENVIRONMENT) or {}).get("dataset")
+    if data is None:
+        raise InputError(f"{run.path} does not say which dataset it was trained on; give --data")
+    if not os.path.exists(data):
+        raise InputError(f"the dataset {data} is not there any more; say where it is with --data")
+    scene = load_dataset(
+        data, test_every=options.test_every, test_names=options.test_names, scale=options.scale
+    )
+    if isinstance(scene, Scene):
+        scene = with_shutter(
+            scene, options.shutter, options.readout_time, options.readout_direction
+        )
+        scene = with_refined(run, scene)
+    return options, scene, load_ply(path)

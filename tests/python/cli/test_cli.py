@@ -1,0 +1,385 @@
+"""The command line: commands on a faked run, refusals in one sentence, and start-up time."""
+
+import argparse
+import importlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+import gsut
+import run_fakes
+from gsut.cli import build_parser, command_names, main
+from gsut.cli.demo import _free_run
+from gsut.run.folder import CHECKPOINT, METRICS, REPORT, SCENE, RunFolder
+from gsut.run.options import TrainOptions
+from gsut.run.progress import TrainingProgress
+
+PACKAGE = str(Path(gsut.__file__).parent.parent)
+COMMANDS = command_names()
+HELP_SECONDS = 1.0  # 0.15 to 0.3 on an idle machine; slow imports (cv2, matplotlib) take more
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    folder = tmp_path / "data"
+    folder.mkdir()
+    scene = run_fakes.FakeScene(folder)
+    run_fakes.install(monkeypatch, scene)
+    return scene
+
+
+@pytest.fixture
+def run(tmp_path, scene):
+    return run_fakes.finished_run(tmp_path / "run", scene, report=False)
+
+
+@pytest.fixture
+def training(monkeypatch, scene):
+    """Replaces gsut.train; records how it was called and leaves a finished run behind."""
+    calls = []
+
+    def train(scene, options, out, resume=False, progress=None):
+        calls.append(SimpleNamespace(options=options, out=out, resume=resume, progress=progress))
+        if not RunFolder(out).holds_run():
+            run_fakes.finished_run(Path(out), scene, options, report=False)
+
+    monkeypatch.setattr(gsut, "train", train, raising=False)
+    return calls
+
+
+def refused(capsys, *words: str) -> str:
+    """Runs a command that must be refused; returns the sentence."""
+    assert main(words) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("gsut: error: ")
+    assert captured.err.count("\n") == 1
+    assert "Traceback" not in captured.err
+    return captured.err
+
+
+# Start-up and help.
+
+
+def test_help_of_the_program_lists_commands_and_answers_at_once():
+    environment = os.environ | {"PYTHONPATH": PACKAGE}
+    before = os.times()
+    done = subprocess.run(
+        [sys.executable, "-m", "gsut", "--help"], capture_output=True, text=True, env=environment
+    )
+    after = os.times()
+    # Of a processor: other programs' work must not make this fail.
+    user = after.children_user - before.children_user
+    assert user + after.children_system - before.children_system < HELP_SECONDS
+    assert done.returncode == 0
+    assert [command for command in COMMANDS if command not in done.stdout] == []
+
+
+def test_help_imports_nothing_slow():
+    script = (
+        "import sys, gsut.cli\n"
+        "gsut.cli.build_parser()\n"
+        "print([m for m in ('cv2', 'matplotlib', 'jinja2', 'tqdm', 'yaml') if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": PACKAGE},
+    )
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_a_command_ends_well(command, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main([command, "--help"])
+    assert caught.value.code == 0
+    assert f"usage: gsut {command}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_json(command):
+    parser = build_parser([command])
+    leaves = []
+    while parser is not None:
+        inner = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+        leaves.append(parser)
+        parser = next(iter(inner[0].choices.values())) if inner else None
+    assert "--json" in leaves[-1].format_help()
+
+
+def test_version_is_the_cores(capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["--version"])
+    assert caught.value.code == 0
+    assert capsys.readouterr().out == f"gsut {gsut.__version__}\n"
+
+
+# Refusals.
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], "COMMAND"),
+        (["trian"], "invalid choice: 'trian'"),
+        (["train"], "required: DATA"),
+        (["train", "data"], "required: -o/--out"),
+        (["train", "data", "-o", "run", "--step", "3"], "unrecognized arguments: --step"),
+        (["train", "data", "-o", "new", "--steps", "0"], "--steps must be >= 1"),
+        (["train", "data", "-o", "new", "--steps", "ten"], "--steps must be a whole number"),
+        (["train", "data", "-o", "file"], "is a file"),
+        (["eval", "absent"], "no such folder"),
+        (["eval", "data"], "holds no run"),
+        (["render", "run", "--frames", "0"], "--frames must be >= 1"),
+        (["render", "run", "--size", "big"], "--size must be like 1280x720"),
+        (["render", "run", "--path", "absent.json"], "cannot read the camera path"),
+        (["eval", "run", "--data", "moved"], "the dataset moved is not there"),
+    ],
+)
+def test_wrong_arguments_are_refused_in_one_sentence(words, said, run, monkeypatch, capsys):
+    monkeypatch.chdir(run.path.parent)
+    Path("file").write_text("")
+    capsys.readouterr()
+    assert said in refused(capsys, *words)
+    assert not Path("new").exists()
+
+
+def test_refusal_with_debug_shows_the_traceback(monkeypatch, capsys):
+    monkeypatch.setenv("GSUT_DEBUG", "1")
+    assert main(["eval", "absent"]) == 2
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_missing_file_of_the_system_is_one_sentence(monkeypatch, capsys, run):
+    def gone(path):
+        raise FileNotFoundError(2, "No such file or directory", "scene.ply")
+
+    monkeypatch.setattr(importlib.import_module("gsut.training.trained_run"), "load_ply", gone)
+    assert "scene.ply: No such file or directory" in refused(capsys, "eval", str(run.path))
+
+
+# gsut train.
+
+
+def test_train_hands_the_given_options_on(tmp_path, training, capsys):
+    out = tmp_path / "new"
+    words = ["train", "data", "-o", str(out), "--steps", "7", "--seed", "3", "--no-noise"]
+    assert main(words) == 0
+    (call,) = training
+    assert call.options == TrainOptions(steps=7, seed=3, noise=False)
+    assert (call.out, call.resume, call.progress) == (out, False, True)
+    captured = capsys.readouterr()
+    assert f"report: {out / REPORT}" in captured.out
+    assert "PSNR" in captured.out
+    assert "images/9.png" in captured.err  # the scene's note
+
+
+def test_train_quiet_prints_nothing(tmp_path, training, capsys):
+    assert main(["train", "data", "-o", str(tmp_path / "new"), "--quiet"]) == 0
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err) == ("", "")
+    assert training[0].progress is False
+
+
+def test_train_json_prints_the_metrics(tmp_path, training, capsys):
+    out = tmp_path / "new"
+    assert main(["train", "data", "-o", str(out), "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((out / METRICS).read_text())
+
+
+def test_train_into_a_run_is_refused_before_the_data_is_read(run, monkeypatch, capsys):
+    monkeypatch.setattr(gsut, "load_dataset", lambda *_, **__: pytest.fail("data was read"))
+    before = {p: p.read_bytes() for p in run.path.rglob("*") if p.is_file()}
+    said = refused(capsys, "train", "data", "-o", str(run.path))
+    assert "already holds a run; add --resume" in said
+    assert {p: p.read_bytes() for p in run.path.rglob("*") if p.is_file()} == before
+
+
+def test_train_resume_takes_the_runs_own_options(run, training):
+    assert main(["train", "data", "-o", str(run.path), "--resume", "--threads", "2"]) == 0
+    (call,) = training
+    assert call.resume is True
+    assert call.options == TrainOptions(steps=100, threads=2).resolved()
+
+
+def test_train_resume_of_nothing_begins_a_run(tmp_path, training):
+    assert main(["train", "data", "-o", str(tmp_path / "new"), "--resume", "--steps", "5"]) == 0
+    assert training[0].options == TrainOptions(steps=5)
+
+
+def test_train_interrupted_says_how_to_go_on(tmp_path, monkeypatch, scene, capsys):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(gsut, "train", interrupted, raising=False)
+    out = tmp_path / "new"
+    assert main(["train", "my data", "-o", str(out)]) == 130
+    assert f"gsut train 'my data' -o {out} --resume" in capsys.readouterr().err
+
+
+# gsut eval.
+
+
+def test_eval_prints_figures_and_changes_nothing(run, capsys):
+    before = {p: p.read_bytes() for p in run.path.rglob("*") if p.is_file()}
+    assert main(["eval", str(run.path)]) == 0
+    out = capsys.readouterr().out
+    assert "images/0.png" in out and "PSNR by field angle: 0–30° 20.00" in out
+    assert {p: p.read_bytes() for p in run.path.rglob("*") if p.is_file()} == before
+
+
+def test_eval_of_each_split_takes_its_views(run, capsys):
+    count = 0
+    for split, number in (("test", 2), ("train", 4), ("all", 6)):
+        assert main(["eval", str(run.path), "--split", split, "--json"]) == 0
+        assert len(json.loads(capsys.readouterr().out)["views"]) == number
+        count += 1
+    assert count == 3
+
+
+def test_eval_with_out_writes_pictures_and_metrics_once(run, tmp_path, capsys):
+    out = tmp_path / "pictures"
+    assert main(["eval", str(run.path), "-o", str(out)]) == 0
+    assert len(list(out.glob("*.png"))) == 6
+    assert json.loads((out / METRICS).read_text())["num_gaussians"] == 1234
+    capsys.readouterr()
+    assert "is not empty" in refused(capsys, "eval", str(run.path), "-o", str(out))
+
+
+def test_eval_of_an_unfinished_run_says_so(run, capsys):
+    (run.path / SCENE).unlink()
+    assert "the run is not finished" in refused(capsys, "eval", str(run.path))
+
+
+# gsut render.
+
+
+def test_render_along_each_path_writes_its_images(run, tmp_path, monkeypatch):
+    file = tmp_path / "path.json"
+    file.write_text(json.dumps({"camera_from_world": [np.eye(4).tolist()] * 3}))
+    count = 0
+    for path, names in (
+        ("orbit", ["00000.png", "00001.png", "00002.png", "00003.png"]),
+        ("train", ["00000.png", "00001.png", "00002.png", "00003.png"]),
+        ("test", ["images_0.png", "images_3.png"]),
+        (str(file), ["00000.png", "00001.png", "00002.png"]),
+    ):
+        out = tmp_path / f"out{count}"
+        words = ["render", str(run.path), "--path", path, "--frames", "4", "-o", str(out)]
+        assert main(words) == 0
+        assert sorted(p.name for p in out.iterdir()) == names
+        count += 1
+    assert count == 4
+
+
+def test_render_with_lens_and_size_uses_both(run, tmp_path, monkeypatch):
+    lens = run_fakes.FakeCamera(width=20, height=10)
+    monkeypatch.setattr(gsut, "load_camera", lambda path: lens, raising=False)
+    out = tmp_path / "out"
+    words = ["--frames", "1", "--camera", "lens.yml", "--size", "40x24", "-o", str(out)]
+    assert main(["render", str(run.path), *words]) == 0
+    assert cv2.imread(str(out / "00000.png")).shape == (24, 40, 3)
+
+
+def test_render_without_out_goes_into_the_run(run):
+    assert main(["render", str(run.path), "--frames", "2"]) == 0
+    assert len(list((run.path / "orbit").iterdir())) == 2
+
+
+def test_render_to_a_video_holds_all_frames_and_is_never_overwritten(run, tmp_path, capsys):
+    out = tmp_path / "film.mp4"
+    assert main(["render", str(run.path), "--frames", "5", "--size", "65x48", "-o", str(out)]) == 0
+    video = cv2.VideoCapture(str(out))
+    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 5
+    assert int(video.get(cv2.CAP_PROP_FRAME_WIDTH)) == 64
+    video.release()
+    capsys.readouterr()
+    assert "film.mp4 exists" in refused(capsys, "render", str(run.path), "-o", str(out))
+    assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+# gsut demo and doctor.
+
+
+def test_demo_run_of_a_finished_demo_takes_the_next_folder(tmp_path, scene):
+    options = TrainOptions(preset="fast", steps=100)
+    run, resume = _free_run(tmp_path, options)
+    assert (run.path.name, resume) == ("run", False)
+    finished = run_fakes.finished_run(run.path, scene, options, report=False)
+    run, resume = _free_run(tmp_path, options)
+    assert (run.path.name, resume) == ("run-2", False)
+    (finished.path / REPORT).unlink()
+    run, resume = _free_run(tmp_path, options)
+    assert (run.path.name, resume) == ("run", True)
+
+
+def test_doctor_of_no_dataset_finds_an_error(tmp_path, capsys):
+    pytest.importorskip("gsut.data.doctor", reason="the doctor is not built in yet")
+    assert main(["doctor", str(tmp_path / "absent")]) == 2
+    captured = capsys.readouterr()
+    assert "training cannot start" in captured.out
+    assert "Traceback" not in captured.err
+
+
+# The progress bar.
+
+
+class Terminal:
+    """A stream that says it is a terminal and keeps what is written."""
+
+    encoding = "utf-8"
+
+    def __init__(self) -> None:
+        self.text = ""
+
+    def write(self, text: str) -> None:
+        self.text += text
+
+    def flush(self) -> None:
+        pass
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_progress_shows_step_loss_gaussians_and_the_last_psnr():
+    terminal = Terminal()
+    with TrainingProgress(100, file=terminal) as progress:
+        progress.update(1, 0.5, 1000, psnr=21.234)
+        progress.update(100, 0.0625, 20_000)
+    last = terminal.text.rstrip("\n").split("\r")[-1]
+    assert [
+        w for w in ("100%", "100/100", "loss 0.0625", "20,000", "21.23 dB") if w not in last
+    ] == []
+
+
+def test_progress_disabled_writes_nothing(capsys):
+    progress = TrainingProgress(10, enabled=False)
+    progress.update(5, 0.1, 10)
+    progress.close()
+    assert capsys.readouterr() == ("", "")
+
+
+# The real thing, where this build has it.
+
+
+@pytest.mark.skipif(not hasattr(gsut, "train"), reason="this build has no gsut.train yet")
+def test_demo_for_real_ends_with_a_report(tmp_path, capsys):
+    assert main(["demo", "-o", str(tmp_path / "demo"), "--steps", "20", "--no-open"]) == 0
+    run = RunFolder.open(tmp_path / "demo" / "run")
+    assert (run.path / REPORT).stat().st_size > 10_000
+    assert (run.path / CHECKPOINT).is_file()
+    first = json.loads((run.path / METRICS).read_text())["psnr"]
+    capsys.readouterr()
+    assert main(["eval", str(run.path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["psnr"] == pytest.approx(first)

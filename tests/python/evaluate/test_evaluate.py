@@ -1,0 +1,130 @@
+"""Evaluation: figures, rings, pictures; all against numbers worked out by hand."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+import run_fakes
+import tolerances
+from gsut.evaluate.evaluation import evaluate, field_angles, run_metrics
+from gsut.render.metrics import RING_EDGES_DEGREES
+from gsut.render.pictures import picture_stems, to_uint8
+from gsut.run.options import TrainOptions
+
+ERROR = 0.1  # of every colour value that the fake renderer shows
+GAUSSIANS = range(1234)
+
+
+@pytest.fixture
+def scene(monkeypatch):
+    scene = run_fakes.FakeScene()
+    run_fakes.install(monkeypatch, scene, ERROR)
+    return scene
+
+
+def test_evaluate_of_a_constant_error_gives_its_psnr_everywhere(scene):
+    figures = evaluate(GAUSSIANS, scene, scene.test_indices)
+    expected = -20 * math.log10(ERROR)
+    close = {"abs": tolerances.PSNR_OF_CONSTANT_ERROR_DB}
+    assert figures["psnr"] == pytest.approx(expected, **close)
+    assert figures["psnr_min"] == pytest.approx(expected, **close)
+    rings = figures["rings"]
+    assert [ring["from_degrees"] for ring in rings] == list(RING_EDGES_DEGREES[:-1])
+    for ring in rings:
+        assert ring["psnr"] == pytest.approx(expected, **close)
+    pixels_of_view = int(scene.mask(0).sum())
+    assert sum(ring["pixels"] for ring in rings) == 2 * pixels_of_view
+    assert [row["name"] for row in figures["views"]] == ["images/0.png", "images/3.png"]
+    assert all(row["pixels"] == pixels_of_view for row in figures["views"])
+    assert figures["render_ms"] > 0
+
+
+def test_evaluate_with_one_bad_view_names_it(scene):
+    scene.mask = lambda index: np.ones((run_fakes.SIZE, run_fakes.SIZE), bool)
+    photograph = scene.image
+
+    def inverted_third(index):
+        return 255 - photograph(index) if index == 3 else photograph(index)
+
+    scene.image = inverted_third
+    figures = evaluate(GAUSSIANS, scene, scene.test_indices)
+    assert figures["worst_view"] == "images/3.png"
+    good, bad = (row["psnr"] for row in figures["views"])
+    assert figures["psnr"] == pytest.approx((good + bad) / 2)
+    assert figures["psnr_min"] == bad < good
+
+
+def test_evaluate_of_no_views_has_no_figures(scene):
+    figures = evaluate(GAUSSIANS, scene, [])
+    assert figures["psnr"] is None
+    assert figures["worst_view"] is None
+    assert figures["views"] == []
+
+
+def test_evaluate_with_a_folder_writes_pictures_that_tell_color_and_distance(scene, tmp_path):
+    figures = evaluate(GAUSSIANS, scene, scene.test_indices, render_folder=tmp_path)
+    count = 0
+    for row, index in zip(figures["views"], scene.test_indices, strict=True):
+        mask = scene.mask(index)
+        truth = cv2.imread(str(tmp_path / row["truth"]))[..., ::-1]
+        assert np.array_equal(truth[mask], scene.image(index)[mask])
+        assert not truth[~mask].any()
+        depth = cv2.imread(str(tmp_path / row["depth"]), cv2.IMREAD_UNCHANGED)
+        assert depth.dtype == np.uint16
+        distance = depth * row["depth_unit"]
+        np.testing.assert_allclose(distance[mask], run_fakes.DISTANCE, rtol=1 / 65535)
+        assert not distance[~mask].any()
+        count += 1
+    assert count == 2
+    assert len(list(tmp_path.iterdir())) == 6
+
+
+def test_run_metrics_hold_every_promised_key(scene):
+    figures = evaluate(GAUSSIANS, scene, scene.test_indices)
+    options = TrainOptions(steps=50, seed=9)
+    metrics = run_metrics(figures, GAUSSIANS, scene, options, steps=50, train_seconds=5.0)
+    promised = [
+        "psnr",
+        "ssim",
+        "num_gaussians",
+        "steps",
+        "train_seconds",
+        "seconds_per_step",
+        "render_ms",
+        "peak_rss_mb",
+        "camera_model",
+        "threads",
+        "isa",
+        "seed",
+        "version",
+        "rings",
+        "psnr_color_corrected",
+        "views",
+        "dataset",
+        "test_views",
+    ]
+    assert [key for key in promised if metrics.get(key) is None] == []
+    assert metrics["seconds_per_step"] == 0.1
+    assert metrics["num_gaussians"] == 1234
+    assert metrics["seed"] == 9
+    assert metrics["camera_model"] == "fake_fisheye"
+    assert metrics["world_offset"] == [10.0, 20.0, 30.0]
+
+
+def test_field_angles_grow_from_the_axis_to_the_rim():
+    angles = np.degrees(field_angles(run_fakes.FakeCamera(width=64, height=64)))
+    assert np.nanmin(angles) < 3
+    assert 90 < np.nanmax(angles) < run_fakes.HALF_FIELD_DEGREES
+    assert np.isnan(angles[0, 0])
+
+
+def test_picture_stems_of_any_names_are_unique_file_names():
+    names = ["a/0.png", "b/0.png", "a_0.jpg", "../x.png", "c.d.png"]
+    assert picture_stems(names) == ["a_0", "b_0", "a_0-2", "x", "c.d"]
+
+
+def test_to_uint8_rounds_clips_and_takes_nan_for_black():
+    values = np.array([-1.0, 0.0, 0.5 / 255 + 1e-6, 1.0, 7.0, np.nan])
+    assert to_uint8(values).tolist() == [0, 0, 1, 255, 255, 0]

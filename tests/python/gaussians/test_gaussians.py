@@ -1,0 +1,199 @@
+"""Tests harmonics and seeding through Python."""
+
+import numpy as np
+import pytest
+from scipy import special
+from scipy.spatial import cKDTree
+
+import tolerances
+from gsut import InputError, _core
+from gsut.gaussians import seeding
+
+
+def unit_vectors(rng, count):
+    vectors = rng.normal(size=(count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def scipy_real_harmonics(degree, directions):
+    """Real harmonics with the Condon-Shortley phase, from scipy's complex ones."""
+    polar = np.arccos(np.clip(directions[:, 2], -1, 1))
+    azimuth = np.arctan2(directions[:, 1], directions[:, 0])
+    columns = []
+    for order_l in range(degree + 1):
+        for m in range(-order_l, order_l + 1):
+            if hasattr(special, "sph_harm_y"):
+                value = special.sph_harm_y(order_l, abs(m), polar, azimuth)
+            else:
+                value = special.sph_harm(abs(m), order_l, azimuth, polar)
+            part = value.real if m >= 0 else value.imag
+            columns.append(part * (1.0 if m == 0 else np.sqrt(2.0)))
+    return np.stack(columns, axis=1)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_harmonics_basis_on_random_directions_matches_scipy(rng, degree):
+    directions = unit_vectors(rng, 500)
+    basis = _core.harmonics_basis(degree, directions)
+    expected = scipy_real_harmonics(degree, directions)
+    assert basis.shape == (500, (degree + 1) ** 2)
+    np.testing.assert_allclose(basis, expected, rtol=0, atol=tolerances.HARMONICS)
+
+
+def test_eval_harmonics_with_zero_coefficients_is_mid_grey(rng):
+    colors = _core.eval_harmonics(unit_vectors(rng, 5), np.zeros((5, 16, 3)))
+    assert np.all(colors == 0.5)
+
+
+def test_eval_harmonics_below_zero_is_clamped():
+    colors = _core.eval_harmonics(np.array([[0, 0, 1.0]]), np.full((1, 1, 3), -9.0))
+    assert np.all(colors == 0.0)
+
+
+def test_harmonics_basis_of_degree_4_raises():
+    with pytest.raises(InputError, match="degree is 4"):
+        _core.harmonics_basis(4, np.zeros((1, 3)))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 50, 3000])
+def test_mean_neighbor_distances_match_scipy(rng, count):
+    points = rng.normal(size=(count, 3)) * [10, 1, 0.01]
+    found = _core.mean_neighbor_distances(points)
+    k = min(3, count - 1)
+    if k == 0:
+        assert found.tolist() == [0.0]
+        return
+    expected = cKDTree(points).query(points, k=k + 1)[0][:, 1:].mean(axis=1)
+    np.testing.assert_allclose(found, expected, rtol=tolerances.NEIGHBOR_DISTANCE)
+
+
+def test_seed_from_points_takes_scale_color_and_opacity_from_the_recipe(rng):
+    points = rng.normal(size=(200, 3))
+    colors = rng.integers(0, 256, size=(200, 3), dtype=np.uint8)
+    g = seeding.seed_from_points(points, colors, sh_degree=2)
+    assert g.sh.shape == (200, 9, 3) and g.dtype == np.float32
+    np.testing.assert_array_equal(g.means, points.astype(np.float32))
+    assert np.all(g.quats == [1, 0, 0, 0]) and np.all(g.opacity_logits == 0.0)
+    expected = np.log(0.5 * _core.mean_neighbor_distances(points))
+    np.testing.assert_allclose(
+        g.log_scales,
+        np.repeat(expected[:, None], 3, 1),
+        rtol=tolerances.FLOAT32,
+        atol=tolerances.FLOAT32,
+    )
+    shown = _core.eval_harmonics(np.tile([0, 0, 1.0], (200, 1)), g.sh[:, :1])
+    np.testing.assert_allclose(shown, colors / 255.0, rtol=0, atol=tolerances.FLOAT32)
+    assert np.all(g.sh[:, 1:] == 0)
+
+
+def test_seed_from_points_with_duplicates_has_a_floor(rng):
+    points = np.concatenate([rng.normal(size=(100, 3)), np.ones((5, 3))])
+    g = seeding.seed_from_points(points)
+    distances = _core.mean_neighbor_distances(points)
+    floor = 0.01 * np.sort(distances[distances > 0])[50]
+    np.testing.assert_allclose(
+        np.exp(g.log_scales[100:]), 0.5 * floor, rtol=tolerances.ACTIVATED_FLOAT32
+    )
+
+
+@pytest.mark.parametrize("count", [0, 1, 7])
+def test_seed_from_points_without_extent_uses_one_world_unit(count):
+    g = seeding.seed_from_points(np.full((count, 3), 3.0), scale_factor=0.25)
+    assert len(g) == count
+    np.testing.assert_allclose(np.exp(g.log_scales), 0.25, rtol=tolerances.ACTIVATED_FLOAT32)
+
+
+def test_seed_from_points_above_the_limit_chooses_distinct_points_in_order(rng):
+    points = np.arange(300.0)[:, None] * [1.0, 0, 0]
+    first = seeding.seed_from_points(points, max_gaussians=100, seed=1)
+    again = seeding.seed_from_points(points, max_gaussians=100, seed=1)
+    other = seeding.seed_from_points(points, max_gaussians=100, seed=2)
+    assert len(first) == 100 and np.all(np.diff(first.means[:, 0]) > 0)
+    np.testing.assert_array_equal(first.means, again.means)
+    assert not np.array_equal(first.means, other.means)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"points": np.zeros((3, 2))}, "points must have shape"),
+        ({"points": np.zeros((3, 3)), "colors": np.zeros((2, 3))}, "colors must have shape"),
+        ({"points": np.zeros((3, 3)), "colors": np.zeros((3, 3), np.int64)}, "uint8 or floating"),
+        ({"points": np.full((3, 3), np.nan)}, "points row 0"),
+        ({"points": np.zeros((3, 3)), "opacity": 1.0}, "opacity is"),
+        ({"points": np.zeros((3, 3)), "scale_factor": 0.0}, "scale_factor is"),
+        ({"points": np.zeros((3, 3)), "sh_degree": 4}, "sh_degree is 4"),
+        ({"points": np.zeros((3, 3)), "max_gaussians": -1}, "max_gaussians is -1"),
+    ],
+)
+def test_seed_from_points_with_bad_input_raises(arguments, message):
+    with pytest.raises(InputError, match=message):
+        seeding.seed_from_points(**arguments)
+
+
+class WideCamera:
+    """Rays over a 200-degree field; those beyond it are invalid."""
+
+    def rays(self):
+        angle = np.linspace(0, np.radians(120), 40)[:, None]
+        azimuth = np.linspace(0, 2 * np.pi, 50, endpoint=False)[None]
+        rays = np.stack(
+            [
+                np.sin(angle) * np.cos(azimuth),
+                np.sin(angle) * np.sin(azimuth),
+                np.cos(angle) + 0 * azimuth,
+            ],
+            axis=-1,
+        )
+        valid = np.broadcast_to(angle < np.radians(100), rays.shape[:2])
+        return np.where(valid[..., None], rays, np.nan), valid
+
+
+def turned_pose():
+    pose = np.eye(4)
+    pose[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
+    pose[:3, 3] = [3.0, -2.0, 1.0]
+    return pose
+
+
+@pytest.mark.parametrize("distances", ["log", "inverse"])
+def test_points_in_view_lie_on_valid_rays_between_the_bounds(distances):
+    pose = turned_pose()
+    points = seeding.points_in_view(
+        WideCamera(), pose[None], 5000, near=0.5, far=8.0, distances=distances, seed=3
+    )
+    in_camera = points @ pose[:3, :3].T + pose[:3, 3]
+    distance = np.linalg.norm(in_camera, axis=1)
+    assert distance.min() >= 0.5 - tolerances.VIEW_DISTANCE
+    assert distance.max() <= 8.0 + tolerances.VIEW_DISTANCE
+    angle = np.degrees(np.arccos(in_camera[:, 2] / distance))
+    assert 90 < angle.max() < 100  # the field beyond a half-space is filled, and not more
+    expected = 2.0 if distances == "log" else 2 / (1 / 0.5 + 1 / 8.0)
+    assert abs(np.median(distance) / expected - 1) < tolerances.VIEW_MEDIAN
+
+
+def test_seed_in_view_with_the_same_seed_gives_the_same_bits():
+    poses = np.stack([np.eye(4), turned_pose()])
+    cameras = [WideCamera(), WideCamera()]
+    settings = {"near": 1.0, "far": 5.0, "seed": 4}
+    first = seeding.seed_in_view(cameras, poses, 300, colors="random", **settings)
+    again = seeding.seed_in_view(cameras, poses, 300, colors="random", **settings)
+    grey = seeding.seed_in_view(cameras[0], poses, 300, **settings)
+    np.testing.assert_array_equal(first.means, again.means)
+    np.testing.assert_array_equal(first.sh, again.sh)
+    np.testing.assert_array_equal(first.means, grey.means)
+    assert np.all(grey.sh == 0) and np.any(first.sh != 0)
+
+
+def test_seed_in_view_without_valid_pixels_raises():
+    class Blind:
+        def rays(self):
+            return np.full((2, 2, 3), np.nan), np.zeros((2, 2), bool)
+
+    with pytest.raises(InputError, match="no valid pixel"):
+        seeding.seed_in_view(Blind(), np.eye(4)[None], 5, near=1.0, far=2.0)
+
+
+def test_seed_in_view_with_bounds_out_of_order_raises():
+    with pytest.raises(InputError, match="near < far"):
+        seeding.seed_in_view(WideCamera(), np.eye(4)[None], 5, near=2.0, far=1.0)

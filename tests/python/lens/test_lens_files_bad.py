@@ -1,0 +1,107 @@
+"""Tests gsut.data.lens_files with bad files: one clear sentence with file, line and key."""
+
+import pytest
+
+from gsut import CalibrationError, InputError
+from gsut.lens.camera import load_camera
+from gsut.lens.files import nerfstudio_camera
+
+NERFSTUDIO = {"w": 640, "h": 480.0, "fl_x": 300, "fl_y": 310, "cx": 320, "cy": 240}
+BAD_NERFSTUDIO = [
+    ({"w": None}, "key 'w'"),
+    ({"w": 640.5}, "key 'w': expected a positive whole number"),
+    ({"fl_x": "wide"}, "key 'fl_x': expected a finite number, found 'wide'"),
+    ({"k1": float("nan")}, "key 'k1'"),
+    ({"camera_model": "ORTHOPHOTO"}, "ORTHOPHOTO.*supported: .*OPENCV_FISHEYE"),
+    ({"camera_model": "FISHEYE624"}, "key 'distortion_params': is missing"),
+    ({"camera_model": "OPENCV", "k4": 0.1}, "key 'k4': .*FULL_OPENCV"),
+    ({"camera_model": "OPENCV_FISHEYE", "p1": 0.1}, "key 'p1'"),
+    ({"camera_model": "PINHOLE", "k1": 0.1}, "yet the file gives distortion"),
+    ({"fl_x": -300}, "fx is -300"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), BAD_NERFSTUDIO)
+def test_nerfstudio_camera_of_bad_values_names_the_key(change, message):
+    with pytest.raises(CalibrationError, match=f"^some/transforms.json.*{message}"):
+        nerfstudio_camera({**NERFSTUDIO, **change}, "some/transforms.json")
+
+
+MRCAL = (
+    "{\n 'lensmodel': 'LENSMODEL_PINHOLE',\n 'intrinsics': [ 5., 6, 7, 8 ],\n"
+    " 'extrinsics': [ 0,0,0,0,0,0 ],\n 'imagersize': [ 10, 11 ] }\n"
+)
+SPLINED = "SPLINED_STEREOGRAPHIC_order=3_Nx=4_Ny=4_fov_x_deg=90"
+OPENCV = (
+    "%YAML:1.0\n---\nimage_width: 64\nimage_height: 48\ncamera_matrix: !!opencv-matrix\n"
+    "   rows: 3\n   cols: 3\n   dt: d\n   data: [ 30., 0., 31.5, 0., 30., 23.5, 0., 0., 1. ]\n"
+)
+BAD_FILES = [
+    ("a.cameramodel", "", "line 1: expected a value, the file ends"),
+    ("a.cameramodel", MRCAL[:60], "line 3: .*the file ends"),
+    ("a.cameramodel", MRCAL.replace("5.", "5.x"), "line 3: expected ']', found 'x'"),
+    ("a.cameramodel", MRCAL.replace("5.", "nan"), "line 3: expected a value"),
+    ("a.cameramodel", MRCAL.replace("5.", "-5"), "line 3, key 'intrinsics': .*fx is -5"),
+    ("a.cameramodel", MRCAL.replace("5.,", ""), "line 3, key 'intrinsics': pinhole takes"),
+    ("a.cameramodel", MRCAL.replace("'lensm", "'m"), "key 'lensmodel' is missing"),
+    ("a.cameramodel", MRCAL.replace("[ 10", "[ 1.5"), "line 5, key 'imagersize'"),
+    ("a.cameramodel", MRCAL.replace("0,0,0,0,0,0", "0"), "line 4, key 'extrinsics': .*6 numbers"),
+    ("a.cameramodel", "[" * 1000, "line 1: nested too deep"),
+    ("a.cameramodel", MRCAL + "x", "line 6: expected the end of the file"),
+    ("a.yaml", OPENCV.replace("image_width", "wide"), "key 'image_width': is missing"),
+    ("a.yaml", OPENCV.replace("0., 31.5", "0.1, 31.5"), "line 5, key 'camera_matrix': .*skew"),
+    ("a.yaml", OPENCV.replace("31.5, ", ""), "line 5, key 'camera_matrix': expected 9"),
+    ("a.yaml", OPENCV + "D: [1, 2, 3]\n", "line 10, key 'D': expected 4, 5, 8, 12, 14"),
+    ("a.yaml", OPENCV + "D: [.nan, 0, 0, 0]\n", "line 10, key 'D': expected a finite number"),
+    ("a.yaml", OPENCV + "fisheye: 1\n", "a fisheye has 4 coefficients, found 0"),
+    ("a.yaml", OPENCV[:-10], "not YAML"),
+    ("a.yaml", "x: 1\n", "neither camera_matrix"),
+    ("a.yaml", "- 1\n", "expected keys"),
+    ("a.json", '{"fl_x": 1,', "line 1: not JSON"),
+    ("a.json", '{\n"w": 1,\n"h": 1,\n"fl_x": "no"}', "line 4, key 'fl_x'"),
+    ("cameras.txt", "# nothing\n", "holds no camera"),
+    ("cameras.txt", "1 PINHOLE 10\n", "line 1: expected CAMERA_ID"),
+    ("cameras.txt", "1 PINHOLE 10 x 1 1 1 1\n", "line 1: "),
+    ("cameras.txt", "1 PINHOLE 10 11 1 1 1\n", "PINHOLE has 4 parameters, found 3"),
+    (
+        "cameras.txt",
+        "\n1 VOF 10 11 1 1 1 1 1\n",
+        "line 2 .*VOF is not supported; supported: SIMPLE",
+    ),
+    ("cameras.txt", "1 EQUIRECTANGULAR 10 5 20 10\n", "not the image's size 10 x 5"),
+    ("a.yaml", OPENCV + "xi: 1.5\nD: [1, 2, 3]\n", "line 11, key 'D': omnidir has 4"),
+    (
+        "a.cameramodel",
+        MRCAL.replace("PINHOLE", "SPLINED_STEREOGRAPHIC_order=3"),
+        "line 2, key 'len",
+    ),
+    (
+        "a.cameramodel",
+        MRCAL.replace("PINHOLE", SPLINED),
+        "line 3, key 'intrinsics': splined_stereographic takes",
+    ),
+    ("a.json", '{"cameras": {"a": {"model": "X", "params": [1]}}}', "key 'model': 'X'"),
+    ("cameras.txt", "1 PINHOLE 10 11 nan 1 1 1\n", "line 1.*fx is nan"),
+]
+
+
+@pytest.mark.parametrize(("name", "text", "message"), BAD_FILES)
+def test_bad_file_raises_naming_file_line_and_key(name, text, message, tmp_path):
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(CalibrationError, match=message) as caught:
+        load_camera(path)
+    assert str(path) in str(caught.value)
+
+
+def test_unknown_kind_of_file_raises(tmp_path):
+    path = tmp_path / "lens.xml"
+    path.write_text("<xml/>")
+    with pytest.raises(InputError, match=r"known: \.cameramodel"):
+        load_camera(path)
+    with pytest.raises(FileNotFoundError):
+        load_camera(tmp_path / "absent.yaml")
+    binary = tmp_path / "lens.yaml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(CalibrationError, match="not text"):
+        load_camera(binary)

@@ -1,0 +1,86 @@
+"""Tests .cameramodel files of CAHVORE and the other configured lenses, against mrcal itself."""
+
+import numpy as np
+import pytest
+
+import calib_fakes  # noqa: F401  # puts calib/ on the path
+import tolerances as tol
+from calib.mrcal_process import ask, have_mrcal
+from gsut import CalibrationError, _core
+from gsut.lens.camera import Camera, load_camera
+from lens_cases import polar_grid
+
+# As mrcal 2.2 writes it.
+CAHVORE = """{
+    'lensmodel':  'LENSMODEL_CAHVORE_linearity=0.37',
+
+    # intrinsics are fx,fy,cx,cy,distortion0,distortion1,....
+    'intrinsics': [ 330, 329, 320, 241.5, 0.011, -0.007, 0.0004, -0.012, 0.003, 0.004, -0.002, 0.0005,],
+
+    # extrinsics are rt_fromref
+    'extrinsics': [ 0, 0.1, 0.2, 0.3, 0.4, 0.5,],
+
+    'imagersize': [ 640, 480,],
+
+
+}
+"""  # noqa: E501
+PARAMS = [330, 329, 320.5, 242, 0.011, -0.007, 0.0004, -0.012, 0.003, 0.004, -0.002, 0.0005, 0.37]
+
+
+def examples(*models):
+    return [
+        Camera(model, params, width, height)
+        for model in models
+        for _, params, width, height in _core.camera_examples(model)
+    ]
+
+
+def test_cahvore_file_of_mrcal_is_read(tmp_path):
+    path = tmp_path / "lens.cameramodel"
+    path.write_text(CAHVORE)
+    camera = load_camera(path)
+    assert camera == Camera("cahvore", PARAMS, 640, 480)
+    np.testing.assert_array_equal(camera.extrinsics, [0, 0.1, 0.2, 0.3, 0.4, 0.5])
+
+
+def test_cahvore_writes_every_digit_of_its_linearity(tmp_path):
+    checked = 0
+    for linearity in (0.375, -0.1, 1.0, 0.0, 1 / 3):
+        camera = Camera("cahvore", [*PARAMS[:-1], linearity], 640, 480)
+        path = tmp_path / "lens.cameramodel"
+        camera.save(path)
+        assert load_camera(path).params[-1] == linearity
+        checked += 1
+    assert checked == 5
+
+
+@pytest.mark.parametrize(
+    "name", ["CAHVORE", "CAHVORE_linearity=", "CAHVORE_linearity=0.3_x=1", "CAHVORE_order=3"]
+)
+def test_cahvore_name_without_its_linearity_is_refused(tmp_path, name):
+    path = tmp_path / "lens.cameramodel"
+    path.write_text(CAHVORE.replace("CAHVORE_linearity=0.37", name))
+    with pytest.raises(CalibrationError, match=r"line 2, key 'lensmodel': .*LENSMODEL_CAHVORE"):
+        load_camera(path)
+
+
+@pytest.mark.skipif(
+    not have_mrcal(), reason="mrcal is not installed: apt-get install mrcal python3-mrcal"
+)
+def test_written_lenses_project_in_mrcal_as_in_gsut(tmp_path):
+    lenses = examples("cahvore", "cahvor", "splined_stereographic", "opencv12", "latlon")
+    checked = 0
+    for camera in lenses:
+        path = tmp_path / "lens.cameramodel"
+        camera.save(path)
+        # Distance 1: mrcal ignores the distance of a point before a cahvore lens.
+        points = polar_grid(min(0.9 * camera.max_angle, 1.4), 12, 16)
+        pixels, valid = camera.project(points)
+        question = {"do": "project", "models": [path.read_text()], "points": points.tolist()}
+        expected = np.array(ask(question)["pixels"]) + 0.5
+        assert valid.sum() > 100
+        error = np.abs(pixels[valid] - expected[valid]).max()
+        assert error < tol.LENS_ORACLE_PIXELS, camera
+        checked += 1
+    assert checked == len(lenses) == 9

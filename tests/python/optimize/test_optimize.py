@@ -1,0 +1,607 @@
+"""Tests Adam, schedules, MCMC and adaptive densification through gsut.optimize."""
+
+from fractions import Fraction
+from math import comb, sqrt
+
+import numpy as np
+import pytest
+
+import tolerances
+from gsut import Gaussians, InputError, _core, set_num_threads
+from gsut.optimize.optimizer import GaussianOptimizer, LearningRates, exponential_rate
+
+FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
+RATES = LearningRates(
+    means=1e-3, quats=2e-3, log_scales=1e-2, opacity_logits=5e-2, sh0=5e-3, sh_rest=1e-4
+)
+
+
+def random_gaussians(rng, count, coefficients=4, dtype=np.float32):
+    return Gaussians(
+        rng.normal(size=(count, 3)).astype(dtype),
+        rng.normal(size=(count, 4)).astype(dtype),
+        (rng.normal(size=(count, 3)) * 0.5 - 2).astype(dtype),
+        rng.normal(size=count).astype(dtype),
+        rng.normal(size=(count, coefficients, 3)).astype(dtype),
+    )
+
+
+def logit(opacity):
+    return np.log(opacity / (1 - opacity))
+
+
+def sigmoid(x):
+    return 1 / (1 + np.exp(-np.asarray(x, np.float64)))
+
+
+def assert_same(found, expected):
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+
+
+def covariances(g):
+    """(N, 3, 3) in float64, from the definition."""
+    q = g.quats.astype(np.float64)
+    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
+    rotation = np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
+            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
+            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
+        ],
+        axis=1,
+    )
+    scaled = rotation * np.exp(g.log_scales.astype(np.float64))[:, None, :]
+    return scaled @ scaled.transpose(0, 2, 1)
+
+
+# --- schedule and Adam ------------------------------------------------------------------------
+
+
+def test_exponential_rate_runs_from_start_to_end():
+    assert exponential_rate(0, 100, 1e-2, 1e-4) == 1e-2
+    assert exponential_rate(50, 100, 1e-2, 1e-4) == pytest.approx(1e-3, rel=tolerances.SCHEDULE)
+    assert exponential_rate(100, 100, 1e-2, 1e-4) == pytest.approx(1e-4, rel=tolerances.SCHEDULE)
+    assert exponential_rate(500, 100, 1e-2, 1e-4) == exponential_rate(100, 100, 1e-2, 1e-4)
+    assert exponential_rate(0, 0, 1e-2, 1e-4) == 1e-4
+
+
+def test_adam_first_steps_move_by_the_learning_rate(rng):
+    # With a constant gradient the bias-corrected step is the rate times its sign, exactly.
+    g = random_gaussians(rng, 50)
+    optimizer = GaussianOptimizer(g)
+    grads = random_gaussians(rng, 50)
+    for steps in range(1, 4):
+        optimizer.step(grads, RATES)
+        moved = g.means.astype(np.float64) - optimizer.gaussians.means
+        expected = steps * RATES.means * np.sign(grads.means)
+        np.testing.assert_allclose(moved, expected, rtol=0, atol=tolerances.ADAM_FIRST_STEPS)
+    assert optimizer.steps == 3
+
+
+def test_adam_over_many_steps_matches_float64_oracle(rng):
+    g = random_gaussians(rng, 300, 9)
+    optimizer = GaussianOptimizer(g, capacity=400)
+    rates = {"means": 1e-3, "quats": 2e-3, "log_scales": 1e-2, "opacity_logits": 5e-2}
+    sh_rate = np.full((9, 3), RATES.sh_rest)
+    sh_rate[0] = RATES.sh0
+    params = {name: getattr(g, name).astype(np.float64) for name in FIELDS}
+    moment1 = {name: np.zeros_like(params[name]) for name in FIELDS}
+    moment2 = {name: np.zeros_like(params[name]) for name in FIELDS}
+    total = {name: np.zeros_like(params[name]) for name in FIELDS}
+    for step in range(1, 31):
+        grads = random_gaussians(rng, 300, 9)
+        visible = rng.random(300) < 0.6
+        optimizer.step(grads, RATES, visible)
+        for name in FIELDS:
+            gradient = getattr(grads, name).astype(np.float64)
+            seen = visible.reshape(-1, *[1] * (gradient.ndim - 1))
+            m = 0.9 * moment1[name] + 0.1 * gradient
+            v = 0.999 * moment2[name] + 0.001 * gradient**2
+            rate = sh_rate if name == "sh" else rates[name]
+            update = rate * m / (1 - 0.9**step) / (np.sqrt(v / (1 - 0.999**step)) + 1e-15)
+            moment1[name] = np.where(seen, m, moment1[name])
+            moment2[name] = np.where(seen, v, moment2[name])
+            params[name] -= np.where(seen, update, 0)
+            total[name] += np.where(seen, np.abs(update), 0)
+    for name in FIELDS:
+        found = getattr(optimizer.gaussians, name)
+        allowed = tolerances.ADAM_RELATIVE * total[name]
+        allowed = allowed + 30 * tolerances.FLOAT32 * (np.abs(params[name]) + total[name])
+        assert np.all(np.abs(found - params[name]) <= allowed), name
+
+
+def test_adam_leaves_rows_and_degrees_that_are_off_untouched(rng):
+    g = random_gaussians(rng, 40, 16)
+    optimizer = GaussianOptimizer(g)
+    visible = np.zeros(40, bool)
+    visible[::3] = True
+    optimizer.step(random_gaussians(rng, 40, 16), RATES, visible, active_sh_degree=1)
+    found = optimizer.gaussians
+    assert_same(found[~visible], g[~visible])
+    np.testing.assert_array_equal(found.sh[:, 4:], g.sh[:, 4:])
+    assert np.all(found.sh[visible][:, :4] != g.sh[visible][:, :4])
+
+
+def test_adam_with_a_gradient_that_is_not_finite_spoils_its_element_only(rng):
+    optimizer = GaussianOptimizer(random_gaussians(rng, 40))
+    grads = random_gaussians(rng, 40)
+    grads.means[7, 1] = np.nan
+    optimizer.step(grads, RATES)
+    finite = np.isfinite(optimizer.gaussians.means)
+    assert not finite[7, 1] and finite.sum() == 119
+
+
+def test_adam_with_gradients_of_another_size_raises(rng):
+    optimizer = GaussianOptimizer(random_gaussians(rng, 4))
+    with pytest.raises(InputError, match=r"gradient of means must have shape \(4, 3\)"):
+        optimizer.step(random_gaussians(rng, 5), RATES)
+
+
+def test_regularizer_matches_central_differences(rng):
+    g = random_gaussians(rng, 6)
+    grads = random_gaussians(rng, 6)
+    before = grads.copy()
+    GaussianOptimizer(g).add_regularizer(grads, 0.3, 0.2)
+
+    def loss(h):
+        scales = np.exp(h.log_scales.astype(np.float64))
+        return 0.3 * sigmoid(h.opacity_logits).mean() + 0.2 * scales.mean()
+
+    for name in ("opacity_logits", "log_scales"):
+        added = getattr(grads, name) - getattr(before, name)
+        for index in np.ndindex(added.shape):
+            plus, minus = g.astype(np.float64).copy(), g.astype(np.float64).copy()
+            getattr(plus, name)[index] += 1e-5
+            getattr(minus, name)[index] -= 1e-5
+            expected = (loss(plus) - loss(minus)) / 2e-5
+            assert added[index] == pytest.approx(expected, abs=tolerances.REGULARIZER)
+    np.testing.assert_array_equal(grads.means, before.means)
+
+
+# --- MCMC -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("opacity", [0.006, 0.1, 0.5, 0.9, 0.999])
+def test_mcmc_same_place_matches_the_papers_double_sum(opacity):
+    for n in (1, 2, 3, 10, 51):
+        found_opacity, found_factor = _core.mcmc_same_place(opacity, n)
+        expected_opacity = 1 - (1 - opacity) ** (1 / n)
+        exact = Fraction(found_opacity)
+        total = 0.0
+        # Exact rationals up to the square root, added over k where nothing cancels early.
+        for k in range(n):
+            coefficient = sum(comb(i - 1, k) for i in range(k + 1, n + 1))
+            total += float(coefficient * (-1) ** k * exact ** (k + 1)) / sqrt(k + 1)
+        assert found_opacity == pytest.approx(expected_opacity, rel=tolerances.MCMC_SAME_PLACE)
+        assert found_factor == pytest.approx(opacity / total, rel=tolerances.MCMC_SAME_PLACE)
+    assert _core.mcmc_same_place(opacity, 1) == pytest.approx((opacity, 1.0))
+
+
+def one_parent(opacity, capacity=8):
+    g = Gaussians([[1.0, 2, 3]], [[1.0, 0, 0, 0]], [[-1.0] * 3], [logit(opacity)], [[[0.1] * 3]])
+    return GaussianOptimizer(g, capacity, seed=5)
+
+
+def profile(g, axis_positions):
+    """Opacity along a line through the parent's centre that looks along the Gaussians' z axis."""
+    transparency = np.ones_like(axis_positions)
+    for i in range(len(g)):
+        mean, deviation = g.means[i].astype(np.float64), np.exp(float(g.log_scales[i, 0]))
+        squares = (axis_positions + 1.0 - mean[0]) ** 2 + (mean[1] - 2.0) ** 2
+        response = np.exp(-0.5 * squares / deviation**2)
+        transparency = transparency * (1 - sigmoid(g.opacity_logits[i]) * response)
+    return 1 - transparency
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+@pytest.mark.parametrize("opacity", [0.05, 0.5, 0.95])
+def test_mcmc_same_place_keeps_the_integral_of_the_opacity_profile(n, opacity):
+    optimizer = one_parent(opacity)
+    line = np.linspace(-3, 3, 601)
+    before = profile(optimizer.gaussians, line)
+    counts = optimizer.densify_mcmc(n, np.ones(1, np.float32), split=False)
+    assert counts == (n, 0, n - 1)
+    after = profile(optimizer.gaussians, line)
+    assert np.all(optimizer.gaussians.means == optimizer.gaussians.means[0])
+    assert after.sum() == pytest.approx(before.sum(), rel=tolerances.MCMC_PROFILE)
+    assert after.max() == pytest.approx(before.max(), rel=tolerances.MCMC_PROFILE)
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_mcmc_split_keeps_the_mean_and_the_covariance(rng, n):
+    parents = 4000
+    g = random_gaussians(rng, 1)
+    many = g[np.zeros(parents, np.int64)]
+    optimizer = GaussianOptimizer(many, capacity=n * parents, seed=6)
+    assert optimizer.densify_mcmc(n * parents, np.ones(parents, np.float32)).added > 0
+    found = optimizer.gaussians
+    np.testing.assert_allclose(
+        found.means.mean(axis=0), g.means[0], rtol=0, atol=tolerances.MCMC_MEAN
+    )
+    offsets = found.means.astype(np.float64) - g.means[0]
+    mixture = offsets.T @ offsets / len(offsets) + covariances(found[:1])[0]
+    expected = covariances(g)[0]
+    np.testing.assert_allclose(
+        mixture, expected, rtol=0, atol=tolerances.MCMC_MOMENT * np.trace(expected)
+    )
+    np.testing.assert_allclose(
+        found.log_scales,
+        np.broadcast_to(g.log_scales[0] - np.log(n) / 3, (n * parents, 3)),
+        rtol=0,
+        atol=tolerances.ACTIVATED_FLOAT32,
+    )
+
+
+@pytest.mark.parametrize("power", [1 / 3, 1.0])
+def test_mcmc_split_copies_take_the_opacity_of_the_power(power):
+    optimizer = one_parent(0.6)
+    optimizer.densify_mcmc(3, np.ones(1, np.float32), split_power=power)
+    expected = 1 - 0.4 ** (3**-power)
+    np.testing.assert_allclose(
+        sigmoid(optimizer.gaussians.opacity_logits), expected, rtol=tolerances.ACTIVATED_FLOAT32
+    )
+
+
+def test_mcmc_split_with_power_one_third_keeps_the_mean_optical_thickness():
+    # Averaged over many splits, -log(1 - alpha) integrates to the parent's over the image.
+    total = parent = 0.0
+    for seed in range(200):
+        optimizer = one_parent(0.05)
+        optimizer.seed = seed
+        if seed == 0:
+            parent = thickness(optimizer.gaussians)
+        optimizer.densify_mcmc(4, np.ones(1, np.float32), split_power=1 / 3)
+        total += thickness(optimizer.gaussians) / 200
+    # Equal to first order in the opacity: the response enters before the logarithm.
+    assert total == pytest.approx(parent, rel=tolerances.MCMC_THICKNESS)
+
+
+def thickness(g):
+    y, x = np.mgrid[-2:2:81j, -2:2:81j]
+    total = 0.0
+    for i in range(len(g)):
+        deviation = np.exp(float(g.log_scales[i, 0]))
+        squares = (x + 1 - g.means[i, 0]) ** 2 + (y + 2 - g.means[i, 1]) ** 2
+        alpha = sigmoid(g.opacity_logits[i]) * np.exp(-0.5 * squares / deviation**2)
+        total -= np.log1p(-alpha).sum()
+    return total
+
+
+def test_mcmc_relocates_all_kinds_of_dead_and_copies_the_living(rng):
+    g = random_gaussians(rng, 60, 4)
+    g.opacity_logits[:] = 1.0
+    g.opacity_logits[3] = logit(0.004)
+    g.means[10, 2] = np.nan
+    g.sh[11, 3, 1] = np.inf
+    g.opacity_logits[12] = np.nan
+    g.log_scales[13, 1] = 5.0
+    g.quats[14] = np.nan
+    optimizer = GaussianOptimizer(g, capacity=60, seed=1)
+    optimizer.step(random_gaussians(rng, 60), LearningRates(0, 0, 0, 0, 0, 0))
+    weights = np.zeros(60, np.float32)
+    weights[20:30] = 1.0
+    weights[31], weights[32], weights[33] = np.nan, np.inf, -1.0
+    weights[3] = 100.0  # a dead row is no source, whatever its weight
+    counts = optimizer.densify_mcmc(60, weights, max_scale=50.0)
+    assert counts == (60, 6, 0)
+    found = optimizer.gaussians
+    for name in FIELDS:
+        assert np.isfinite(getattr(found, name)).all()
+    dead = np.array([3, 10, 11, 12, 13, 14])
+    moved = np.any(found.means != g.means, axis=1)
+    sources = np.setdiff1d(np.flatnonzero(moved), dead)
+    assert set(sources) <= set(range(20, 30)) and 3 <= len(sources) <= 6
+    rest = np.setdiff1d(np.arange(60), np.concatenate([dead, sources]))
+    assert_same(found[rest], g[rest])
+    parents = [np.flatnonzero(np.all(g.quats[sources] == q, axis=1)) for q in found.quats[dead]]
+    assert all(len(parent) == 1 for parent in parents)
+    touched = np.concatenate([dead, sources])
+    state = optimizer.state_dict()
+    assert np.all(state["moment1.means"][touched] == 0) and np.all(
+        state["moment2.sh"][touched] == 0
+    )
+    assert np.all(state["moment1.means"][rest] != 0)
+
+
+def test_mcmc_draws_in_proportion_to_the_weights(rng):
+    weights = np.array([0.0, 1.0, 2.0, 5.0, 0.0], np.float32)
+    copies = np.zeros(5)
+    for seed in range(400):
+        g = random_gaussians(rng, 5)
+        optimizer = GaussianOptimizer(g, capacity=9, seed=seed)
+        assert optimizer.densify_mcmc(9, weights).added == 4
+        new = optimizer.gaussians.quats[5:]
+        copies += (new[None] == g.quats[:, None]).all(axis=2).sum(axis=1)
+    np.testing.assert_allclose(copies / 1600, weights / 8, rtol=0, atol=tolerances.MCMC_SHARES)
+    assert copies[0] == 0 and copies[4] == 0
+
+
+@pytest.mark.parametrize("split", [True, False])
+def test_mcmc_with_one_living_makes_at_most_51_of_it(split):
+    optimizer = one_parent(0.9, capacity=200)
+    counts = optimizer.densify_mcmc(200, np.ones(1, np.float32), split=split)
+    assert counts == (51, 0, 50)
+    # None of the copies is born dead.
+    again = optimizer.densify_mcmc(51, np.ones(51, np.float32))
+    assert again == (51, 0, 0)
+
+
+def test_mcmc_with_all_weights_zero_draws_all_living_equally(rng):
+    g = random_gaussians(rng, 30)
+    optimizer = GaussianOptimizer(g, capacity=60)
+    assert optimizer.densify_mcmc(60, np.zeros(30, np.float32)) == (60, 0, 30)
+
+
+@pytest.mark.parametrize("count", [0, 1, 5])
+def test_mcmc_with_none_living_changes_nothing(rng, count):
+    g = random_gaussians(rng, count)
+    g.opacity_logits[:] = -9.0
+    optimizer = GaussianOptimizer(g, capacity=20)
+    assert optimizer.densify_mcmc(10, np.ones(count, np.float32)) == (count, 0, 0)
+    assert_same(optimizer.gaussians, g)
+
+
+def test_mcmc_with_nothing_to_do_changes_nothing(rng):
+    g = random_gaussians(rng, 20)
+    optimizer = GaussianOptimizer(g)
+    assert optimizer.densify_mcmc(20, np.ones(20, np.float32)) == (20, 0, 0)
+    assert optimizer.densify_mcmc(5, np.ones(20, np.float32)) == (20, 0, 0)
+    assert_same(optimizer.gaussians, g)
+
+
+def test_mcmc_default_weights_are_opacity_times_the_largest_gradient(rng):
+    g = random_gaussians(rng, 10)
+    optimizer = GaussianOptimizer(g, capacity=14)
+    grads = np.zeros((10, 3), np.float32)
+    grads[6] = [0.0, 3.0, 4.0]
+    optimizer.accumulate(grads, np.full(10, 2.0, np.float32))
+    optimizer.accumulate(0.1 * grads, np.full(10, 2.0, np.float32))
+    assert optimizer.gradient_max[6] == 10.0 and optimizer.gradient_sum[6] == pytest.approx(5.5)
+    assert optimizer.densify_mcmc(14).added == 4
+    assert np.all(optimizer.gaussians.quats[10:] == g.quats[6])
+    assert len(optimizer.gradient_max) == 14 and not optimizer.gradient_max.any()
+
+
+def test_mcmc_noise_has_the_papers_covariance(rng):
+    g = random_gaussians(rng, 1)
+    many = g[np.zeros(20000, np.int64)]
+    many.opacity_logits[:] = logit(0.01)
+    optimizer = GaussianOptimizer(many, seed=9)
+    optimizer.add_noise(1e-4)
+    shift = (optimizer.gaussians.means - many.means).astype(np.float64)
+    gate = 1e-4 * 5e5 * sigmoid(-100 * (0.01 - 0.005))
+    sigma = covariances(g)[0]
+    expected = gate**2 * sigma @ sigma
+    found = shift.T @ shift / len(shift)
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=tolerances.NOISE_MOMENT * np.trace(expected)
+    )
+    assert np.all(
+        np.abs(shift.mean(axis=0)) < tolerances.NOISE_MOMENT * np.sqrt(np.trace(expected))
+    )
+
+
+def test_mcmc_noise_leaves_opaque_and_broken_ones_and_differs_by_step(rng):
+    g = random_gaussians(rng, 30)
+    g.opacity_logits[:10] = logit(0.5)
+    g.opacity_logits[10:] = logit(0.006)
+    g.quats[29] = np.nan
+    g.quats[28] = 0.0
+    g.log_scales[27] = 80.0
+    optimizer = GaussianOptimizer(g)
+    optimizer.add_noise(1e-4)
+    first = optimizer.gaussians.copy()
+    np.testing.assert_array_equal(first.means[:10], g.means[:10])
+    assert np.all(first.means[10:27] != g.means[10:27])
+    np.testing.assert_array_equal(first.means[29], g.means[29])
+    assert np.isfinite(first.means).all()
+    other = GaussianOptimizer(g)
+    other.steps = 1
+    other.add_noise(1e-4)
+    assert np.all(other.gaussians.means[10:27] != first.means[10:27])
+
+
+# --- adaptive density control -----------------------------------------------------------------
+
+
+def adaptive_case(rng):
+    """Rows: 0 keep, 1 clone, 2 split, 3 transparent, 4 NaN, 5 too large, 6 never seen, 7 keep."""
+    g = random_gaussians(rng, 8)
+    g.opacity_logits[:] = 1.0
+    g.log_scales[:] = np.log(0.05)
+    g.log_scales[2, 1] = np.log(0.5)
+    g.opacity_logits[3] = logit(0.004)
+    g.sh[4, 1, 1] = np.nan
+    g.log_scales[5, 0] = np.log(30.0)
+    return g
+
+
+def test_adaptive_clones_splits_and_prunes_in_order(rng):
+    g = adaptive_case(rng)
+    optimizer = GaussianOptimizer(g, seed=3)
+    optimizer.step(
+        Gaussians(*(np.ones_like(getattr(g, n)) for n in FIELDS)), LearningRates(*[0] * 6)
+    )
+    grads = np.zeros((8, 3), np.float32)
+    grads[1:7] = [1e-3, 0, 0]
+    visible = np.ones(8, bool)
+    visible[6] = False
+    optimizer.accumulate(grads, np.full(8, 2.0, np.float32), visible)
+    counts = optimizer.densify_adaptive(clone_scale=0.1, max_scale=10.0)
+    assert counts == (7, 3, 1, 1)
+    found = optimizer.gaussians
+    assert_same(found[np.array([0, 1, 3, 4])], g[np.array([0, 1, 6, 7])])
+    assert_same(found[5:6], g[1:2])
+    for row in (2, 6):
+        np.testing.assert_allclose(
+            found.log_scales[row], g.log_scales[2] - np.log(1.6), rtol=tolerances.ACTIVATED_FLOAT32
+        )
+        assert np.any(found.means[row] != g.means[2])
+    assert np.any(found.means[2] != found.means[6])
+    moments = optimizer.state_dict()["moment1.means"]
+    assert np.all(moments[[2, 5, 6]] == 0) and np.all(moments[[0, 1, 3, 4]] != 0)
+    assert len(optimizer.seen) == 7 and not optimizer.seen.any()
+
+
+def test_adaptive_split_halves_are_drawn_from_the_parent(rng):
+    g = random_gaussians(rng, 1)
+    many = g[np.zeros(10000, np.int64)]
+    optimizer = GaussianOptimizer(many, seed=4)
+    optimizer.accumulate(np.ones((10000, 3), np.float32), np.ones(10000, np.float32))
+    assert optimizer.densify_adaptive(clone_scale=1e-6).split == 10000
+    shift = optimizer.gaussians.means.astype(np.float64) - g.means[0]
+    expected = covariances(g)[0]
+    np.testing.assert_allclose(
+        shift.T @ shift / len(shift),
+        expected,
+        rtol=0,
+        atol=tolerances.NOISE_MOMENT * np.trace(expected),
+    )
+
+
+def test_adaptive_at_the_limit_grows_the_largest_gradients(rng):
+    g = random_gaussians(rng, 10)
+    g.opacity_logits[:] = 1.0
+    optimizer = GaussianOptimizer(g)
+    grads = np.zeros((10, 3), np.float32)
+    grads[:, 0] = [5, 1, 4, 1, 5, 9, 2, 6, 5, 3]
+    optimizer.accumulate(grads, np.ones(10, np.float32))
+    counts = optimizer.densify_adaptive(clone_scale=1e9, max_gaussians=13)
+    assert counts == (13, 0, 3, 0)
+    np.testing.assert_array_equal(optimizer.gaussians.quats[10:], g.quats[[0, 5, 7]])
+
+
+@pytest.mark.parametrize("count", [0, 1, 4])
+def test_adaptive_with_all_transparent_leaves_none(rng, count):
+    g = random_gaussians(rng, count)
+    g.opacity_logits[:] = -9.0
+    optimizer = GaussianOptimizer(g)
+    assert optimizer.densify_adaptive(clone_scale=1.0) == (0, count, 0, 0)
+    assert len(optimizer.gaussians) == 0
+    optimizer.step(random_gaussians(rng, 0), RATES)
+
+
+def test_apply_adaptive_for_another_size_raises(rng):
+    a, b = random_gaussians(rng, 3), random_gaussians(rng, 4)
+    zeros, seen = np.zeros(3, np.float32), np.zeros(3, np.int32)
+    plan = _core.plan_adaptive(a, 3, zeros, seen, 2e-4, 0.1, 0.005, np.inf, 0)
+    with pytest.raises(InputError, match="plan is for 3 Gaussians, there are 4"):
+        _core.apply_adaptive(b, b.copy(), b.copy(), 4, plan, 0, 0)
+
+
+def test_reset_opacities_limits_them_and_forgets_their_moments(rng):
+    g = random_gaussians(rng, 20)
+    g.opacity_logits[3] = -8.0
+    optimizer = GaussianOptimizer(g)
+    optimizer.step(random_gaussians(rng, 20), LearningRates(*[0] * 6))
+    optimizer.reset_opacities(0.01)
+    found = optimizer.gaussians
+    assert found.opacity_logits[3] == -8.0
+    np.testing.assert_allclose(
+        sigmoid(np.delete(found.opacity_logits, 3)), 0.01, rtol=tolerances.ACTIVATED_FLOAT32
+    )
+    state = optimizer.state_dict()
+    assert not state["moment1.opacity_logits"].any() and state["moment1.means"].all()
+
+
+def test_accumulate_leaves_out_what_is_not_seen_or_not_finite():
+    g = Gaussians(*(np.zeros(shape) for shape in ((4, 3), (4, 4), (4, 3), (4,), (4, 1, 3))))
+    optimizer = GaussianOptimizer(g)
+    grads = np.full((4, 3), 2.0, np.float32)
+    grads[1, 0] = np.nan
+    optimizer.accumulate(grads, np.array([1, 1, np.inf, 1], np.float32), np.array([1, 1, 1, 0]))
+    length = np.float32(2 * sqrt(3))
+    np.testing.assert_allclose(optimizer.gradient_max, [length, 0, 0, 0])
+    np.testing.assert_allclose(optimizer.gradient_sum, [length / 2, 0, 0, 0])
+    assert optimizer.seen.tolist() == [1, 0, 0, 0]
+
+
+# --- state ------------------------------------------------------------------------------------
+
+
+def train(optimizer, rng, steps):
+    """A few steps that use every operation."""
+    for _ in range(steps):
+        n = optimizer.size
+        grads = random_gaussians(rng, n)
+        visible = rng.random(n) < 0.7
+        optimizer.accumulate(grads.means, np.ones(n, np.float32), visible)
+        optimizer.add_regularizer(grads)
+        optimizer.step(grads, RATES, visible)
+        optimizer.add_noise(1e-3)
+        if optimizer.steps % 5 == 0:
+            optimizer.densify_mcmc(n + 50)
+        if optimizer.steps % 7 == 0:
+            optimizer.densify_adaptive(clone_scale=0.2, gradient_threshold=1.5)
+        if optimizer.steps % 9 == 0:
+            optimizer.reset_opacities(0.5)
+
+
+def assert_same_state(a, b):
+    assert a.keys() == b.keys()
+    for name, array in a.items():
+        np.testing.assert_array_equal(array, b[name], err_msg=name)
+
+
+def test_training_has_same_bits_on_any_thread_count():
+    states = []
+    try:
+        for threads in (1, 2, 8):
+            set_num_threads(threads)
+            rng = np.random.default_rng(1)
+            optimizer = GaussianOptimizer(random_gaussians(rng, 3000), seed=2)
+            train(optimizer, rng, 20)
+            states.append(optimizer.state_dict())
+    finally:
+        set_num_threads(0)
+    assert len(states[0]["params.means"]) > 3000
+    assert_same_state(states[0], states[1])
+    assert_same_state(states[0], states[2])
+
+
+def test_state_dict_through_a_file_goes_on_exactly(tmp_path):
+    rng = np.random.default_rng(1)
+    whole = GaussianOptimizer(random_gaussians(rng, 500), seed=2**63 + 5)
+    train(whole, rng, 12)
+    np.savez(tmp_path / "state.npz", **whole.state_dict())
+    resumed = GaussianOptimizer(random_gaussians(np.random.default_rng(0), 3))
+    with np.load(tmp_path / "state.npz") as state:
+        resumed.load_state_dict(dict(state))
+    train(resumed, np.random.default_rng(9), 10)
+    train(whole, np.random.default_rng(9), 10)
+    assert_same_state(resumed.state_dict(), whole.state_dict())
+
+
+def test_load_state_dict_with_a_missing_or_short_array_raises(rng):
+    optimizer = GaussianOptimizer(random_gaussians(rng, 4))
+    state = optimizer.state_dict()
+    for name in state:
+        broken = {key: value for key, value in state.items() if key != name}
+        with pytest.raises(InputError, match=name.replace(".", r"\.")):
+            optimizer.load_state_dict(broken)
+    assert len(state) == 21
+    with pytest.raises(InputError, match="different lengths"):
+        optimizer.load_state_dict(state | {"seen": state["seen"][:2]})
+
+
+def test_gaussians_are_views_that_follow_the_steps(rng):
+    g = random_gaussians(rng, 5)
+    optimizer = GaussianOptimizer(g, capacity=50)
+    view = optimizer.gaussians
+    before = view.copy()
+    optimizer.step(random_gaussians(rng, 5), RATES)
+    assert np.all(view.means != before.means)
+    assert_same(g, before)  # the caller's arrays are not touched
+    assert view.means.base is not None and optimizer.capacity == 50
+
+
+def test_optimizer_grows_its_capacity_when_needed(rng):
+    optimizer = GaussianOptimizer(random_gaussians(rng, 10))
+    assert optimizer.densify_mcmc(40, np.ones(10, np.float32)).size == 40
+    assert optimizer.capacity >= 40
+
+
+def test_optimizer_with_too_small_a_capacity_raises(rng):
+    with pytest.raises(InputError, match="capacity is 3, but there are 4 Gaussians"):
+        GaussianOptimizer(random_gaussians(rng, 4), capacity=3)

@@ -1,0 +1,102 @@
+"""`gsut localize`: the pose of a photograph in the scene of a run, from the command line."""
+
+import json
+
+import numpy as np
+import pytest
+
+import gsut
+import tolerances
+from gsut import TrainOptions
+from gsut.bench.refine_disturb import disturbed_pose
+from gsut.cli import main
+from gsut.refine.localization import localize_image
+from gsut.refine.motion import pose_changes
+from gsut.render.pictures import to_uint8, write_png
+from gsut.run.folder import SCENE
+from random_scenes import fisheye, gaussians_in_view, pinhole
+from rendered_dataset import poses, truth, write_dataset
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A finished run whose Gaussians are the truth, and the truth in the dataset's coordinates."""
+    folder = tmp_path_factory.mktemp("localize")
+    rng = np.random.default_rng(20260821)
+    scene = gsut.load_dataset(write_dataset(folder / "data", rng))
+    options = TrainOptions(steps=20, max_gaussians=100, eval_every=20, checkpoint_every=20)
+    gsut.train(scene, options, out=folder / "run", progress=False)
+    g = truth(np.random.default_rng(20260821)).astype(np.float32)
+    moved = gsut.Gaussians(
+        (g.means - scene.world_offset).astype(np.float32),
+        *(getattr(g, name) for name in ("quats", "log_scales", "opacity_logits", "sh")),
+    )
+    (folder / "run" / SCENE).unlink()
+    gsut.save_ply(folder / "run" / SCENE, moved)
+    return folder / "run", g
+
+
+def photograph(path, g, pose, width=96):
+    write_png(path, to_uint8(gsut.render(g, pinhole(width), pose).image))
+    return path
+
+
+def test_localize_finds_a_pose_between_the_training_views(run, tmp_path, capsys):
+    folder, g = run
+    pose = gsut.exp_pose([0.1, -0.05, 0.1, 0.03, -0.05, 0.02]) @ poses()[4]
+    image = photograph(tmp_path / "photo.png", g, pose, 48)
+    assert main(["localize", str(image), "--run", str(folder), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    center = -pose[:3, :3].T @ pose[:3, 3]
+    error = np.linalg.norm(np.array(found["center"]) - center)
+    print(f"{error:.2e} units, std {found['center_std']}")
+    assert error < tolerances.LOCALIZED_UNITS
+    np.testing.assert_allclose(found["camera_from_world"], pose, atol=tolerances.LOCALIZED_UNITS)
+    assert np.linalg.eigvalsh(found["covariance"]).min() > 0
+    assert main(["localize", str(image), "--run", str(folder)]) == 0
+    assert "centre:" in capsys.readouterr().out
+
+
+def test_photograph_far_from_every_view_is_found_by_matches(rng):
+    camera = fisheye(160)
+    middle = np.eye(4)
+    g = gaussians_in_view(rng, camera, middle, 3000, sizes=(0.01, 0.06), opacity=3.0)
+    views = [(camera, disturbed_pose(rng, middle, 15.0, 0.25)) for _ in range(5)]
+    pose = disturbed_pose(rng, middle, 25.0, 0.2)
+    pixels = to_uint8(gsut.render(g, camera, pose).image)
+    told = []
+    found = localize_image(
+        g, views, camera, pixels, np.ones((160, 160), bool),
+        on_progress=lambda what, done, total: told.append(what),
+    )  # fmt: skip
+    change = pose_changes(found.pose.camera_from_world[None], pose[None])
+    near = pose_changes(np.array([view for _, view in views]), np.repeat(pose[None], 5, 0))
+    print(f"{found.matches} matches, {change.degrees[0]:.1e} degrees, {change.distances[0]:.1e} "
+          f"units; nearest view {near.degrees.min():.0f} degrees off")  # fmt: skip
+    assert near.degrees.min() > 8
+    assert found.start == "matches" and found.matches >= 12
+    assert found.pose.converged
+    assert change.degrees[0] < tolerances.MATCHED_DEGREES
+    assert change.distances[0] < tolerances.MATCHED_UNITS
+    assert set(told) == {"looking", "matching", "refining"}
+
+
+def test_localize_shrinks_a_larger_photograph(run, tmp_path, capsys):
+    folder, g = run
+    image = photograph(tmp_path / "large.png", g, poses()[3], 144)
+    assert main(["localize", str(image), "--run", str(folder), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    np.testing.assert_allclose(
+        found["camera_from_world"], poses()[3], atol=tolerances.LOCALIZED_SHRUNK_UNITS
+    )
+
+
+def test_localize_refuses_other_shapes_and_masks(run, tmp_path, capsys):
+    folder, g = run
+    image = tmp_path / "wide.png"
+    write_png(image, np.zeros((40, 90, 3), np.uint8))
+    assert main(["localize", str(image), "--run", str(folder)]) == 2
+    assert "90 x 40" in capsys.readouterr().err
+    photo = photograph(tmp_path / "photo.png", g, poses()[1], 48)
+    assert main(["localize", str(photo), "--run", str(folder), "--mask", str(image)]) == 2
+    assert "a mask has its image's size" in capsys.readouterr().err

@@ -1,0 +1,144 @@
+"""Tests that every lens renders: float tiles against the double reference, seam and poles too."""
+
+import numpy as np
+import pytest
+
+import tolerances as tol
+from gsut import Gaussians, InputError, render, render_backward
+from gsut.lens.camera import Camera
+from lens_cases import HARD_LENSES, PANORAMAS, all_lenses
+
+# Every lens on an image small enough for the reference, by the lens' own scaling.
+PIXELS = 96
+
+
+def small(camera: Camera) -> Camera:
+    if camera.width * camera.height <= PIXELS**2:
+        return camera
+    scale = PIXELS / max(camera.width, camera.height)
+    return camera.resized(max(8, round(camera.width * scale)), max(8, round(camera.height * scale)))
+
+
+# Hard lenses whose few pixels see nearly everything: no tile has a plane.
+WIDE_TILES = [lens for lens in HARD_LENSES if lens[0] in ("pinhole", "stereographic")]
+WIDE_TILES += [lens for lens in HARD_LENSES if lens[0] == "fov" and lens[1][-1] == 3.0]
+
+
+CAMERAS = [small(camera) for camera in all_lenses()]
+each_lens = pytest.mark.parametrize("camera", CAMERAS, ids=lambda c: f"{c.model}-{c.width}")
+
+
+def scene(rng: np.random.Generator, rays: np.ndarray, spread: float) -> Gaussians:
+    """One Gaussian near each ray, 1 to 4 away, of sizes around `spread` radians.
+
+    None reaches the camera: a hit at the ray's origin is a discontinuity of the response.
+    """
+    count = len(rays)
+    distance = rng.uniform(1.0, 4.0, (count, 1))
+    return Gaussians(
+        rays * distance,
+        rng.normal(size=(count, 4)),
+        np.log(spread * distance) + rng.uniform(-1.5, 0.4, (count, 3)),
+        rng.uniform(-2.0, 4.0, count),
+        rng.normal(0.3, 0.3, (count, 4, 3)),
+    )
+
+
+def rays_of_image(rng: np.random.Generator, camera: Camera, count: int) -> np.ndarray:
+    rays, valid = camera.rays()
+    seen = rays[valid]
+    picked = seen[rng.integers(0, len(seen), count)] + rng.normal(0, 0.05, (count, 3))
+    return picked / np.linalg.norm(picked, axis=1, keepdims=True)
+
+
+def assert_same_image(gaussians: Gaussians, camera: Camera) -> None:
+    """Equal but for pixels where one Gaussian's alpha is the cut-off to within rounding."""
+    expected = render(gaussians, camera, np.eye(4), dtype="float64")
+    found = render(gaussians, camera, np.eye(4))
+    assert expected.alpha.max() > 0.1
+    error = np.abs(np.dstack([found.image - expected.image, found.alpha - expected.alpha]))
+    stepped = error.max(axis=2) > tol.LENS_RENDER_STEP
+    # A Gaussian that a tile misses would show as larger steps, or as steps on many pixels.
+    assert stepped.sum() <= tol.LENS_RENDER_STEPS, np.argwhere(stepped)
+    assert error.max() < tol.LENS_RENDER_CUTOFF
+    rms = np.sqrt(np.mean(error[~stepped] ** 2))
+    assert rms < tol.LENS_RENDER_RMS
+
+
+def test_every_lens_is_rendered():
+    assert len(CAMERAS) == len(all_lenses()) >= 60
+
+
+@each_lens
+def test_render_any_lens_agrees_with_the_reference(camera, rng):
+    if not camera.rays()[1].any():
+        assert camera.params[0] == 1e-3  # of the hard pinhole, all pixels are too far out
+        return
+    for spread, count in ((0.02, 300), (0.15, 40)):
+        if any(camera == small(Camera(*lens)) for lens in WIDE_TILES):
+            with pytest.raises(InputError, match="16 x 16 pixels spans more than 168 degrees"):
+                render(scene(rng, rays_of_image(rng, camera, count), spread), camera, np.eye(4))
+            continue
+        assert_same_image(scene(rng, rays_of_image(rng, camera, count), spread), camera)
+
+
+def is_whole(camera: Camera) -> bool:
+    pixels, _ = camera.project(np.array([[0.001, 0.001, -1], [-0.001, -0.001, -1]]))
+    return bool((pixels >= 0).all() and (pixels <= [camera.width, camera.height]).all())
+
+
+# Whole ones: those that see a part only have no seam in the image.
+PANORAMA_CAMERAS = [
+    camera for camera in CAMERAS if camera.model in PANORAMAS and is_whole(camera)
+] + [
+    Camera("equirectangular", [], 160, 80),
+    Camera("lonlat", [30, 30, 94.2, 47.1], 188, 94),
+]
+SPECIAL = {
+    "seam": [[0, 0, -1.0], [0, 0.7, -1.0], [0, -0.7, -1.0], [0.7, 0, -1.0], [-0.7, 0, -1.0]],
+    "poles": [[0, 1.0, 0], [0, -1.0, 0], [1.0, 0, 0], [-1.0, 0, 0]],
+}
+
+
+@pytest.mark.parametrize("place", SPECIAL)
+@pytest.mark.parametrize("camera", PANORAMA_CAMERAS, ids=lambda c: f"{c.model}-{c.width}")
+def test_render_panorama_with_gaussians_on_seam_and_poles_agrees(camera, place, rng):
+    compared = 0
+    for spread in (0.01, 0.05, 0.15):
+        centres = np.repeat(np.array(SPECIAL[place]), 40, axis=0)
+        rays = centres + rng.normal(0, 3 * spread, centres.shape) * rng.uniform(
+            0, 1, (len(centres), 1)
+        )
+        rays[: len(SPECIAL[place])] = SPECIAL[place]
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        gaussians = scene(rng, rays, spread)
+        assert_same_image(gaussians, camera)
+        compared += 1
+    assert compared == 3
+
+
+def test_seam_gaussian_shows_on_both_edges_and_nowhere_between():
+    camera = Camera("equirectangular", [], 256, 128)
+    gaussians = Gaussians(
+        np.array([[0.0, 0.0, -3.0]]),
+        np.array([[1.0, 0, 0, 0]]),
+        np.full((1, 3), np.log(0.05)),
+        np.array([3.0]),
+        np.full((1, 1, 3), 1.0),
+    )
+    alpha = render(gaussians, camera, np.eye(4)).alpha
+    assert alpha[64, 0] > 0.5 and alpha[64, -1] > 0.5
+    assert alpha[:, 10:-10].max() == 0
+
+
+@pytest.mark.parametrize("camera", PANORAMA_CAMERAS[:1] + PANORAMA_CAMERAS[-1:], ids=str)
+def test_gradients_across_the_seam_agree_with_the_reference(camera, rng):
+    rays = np.array([[0, 0, -1.0], [0.1, 0.2, -1.0], [0, 1.0, 0.05], [0, 0, 1.0]])
+    gaussians = scene(rng, rays, 0.1)
+    weights = rng.normal(size=(camera.height, camera.width, 3))
+    expected = render_backward(render(gaussians, camera, np.eye(4), dtype="float64"), weights)
+    found = render_backward(render(gaussians, camera, np.eye(4)), weights)
+    for name in ("means", "quats", "log_scales", "opacity_logits", "sh"):
+        exact = getattr(expected.gaussians, name)
+        error = np.abs(getattr(found.gaussians, name) - exact).max()
+        assert error < tol.LENS_GRADIENT_RELATIVE * np.abs(exact).max(), name

@@ -1,0 +1,210 @@
+"""Tests the photometric loss and the metrics from Python, against OpenCV and closed forms."""
+
+import cv2
+import numpy as np
+import pytest
+
+import tolerances
+from gsut import InputError, _core, available_isas, set_isa, set_num_threads
+from gsut.render import metrics
+
+HEIGHT, WIDTH = 60, 52
+
+
+@pytest.fixture
+def pair(rng):
+    """A textured target (uint8) and a float32 image that differs from it."""
+    base = cv2.GaussianBlur(rng.random((HEIGHT, WIDTH, 3)), (0, 0), 2.0)
+    base = (base - base.min()) / (base.max() - base.min())
+    target = np.round(base * 255).astype(np.uint8)
+    image = (base + 0.1 * rng.standard_normal(base.shape)).astype(np.float32)
+    return target, image
+
+
+def circle():
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    return (y - HEIGHT / 2) ** 2 + (x - WIDTH / 2) ** 2 < 24.0**2
+
+
+def test_ssim_whole_windows_agrees_with_opencv(pair):
+    # OpenCV's quality module: same window and constants on the scale 0..255, borders reflected;
+    # its map agrees wherever the window lies inside the image.
+    target, image = pair
+    a, b = target.astype(np.float64), np.clip(image, 0, 1).astype(np.float64) * 255
+    _, quality_map = cv2.quality.QualitySSIM_compute(a, b)
+    expected = quality_map[5:-5, 5:-5, :3].mean()
+    assert metrics.ssim(a / 255, b / 255) == pytest.approx(expected, abs=tolerances.METRIC_ROUNDING)
+
+
+def test_psnr_agrees_with_opencv(pair):
+    target, image = pair
+    b = np.round(np.clip(image, 0, 1) * 255).astype(np.uint8)
+    assert metrics.psnr(target, b) == pytest.approx(
+        cv2.PSNR(target, b), abs=tolerances.METRIC_ROUNDING
+    )
+
+
+def test_loss_gradient_every_isa_matches_reference(pair):
+    target, image = pair
+    mask = circle()
+    reference, expected = _core.photometric_loss_reference(target / 255.0, image, mask)
+    ran = 0
+    for isa in available_isas():
+        set_isa(isa)
+        loss, gradient = _core.photometric_loss(_core.PhotometricTarget(target, mask), image)
+        assert loss == pytest.approx(reference, rel=tolerances.LOSS_RELATIVE)
+        error = np.linalg.norm(gradient - expected) / np.linalg.norm(expected)
+        assert error < tolerances.LOSS_GRADIENT_RELATIVE
+        assert np.all(gradient[~mask] == 0)
+        ran += 1
+    set_isa("")
+    assert ran == len(available_isas()) >= 1
+
+
+def test_loss_value_is_composed_of_l1_and_dssim(pair):
+    target, image = pair
+    mask = circle()
+    made = _core.PhotometricTarget(target, mask, window_rule="valid")
+    loss, l1, dssim = made.value(image, ssim_weight=0.3)
+    truth = target / 255.0
+    assert loss == pytest.approx(0.7 * l1 + 0.3 * dssim, rel=tolerances.METRIC_ROUNDING)
+    assert l1 == pytest.approx(np.abs(image - truth)[mask].mean(), rel=tolerances.LOSS_RELATIVE)
+    assert dssim == pytest.approx(
+        1 - metrics.ssim(image, target, mask), rel=tolerances.LOSS_RELATIVE
+    )
+    assert _core.photometric_loss(made, image, ssim_weight=0.3)[0] == loss
+
+
+def test_loss_gradient_is_written_into_the_given_buffer(pair):
+    target, image = pair
+    made = _core.PhotometricTarget(target)
+    buffer = np.full_like(image, np.nan)
+    _, gradient = _core.photometric_loss(made, image, buffer)
+    assert gradient is buffer
+    np.testing.assert_array_equal(buffer, _core.photometric_loss(made, image)[1])
+
+
+def test_loss_descent_along_gradient_lowers_it(pair):
+    target, image = pair
+    made = _core.PhotometricTarget(target, circle())
+    first, gradient = _core.photometric_loss(made, image)
+    step = 1e-3 / np.abs(gradient).max()
+    assert made.value(image - np.float32(step) * gradient)[0] < first
+
+
+def test_loss_any_thread_count_same_bits(pair):
+    target, image = (np.tile(part, (4, 11, 1)) for part in pair)
+    results = []
+    for threads in (1, 2, 8):
+        set_num_threads(threads)
+        results.append(_core.photometric_loss(_core.PhotometricTarget(target), image))
+    set_num_threads(0)
+    assert len(results) == 3
+    for loss, gradient in results[1:]:
+        assert loss == results[0][0]
+        np.testing.assert_array_equal(gradient, results[0][1])
+
+
+def test_target_memory_is_that_of_its_bytes(pair):
+    target, _ = pair
+    lean = _core.PhotometricTarget(target)
+    kept = _core.PhotometricTarget(target, keep_statistics=True)
+    assert lean.nbytes < target.nbytes + 4 * (HEIGHT + WIDTH) + 1
+    assert kept.nbytes - lean.nbytes == 24 * HEIGHT * WIDTH
+
+
+def test_mask_of_any_integer_type_is_read_as_nonzero(pair):
+    target, _ = pair
+    mask = circle()
+    kinds = (mask, mask.astype(np.uint8) * 255, mask.astype(np.int32) * 256)
+    assert len(kinds) == 3
+    for kind in kinds:
+        assert _core.PhotometricTarget(target, kind).pixels == np.count_nonzero(mask)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t, i: _core.PhotometricTarget(t[..., :2]), r"image must have shape"),
+        (lambda t, i: _core.PhotometricTarget(t.astype(np.uint16)), r"uint8"),
+        (lambda t, i: _core.PhotometricTarget(t.astype(np.float32)), r"give finite values"),
+        (lambda t, i: _core.PhotometricTarget(t, np.zeros((HEIGHT, WIDTH), bool)), r"no pixel"),
+        (lambda t, i: _core.PhotometricTarget(t, np.ones((WIDTH, HEIGHT), bool)), r"mask must"),
+        (lambda t, i: _core.PhotometricTarget(t, np.ones((HEIGHT, WIDTH))), r"bool or integers"),
+        (lambda t, i: _core.PhotometricTarget(t, window_rule="same"), r"partial, valid"),
+        (lambda t, i: _core.photometric_loss(_core.PhotometricTarget(t), i[1:]), r"image must"),
+        (
+            lambda t, i: _core.photometric_loss(_core.PhotometricTarget(t), i.astype(float)),
+            r"float32",
+        ),
+        (lambda t, i: _core.photometric_loss(_core.PhotometricTarget(t), i, i), r"itself"),
+        (
+            lambda t, i: _core.photometric_loss(_core.PhotometricTarget(t), i, ssim_weight=-1),
+            r"ssim_weight",
+        ),
+        (lambda t, i: metrics.psnr(t, i[1:]), r"b must have shape"),
+        (lambda t, i: metrics.psnr(t[..., 0], i), r"a must have shape"),
+        (lambda t, i: metrics.ssim(t, i, np.zeros((HEIGHT, WIDTH), bool)), r"no pixel"),
+        (lambda t, i: metrics.ring_psnr(t, i, np.zeros((2, 2))), r"angles must"),
+        (
+            lambda t, i: metrics.ring_psnr(t, i, np.zeros((HEIGHT, WIDTH)), (30, 30)),
+            r"increasing",
+        ),
+        (
+            lambda t, i: metrics.weighted_psnr(t, i, np.full((HEIGHT, WIDTH), np.nan)),
+            r"pixel weights",
+        ),
+    ],
+)
+def test_wrong_input_raises_one_clear_sentence(pair, change, message):
+    with pytest.raises(InputError, match=message):
+        change(*pair)
+
+
+def test_psnr_nan_in_image_is_not_a_plausible_number(pair):
+    target, image = pair
+    image[3, 4] = np.nan
+    assert np.isnan(metrics.psnr(target, image))
+    assert np.isfinite(metrics.psnr(target, image, ~np.isnan(image[..., 0])))
+
+
+def test_ring_psnr_rings_are_disjoint_and_cover_the_mask(pair):
+    target, image = pair
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    angles = np.radians(3.8 * np.hypot(y - HEIGHT / 2, x - WIDTH / 2))
+    angles[0, 0] = np.nan
+    rings = metrics.ring_psnr(target, image, angles, mask=circle())
+    assert [ring["from_degrees"] for ring in rings] == [0, 30, 60, 80]
+    assert [ring["to_degrees"] for ring in rings] == [30, 60, 80, 180]
+    assert sum(ring["pixels"] for ring in rings) == np.count_nonzero(circle())
+    inner = circle() & (np.degrees(angles) < 30)
+    assert rings[0]["psnr"] == metrics.psnr(target, image, inner)
+
+
+def test_ring_psnr_empty_ring_has_no_number(pair):
+    target, image = pair
+    rings = metrics.ring_psnr(target, image, np.zeros((HEIGHT, WIDTH)))
+    assert [ring["psnr"] is None for ring in rings] == [False, True, True, True]
+
+
+def test_weighted_psnr_equal_weights_is_psnr(pair):
+    target, image = pair
+    weights = np.full((HEIGHT, WIDTH), 1e-3)
+    assert metrics.weighted_psnr(target, image, weights) == pytest.approx(
+        metrics.psnr(target, image), abs=tolerances.METRIC_ROUNDING
+    )
+
+
+def test_color_corrected_psnr_undoes_an_affine_change(pair):
+    target, _ = pair
+    truth = target / 255.0 * 0.6 + 0.2
+    matrix = np.array([[0.8, 0.1, 0.0], [0.0, 0.9, 0.05], [0.1, 0.0, 0.7]])
+    changed = truth @ matrix.T + 0.03
+    assert metrics.psnr(changed, truth) < 30
+    assert metrics.color_corrected_psnr(changed, truth, circle()) > tolerances.EXACT_PSNR
+
+
+def test_fit_color_transform_flat_image_changes_least():
+    flat = np.full((8, 8, 3), 0.5)
+    transform = metrics.fit_color_transform(flat, flat)
+    np.testing.assert_array_equal(transform, np.eye(3, 4))

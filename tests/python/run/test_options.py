@@ -1,0 +1,166 @@
+"""Training options: defaults, derived values, checks, JSON and command-line flags."""
+
+import argparse
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gsut import InputError
+from gsut.run.option_fields import add_option_flags, flag_name, given_options, option_info
+from gsut.run.options import PRESETS, TrainOptions
+
+FIELDS = dataclasses.fields(TrainOptions)
+
+
+def parse(*words: str) -> TrainOptions:
+    parser = argparse.ArgumentParser()
+    add_option_flags(parser, TrainOptions)
+    return TrainOptions(**given_options(TrainOptions, parser.parse_args(words)))
+
+
+def test_options_without_arguments_are_the_balanced_preset():
+    options = TrainOptions()
+    assert (options.steps, options.max_gaussians, options.sh_degree) == (2000, 200_000, 1)
+    balanced = dataclasses.replace(TrainOptions(preset="balanced"), preset=None)
+    assert options == balanced
+
+
+def test_options_with_preset_keep_values_that_were_given():
+    count = 0
+    for preset, values in PRESETS.items():
+        options = TrainOptions(preset=preset, steps=123)
+        assert options.steps == 123
+        assert options.max_gaussians == values["max_gaussians"]
+        count += 1
+    assert count == 3
+
+
+@pytest.mark.parametrize(
+    ("steps", "lr_means", "noise", "densify_every"),
+    [(500, 1.6e-3, False, 50), (1000, 8e-4, False, 50), (2000, 4.8e-4, True, 100)],
+)
+def test_resolved_at_the_recipes_steps_gives_the_measured_values(
+    steps, lr_means, noise, densify_every
+):
+    options = TrainOptions(steps=steps).resolved()
+    assert options.lr_means == lr_means
+    assert options.noise is noise
+    assert options.densify_every == densify_every
+
+
+def test_resolved_in_long_runs_decays_the_other_rates():
+    assert TrainOptions(steps=1000).resolved().lr_final_factor == 1.0
+    assert TrainOptions(steps=2000).resolved().lr_final_factor == 0.5
+    assert 0.3 < TrainOptions(steps=4000).resolved().lr_final_factor < 0.5
+    assert TrainOptions(steps=30_000).resolved().lr_final_factor == 0.3
+
+
+def test_resolved_for_any_number_of_steps_leaves_only_what_depends_on_the_data():
+    count = 0
+    for steps in (1, 2, 9, 99, 700, 1001, 6999, 30_000):
+        options = TrainOptions(steps=steps).resolved()
+        empty = {f.name for f in FIELDS if getattr(options, f.name) is None}
+        assert empty == {
+            *("preset", "test_names", "init_count", "compact_at", "readout_time"),
+            "calibration_weights",
+        }
+        assert options.resolved() == options
+        count += 1
+    assert count == 8
+
+
+def test_resolved_with_given_values_keeps_them():
+    given = {"lr_means": 1e-3, "noise": True, "coarse_to_fine": (0.0, 0.1), "densify_every": 7}
+    options = TrainOptions(steps=100, **given).resolved()
+    assert {name: getattr(options, name) for name in given} == given
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("steps", 0, "--steps must be >= 1 and <= 1e+07, found 0"),
+        ("steps", 1.5, "--steps must be a whole number, found 1.5"),
+        ("steps", True, "--steps must be a whole number, found True"),
+        ("scale", 0.0, "--scale must be > 0 and <= 1, found 0.0"),
+        ("lr_means", float("nan"), "--lr-means must be >= 0 and <= 1, found nan"),
+        ("init_opacity", 1.0, "--init-opacity must be > 0 and < 1, found 1.0"),
+        ("strategy", "magic", "--strategy must be one of mcmc, adaptive, mini, found 'magic'"),
+        ("preset", "slow", "--preset must be one of fast, balanced, best, found 'slow'"),
+        ("background", (0, 0), "--background must be 3 numbers, found 2 values: (0, 0)"),
+        ("background", (0, 0, 2), "--background must be >= 0 and <= 1, found 2"),
+        ("coarse_to_fine", "fine", "--coarse-to-fine must be 2 numbers or auto, found 'fine'"),
+        ("coarse_to_fine", (0.5, 0.2), "--coarse-to-fine 0.5,0.2"),
+        ("densify_from", 0.9, "--densify-from 0.9 lies after --densify-until 0.8"),
+        ("noise", 1, "--noise must be true or false, found 1"),
+        ("seed", None, "--seed must be a whole number, found None"),
+        ("test_names", "a.png", "--test-names must be a list of names, found 'a.png'"),
+        ("init_count", 300_000, "more than --max-gaussians 200000"),
+    ],
+)
+def test_options_with_a_bad_value_name_option_value_and_range(name, value, said):
+    with pytest.raises(InputError) as caught:
+        TrainOptions(**{name: value})
+    assert said in str(caught.value)
+
+
+def test_options_with_numpy_numbers_become_plain_ones():
+    options = TrainOptions(steps=np.int64(7), scale=np.float32(0.5), background=[0, 1, 0])
+    assert type(options.steps) is int
+    assert type(options.scale) is float
+    assert options.background == (0.0, 1.0, 0.0)
+
+
+def test_json_round_trip_gives_equal_options():
+    options = TrainOptions(
+        preset="best", test_names=("a.png", "b.png"), lr_means=1e-3 / 3, coarse_to_fine=(0.1, 0.3)
+    )
+    assert TrainOptions.from_json(options.to_json()) == options
+    assert TrainOptions.from_json(options.resolved().to_json()) == options.resolved()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('{"stepz": 3}', "run/options.json: unknown option stepz; known are preset, steps"),
+        ('{"steps": -3}', "run/options.json: --steps must be"),
+        ('{"steps": 3', "run/options.json: not valid JSON"),
+        ("[1]", "run/options.json: a JSON object"),
+    ],
+)
+def test_json_that_is_wrong_says_file_and_reason(text, said):
+    with pytest.raises(InputError) as caught:
+        TrainOptions.from_json(text, source="run/options.json")
+    assert said in str(caught.value)
+
+
+def test_flags_set_the_options_they_name():
+    options = parse(
+        "--steps", "77", "--no-noise", "--coarse-to-fine", "0,0.25", "--background", "1,0.5,0",
+        "--test-names", "a.png,b.png", "--init", "random", "--lr-means", "1e-3",
+    )  # fmt: skip
+    assert options == TrainOptions(
+        steps=77, noise=False, coarse_to_fine=(0, 0.25), background=(1, 0.5, 0),
+        test_names=("a.png", "b.png"), init="random", lr_means=1e-3,
+    )  # fmt: skip
+
+
+def test_flags_that_are_absent_leave_the_defaults():
+    assert parse() == TrainOptions()
+
+
+@pytest.mark.parametrize("words", [("--steps", "many"), ("--background", "1,x,0")])
+def test_flags_that_are_no_numbers_are_refused_in_the_same_words(words):
+    with pytest.raises(InputError, match=f"^{words[0]} must be"):
+        parse(*words)
+
+
+def test_help_names_every_option_with_its_default():
+    parser = argparse.ArgumentParser()
+    add_option_flags(parser, TrainOptions)
+    text = " ".join(parser.format_help().split())
+    for field in FIELDS:
+        assert flag_name(field.name) in text
+        info = option_info(field)
+        assert info.help and (field.default is not None or info.none)
+    assert text.count("default ") >= len(FIELDS) > 30

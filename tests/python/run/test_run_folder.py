@@ -1,0 +1,260 @@
+"""The folder of a run: atomic writes, exact checkpoints, history, refusals."""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut import InputError
+from gsut.run.checkpoint import read_checkpoint, write_checkpoint
+from gsut.run.folder import CHECKPOINT, ENVIRONMENT, HISTORY, METRICS, OPTIONS, SCENE, RunFolder
+from gsut.run.options import TrainOptions
+
+OPTIONS_OF_RUN = TrainOptions(steps=100)
+
+
+def state_of_training(rng: np.random.Generator, rows: int = 50) -> dict:
+    special = np.array([np.nan, -0.0, np.inf, 5e-324], np.float64)
+    return {
+        "means": rng.standard_normal((rows, 3)).astype(np.float32),
+        "special": special,
+        "empty": np.zeros((0, 4), np.float32),
+        "adam": {"m": [rng.standard_normal(rows), rng.integers(0, 9, rows)], "step": 7},
+        "seconds": 0.1 + 0.2,
+        "largest": 2**64 - 1,
+        "scalar": np.float32(1 / 3),
+        "name": "a.b",
+        "nothing": None,
+        "a.b": np.arange(2),
+        "a": {"b": np.arange(3)},
+    }
+
+
+def assert_same_bits(found, expected):
+    if isinstance(expected, dict):
+        assert found.keys() == expected.keys()
+        for key in expected:
+            assert_same_bits(found[key], expected[key])
+    elif isinstance(expected, list):
+        assert len(found) == len(expected)
+        for one, other in zip(found, expected, strict=True):
+            assert_same_bits(one, other)
+    elif isinstance(expected, (np.ndarray, np.generic)):
+        assert type(found) is type(expected)
+        assert (found.dtype, found.shape) == (expected.dtype, expected.shape)
+        assert found.tobytes() == expected.tobytes()
+    else:
+        assert type(found) is type(expected)
+        assert found == expected
+
+
+def test_checkpoint_of_any_state_is_read_back_exact_to_the_bit(tmp_path, rng):
+    run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
+    state = state_of_training(rng)
+    run.save_checkpoint(40, state)
+    step, found = run.load_checkpoint()
+    assert step == 40
+    assert_same_bits(found, state)
+
+
+def test_checkpoint_that_is_absent_is_none(tmp_path):
+    run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
+    assert run.load_checkpoint() is None
+
+
+@pytest.mark.parametrize("value", [object(), {1: 2}, np.array([object()]), 1j])
+def test_checkpoint_of_a_value_that_cannot_be_kept_is_refused(tmp_path, value):
+    with pytest.raises(TypeError, match="checkpoint entry"):
+        write_checkpoint(tmp_path / "c.npz", {"value": value})
+
+
+def test_checkpoint_cut_off_anywhere_is_found_out(tmp_path, rng):
+    path = tmp_path / "c.npz"
+    write_checkpoint(path, state_of_training(rng))
+    data = path.read_bytes()
+    count = 0
+    for length in [*range(0, len(data), max(1, len(data) // 60)), len(data) - 1]:
+        path.write_bytes(data[:length])
+        with pytest.raises(InputError, match="not a complete checkpoint"):
+            read_checkpoint(path)
+        count += 1
+    assert count > 60
+
+
+def test_checkpoint_with_an_altered_array_is_found_out(tmp_path):
+    path = tmp_path / "c.npz"
+    write_checkpoint(path, {"means": np.full(1000, 7.25)})
+    data = bytearray(path.read_bytes())
+    place = data.find(np.float64(7.25).tobytes() * 10)
+    assert place > 0
+    data[place + 20] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="not a complete checkpoint"):
+        read_checkpoint(path)
+
+
+def test_checkpoint_when_writing_fails_keeps_the_one_before(tmp_path, rng, monkeypatch):
+    run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
+    run.save_checkpoint(1, {"a": np.arange(3)})
+
+    def full_disk(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full_disk)
+    with pytest.raises(InputError, match=r"cannot write .*checkpoint.npz: No space left"):
+        run.save_checkpoint(2, {"a": np.arange(4)})
+    monkeypatch.undo()
+    assert run.load_checkpoint()[0] == 1
+    assert sorted(p.name for p in run.path.iterdir()) == [CHECKPOINT, OPTIONS]
+
+
+def test_checkpoint_of_a_killed_process_is_always_complete(tmp_path):
+    """Kills a process that writes checkpoints without pause, at different moments."""
+    script = (
+        "import sys, numpy as np\n"
+        "from gsut.run.folder import RunFolder\n"
+        "from gsut.run.options import TrainOptions\n"
+        "run = RunFolder.create(sys.argv[1], TrainOptions(steps=100), resume=True)\n"
+        "step = (run.load_checkpoint() or (0, None))[0]\n"
+        "while True:\n"
+        "    step += 1\n"
+        "    run.append_history({'step': step})\n"
+        "    run.save_checkpoint(step, {'a': np.full(300_000, step)})\n"
+        "    print(step, flush=True)\n"
+    )
+    path = tmp_path / "run"
+    package = str(Path(gsut.__file__).parent.parent)
+    environment = os.environ | {"PYTHONPATH": package}
+    last = 0
+    for delay in (0.0, 0.003, 0.011):
+        process = subprocess.Popen(
+            [sys.executable, "-c", script, str(path)], stdout=subprocess.PIPE, env=environment
+        )
+        process.stdout.readline()
+        time.sleep(delay)
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+        step, state = RunFolder.open(path).load_checkpoint()
+        assert step > last
+        assert np.array_equal(state["a"], np.full(300_000, step))
+        assert [row["step"] for row in RunFolder.open(path).read_history()] == list(
+            range(1, step + 1)
+        )
+        last = step
+
+
+def test_create_in_a_folder_with_a_run_refuses_and_changes_nothing(tmp_path):
+    count = 0
+    for name in (SCENE, OPTIONS, METRICS, CHECKPOINT):
+        path = tmp_path / name.replace(".", "_")
+        path.mkdir()
+        (path / name).write_text("precious")
+        with pytest.raises(InputError, match="already holds a run; add --resume"):
+            RunFolder.create(path, OPTIONS_OF_RUN)
+        assert [p.name for p in path.iterdir()] == [name]
+        assert (path / name).read_text() == "precious"
+        count += 1
+    assert count == 4
+
+
+def test_create_with_overwrite_removes_only_files_of_a_run(tmp_path):
+    run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
+    run.write_json(METRICS, {})
+    (run.renders / "a.png").write_text("")
+    (run.path / "mine.txt").write_text("mine")
+    RunFolder.create(run.path, OPTIONS_OF_RUN, overwrite=True)
+    assert sorted(p.name for p in run.path.iterdir()) == ["mine.txt", OPTIONS]
+
+
+def test_create_where_a_file_stands_says_so(tmp_path):
+    (tmp_path / "run").write_text("")
+    with pytest.raises(InputError, match="cannot make the folder"):
+        RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
+    with pytest.raises(InputError, match="is a file"):
+        RunFolder(tmp_path / "run").refuse_run()
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write into any folder"
+)
+def test_create_in_a_folder_that_is_not_writable_says_so(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(InputError, match=r"cannot make the folder .*Permission denied"):
+        RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
+
+
+def test_resume_with_other_options_names_the_difference(tmp_path):
+    path = tmp_path / "run"
+    RunFolder.create(path, OPTIONS_OF_RUN)
+    with pytest.raises(InputError, match="begun with seed = 0, not 3"):
+        RunFolder.create(path, TrainOptions(steps=100, seed=3), resume=True)
+    RunFolder.create(path, TrainOptions(steps=100, threads=2, checkpoint_every=9), resume=True)
+    assert RunFolder.open(path).read_options().threads == 2
+
+
+def test_resume_keeps_the_environment_of_the_first_start(tmp_path):
+    path = tmp_path / "run"
+    RunFolder.create(path, OPTIONS_OF_RUN, environment={"command": "first"})
+    RunFolder.create(path, OPTIONS_OF_RUN, resume=True, environment={"command": "second"})
+    assert RunFolder.open(path).read_json(ENVIRONMENT) == {"command": "first"}
+
+
+def test_resume_removes_unfinished_files(tmp_path):
+    run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
+    (run.path / f".writing-1-{CHECKPOINT}").write_bytes(b"half")
+    RunFolder.create(run.path, OPTIONS_OF_RUN, resume=True)
+    assert [p.name for p in run.path.iterdir()] == [OPTIONS]
+
+
+def test_resume_without_a_run_begins_one(tmp_path):
+    run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN, resume=True)
+    assert run.read_options() == OPTIONS_OF_RUN.resolved()
+
+
+def test_history_after_a_crash_is_rolled_back_to_the_checkpoint(tmp_path):
+    run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
+    for step in range(1, 6):
+        run.append_history({"step": step, "loss": np.float32(0.5)})
+    run.save_checkpoint(3, {})
+    with open(run.path / HISTORY, "a") as file:
+        file.write('{"step": 6, "lo')  # torn by the crash
+    run.load_checkpoint()
+    run.append_history({"step": 4})
+    assert [row["step"] for row in run.read_history()] == [1, 2, 3, 4]
+
+
+def test_history_without_a_checkpoint_begins_again(tmp_path):
+    run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
+    run.append_history({"step": 1})
+    run.load_checkpoint()
+    assert run.read_history() == []
+
+
+def test_json_of_numpy_values_and_non_finite_numbers_is_valid(tmp_path):
+    run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN, environment={"isa": "AVX2"})
+    value = {"a": np.float32(0.5), "b": math.nan, "c": [np.int64(3), math.inf], "d": np.arange(2)}
+    run.write_json(METRICS, value)
+    text = (run.path / METRICS).read_text()
+    assert json.loads(text, parse_constant=pytest.fail) == {
+        "a": 0.5, "b": None, "c": [3, None], "d": [0, 1],
+    }  # fmt: skip
+    assert run.read_json(ENVIRONMENT) == {"isa": "AVX2"}
+    assert run.read_json("absent.json") is None
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [(lambda path: None, "no such folder"), (lambda path: path.mkdir(), "holds no run")],
+)
+def test_open_without_a_run_says_so(tmp_path, make, said):
+    make(tmp_path / "run")
+    with pytest.raises(InputError, match=said):
+        RunFolder.open(tmp_path / "run")

@@ -1,0 +1,411 @@
+"""Rigs in `gsut poses`: scale and poses from exact and noisy tracks, missing images, wrong rigs."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import gsut
+import tolerances
+from gsut import _core
+from gsut.bench.rig_poses import disturbed
+from gsut.data.poses import inverse
+from gsut.sfm.align import centers_of, compare_poses
+from gsut.sfm.features import no_features
+from gsut.sfm.options import PosesOptions
+from gsut.sfm.pairs import choose_pairs
+from gsut.sfm.rig import solve_rig
+from gsut.sfm.rig_file import read_rig, relative_changes, write_rig
+from gsut.sfm.rig_images import find_rig_photographs
+from gsut.sfm.rig_start import place_rig
+from gsut.sfm.solution import FEATURE_VARIANCE, OnRig, refine
+from synthetic_rig import BACKWARD, STEREO, SyntheticRig, pose_of
+
+STRETCHED = np.diag([1.0, 2.0, 1.0, 1.0]).tolist()
+RUNS = 12  # of scenes from seeds, where a spread is on trial
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def solved(scene, rig=None, **settings):
+    return solve_rig(
+        scene.photographs, scene.features, scene.pairs, PosesOptions(),
+        lambda *_: None, lambda *_: None, rig=rig or scene.rig, **settings,
+    )  # fmt: skip
+
+
+def with_second(rig, pose):
+    """The rig of two cameras with another pose of the second."""
+    return dataclasses.replace(rig, camera_from_reference=np.stack([np.eye(4), pose]))
+
+
+# --- poses and scale ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mount", [STEREO, BACKWARD], ids=["stereo", "back to back"])
+def test_solve_rig_exact_tracks_gives_the_rigs_unit_exactly(rng, mount):
+    scene = SyntheticRig(rng, mount)
+    solution, fit = solved(scene)
+    assert solution.registered.all()
+    apart, turned = scene.worst(solution)  # no scale taken out
+    assert apart < tolerances.RIG_EXACT
+    assert turned < tolerances.RIG_EXACT
+    assert fit.figures["scale_from_moments"] == 10
+    np.testing.assert_array_equal(fit.rig.camera_from_reference, scene.rig.camera_from_reference)
+
+
+@pytest.mark.parametrize("mount", [STEREO, BACKWARD], ids=["stereo", "back to back"])
+def test_solve_rig_noisy_tracks_keeps_the_rig_and_the_scale(rng, mount):
+    scene = SyntheticRig(rng, mount, noise=0.2)
+    solution, fit = solved(scene)
+    apart, turned = scene.worst(solution)
+    assert apart < tolerances.RIG_UNITS
+    assert turned < tolerances.RIG_DEGREES
+    for moment in range(10):  # left and right of a moment, as the rig has them
+        left, right = solution.camera_from_world[2 * moment : 2 * moment + 2]
+        assert np.abs(right @ inverse(left) - mount).max() < tolerances.RIG_HELD
+    assert len(fit.notes) == 1  # how images were paired, and no complaint
+
+
+def test_solve_rig_reference_away_from_every_camera_and_three_cameras(rng):
+    elsewhere = pose_of([0.2, -0.1, 0.3], [0.5, 0.4, -0.2])
+    scene = SyntheticRig(rng, STEREO, BACKWARD, elsewhere=elsewhere)
+    solution, fit = solved(scene)
+    assert len(solution.registered) == 30
+    assert solution.registered.all()
+    apart, turned = scene.worst(solution)
+    assert apart < tolerances.RIG_EXACT
+    assert turned < tolerances.RIG_EXACT
+    wrong = disturbed(scene.rig)
+    noisy = SyntheticRig(rng, STEREO, BACKWARD, elsewhere=elsewhere, noise=0.2)
+    _, fit = solved(noisy, wrong, adjust=True)
+    changes = relative_changes(scene.rig, fit.rig.camera_from_reference)
+    assert np.degrees(max(turn for turn, _ in changes)) < tolerances.RIG_REFINED_DEGREES
+    assert size_of(fit.rig) == pytest.approx(size_of(wrong), rel=tolerances.RIG_SIZE)
+
+
+def size_of(rig):
+    """Root mean square distance of its cameras from their middle."""
+    centers = centers_of(rig.camera_from_reference)
+    return np.sqrt(((centers - centers.mean(axis=0)) ** 2).sum(axis=1).mean())
+
+
+def test_solve_rig_image_without_features_is_no_frame(rng):
+    scene = SyntheticRig(rng, noise=0.2, blind=[(5, 1)], few=0)
+    solution, _ = solved(scene)
+    (place,) = np.flatnonzero(~solution.registered)
+    assert solution.names[place] == "right/005.png"
+
+
+def test_solve_rig_standard_error_of_lengths_is_that_of_many_runs():
+    errors, told = [], []
+    for seed in range(RUNS):
+        scene = SyntheticRig(np.random.default_rng(seed), noise=0.2, moments=8, points=400)
+        solution, fit = solved(scene)
+        errors.append(compare_poses(solution.camera_from_world, scene.poses).scale_error_percent)
+        told.append(fit.figures["scale_sigma_percent"])
+    # The features' noise is independent here: without the factor for photographs' features.
+    told = np.array(told) / np.sqrt(FEATURE_VARIANCE)
+    ratio = np.sqrt(np.mean((np.array(errors) / told) ** 2))
+    assert 1 / tolerances.RIG_SCALE_SIGMA < ratio < tolerances.RIG_SCALE_SIGMA
+
+
+def test_solve_rig_back_to_back_cameras_never_see_one_point_at_one_moment(rng):
+    scene = SyntheticRig(rng, BACKWARD)
+    moments = scene.photographs.moments
+    together = [p for p in scene.pairs if moments[p.first] == moments[p.second]]
+    assert not together  # what the test above is about
+
+
+def test_solve_rig_images_that_fail_alone_get_their_pose_from_their_mates(rng):
+    scene = SyntheticRig(rng, noise=0.2, absent=[(3, 0), (5, 1)], blind=[(7, 1), (8, 0)])
+    solution, fit = solved(scene)
+    assert len(solution.registered) == 18
+    assert solution.registered.all()
+    assert set(fit.figures["placed_by_their_moment"]) == {"right/007.png", "left/008.png"}
+    apart, turned = scene.worst(solution)
+    assert apart < tolerances.RIG_UNITS
+    assert turned < tolerances.RIG_DEGREES
+    assert fit.figures["moments"][3] == [None, "right/003.png"]
+    assert "2 without the image of a camera" in fit.notes[0]
+    for name in ("right/007.png", "left/008.png"):  # and a covariance of its own
+        i = scene.photographs.names.index(name)
+        assert np.linalg.eigvalsh(solution.covariances[i]).min() > 0
+
+
+def test_refine_on_a_rig_places_a_moment_without_poses(rng):
+    scene = SyntheticRig(rng)
+    photographs = scene.photographs
+    known = photographs.moments != 4
+    start = np.where(known[:, None, None], scene.poses, np.eye(4))
+    solution = refine(
+        photographs.names, photographs.cameras, scene.features, scene.pairs, list(start),
+        PosesOptions(), lambda *_: None,
+        on_rig=OnRig(photographs.moments, photographs.rig_cameras - 1, STEREO[None], known),
+    )  # fmt: skip
+    assert solution.registered.all()
+    assert scene.worst(solution)[0] < tolerances.RIG_EXACT
+
+
+def test_solve_rig_places_a_moment_by_few_points_in_each_camera(rng):
+    scene = SyntheticRig(rng, noise=0.2, blind=[(6, 0), (6, 1)], few=10)  # 15 are needed
+    solution, fit = solved(scene)
+    assert fit.figures["placed_by_their_moment"] == ["left/006.png", "right/006.png"]
+    assert solution.registered.all()
+    apart, turned = scene.worst(solution)
+    assert apart < tolerances.RIG_FEW_UNITS
+    assert turned < tolerances.RIG_FEW_DEGREES
+
+
+# --- a rig that is a little wrong -----------------------------------------------------------------
+
+
+def test_solve_rig_refines_a_disturbed_rig_and_keeps_its_size(rng):
+    scene = SyntheticRig(rng, noise=0.2)
+    wrong = disturbed(scene.rig)
+    solution, fit = solved(scene, wrong, adjust=True)
+    assert fit.rig.baseline == pytest.approx(wrong.baseline, rel=tolerances.RIG_SIZE)
+    _, (turned, shifted) = relative_changes(scene.rig, fit.rig.camera_from_reference)
+    assert np.degrees(turned) < tolerances.RIG_REFINED_DEGREES  # was 0.5
+    assert shifted < tolerances.RIG_REFINED_SHARE * wrong.baseline  # was 0.01
+    apart, turned = scene.worst(solution)
+    assert apart < tolerances.RIG_UNITS
+    assert turned < tolerances.RIG_DEGREES
+    change = fit.figures["cameras"][1]
+    assert change["turned_degrees"] == pytest.approx(0.5, abs=tolerances.RIG_REFINED_DEGREES)
+
+
+def test_solve_rig_says_that_a_held_rig_is_turned_otherwise(rng):
+    scene = SyntheticRig(rng, noise=0.2)
+    _, fit = solved(scene, disturbed(scene.rig))
+    assert any("turned to each other by" in n and "--refine-rig" in n for n in fit.notes)
+    assert fit.figures["turn_against_file_degrees"] == pytest.approx(0.5, abs=0.05)
+
+
+# --- the start: scale and poses of moments --------------------------------------------------------
+
+
+def placed(scene, poses=None, registered=None, rig=None):
+    photographs = scene.photographs
+    return place_rig(
+        scene.poses if poses is None else poses,
+        np.ones(len(scene.poses), bool) if registered is None else registered,
+        photographs.moments, photographs.rig_cameras, rig or scene.rig,
+        np.array([len(f) for f in scene.features]),
+    )  # fmt: skip
+
+
+def test_place_rig_finds_scale_and_overrules_a_misplaced_image(rng):
+    scene = SyntheticRig(rng)
+    poses = scene.poses.copy()
+    poses[:, :3, 3] *= 2.5  # a map in another unit
+    right = 9  # of moment 4: sees fewer points than its mate
+    assert len(scene.features[right]) < len(scene.features[right - 1])
+    poses[right] = pose_of([1.0, 0, 0], [3, 3, 3])
+    start = placed(scene, poses)
+    assert start.scale == pytest.approx(0.4, rel=tolerances.RIG_EXACT)
+    assert np.abs(start.camera_from_world - scene.poses).max() < tolerances.RIG_EXACT
+    assert start.known.all()
+
+
+def test_place_rig_needs_a_moment_with_two_images(rng):
+    scene = SyntheticRig(rng)
+    left = scene.photographs.rig_cameras == 0
+    with pytest.raises(gsut.SolveError, match="sets no scale: 10 of 20 images were placed"):
+        placed(scene, registered=left)
+
+
+def test_place_rig_knows_swapped_folders_and_a_pose_the_wrong_way_round(rng):
+    scene = SyntheticRig(rng, pose_of([0.0, 0.01, 0.0], [0.3, 0, 0]))
+    swapped = with_second(scene.rig, inverse(scene.rig.camera_from_reference[1]))
+    with pytest.raises(gsut.SolveError, match="left and right swapped"):
+        placed(scene, rig=swapped)
+    scene = SyntheticRig(rng, pose_of([0.0, 0.3, 0.0], [0.3, 0, 0]))
+    turned = with_second(scene.rig, inverse(scene.rig.camera_from_reference[1]))
+    with pytest.raises(gsut.SolveError, match=r"by 34 degrees otherwise .* the right way round"):
+        placed(scene, rig=turned)
+
+
+@pytest.mark.parametrize(
+    ("body", "mount", "known", "message"),
+    [
+        ([0, 0], [-1, 1], [1, 1], "mount 1"),
+        ([0, 5], [-1, 0], [1, 1], "body 5"),
+        ([0, 0], [-1, 0], [1, 0], "some images of a body"),
+        ([0], [-1], [1, 1], "one body and one mount"),
+        ([], [], [1, 0], "on a rig only"),
+        ([0, 0], [-1, 0], [1], "one flag an image"),
+    ],
+)
+def test_refine_structure_refuses_a_rig_that_does_not_fit(body, mount, known, message):
+    lens = gsut.Camera("pinhole", [100, 100, 50, 50], 100, 100)
+    rig = {
+        "body_of_image": body, "mount_of_image": mount, "camera_from_body": [STEREO],
+        "refine": False,
+    }  # fmt: skip
+    with pytest.raises(gsut.InputError, match=message):
+        _core.refine_structure(
+            [lens], [0, 0], [np.zeros((0, 2))] * 2, [], [np.eye(4)] * 2, {}, None, known,
+            rig if body else None,
+        )  # fmt: skip
+
+
+def test_choose_pairs_of_many_moments_compares_neighbours_of_all_cameras():
+    count = 200
+    moments = np.repeat(np.arange(count // 2), 2)
+    names = [f"{'left' if i % 2 == 0 else 'right'}/{m}.png" for i, m in enumerate(moments)]
+    features = [no_features() for _ in names]
+    pairs = {tuple(p) for p in choose_pairs(names, features, PosesOptions(window=3), moments)}
+    for first in range(count - 8):
+        near = {(first, second) for second in range(first + 1, count) if
+                moments[second] - moments[first] <= 2}  # fmt: skip
+        assert near <= pairs
+
+
+# --- files and folders ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def rig_folder(tmp_path):
+    """rig.json of two lenses, and a function that makes empty images."""
+    lens = gsut.Camera("kannala_brandt", [60, 60, 40, 40, 0, 0, 0, 0], 80, 80)
+    cameras = {}
+    for name, pose in (("left", np.eye(4)), ("right", STEREO)):
+        lens.save(tmp_path / f"{name}.yaml")
+        cameras[name] = {"file": f"{name}.yaml", "camera_from_reference": pose.tolist()}
+    (tmp_path / "rig.json").write_text(json.dumps({"cameras": cameras}))
+
+    def make(*names):
+        for name in names:
+            path = tmp_path / "images" / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(path), np.zeros((80, 80, 3), np.uint8))
+        return tmp_path / "images"
+
+    return tmp_path, make
+
+
+def test_find_rig_photographs_pairs_by_name_in_order_of_moments(rig_folder):
+    folder, make = rig_folder
+    images = make("left/10.png", "left/9.png", "right/9.jpg", "right/11.jpg", "left/mask.png")
+    found = find_rig_photographs(images, read_rig(folder / "rig.json"))
+    assert found.names == ["left/9.png", "right/9.jpg", "left/10.png", "right/11.jpg"]
+    assert found.moments.tolist() == [0, 0, 1, 2]
+    assert found.rig_cameras.tolist() == [0, 1, 0, 1]
+    assert found.paired_by == "name"
+    assert [mask is not None for mask in found.masks] == [True, False, True, False]
+
+
+def test_find_rig_photographs_pairs_names_that_hold_the_cameras_name(rig_folder):
+    folder, make = rig_folder
+    images = make("left/left1.png", "left/left2.png", "right/right2.png")
+    found = find_rig_photographs(images, read_rig(folder / "rig.json"))
+    assert found.moments.tolist() == [0, 1, 1]
+    assert found.paired_by == "name"
+
+
+def test_find_rig_photographs_pairs_in_order_where_names_differ(rig_folder):
+    folder, make = rig_folder
+    images = make("left/a9.png", "left/a10.png", "right/b107.png", "right/b108.png")
+    found = find_rig_photographs(images, read_rig(folder / "rig.json"))
+    assert found.names == ["left/a9.png", "right/b107.png", "left/a10.png", "right/b108.png"]
+    assert found.paired_by == "order"
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["left/1.png"], "no folder right .* folders there: left"),
+        (["left/1.png", "right/1.png", "middle/1.png"], "no camera middle; it has left, right"),
+        (["left/1.png", "left/2.png", "right/7.png"], r"numbers differ \(left 2, right 1\)"),
+        (["left/1.png", "right/mask.png"], "right holds no images"),
+        (["left/1.png", "left/1.jpg", "right/1.png"], "one image of a camera"),
+    ],
+)
+def test_find_rig_photographs_refuses_folders_that_do_not_fit(rig_folder, names, message):
+    folder, make = rig_folder
+    images = make(*names)
+    with pytest.raises(gsut.InputError, match=message):
+        find_rig_photographs(images, read_rig(folder / "rig.json"))
+
+
+def edited(folder, edit):
+    values = json.loads((folder / "rig.json").read_text())
+    values = edit(values) or values
+    (folder / "rig.json").write_text(json.dumps(values))
+    return folder / "rig.json"
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (lambda v: v["cameras"]["right"].update(camera_from_reference=[0.1] + [0.0] * 5),
+         "baseline, 0, sets no scale"),
+        (lambda v: v["cameras"].pop("right") and None, "holds 1 camera"),
+        (lambda v: v["cameras"]["right"].pop("camera_from_reference") and None, "is missing"),
+        (lambda v: v["cameras"]["right"].update(camera_from_reference=[1, 2]), "six numbers"),
+        (lambda v: v["cameras"]["right"].update(file="none.yaml"), "no lens file"),
+        (lambda v: v["cameras"]["right"].pop("file") and None, "does not name its lens file"),
+        (lambda v: {"a": 1}, 'no object "cameras"'),
+        (lambda v: v["cameras"]["left"].update(camera_from_reference=STRETCHED), "not a rotation"),
+    ],
+)  # fmt: skip
+def test_read_rig_refuses_what_is_no_rig(rig_folder, edit, message):
+    with pytest.raises(gsut.InputError, match=message):
+        read_rig(edited(rig_folder[0], edit))
+
+
+def test_read_rig_refuses_a_file_that_is_absent_or_no_json(tmp_path):
+    with pytest.raises(gsut.InputError, match="cannot be read"):
+        read_rig(tmp_path / "none.json")
+    (tmp_path / "rig.json").write_text('{"cameras": ')
+    with pytest.raises(gsut.InputError, match="line 1: not JSON"):
+        read_rig(tmp_path / "rig.json")
+
+
+def test_write_rig_is_read_again(rig_folder):
+    folder, _ = rig_folder
+    rig = read_rig(folder / "rig.json")
+    (folder / "out").mkdir()
+    write_rig(rig, folder / "out" / "rig.json")
+    again = read_rig(folder / "out" / "rig.json")
+    assert again.names == rig.names
+    assert again.cameras == rig.cameras
+    change = np.abs(again.camera_from_reference - rig.camera_from_reference).max()
+    assert change < tolerances.RIG_HELD  # rotations are made orthonormal once more
+
+
+def test_read_rig_reads_what_calibrate_wrote_with_the_exact_lenses():
+    report = ROOT / "calib" / "lenses" / "fisheye_stereo.report.json"
+    rig = read_rig(report)
+    assert rig.names == ("left", "right")
+    assert [camera.model for camera in rig.cameras] == ["kannala_brandt"] * 2  # not the splined
+    said = json.loads(report.read_text())["cameras"]["right"]["distance_to_reference"]
+    assert rig.baseline == pytest.approx(said, abs=1e-6)  # the report has six digits
+
+
+def test_read_rig_reads_a_camchain_of_kalibr(tmp_path):
+    third = pose_of([0.0, -0.1, 0.0], [0.0, 0.2, 0.0])
+    lines = []
+    for number, step in enumerate((None, STEREO, third)):
+        lines += [
+            f"cam{number}:",
+            "  camera_model: pinhole",
+            "  distortion_model: equidistant",
+            "  intrinsics: [300.0, 301.0, 320.0, 240.0]",
+            f"  distortion_coeffs: [0.0{number}, 0.0, 0.0, 0.0]",
+            "  resolution: [640, 480]",
+        ]
+        if step is not None:
+            lines.append(f"  T_cn_cnm1: {step.tolist()}")
+    path = tmp_path / "camchain.yaml"
+    path.write_text("\n".join(lines) + "\n")
+    rig = read_rig(path)
+    assert rig.names == ("cam0", "cam1", "cam2")
+    assert [c.params[4] for c in rig.cameras] == [0.0, 0.01, 0.02]
+    np.testing.assert_allclose(rig.camera_from_reference[2], third @ STEREO, atol=1e-12)
+    (tmp_path / "out").mkdir()
+    write_rig(rig, tmp_path / "out" / "rig.json")  # names the camchain and the camera in it
+    assert read_rig(tmp_path / "out" / "rig.json").cameras == rig.cameras

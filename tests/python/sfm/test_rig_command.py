@@ -1,0 +1,139 @@
+"""`gsut poses --rig` on a made scene with known truth: files, scale, training, bad flags."""
+
+import json
+
+import numpy as np
+import pytest
+
+import gsut
+import tolerances
+from gsut.bench import rig_poses
+from gsut.bench.poses_bench import errors_against
+from gsut.cli import main
+from gsut.data.poses import inverse
+from gsut.demo import make_demo_rig
+from gsut.demo.rig import right_from_left
+
+MOMENTS, SIZE = 6, 200
+PATH_SHARE = 0.15  # of the demo's path: neighbours see the same
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """A folder with rig_hall, as `gsut demo --rig` makes it, but smaller."""
+    folder = tmp_path_factory.mktemp("rig")
+    make_demo_rig(folder / "rig_hall", MOMENTS, SIZE, progress=False, path_share=PATH_SHARE)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def poses(demo):
+    """What `gsut poses --rig` wrote."""
+    truth = demo / "rig_hall"
+    words = ["poses", str(truth / "images"), "--rig", str(truth / "rig.json"), "--quiet"]
+    assert main([*words, "-o", str(demo / "rig_poses")]) == 0
+    return demo / "rig_poses"
+
+
+def test_make_demo_rig_truth_has_the_rig_and_a_lens_a_frame(demo):
+    scene = gsut.load_dataset(demo / "rig_hall", test_every=0)
+    assert [view.name for view in scene.views][::MOMENTS] == [
+        "images/left/000.png", "images/right/000.png"
+    ]  # fmt: skip
+    left, right = scene.views[:MOMENTS], scene.views[MOMENTS:]
+    for a, b in zip(left, right, strict=True):
+        step = b.camera_from_world @ inverse(a.camera_from_world) - right_from_left()
+        assert np.abs(step).max() < tolerances.RIG_HELD
+    assert scene.camera(0) != scene.camera(MOMENTS)
+
+
+def test_make_demo_rig_refuses_numbers_out_of_range(tmp_path):
+    for settings in ({"moments": 1}, {"size": 3}, {"seed": -1}, {"path_share": 0.0}):
+        (name,) = settings
+        with pytest.raises(gsut.InputError, match=f"{name} is"):
+            make_demo_rig(tmp_path / "rig", **settings)
+
+
+def test_poses_with_a_rig_finds_all_images_in_metres(demo, poses):
+    errors = errors_against(demo / "rig_hall", poses)
+    assert errors.images == 2 * MOMENTS
+    assert abs(errors.scale_error_percent) < tolerances.RIG_DEMO_SCALE_PERCENT
+    assert errors.metric_ate < tolerances.RIG_DEMO_METRES
+    figures = json.loads((poses / "poses.json").read_text())
+    rig = figures["rig"]
+    assert rig["moments_registered"] == rig["moments_total"] == MOMENTS
+    assert rig["moments"][0] == ["left/000.png", "right/000.png"]
+    assert [c["name"] for c in rig["cameras"]] == ["left", "right"]
+    assert rig["cameras"][1]["turned_degrees"] == 0.0
+    assert not rig["refined"]
+    assert "rig's pose at one moment is held" in figures["covariance_of"]
+    assert figures["notes"] == ["12 images of 2 cameras in 6 moments, paired by name"]
+
+
+def test_poses_with_a_rig_writes_both_lenses_in_all_forms(demo, poses):
+    frames = json.loads((poses / "transforms.json").read_text())["frames"]
+    assert len({frame["fl_x"] for frame in frames}) == 2
+    lines = (poses / "sparse" / "0" / "cameras.txt").read_text().splitlines()
+    assert [line.split()[0] for line in lines if not line.startswith("#")] == ["1", "2"]
+    images = [
+        line.split() for line in (poses / "sparse" / "0" / "images.txt").read_text().splitlines()
+        if line.endswith(".png")
+    ]  # fmt: skip
+    assert {(row[8], row[9].split("/")[0]) for row in images} == {("1", "left"), ("2", "right")}
+    again = json.loads((poses / "rig.json").read_text())["cameras"]["right"]
+    assert np.abs(np.array(again["camera_from_reference"]) - right_from_left()).max() < 1e-12
+    assert (poses / again["file"]).resolve() == (demo / "rig_hall" / "right.yaml").resolve()
+    page = (poses / "report.html").read_text()
+    assert "6 of 6 moments" in page
+    assert "camera right" in page
+
+
+def test_train_takes_what_poses_with_a_rig_wrote(poses, tmp_path):
+    run = tmp_path / "run"
+    words = ["train", str(poses), "-o", str(run), "--steps", "60", "--max-gaussians", "3000"]
+    assert main([*words, "--quiet"]) == 0
+    metrics = json.loads((run / "metrics.json").read_text())
+    assert metrics["psnr"] > 15.0
+    tested = {row["name"].split("/")[-2] for row in metrics["views"]}
+    assert tested == {"left", "right"}
+
+
+def test_demo_rig_tells_errors_against_the_truth(demo, poses, capsys):
+    words = ["demo", "--rig", "-o", str(demo), "--steps", "30", "--no-open"]
+    assert main(words) == 0  # rig_hall and rig_poses are there already
+    told = capsys.readouterr().out
+    assert "poses of 12 images against the truth: lengths off by" in told
+    assert (demo / "rig_run" / "report.html").is_file()
+
+
+def test_bench_poses_rig_has_a_row_with_and_without_it(demo, monkeypatch, capsys):
+    monkeypatch.setattr(rig_poses, "WAYS", (rig_poses.WAYS[0], rig_poses.WAYS[4]))
+    truth = demo / "rig_hall"
+    rows = demo / "rows.json"
+    words = ["bench", "poses", str(truth), "--rig", str(truth / "rig.json"), "--json", str(rows)]
+    assert main(words) == 0
+    assert "scale error [%]" in capsys.readouterr().out
+    alone, refined = json.loads(rows.read_text())
+    assert alone["scale_error_percent"] is None
+    assert alone["registered"] == refined["registered"] == 2 * MOMENTS
+    assert abs(refined["scale_error_percent"]) < 5 * tolerances.RIG_DEMO_SCALE_PERCENT
+    assert refined["rig_turn_degrees"] < 0.2 * rig_poses.DISTURBED_DEGREES
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--rig", "RIG", "--camera", "left.yaml"], "--camera contradicts --rig"),
+        (["--rig", "RIG", "--unknown-lens"], "--unknown-lens contradicts --rig"),
+        (["--rig", "RIG", "--photometric"], "--photometric contradicts --rig"),
+        (["--rig", "RIG", "--shutter", "rolling"], "leave --shutter rolling"),
+        (["--refine-rig"], "--refine-rig needs a rig"),
+        (["--rig", "none.json"], "none.json cannot be read"),
+    ],
+)
+def test_poses_with_a_rig_refuses_contradictions(demo, tmp_path, capsys, flags, message):
+    truth = demo / "rig_hall"
+    flags = [str(truth / "rig.json") if flag == "RIG" else flag for flag in flags]
+    assert main(["poses", str(truth / "images"), *flags, "-o", str(tmp_path / "out")]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,201 @@
+"""Structure from motion through a rolling shutter: velocities, readout time, real frames."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gsut
+import tolerances
+from gsut import _core
+from gsut.bench.poses_bench import errors_against
+from gsut.cli import main
+from gsut.sfm.align import compare_poses
+from gsut.sfm.estimate import estimate_poses
+from gsut.sfm.inputs import Photographs
+from gsut.sfm.lens_search import guessed_lens, search_lens
+from gsut.sfm.matching import match_and_verify, match_in_full, verify
+from gsut.sfm.options import PosesOptions
+from gsut.sfm.pairs import choose_pairs
+from gsut.sfm.readout import readout_time
+from gsut.sfm.solution import matches_in_points, solve
+from synthetic_walk import Synthetic, quiet
+
+_BESIDE = Path(__file__).resolve().parents[4] / "shared"
+HELMET = Path(os.environ.get("GSUT_SHARED", _BESIDE)) / "data" / "helmet_distorted_rs"
+READOUT = 0.7  # of the time between frames
+IMAGES = 10
+HELMET_VIEWS = 14
+SHUTTER = _core.Shutter("top_to_bottom")
+
+
+def solved(scene, shutter, options):
+    """The walk solved, with matches as loose as the shutter needs."""
+    count = len(scene.features)
+    names = [f"{i:03d}.png" for i in range(count)]
+    cameras = [scene.camera] * count
+    pairs = choose_pairs(names, scene.features, options)
+    verified = match_and_verify(scene.features, cameras, pairs, options, quiet, SHUTTER)
+    found = solve(
+        names, cameras, scene.features, verified, options, lambda *_: None, shutter=shutter
+    )
+    return names, found
+
+
+@pytest.fixture(scope="module")
+def walk():
+    """A walk through a rolling shutter, exact but for 0.1 px of noise."""
+    return Synthetic(np.random.default_rng(11), images=IMAGES, noise=0.1, readout=READOUT)
+
+
+@pytest.fixture(scope="module")
+def rolling(walk):
+    """The walk solved with a velocity an image: names, solution."""
+    return solved(walk, SHUTTER, PosesOptions())
+
+
+def test_solve_rolling_walk_is_far_better_than_global(walk, rolling):
+    truth = np.array(walk.poses)
+    found = rolling[1]
+    assert found.registered.all()
+    errors = compare_poses(found.camera_from_world, truth)
+    # The global shutter's best chance: errors as large as the motion makes them are let through.
+    loose = PosesOptions(max_error=1.8 * 12)
+    still = solved(walk, None, loose)[1]
+    beside = compare_poses(still.camera_from_world[still.registered], truth[still.registered])
+    assert 3 * errors.ate_percent < beside.ate_percent
+    assert errors.ate_percent < tolerances.SFM_ROLLING_ATE_PERCENT
+    assert errors.rotation_degrees.max() < tolerances.SFM_ROLLING_DEGREES
+
+
+def test_solve_rolling_walk_finds_velocities_and_the_readout_time(walk, rolling):
+    names, found = rolling
+    turns = np.degrees(np.linalg.norm(found.velocities[:, 3:], axis=1))
+    expected = np.degrees(np.linalg.norm(np.array(walk.velocities)[:, 3:], axis=1))
+    assert np.abs(turns - expected).max() < tolerances.SFM_ROLLING_DEGREES
+    readout = readout_time(names, found)
+    assert readout is not None
+    assert abs(readout.time - READOUT) < tolerances.SFM_READOUT_TIME
+    assert readout.explained > 0.95
+    # Frames in another order are no video: no time is given out.
+    assert readout_time([names[i] for i in (0, 5, 2, 8, 1, 9, 4, 7, 3, 6)], found) is None
+
+
+def test_solve_with_the_readout_time_given_agrees(walk):
+    found = solved(walk, SHUTTER, PosesOptions(readout_time=READOUT))[1]
+    errors = compare_poses(found.camera_from_world, np.array(walk.poses))
+    assert errors.ate_percent < tolerances.SFM_ROLLING_ATE_PERCENT
+
+
+def test_search_lens_finds_a_rolling_fisheye_with_the_poses(walk, tmp_path):
+    count = len(walk.features)
+    guess = guessed_lens(walk.camera.width, walk.camera.height, 180.0)
+    names = [f"{i:03d}.png" for i in range(count)]
+    photographs = Photographs(
+        tmp_path, names, [tmp_path / n for n in names], [None] * count, [guess] * count
+    )
+    options = PosesOptions()
+    raw = match_in_full(walk.features, choose_pairs(names, walk.features, options), options, quiet)
+    verified = verify(walk.features, [guess] * count, raw, options, shutter=SHUTTER)
+    search = search_lens(
+        photographs, walk.features, verified, raw, options, 180.0, lambda *_: None, SHUTTER
+    )
+    found = search.solution
+    assert found.registered.all() and found.velocities is not None
+    errors = compare_poses(found.camera_from_world, np.array(walk.poses))
+    assert errors.ate_percent < tolerances.SFM_ROLLING_ATE_PERCENT
+    assert errors.rotation_degrees.max() < tolerances.SFM_ROLLING_DEGREES
+    assert abs(found.cameras[0].params[0] / walk.camera.params[0] - 1) < tolerances.SFM_FOCAL
+    assert matches_in_points(found, search.pairs) > 0.95
+
+
+def test_solve_rolling_start_and_end_poses_meet_the_middle(rolling):
+    found = rolling[1]
+    for i in range(IMAGES):
+        motion = _core.CameraMotion(found.poses_at(0.0)[i], found.poses_at(1.0)[i], SHUTTER)
+        assert np.abs(motion.at(0.5) - found.camera_from_world[i]).max() < 1e-12
+    # The residuals are those of the moving camera.
+    assert np.median(np.linalg.norm(found.residuals, axis=1)) < 0.2
+
+
+def test_poses_command_shutter_options_that_contradict_are_refused(tmp_path, capsys):
+    for name in ("1.png", "2.png"):
+        (tmp_path / name).write_bytes(b"")
+    arguments = ["poses", str(tmp_path), "-o", str(tmp_path / "out"), "--quiet", "--fov", "60"]
+    arguments += ["--shutter", "global", "--readout-time", "0.5"]
+    assert main(arguments) == 2
+    assert "contradict each other" in capsys.readouterr().err
+
+
+def some_helmet(folder, choose):
+    """A data set of some of the helmet's views: those that `choose` takes of all, by name."""
+    if not HELMET.is_dir():
+        pytest.skip("shared data is absent")
+    (folder / "images").symlink_to(HELMET / "images")
+    values = json.loads((HELMET / "transforms.json").read_text())
+    frames = sorted(values["frames"], key=lambda frame: frame["file_path"][-7:])
+    values["frames"] = choose(frames)
+    for key in ("train_filenames", "test_filenames", "ply_file_path"):
+        values.pop(key, None)
+    (folder / "transforms.json").write_text(json.dumps(values))
+    return folder
+
+
+def test_poses_command_upright_rolling_images_that_bend_are_doubted(tmp_path):
+    def nearest(frames):
+        # Twelve beside each other, all upright: the motion cannot be told from a bent scene.
+        centers = np.array([f["transform_matrix_start"] for f in frames])[:, :3, 3]
+        order = np.argsort(np.linalg.norm(centers - centers[0], axis=1))
+        return [frames[i] for i in sorted(order[:12])]
+
+    notes: list[str] = []
+    result = estimate_poses(some_helmet(tmp_path, nearest), tmp_path / "out", notes_to=notes.append)
+    assert errors_against(tmp_path, tmp_path / "out").ate_percent > 1  # it does bend
+    assert result.figures["matches_in_points"] < 0.8  # observed 0.73
+    assert sum("the scene has bent with the motion" in note for note in notes) == 1
+
+
+@pytest.fixture(scope="module")
+def solved_helmet(tmp_path_factory):
+    """The first views, which go all around the helmet, solved by the command line; both shutters"""
+    folder = some_helmet(tmp_path_factory.mktemp("helmet"), lambda frames: frames[:HELMET_VIEWS])
+    results = {}
+    for shutter in ("auto", "global"):
+        out = folder / shutter
+        loose = ["--max-error", "20", "--max-two-view-error", "15"] if shutter == "global" else []
+        arguments = ["poses", str(folder), "-o", str(out), "--shutter", shutter, "--quiet", *loose]
+        assert main(arguments) == 0
+        results[shutter] = out
+    return folder, results
+
+
+def test_poses_command_helmet_rolling_beats_global(solved_helmet):
+    folder, results = solved_helmet
+    truth = {v.image_path.resolve(): v for v in gsut.load_dataset(folder, test_every=0).views}
+    ate = {}
+    for shutter, out in results.items():
+        scene = gsut.load_dataset(out, test_every=0)
+        views = [truth[v.image_path.resolve()] for v in scene.views]
+        found = np.array([v.camera_from_world for v in scene.views])
+        reference = np.array([v.camera_from_world for v in views])
+        ate[shutter] = compare_poses(found, reference).ate_percent
+        if shutter == "auto":
+            assert len(views) == HELMET_VIEWS
+            for own, other in zip(scene.views, views, strict=True):
+                assert own.shutter.direction == "top_to_bottom"
+                turns = [
+                    np.trace(v.camera_from_world_end[:3, :3] @ v.camera_from_world_start[:3, :3].T)
+                    for v in (own, other)
+                ]
+                angles = np.degrees(np.arccos(np.clip((np.array(turns) - 1) / 2, -1, 1)))
+                assert abs(angles[0] - angles[1]) < tolerances.SFM_HELMET_DEGREES
+        else:
+            assert all(view.shutter is None for view in scene.views)
+    assert 3 * ate["auto"] < ate["global"]
+    figures = json.loads((results["auto"] / "poses.json").read_text())
+    assert figures["shutter"] == "top_to_bottom"
+    assert figures["matches_in_points"] > 0.8  # observed 0.87
+    assert not any("bent" in note for note in figures["notes"])
+    assert figures["readout"]["estimated"] is None  # views around a helmet are no video

@@ -1,0 +1,297 @@
+"""`gsut compact` on runs and files, fine-tuning, searches, and compaction within training."""
+
+import contextlib
+import json
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut import InputError, TrainOptions
+from gsut.cli import main
+from gsut.run.folder import METRICS, OPTIONS, SCENE
+from gsut.training.compact_run import CompactOptions, RunCompactor, count_for_bytes, parsed_bytes
+from gsut.training.finetuning import finetune, finetune_options
+from gsut.training.growth import GrowthLimit
+from gsut.training.loop import TrainingLoop
+from rendered_dataset import write_dataset
+
+SHORT = {"steps": 80, "max_gaussians": 300, "eval_every": 40, "checkpoint_every": 10}
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("compaction") / "data"
+    return gsut.load_dataset(write_dataset(folder, np.random.default_rng(20260821)))
+
+
+@pytest.fixture(scope="module")
+def run(scene, tmp_path_factory):
+    """A finished run with more Gaussians than its scene needs."""
+    out = tmp_path_factory.mktemp("compaction") / "run"
+    gsut.train(scene, TrainOptions(**SHORT), out=out, progress=False)
+    return out
+
+
+@pytest.fixture(autouse=True)
+def defaults():
+    yield
+    gsut.set_num_threads(0)
+
+
+def refused(capsys, *words):
+    assert main(["compact", *map(str, words)]) == 2
+    return capsys.readouterr().err
+
+
+def arrays_of(g):
+    return [a.tobytes() for a in (g.means, g.quats, g.log_scales, g.opacity_logits, g.sh)]
+
+
+def metrics_of(folder):
+    return json.loads((folder / METRICS).read_text())
+
+
+def test_compact_of_a_run_is_a_run_that_can_be_evaluated(run, tmp_path, capsys):
+    out = tmp_path / "small"
+    assert main(["compact", str(run), "--keep", "0.5", "-o", str(out), "--quiet"]) == 0
+    found = metrics_of(out)
+    assert found["num_gaussians"] == 150 == len(gsut.load_ply(out / SCENE))
+    assert found["compaction"]["method"] == "ghap"
+    assert found["compaction"]["source_num_gaussians"] == 300
+    assert found["compaction"]["source_psnr"] == metrics_of(run)["psnr"]
+    assert (out / "report.html").is_file()
+    assert main(["eval", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["psnr"] == pytest.approx(found["psnr"], abs=1e-9)
+
+
+def test_finetuning_gains_and_keeps_the_number(run, tmp_path):
+    psnr = []
+    for steps in ("0", "60"):
+        out = tmp_path / steps
+        words = ["compact", str(run), "--keep", "0.3", "--finetune", steps, "-o", str(out)]
+        assert main([*words, "--quiet"]) == 0
+        assert metrics_of(out)["num_gaussians"] == 90
+        psnr.append(metrics_of(out)["psnr"])
+    assert psnr[1] > psnr[0] + 0.5
+
+
+def test_finetuning_has_the_same_bits_on_any_number_of_threads(scene, run):
+    start = gsut.compact(gsut.load_ply(run / SCENE), 0.3).gaussians
+    results = []
+    for threads in (1, 3):
+        options = finetune_options(TrainOptions(**SHORT, threads=threads), 10, len(start))
+        results.append(arrays_of(finetune(scene, start, options)[0]))
+    assert results[0] == results[1]
+
+
+def test_target_psnr_drop_finds_fewer_gaussians_within_it(scene, run):
+    whole = gsut.load_ply(run / SCENE)
+    tried = []
+    compactor = RunCompactor(
+        scene, whole, TrainOptions(**SHORT).resolved(), CompactOptions(target_psnr_drop=0.5),
+        on_try=lambda count, psnr: tried.append((count, psnr)),
+    )  # fmt: skip
+    small = compactor.make()
+    before = gsut.evaluate(whole, scene, scene.test_indices)["psnr"]
+    after = gsut.evaluate(small, scene, scene.test_indices)["psnr"]
+    assert len(small) < len(whole)
+    assert after >= before - 0.5
+    assert len(tried) >= 5
+    # One of the tries was too small, and hardly smaller than what was chosen.
+    failed = [count for count, psnr in tried if psnr < before - 0.5]
+    assert failed
+    assert max(failed) * 1.2 + 2 > len(small)
+
+
+def test_target_size_is_held_by_the_file(run, tmp_path):
+    out = tmp_path / "small"
+    assert main(["compact", str(run), "--target-size", "15kB", "-o", str(out), "--quiet"]) == 0
+    size = (out / SCENE).stat().st_size
+    assert 12_000 < size <= 15_000
+
+
+@pytest.mark.parametrize(
+    ("text", "size"), [("5MB", 5_000_000), ("1.5 kb", 1500), ("123", 123), ("2GB", 2 * 10**9)]
+)
+def test_sizes_are_read(text, size):
+    assert parsed_bytes(text) == size
+
+
+@pytest.mark.parametrize("text", ["", "MB", "5XB", "-1MB", "nan", "0"])
+def test_sizes_that_are_none_are_refused(text):
+    with pytest.raises(InputError, match="--target-size must be"):
+        parsed_bytes(text)
+
+
+def test_target_size_too_small_for_one_is_refused(run):
+    with pytest.raises(InputError, match="too small"):
+        count_for_bytes(gsut.load_ply(run / SCENE), 100)
+
+
+def test_compact_of_a_ply_file_needs_no_photograph(run, tmp_path, capsys):
+    out = tmp_path / "small.ply"
+    words = ["compact", str(run / SCENE), "--keep", "0.25", "-o", str(out), "--json"]
+    assert main(words) == 0
+    assert json.loads(capsys.readouterr().out)["num_gaussians"] == 75 == len(gsut.load_ply(out))
+    assert "exists" in refused(capsys, run / SCENE, "--keep", "0.25", "-o", out)
+    other = tmp_path / "other.ply"
+    tuned = refused(capsys, run / SCENE, "--keep", "0.25", "--finetune", "5", "-o", other)
+    assert "need photographs" in tuned
+    pup = refused(capsys, run / SCENE, "--keep", "0.25", "--method", "pup", "-o", other)
+    assert "what views see" in pup
+    assert not other.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--keep", "0"], "keep must be above 0 and at most 1, found 0.0"),
+        (["--keep", "1.5"], "keep must be above 0 and at most 1, found 1.5"),
+        ([], "give one of --keep, --target-psnr-drop and --target-size"),
+        (["--keep", "0.1", "--target-size", "5MB"], "give one of --keep"),
+        (["--keep", "0.1", "--method", "best"], "known: ghap"),
+        (["--keep", "0.1", "--finetune", "-1"], "--finetune must be 0 or more"),
+        (["--target-psnr-drop", "0"], "--target-psnr-drop must be above 0"),
+    ],
+)
+def test_wrong_arguments_are_refused_before_anything_is_written(
+    run, tmp_path, capsys, words, sentence
+):
+    out = tmp_path / "small"
+    assert sentence in refused(capsys, run, *words, "-o", out)
+    assert not out.exists()
+
+
+def test_compact_into_a_run_is_refused(run, capsys):
+    before = (run / OPTIONS).read_bytes()
+    assert "already holds a run" in refused(capsys, run, "--keep", "0.5", "-o", run)
+    assert (run / OPTIONS).read_bytes() == before
+
+
+def test_training_with_compact_at_keeps_the_number_from_there_on_and_resumes(scene, tmp_path):
+    options = {**SHORT, "compact_at": 50, "keep": 0.4}
+    whole = gsut.train(scene, TrainOptions(**options), out=tmp_path / "a", progress=False)
+    counts = {row["step"]: row["num_gaussians"] for row in whole.history}
+    before = max(count for step, count in counts.items() if step < 50)
+    assert len(whole.gaussians) == counts[50] == counts[80] < 0.5 * before
+    # Stopped after the compaction and resumed: the same bits.
+    loop = TrainingLoop(scene, TrainOptions(**options).resolved())
+    while loop.step < 60:
+        loop.advance()
+    state = loop.state_dict()
+    again = TrainingLoop(scene, TrainOptions(**options).resolved())
+    again.load_state_dict(state)
+    while again.step < 80:
+        again.advance()
+    assert arrays_of(again.result()) == arrays_of(whole.gaussians)
+
+
+def test_compact_at_after_the_end_is_refused():
+    with pytest.raises(InputError, match="--compact-at 100 is not before the end"):
+        TrainOptions(steps=100, compact_at=100)
+
+
+def test_auto_ends_growth_where_views_set_aside_no_longer_gain(scene):
+    limit = GrowthLimit(scene, TrainOptions(steps=100, max_gaussians="auto").resolved())
+    assert limit.auto and not limit.ended
+    assert limit.aside and set(limit.aside) < set(scene.train_indices)
+    for psnr in (20.0, 21.0, 22.0, 22.0, 22.01):
+        limit.observe(psnr)
+        assert not limit.ended
+    limit.observe(22.02)
+    assert limit.ended
+    assert limit.aside == []
+    given = GrowthLimit(scene, TrainOptions(steps=100, max_gaussians=70).resolved())
+    assert (given.most, given.aside, given.auto) == (70, [], False)
+
+
+def test_auto_reaches_its_cap_where_views_set_aside_keep_gaining(scene):
+    options = TrainOptions(steps=60, max_gaussians="auto", densify_every=7).resolved()
+    loop = TrainingLoop(scene, options)
+    loop.limit.observe = lambda psnr: None  # never satisfied
+    aside = loop.limit.aside
+    while loop.step < 42:  # the first densification at 0.7 of the steps
+        assert loop.limit.aside == aside
+        loop.advance()
+    assert len(loop.gaussians) == loop.limit.most
+    assert loop.limit.ended and loop.limit.aside == []
+
+
+def test_auto_decides_at_full_resolution_only(scene, monkeypatch):
+    monkeypatch.setattr("gsut.data.pyramid._SMALLEST_SIDE", 8)
+    fractions = {"coarse_to_fine": (0.0, 0.5), "densify_every": 10}
+    options = TrainOptions(steps=100, max_gaussians="auto", **fractions).resolved()
+    loop, seen = TrainingLoop(scene, options), []
+    loop.limit.observe = lambda psnr: seen.append(loop.step)
+    while loop.step < 80:
+        loop.advance()
+    assert seen == [60, 70]
+
+
+def test_auto_without_densification_sets_nothing_aside(scene):
+    options = TrainOptions(steps=20, max_gaussians="auto", densify_every=50).resolved()
+    assert GrowthLimit(scene, options).aside == []
+
+
+def test_auto_trains_and_resumes_to_the_same_bits(scene):
+    options = TrainOptions(steps=80, max_gaussians="auto", densify_every=4).resolved()
+    loop = TrainingLoop(scene, options)
+    most = loop.limit.most
+    assert most == max(1000, sum(int(scene.mask(i).sum()) for i in scene.train_indices) // 20)
+    while loop.step < 30:
+        loop.advance()
+    state = loop.state_dict()
+    while loop.step < 80:
+        loop.advance()
+    assert len(loop.gaussians) <= most
+    again = TrainingLoop(scene, options)
+    again.load_state_dict(state)
+    while again.step < 80:
+        again.advance()
+    assert arrays_of(again.gaussians) == arrays_of(loop.gaussians)
+    assert loop.limit.ended
+
+
+def test_harmonics_drop_lowers_degrees_within_it(run, tmp_path):
+    out = tmp_path / "flat"
+    words = ["compact", str(run), "--keep", "1", "--harmonics-drop", "0.3", "-o", str(out)]
+    assert main([*words, "--quiet"]) == 0
+    found = metrics_of(out)
+    assert found["psnr"] >= metrics_of(run)["psnr"] - 0.3
+    degrees = found["compaction"]["harmonics_degrees"]
+    assert sum(degrees) == 300
+    assert degrees[0] > 0
+
+
+def test_compact_of_odd_ply_files_works_and_says_what_was_dropped(tmp_path, capsys):
+    """No harmonics, values that are no numbers, opacity 0, all the same, a single one."""
+    rng, n = np.random.default_rng(4), 40
+
+    def made(count):
+        return gsut.Gaussians(
+            rng.normal(size=(count, 3)), rng.normal(size=(count, 4)), rng.normal(size=(count, 3)),
+            rng.normal(size=count), rng.normal(size=(count, 1, 3)),
+        )  # fmt: skip
+
+    nans, clear, same, nothing = made(n), made(n), made(n)[np.zeros(n, int)], made(n)
+    nans.means[3] = np.nan
+    nans.sh[5] = np.inf
+    clear.opacity_logits[::2] = -np.inf  # opacity 0, as some writers put it
+    nothing.means[:] = np.nan
+    cases = {
+        "nans": (nans, 2, 10), "clear": (clear, 0, 10), "same": (same, 0, 10),
+        "one": (made(1), 0, 1), "nothing": (nothing, n, 0),
+    }  # fmt: skip
+    for name, (g, dropped, left) in cases.items():
+        source, out = tmp_path / f"{name}.ply", tmp_path / f"{name}_small.ply"
+        gsut.save_ply(source, g)
+        words = ["compact", str(source), "--keep", "0.25", "-o", str(out)]
+        said = rf"{dropped} of {len(g)} Gaussians have values that are not finite and were left"
+        with pytest.warns(UserWarning, match=said) if dropped else contextlib.nullcontext():
+            assert main(words) == 0, name
+        assert f"-> {len(gsut.load_ply(out)):,} Gaussians" in capsys.readouterr().out
+        small = gsut.load_ply(out)
+        assert abs(len(small) - left) <= 1, name
+        assert small.sh_degree == 0
+        assert all(np.isfinite(getattr(small, f)).all() for f in ("means", "sh", "log_scales"))

@@ -1,0 +1,100 @@
+"""Mini-Splatting's three parts, each on its own, and a run with all of them."""
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut import TrainOptions
+from gsut.compact.scores import blend_weights, seen_views
+from gsut.optimize.optimizer import GaussianOptimizer
+from gsut.training.loop import TrainingLoop
+from gsut.training.mini_splatting import OVERGROWN, blurred, reinitialised, sampled
+from rendered_dataset import write_dataset
+
+SHORT = {"steps": 80, "max_gaussians": 150, "densify_every": 4, "strategy": "mini", "noise": False}
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("mini") / "data"
+    return gsut.load_dataset(write_dataset(folder, np.random.default_rng(20260821)))
+
+
+@pytest.fixture(scope="module")
+def trained(scene):
+    loop = TrainingLoop(scene, TrainOptions(steps=40, max_gaussians=400).resolved())
+    while loop.step < 40:
+        loop.advance()
+    return loop.gaussians.copy()
+
+
+def test_blurred_are_the_large_ones_in_front(scene, trained):
+    wall = trained.copy()
+    camera = scene.views[scene.train_indices[0]].camera_from_world
+    wall.means[0] = (np.linalg.inv(camera) @ [0, 0, 0.5, 1])[:3]
+    wall.log_scales[0], wall.opacity_logits[0] = np.log(0.2), 4.0
+    wall.means[1], wall.opacity_logits[1] = wall.means[0], -9.0  # there, but never the strongest
+    found = blurred(wall, scene, scene.train_indices)
+    assert found[0]
+    assert not found[1]
+
+
+def test_splitting_makes_two_smaller_ones_and_pruning_keeps_the_order(trained):
+    optimizer = GaussianOptimizer(trained)
+    split, prune = np.zeros(len(trained), bool), np.zeros(len(trained), bool)
+    split[[3, 7]] = True
+    prune[[0, 7]] = True
+    counts = optimizer.split_and_prune(split, prune)
+    assert (counts.pruned, counts.split, counts.size) == (2, 1, len(trained) - 1)
+    made = optimizer.gaussians
+    assert made.means[:2].tobytes() == trained.means[1:3].tobytes()
+    smaller = trained.log_scales[3] - np.log(1.6)
+    np.testing.assert_allclose(made.log_scales[2], smaller, rtol=1e-5)
+    np.testing.assert_allclose(made.log_scales[-1], smaller, rtol=1e-5)
+    with pytest.raises(gsut.InputError, match="none of 0"):
+        gsut._core.AdaptivePlan(np.array([4], np.uint8))
+
+
+def test_reinitialised_gaussians_lie_where_the_views_see_them_in_their_colours(scene, trained):
+    new = reinitialised(trained, scene, TrainOptions().resolved(), 200, [1])
+    assert len(new) == 200
+    again = reinitialised(trained, scene, TrainOptions().resolved(), 200, [1])
+    assert new.means.tobytes() == again.means.tobytes()
+    low, high = trained.means.min(axis=0) - 1, trained.means.max(axis=0) + 1
+    assert np.all((new.means > low) & (new.means < high))
+    images = [scene.image(index).reshape(-1, 3) for index in scene.train_indices]
+    known = {tuple(color) for color in np.concatenate(images)}
+    colors = np.rint(255 * (0.5 + 0.28209479177387814 * new.sh[:, 0])).astype(int)
+    assert all(tuple(color) in known for color in colors)
+
+
+def test_sampling_draws_in_proportion_to_blend_weights(scene, trained):
+    weights = blend_weights(trained, seen_views(scene, scene.train_indices))
+    drawn = np.zeros(len(trained))
+    for seed in range(60):
+        kept = sampled(trained, scene, 40, [seed])
+        assert np.count_nonzero(kept) == 40
+        drawn += kept
+    assert np.all(drawn[weights == 0] == 0)
+    order = np.argsort(weights)
+    fifth = len(order) // 5
+    assert drawn[order[-fifth:]].sum() > 2 * drawn[order[:fifth]].sum()
+    assert np.count_nonzero(drawn) > 40  # drawn, not the best forty
+
+
+def test_run_overgrows_and_is_sampled_to_its_number_and_resumes_to_the_same_bits(scene):
+    options = TrainOptions(**SHORT).resolved()
+    loop, sizes, state = TrainingLoop(scene, options), {}, None
+    while loop.step < 80:
+        loop.advance()
+        sizes[loop.step] = len(loop.gaussians)
+        if loop.step == 30:  # between re-initialisation and sampling
+            state = loop.state_dict()
+    assert max(sizes.values()) <= OVERGROWN * 150
+    assert max(sizes.values()) > 150
+    assert sizes[80] == sizes[40] <= 150
+    again = TrainingLoop(scene, options)
+    again.load_state_dict(state)
+    while again.step < 80:
+        again.advance()
+    assert again.gaussians.means.tobytes() == loop.gaussians.means.tobytes()

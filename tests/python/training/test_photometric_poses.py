@@ -1,0 +1,167 @@
+"""Poses of a video by the colours of Gaussians that grow image by image."""
+
+import functools
+import json
+
+import numpy as np
+import pytest
+
+import gsut
+import gsut.demo.dataset
+from gsut.cli import main
+from gsut.sfm.align import compare_poses, rotation_angles
+from gsut.sfm.bearing_points import BearingPoints
+from gsut.sfm.features import Features
+from gsut.sfm.matching import PairMatches
+from gsut.sfm.stages import FOLDER
+
+FRAMES, SIZE, SHARE = 12, 120, 0.0012  # frames, pixels, share of the demo's path a frame
+
+
+def posed_rays(rng, images=4, points=60):
+    """Cameras along a line, points around them, and their exact features and matches."""
+    camera = gsut.Camera(
+        "kannala_brandt", [60, 61, 100, 99, 0.02, -0.01, 0.002, 0], 200, 200, valid_field_angle=1.6
+    )
+    positions = rng.normal(size=(points, 3)) * 0.8 + [0, 0, 4]
+    poses = []
+    for i in range(images):
+        pose = np.eye(4)
+        pose[:3, 3] = [-0.4 * i, 0.05 * i, 0.02 * i]
+        poses.append(pose)
+    features = []
+    for pose in poses:
+        pixels, valid = camera.project(positions @ pose[:3, :3].T + pose[:3, 3])
+        assert valid.all()
+        colors = np.tile(np.arange(points, dtype=np.uint8)[:, None], 3)
+        features.append(
+            Features(pixels, np.ones(points, np.float32), np.zeros((points, 128), np.uint8), colors)
+        )
+    both = np.tile(np.arange(points, dtype=np.int32)[:, None], 2)
+    pairs = [
+        PairMatches(a, b, both, np.eye(4), 0, 0.1)
+        for a in range(images)
+        for b in range(a + 1, images)
+    ]
+    return camera, positions, np.array(poses), features, pairs
+
+
+def test_bearing_points_of_exact_poses_are_exact_and_one_a_track(rng):
+    camera, positions, poses, features, pairs = posed_rays(rng)
+    points = BearingPoints([camera] * 4, features, pairs, 0.5, np.radians(1.0))
+    for image in range(4):
+        points.add_image(image, poses)
+    assert len(points.positions) == len(positions)
+    assert len(points.sights) == 4 * len(positions)
+    order = points.colors[:, 0]
+    np.testing.assert_allclose(points.positions, positions[order], atol=1e-9)
+    moved = points.positions + 0.01 * rng.normal(size=points.positions.shape)
+    points.positions = moved
+    points.adjust(poses)
+    np.testing.assert_allclose(points.positions, positions[order], atol=1e-9)
+
+
+def test_bearing_points_leave_out_wrong_matches_and_thin_angles(rng):
+    camera, positions, poses, features, pairs = posed_rays(rng, images=2)
+    wrong = pairs[0].matches.copy()
+    wrong[:10, 1] = wrong[np.arange(1, 11) % 10, 1]  # ten matches of wrong features
+    pair = PairMatches(0, 1, wrong, np.eye(4), 0, 0.1)
+    points = BearingPoints([camera] * 2, features, [pair], 0.5, np.radians(1.0))
+    for image in range(2):
+        points.add_image(image, poses)
+    assert len(positions) - 10 <= len(points.positions) < len(positions)
+    assert set(range(10, len(positions))) <= set(points.colors[:, 0].tolist())
+    none = BearingPoints([camera] * 2, features, pairs, 0.5, np.radians(60.0))
+    none.add_image(0, poses)
+    none.add_image(1, poses)
+    assert len(none.positions) == 0
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory):
+    """A dataset of a short video through the demo's fisheye, in the order of names."""
+    path = gsut.demo.dataset.camera_path
+    patch = pytest.MonkeyPatch()
+    patch.setattr(
+        gsut.demo.dataset,
+        "camera_path",
+        lambda count, seed: path(round(1 / SHARE), seed)[:count],
+    )
+    folder = tmp_path_factory.mktemp("video") / "data"
+    gsut.demo.dataset.make_demo_scene(
+        folder, views=FRAMES, test_views=0, size=SIZE, seed=5, progress=False
+    )
+    patch.undo()
+    return folder
+
+
+def test_a_video_is_registered_by_its_colours(video, tmp_path):
+    out = tmp_path / "poses"
+    assert main(["poses", str(video), "--photometric", "-o", str(out), "--quiet"]) == 0
+    figures = json.loads((out / "poses.json").read_text())
+    assert figures["registered"] == FRAMES
+    poses = [
+        np.array([view.camera_from_world for view in gsut.load_dataset(folder).views])
+        for folder in (out, video)
+    ]
+    # The centres lie almost on a line, so turns are compared from the first image's on.
+    turns = [p[:, :3, :3] @ p[0, :3, :3].T for p in poses]
+    off = np.degrees(rotation_angles(np.einsum("nij,nkj->nik", *turns)))
+    assert off.max() < 0.4  # degrees; worst observed: 0.14
+    assert compare_poses(*poses).ate_percent < 1.5  # worst observed: 0.54
+    assert (out / "report.html").is_file()
+
+
+def test_a_killed_run_goes_on_from_its_last_images_to_the_same_bits(video, tmp_path, monkeypatch):
+    from gsut.sfm.estimate import estimate_poses
+    from gsut.sfm.options import PosesOptions
+    from gsut.training import photometric_poses
+
+    posed: list[int] = []
+    add_next = photometric_poses._Growth.add_next
+
+    def counted(growth):
+        posed.append(growth.next)
+        add_next(growth)
+
+    monkeypatch.setattr(photometric_poses._Growth, "add_next", counted)
+    options = PosesOptions(pairs="sequential", threads=1)
+
+    def run(name, on_progress=None):
+        keep = tmp_path / name / FOLDER / "growth.npz"
+        mapper = functools.partial(photometric_poses.grow_poses, keep=keep)
+        return estimate_poses(
+            video, tmp_path / name, options=options, mapper=mapper, on_progress=on_progress
+        ).solution
+
+    class Killed(Exception):
+        pass
+
+    def kill(stage, done, total, text):
+        if len(posed) == 3:
+            raise Killed
+
+    with pytest.raises(Killed):
+        run("part", kill)
+    assert posed == [8, 9, 10]  # kept after image 9
+    posed.clear()
+    resumed = run("part")
+    assert posed == [10, 11]
+    assert not (tmp_path / "part" / FOLDER).exists()
+    posed.clear()
+    whole = run("whole")
+    assert posed == [8, 9, 10, 11]
+    np.testing.assert_array_equal(resumed.camera_from_world, whole.camera_from_world)
+    np.testing.assert_array_equal(resumed.points, whole.points)
+    np.testing.assert_array_equal(resumed.covariances, whole.covariances)
+    # A damaged file is made again.
+    broken = tmp_path / "broken" / FOLDER
+    broken.mkdir(parents=True)
+    (broken / "growth.npz").write_bytes(b"PK")
+    assert photometric_poses._read_kept(broken / "growth.npz") is None
+
+
+def test_photometric_without_a_lens_is_refused(video, tmp_path, capsys):
+    code = main(["poses", str(video), "--photometric", "--unknown-lens", "-o", str(tmp_path / "x")])
+    assert code == 2
+    assert "--photometric needs a known lens; give it by --camera" in capsys.readouterr().err

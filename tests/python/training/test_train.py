@@ -1,0 +1,372 @@
+"""Training on a small rendered scene: it learns, has the same bits however run, and resumes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gsut
+import tolerances
+from gsut import InputError, TrainOptions
+from gsut.run.folder import HISTORY, SCENE
+from gsut.training.loop import TrainingLoop
+from gsut.training.start import first_gaussians
+from random_scenes import pinhole
+from rendered_dataset import VIEWS, write_dataset
+
+STEPS = 60
+SHORT = {"steps": STEPS, "max_gaussians": 150, "eval_every": 20, "checkpoint_every": 5}
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """The folder of a dataset with points and a test split."""
+    folder = tmp_path_factory.mktemp("training") / "data"
+    return write_dataset(folder, np.random.default_rng(20260821))
+
+
+@pytest.fixture(scope="module")
+def scene(dataset):
+    return gsut.load_dataset(dataset)
+
+
+@pytest.fixture(scope="module")
+def unbroken(scene, tmp_path_factory):
+    """The run folder of SHORT, made in one go."""
+    out = tmp_path_factory.mktemp("training") / "unbroken"
+    train(scene, TrainOptions(**SHORT), out=out)
+    return out
+
+
+@pytest.fixture(autouse=True)
+def defaults():
+    yield
+    gsut.set_num_threads(0)
+    gsut.set_isa("")
+
+
+def train(scene, options, **arguments):
+    return gsut.train(scene, options, progress=False, **arguments)
+
+
+def history_of(run):
+    """Rows of a run's history without what the clock says."""
+    rows = [json.loads(line) for line in (run / HISTORY).read_text().splitlines()]
+    return [{key: value for key, value in row.items() if key != "seconds"} for row in rows]
+
+
+def psnr_on(scene, gaussians, indices):
+    return gsut.evaluate(gaussians, scene, indices)["psnr"]
+
+
+def arrays_of(g):
+    return [a.tobytes() for a in (g.means, g.quats, g.log_scales, g.opacity_logits, g.sh)]
+
+
+def test_train_300_steps_learns_the_scene(scene):
+    options = TrainOptions(steps=300, max_gaussians=300).resolved()
+    result = train(scene, options)
+    start = first_gaussians(scene, options)
+    views = scene.train_indices
+    assert psnr_on(scene, result.gaussians, views) > psnr_on(scene, start, views) + 10
+    assert result.metrics["psnr"] > 30
+    assert result.metrics["evaluated_on"] == "test views"
+    losses = [row["loss"] for row in result.history]
+    assert np.mean(losses[-20:]) < 0.3 * np.mean(losses[:20])
+    assert [row["step"] for row in result.history] == list(range(1, 301))
+    counts = [row["num_gaussians"] for row in result.history]
+    assert counts[-1] == 300 and sorted(counts) == counts
+    assert len([row for row in result.history if "psnr" in row]) == 10
+
+
+def test_train_adaptive_strategy_learns_and_keeps_its_cap(scene):
+    # Between two opacity resets, which 3DGS makes every tenth of the steps, there must be room.
+    options = TrainOptions(steps=400, max_gaussians=400, strategy="adaptive", densify_until=0.6)
+    result = train(scene, options)
+    start = first_gaussians(scene, options.resolved())
+    views = scene.train_indices
+    assert psnr_on(scene, result.gaussians, views) > psnr_on(scene, start, views) + 5
+    counts = [row["num_gaussians"] for row in result.history]
+    assert max(counts) <= 400
+    assert len(set(counts)) > 3  # it cloned, split or pruned
+
+
+def test_train_dense_adam_and_noise_and_harmonics_run(scene):
+    options = TrainOptions(
+        steps=120, max_gaussians=150, sparse_adam=False, noise=True, sh_degree=3, ssim_weight=0.0
+    )
+    result = train(scene, options)
+    assert result.gaussians.sh.shape == (150, 16, 3)
+    assert np.abs(result.gaussians.sh[:, 9:]).max() > 0  # the third degree was switched on
+    assert result.metrics["psnr"] > 25
+
+
+@pytest.mark.parametrize("strategy", ["mcmc", "adaptive"])
+def test_train_any_threads_same_bits(scene, tmp_path, strategy):
+    options = {**SHORT, "strategy": strategy, "noise": True}
+    files, histories = [], []
+    for threads in (1, 2, 8):
+        result = train(scene, TrainOptions(**options, threads=threads))
+        assert gsut.num_threads() == threads
+        files.append(arrays_of(result.gaussians))
+        histories.append([{**row, "seconds": 0} for row in result.history])
+    assert len(files) == 3
+    assert files[1] == files[0] and files[2] == files[0]
+    assert histories[1] == histories[0] and histories[2] == histories[0]
+
+
+def test_train_repeated_same_bits_and_another_seed_others(scene):
+    first, again, other = (
+        arrays_of(train(scene, TrainOptions(**SHORT, seed=seed)).gaussians) for seed in (0, 0, 1)
+    )
+    assert first == again
+    assert first != other
+
+
+def test_train_reading_images_again_same_bits(dataset, scene, unbroken):
+    # Caches of decoded images, ray tables and tiles hold nothing that later runs depend on.
+    fresh = gsut.load_dataset(dataset)
+    assert arrays_of(train(fresh, TrainOptions(**SHORT)).gaussians) == arrays_of(
+        gsut.load_ply(unbroken / SCENE)
+    )
+
+
+class Stop(Exception):
+    """Ends a run from its progress callback."""
+
+
+def test_train_stopped_anywhere_and_resumed_same_bits(scene, unbroken, tmp_path, rng):
+    out = tmp_path / "run"
+    options = TrainOptions(**SHORT)
+    stops = sorted(rng.choice(np.arange(1, STEPS), size=6, replace=False).tolist())
+    for number, stop in enumerate(stops):
+
+        def callback(row, stop=stop):
+            if row["step"] == stop:
+                raise Stop
+
+        with pytest.raises(Stop):
+            gsut.train(scene, options, out=out, resume=number > 0, progress=callback)
+        assert not (out / SCENE).exists()
+    train(scene, options, out=out, resume=True)
+    assert (out / SCENE).read_bytes() == (unbroken / SCENE).read_bytes()
+    assert history_of(out) == history_of(unbroken)
+    assert len(history_of(out)) == STEPS
+
+
+def test_train_adaptive_stopped_and_resumed_same_bits(scene, tmp_path):
+    options = TrainOptions(**SHORT, strategy="adaptive")
+    whole = train(scene, options).gaussians
+
+    def callback(row):
+        if row["step"] == 33:
+            raise Stop
+
+    with pytest.raises(Stop):
+        gsut.train(scene, options, out=tmp_path / "run", progress=callback)
+    resumed = train(scene, options, out=tmp_path / "run", resume=True).gaussians
+    assert arrays_of(resumed) == arrays_of(whole)
+
+
+# Trains slowly enough (a pause a step) to be killed in the middle; writes a checkpoint every step
+# or two, so that kills also fall into the writing.
+CHILD = """
+import sys, time
+import gsut
+scene = gsut.load_dataset(sys.argv[1])
+options = gsut.TrainOptions(steps=60, max_gaussians=150, eval_every=20, checkpoint_every=2,
+                            threads=int(sys.argv[3]))
+gsut.train(scene, options, out=sys.argv[2], resume=True,
+           progress=lambda row: time.sleep(0.01))
+"""
+KILLS = 4
+
+
+def lines_of(path):
+    return path.read_bytes().count(b"\n") if path.exists() else 0
+
+
+def test_train_killed_by_sigkill_and_resumed_same_bits(dataset, unbroken, tmp_path, rng):
+    out = tmp_path / "run"
+    paths = [str(Path(gsut.__file__).parent.parent), os.environ.get("PYTHONPATH", "")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    killed = 0
+    # Each time some steps further than the last kill, then a moment that no step knows of.
+    for kill in range(KILLS + 1):
+        arguments = [sys.executable, "-c", CHILD, str(dataset), str(out), str(1 + kill % 3)]
+        child = subprocess.Popen(arguments, env=environment, stderr=subprocess.PIPE)
+        before, wanted = lines_of(out / HISTORY), int(rng.integers(4, 10))
+        deadline = time.monotonic() + 60
+        while kill < KILLS and child.poll() is None and time.monotonic() < deadline:
+            if before + wanted <= lines_of(out / HISTORY) < STEPS:
+                time.sleep(rng.uniform(0, 0.02))
+                child.send_signal(signal.SIGKILL)
+                break
+            time.sleep(0.002)
+        _, error = child.communicate(timeout=60)
+        killed += child.returncode == -signal.SIGKILL
+        assert child.returncode in (0, -signal.SIGKILL), error.decode()
+    assert killed == KILLS
+    assert child.returncode == 0
+    assert (out / SCENE).read_bytes() == (unbroken / SCENE).read_bytes()
+    assert history_of(out) == history_of(unbroken)
+    assert not list(out.glob(".writing-*"))
+
+
+def test_train_resume_of_a_finished_run_changes_nothing(scene, unbroken):
+    before = (unbroken / SCENE).read_bytes(), history_of(unbroken)
+    train(scene, TrainOptions(**SHORT), out=unbroken, resume=True)
+    assert ((unbroken / SCENE).read_bytes(), history_of(unbroken)) == before
+
+
+def test_train_into_a_folder_with_a_run_is_refused(scene, unbroken):
+    with pytest.raises(InputError, match="--resume"):
+        train(scene, TrainOptions(**SHORT), out=unbroken)
+
+
+def test_train_resume_with_other_options_is_refused(scene, unbroken):
+    with pytest.raises(InputError, match="max_gaussians"):
+        train(scene, TrainOptions(**{**SHORT, "max_gaussians": 151}), out=unbroken, resume=True)
+
+
+def test_train_loop_state_restored_into_a_new_loop_same_bits(scene):
+    options = TrainOptions(**SHORT).resolved()
+    loop = TrainingLoop(scene, options)
+    for _ in range(25):
+        loop.advance()
+    other = TrainingLoop(scene, options)
+    other.load_state_dict(loop.state_dict())
+    assert other.step == 25
+    losses = [(loop.advance(), other.advance()) for _ in range(20)]
+    assert len(losses) == 20
+    assert all(a == b for a, b in losses)
+    assert arrays_of(loop.gaussians) == arrays_of(other.gaussians)
+
+
+def test_train_loop_shows_every_view_once_an_epoch(scene):
+    loop = TrainingLoop(scene, TrainOptions(**SHORT).resolved())
+    views = len(scene.train_indices)
+    epochs = [[loop._view_of(e * views + i + 1) for i in range(views)] for e in range(3)]
+    for epoch in epochs:
+        assert sorted(epoch) == sorted(scene.train_indices)
+    assert epochs[0] != epochs[1]
+
+
+def test_train_random_init_learns_from_nothing(tmp_path, rng):
+    folder = write_dataset(tmp_path / "data", rng, with_points=False)
+    scene = gsut.load_dataset(folder)
+    assert len(scene.points) == 0
+    options = TrainOptions(steps=300, max_gaussians=500, init_count=400).resolved()
+    assert len(first_gaussians(scene, options)) == 400
+    result = train(scene, options)
+    assert psnr_on(scene, result.gaussians, scene.train_indices) > (
+        psnr_on(scene, first_gaussians(scene, options), scene.train_indices) + 5
+    )
+
+
+def test_train_init_points_without_points_is_refused(tmp_path, rng):
+    scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng, with_points=False))
+    with pytest.raises(InputError, match="--init random"):
+        train(scene, TrainOptions(**SHORT, init="points"))
+
+
+def test_train_without_test_views_measures_training_views(tmp_path, rng):
+    folder = write_dataset(tmp_path / "data", rng, with_test=False)
+    scene = gsut.load_dataset(folder, test_every=0)
+    assert scene.test_indices == [] and len(scene.train_indices) == VIEWS
+    result = train(scene, TrainOptions(**SHORT), out=tmp_path / "run")
+    assert result.metrics["evaluated_on"] == "training views"
+    assert result.metrics["psnr"] > 20
+    assert not any("psnr" in row for row in result.history)
+
+
+def test_train_with_few_unmasked_pixels_learns_these_only(tmp_path, rng):
+    mask = np.zeros((48, 48), bool)
+    mask[20:23, 24:28] = True
+    scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng, mask=mask))
+    options = TrainOptions(steps=150, max_gaussians=100)
+    result = train(scene, options)
+    assert all(np.isfinite(row["loss"]) for row in result.history)
+    assert np.mean([r["loss"] for r in result.history[-20:]]) < np.mean(
+        [r["loss"] for r in result.history[:20]]
+    )
+    assert [view["pixels"] for view in result.metrics["views"]] == [12, 12]
+    assert all(np.isfinite(a).all() for a in vars(result.gaussians).values())
+
+
+def test_train_with_everything_masked_leaves_no_number_that_is_not_finite(tmp_path, rng):
+    scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng, mask=np.zeros((48, 48), bool)))
+    try:
+        result = train(scene, TrainOptions(**SHORT))
+    except InputError:
+        return  # refused in words: as good
+    assert all(np.isfinite(a).all() for a in vars(result.gaussians).values())
+
+
+# Below 64 pixels no coarser level is made; 11 is the window of SSIM.
+@pytest.mark.parametrize(("width", "height"), [(40, 30), (11, 11), (7, 5), (1, 1)])
+def test_train_on_small_images_runs_at_full_resolution(tmp_path, rng, width, height):
+    camera = pinhole(width, height)
+    scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng, camera=camera))
+    options = TrainOptions(**SHORT, coarse_to_fine=(0.3, 0.6)).resolved()
+    loop = TrainingLoop(scene, options)
+    assert loop.pyramid.at(0.1).camera(scene.train_indices[0]).width == width
+    result = train(scene, options)
+    assert result.metrics["psnr"] is None or np.isfinite(result.metrics["psnr"])
+    assert all(np.isfinite(row["loss"]) for row in result.history)
+    assert all(np.isfinite(a).all() for a in vars(result.gaussians).values())
+
+
+def test_train_coarse_to_fine_uses_quarter_half_and_full_resolution(tmp_path, rng):
+    camera = pinhole(256, 260)
+    scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng, camera=camera))
+    options = TrainOptions(
+        steps=20, max_gaussians=100, coarse_to_fine=(0.3, 0.6), densify_every=5
+    ).resolved()
+    loop = TrainingLoop(scene, options)
+    view = scene.train_indices[0]
+    sizes = [loop.pyramid.at(f / 20).camera(view).height for f in range(1, 21)]
+    assert sizes == [65] * 6 + [130] * 6 + [260] * 8
+    result = train(scene, options)
+    assert len(result.history) == 20
+
+
+def test_train_one_step_on_one_view_runs(tmp_path, rng):
+    scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng))
+    scene.train_indices = scene.train_indices[:1]
+    result = train(scene, TrainOptions(steps=1, max_gaussians=100))
+    assert [row["step"] for row in result.history] == [1]
+
+
+def test_train_no_training_view_is_refused(tmp_path, rng):
+    scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng))
+    scene.train_indices = []
+    with pytest.raises(InputError, match="no training view"):
+        train(scene, TrainOptions(**SHORT))
+
+
+def test_train_every_isa_learns_alike(scene):
+    found = {}
+    for isa in gsut.available_isas():
+        gsut.set_isa(isa)
+        found[isa] = train(scene, TrainOptions(steps=100, max_gaussians=150)).metrics["psnr"]
+    assert len(found) == len(gsut.available_isas())
+    # Rounding steers densification: like quality, not like numbers.
+    assert min(found.values()) > tolerances.TRAIN_LEAST_PSNR, found
+
+
+def test_train_command_scale_is_applied_once(dataset, scene, tmp_path):
+    from gsut.cli import main
+
+    out = tmp_path / "run"
+    words = ["train", str(dataset), "-o", str(out), "--steps", "2", "--scale", "0.5", "--quiet"]
+    assert main(words) == 0
+    full = scene.cameras[0]
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["image_size"] == [[full.width // 2, full.height // 2]]
