@@ -219,17 +219,14 @@ struct FloatPixels {
     for (std::size_t i = 0; i < count; ++i) {
       for (std::size_t k = 5; k < 11; ++k) derivatives.push_back(array(k)[i]);
     }
-    const std::vector<float> by_dual(array(3), array(5));
-    ProjectPoints(lens, static_cast<int>(padded), batch);
-    for (std::size_t i = 0; i < count; ++i) {
-      for (std::size_t k = 0; k < 2; ++k) {
-        pixels.push_back(array(3 + k)[i]);
-        same &= by_dual[k * padded + i] == array(3 + k)[i] || std::isnan(array(3 + k)[i]);
+    for (std::vector<double>* out : {&pixels_with_derivatives, &pixels}) {
+      for (std::size_t i = 0; i < count; ++i) {
+        for (std::size_t k = 3; k < 5; ++k) out->push_back(array(k)[i]);
       }
+      ProjectPoints(lens, static_cast<int>(padded), batch);
     }
   }
-  std::vector<double> pixels, derivatives;
-  bool same = true;  // the kernel with derivatives gives the same pixels
+  std::vector<double> pixels, pixels_with_derivatives, derivatives;
 };
 
 TEST(LensKernelTest, FloatMatchesDoubleOnEveryLensAndInstructionSet) {
@@ -263,13 +260,16 @@ TEST(LensKernelTest, FloatMatchesDoubleOnEveryLensAndInstructionSet) {
     std::vector<double> exact_derivatives, centred_derivatives;
     const std::vector<double> exact = exact_pixels(camera, &exact_derivatives);
     const FloatPixels found(camera, points);
-    EXPECT_TRUE(found.same) << name;
     for (std::size_t i = 0; i < points.size() / 3; ++i) {
       const double radius = std::hypot(exact[2 * i] - centre[0], exact[2 * i + 1] - centre[1]);
       if (!(radius <= 4096)) continue;
-      ASSERT_FALSE(std::isnan(found.pixels[2 * i])) << name << " " << i;
-      worst = std::max(worst, std::hypot(found.pixels[2 * i] - exact[2 * i],
-                                         found.pixels[2 * i + 1] - exact[2 * i + 1]));
+      for (const std::vector<double>* pixels : {&found.pixels, &found.pixels_with_derivatives}) {
+        const double error = std::hypot((*pixels)[2 * i] - exact[2 * i],
+                                        (*pixels)[2 * i + 1] - exact[2 * i + 1]);
+        ASSERT_FALSE(std::isnan(error)) << name << " " << i;
+        if (error > worst) std::printf("%s %s %d: %g at radius %g\n", name.c_str(), ActiveIsa().c_str(), pixels != &found.pixels, error, radius);
+        worst = std::max(worst, error);
+      }
       double size = 0.0;
       for (std::size_t k = 0; k < 6; ++k) {
         size = std::max(size, std::abs(exact_derivatives[6 * i + k]));
