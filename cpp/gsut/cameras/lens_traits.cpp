@@ -3,6 +3,8 @@
 
 #include <iterator>
 
+#include "gsut/cameras/visit_lens.h"
+
 namespace gsut {
 
 LensTraits TraitsOf(LensModel lens) {

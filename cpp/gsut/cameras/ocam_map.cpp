@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "gsut/cameras/contract.h"
-#include "gsut/cameras/lens_registry.h"
 #include "gsut/cameras/polynomial.h"
+#include "gsut/cameras/visit_lens.h"
 
 namespace gsut {
 namespace {

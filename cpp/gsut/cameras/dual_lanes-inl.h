@@ -1,10 +1,10 @@
 // Forward-mode derivatives of lanes: dual.h for one float in each lane.
 
-#if defined(GSUT_PROJECTION_DUAL_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
-#ifdef GSUT_PROJECTION_DUAL_LANES_INL_H_
-#undef GSUT_PROJECTION_DUAL_LANES_INL_H_
+#if defined(GSUT_CAMERAS_DUAL_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef GSUT_CAMERAS_DUAL_LANES_INL_H_
+#undef GSUT_CAMERAS_DUAL_LANES_INL_H_
 #else
-#define GSUT_PROJECTION_DUAL_LANES_INL_H_
+#define GSUT_CAMERAS_DUAL_LANES_INL_H_
 #endif
 
 #include "gsut/base/lanes-inl.h"
