@@ -188,10 +188,11 @@ class Camera(_core.Camera):
         Args:
             path: a file; its name chooses the format: *.cameramodel (mrcal), *camchain*.yaml
                 (Kalibr), *.lens.json (gsut, which holds every lens), other *.yaml or *.yml and
-                *.json (OpenCV), transforms*.json (nerfstudio), *aria*.json (Project Aria), *.txt
-                and *.bin (COLMAP cameras.txt, cameras.bin).
-            format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "aria", "colmap" or
-                "colmap-binary", to choose it by hand.
+                *.json (OpenCV), transforms*.json (nerfstudio), *aria*.json (Project Aria),
+                *matlab*.json (MATLAB), camera_models*.json (OpenSfM), *calib_results*.txt
+                (OCamCalib), other *.txt and *.bin (COLMAP), *.xml (Metashape).
+            format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "aria", "matlab", "opensfm",
+                "ocam", "metashape", "colmap" or "colmap-binary", to choose it by hand.
 
         Raises:
             InputError: the format cannot hold this lens, or is unknown.
@@ -259,15 +260,17 @@ def load_camera(path: str | os.PathLike[str], camera_id: int | str | None = None
     """Reads a lens file.
 
     Formats, told apart by name and content: mrcal .cameramodel, OpenCV YAML / JSON (FileStorage or
-    ROS camera_info), Kalibr camchain YAML, COLMAP cameras.txt and cameras.bin, nerfstudio
-    transforms.json, Project Aria calibration JSON. Pixel conventions are converted: mrcal, OpenCV,
-    Kalibr and Aria put the centre of the top-left pixel at (0, 0), gsut, COLMAP and nerfstudio at
-    (0.5, 0.5).
+    ROS camera_info), Open3D's intrinsics JSON, Kalibr camchain YAML, COLMAP cameras.txt and
+    cameras.bin, nerfstudio transforms.json, Project Aria calibration JSON, OCamCalib's
+    calib_results.txt, MATLAB's intrinsics as JSON (jsonencode(toStruct(intrinsics))), Metashape's
+    calibration XML, OpenSfM's camera_models.json, and gsut's own *.lens.json. Pixel conventions are
+    converted: the centre of the top-left pixel is (0.5, 0.5) for gsut, COLMAP, nerfstudio and
+    Metashape, (1, 1) for MATLAB, and (0, 0) for the others.
 
     Args:
         path: the file.
-        camera_id: which camera, for a file with several: COLMAP's number, Kalibr's "cam0" or Aria's
-            label.
+        camera_id: which camera, for a file with several: COLMAP's number, Kalibr's "cam0", the label
+            of Aria or Metashape, the name of OpenSfM.
 
     Returns:
         The camera. The valid field angle is set where the file states one.

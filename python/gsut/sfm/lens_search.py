@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut._core import InputError, Shutter, SolveError
 from gsut.data import read_header
-from gsut.lens import Camera
+from gsut.lens import Camera, convert_camera
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.matching import PairMatches, RawMatches, verify
@@ -32,7 +32,6 @@ _BETTER = 0.005
 # Images on which fields of view, and models, are compared: those best connected with each other.
 _FIELD_IMAGES = 12
 _MODEL_IMAGES = 25
-_FIT_PIXELS = 33  # a side of the grid on which one model is fitted to another
 # Matches of a pair that fields, and models, are compared by: the most distinct.
 _FIELD_MATCHES = 100
 _MODEL_MATCHES = 200
@@ -215,21 +214,7 @@ def _models(lens: Camera) -> list[tuple[np.ndarray, Callable[[Camera], Camera]]]
 
 def as_fisheye(lens: Camera) -> Camera:
     """The Kannala-Brandt lens nearest to a lens, by least squares over its image."""
-    across, down = np.meshgrid(
-        np.linspace(0.0, lens.width, _FIT_PIXELS), np.linspace(0.0, lens.height, _FIT_PIXELS)
-    )
-    pixels = np.stack([across.ravel(), down.ravel()], axis=1)
-    rays, valid = lens.unproject(pixels)
-    center = lens.params[2:4]
-    offsets, rays = (pixels - center)[valid], rays[valid]
-    angle = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
-    powers = angle[:, None] ** np.array([1, 3, 5, 7, 9])
-    ratio = lens.params[1] / lens.params[0]
-    radius = np.hypot(offsets[:, 0], offsets[:, 1] / ratio)
-    focal, *others = np.linalg.lstsq(powers, radius, rcond=None)[0]
-    coefficients = [value / focal for value in others]
-    params = [focal, focal * ratio, *center, *coefficients]
-    return Camera("kannala_brandt", params, lens.width, lens.height)
+    return convert_camera(lens, "kannala_brandt").camera
 
 
 class _Trials:

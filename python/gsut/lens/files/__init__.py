@@ -24,24 +24,30 @@ from gsut.lens.files.colmap import (
     load_colmap_text,
 )
 from gsut.lens.files.kalibr import format_kalibr, is_camchain, load_kalibr
+from gsut.lens.files.matlab import format_matlab, is_matlab, load_matlab
+from gsut.lens.files.metashape import format_metashape, load_metashape
 from gsut.lens.files.nerfstudio import (
     format_nerfstudio,
     is_nerfstudio,
     load_nerfstudio,
     nerfstudio_camera,
 )
+from gsut.lens.files.ocam import format_ocam, is_ocam_text, load_ocam
 from gsut.lens.files.opencv import (
     format_opencv_json,
     format_opencv_yaml,
     has_camera_matrix,
     load_opencv,
 )
+from gsut.lens.files.opensfm import format_opensfm, is_opensfm, load_opensfm
 from gsut.lens.files.own import camera_from_values, format_own, is_own
 
 __all__ = ["colmap_camera", "load_camera", "nerfstudio_camera", "save_camera"]
 
 _Path = str | os.PathLike[str]
 _YAML = (".yaml", ".yml")
+# What in the name of a .json chooses its format; OpenCV's else.
+_JSON_WORDS = {"aria": "aria", "matlab": "matlab", "opensfm": "camera_models"}
 OWN_SUFFIX = ".lens.json"  # of gsut's own form, which holds every lens
 
 
@@ -58,7 +64,11 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
     except UnicodeDecodeError as error:
         raise CalibrationError(f"{source}: is not text ({error}); give a lens file") from error
     if suffix == ".txt":
+        if is_ocam_text(text):
+            return load_ocam(text, source)
         return load_colmap_text(text, source, camera_id)
+    if suffix == ".xml":
+        return load_metashape(text, source, camera_id)
     if suffix == ".cameramodel":
         return _load_mrcal(text, source)
     if suffix == ".json":
@@ -67,7 +77,8 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
         return _load_keys(_parse_yaml(text, source), source, text, camera_id)
     raise InputError(
         f"{source}: unknown kind of lens file; known: .cameramodel (mrcal), .yaml, .yml and .json"
-        " (gsut, OpenCV, Kalibr, nerfstudio, Project Aria), cameras.txt and cameras.bin (COLMAP)"
+        " (gsut, OpenCV, Kalibr, nerfstudio, Project Aria, OpenSfM, MATLAB), cameras.txt and"
+        " cameras.bin (COLMAP), calib_results.txt (OCamCalib), .xml (Metashape)"
     )
 
 
@@ -96,13 +107,18 @@ def _load_keys(values: Any, source: str, text: str, camera_id: int | str | None)
         return load_kalibr(values, source, text, camera_id)
     if has_camera_matrix(values):
         return load_opencv(values, source, text)
+    if is_matlab(values):
+        return load_matlab(values, source, text)
+    if is_opensfm(values):
+        return load_opensfm(values, source, text, camera_id)
     if is_own(values):
         return camera_from_values(values, source, text)
     if is_nerfstudio(values):
         return load_nerfstudio(values, source, text)
     raise CalibrationError(
         f"{source}: has neither model and params (gsut) nor camera_matrix (OpenCV) nor cam0"
-        " (Kalibr) nor fl_x (nerfstudio) nor cameras (Project Aria); is it a lens file?"
+        " (Kalibr) nor fl_x (nerfstudio) nor cameras (Project Aria) nor projection_type (OpenSfM)"
+        " nor ImageSize (MATLAB); is it a lens file?"
     )
 
 
@@ -156,6 +172,10 @@ _WRITERS: dict[str, Callable[[Camera, Path], str | bytes]] = {
     "colmap-binary": lambda camera, _: format_colmap_binary(camera),
     "aria": lambda camera, _: format_aria(camera),
     "gsut": lambda camera, _: format_own(camera),
+    "matlab": lambda camera, _: format_matlab(camera),
+    "metashape": lambda camera, _: format_metashape(camera),
+    "ocam": lambda camera, _: format_ocam(camera),
+    "opensfm": lambda camera, _: format_opensfm(camera),
 }
 
 
@@ -164,19 +184,21 @@ def _format_of_name(path: Path) -> str:
     if suffix == ".cameramodel":
         return "mrcal"
     if suffix == ".txt":
-        return "colmap"
+        return "ocam" if "calib_results" in name else "colmap"
+    if suffix == ".xml":
+        return "metashape"
     if suffix == ".json":
         if name.endswith(OWN_SUFFIX):
             return "gsut"
         if name.startswith("transforms"):
             return "nerfstudio"
-        return "aria" if "aria" in name else "opencv"
+        return next((kind for kind in _JSON_WORDS if _JSON_WORDS[kind] in name), "opencv")
     if suffix == ".bin":
         return "colmap-binary"
     if suffix in _YAML:
         return "kalibr" if "camchain" in name else "opencv"
     raise InputError(
-        f"{path}: the name chooses no format; use .cameramodel, .yaml, .json, .txt or .bin,"
+        f"{path}: the name chooses no format; use .cameramodel, .yaml, .json, .txt, .bin or .xml,"
         " or give format"
     )
 
