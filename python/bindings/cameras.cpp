@@ -182,11 +182,11 @@ void BindCameras(py::module_& m) {
                              [](const Camera& camera) { return camera.domain().edge == nullptr; })
       .def_property_readonly("is_panorama",
                              [](const Camera& camera) { return camera.domain().IsPanorama(); })
-      .def_property_readonly("period",
-                             [](const Camera& camera) {
-                               return std::array<double, 2>{camera.domain().period_u,
-                                                            camera.domain().period_v};
-                             })
+      .def_property_readonly(
+          "period",
+          [](const Camera& camera) {
+            return std::array<double, 2>{camera.domain().period_u, camera.domain().period_v};
+          })
       .def("resized", &Camera::Resized, py::arg("width"), py::arg("height"))
       .def("with_valid_field_angle", &Camera::WithValidFieldAngle, py::arg("valid_field_angle"))
       .def(py::self == py::self);

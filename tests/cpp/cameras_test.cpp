@@ -1,4 +1,4 @@
-// Tests gsut/cameras and its lens file format: roots, duals, domains, inverses, float text, rays.
+// Tests gsut/cameras and its lens file format: roots, duals, domains, inverses, kernels, rays.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -27,12 +27,14 @@ namespace {
 constexpr double kRootTolerance = 1e-14;
 // Of a first derivative by central differences with step 1e-6: h^2 f''' / 6 and eps f / h.
 constexpr double kDifferenceTolerance = 1e-9;
-// Float: 24 bits of a pixel coordinate below 2048, times the few roundings of the polynomial.
-constexpr double kFloatPixelTolerance = 2e-3;
+// Float: 24 bits of a pixel coordinate below 4096, times the few roundings of the polynomial and of
+// the vector arctangent (3 units in the last place). Observed 2.7e-3, the same on every instruction
+// set: fisheye624, and opencv5 with derivatives, whose quotients are products with the reciprocal.
+constexpr double kFloatPixelTolerance = 4e-3;
 // Float near the axis, relative to the distance from the principal point.
 constexpr double kFloatAxisTolerance = 1e-6;
-// Float derivatives, relative to the largest of the point.
-constexpr double kFloatDerivativeTolerance = 1e-4;
+// Float derivatives, relative to the largest of the point. Observed 3.1e-6.
+constexpr double kFloatDerivativeTolerance = 6e-6;
 // The closed-form pole against the root finder.
 constexpr double kAngleTolerance = 1e-12;
 constexpr double kPixelTolerance = 1e-9;
@@ -264,10 +266,9 @@ TEST(LensKernelTest, FloatMatchesDoubleOnEveryLensAndInstructionSet) {
       const double radius = std::hypot(exact[2 * i] - centre[0], exact[2 * i + 1] - centre[1]);
       if (!(radius <= 4096)) continue;
       for (const std::vector<double>* pixels : {&found.pixels, &found.pixels_with_derivatives}) {
-        const double error = std::hypot((*pixels)[2 * i] - exact[2 * i],
-                                        (*pixels)[2 * i + 1] - exact[2 * i + 1]);
+        const double error =
+            std::hypot((*pixels)[2 * i] - exact[2 * i], (*pixels)[2 * i + 1] - exact[2 * i + 1]);
         ASSERT_FALSE(std::isnan(error)) << name << " " << i;
-        if (error > worst) std::printf("%s %s %d: %g at radius %g\n", name.c_str(), ActiveIsa().c_str(), pixels != &found.pixels, error, radius);
         worst = std::max(worst, error);
       }
       double size = 0.0;

@@ -2,19 +2,19 @@
 
 from gsut.lens.calibration_weights import CalibrationWeights
 from gsut.lens.camera import Camera, camera_models
-from gsut.lens.convert import convert_camera, format_conversion
+from gsut.lens.convert import Conversion, convert_camera, format_conversion
 from gsut.lens.files import (
     OWN_SUFFIX,
     colmap_camera,
     load_camera,
     nerfstudio_camera,
-    write_atomically,
 )
 from gsut.lens.files.colmap import PARAMETER_COUNTS, format_colmap
 from gsut.lens.files.kalibr import is_camchain
 from gsut.lens.files.nerfstudio import LENS_FILE, format_nerfstudio, frame_lens
 from gsut.lens.files.own import camera_from_values, camera_values
 from gsut.lens.fit_spline import SplineGrid
+from gsut.lens.refinable import refinable_params
 from gsut.lens.uncertainty import grid_pixels, save_uncertainty
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "PARAMETER_COUNTS",
     "CalibrationWeights",
     "Camera",
+    "Conversion",
     "SplineGrid",
     "camera_from_values",
     "camera_models",
@@ -37,6 +38,6 @@ __all__ = [
     "is_camchain",
     "load_camera",
     "nerfstudio_camera",
+    "refinable_params",
     "save_uncertainty",
-    "write_atomically",
 ]

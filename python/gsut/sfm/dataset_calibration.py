@@ -14,13 +14,13 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import read_dataset
+from gsut.files import write_file
 from gsut.lens import OWN_SUFFIX, Camera, grid_pixels, save_uncertainty
 from gsut.sfm.calibrate_dataset_page import write_page
 from gsut.sfm.lens_refinement import RefinedLens, refine_lens
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import TRANSFORMS, figures, write_dataset
 from gsut.sfm.report import REPORT, write_report
-from gsut.sfm.stages import write_atomically
 
 _REPORT_JSON = "report.json"
 _UNCERTAIN_PX = 1.0  # standard deviation at the rim above which a note is made
@@ -82,12 +82,12 @@ def calibrate_from_dataset(
     seconds = time.perf_counter() - started
     notes += _write_refined(found, camera, data, folder, notes, seconds)
     values = _report(found, camera, sigma, file, folder, notes, seconds)
-    write_atomically(out.parent / _REPORT_JSON, (json.dumps(values, indent=2) + "\n").encode())
+    write_file(out.parent / _REPORT_JSON, json.dumps(values, indent=2) + "\n")
     page = write_page(out.parent, found, camera, sigma, values)
     names = camera.param_names.split()
     summary = [
         f"{camera.model}: {values['images']} images, {values['points']} points, RMS "
-        f"{values['rms_2d_px']:.3f} px 2-D; held-out sights "
+        f"{values['rms_2d_px']:.3f} px 2-D; held-out observations "
         f"{values['held_out_before_px']:.3f} -> {values['held_out_after_px']:.3f} px; seen to "
         f"{values['valid_angle_degrees']:.1f} degrees",
         *(
@@ -144,7 +144,7 @@ def _write_refined(
     ):
         if listed is not None:
             values[key] = [new_name[name] for name in listed if name in new_name]
-    write_atomically(path, (json.dumps(values, indent=1) + "\n").encode())
+    write_file(path, json.dumps(values, indent=1) + "\n")
     row = figures(solution, {"total": seconds}, notes + more, {"lens": "refined"})
     write_report(folder, solution, row)
     more.append(f"residuals by field angle: {folder / REPORT}")
@@ -171,12 +171,12 @@ def _report(
         "images_total": len(solution.names),
         "images": solution.num_registered,
         "points": len(solution.points),
-        "sights": len(solution.sights),
+        "observations": len(solution.observations),
         "rms_2d_px": rms,
         "rms_axis_px": rms / float(np.sqrt(2)),
         "median_px": solution.median,
         "noise_px": found.covariance.noise,
-        "held_out_sights": found.held_out,
+        "held_out_observations": found.held_out,
         "held_out_before_px": _number(found.held_out_before_px),
         "held_out_after_px": _number(found.held_out_after_px),
         "valid_angle_degrees": float(np.degrees(found.reach)),

@@ -10,10 +10,10 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import Frame, inverse, points_ply, write_transforms
+from gsut.files import write_file
 from gsut.lens import format_colmap
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution
-from gsut.sfm.stages import write_atomically
 
 TRANSFORMS = "transforms.json"
 POINTS = "points3D.ply"
@@ -35,18 +35,15 @@ def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> li
     Raises:
         InputError: a file cannot be written.
     """
-    write_atomically(out / POINTS, points_ply(solution.points, solution.colors))
-    try:
-        write_transforms(out / TRANSFORMS, _frames(solution, photographs), points_file=POINTS)
-    except OSError as error:
-        raise InputError(f"cannot write {out / TRANSFORMS}: {error.strerror}") from error
+    write_file(out / POINTS, points_ply(solution.points, solution.colors))
+    write_transforms(out / TRANSFORMS, _frames(solution, photographs), points_file=POINTS)
     try:
         texts = _colmap(solution)
     except InputError as error:
         return [f"{COLMAP} was not written: {error}"]
     (out / COLMAP).mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
-        write_atomically(out / COLMAP / name, text.encode())
+        write_file(out / COLMAP / name, text)
     if solution.shutter is not None:
         return [f"{COLMAP} has the pose in the middle of each readout: COLMAP knows no other"]
     return []
@@ -79,7 +76,7 @@ def _colmap(solution: Solution) -> dict[str, str]:
         cameras.append(f"{number} {record.split(' ', 1)[1]}")
     places: list[list[str]] = [[] for _ in solution.names]
     tracks: list[list[str]] = [[] for _ in solution.points]
-    for (point, image, _), (x, y) in zip(solution.sights, solution.pixels, strict=True):
+    for (point, image, _), (x, y) in zip(solution.observations, solution.pixels, strict=True):
         tracks[point].append(f"{image + 1} {len(places[image])}")
         places[image].append(f"{x:.6f} {y:.6f} {point + 1}")
     images = []
@@ -143,7 +140,7 @@ def figures(
     for i, name in enumerate(solution.names):
         row: dict[str, Any] = {"name": name, "registered": bool(solution.registered[i])}
         if solution.registered[i]:
-            mine = solution.sights[:, 1] == i
+            mine = solution.observations[:, 1] == i
             lengths = np.linalg.norm(solution.residuals[mine], axis=1)
             row["camera_from_world"] = solution.camera_from_world[i].tolist()
             if solution.velocities is not None:
@@ -159,8 +156,8 @@ def figures(
         "registered": solution.num_registered,
         "images": len(solution.names),
         "points": len(solution.points),
-        "sights": len(solution.sights),
-        "mean_track_length": _number(len(solution.sights) / max(1, len(solution.points))),
+        "observations": len(solution.observations),
+        "mean_track_length": _number(len(solution.observations) / max(1, len(solution.points))),
         "reprojection_error_px": {"rms": solution.rms, "median": solution.median},
         "seconds": {**seconds, "total": sum(seconds.values())},
         "initial_pair": [solution.names[i] for i in solution.initial_pair],

@@ -12,7 +12,7 @@ from gsut import _core
 from gsut._core import Shutter
 from gsut.data.assemble import Frame
 from gsut.data.write_nerfstudio import points_ply, write_transforms
-from gsut.lens.camera import load_camera
+from gsut.lens import load_camera
 from lens_cases import real_lenses
 
 FISHEYE = gsut.Camera("kannala_brandt", [40, 41, 32, 24, 0.02, -0.01, 0.002, 0], 64, 48)
@@ -55,7 +55,7 @@ def test_frames_come_back(tmp_path, rng, shutter, lenses):
         lenses, 0
     )
     scene = gsut.load_dataset(tmp_path)
-    assert scene.test_indices == [1] and scene.train_indices == [0, 2, 3]
+    assert scene.test_indices == (1,) and scene.train_indices == (0, 2, 3)
     np.testing.assert_allclose(scene.points + scene.world_offset, points, atol=1e-14)
     np.testing.assert_array_equal(scene.point_colors, colors)
     for index, frame in enumerate(frames):

@@ -9,8 +9,10 @@ import numpy as np
 from gsut.compact import blend_weights, seen_views, strongest
 from gsut.data import Scene
 from gsut.gaussians import Gaussians, seed_from_points
-from gsut.optimize import GaussianOptimizer
+from gsut.optimize import GaussianOptimizer, densify_adaptive, split_and_prune
 from gsut.run import TrainOptions
+from gsut.training.densification import Densification, Turn
+from gsut.training.strategies.adaptive import CLONE_SCALE, PRUNE_SCALE
 
 # A Gaussian that is the strongest at more than this fraction of a view's valid pixels is blurred
 # (publication), and the number of views that are looked at each time, drawn anew.
@@ -93,49 +95,38 @@ def sampled(gaussians: Gaussians, scene: Scene, count: int, seed: list[int]) -> 
     return kept
 
 
-def densify_mini(
-    optimizer: GaussianOptimizer, scene: Scene, options: TrainOptions, step: int, extent: float
-) -> GaussianOptimizer:
-    """One densification: clone and split by gradient and blur, or what its step brings.
+class Strategy(Densification):
+    """Fang and Wang, "Mini-Splatting", ECCV 2024; `max_gaussians` is what sampling leaves."""
 
-    Args:
-        optimizer: of the run.
-        scene: at the resolution that is trained at now.
-        options: resolved; `max_gaussians` is what sampling leaves.
-        step: of the run.
-        extent: of the scene, world units; clones are smaller than 0.01, and Gaussians larger than
-            0.1 of it pruned, as in adaptive density control.
-
-    Returns:
-        The optimizer to go on with: a new one after depth re-initialisation, with moments of 0.
-
-    Source: Fang and Wang, "Mini-Splatting", ECCV 2024.
-    """
-    o = options
-    first, seed = step - o.densify_every, [o.seed, step]
-
-    def due(fraction: float) -> bool:
-        return first < math.ceil(fraction * o.steps) <= step
-
-    if due(SAMPLE_AT):
-        kept = sampled(optimizer.gaussians, scene, o.max_gaussians, seed)
-        optimizer.split_and_prune(np.zeros(len(kept), bool), ~kept)
+    def densify(self, optimizer: GaussianOptimizer, turn: Turn) -> GaussianOptimizer:
+        """Clones and splits by gradient and blur, or does what its step brings."""
+        o, step, scene = self.options, turn.step, turn.scene
+        seed = [o.seed, step]
+        if self._is_due(SAMPLE_AT, step):
+            kept = sampled(optimizer.gaussians, scene, o.max_gaussians, seed)
+            split_and_prune(optimizer, np.zeros(len(kept), bool), ~kept)
+            return optimizer
+        if step >= SAMPLE_AT * o.steps:
+            return optimizer
+        if self._is_due(REINIT_AT, step):
+            new = reinitialised(optimizer.gaussians, scene, o, optimizer.size, seed)
+            return optimizer.restarted(new)
+        most = OVERGROWN * o.max_gaussians
+        densify_adaptive(
+            optimizer,
+            clone_scale=CLONE_SCALE * turn.extent,
+            max_scale=PRUNE_SCALE * turn.extent,
+            prune_opacity=o.dead_opacity,
+            max_gaussians=most,
+        )
+        views = scene.train_indices
+        chosen = np.random.default_rng(seed).permutation(len(views))[:_BLUR_VIEWS]
+        split = blurred(optimizer.gaussians, scene, [views[i] for i in sorted(chosen)])
+        split &= np.cumsum(split) <= max(0, most - optimizer.size)
+        split_and_prune(optimizer, split, np.zeros(len(split), bool))
         return optimizer
-    if step >= SAMPLE_AT * o.steps:
-        return optimizer
-    if due(REINIT_AT):
-        new = reinitialised(optimizer.gaussians, scene, o, optimizer.size, seed)
-        return optimizer.restarted(new)
-    most = OVERGROWN * o.max_gaussians
-    optimizer.densify_adaptive(
-        clone_scale=0.01 * extent,
-        max_scale=0.1 * extent,
-        prune_opacity=o.dead_opacity,
-        max_gaussians=most,
-    )
-    views = scene.train_indices
-    chosen = np.random.default_rng(seed).permutation(len(views))[:_BLUR_VIEWS]
-    split = blurred(optimizer.gaussians, scene, [views[i] for i in sorted(chosen)])
-    split &= np.cumsum(split) <= max(0, most - optimizer.size)
-    optimizer.split_and_prune(split, np.zeros(len(split), bool))
-    return optimizer
+
+    def _is_due(self, fraction: float, step: int) -> bool:
+        """Whether this fraction of the steps has passed since the last densification."""
+        o = self.options
+        return step - o.densify_every < math.ceil(fraction * o.steps) <= step

@@ -1,10 +1,11 @@
-"""Training images at full, half and quarter resolution, each ready for the loss."""
+"""The views of a training: photographs at a step's resolution, poses and lenses as they are now."""
 
 from __future__ import annotations
 
 import collections
 import concurrent.futures
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +20,10 @@ _TARGET_CACHE_BYTES = 2 << 30
 
 
 class Level:
-    """The scene at one resolution.
+    """The scene at one resolution, its photographs ready for the loss.
 
     Attributes:
-        scene: with images and cameras of that size.
+        scene: with images and cameras of that size, and the poses and lenses as they are now.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -73,16 +74,19 @@ class Level:
         return self._buffers[size]
 
 
-class ImagePyramid:
-    """Which resolution is trained at when.
+class TrainingViews:
+    """Which resolution is trained at when, and the one owner of poses and lenses while they move.
 
     Args:
         scene: at full resolution.
         until: fractions of the steps: quarter resolution up to the first, half up to the second.
+
+    Attributes:
+        scene: at full resolution, with the poses and lenses as they are now.
     """
 
     def __init__(self, scene: Scene, until: tuple[float, float]) -> None:
-        self._scene = scene
+        self.scene = scene
         shorter = min(min(c.width, c.height) for c in scene.cameras)
         self._until = [
             (factor, end)
@@ -99,19 +103,9 @@ class ImagePyramid:
         if self._level is None or factor != self._factor:
             self._factor = factor
             self._level = Level(
-                self._scene if factor == 1.0 else self._scene.scaled(factor, keep_larger=True)
+                self.scene if factor == 1.0 else self.scene.scaled(factor, keep_larger=True)
             )
         return self._level
-
-    def replace_lenses(self, file_cameras: Sequence[Camera]) -> None:
-        """Goes on with other lenses.
-
-        Args:
-            file_cameras: one for each of the scene's, at the size of its files.
-        """
-        self._scene = self._scene.with_lenses(file_cameras)
-        if self._level is not None:
-            self._level = Level(self._level.scene.with_lenses(file_cameras))
 
     def prepare(self, view: int, fraction: float) -> None:
         """Begins to decode the next step's image while this step is computed.
@@ -124,6 +118,41 @@ class ImagePyramid:
         level = self._level if self._factor_at(fraction) == self._factor else None
         if level is not None and _core.num_threads() > 1:
             level.prepare(view, self._worker)
+
+    @property
+    def poses(self) -> np.ndarray:
+        """(n, 4, 4) camera_from_world of the training views, in their order."""
+        return np.array([self.scene.views[i].camera_from_world for i in self.scene.train_indices])
+
+    def move(self, camera_from_world: np.ndarray) -> None:
+        """Goes on with other poses (n, 4, 4) of the training views."""
+        self.scene = self.scene.with_poses(self.scene.train_indices, camera_from_world)
+        if self._level is not None:
+            level = self._level.scene
+            self._level.scene = level.with_poses(level.train_indices, camera_from_world)
+
+    def replace_lenses(self, file_cameras: Sequence[Camera]) -> None:
+        """Goes on with other lenses.
+
+        Args:
+            file_cameras: one for each of the scene's, at the size of its files.
+        """
+        self.scene = self.scene.with_lenses(file_cameras)
+        if self._level is not None:
+            self._level = Level(self._level.scene.with_lenses(file_cameras))
+
+    def state_dict(self) -> dict[str, Any]:
+        """Poses and lenses as they are now."""
+        lenses = [np.array(camera.params) for camera in self.scene.file_cameras]
+        return {"poses": self.poses, "lenses": lenses}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Goes on exactly where `state_dict` was taken."""
+        self.move(state["poses"])
+        cameras = self.scene.file_cameras
+        lenses = tuple(c.with_params(p) for c, p in zip(cameras, state["lenses"], strict=True))
+        if lenses != cameras:
+            self.replace_lenses(lenses)
 
     def _factor_at(self, fraction: float) -> float:
         return next((f for f, end in self._until if fraction <= end), 1.0)
