@@ -53,9 +53,7 @@ class Case:
         means = self.truth.means + np.random.default_rng(8).normal(0, 0.03, (len(self.truth), 3))
         (path / "points3D.ply").write_bytes(points_ply(means, colors))
         test = [f"images/{TEST_VIEW}.png"]
-        write_transforms(
-            path / "transforms.json", frames, points_file="points3D.ply", test=test
-        )
+        write_transforms(path / "transforms.json", frames, points_file="points3D.ply", test=test)
         return path
 
     @cached_property

@@ -69,7 +69,7 @@ def fit_spline(
             f"found {rows}"
         )
     offsets = (pixels - centre) / focal - plane
-    control = fit_control_points(plane, offsets, density, grid.columns, rows, grid.order)
+    control, _ = fit_control_points(plane, offsets, density, (grid.columns, rows), grid.order)
     fov = math.degrees(4.0 * math.atan(0.5 * reach[0]))
     return np.array([grid.order, grid.columns, rows, fov, *focal, *centre, *control.ravel()])
 
@@ -82,23 +82,29 @@ def stereographic_plane(points: np.ndarray) -> np.ndarray:
 
 
 def fit_control_points(
-    plane: np.ndarray, offsets: np.ndarray, density: float, columns: int, rows: int, order: int
-) -> np.ndarray:
-    """(rows * columns, 2) control points of a B-spline through offsets at places of a plane.
+    plane: np.ndarray, offsets: np.ndarray, density: float, grid: tuple[int, int], order: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """A B-spline through offsets at places of a plane, by least squares.
 
     Args:
         plane: (N, 2) places; (0, 0) is the middle of the grid.
         offsets: (N, 2) values there.
         density: control points per unit of the plane.
-        columns, rows, order: of the grid.
+        grid: control points across and down.
+        order: 2 or 3.
+
+    Returns:
+        (columns * rows, 2) control points, row by row, and the spline (N, 2) at the places.
     """
+    columns, rows = grid
     weights = (
         _basis(plane[:, 0] * density, columns, order)[:, None, :]
         * _basis(plane[:, 1] * density, rows, order)[:, :, None]
     ).reshape(len(plane), -1)
     bends = _SMOOTH * math.sqrt(len(weights)) * _bends(columns, rows)
     normal = weights.T @ weights + bends.T @ bends
-    return np.linalg.solve(normal, weights.T @ offsets)
+    control = np.linalg.solve(normal, weights.T @ offsets)
+    return control, weights @ control
 
 
 def _basis(place: np.ndarray, count: int, order: int) -> np.ndarray:

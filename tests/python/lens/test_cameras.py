@@ -237,7 +237,7 @@ def test_camera_params_are_a_copy():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("fish", [1, 1, 0, 0], 4, 4), ["fish", *MODELS]),
+        (("fish", [1, 1, 0, 0], 4, 4), ["fish", *camera_models()]),
         (("pinhole", [1, 1, 0], 4, 4), ["pinhole", "fx fy cx cy", "3"]),
         (("opencv5", [1] * 8, 4, 4), ["opencv5", "k3", "8"]),
         (("pinhole", [0, 1, 0, 0], 4, 4), ["fx", "positive"]),

@@ -1,4 +1,4 @@
-"""Metashape's, OpenSfM's, MATLAB's and Open3D's lens files against the formulae of their manuals."""
+"""Lens files of Metashape, OpenSfM, MATLAB and Open3D against the formulae of their manuals."""
 
 import json
 

@@ -88,9 +88,7 @@ def is_whole(camera: Camera) -> bool:
 
 
 # Whole ones: those that see a part only have no seam in the image.
-PANORAMA_CAMERAS = [
-    camera for camera in CAMERAS if camera.is_panorama and is_whole(camera)
-] + [
+PANORAMA_CAMERAS = [camera for camera in CAMERAS if camera.is_panorama and is_whole(camera)] + [
     Camera("equirectangular", [], 160, 80),
     Camera("lonlat", [30, 30, 94.2, 47.1], 188, 94),
 ]

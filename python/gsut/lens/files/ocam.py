@@ -97,7 +97,7 @@ def format_ocam(camera: Camera) -> str:
 
 def _farthest(camera: Camera) -> float:
     """Distance of the farthest corner of the image from the centre, in the lens' own plane."""
-    cx, cy, c, d, e = camera.params[: _FIRST]
+    cx, cy, c, d, e = camera.params[:_FIRST]
     corners = np.array([[x, y] for x in (0, camera.width) for y in (0, camera.height)])
     plane = np.linalg.solve([[c, d], [e, 1]], (corners - [cx, cy]).T)
     return float(np.hypot(*plane).max())

@@ -94,4 +94,3 @@ def format_opensfm(camera: Camera) -> str:
         entry |= {"c_x": (cx - 0.5 * width) / unit, "c_y": (cy - 0.5 * height) / unit}
         entry |= {key: value for key, value in zip(keys, coefficients, strict=True) if key}
     return json.dumps({"camera": entry}, indent=1) + "\n"
-
