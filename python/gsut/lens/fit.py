@@ -80,7 +80,7 @@ def fit_lens(
         fixed += tuple(traits.fit_near)
     found = []
     widest = float(angles_of(target.points).max())
-    for values in _core.camera_fit_starts(model, focal, centre, widest):
+    for values in _core.camera_fit_starts(model, tuple(focal), tuple(centre), widest):
         start = np.array(values)
         if num_params is not None:
             start = np.pad(start, (0, max(0, num_params - len(start))))[:num_params]
