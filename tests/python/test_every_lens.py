@@ -19,7 +19,7 @@ from gsut import _core
 from gsut.cli import main
 from gsut.data import Frame, diagnose, write_transforms
 from gsut.data.write_nerfstudio import points_ply
-from gsut.lens.camera import Camera, load_camera
+from gsut.lens import Camera, load_camera
 from random_scenes import small_camera
 from rendered_dataset import poses, truth
 

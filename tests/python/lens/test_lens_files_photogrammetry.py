@@ -7,7 +7,7 @@ import pytest
 
 import tolerances as tol
 from gsut import InputError
-from gsut.lens.camera import Camera, load_camera
+from gsut.lens import Camera, load_camera
 
 FRAME = """<?xml version="1.0" encoding="UTF-8"?>
 <calibration>
