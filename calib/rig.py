@@ -1,4 +1,4 @@
-"""The cameras of a rig to each other: which way up each saw the board, and their poses."""
+"""Relative poses of a rig's cameras, and which way up each saw the board."""
 
 from __future__ import annotations
 

@@ -323,24 +323,6 @@ class Renderer:
     def timings(self) -> dict[str, tuple[float, float]]: ...  # wall and processor seconds
     def statistics(self) -> dict[str, int]: ...
 
-class ScalarRenderer:
-    def __init__(self, widen: float = 1.0) -> None: ...
-    def render(
-        self,
-        gaussians: _Gaussians,
-        camera: Camera,
-        camera_from_world: _PoseLike,
-        rule: BlendRule,
-        background: Sequence[float],
-        sh_degree: int,
-        unscented: Sequence[float],
-        image: NDArray[np.float32],
-        alpha: NDArray[np.float32],
-    ) -> None: ...
-    def backward(self, dimage: NDArray[np.float32], gradients: _Gaussians) -> None: ...
-    def timings(self) -> dict[str, tuple[float, float]]: ...  # wall and processor seconds
-    def statistics(self) -> dict[str, int]: ...
-
 def render_reference(
     gaussians: _Gaussians,
     camera: Camera,
