@@ -161,7 +161,7 @@ def test_architecture_names_every_folder():
 
 def test_every_lens_has_a_picture_and_every_page_is_linked():
     pictures = {path.stem for path in (ROOT / "docs" / "lenses").glob("*.jpg")}
-    assert pictures == set(gsut.camera_models()), "./run docs draws what lacks"
+    assert set(gsut.camera_models()) <= pictures, "./run docs draws them"
     readme = (ROOT / "README.md").read_text()
     pages = [path.name for path in PAGE_FILES if path.parent.name == "docs"]
     assert [name for name in pages if f"docs/{name}" not in readme] == []
