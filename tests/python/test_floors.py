@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 # Folder (or module) of python/gsut -> floor; the package `gsut` itself is above all.
 FLOORS = {
-    "_core": 0,
+    **dict.fromkeys(("_core", "least_squares"), 0),
     **dict.fromkeys(("gaussians", "lens", "run", "page"), 1),
     **dict.fromkeys(("render", "optimize", "data", "formats"), 2),
     **dict.fromkeys(("capture", "sfm", "evaluate", "compact", "surface", "demo"), 3),

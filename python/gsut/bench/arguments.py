@@ -9,22 +9,9 @@ import argparse
 from typing import Any
 
 
-def add_bench(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
-    """Adds the command `bench` with its benchmarks.
-
-    Args:
-        commands: the subparsers of the program.
-        parser_class: of the benchmarks' parsers.
-    """
-    parser = commands.add_parser(
-        "bench",
-        help="speed against error, on this machine",
-        description="Measures speed and, beside it, error: against a double-precision reference, "
-        "against the truth, never speed alone.",
-    )
-    benchmarks = parser.add_subparsers(
-        title="benchmarks", metavar="BENCHMARK", required=True, parser_class=parser_class
-    )
+def add_bench(parser: argparse.ArgumentParser) -> None:
+    """Adds the benchmarks to a parser."""
+    benchmarks = parser.add_subparsers(title="benchmarks", metavar="BENCHMARK", required=True)
     _add_render(benchmarks)
     _add_train(benchmarks)
     _add_compact(benchmarks)

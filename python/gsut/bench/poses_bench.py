@@ -16,9 +16,16 @@ import numpy as np
 from gsut._core import InputError, SolveError
 from gsut.bench import pycolmap_poses
 from gsut.bench.train_bench import TrainBenchOptions, train_bench
-from gsut.data import load_dataset
 from gsut.lens import format_colmap
-from gsut.sfm import PoseErrors, PosesOptions, compare_poses, estimate_poses, find_photographs
+from gsut.sfm import (
+    PoseErrors,
+    PosesOptions,
+    compare_poses,
+    errors_against,
+    estimate_poses,
+    find_photographs,
+    poses_by_path,
+)
 
 LENSES = ("known", "unknown")
 SHUTTERS = ("auto", "global", "rolling")
@@ -264,29 +271,7 @@ def _measure_pycolmap(
 
 def _errors_of_names(found: dict[str, Any], root: Path, data: Path) -> PoseErrors:
     """Of poses (3, 4) by the images' names below `root` against a dataset's."""
-    reference = _poses_by_path(data)
+    reference = poses_by_path(data)
     chosen = [name for name in found if root / name in reference]
     poses = np.array([[*found[name], [0.0, 0.0, 0.0, 1.0]] for name in chosen])
     return compare_poses(poses, np.array([reference[root / name] for name in chosen]))
-
-
-def _poses_by_path(data: str | os.PathLike[str]) -> dict[Path, np.ndarray]:
-    """(4, 4) camera_from_world of a dataset's images."""
-    return {
-        view.image_path.resolve(): view.camera_from_world
-        for view in load_dataset(data, test_every=0).views
-    }
-
-
-def errors_against(reference: str | os.PathLike[str], found: str | os.PathLike[str]) -> PoseErrors:
-    """Errors of a dataset's poses against another's, over the images that both have.
-
-    Raises:
-        InputError: a dataset cannot be read, or they share fewer than three images.
-    """
-    truth, own = _poses_by_path(reference), _poses_by_path(found)
-    shared = [path for path in own if path in truth]
-    return compare_poses(
-        np.array([own[path] for path in shared]).reshape(-1, 4, 4),
-        np.array([truth[path] for path in shared]).reshape(-1, 4, 4),
-    )

@@ -12,9 +12,16 @@ import cv2
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.bench.poses_bench import errors_against
 from gsut.data import inverse
-from gsut.sfm import PosesOptions, Rig, estimate_poses, read_rig, relative_changes, write_rig
+from gsut.sfm import (
+    PosesOptions,
+    Rig,
+    errors_against,
+    estimate_poses,
+    read_rig,
+    relative_changes,
+    write_rig,
+)
 
 DISTURBED_DEGREES = 0.5
 DISTURBED_SHARE = 0.01  # of the baseline

@@ -1,7 +1,7 @@
 """`gsut calibrate`: hands photographs of a board to calib/, which solves for the lens.
 
 Thin on purpose: writes a job file, runs `python -m calib` on it, and passes on what it says.
-`--from-dataset` needs no board and is done by gsut itself (calibrate_dataset.py).
+`--from-dataset` needs no board and is done by gsut itself (gsut.sfm).
 """
 
 from __future__ import annotations
@@ -16,18 +16,26 @@ import tempfile
 from pathlib import Path
 
 from gsut._core import InputError
+from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.lens import OWN_SUFFIX
+from gsut.run import StageBars
 
+HELP = "photographs of a chessboard to a lens file"
+DESCRIPTION = (
+    "Finds the board in photographs, solves for the lens with OpenCV or mrcal, and writes a lens "
+    "file with the field angle to which it can be trusted, and a report."
+)
 _HERE = Path(__file__).resolve().parent
 # The folder that holds calib/: of an installed gsut, or of the repository.
 _PLACES = (_HERE.parent / "share", _HERE.parents[2])
 _IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 _LENSES = ("auto", "fisheye", "opencv4", "opencv8", "splined")
+_REPORT = "report.json"  # beside the lens file
 _SOLVERS = ("auto", "opencv", "mrcal")
 _MRCAL_INSTALL = "sudo apt-get install mrcal python3-mrcal"  # as calib/mrcal_process.py says it
 
 
-def add_calibrate_flags(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `gsut calibrate`."""
+def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "mrcal is a program of the system, not part of gsut, and optional: it solves opencv4, "
         "opencv8 and splined lenses, states their uncertainty, and solves all cameras of a rig at "
@@ -93,17 +101,23 @@ def add_calibrate_flags(parser: argparse.ArgumentParser) -> None:
         "beside it, and replace older ones; with --from-dataset report.json and the folder "
         "LENS-dataset",
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_quiet(parser)
+    add_json(parser)
 
 
-def calibrate(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
+    status = (_from_dataset if arguments.from_dataset else _from_boards)(arguments)
+    if arguments.json and status == 0:
+        print_json(json.loads((Path(arguments.out).parent / _REPORT).read_text()))
+    return status
+
+
+def _from_boards(arguments: argparse.Namespace) -> int:
     """Runs calib on the arguments; returns its exit status.
 
     Raises:
         InputError: no images, or calib/ is not installed.
     """
-    if arguments.from_dataset:
-        return _from_dataset(arguments)
     for name in ("images", "board", "spacing"):
         if getattr(arguments, name) in ([], None):
             what = "photographs" if name == "images" else f"--{name}"
@@ -125,20 +139,29 @@ def calibrate(arguments: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory(prefix="gsut-calibrate-") as folder:
         file = Path(folder) / "job.json"
         file.write_text(json.dumps(job))
-        return _run_calib("calib", str(file))
+        return _run_calib("calib", str(file), silent=arguments.quiet or arguments.json)
 
 
 def _from_dataset(arguments: argparse.Namespace) -> int:
     """Refines; a lens that mrcal lacks is written again by calib, as the nearest it has."""
-    from gsut.cli.calibrate_dataset import calibrate_from_dataset
+    given = [name for name in ("board", "spacing", "rig") if getattr(arguments, name)]
+    if arguments.images or given:
+        what = f"--{given[0]}" if given else "photographs of a board"
+        raise InputError(f"--from-dataset needs no board; leave out {what}")
+    from gsut.sfm import calibrate_from_dataset
 
-    written, wanted = calibrate_from_dataset(arguments), Path(arguments.out)
-    if written == wanted:
+    out = Path(arguments.out)
+    with StageBars(not arguments.quiet) as bars:
+        done = calibrate_from_dataset(arguments.from_dataset, out, bars.show, bars.note)
+    silent = arguments.quiet or arguments.json
+    if not silent:
+        print("\n".join(done.summary))
+    if done.lens == out or done.lens.name.endswith(OWN_SUFFIX):
         return 0
-    return _run_calib("calib.nearest_splined", str(written), str(wanted))
+    return _run_calib("calib.nearest_splined", str(done.lens), str(out), silent=silent)
 
 
-def _run_calib(module: str, *words: str) -> int:
+def _run_calib(module: str, *words: str, silent: bool) -> int:
     """`python -m MODULE WORDS...` with calib/ on its path; its exit status.
 
     Raises:
@@ -152,7 +175,8 @@ def _run_calib(module: str, *words: str) -> int:
     paths = [str(_HERE.parent), str(place), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)}
     command = [sys.executable, "-m", module, *words]
-    return subprocess.run(command, env=environment, check=False).returncode
+    output = subprocess.DEVNULL if silent else None
+    return subprocess.run(command, env=environment, check=False, stdout=output).returncode
 
 
 def _images(given: list[str]) -> list[Path]:

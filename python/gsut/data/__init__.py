@@ -12,7 +12,7 @@ from gsut.data.poses import inverse, rigid_transform
 from gsut.data.pyramid import ImagePyramid, Level
 from gsut.data.scene import Scene, View
 from gsut.data.shutter import frame_times, with_shutter
-from gsut.data.write_nerfstudio import format_transforms, points_ply
+from gsut.data.write_nerfstudio import points_ply, write_transforms
 
 __all__ = [
     "DatasetError",
@@ -29,7 +29,6 @@ __all__ = [
     "find_lens_file",
     "find_mask",
     "findings_text",
-    "format_transforms",
     "frame_times",
     "inverse",
     "load_dataset",
@@ -42,4 +41,5 @@ __all__ = [
     "shrink_mask",
     "some_names",
     "with_shutter",
+    "write_transforms",
 ]

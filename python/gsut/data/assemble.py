@@ -39,13 +39,15 @@ class Frame:
 class Listing:
     """What a reader found: the frames whose image exists, names of the others, points, lists.
 
-    `source` is the file that lists the images; `path` the dataset's folder.
+    `missing_depth` names depth files that the dataset lists and that do not exist. `source` is the
+    file that lists the images; `path` the dataset's folder.
     """
 
     path: Path
     source: Path
     frames: list[Frame] = dataclasses.field(default_factory=list)
     missing: list[str] = dataclasses.field(default_factory=list)
+    missing_depth: list[str] = dataclasses.field(default_factory=list)
     points: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
     point_colors: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 3), np.uint8))
     listed_train: Sequence[str] | None = None
@@ -75,6 +77,11 @@ def assemble(
         notes.append(
             f"{listing.source}: {len(listing.missing)} of {total} images do not exist and are"
             f" left out: {some_names(listing.missing)}"
+        )
+    if listing.missing_depth:
+        notes.append(
+            f"{listing.source}: {len(listing.missing_depth)} depth files do not exist, which"
+            f" training does not need: {some_names(listing.missing_depth)}"
         )
     frames = _without_repeats(listing, notes, on_error)
     frames = _fit_cameras(frames, notes, on_error)

@@ -2,7 +2,8 @@
 
 Poses are camera-to-world with OpenGL axes. `applied_transform` needs no work here: poses and
 `ply_file_path` are both written after it (nerfstudio 1.0 and later); only points of a COLMAP model
-beside the file are still in the frame before it. Intrinsics stand for all frames or in a frame.
+beside the file are still in the frame before it. Intrinsics stand for all frames or in a frame, by
+nerfstudio's names or, for a lens that it does not know, as `lens_file`: a path beside this file.
 """
 
 from __future__ import annotations
@@ -20,17 +21,10 @@ from gsut.data.findings import DatasetError, OnError, stop
 from gsut.data.images import read_header
 from gsut.data.points import load_points_ply
 from gsut.data.poses import OPENGL_FROM_OPENCV, halfway, rigid_transform
-from gsut.lens import Camera, nerfstudio_camera
+from gsut.lens import Camera, frame_lens, nerfstudio_camera
 
 FILE_NAME = "transforms.json"
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")  # for file_path without one
-# Keys of the file or of a frame that do not describe the lens.
-_NOT_LENS = {
-    "frames", "file_path", "transform_matrix", "transform_matrix_start", "transform_matrix_end",
-    "mask_path", "depth_file_path", "sharpness", "colmap_im_id", "applied_transform",
-    "applied_scale", "ply_file_path", "train_filenames", "val_filenames", "test_filenames",
-    "aabb_scale", "rolling_shutter",
-}  # fmt: skip
 
 
 def read_nerfstudio(path: Path, *, on_error: OnError = stop) -> Listing:
@@ -135,8 +129,8 @@ def _read_frame(
             middle,
             start,
             end,
-            _existing(frame, values, "mask_path", listing.path, where),
-            _existing(frame, {}, "depth_file_path", listing.path, where),
+            _mask(frame, values, listing.path, where),
+            _depth(frame, listing),
             None if start is None else _shutter(values, listing.source),
         )
     )
@@ -165,14 +159,28 @@ def _find_image(folder: Path, name: str) -> Path | None:
     return None
 
 
-def _existing(frame: dict, values: dict, key: str, folder: Path, where: str) -> Path | None:
-    name = frame.get(key, values.get(key))
+def _mask(frame: dict, values: dict, folder: Path, where: str) -> Path | None:
+    name = frame.get("mask_path", values.get("mask_path"))
     if not name:
         return None
     path = folder / str(name)
     if not path.is_file():
-        raise DatasetError(where, f"{key} '{name}' does not exist", "add the file or drop the key")
+        raise DatasetError(
+            where, f"mask_path '{name}' does not exist", "add the file or drop the key"
+        )
     return path
+
+
+def _depth(frame: dict, listing: Listing) -> Path | None:
+    """The frame's depth file, which no training reads: a missing one is only noted."""
+    name = frame.get("depth_file_path")
+    if not name:
+        return None
+    path = listing.path / str(name)
+    if path.is_file():
+        return path
+    listing.missing_depth.append(str(name))
+    return None
 
 
 def _frame_camera(
@@ -183,17 +191,17 @@ def _frame_camera(
     Returns:
         The camera, or None if making the same lens failed before: it is reported once.
     """
-    own = {k: v for k, v in frame.items() if k not in _NOT_LENS}
-    lens = {k: v for k, v in {**values, **own}.items() if k not in _NOT_LENS}
-    where = f"{source}, frame {frame['file_path']}" if own else str(source)
-    if "w" not in lens or "h" not in lens:
+    lens = frame_lens(values, frame, str(source))
+    whole = frame_lens(values, {}, str(source))
+    where = str(source) if lens == whole else f"{source}, frame {frame['file_path']}"
+    if "lens_file" not in lens and ("w" not in lens or "h" not in lens):
         header = read_header(image_path)
         lens.setdefault("w", header.width)
         lens.setdefault("h", header.height)
     key = json.dumps(lens, sort_keys=True)
     if key not in cameras:
         cameras[key] = None
-        cameras[key] = nerfstudio_camera(lens, source=where)
+        cameras[key] = nerfstudio_camera(lens, where, folder=source.parent)
     return cameras[key]
 
 

@@ -1,4 +1,4 @@
-"""Writes a dataset in nerfstudio's form: transforms.json and the points' PLY."""
+"""Writes a dataset in nerfstudio's form: transforms.json, its lens files and the points' PLY."""
 
 from __future__ import annotations
 
@@ -13,36 +13,70 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.assemble import Frame
 from gsut.data.poses import OPENGL_FROM_OPENCV
-from gsut.lens import format_nerfstudio
+from gsut.lens import LENS_FILE, OWN_SUFFIX, Camera, format_nerfstudio, write_atomically
 
 _AXES = ("x", "y", "z")
 _COLORS = ("red", "green", "blue")
 _PIXEL_CENTER = 0.5  # of the first pixel, written for other readers: cx = w / 2 is the middle
 
 
-def format_transforms(
+def write_transforms(
+    path: Path,
     frames: Sequence[Frame],
-    folder: Path,
     *,
     points_file: str | None = None,
     test: Collection[str] | None = None,
-) -> str:
-    """The text of a transforms.json.
+) -> None:
+    """Writes a transforms.json, and beside it a lens file for each lens nerfstudio has no name for.
 
     The lens stands at the top, or in each frame where there are several. Files are named by their
-    paths from `folder`.
+    paths from the folder. Each file is written as a whole or not at all, lens files first.
 
     Args:
+        path: DATA/transforms.json; lens files become DATA/transforms.lens.json, or
+            transforms.0.lens.json ... where there are several.
         frames: one for each image, all with a rolling shutter of one direction or none.
-        folder: where the file will lie.
-        points_file: name of the points' PLY in `folder`.
+        points_file: name of the points' PLY in the folder.
         test: names of the frames that are for testing; None: the reader chooses.
 
     Raises:
-        InputError: the form has no place for a lens.
+        InputError: the form has room for one shutter only.
+        OSError: a file cannot be written.
     """
     lenses = list(dict.fromkeys(frame.camera for frame in frames))
-    texts = {lens: json.loads(format_nerfstudio(lens)) for lens in lenses}
+    texts = _lens_texts(lenses, path)
+    text = _format_transforms(frames, path.parent, texts, points_file, test)
+    for lens, values in texts.items():
+        if LENS_FILE in values:
+            lens.save(path.parent / values[LENS_FILE])
+    write_atomically(path, text)
+
+
+def _lens_texts(lenses: Sequence[Camera], path: Path) -> dict[Camera, dict[str, Any]]:
+    """What stands for each lens: nerfstudio's keys, or the name of its file."""
+    texts: dict[Camera, dict[str, Any]] = {}
+    for lens in lenses:
+        try:
+            texts[lens] = json.loads(format_nerfstudio(lens))
+        except InputError:
+            texts[lens] = {}
+    unnamed = [lens for lens in lenses if not texts[lens]]
+    for number, lens in enumerate(unnamed):
+        middle = f".{number}" if len(unnamed) > 1 else ""
+        texts[lens] = {
+            LENS_FILE: f"{path.stem}{middle}{OWN_SUFFIX}", "w": lens.width, "h": lens.height
+        }  # fmt: skip
+    return texts
+
+
+def _format_transforms(
+    frames: Sequence[Frame],
+    folder: Path,
+    texts: dict[Camera, dict[str, Any]],
+    points_file: str | None,
+    test: Collection[str] | None,
+) -> str:
+    lenses = list(texts)
     values: dict[str, Any] = dict(texts[lenses[0]]) if len(lenses) == 1 else {}
     values["pixel_center"] = _PIXEL_CENTER
     if points_file is not None:

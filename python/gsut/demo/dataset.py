@@ -16,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from gsut._core import InputError, num_threads
-from gsut.data import Frame, format_transforms, points_ply
+from gsut.data import Frame, points_ply, write_transforms
 from gsut.demo.hall import Hall, make_hall
 from gsut.demo.tracing import Tracer
 from gsut.demo.views import camera_path, demo_camera
@@ -135,8 +135,7 @@ def _write_dataset(
         for name, pose, test in zip(names, poses, is_test, strict=True)
     ]  # fmt: skip
     test_names = [name for name, test in zip(names, is_test, strict=True) if test]
-    text = format_transforms(frames, folder, points_file=_POINTS_FILE, test=test_names)
-    (folder / "transforms.json").write_text(text, encoding="utf-8")
+    write_transforms(folder / "transforms.json", frames, points_file=_POINTS_FILE, test=test_names)
 
 
 def distances(hall: Hall, pose: np.ndarray, rays: np.ndarray) -> np.ndarray:

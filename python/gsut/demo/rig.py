@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError, exp_pose
-from gsut.data import Frame, format_transforms, inverse
+from gsut.data import Frame, inverse, write_transforms
 from gsut.demo.dataset import new_folder, render_views, whole_pixels, write_image
 from gsut.demo.hall import make_hall
 from gsut.demo.views import camera_path, demo_camera
@@ -108,4 +108,4 @@ def _write(folder: Path, path: list[np.ndarray], size: int, seed: int, progress:
             )  # fmt: skip
     rig = json.dumps({"cameras": cameras}, indent=1) + "\n"
     (folder / "rig.json").write_text(rig, encoding="utf-8")
-    (folder / "transforms.json").write_text(format_transforms(frames, folder), encoding="utf-8")
+    write_transforms(folder / "transforms.json", frames)

@@ -2,25 +2,41 @@
 
 from gsut.lens.calibration_weights import CalibrationWeights
 from gsut.lens.camera import Camera, camera_models
-from gsut.lens.convert import run_convert
-from gsut.lens.files import colmap_camera, load_camera, nerfstudio_camera
+from gsut.lens.convert import convert_camera, format_conversion
+from gsut.lens.files import (
+    OWN_SUFFIX,
+    colmap_camera,
+    load_camera,
+    nerfstudio_camera,
+    write_atomically,
+)
 from gsut.lens.files.colmap import PARAMETER_COUNTS, format_colmap
 from gsut.lens.files.kalibr import is_camchain
-from gsut.lens.files.nerfstudio import format_nerfstudio
+from gsut.lens.files.nerfstudio import LENS_FILE, format_nerfstudio, frame_lens
+from gsut.lens.files.own import camera_from_values, camera_values
+from gsut.lens.fit import SplineGrid
 from gsut.lens.uncertainty import grid_pixels, save_uncertainty
 
 __all__ = [
+    "LENS_FILE",
+    "OWN_SUFFIX",
     "PARAMETER_COUNTS",
     "CalibrationWeights",
     "Camera",
+    "SplineGrid",
+    "camera_from_values",
     "camera_models",
+    "camera_values",
     "colmap_camera",
+    "convert_camera",
     "format_colmap",
+    "format_conversion",
     "format_nerfstudio",
+    "frame_lens",
     "grid_pixels",
     "is_camchain",
     "load_camera",
     "nerfstudio_camera",
-    "run_convert",
     "save_uncertainty",
+    "write_atomically",
 ]

@@ -182,15 +182,16 @@ class Camera(_core.Camera):
         """Writes the lens to a file; see `gsut.load_camera` for the formats.
 
         The file is written under a temporary name and renamed, so that a crash leaves the old one.
-        Kalibr and COLMAP files have no place for the valid field angle, and only mrcal's for
-        extrinsics and valid_region; those are left out.
+        Kalibr and COLMAP files have no place for the valid field angle, and only mrcal's and
+        gsut's for extrinsics and valid_region; those are left out.
 
         Args:
             path: a file; its name chooses the format: *.cameramodel (mrcal), *camchain*.yaml
-                (Kalibr), other *.yaml or *.yml and *.json (OpenCV), transforms*.json (nerfstudio),
-                *aria*.json (Project Aria), *.txt and *.bin (COLMAP cameras.txt, cameras.bin).
-            format: "mrcal", "opencv", "kalibr", "nerfstudio", "aria", "colmap" or "colmap-binary",
-                to choose it by hand.
+                (Kalibr), *.lens.json (gsut, which holds every lens), other *.yaml or *.yml and
+                *.json (OpenCV), transforms*.json (nerfstudio), *aria*.json (Project Aria), *.txt
+                and *.bin (COLMAP cameras.txt, cameras.bin).
+            format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "aria", "colmap" or
+                "colmap-binary", to choose it by hand.
 
         Raises:
             InputError: the format cannot hold this lens, or is unknown.

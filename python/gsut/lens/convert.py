@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import itertools
 import math
@@ -10,7 +9,7 @@ import math
 import numpy as np
 
 from gsut._core import InputError
-from gsut.lens.camera import Camera, load_camera
+from gsut.lens.camera import Camera
 from gsut.lens.fit import FitTarget, SplineGrid, angles_of, check_model, fit_lens
 
 # Points along the longer side of the image at which the lenses are compared.
@@ -176,32 +175,3 @@ def _rms(distance: np.ndarray) -> float:
 
 def _worst(distance: np.ndarray) -> float:
     return float(distance.max()) if len(distance) else math.nan
-
-
-def run_convert(arguments: argparse.Namespace) -> int:
-    """`gsut camera convert`: reads, fits, prints the error by field angle, writes."""
-    camera = load_camera(arguments.lens, camera_id=arguments.camera_id)
-    limit = None if arguments.max_angle is None else math.radians(arguments.max_angle)
-    grid = None
-    if arguments.order is not None or arguments.control_points is not None:
-        if arguments.model != "splined_stereographic":
-            raise InputError("--order and --control-points are of splined_stereographic only")
-        counts = arguments.control_points or [SplineGrid.columns]
-        if len(counts) > 2:
-            raise InputError(f"--control-points takes NX or NX NY, found {len(counts)} numbers")
-        order = SplineGrid.order if arguments.order is None else arguments.order
-        grid = SplineGrid(order, counts[0], counts[1] if len(counts) > 1 else None)
-    conversion = convert_camera(
-        camera,
-        arguments.model,
-        limit,
-        arguments.num_params,
-        grid=grid,
-        distance=arguments.distance,
-    )
-    print(f"{camera.model} -> {conversion.camera.model}, {camera.width} x {camera.height}")
-    print(format_conversion(conversion))
-    if arguments.out is not None:
-        conversion.camera.save(arguments.out)
-        print(f"wrote {arguments.out}")
-    return 0

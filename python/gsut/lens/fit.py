@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from gsut._core import InputError
+from gsut.least_squares import minimize_least_squares
 from gsut.lens.camera import Camera, camera_models
 
 # What follows fx fy cx cy, to start from; the best of several is kept.
@@ -161,59 +162,49 @@ def _widening(
         part = dataclasses.replace(target, points=target.points[near], pixels=target.pixels[near])
         # What fits the centre may have a pole just beyond it: the first guess gets its chance too.
         steps = _MAX_STEPS if share == 1.0 else _STEPS_WIDENING
-        tries = [
-            _levenberg_marquardt(model, guess, fixed, part, steps) for guess in (params, start)
-        ]
+        tries = [_refine(model, guess, fixed, part, steps) for guess in (params, start)]
         params, cost = min(tries, key=lambda found: found[1])
     return params, cost
 
 
-def _levenberg_marquardt(
+def _refine(
     model: str, params: np.ndarray, fixed: tuple[int, ...], target: FitTarget, steps: int
 ) -> tuple[np.ndarray, float]:
-    """The parameters and their cost."""
-    width, height = target.camera.width, target.camera.height
+    """The parameters that fit best, from `params` on, and their cost."""
     free = [i for i in range(len(params)) if i not in fixed]
-    lens = Camera(model, params, width, height)
-    cost, residual, valid = _cost(lens, target)
-    damping = 1e-4
-    for _ in range(steps):
-        jacobian = lens.project_jacobian(target.points)[1][valid][:, :, free]
+
+    def lens_of(values: np.ndarray) -> Camera:
+        moved = params.copy()
+        moved[free] = values
+        return Camera(model, moved, target.camera.width, target.camera.height)
+
+    def cost_of(values: np.ndarray) -> float:
+        try:
+            lens = lens_of(values)
+        except InputError:  # a parameter left its range
+            return math.inf
+        residual, valid = _residuals(lens, target)
+        # A point that the lens does not see counts as one at the image's own size.
+        unseen = float(lens.width**2 + lens.height**2)
+        return float((residual**2).sum() + unseen * (~valid).sum())
+
+    def normal_equations(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        lens = lens_of(values)
+        residual, valid = _residuals(lens, target)
+        jacobian = -lens.project_jacobian(target.points)[1][valid][:, :, free]
         jacobian = jacobian.reshape(-1, len(free))
-        scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12)
-        scaled = jacobian / scale
-        normal, gradient = scaled.T @ scaled, scaled.T @ residual[valid].ravel()
-        improved = False
-        while damping < 1e8:
-            step = np.linalg.solve(normal + damping * np.eye(len(free)), gradient) / scale
-            moved = params.copy()
-            moved[free] += step
-            try:
-                candidate = Camera(model, moved, width, height)
-            except InputError:  # a parameter left its range
-                damping *= 10
-                continue
-            new_cost, new_residual, new_valid = _cost(candidate, target)
-            if new_cost < cost:
-                improved = True
-                break
-            damping *= 10
-        if not improved:
-            break
-        gain = cost - new_cost
-        params, lens, cost, residual, valid = moved, candidate, new_cost, new_residual, new_valid
-        damping = max(damping / 10, 1e-12)
-        if gain <= _LEAST_GAIN * cost:
-            break
-    return params, cost
+        return jacobian.T @ residual[valid].ravel(), jacobian.T @ jacobian
+
+    values, cost = minimize_least_squares(
+        params[free], cost_of, normal_equations, max_steps=steps, least_gain=_LEAST_GAIN
+    )
+    return np.array(lens_of(values).params), float(cost)
 
 
-def _cost(lens: Camera, target: FitTarget) -> tuple[float, np.ndarray, np.ndarray]:
-    """Sum of squares, with a point that the lens does not see at the image's own size."""
+def _residuals(lens: Camera, target: FitTarget) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 2) pixels by which the lens misses, 0 for points that it does not see; which it sees."""
     found, valid = lens.project(target.points)
-    residual = np.where(valid[:, None], target.pixels - np.nan_to_num(found), 0.0)
-    unseen = float(lens.width**2 + lens.height**2)
-    return float((residual**2).sum() + unseen * (~valid).sum()), residual, valid
+    return np.where(valid[:, None], target.pixels - np.nan_to_num(found), 0.0), valid
 
 
 def _fit_ftheta(target: FitTarget) -> np.ndarray:

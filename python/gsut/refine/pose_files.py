@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Frame, Scene, format_transforms, inverse
-from gsut.lens import Camera
+from gsut.data import Frame, Scene, inverse, write_transforms
+from gsut.lens import camera_from_values, camera_values
 from gsut.run import REFINED, TRANSFORMS, RunFolder
 
 
-def write_refined(run: RunFolder, scene: Scene) -> list[str]:
-    """Writes refined.json, and transforms.json where that format has the lens.
+def write_refined(run: RunFolder, scene: Scene) -> None:
+    """Writes refined.json, and transforms.json with its lens files.
 
     refined.json holds `lenses` (model, params at the size of the files, width, height) and `views`
     (name, lens, camera_from_world in the dataset's coordinates): of training views as they were
     refined, of test views as they were aligned.
 
-    Returns:
-        What could not be written, one sentence each.
+    Raises:
+        InputError: the folder cannot be written.
     """
     values = {
-        "lenses": [_lens_values(camera) for camera in scene.file_cameras],
+        "lenses": [camera_values(camera) for camera in scene.file_cameras],
         "views": [
             {
                 "name": view.name,
@@ -46,11 +45,9 @@ def write_refined(run: RunFolder, scene: Scene) -> list[str]:
     ]  # fmt: skip
     test = [scene.views[index].name for index in scene.test_indices]
     try:
-        text = format_transforms(frames, run.path, test=test)
-    except InputError as error:
-        return [f"{TRANSFORMS} was not written: {error}"]
-    run.write_text(TRANSFORMS, text)
-    return []
+        write_transforms(run.path / TRANSFORMS, frames, test=test)
+    except OSError as error:
+        raise InputError(f"cannot write {run.path / TRANSFORMS}: {error.strerror}") from None
 
 
 def with_refined(run: RunFolder, scene: Scene) -> Scene:
@@ -64,7 +61,7 @@ def with_refined(run: RunFolder, scene: Scene) -> Scene:
         return scene
     path = run.path / REFINED
     try:
-        cameras = [_lens(lens) for lens in values["lenses"]]
+        cameras = [camera_from_values(lens) for lens in values["lenses"]]
         rows = {row["name"]: np.array(row["camera_from_world"]) for row in values["views"]}
         views = []
         for view in scene.views:
@@ -76,20 +73,3 @@ def with_refined(run: RunFolder, scene: Scene) -> Scene:
     if sizes[0] != sizes[1]:
         raise InputError(f"{path} has lenses for images of {sizes[0]}, {scene.path} of {sizes[1]}")
     return scene.with_views(views).with_lenses(cameras)
-
-
-def _lens_values(camera: Camera) -> dict[str, Any]:
-    return {
-        "model": camera.model,
-        "params": [float(value) for value in camera.params],
-        "width": camera.width,
-        "height": camera.height,
-        "valid_field_angle": camera.valid_field_angle,
-    }
-
-
-def _lens(values: dict[str, Any]) -> Camera:
-    return Camera(
-        values["model"], values["params"], values["width"], values["height"],
-        valid_field_angle=values["valid_field_angle"],
-    )  # fmt: skip

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+from pathlib import Path
 
 import numpy as np
 
 from gsut._core import InputError
+from gsut.data import load_dataset
 
 _FEWEST = 3  # centres that fix a similarity
 
@@ -114,3 +117,25 @@ def rotation_angles(rotations: np.ndarray) -> np.ndarray:
         axis=1,
     )
     return np.arctan2(np.linalg.norm(axis, axis=1), np.trace(rotations, axis1=1, axis2=2) - 1.0)
+
+
+def poses_by_path(data: str | os.PathLike[str]) -> dict[Path, np.ndarray]:
+    """(4, 4) camera_from_world of a dataset's images."""
+    return {
+        view.image_path.resolve(): view.camera_from_world
+        for view in load_dataset(data, test_every=0).views
+    }
+
+
+def errors_against(reference: str | os.PathLike[str], found: str | os.PathLike[str]) -> PoseErrors:
+    """Errors of a dataset's poses against another's, over the images that both have.
+
+    Raises:
+        InputError: a dataset cannot be read, or they share fewer than three images.
+    """
+    truth, own = poses_by_path(reference), poses_by_path(found)
+    shared = [path for path in own if path in truth]
+    return compare_poses(
+        np.array([own[path] for path in shared]).reshape(-1, 4, 4),
+        np.array([truth[path] for path in shared]).reshape(-1, 4, 4),
+    )

@@ -19,7 +19,7 @@ from gsut.sfm.inputs import Photographs, find_photographs
 from gsut.sfm.lens_search import LensSearch, first_guess, search_lens
 from gsut.sfm.matching import PairMatches, RawMatches, match_in_full, preview_pairs, verify
 from gsut.sfm.options import PosesOptions
-from gsut.sfm.output import FIGURES, TRANSFORMS, check_lenses, figures, write_dataset
+from gsut.sfm.output import FIGURES, TRANSFORMS, figures, write_dataset
 from gsut.sfm.overlap import require_overlap
 from gsut.sfm.pairs import choose_pairs
 from gsut.sfm.readout import readout_time
@@ -130,7 +130,6 @@ def estimate_poses(
     if unknown_lens:
         photographs = dataclasses.replace(photographs, cameras=[None] * len(photographs))
     known = all(c is not None for c in photographs.cameras)
-    check_lenses([c for c in photographs.cameras if c is not None])
     folder.mkdir(parents=True, exist_ok=True)
     stages = Stages(folder, _key(photographs, options, fov_degrees))
     seconds: dict[str, float] = {}

@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import Frame, inverse, read_dataset, some_names
+from gsut.least_squares import minimize_least_squares
 from gsut.lens import Camera
 from gsut.sfm.features import Features, find_all_features, no_features
 from gsut.sfm.inputs import Photographs
@@ -26,7 +27,7 @@ _HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare a sight
 _ROUNDS = 2  # of verified matches: the second through the refined lens
 # Of the first matches' largest error: through a lens that is some percent off.
 _LOOSER = 4.0
-_POINT_STEPS = 20  # Gauss-Newton steps of points seen by fixed cameras
+_POINT_STEPS = 20  # Levenberg-Marquardt steps of points seen by fixed cameras
 
 
 @dataclasses.dataclass(frozen=True)
@@ -207,34 +208,29 @@ def _pixels(features: Sequence[Features], sights: np.ndarray) -> np.ndarray:
 def fitted_points(
     start: np.ndarray, sights: np.ndarray, pixels: np.ndarray, camera: Camera, poses: np.ndarray
 ) -> np.ndarray:
-    """Points (P, 3) that fit their sights best through fixed cameras; damped Gauss-Newton each.
+    """Points (P, 3) that fit their sights best through fixed cameras.
 
     Args:
         start: (P, 3). sights: (S, 3) int: point, image, feature. pixels: (S, 2) of the sights.
         camera: of all images. poses: (N, 4, 4) camera_from_world.
     """
-    points, which = start.copy(), sights[:, 0]
+    which = sights[:, 0]
 
-    def cost_of(trial: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        p = in_cameras(trial, sights, poses)
-        residual = camera.project(p)[0] - pixels
-        lost = ~np.isfinite(residual).all(axis=1)
-        squared = np.where(lost, np.inf, np.sum(residual**2, axis=1))
-        return np.bincount(which, squared, len(points)), p, np.where(lost[:, None], 0.0, residual)
+    def residuals(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        p = in_cameras(points, sights, poses)
+        return p, camera.project(p)[0] - pixels
 
-    cost, p, residual = cost_of(points)
-    damping = np.full(len(points), 1e-3)
-    for _ in range(_POINT_STEPS):
+    def cost_of(points: np.ndarray) -> np.ndarray:
+        squared = np.sum(residuals(points)[1] ** 2, axis=1)
+        return np.bincount(which, np.where(np.isfinite(squared), squared, np.inf), len(points))
+
+    def normal_equations(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        p, residual = residuals(points)
+        residual = np.where(np.isfinite(residual).all(axis=1)[:, None], residual, 0.0)
         by_point = np.nan_to_num(camera.project_jacobian(p)[0]) @ poses[sights[:, 1], :3, :3]
-        normal, gradient = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3))
-        np.add.at(normal, which, by_point.transpose(0, 2, 1) @ by_point)
+        gradient, normal = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
         np.add.at(gradient, which, np.einsum("nij,ni->nj", by_point, residual))
-        size = np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-12)
-        normal += (damping * size)[:, None, None] * np.eye(3)
-        trial = points - np.linalg.solve(normal, gradient[:, :, None])[:, :, 0]
-        trial_cost, _, _ = cost_of(trial)
-        better = trial_cost < cost
-        points = np.where(better[:, None], trial, points)
-        damping = np.where(better, damping / 10, damping * 10).clip(1e-12, 1e6)
-        cost, p, residual = cost_of(points)
-    return points
+        np.add.at(normal, which, by_point.transpose(0, 2, 1) @ by_point)
+        return gradient, normal
+
+    return minimize_least_squares(start, cost_of, normal_equations, max_steps=_POINT_STEPS)[0]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Frame, format_transforms, inverse, points_ply
-from gsut.lens import Camera, format_colmap, format_nerfstudio
+from gsut.data import Frame, inverse, points_ply, write_transforms
+from gsut.lens import format_colmap
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution
 from gsut.sfm.stages import write_atomically
@@ -19,22 +19,6 @@ TRANSFORMS = "transforms.json"
 POINTS = "points3D.ply"
 FIGURES = "poses.json"
 COLMAP = "sparse/0"
-
-
-def check_lenses(cameras: list[Camera]) -> None:
-    """Refuses a lens that transforms.json cannot hold, before hours are spent.
-
-    Raises:
-        InputError: says what to do instead.
-    """
-    for camera in dict.fromkeys(cameras):
-        try:
-            format_nerfstudio(camera)
-        except InputError as error:
-            raise InputError(
-                f"transforms.json cannot hold a lens of the model {camera.model}; fit one of "
-                "opencv8, kannala_brandt or fisheye624 to it with `gsut camera convert`"
-            ) from error
 
 
 def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> list[str]:
@@ -52,8 +36,10 @@ def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> li
         InputError: a file cannot be written.
     """
     write_atomically(out / POINTS, points_ply(solution.points, solution.colors))
-    text = format_transforms(_frames(solution, photographs), out, points_file=POINTS)
-    write_atomically(out / TRANSFORMS, text.encode())
+    try:
+        write_transforms(out / TRANSFORMS, _frames(solution, photographs), points_file=POINTS)
+    except OSError as error:
+        raise InputError(f"cannot write {out / TRANSFORMS}: {error.strerror}") from error
     try:
         texts = _colmap(solution)
     except InputError as error:

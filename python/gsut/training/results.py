@@ -78,7 +78,8 @@ def write_results(
     if refined is not None:
         from gsut.refine import write_refined
 
-        metrics["notes"] += _refinement_notes(metrics) + write_refined(run, refined)
+        metrics["notes"] += _refinement_notes(metrics)
+        write_refined(run, refined)
     run.write_json("metrics.json", metrics)
     write_report(run)
 

@@ -1,5 +1,6 @@
 """The command line: commands on a faked run, refusals in one sentence, and start-up time."""
 
+import argparse
 import importlib
 import json
 import os
@@ -14,14 +15,14 @@ import pytest
 
 import gsut
 import run_fakes
-from gsut.cli import main
-from gsut.cli.commands import _demo_run
+from gsut.cli import build_parser, command_names, main
+from gsut.cli.demo import _free_run
 from gsut.run.folder import CHECKPOINT, METRICS, REPORT, SCENE, RunFolder
 from gsut.run.options import TrainOptions
 from gsut.run.progress import TrainingProgress
 
 PACKAGE = str(Path(gsut.__file__).parent.parent)
-COMMANDS = ("train", "eval", "render", "demo", "doctor", "bench")
+COMMANDS = command_names()
 HELP_SECONDS = 1.0  # 0.15 to 0.3 on an idle machine; slow imports (cv2, matplotlib) take more
 
 
@@ -102,6 +103,17 @@ def test_help_of_a_command_ends_well(command, capsys):
         main([command, "--help"])
     assert caught.value.code == 0
     assert f"usage: gsut {command}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_json(command):
+    parser = build_parser([command])
+    leaves = []
+    while parser is not None:
+        inner = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+        leaves.append(parser)
+        parser = next(iter(inner[0].choices.values())) if inner else None
+    assert "--json" in leaves[-1].format_help()
 
 
 def test_version_is_the_cores(capsys):
@@ -301,13 +313,13 @@ def test_render_to_a_video_holds_all_frames_and_is_never_overwritten(run, tmp_pa
 
 def test_demo_run_of_a_finished_demo_takes_the_next_folder(tmp_path, scene):
     options = TrainOptions(preset="fast", steps=100)
-    run, resume = _demo_run(tmp_path, options)
+    run, resume = _free_run(tmp_path, options)
     assert (run.path.name, resume) == ("run", False)
     finished = run_fakes.finished_run(run.path, scene, options, report=False)
-    run, resume = _demo_run(tmp_path, options)
+    run, resume = _free_run(tmp_path, options)
     assert (run.path.name, resume) == ("run-2", False)
     (finished.path / REPORT).unlink()
-    run, resume = _demo_run(tmp_path, options)
+    run, resume = _free_run(tmp_path, options)
     assert (run.path.name, resume) == ("run", True)
 
 

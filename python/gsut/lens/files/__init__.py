@@ -24,18 +24,25 @@ from gsut.lens.files.colmap import (
     load_colmap_text,
 )
 from gsut.lens.files.kalibr import format_kalibr, is_camchain, load_kalibr
-from gsut.lens.files.nerfstudio import format_nerfstudio, load_nerfstudio, nerfstudio_camera
+from gsut.lens.files.nerfstudio import (
+    format_nerfstudio,
+    is_nerfstudio,
+    load_nerfstudio,
+    nerfstudio_camera,
+)
 from gsut.lens.files.opencv import (
     format_opencv_json,
     format_opencv_yaml,
     has_camera_matrix,
     load_opencv,
 )
+from gsut.lens.files.own import camera_from_values, format_own, is_own
 
 __all__ = ["colmap_camera", "load_camera", "nerfstudio_camera", "save_camera"]
 
 _Path = str | os.PathLike[str]
 _YAML = (".yaml", ".yml")
+OWN_SUFFIX = ".lens.json"  # of gsut's own form, which holds every lens
 
 
 def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
@@ -60,7 +67,7 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
         return _load_keys(_parse_yaml(text, source), source, text, camera_id)
     raise InputError(
         f"{source}: unknown kind of lens file; known: .cameramodel (mrcal), .yaml, .yml and .json"
-        " (OpenCV, Kalibr, nerfstudio, Project Aria), cameras.txt and cameras.bin (COLMAP)"
+        " (gsut, OpenCV, Kalibr, nerfstudio, Project Aria), cameras.txt and cameras.bin (COLMAP)"
     )
 
 
@@ -89,11 +96,13 @@ def _load_keys(values: Any, source: str, text: str, camera_id: int | str | None)
         return load_kalibr(values, source, text, camera_id)
     if has_camera_matrix(values):
         return load_opencv(values, source, text)
-    if any(key in values for key in ("fl_x", "camera_angle_x", "frames", "camera_model")):
+    if is_own(values):
+        return camera_from_values(values, source, text)
+    if is_nerfstudio(values):
         return load_nerfstudio(values, source, text)
     raise CalibrationError(
-        f"{source}: has neither camera_matrix (OpenCV) nor cam0 (Kalibr) nor fl_x (nerfstudio) nor"
-        " cameras (Project Aria); is it a lens file?"
+        f"{source}: has neither model and params (gsut) nor camera_matrix (OpenCV) nor cam0"
+        " (Kalibr) nor fl_x (nerfstudio) nor cameras (Project Aria); is it a lens file?"
     )
 
 
@@ -146,6 +155,7 @@ _WRITERS: dict[str, Callable[[Camera, Path], str | bytes]] = {
     "colmap": lambda camera, _: format_colmap(camera),
     "colmap-binary": lambda camera, _: format_colmap_binary(camera),
     "aria": lambda camera, _: format_aria(camera),
+    "gsut": lambda camera, _: format_own(camera),
 }
 
 
@@ -156,6 +166,8 @@ def _format_of_name(path: Path) -> str:
     if suffix == ".txt":
         return "colmap"
     if suffix == ".json":
+        if name.endswith(OWN_SUFFIX):
+            return "gsut"
         if name.startswith("transforms"):
             return "nerfstudio"
         return "aria" if "aria" in name else "opencv"

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 from typing import Any
 
-from gsut._core import InputError
+from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
 from gsut.lens.files.values import LensValues
 
 _DISTORTION_KEYS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+# gsut's own keys: a lens file beside the transforms.json, and which of the file's lenses it is.
+LENS_FILE, LENS_ID = "lens_file", "lens_id"
+_SIZE_KEYS = ("w", "h")
 _INTRINSIC_KEYS = (
     "camera_model",
     "is_fisheye",
@@ -18,14 +22,13 @@ _INTRINSIC_KEYS = (
     "fl_y",
     "cx",
     "cy",
-    "w",
-    "h",
     "camera_angle_x",
     "camera_angle_y",
     "max_theta_rad",
     "distortion_params",
     *_DISTORTION_KEYS,
 )
+_LENS_KEYS = (*_SIZE_KEYS, LENS_FILE, LENS_ID, *_INTRINSIC_KEYS)
 _PERSPECTIVE = ("OPENCV", "SIMPLE_RADIAL", "RADIAL")
 _FISHEYE = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 _PINHOLE = ("PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE")
@@ -36,38 +39,110 @@ _FISHEYE624_KEY = "distortion_params"
 _NUM_FISHEYE624 = 12
 
 
-def nerfstudio_camera(values: dict[str, Any], source: str = "", text: str = "") -> Camera:
+def is_nerfstudio(values: dict[str, Any]) -> bool:
+    """Whether the keys are those of a transforms.json."""
+    return any(
+        key in values for key in ("fl_x", "camera_angle_x", "frames", "camera_model", LENS_FILE)
+    )
+
+
+def frame_lens(
+    values: dict[str, Any], frame: dict[str, Any], source: str = "", text: str = ""
+) -> dict[str, Any]:
+    """The keys that make the lens of a frame of a transforms.json: what `nerfstudio_camera` takes.
+
+    A frame's own keys win over the file's. A frame's lens_file hides the file's intrinsics, and a
+    frame's intrinsics hide the file's lens_file.
+
+    Args:
+        values: the file's top level.
+        frame: the frame's keys; empty for the file's own lens.
+
+    Raises:
+        CalibrationError: a lens_file stands beside intrinsics.
+    """
+    levels = []
+    for level, where in ((values, source), (frame, _frame_name(frame, source))):
+        keys = {key: level[key] for key in _LENS_KEYS if key in level}
+        intrinsics = [key for key in keys if key in _INTRINSIC_KEYS]
+        if LENS_FILE in keys and intrinsics:
+            LensValues(level, where, text).fail(
+                LENS_FILE, f"stands beside {intrinsics[0]}, which it replaces; keep one of them"
+            )
+        levels.append(keys)
+    whole, own = levels
+    if LENS_FILE in own:
+        whole = {key: whole[key] for key in _SIZE_KEYS if key in whole}
+    elif any(key in _INTRINSIC_KEYS for key in own):
+        whole = {key: whole[key] for key in whole if key not in (LENS_FILE, LENS_ID)}
+    return {**whole, **own}
+
+
+def _frame_name(frame: dict[str, Any], source: str) -> str:
+    return f"{source}, frame {frame['file_path']}" if "file_path" in frame else source
+
+
+def _camera_of_file(reader: LensValues, folder: Path) -> Camera:
+    """The camera of the file that `lens_file` names, of the size in w and h if those are given."""
+    from gsut.lens.files import load_camera  # here: it knows nerfstudio's files as well
+
+    name = reader.values[LENS_FILE]
+    if not isinstance(name, str) or not (folder / name).is_file():
+        reader.fail(
+            LENS_FILE, f"'{name}' does not exist under {folder}; add it or correct the path"
+        )
+    try:
+        camera = load_camera(folder / name, reader.values.get(LENS_ID))
+    except InputError as error:
+        place = f"{reader.source}, {LENS_FILE}" if reader.source else LENS_FILE
+        advice = (
+            f" ('{LENS_ID}' beside '{LENS_FILE}' says which)" if "camera_id" in str(error) else ""
+        )
+        raise CalibrationError(f"{place}: {error}{advice}") from error
+    for key, found in zip(_SIZE_KEYS, (camera.width, camera.height), strict=True):
+        if key in reader.values and reader.pixels(key) != found:
+            reader.fail(key, f"is {reader.pixels(key)}, and the lens of {name} is for {found}")
+    return camera
+
+
+def nerfstudio_camera(
+    values: dict[str, Any], source: str = "", text: str = "", folder: Path | None = None
+) -> Camera:
     """The camera of one frame of a transforms.json.
 
     Args:
-        values: the file's top level with the frame's own keys merged over it. camera_model (absent:
+        values: of `frame_lens`. lens_file, gsut's own key: a path beside the file to any lens file
+            that `load_camera` reads (lens_id: which of its cameras). Else camera_model (absent:
             OPENCV_FISHEYE if is_fisheye, else OPENCV if any distortion is given, else PINHOLE);
             w, h in pixels; fl_x, fl_y in pixels, or camera_angle_x, camera_angle_y, the full field
             of view in radians (the y value defaults to the x one); cx, cy (default: the centre) in
             gsut's pixel convention; k1.. p1 p2; max_theta_rad, the valid field angle in radians.
         source: the file's name, for messages.
         text: the file's text, to name lines in messages.
+        folder: that lens_file is looked for in; None: that of `source`.
 
     Returns:
-        The camera: `pinhole`; OPENCV is `opencv4`, or `opencv5` if k3 is not 0; FULL_OPENCV is
-        `opencv8`; the fisheyes are `kannala_brandt`; FISHEYE624 (with distortion_params, 12
-        numbers) and EQUIRECTANGULAR (w and h only) are the lenses of these names.
+        The camera of the lens file, or `pinhole`; OPENCV is `opencv4`, or `opencv5` if k3 is not 0;
+        FULL_OPENCV is `opencv8`; the fisheyes are `kannala_brandt`; FISHEYE624 (with
+        distortion_params, 12 numbers) and EQUIRECTANGULAR (w and h only) are the lenses of these
+        names.
 
     Raises:
         CalibrationError: a key is missing or no finite number, or the model is not supported.
     """
     reader = LensValues(values, source, text)
+    if LENS_FILE in values:
+        return _camera_of_file(reader, Path(source).parent if folder is None else folder)
     width, height = reader.pixels("w"), reader.pixels("h")
+    limit = reader.number("max_theta_rad") if values.get("max_theta_rad") is not None else None
     if _model_name(reader) == "EQUIRECTANGULAR":  # files give focal lengths that mean nothing
-        return reader.camera("equirectangular", [], width, height)
+        return reader.camera("equirectangular", [], width, height, limit)
     fl_x = _focal(reader, "fl_x", "camera_angle_x", width)
     # Square pixels unless the file says otherwise.
     has_own_y = any(values.get(key) is not None for key in ("fl_y", "camera_angle_y"))
     fl_y = _focal(reader, "fl_y", "camera_angle_y", height) if has_own_y else fl_x
     params = [fl_x, fl_y, reader.number("cx", width / 2), reader.number("cy", height / 2)]
     k1, k2, k3, k4, k5, k6, p1, p2 = (reader.number(key, 0.0) for key in _DISTORTION_KEYS)
-    limit = reader.number("max_theta_rad") if values.get("max_theta_rad") is not None else None
-
     model = _model_name(reader)
     if model == "FISHEYE624":
         params += reader.numbers(reader.need(_FISHEYE624_KEY), _NUM_FISHEYE624)
@@ -123,17 +198,16 @@ def load_nerfstudio(values: dict[str, Any], source: str, text: str) -> Camera:
     frames = values.get("frames")
     cameras: list[Camera] = []
     for frame in frames if isinstance(frames, list) else []:
-        own = {
-            key: frame[key] for key in _INTRINSIC_KEYS if isinstance(frame, dict) and key in frame
-        }
-        camera = nerfstudio_camera({**values, **own}, source, text) if own else None
-        if camera is not None and camera not in cameras:
-            cameras.append(camera)
+        if isinstance(frame, dict) and any(key in frame for key in _LENS_KEYS):
+            camera = nerfstudio_camera(frame_lens(values, frame, source, text), source, text)
+            cameras += [] if camera in cameras else [camera]
     if len(cameras) > 1:
         raise InputError(
             f"{source}: its frames have {len(cameras)} different cameras; load it as a data set"
         )
-    return cameras[0] if cameras else nerfstudio_camera(values, source, text)
+    if cameras:
+        return cameras[0]
+    return nerfstudio_camera(frame_lens(values, {}, source, text), source, text)
 
 
 def format_nerfstudio(camera: Camera) -> str:
@@ -152,6 +226,8 @@ def format_nerfstudio(camera: Camera) -> str:
     name, keys = names.get(camera.model, ("", ()))
     coefficients = [float(value) for value in camera.params[4:]]
     values: dict[str, Any] = {"camera_model": name, "w": camera.width, "h": camera.height}
+    if camera.valid_field_angle is not None:
+        values["max_theta_rad"] = camera.valid_field_angle
     if camera.model == "equirectangular":
         values["camera_model"] = "EQUIRECTANGULAR"
         return json.dumps(values, indent=2) + "\n"
@@ -161,11 +237,9 @@ def format_nerfstudio(camera: Camera) -> str:
     if not name or len(coefficients) > len(keys):
         raise InputError(
             f"nerfstudio has no camera model for '{camera.model}' with {len(camera.params)}"
-            " parameters; save a .cameramodel or OpenCV file instead"
+            " parameters; save a *.lens.json file instead"
         )
     coefficients += [0.0] * (len(keys) - len(coefficients))
     values.update(zip(("fl_x", "fl_y", "cx", "cy"), map(float, camera.params[:4]), strict=True))
     values.update(zip(keys, coefficients, strict=True))
-    if camera.valid_field_angle is not None:
-        values["max_theta_rad"] = camera.valid_field_angle
     return json.dumps(values, indent=2) + "\n"

@@ -1,20 +1,24 @@
-"""`gsut compact`: the arguments, and what the command does step by step."""
+"""`gsut compact`: fewer Gaussians for the same picture, of a run or a PLY file."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
+from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json
 
+HELP = "fewer Gaussians for the same picture"
+DESCRIPTION = (
+    "Merges or prunes the Gaussians of a finished run, or of a PLY file, and writes a new run or "
+    "file. Nothing in RUN changes."
+)
 _PLY = ".ply"
 
 
-def add_compact_flags(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `gsut compact`."""
+def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "source", metavar="RUN|FILE.ply", help="a finished run, or any PLY file of Gaussians"
     )
@@ -49,18 +53,13 @@ def add_compact_flags(parser: argparse.ArgumentParser) -> None:
         help="lower each Gaussian's degree of harmonics as far as the held-out views lose at most "
         "so many dB by it [default: leave them]",
     )  # fmt: skip
-    parser.add_argument(
-        "--data", metavar="DATA", help="the dataset, if it is not where training read it"
-    )
+    add_moved_data(parser)
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="[default 0]")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
-    parser.add_argument(
-        "--json", action="store_true", help="print the figures as JSON instead of the summary"
-    )
+    add_quiet(parser)
+    add_json(parser)
 
 
-def compact_command(arguments: argparse.Namespace) -> int:
-    """`gsut compact RUN -o RUN2` and `gsut compact FILE.ply -o FILE2.ply`."""
+def run(arguments: argparse.Namespace) -> int:
     from gsut.training import CompactOptions, parsed_bytes
 
     size = arguments.target_size
@@ -78,7 +77,7 @@ def compact_command(arguments: argparse.Namespace) -> int:
     else:
         figures = _compact_run(arguments, options)
     if arguments.json:
-        print(json.dumps(figures, indent=2))
+        print_json(figures)
     return 0
 
 

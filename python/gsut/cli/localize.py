@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,24 +10,27 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.cli._flags import add_json, add_moved_data, print_json
+
+HELP = "where a photograph of a trained scene was taken"
+DESCRIPTION = (
+    "Finds the pose of a photograph: matches its features with views rendered from the training "
+    "poses that look most like it, and refines the pose by the colours."
+)
 
 
-def add_localize_flags(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `gsut localize`."""
+def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("image", metavar="IMAGE", help="the photograph")
     parser.add_argument("--run", metavar="RUN", required=True, dest="folder", help="a finished run")
     parser.add_argument(
         "--camera", metavar="LENS", help="lens file of IMAGE [default: the run's only camera]"
     )
     parser.add_argument("--mask", metavar="FILE", help="image: black where IMAGE does not count")
-    parser.add_argument(
-        "--data", metavar="DATA", help="the dataset, if it is not where training read it"
-    )
-    parser.add_argument("--json", action="store_true", help="print the pose as JSON")
+    add_moved_data(parser)
+    add_json(parser)
 
 
-def localize(arguments: argparse.Namespace) -> int:
-    """`gsut localize IMAGE --run RUN`."""
+def run(arguments: argparse.Namespace) -> int:
     from gsut.data import decode_image, decode_mask, shrink_image, shrink_mask
     from gsut.refine import localize_image
     from gsut.run import RunFolder, StageBars
@@ -50,8 +52,7 @@ def localize(arguments: argparse.Namespace) -> int:
     size = (camera.width, camera.height)
     pixels, mask = shrink_image(pixels, *size), shrink_mask(mask, *size)
     indices = scene.train_indices or range(len(scene.views))
-    bar = StageBars(sys.stderr.isatty())
-    try:
+    with StageBars(sys.stderr.isatty()) as bars:
         found = localize_image(
             gaussians,
             [(scene.camera(index), scene.views[index].camera_from_world) for index in indices],
@@ -59,14 +60,12 @@ def localize(arguments: argparse.Namespace) -> int:
             pixels,
             mask,
             background=options.background,
-            on_progress=bar.show,
+            on_progress=bars.show,
         )
-    finally:
-        bar.close()
     start = found.start if isinstance(found.start, str) else scene.views[indices[found.start]].name
     figures = _figures(found, scene, start)
     if arguments.json:
-        print(json.dumps(figures, indent=2))
+        print_json(figures)
     else:
         _print_pose(figures)
     return 0

@@ -1,11 +1,12 @@
-"""`gsut calibrate --from-dataset`: refines lens and poses; writes lens, report and data set."""
+"""Refines a dataset's lens and poses; writes lens file, report and refined dataset."""
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
+import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,49 +14,59 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import read_dataset
-from gsut.lens import Camera, grid_pixels, save_uncertainty
-from gsut.run import StageBars
-from gsut.sfm import (
-    REPORT,
-    TRANSFORMS,
-    PosesOptions,
-    RefinedLens,
-    check_lenses,
-    figures,
-    refine_lens,
-    write_atomically,
-    write_dataset,
-    write_page,
-    write_report,
-)
+from gsut.lens import OWN_SUFFIX, Camera, grid_pixels, save_uncertainty
+from gsut.sfm.calibrate_dataset_page import write_page
+from gsut.sfm.lens_refinement import RefinedLens, refine_lens
+from gsut.sfm.options import PosesOptions
+from gsut.sfm.output import TRANSFORMS, figures, write_dataset
+from gsut.sfm.report import REPORT, write_report
+from gsut.sfm.stages import write_atomically
 
 _REPORT_JSON = "report.json"
 _UNCERTAIN_PX = 1.0  # standard deviation at the rim above which a note is made
 _SUFFIXES = (".cameramodel", ".yaml", ".yml", ".json")
 
 
-def calibrate_from_dataset(arguments: argparse.Namespace) -> Path:
-    """Refines and writes everything; returns the file of the lens.
+@dataclasses.dataclass(frozen=True)
+class DatasetCalibration:
+    """What was written: `lens`, the file of the lens, and a `summary` for people, in lines."""
+
+    lens: Path
+    summary: list[str]
+
+
+def calibrate_from_dataset(
+    data: str | os.PathLike[str],
+    out: Path,
+    on_progress: Callable[..., None] = lambda *_: None,
+    on_note: Callable[[str], None] = lambda text: None,
+) -> DatasetCalibration:
+    """Refines the lens and the poses of a dataset together and writes everything.
 
     Beside the lens file: report.json, report.html and the folder NAME-dataset with the refined
     poses. A Kannala-Brandt lens, which mrcal does not have, goes to NAME.yaml where a .cameramodel
-    was asked for; the caller adds the nearest splined lens.
+    was asked for; the caller adds the nearest splined lens. Any other lens that the form asked for
+    does not have goes to NAME.lens.json.
+
+    Args:
+        data: the dataset; its lens and poses are roughly right.
+        out: the lens file.
+        on_progress: called with stage, number done, total and words.
+        on_note: told of what the user should know.
 
     Raises:
         InputError: wrong arguments or data, one sentence. SolveError: nothing to be trusted.
     """
-    out, data = Path(arguments.out), Path(arguments.from_dataset)
-    _check(arguments, out)
-    check_lenses(list({frame.camera for frame in read_dataset(data).frames}))
+    data = Path(data)
+    _check_file(out)
     started = time.perf_counter()
     notes: list[str] = []
-    with StageBars(enabled=not arguments.quiet) as bars:
 
-        def note(text: str) -> None:
-            notes.append(text)
-            bars.note(text)
+    def note(text: str) -> None:
+        notes.append(text)
+        on_note(text)
 
-        found = refine_lens(data, PosesOptions(), bars.show, note)
+    found = refine_lens(data, PosesOptions(), on_progress, note)
     camera = found.camera.with_valid_field_angle(found.reach)
     pixels = grid_pixels(camera.width, camera.height)
     sigma = found.covariance.projection_sigma(camera, pixels.reshape(-1, 2))
@@ -73,26 +84,23 @@ def calibrate_from_dataset(arguments: argparse.Namespace) -> Path:
     values = _report(found, camera, sigma, file, folder, notes, seconds)
     write_atomically(out.parent / _REPORT_JSON, (json.dumps(values, indent=2) + "\n").encode())
     page = write_page(out.parent, found, camera, sigma, values)
-    if not arguments.quiet:
-        print(
-            f"{camera.model}: {values['images']} images, {values['points']} points, RMS "
-            f"{values['rms_2d_px']:.3f} px 2-D; held-out sights "
-            f"{values['held_out_before_px']:.3f} -> {values['held_out_after_px']:.3f} px; seen to "
-            f"{values['valid_angle_degrees']:.1f} degrees"
-        )
-        names = camera.param_names.split()
-        for name, row in zip(names, values["params"], strict=False):
-            print(f"  {name} {row['before']:.8g} -> {row['after']:.8g} +- {row['sigma']:.2g}")
-        print(f"poses: {folder / TRANSFORMS}")
-        print(f"report: {page}")
-    return file
+    names = camera.param_names.split()
+    summary = [
+        f"{camera.model}: {values['images']} images, {values['points']} points, RMS "
+        f"{values['rms_2d_px']:.3f} px 2-D; held-out sights "
+        f"{values['held_out_before_px']:.3f} -> {values['held_out_after_px']:.3f} px; seen to "
+        f"{values['valid_angle_degrees']:.1f} degrees",
+        *(
+            f"  {name} {row['before']:.8g} -> {row['after']:.8g} +- {row['sigma']:.2g}"
+            for name, row in zip(names, values["params"], strict=False)
+        ),
+        f"poses: {folder / TRANSFORMS}",
+        f"report: {page}",
+    ]
+    return DatasetCalibration(file, summary)
 
 
-def _check(arguments: argparse.Namespace, out: Path) -> None:
-    given = [name for name in ("board", "spacing", "rig") if getattr(arguments, name)]
-    if arguments.images or given:
-        what = f"--{given[0]}" if given else "photographs of a board"
-        raise InputError(f"--from-dataset needs no board; leave out {what}")
+def _check_file(out: Path) -> None:
     if out.suffix.lower() not in _SUFFIXES:
         raise InputError(
             f"{out}: the lens' file name must end in {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}"
@@ -105,7 +113,11 @@ def _write_lens(camera: Camera, sigma: np.ndarray, out: Path) -> Path:
     exact = out
     if out.suffix.lower() == ".cameramodel" and camera.model == "kannala_brandt":
         exact = out.with_suffix(".yaml")
-    camera.save(exact, "opencv" if exact.suffix.lower() != ".cameramodel" else "mrcal")
+    try:
+        camera.save(exact, "opencv" if exact.suffix.lower() != ".cameramodel" else "mrcal")
+    except InputError:  # the form that was asked for has no such lens
+        exact = out.with_suffix(OWN_SUFFIX)
+        camera.save(exact)
     save_uncertainty(exact, sigma)
     return exact
 

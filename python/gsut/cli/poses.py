@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
-import json
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
+from gsut.cli._flags import add_json, add_quiet, print_json
 from gsut.run import StageBars, add_option_flags, given_options
 from gsut.sfm import PosesOptions
 
@@ -18,8 +18,14 @@ if TYPE_CHECKING:
     from gsut.sfm import PosesResult
 
 
-def add_poses_flags(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `gsut poses`."""
+HELP = "camera poses and points of photographs, without COLMAP"
+DESCRIPTION = (
+    "Finds where photographs were taken, through any lens, and points that they see; writes a "
+    "dataset that `gsut train` reads."
+)
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "images",
         metavar="IMAGES",
@@ -70,13 +76,12 @@ def add_poses_flags(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="adjust the cameras' poses on the rig too; its size is kept: it sets the scale",
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress bars, no summary")
-    parser.add_argument("--json", action="store_true", help="print poses.json without the views")
+    add_quiet(parser)
+    add_json(parser)
     add_option_flags(parser, PosesOptions)
 
 
-def poses(arguments: argparse.Namespace) -> int:
-    """`gsut poses IMAGES -o DATA`."""
+def run(arguments: argparse.Namespace) -> int:
     if arguments.camera and arguments.unknown_lens:
         raise InputError("--unknown-lens contradicts --camera; give one of them")
     options = PosesOptions(**given_options(PosesOptions, arguments))
@@ -106,7 +111,7 @@ def poses(arguments: argparse.Namespace) -> int:
     )
     figures = result.figures
     if arguments.json:
-        print(json.dumps({k: v for k, v in figures.items() if k != "views"}, indent=2))
+        print_json({key: value for key, value in figures.items() if key != "views"})
     elif not arguments.quiet:
         error = figures["reprojection_error_px"]
         print(

@@ -1,0 +1,33 @@
+"""Flags that mean the same in every command, in the same words."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--json", action="store_true", help="print the figures as JSON instead of the summary"
+    )
+
+
+def add_quiet(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
+
+
+def add_run(parser: argparse.ArgumentParser) -> None:
+    """A finished run as the first argument, and where its dataset is now."""
+    parser.add_argument("folder", metavar="RUN", help="folder of the run")
+    add_moved_data(parser)
+
+
+def add_moved_data(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--data", metavar="DATA", help="the dataset, if it is not where training read it"
+    )
+
+
+def print_json(figures: Any) -> None:
+    print(json.dumps(figures, indent=2))

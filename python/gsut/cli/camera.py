@@ -1,0 +1,96 @@
+"""`gsut camera convert`: fits one lens model by another and tells the error by field angle."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+
+from gsut._core import InputError
+from gsut.cli._flags import add_json, print_json
+
+HELP = "convert a lens into another model"
+DESCRIPTION = "Works on lens files."
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    convert = actions.add_parser(
+        "convert",
+        help="fit one lens model by another",
+        description="Fits a lens of MODEL to the lens in LENS over its whole image, prints the "
+        "worst error by field angle, and writes the result.",
+    )
+    convert.add_argument("lens", metavar="LENS", help="lens file")
+    convert.add_argument("model", metavar="MODEL", help="model to fit, such as opencv8")
+    convert.add_argument("-o", "--out", metavar="FILE", help="lens file to write; see Camera.save")
+    convert.add_argument("--camera-id", metavar="ID", help="which camera of LENS")
+    convert.add_argument(
+        "--max-angle",
+        type=float,
+        metavar="DEGREES",
+        help="leave out what is farther from the axis [default: the whole image]",
+    )
+    convert.add_argument(
+        "--num-params",
+        type=int,
+        metavar="N",
+        help="of a lens with any number of coefficients [default: four coefficients]",
+    )
+    convert.add_argument(
+        "--order", type=int, metavar="2|3", help="of splined_stereographic [default: 3]"
+    )
+    convert.add_argument(
+        "--control-points",
+        type=int,
+        nargs="+",
+        metavar="N",
+        help="of splined_stereographic: NX, or NX NY [default: 16, NY at the same pitch]",
+    )
+    convert.add_argument(
+        "--distance",
+        type=float,
+        metavar="UNITS",
+        help="where both lenses are to agree, if the rays of one do not meet [default: far away]",
+    )
+    add_json(convert)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from gsut.lens import SplineGrid, convert_camera, format_conversion, load_camera
+
+    camera = load_camera(arguments.lens, camera_id=arguments.camera_id)
+    limit = None if arguments.max_angle is None else math.radians(arguments.max_angle)
+    grid = None
+    if arguments.order is not None or arguments.control_points is not None:
+        if arguments.model != "splined_stereographic":
+            raise InputError("--order and --control-points are of splined_stereographic only")
+        counts = arguments.control_points or [SplineGrid.columns]
+        if len(counts) > 2:
+            raise InputError(f"--control-points takes NX or NX NY, found {len(counts)} numbers")
+        order = SplineGrid.order if arguments.order is None else arguments.order
+        grid = SplineGrid(order, counts[0], counts[1] if len(counts) > 1 else None)
+    conversion = convert_camera(
+        camera,
+        arguments.model,
+        limit,
+        arguments.num_params,
+        grid=grid,
+        distance=arguments.distance,
+    )
+    if arguments.out is not None:
+        conversion.camera.save(arguments.out)
+    if arguments.json:
+        lens = conversion.camera
+        print_json({
+            "model": lens.model, "params": list(map(float, lens.params)),
+            "width": lens.width, "height": lens.height,
+            "rms": conversion.rms, "worst": conversion.worst,
+            "rings": [dataclasses.asdict(ring) for ring in conversion.rings],
+        })  # fmt: skip
+        return 0
+    print(f"{camera.model} -> {conversion.camera.model}, {camera.width} x {camera.height}")
+    print(format_conversion(conversion))
+    if arguments.out is not None:
+        print(f"wrote {arguments.out}")
+    return 0

@@ -1,0 +1,120 @@
+"""`gsut demo`: makes a small fisheye scene with known truth, trains on it, shows the report."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import webbrowser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut.cli._flags import add_json, print_json
+from gsut.cli.train import print_figures, train_into
+from gsut.run import OPTIONS, REPORT, RunFolder, TrainOptions
+
+HELP = "make a small fisheye scene, train on it, show the report"
+DESCRIPTION = (
+    "Makes a small fisheye scene with known truth, trains on it and opens the report. Uses nothing "
+    "but this machine."
+)
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "-o", "--out", metavar="FOLDER", default="demo", help="folder for all of it [default demo]"
+    )
+    parser.add_argument(
+        "--steps", type=int, metavar="N", default=1000, help="training steps [default 1000]"
+    )
+    parser.add_argument(
+        "--rig",
+        action="store_true",
+        help="two fisheyes on one body instead: finds their poses with `gsut poses --rig`, tells "
+        "their errors against the truth, the scale's too, and trains on them",
+    )
+    parser.add_argument(
+        "--no-open", action="store_true", help="do not open the report in a browser"
+    )
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from gsut.demo import make_demo_scene
+
+    options = TrainOptions(preset="fast", steps=arguments.steps)
+    folder = Path(arguments.out)
+    poses: dict[str, Any] = {}
+    if arguments.rig:
+        data = folder / "rig_poses"
+        poses = {"poses": _rig_poses(folder / "rig_hall", data)}
+    else:
+        data = folder / "fisheye_hall"
+        if not data.is_dir():
+            print(f"making a fisheye scene in {data}", file=sys.stderr)
+            make_demo_scene(data)
+    run, resume = _free_run(folder, options, "rig_run" if arguments.rig else "run")
+    metrics = train_into(run, str(data), options, resume, quiet=False)
+    report = run.path / REPORT
+    if arguments.json:
+        print_json(metrics | poses)
+    else:
+        if poses:
+            print(_pose_text(poses["poses"], data))
+        print_figures(metrics)
+        print(f"report: {report}")
+    if not arguments.no_open and _has_display():
+        webbrowser.open(report.resolve().as_uri())
+    return 0
+
+
+def _rig_poses(truth: Path, found: Path) -> dict[str, Any]:
+    """Makes the demo's rig and finds its poses; returns their errors."""
+    from gsut.cli.poses import estimate_with_bars
+    from gsut.demo import make_demo_rig
+    from gsut.sfm import errors_against, is_finished
+
+    if not truth.is_dir():
+        print(f"making a scene of two fisheyes on one body in {truth}", file=sys.stderr)
+        make_demo_rig(truth)
+    if not is_finished(found):
+        estimate_with_bars(truth / "images", found, rig=truth / "rig.json")
+    errors = errors_against(truth, found)
+    return {
+        "images": errors.images,
+        "scale_error_percent": errors.scale_error_percent,
+        "metric_ate": errors.metric_ate,
+        "extent": errors.extent,
+        "rotation_median_degrees": float(np.median(errors.rotation_degrees)),
+    }
+
+
+def _pose_text(errors: dict[str, Any], found: Path) -> str:
+    return (
+        f"poses of {errors['images']} images against the truth: lengths off by "
+        f"{errors['scale_error_percent']:+.2f} %, centres by {errors['metric_ate']:.4f} m of "
+        f"{errors['extent']:.1f} m (rms), turns by {errors['rotation_median_degrees']:.3f} degrees "
+        f"(median); report: {found / REPORT}"
+    )
+
+
+def _free_run(folder: Path, options: TrainOptions, name: str = "run") -> tuple[RunFolder, bool]:
+    """The first of NAME, NAME-2, NAME-3 ... that is free, or unfinished with the same options."""
+    number = 1
+    while True:
+        run = RunFolder(folder / (name if number == 1 else f"{name}-{number}"))
+        if not run.holds_run():
+            return run, False
+        unfinished = not (run.path / REPORT).is_file() and (run.path / OPTIONS).is_file()
+        if unfinished and run.read_options() == options.resolved():
+            return run, True
+        number += 1
+
+
+def _has_display() -> bool:
+    """Whether a browser could be seen."""
+    if sys.platform in ("win32", "darwin"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -1,0 +1,30 @@
+"""`gsut doctor`: what is wrong with a dataset, in words."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+
+from gsut.cli._flags import add_json, print_json
+
+HELP = "what is wrong with a dataset, in words"
+DESCRIPTION = (
+    "Looks for everything in a dataset that would stop or spoil training. The exit status is 2 if "
+    "training cannot start."
+)
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("data", metavar="DATA", help="the dataset")
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from gsut.data import diagnose, findings_text
+
+    findings = diagnose(arguments.data)
+    if arguments.json:
+        print_json([dataclasses.asdict(finding) for finding in findings])
+    else:
+        print(findings_text(findings))
+    return 2 if any(finding.severity == "error" for finding in findings) else 0

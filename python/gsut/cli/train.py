@@ -1,0 +1,108 @@
+"""`gsut train`: photographs with poses in, a trained scene and its report out."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import shlex
+import sys
+from typing import Any
+
+from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.run import (
+    METRICS,
+    OPTIONS,
+    REPORT,
+    RunFolder,
+    TrainOptions,
+    add_option_flags,
+    given_options,
+)
+
+HELP = "train a scene on photographs"
+DESCRIPTION = (
+    "Trains a scene on photographs and writes scene.ply, metrics.json, report.html and a "
+    "checkpoint to RUN."
+)
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "data",
+        metavar="DATA",
+        help="COLMAP or nerfstudio dataset, or a folder of images with a lens file and poses",
+    )
+    parser.add_argument("-o", "--out", metavar="RUN", required=True, help="folder of the run")
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with the run in RUN from its last checkpoint, with its own options; the result "
+        "has the same bits as an unbroken run",
+    )
+    add_quiet(parser)
+    add_json(parser)
+    add_option_flags(parser, TrainOptions)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    run = RunFolder(arguments.out)
+    given = given_options(TrainOptions, arguments)
+    if arguments.resume and (run.path / OPTIONS).is_file():
+        options = dataclasses.replace(run.read_options(), **given)
+    else:
+        options = TrainOptions(**given)
+        if not arguments.resume:
+            run.refuse_run()  # before the data is read: that may take a while
+    metrics = train_into(run, arguments.data, options, arguments.resume, arguments.quiet)
+    if arguments.json:
+        print_json(metrics)
+    elif not arguments.quiet:
+        print_figures(metrics)
+        print(f"report: {run.path / REPORT}")
+    return 0
+
+
+def train_into(
+    run: RunFolder, data: str, options: TrainOptions, resume: bool, quiet: bool
+) -> dict[str, Any]:
+    """Loads, trains, and returns the content of metrics.json."""
+    import gsut
+
+    scene = gsut.load_dataset(data, test_every=options.test_every, test_names=options.test_names)
+    if not quiet:
+        for note in scene.notes:
+            print(f"gsut: note: {note}", file=sys.stderr)
+    try:
+        gsut.train(scene, options, out=run.path, resume=resume, progress=not quiet)
+    except KeyboardInterrupt:
+        again = shlex.join(["gsut", "train", data, "-o", str(run.path), "--resume"])
+        raise KeyboardInterrupt(
+            f"stopped; this goes on from the last checkpoint: {again}"
+        ) from None
+    return run.read_json(METRICS)
+
+
+def print_figures(figures: dict[str, Any]) -> None:
+    """The headline figures and the rings, for people."""
+    from gsut.evaluate import ring_text
+
+    if figures.get("psnr") is None:
+        print("no held-out view, hence no PSNR")
+    else:
+        print(
+            f"PSNR {figures['psnr']:.2f} dB (worst {figures['psnr_min']:.2f} dB, "
+            f"{figures['worst_view']}; colour-corrected {figures['psnr_color_corrected']:.2f} dB), "
+            f"SSIM {figures['ssim']:.4f}"
+        )
+        rings = [
+            f"{ring_text(ring)} {ring['psnr']:.2f}"
+            for ring in figures["rings"]
+            if ring["psnr"] is not None
+        ]
+        print(f"PSNR by field angle: {', '.join(rings)} dB")
+    text = f"{figures['num_gaussians']:,} Gaussians"
+    if figures.get("train_seconds") is not None:
+        text += f", {figures['steps']} steps in {figures['train_seconds']:.1f} s"
+    if figures.get("render_ms") is not None:
+        text += f", {figures['render_ms']:.1f} ms a view"
+    print(text)

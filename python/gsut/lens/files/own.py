@@ -1,0 +1,69 @@
+"""gsut's own lens file: a JSON object of model, params and size, for every lens there is."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from gsut.lens.camera import Camera
+from gsut.lens.files.values import LensValues
+
+_OPTIONAL = ("valid_field_angle", "extrinsics", "valid_region")
+
+
+def is_own(values: dict[str, Any]) -> bool:
+    """Whether the keys are those of gsut's own form."""
+    return "model" in values and "params" in values
+
+
+def camera_values(camera: Camera) -> dict[str, Any]:
+    """What JSON holds of a camera, exactly: `camera_from_values` gives it back."""
+    values: dict[str, Any] = {
+        "model": camera.model,
+        "params": [float(value) for value in camera.params],
+        "width": camera.width,
+        "height": camera.height,
+        "valid_field_angle": camera.valid_field_angle,
+    }
+    for key in ("extrinsics", "valid_region"):
+        array = getattr(camera, key)
+        if array is not None:
+            values[key] = array.tolist()
+    return values
+
+
+def camera_from_values(values: dict[str, Any], source: str = "", text: str = "") -> Camera:
+    """The camera of `camera_values`.
+
+    Args:
+        values: model (see `camera_models`), params in its order, width, height; if known
+            valid_field_angle in radians, extrinsics (6 numbers) and valid_region (pixel pairs).
+        source: the file's name, for messages.
+        text: the file's text, to name lines in messages.
+
+    Raises:
+        CalibrationError: a key is missing or no finite number, or the lens is unknown.
+    """
+    reader = LensValues(values, source, text)
+    model = str(values[reader.need("model")])
+    size = reader.pixels(reader.need("width")), reader.pixels(reader.need("height"))
+    known = {key for key in _OPTIONAL if values.get(key) is not None}
+    limit = reader.number("valid_field_angle") if "valid_field_angle" in known else None
+    camera = reader.camera(model, reader.numbers(reader.need("params")), *size, limit)
+    if not known - {"valid_field_angle"}:
+        return camera
+    extrinsics = reader.numbers("extrinsics", 6) if "extrinsics" in known else None
+    region = reader.numbers("valid_region") if "valid_region" in known else None
+    if region is not None and len(region) % 2:
+        reader.fail("valid_region", f"expected pairs of pixels, found {len(region)} numbers")
+    pairs = None if region is None else [region[i : i + 2] for i in range(0, len(region), 2)]
+    return Camera(
+        model, camera.params, *size, valid_field_angle=limit, extrinsics=extrinsics,
+        valid_region=pairs,
+    )  # fmt: skip
+
+
+def format_own(camera: Camera) -> str:
+    """The text of a lens file; `param_names` says what the numbers are and is not read."""
+    values = camera_values(camera)
+    return json.dumps({**values, "param_names": camera.param_names}, indent=1) + "\n"
