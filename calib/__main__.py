@@ -10,6 +10,7 @@ import cv2
 from calib.calibrate import calibrate
 from calib.errors import BoardError, SolveError
 from calib.job import read_job
+from gsut import InputError
 
 _EXIT_INPUT, _EXIT_INTERRUPTED = 2, 130
 
@@ -25,7 +26,7 @@ def main() -> int:
     try:
         job = read_job(Path(sys.argv[1]))
         result = calibrate(job)
-    except (BoardError, SolveError) as error:
+    except (BoardError, SolveError, InputError) as error:
         print(f"gsut: error: {' '.join(str(error).split())}", file=sys.stderr)
         return _EXIT_INPUT
     except OSError as error:

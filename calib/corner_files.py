@@ -11,6 +11,7 @@ import numpy as np
 from calib.board import Board, Photograph
 from calib.errors import BoardError
 from calib.images import read_grey
+from gsut.files import write_file
 
 LEGEND = "# filename x y level"
 _LEVEL = "0"  # found at the image's full size
@@ -36,7 +37,7 @@ def write_vnl(
             lines.append(f"{name} - - -")
             continue
         lines += [f"{name} {x:.5f} {y:.5f} {_LEVEL}" for x, y in photograph.corners]
-    path.write_text("\n".join(lines) + "\n")
+    write_file(path, "\n".join(lines) + "\n")
 
 
 def read_vnl(path: Path, board: Board) -> dict[str, np.ndarray]:
@@ -91,5 +92,5 @@ def write_board_picture(
     path = folder / f"{photograph.camera}-{photograph.path.stem}.jpg"
     image = draw_board(photograph, board, outliers)
     _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    path.write_bytes(data.tobytes())
+    write_file(path, data.tobytes())
     return path

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Sequence
 
@@ -12,6 +11,7 @@ import numpy as np
 from calib.board import Board, Photograph
 from calib.errors import BoardError
 from calib.images import read_grey
+from gsut.run import Progress
 
 FEWEST_BOARDS = 4  # a lens with 8 coefficients needs 3 tilted boards; one more to see a mistake
 _LARGEST_WINDOW = 5  # half-side in pixels of cornerSubPix: 11 x 11 pixels
@@ -35,7 +35,7 @@ def find_boards(photographs: Sequence[Photograph], board: Board, progress: bool 
             image of a camera, too few boards, or a board of another size.
     """
     first: dict[str, Photograph] = {}
-    for photograph in _with_bar(photographs, progress):
+    for photograph in Progress(progress).through("boards", photographs):
         image = read_grey(photograph.path)
         photograph.height, photograph.width = image.shape
         reference = first.setdefault(photograph.camera, photograph)
@@ -268,16 +268,3 @@ def _refuse_part_of_a_board(photograph: Photograph, board: Board) -> None:
             f"wrong board size: {photograph.path} shows {seen[0]} x {seen[1]} inner corners, not "
             f"{board}; give --board {seen[0]}x{seen[1]}"
         )
-
-
-def _with_bar(photographs: Sequence[Photograph], progress: bool):
-    from tqdm import tqdm
-
-    return tqdm(
-        photographs,
-        desc="finding corners",
-        unit="image",
-        file=sys.stderr,
-        disable=not progress,
-        dynamic_ncols=True,
-    )

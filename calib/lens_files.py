@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from calib.rigid import inverse
 from calib.solution import CameraSolution
 from calib.splined_fit import splined_like
 from calib.trust import Trust, trusted_outline
+from gsut.files import write_file
 
 SUFFIXES = (".cameramodel", ".yaml", ".yml", ".json")
 # Keys that mrcal does not know and skips; its C reader takes numbers and lists of them only.
@@ -72,7 +72,7 @@ def write_lens(path: Path, camera: CameraSolution, trust: Trust, origin: str) ->
     values[SIGMA_KEY] = _map(trust.sigma)
     lines = [f"# {line}" for line in origin.splitlines()]
     lines += ["{", *(f"    {key!r}: {value!r}," for key, value in values.items()), "}"]
-    write_text(path, "\n".join(lines) + "\n")
+    write_file(path, "\n".join(lines) + "\n")
     return notes
 
 
@@ -89,11 +89,9 @@ def _write_opencv(path: Path, camera: CameraSolution, trust: Trust) -> list[str]
     if camera.lens == "splined":
         raise BoardError(f"{path}: OpenCV has no splined lens; give -o a .cameramodel file")
     lens = gsut_camera(camera).with_valid_field_angle(trust.valid_angle)
-    temporary = path.with_name(f".writing-{os.getpid()}-{path.name}")
-    lens.save(temporary, "opencv")
-    os.replace(temporary, path)
+    lens.save(path, "opencv")
     side = path.with_suffix(".uncertainty.json")
-    write_text(side, json.dumps({SIGMA_KEY: _map(trust.sigma)}) + "\n")
+    write_file(side, json.dumps({SIGMA_KEY: _map(trust.sigma)}) + "\n")
     return [f"{side.name} holds the uncertainty of {path.name}"]
 
 
@@ -102,13 +100,6 @@ def _map(sigma: np.ndarray) -> list[list[float]]:
         [round(float(value), _DIGITS) if np.isfinite(value) else NO_SIGMA for value in row]
         for row in sigma
     ]
-
-
-def write_text(path: Path, text: str) -> None:
-    """Under a temporary name in the same folder, then renamed."""
-    temporary = path.with_name(f".writing-{os.getpid()}-{path.name}")
-    temporary.write_text(text, encoding="utf-8")
-    os.replace(temporary, path)
 
 
 def baseline(camera: CameraSolution) -> float:

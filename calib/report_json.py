@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calib.halves import AGREEMENT_DEGREES
-from calib.lens_files import baseline, write_text
+from calib.lens_files import baseline
 from calib.solution import CameraSolution
 from calib.trust import TRUSTED_SIGMA_PX
+from gsut.files import write_file
 
 if TYPE_CHECKING:
     from calib.calibrate import Result
@@ -168,7 +169,7 @@ def _rms(residuals: np.ndarray) -> float | None:
 def write_report_json(folder: Path, values: dict[str, Any]) -> Path:
     """Writes FOLDER/report.json; numbers that are not finite become null."""
     path = folder / REPORT_JSON
-    write_text(path, json.dumps(_plain(values), indent=2) + "\n")
+    write_file(path, json.dumps(_plain(values), indent=2) + "\n")
     return path
 
 

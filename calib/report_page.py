@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from calib.lens_files import write_text
 from calib.report_json import report_values
 from calib.report_plots import (
     angle_picture,
@@ -18,6 +17,7 @@ from calib.report_plots import (
     residual_picture,
     uncertainty_picture,
 )
+from gsut.files import write_file
 
 if TYPE_CHECKING:
     from calib.calibrate import Result
@@ -41,7 +41,7 @@ def write_report_page(folder: Path, result: Result) -> Path:
         name=result.job.out.name,
     )
     path = folder / REPORT_PAGE
-    write_text(path, page)
+    write_file(path, page)
     return path
 
 

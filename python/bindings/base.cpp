@@ -10,12 +10,42 @@ namespace gsut::bindings {
 
 void BindBase(pybind11::module_& m) {
   m.def("set_num_threads", &SetNumThreads, pybind11::arg("num_threads"),
-        "Sets the number of threads of all parallel loops; 0 means all processors.");
-  m.def("num_threads", &NumThreads, "The number of threads of all parallel loops.");
-  m.def("active_isa", &ActiveIsa, "Name of the vector instruction set in use.");
-  m.def("available_isas", &AvailableIsas, "Instruction sets this build and processor offer.");
-  m.def("set_isa", &SetIsa, pybind11::arg("name"),
-        "Forces an instruction set by name; an empty name goes back to the best one.");
+        R"doc(
+Sets the number of threads of all parallel loops. Results do not depend on it.
+
+Args:
+    num_threads: at least 1; 0: all processors.
+
+Raises:
+    InputError: a negative number.
+)doc");
+  m.def("num_threads", &NumThreads, R"doc(
+The number of threads of all parallel loops.
+
+Returns:
+    int, at least 1.
+)doc");
+  m.def("active_isa", &ActiveIsa, R"doc(
+Name of the vector instruction set in use.
+
+Returns:
+    One of `available_isas()`, such as "AVX3_SPR", "AVX2" or "NEON".
+)doc");
+  m.def("available_isas", &AvailableIsas, R"doc(
+The vector instruction sets that this build has and this processor offers.
+
+Returns:
+    Names, the best first; the last is plain C++.
+)doc");
+  m.def("set_isa", &SetIsa, pybind11::arg("name"), R"doc(
+Forces a vector instruction set, as the environment variable GSUT_ISA does at import.
+
+Args:
+    name: one of `available_isas()`; empty: back to the best one.
+
+Raises:
+    InputError: an unknown name; the known ones are listed.
+)doc");
 }
 
 }  // namespace gsut::bindings

@@ -163,8 +163,8 @@ Raises:
 )doc")
       .def(py::init(&MakeTarget), py::arg("image"), py::arg("mask") = py::none(),
            py::arg("window_rule") = "partial", py::arg("keep_statistics") = false)
-      .def_property_readonly("height", &PhotometricTarget::height)
-      .def_property_readonly("width", &PhotometricTarget::width)
+      .def_property_readonly("height", &PhotometricTarget::height, "Rows of the image.")
+      .def_property_readonly("width", &PhotometricTarget::width, "Columns of the image.")
       .def_property_readonly("pixels", &PhotometricTarget::pixels,
                              "Number of unmasked pixels: L1 is averaged over them.")
       .def_property_readonly("ssim_pixels", &PhotometricTarget::ssim_pixels,

@@ -13,7 +13,14 @@ PYBIND11_MODULE(_core, m) {
       pybind11::register_exception<gsut::InputError>(m, "InputError", PyExc_ValueError);
   static const auto calibration_error = pybind11::register_exception<gsut::CalibrationError>(
       m, "CalibrationError", input_error.ptr());
-  pybind11::register_exception<gsut::SolveError>(m, "SolveError", PyExc_RuntimeError);
+  const auto& solve_error =
+      pybind11::register_exception<gsut::SolveError>(m, "SolveError", PyExc_RuntimeError);
+  input_error.attr("__doc__") =
+      "An argument, option or dataset is wrong; the message says which, what was found, what to "
+      "do.";
+  calibration_error.attr("__doc__") =
+      "A lens file cannot be used; the message names file, line where known, and key.";
+  solve_error.attr("__doc__") = "A solver found nothing; the message carries its summary.";
   gsut::ActiveIsa();  // applies GSUT_ISA now, so that an unknown name fails at import
   BindBase(m);
   BindCameras(m);

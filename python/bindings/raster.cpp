@@ -347,22 +347,39 @@ py::array_t<double> BackwardLines(const py::object& gaussians, const py::object&
 }  // namespace
 
 void BindRaster(py::module_& m) {
-  py::class_<BlendRule>(m, "BlendRule",
-                        "How Gaussians along a ray become a pixel; see the fields' names.")
+  py::class_<BlendRule>(m, "BlendRule", R"doc(
+How the Gaussians along a ray become a pixel; its fields can be set.
+
+In the rule's order, alpha = min(alpha_max, opacity x response) and weight = alpha x T, where T, the
+transmittance, starts at 1 and is multiplied by 1 - alpha.
+
+Args:
+    parity: "": gsut's own rule. "gsplat", "3dgrut": the rules of these, which order by camera z.
+
+Raises:
+    InputError: an unknown parity; the known ones are listed. Rendering raises it for a field that
+        is out of range.
+)doc")
       .def(py::init([](const std::string& parity) { return BlendRule::Named(parity); }),
            py::arg("parity") = "")
-      .def_readwrite("alpha_min", &BlendRule::alpha_min)
-      .def_readwrite("alpha_max", &BlendRule::alpha_max)
-      .def_readwrite("response_min", &BlendRule::response_min)
-      .def_readwrite("transmittance_min", &BlendRule::transmittance_min)
-      .def_readwrite("stop_before", &BlendRule::stop_before)
-      .def_readwrite("near_z", &BlendRule::near_z)
-      .def_readwrite("far_z", &BlendRule::far_z)
+      .def_readwrite("alpha_min", &BlendRule::alpha_min,
+                     "Below it a Gaussian is not drawn; in [1e-37, 1).")
+      .def_readwrite("alpha_max", &BlendRule::alpha_max,
+                     "The most that a Gaussian covers; in (0, 1).")
+      .def_readwrite("response_min", &BlendRule::response_min,
+                     "Below it a Gaussian is not drawn; in [0, 1).")
+      .def_readwrite("transmittance_min", &BlendRule::transmittance_min,
+                     "Where blending stops; in [0, 1).")
+      .def_readwrite("stop_before", &BlendRule::stop_before,
+                     "Whether the Gaussian that would reach transmittance_min is left out.")
+      .def_readwrite("near_z", &BlendRule::near_z, "Centres with a smaller camera z are not drawn.")
+      .def_readwrite("far_z", &BlendRule::far_z, "Centres with a larger camera z are not drawn.")
       .def_property(
           "order_by_z", [](const BlendRule& rule) { return rule.order == OrderKey::kDepthZ; },
           [](BlendRule& rule, bool by_z) {
             rule.order = by_z ? OrderKey::kDepthZ : OrderKey::kDistance;
-          });
+          },
+          "Whether Gaussians are ordered by camera z in place of distance.");
   py::class_<BoundRenderer>(m, "Renderer", "The tiled float renderer with its buffers.")
       .def(py::init<>())
       .def("render", &BoundRenderer::Render, py::arg("gaussians"), py::arg("camera"),

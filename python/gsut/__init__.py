@@ -1,10 +1,18 @@
-"""gsut: 3D Gaussian splatting for any real lens, without a GPU."""
+"""gsut: 3D Gaussian splatting for photographs from any real lens, without a GPU.
+
+By task: `load_dataset`, `load_camera`, `diagnose` read; `estimate_poses`, `refine_pose`,
+`localize_image` find poses; `train` trains, and `render`, `photometric_loss`, `render_backward` and
+`GaussianOptimizer` make a training loop of your own; `render`, `project`, `orbit_path`,
+`write_video` draw; `evaluate`, `psnr`, `ssim` judge; `compact` reduces; `save_ply` and
+`Camera.save` write. docs/api.md lists all of it.
+"""
 
 from gsut._core import (
     BlendRule,
     CalibrationError,
     CameraMotion,
     InputError,
+    PhotometricTarget,
     Shutter,
     SolveError,
     __version__,
@@ -12,11 +20,12 @@ from gsut._core import (
     available_isas,
     exp_pose,
     num_threads,
+    photometric_loss,
     set_isa,
     set_num_threads,
 )
-from gsut.compact import compact, seen_views
-from gsut.data import Scene, View, load_dataset
+from gsut.compact import Compaction, SeenView, compact, seen_views
+from gsut.data import DatasetError, Finding, Scene, View, diagnose, load_dataset
 from gsut.evaluate import evaluate
 from gsut.formats import load_ply, save_ply
 from gsut.gaussians import (
@@ -27,56 +36,121 @@ from gsut.gaussians import (
     seed_from_points,
     seed_in_view,
 )
-from gsut.lens import Camera, camera_models, load_camera
-from gsut.refine import RefinedPose, refine_pose
+from gsut.lens import (
+    Camera,
+    Conversion,
+    SplineGrid,
+    camera_models,
+    convert_camera,
+    load_camera,
+)
+from gsut.optimize import GaussianOptimizer, LearningRates, learning_rates
+from gsut.refine import Localized, RefinedPose, localize_image, refine_pose
 from gsut.render import METHODS as PROJECTION_METHODS
-from gsut.render import Gradients, Projection, Render, project, psnr, render, render_backward, ssim
+from gsut.render import (
+    Gradients,
+    Projection,
+    Render,
+    color_corrected_psnr,
+    orbit_path,
+    project,
+    psnr,
+    render,
+    render_backward,
+    ring_psnr,
+    smooth_path,
+    ssim,
+    to_uint8,
+    weighted_psnr,
+    write_png,
+    write_video,
+)
 from gsut.run import TrainOptions
+from gsut.sfm import PoseErrors, PosesOptions, PosesResult, compare_poses, estimate_poses
 from gsut.train import TrainResult, train
 
-__all__ = [
-    "PROJECTION_METHODS",
-    "BlendRule",
-    "CalibrationError",
-    "Camera",
-    "CameraMotion",
-    "Gaussians",
-    "Gradients",
-    "InputError",
-    "Projection",
-    "RefinedPose",
-    "Render",
+# By task: docs/api.md is made from this list and its comments, in this order.
+__all__ = [  # noqa: RUF022
+    # Load
+    "load_dataset",
     "Scene",
-    "Shutter",
-    "SolveError",
+    "View",
+    "diagnose",
+    "Finding",
+    "load_camera",
+    "Camera",
+    "camera_models",
+    "convert_camera",
+    "Conversion",
+    "SplineGrid",
+    # Find poses
+    "estimate_poses",
+    "PosesOptions",
+    "PosesResult",
+    "compare_poses",
+    "PoseErrors",
+    "refine_pose",
+    "RefinedPose",
+    "localize_image",
+    "Localized",
+    # Train
+    "train",
     "TrainOptions",
     "TrainResult",
-    "View",
-    "__version__",
-    "active_isa",
-    "available_isas",
-    "camera_models",
-    "compact",
-    "evaluate",
-    "exp_pose",
-    "filter_radii",
-    "load_camera",
-    "load_dataset",
-    "load_ply",
-    "low_pass",
-    "low_pass_backward",
-    "num_threads",
-    "project",
-    "psnr",
-    "refine_pose",
-    "render",
-    "render_backward",
-    "save_ply",
+    # Write a training loop
+    "Gaussians",
     "seed_from_points",
     "seed_in_view",
-    "seen_views",
-    "set_isa",
-    "set_num_threads",
+    "PhotometricTarget",
+    "photometric_loss",
+    "render_backward",
+    "Gradients",
+    "GaussianOptimizer",
+    "learning_rates",
+    "LearningRates",
+    "filter_radii",
+    "low_pass",
+    "low_pass_backward",
+    # Render
+    "render",
+    "Render",
+    "Shutter",
+    "CameraMotion",
+    "exp_pose",
+    "BlendRule",
+    "project",
+    "Projection",
+    "PROJECTION_METHODS",
+    "orbit_path",
+    "smooth_path",
+    "to_uint8",
+    "write_png",
+    "write_video",
+    # Judge
+    "evaluate",
+    "psnr",
     "ssim",
-    "train",
+    "ring_psnr",
+    "weighted_psnr",
+    "color_corrected_psnr",
+    # Compact
+    "compact",
+    "Compaction",
+    "seen_views",
+    "SeenView",
+    # Save
+    "save_ply",
+    "load_ply",
+    # Machine
+    "num_threads",
+    "set_num_threads",
+    "active_isa",
+    "available_isas",
+    "set_isa",
+    "__version__",
+    # Errors
+    "InputError",
+    "DatasetError",
+    "CalibrationError",
+    "SolveError",
 ]

@@ -12,7 +12,7 @@ from gsut._core import InputError
 from gsut.data import Scene, with_shutter
 from gsut.evaluate import run_metrics
 from gsut.gaussians import Gaussians
-from gsut.run import TrainingProgress, TrainOptions
+from gsut.run import Progress, TrainOptions
 from gsut.training import TrainingLoop, create_run, first_poses, judge, write_results
 
 # Held-out views that the curve of PSNR is measured on: a few, spread evenly.
@@ -35,6 +35,11 @@ class TrainResult:
     history: list[dict[str, Any]]
     scene: Scene
 
+    def __repr__(self) -> str:
+        psnr = self.metrics["psnr"]
+        judged = "" if psnr is None else f", {psnr:.2f} dB on {self.metrics['evaluated_on']}"
+        return f"TrainResult({self.gaussians}, {self.metrics['steps']} steps{judged})"
+
 
 def train(
     scene: Scene,
@@ -48,7 +53,7 @@ def train(
 
     Args:
         scene: from `load_dataset`.
-        options: see `TrainOptions`; None: the defaults.
+        options: every setting of the run; None: the defaults.
         out: run folder that gets scene.ply, metrics.json, report.html, checkpoints ...; None: no
             files.
         resume: go on from the checkpoint in `out`, to the same bits as an unbroken run.
@@ -79,11 +84,12 @@ def train(
         loop.load_state_dict(checkpoint[1])
     history = run.read_history() if run is not None else []
 
-    with TrainingProgress(o.steps, progress is True, loop.step) as bar:
+    with Progress(progress is True) as bar:
         while loop.step < o.steps:
             loss = loop.advance()
             row = loop.history_row(loss)
-            bar.update(loop.step, loss, len(loop.gaussians), row.get("psnr") if row else None)
+            psnr = row.get("psnr") if row else None
+            bar.show_step(loop.step, o.steps, loss, len(loop.gaussians), psnr)
             if row:
                 history.append(row)
                 if run is not None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import itertools
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +20,7 @@ from gsut.bench.report_rows import (
     write_csv,
     write_json,
 )
+from gsut.run import Progress
 
 
 def render(arguments: argparse.Namespace) -> int:
@@ -120,7 +123,7 @@ def train(arguments: argparse.Namespace) -> int:
         stage_rows,
         train_bench,
     )
-    from gsut.run import PRESETS, TrainingProgress
+    from gsut.run import PRESETS
 
     _check_files(arguments)
     options = TrainBenchOptions(
@@ -131,17 +134,13 @@ def train(arguments: argparse.Namespace) -> int:
         threads=arguments.threads,
         overrides={} if arguments.steps is None else {"steps": arguments.steps},
     )
-    bars: dict[str, TrainingProgress] = {}
+    with Progress() as bars:
 
-    def on_step(state: dict[str, Any]) -> None:
-        if state["preset"] not in bars:
-            bars[state["preset"]] = TrainingProgress(state["steps"])
-        bar = bars[state["preset"]]
-        bar.update(state["step"], state["loss"], state["num_gaussians"], state["psnr"])
-        if state["step"] == state["steps"]:
-            bar.close()
+        def on_step(state: dict[str, Any]) -> None:
+            numbers = state["loss"], state["num_gaussians"], state["psnr"]
+            bars.show_step(state["step"], state["steps"], *numbers)
 
-    rows = train_bench(options, on_step)
+        rows = train_bench(options, on_step)
     print(table_text([point for row in rows for point in row["curve"]], CURVE_COLUMNS))
     print()
     _print_and_write(rows, TRAIN_COLUMNS, arguments)
@@ -368,21 +367,7 @@ def _numbers(text: str | None, kind: Callable[[str], Any], flag: str) -> list[An
 
 @contextlib.contextmanager
 def _bar(total: int) -> Iterator[Callable[[str], None]]:
-    """A progress bar on standard error; gives the function that is told what begins."""
-    from tqdm import tqdm
-
-    with tqdm(total=total, disable=None, dynamic_ncols=True, bar_format=_BAR) as bar:
-        begun = 0
-
-        def advance(text: str) -> None:
-            nonlocal begun
-            bar.set_postfix_str(text, refresh=False)
-            bar.update(min(begun, 1))
-            bar.refresh()
-            begun += 1
-
-        yield advance
-        bar.update(total - bar.n)
-
-
-_BAR = "{percentage:3.0f}% {bar:20} {n_fmt}/{total_fmt}{postfix}"
+    """Progress on standard error; gives the function that is told what begins."""
+    begun = itertools.count()
+    with Progress(sys.stderr.isatty()) as bars:
+        yield lambda text: bars.show("measured", next(begun), total, text)

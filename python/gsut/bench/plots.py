@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.bench.report_rows import write_whole
 from gsut.compact import METHODS
+from gsut.files import write_file
 
 FORMATS = (".svg", ".png", ".pdf")
 _INK, _MUTED, _GRID = "#1d2733", "#6b7785", "#e3e8ee"
@@ -219,7 +219,7 @@ def _save(figure: Any, path: str | os.PathLike[str]) -> None:
     with matplotlib.rc_context({"svg.hashsalt": "gsut"}):
         metadata = {"Date": None} if kind == "svg" else None
         figure.savefig(buffer, format=kind, metadata=metadata, dpi=150)
-    write_whole(path, lambda file: file.write(buffer.getvalue()))
+    write_file(path, buffer.getvalue())
 
 
 def plot_basin(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import io
 import json
 import os
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from gsut._core import InputError
+from gsut.files import write_file
 
 # (heading, key, format) of the columns; a key of a dict within the row is written a.b.
 RENDER_COLUMNS = (
@@ -61,7 +60,7 @@ def _cell(value: Any, form: str) -> str:
 def write_json(path: str | os.PathLike[str], rows: Any) -> None:
     """The rows as a JSON file."""
     text = json.dumps(rows, indent=2, allow_nan=False) + "\n"
-    write_whole(path, lambda file: file.write(text.encode()))
+    write_file(path, text)
 
 
 def read_rows(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
@@ -92,7 +91,7 @@ def write_csv(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> N
     writer = csv.DictWriter(buffer, names, restval="", lineterminator="\n")
     writer.writeheader()
     writer.writerows(flat)
-    write_whole(path, lambda file: file.write(buffer.getvalue().encode()))
+    write_file(path, buffer.getvalue())
 
 
 def _flattened(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -103,27 +102,3 @@ def _flattened(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
         else:
             flat[prefix + key] = value
     return flat
-
-
-def write_whole(path: str | os.PathLike[str], write: Callable[[BinaryIO], Any]) -> None:
-    """Writes a file under a temporary name beside it and renames it: it appears whole or not.
-
-    Raises:
-        InputError: the folder is absent or cannot be written.
-    """
-    path = Path(path)
-    try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        try:
-            with open(handle, "wb") as file:
-                write(file)
-                file.flush()
-                os.fsync(file.fileno())
-            os.chmod(name, 0o644)
-            os.replace(name, path)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                os.unlink(name)
-            raise
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror or error}") from None

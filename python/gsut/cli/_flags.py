@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import json
 from typing import Any
+
+from gsut.files import json_text
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -30,4 +31,4 @@ def add_moved_data(parser: argparse.ArgumentParser) -> None:
 
 
 def print_json(figures: Any) -> None:
-    print(json.dumps(figures, indent=2))
+    print(json_text(figures))

@@ -18,7 +18,7 @@ from pathlib import Path
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, print_json
 from gsut.lens import OWN_SUFFIX
-from gsut.run import StageBars
+from gsut.run import Progress
 
 HELP = "photographs of a chessboard to a lens file"
 DESCRIPTION = (
@@ -151,7 +151,7 @@ def _from_dataset(arguments: argparse.Namespace) -> int:
     from gsut.sfm import calibrate_from_dataset
 
     out = Path(arguments.out)
-    with StageBars(not arguments.quiet) as bars:
+    with Progress(not arguments.quiet) as bars:
         done = calibrate_from_dataset(arguments.from_dataset, out, bars.show, bars.note)
     silent = arguments.quiet or arguments.json
     if not silent:
@@ -172,7 +172,7 @@ def _run_calib(module: str, *words: str, silent: bool) -> int:
         raise InputError(
             "calib/ is not part of this installation; run gsut from a clone of its repository"
         )
-    paths = [str(_HERE.parent), str(place), os.environ.get("PYTHONPATH", "")]
+    paths = [str(_HERE.parents[1]), str(place), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)}
     command = [sys.executable, "-m", module, *words]
     output = subprocess.DEVNULL if silent else None

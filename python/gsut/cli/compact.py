@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 from pathlib import Path
 from typing import Any
@@ -125,44 +126,30 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
 
 
 def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
-    from gsut.run import METRICS, SCENE, RunFolder, TrainingProgress
+    from gsut.run import METRICS, SCENE, Progress, RunFolder
     from gsut.training import RunCompactor, read_trained, write_compacted_run
 
     source, target = RunFolder.open(arguments.source), RunFolder(arguments.out)
     target.refuse_run()  # before anything that takes long
     train_options, scene, gaussians = read_trained(source, arguments.data)
-    bars: dict[str, Any] = {}
-
-    def on_view() -> None:
-        if "views" not in bars:
-            from tqdm import tqdm
-
-            bars["views"] = tqdm(
-                total=len(scene.train_indices), unit="view", dynamic_ncols=True,
-                disable=arguments.quiet or not sys.stderr.isatty(),
-            )  # fmt: skip
-        bars["views"].update(1)
-        if bars["views"].n >= len(scene.train_indices):
-            bars.pop("views").close()
-
-    def on_step(loop: Any, loss: float) -> None:
-        if loop.step == 1:
-            bars["steps"] = TrainingProgress(options.finetune, not arguments.quiet)
-        bars["steps"].update(loop.step, loss, len(loop.gaussians))
-        if loop.step == options.finetune:
-            bars.pop("steps").close()
 
     def on_try(count: int, psnr: float) -> None:
         if not arguments.quiet:
             print(f"gsut: {count:,} Gaussians: {psnr:.2f} dB", file=sys.stderr)
 
     earlier = (source.read_json(METRICS) or {}).get("compaction") or {}
-    compactor = RunCompactor(
-        scene, gaussians, train_options, options,
-        keep_degrees=earlier.get("harmonics_degrees") is not None,
-        on_view=on_view, on_step=on_step, on_try=on_try,
-    )  # fmt: skip
-    made = compactor.make()
+    done, views = itertools.count(), len(scene.train_indices)
+    with Progress(not arguments.quiet) as bars:
+        compactor = RunCompactor(
+            scene, gaussians, train_options, options,
+            keep_degrees=earlier.get("harmonics_degrees") is not None,
+            on_view=lambda: bars.show("views", next(done) % views + 1, views),
+            on_step=lambda loop, loss: bars.show_step(
+                loop.step, options.finetune, loss, len(loop.gaussians)
+            ),
+            on_try=on_try,
+        )  # fmt: skip
+        made = compactor.make()
     run = write_compacted_run(target.path, source, compactor, made)
     metrics = run.read_json(METRICS)
     if not arguments.quiet and not arguments.json:

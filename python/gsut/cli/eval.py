@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.cli.render import new_folder
     from gsut.cli.train import print_figures
     from gsut.evaluate import evaluate
-    from gsut.run import METRICS, RunFolder, StageBars
+    from gsut.run import METRICS, Progress, RunFolder
     from gsut.training import read_trained
 
     run = RunFolder.open(arguments.folder)
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
             f"{scene.path} has no {arguments.split} views with these options; try --split all"
         )
     out = new_folder(Path(arguments.out)) if arguments.out else None
-    with StageBars(sys.stderr.isatty()) as bars:
+    with Progress(sys.stderr.isatty()) as bars:
         figures = evaluate(
             gaussians,
             scene,

@@ -33,7 +33,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from gsut.data import decode_image, decode_mask, shrink_image, shrink_mask
     from gsut.refine import localize_image
-    from gsut.run import RunFolder, StageBars
+    from gsut.run import Progress, RunFolder
     from gsut.training import read_trained
 
     path = Path(arguments.image)
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     size = (camera.width, camera.height)
     pixels, mask = shrink_image(pixels, *size), shrink_mask(mask, *size)
     indices = scene.train_indices or range(len(scene.views))
-    with StageBars(sys.stderr.isatty()) as bars:
+    with Progress(sys.stderr.isatty()) as bars:
         found = localize_image(
             gaussians,
             [(scene.camera(index), scene.views[index].camera_from_world) for index in indices],

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, print_json
-from gsut.run import StageBars, add_option_flags, given_options
+from gsut.run import Progress, add_option_flags, given_options
 from gsut.sfm import PosesOptions
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def estimate_with_bars(
     """`estimate_poses` with a progress bar a stage, if enabled."""
     from gsut.sfm import estimate_poses
 
-    with StageBars(enabled) as bars:
+    with Progress(enabled) as bars:
         return estimate_poses(images, out, on_progress=bars.show, notes_to=bars.note, **settings)
 
 

@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     import gsut
     from gsut.gaussians import lighter
     from gsut.render import to_uint8, write_png
-    from gsut.run import RunFolder, StageBars
+    from gsut.run import Progress, RunFolder
     from gsut.training import read_trained
 
     if arguments.frames < 1 or not arguments.fps > 0:
@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
         cameras = [resized[id(camera)] for camera in cameras]
     label = arguments.path if arguments.path in ("orbit", "train", "test") else "path"
     out = Path(arguments.out) if arguments.out else run.path / label
-    with StageBars(sys.stderr.isatty()) as bars:
+    with Progress(sys.stderr.isatty()) as bars:
 
         def images() -> Iterator[np.ndarray]:
             for done, (pose, camera) in enumerate(zip(poses, cameras, strict=True), 1):

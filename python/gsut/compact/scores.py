@@ -40,7 +40,15 @@ class SeenView:
 
 
 def seen_views(scene: Any, indices: Sequence[int]) -> list[SeenView]:
-    """The given views of a scene with their masks (dataset's mask and the lens' valid field)."""
+    """Views of a scene without their photographs: what `compact` looks through.
+
+    Args:
+        scene: a `Scene`.
+        indices: which of its views.
+
+    Returns:
+        One a view, with the dataset's mask inside the lens' valid field.
+    """
     return [SeenView(scene.camera(i), scene.views[i].motion, scene.mask(i)) for i in indices]
 
 

@@ -14,6 +14,7 @@ from gsut._core import InputError
 from gsut.data.findings import Finding, some_names
 from gsut.data.poses import OPENGL_FROM_OPENCV, inverse
 from gsut.data.scene import Scene
+from gsut.run import Progress
 
 EXPECTED_R = 0.5  # correlation; good real data reach 0.7 to 0.95
 VIEW_R = 0.25  # a single view this low among good ones is suspect
@@ -69,13 +70,11 @@ def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
         scene: at full size, with coloured points; nothing is found otherwise.
         progress: show a bar.
     """
-    from tqdm import tqdm
-
     if len(scene.points) < MIN_SAMPLES or np.ptp(scene.point_colors) == 0:
         return
     chosen = np.unique(np.linspace(0, len(scene) - 1, VIEWS_TESTED).round().astype(int))
     per_view = {}
-    for index in tqdm(chosen, desc="colours", disable=not progress, leave=False):
+    for index in Progress(progress).through("colours", chosen.tolist()):
         r = view_agreement(scene, int(index), _as_is)
         if r is not None:
             per_view[int(index)] = r

@@ -11,6 +11,7 @@ from gsut._core import InputError
 from gsut.data.findings import DatasetError, Finding, some_names
 from gsut.data.images import shrink_mask
 from gsut.data.scene import Scene
+from gsut.run import Progress
 
 THUMB = 32  # pixels a side: enough to tell two frames apart
 SHARPNESS_WIDTH = 640  # pixels: sharpness is measured on images shrunk to this width
@@ -44,10 +45,8 @@ def check_images(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
         scene: at full size.
         progress: show a bar.
     """
-    from tqdm import tqdm
-
     stats: list[ImageStats] = []
-    for index in tqdm(range(len(scene)), desc="images", disable=not progress, leave=False):
+    for index in Progress(progress).through("images", range(len(scene))):
         try:
             stats.append(image_stats(scene, index))
         except InputError as error:

@@ -27,9 +27,11 @@ def diagnose(
     against points; colours of points against pixels; memory.
 
     Args:
-        path: as for `load_dataset`.
-        test_every: as for `load_dataset`.
+        path: a folder with transforms.json, a COLMAP model or images with lens and poses; or a
+            transforms.json file itself.
+        test_every: hold out every n-th image by name, 0 for none.
         progress: show bars while images are decoded.
+
     Returns:
         Findings, errors first. Training can start if none has severity "error".
     """

@@ -30,8 +30,10 @@ def load_dataset(
         test_every: hold out every n-th image by name, 0 for none. The dataset's own lists win.
         test_names: names, file names or stems to hold out; wins over both.
         scale: of the images, above 0 and at most 1.
+
     Returns:
-        Scene; `Scene.notes` says what was left out.
+        The scene; its `notes` say what was left out.
+
     Raises:
         DatasetError (an InputError): the first thing that is wrong with the dataset. `gsut doctor`
             lists all of them.

@@ -47,6 +47,11 @@ class View:
     depth_path: Path | None = None
     shutter: Shutter | None = None
 
+    def __repr__(self) -> str:
+        at = ", ".join(f"{value:.3g}" for value in self.camera_center)
+        readout = "" if self.shutter is None else f", rolling {self.shutter.direction}"
+        return f"View({self.name!r}, camera {self.camera_index}, at ({at}){readout})"
+
     @property
     def motion(self) -> np.ndarray | CameraMotion:
         """What `render` takes: the pose, or with a rolling shutter the motion between both."""

@@ -13,7 +13,8 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.assemble import Frame
 from gsut.data.poses import OPENGL_FROM_OPENCV
-from gsut.lens import LENS_FILE, OWN_SUFFIX, Camera, format_nerfstudio, write_atomically
+from gsut.files import write_file
+from gsut.lens import LENS_FILE, OWN_SUFFIX, Camera, format_nerfstudio
 
 _AXES = ("x", "y", "z")
 _COLORS = ("red", "green", "blue")
@@ -49,7 +50,7 @@ def write_transforms(
     for lens, values in texts.items():
         if LENS_FILE in values:
             lens.save(path.parent / values[LENS_FILE])
-    write_atomically(path, text)
+    write_file(path, text)
 
 
 def _lens_texts(lenses: Sequence[Camera], path: Path) -> dict[Camera, dict[str, Any]]:

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from tqdm import tqdm
 
 from gsut._core import InputError, num_threads
 from gsut.data import Frame, points_ply, write_transforms
@@ -21,6 +20,7 @@ from gsut.demo.hall import Hall, make_hall
 from gsut.demo.tracing import Tracer
 from gsut.demo.views import camera_path, demo_camera
 from gsut.lens import Camera
+from gsut.run import Progress
 
 SAMPLES_PER_SIDE = 4  # rays a pixel: a grid of 4 x 4
 _BLOCK = 32  # pixels; rays of a block are traced together
@@ -200,8 +200,7 @@ def render_views(
         return np.round(np.clip(colors, 0, 1) * 255).astype(np.uint8)
 
     with ThreadPoolExecutor(num_threads()) as pool:
-        shown = tqdm(poses, desc="ray-casting the demo scene", unit="view", disable=not progress)
-        for pose in shown:
+        for pose in Progress(progress).through("ray-casting the demo scene", poses):
             image = np.zeros((camera.height, camera.width, 3), dtype=np.uint8)
             results = pool.map(block_colors, itertools.repeat(pose), blocks)
             for block, colors in zip(blocks, results, strict=True):

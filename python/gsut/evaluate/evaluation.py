@@ -43,8 +43,8 @@ def evaluate(
     """Renders views of a scene and compares them with their photographs, inside their masks.
 
     Args:
-        gaussians: gsut.Gaussians.
-        scene: gsut.Scene.
+        gaussians: the Gaussians, in the scene's coordinates.
+        scene: a dataset, from `load_dataset`.
         indices: which of `scene.views`.
         background: colour behind the Gaussians, 3 values in [0, 1].
         render_folder: an existing folder that gets NAME_truth.png and NAME_render.png (8 bit,

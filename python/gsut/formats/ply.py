@@ -53,7 +53,7 @@ def save_ply(
     Args:
         path: the file; written as PATH.partial first and then renamed, so it is never half a file.
         gaussians: float32 bits are kept; float64 is rounded to float32.
-        comments: lines for the header, none with a line break.
+        comments: lines of text for the header, none with a line break.
 
     Raises:
         InputError: the file cannot be written, or a comment holds a line break.

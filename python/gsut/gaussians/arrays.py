@@ -61,6 +61,10 @@ class Gaussians:
     def __len__(self) -> int:
         return len(self.means)
 
+    def __repr__(self) -> str:
+        size = sum(getattr(self, name).nbytes for name in _FIELDS) / 1e6
+        return f"Gaussians({len(self)}, sh_degree={self.sh_degree}, {self.dtype}, {size:.1f} MB)"
+
     @property
     def dtype(self) -> np.dtype:
         """float32 or float64, the same for all arrays."""
@@ -72,7 +76,7 @@ class Gaussians:
         return {1: 0, 4: 1, 9: 2, 16: 3}[self.sh.shape[1]]
 
     def astype(self, dtype: np.typing.DTypeLike) -> Gaussians:
-        """The same Gaussians in float32 or float64 (a copy only if the dtype differs)."""
+        """The same Gaussians in float32 or float64; a copy only if the dtype differs."""
         if np.dtype(dtype) == self.dtype:
             return self
         means = self.means.astype(dtype)

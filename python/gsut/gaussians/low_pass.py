@@ -76,6 +76,12 @@ def low_pass(gaussians: Gaussians, radii: np.ndarray) -> Gaussians:
     Args:
         gaussians: N Gaussians.
         radii: (N,) world units; 0 leaves a Gaussian as it is.
+
+    Returns:
+        N Gaussians of the same dtype.
+
+    Raises:
+        InputError: radii that are negative or not finite, or not one a Gaussian.
     """
     out = dataclasses.replace(
         gaussians,
@@ -90,6 +96,14 @@ def low_pass_backward(gaussians: Gaussians, radii: np.ndarray, gradients: Gaussi
     """Turns gradients to `low_pass(gaussians, radii)` into those to `gaussians`, in place.
 
     The radii count as constants.
+
+    Args:
+        gaussians: N Gaussians, before the filter.
+        radii: (N,) world units.
+        gradients: shaped like the Gaussians; to the filtered ones before, to these after.
+
+    Raises:
+        InputError: radii that are negative or not finite, or not one a Gaussian.
     """
     _core.low_pass_backward(gaussians, _as_radii(gaussians, radii), gradients)
 

@@ -174,15 +174,24 @@ def seed_in_view(
     """Random Gaussians that the cameras see, for scenes without points.
 
     Args:
-        cameras, poses, count, near, far, distances, seed: as points_in_view.
+        cameras: one camera for all poses, or one a pose.
+        poses: (M, 4, 4) camera_from_world.
+        count: number of Gaussians.
+        near, far: world units; the range of the distance from the camera, 0 < near < far.
+        distances: "log" (equal numbers in each octave) or "inverse" (uniform in 1 / distance).
         colors: "grey" (0.5) or "random" (uniform in [0, 1]).
-        sh_degree, scale_factor, opacity: as seed_from_points.
+        sh_degree: 0 to 3; coefficients above the constant one are 0.
+        scale_factor: standard deviation / mean distance to the three nearest other points.
+        opacity: in (0, 1).
+        seed: of the random numbers.
 
     Returns:
-        `count` float32 Gaussians.
+        `count` float32 Gaussians: each along the ray of a random valid pixel of a random pose, so
+        wide lenses fill their whole field.
 
     Raises:
-        InputError: as points_in_view and seed_from_points, or an unknown `colors`.
+        InputError: shapes disagree, a value is out of range, `distances` or `colors` is unknown, or
+            no camera has a valid pixel.
     """
     if colors not in ("grey", "random"):
         raise InputError(f'colors is "{colors}"; known are "grey" and "random"')

@@ -2,13 +2,12 @@
 
 from gsut.lens.calibration_weights import CalibrationWeights
 from gsut.lens.camera import Camera, camera_models
-from gsut.lens.convert import convert_camera, format_conversion
+from gsut.lens.convert import Conversion, convert_camera, format_conversion
 from gsut.lens.files import (
     OWN_SUFFIX,
     colmap_camera,
     load_camera,
     nerfstudio_camera,
-    write_atomically,
 )
 from gsut.lens.files.colmap import PARAMETER_COUNTS, format_colmap
 from gsut.lens.files.kalibr import is_camchain
@@ -23,6 +22,7 @@ __all__ = [
     "PARAMETER_COUNTS",
     "CalibrationWeights",
     "Camera",
+    "Conversion",
     "SplineGrid",
     "camera_from_values",
     "camera_models",
@@ -38,5 +38,4 @@ __all__ = [
     "load_camera",
     "nerfstudio_camera",
     "save_uncertainty",
-    "write_atomically",
 ]

@@ -16,7 +16,11 @@ _NO_LIMIT = math.inf
 
 
 def camera_models() -> list[str]:
-    """Names of all lenses that `Camera` takes as its model."""
+    """Names of all lenses that `Camera` takes as its model.
+
+    Returns:
+        Sorted names, such as "kannala_brandt"; docs/lenses.md describes each.
+    """
     return _core.camera_models()
 
 
@@ -107,7 +111,7 @@ class Camera(_core.Camera):
         """Where the rays of pixels start: points on them, in the camera frame.
 
         Args:
-            pixels: (N, 2), as for `unproject`.
+            pixels: (N, 2), anywhere: also outside the image.
 
         Returns:
             origins (N, 3) float64, 0 for a central lens and NaN where invalid; valid (N,) bool.
@@ -119,7 +123,11 @@ class Camera(_core.Camera):
         return super().ray_origins(pixels)
 
     def origins(self) -> np.ndarray:
-        """(H, W, 3) origins of `rays`, as `ray_origins`; 0 for a central lens."""
+        """Where the rays of all pixel centres start.
+
+        Returns:
+            (H, W, 3) float64 points in the camera frame; 0 for a central lens.
+        """
         return super().origins()
 
     def project_jacobian(self, points_in_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -148,6 +156,12 @@ class Camera(_core.Camera):
 
     def resized(self, width: int, height: int) -> Camera:
         """The same lens on the image resized to this size, scaled about the pixel corner (0, 0).
+
+        Args:
+            width, height: of the new image, pixels.
+
+        Returns:
+            The lens with its parameters in pixels of the new image.
 
         Raises:
             InputError: a size that is not positive.
@@ -195,7 +209,7 @@ class Camera(_core.Camera):
 
         Raises:
             InputError: the format cannot hold this lens, or is unknown.
-            OSError: the file cannot be written.
+            InputError, also an OSError: the file cannot be written.
         """
         from gsut.lens.files import save_camera  # here: lens_files makes cameras
 
@@ -253,31 +267,3 @@ def _checked_copy(values: Any, name: str, shape: tuple[int | None, ...]) -> np.n
         raise InputError(f"{name} must have shape {shape}, found {array.shape}")
     array.flags.writeable = False
     return array
-
-
-def load_camera(path: str | os.PathLike[str], camera_id: int | str | None = None) -> Camera:
-    """Reads a lens file.
-
-    Formats, told apart by name and content: mrcal .cameramodel, OpenCV YAML / JSON (FileStorage or
-    ROS camera_info), Kalibr camchain YAML, COLMAP cameras.txt and cameras.bin, nerfstudio
-    transforms.json, Project Aria calibration JSON. Pixel conventions are converted: mrcal, OpenCV,
-    Kalibr and Aria put the centre of the top-left pixel at (0, 0), gsut, COLMAP and nerfstudio at
-    (0.5, 0.5).
-
-    Args:
-        path: the file.
-        camera_id: which camera, for a file with several: COLMAP's number, Kalibr's "cam0" or Aria's
-            label.
-
-    Returns:
-        The camera. The valid field angle is set where the file states one.
-
-    Raises:
-        CalibrationError: the file is not a lens file, is cut off, lacks a key, or holds a lens that
-            gsut does not have; the message names file, line where known, and key.
-        InputError: the file holds several cameras and camera_id is not given or not among them.
-        OSError: the file cannot be read.
-    """
-    from gsut.lens.files import load_camera as load  # here: lens_files makes cameras
-
-    return load(path, camera_id)

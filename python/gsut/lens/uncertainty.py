@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CalibrationError, InputError
-from gsut.lens.files import load_camera, write_atomically
+from gsut.files import write_file
+from gsut.lens.files import load_camera
 
 # Written by `gsut calibrate`: rows of the map over the image, from the centre of the top-left
 # pixel to the centre of the bottom-right one; -1 where the lens has no ray.
@@ -81,10 +82,10 @@ def save_uncertainty(path: str | os.PathLike[str], sigma: np.ndarray) -> None:
         for row in sigma
     ]
     if file.suffix.lower() != ".cameramodel":
-        write_atomically(file.with_suffix(SIDE_FILE), json.dumps({SIGMA_KEY: rows}) + "\n")
+        write_file(file.with_suffix(SIDE_FILE), json.dumps({SIGMA_KEY: rows}) + "\n")
         return
     head, brace, tail = file.read_text(encoding="utf-8").rpartition("}")
-    write_atomically(file, f"{head}    '{SIGMA_KEY}': {rows},\n{brace}{tail}")
+    write_file(file, f"{head}    '{SIGMA_KEY}': {rows},\n{brace}{tail}")
 
 
 def load_uncertainty(path: str | os.PathLike[str]) -> LensUncertainty:

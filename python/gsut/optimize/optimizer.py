@@ -17,22 +17,18 @@ _PRUNE, _SPLIT = 1, 3  # actions of an adaptive plan
 _LARGEST_LOGIT = 80.0  # exp of it still fits float32
 
 
-def exponential_rate(step: int, steps: int, start: float, end: float) -> float:
-    """Learning rate that falls from `start` at step 0 to `end` at step `steps`, then stays.
-
-    Args:
-        step: from 0.
-        steps: length of the fall; 0 gives `end` at once.
-        start, end: both > 0.
-    """
-    if steps <= 0:
-        return end
-    return start * (end / start) ** min(max(step / steps, 0.0), 1.0)
-
-
 @dataclasses.dataclass(frozen=True)
 class LearningRates:
-    """One step's learning rates; that of `means` in world units, the others dimensionless."""
+    """One step's learning rates.
+
+    Args:
+        means: of the centres, world units.
+        quats: of the rotations.
+        log_scales: of the logarithms of the scales.
+        opacity_logits: of the opacities' logits.
+        sh0: of the constant coefficient of the harmonics.
+        sh_rest: of the other coefficients.
+    """
 
     means: float
     quats: float

@@ -21,9 +21,12 @@ def learning_rates(options: TrainOptions, fraction: float, extent: float) -> Lea
     """Rates at a fraction of the steps; all but the centres' fall by the same factor.
 
     Args:
-        options: resolved.
-        fraction: of the steps.
-        extent: of the scene, world units.
+        options: of the run, from `TrainOptions(...).resolved()`.
+        fraction: of the steps, from 0 to 1.
+        extent: of the scene, world units; see `Scene.extent`.
+
+    Returns:
+        The rates of one step, for `GaussianOptimizer.step`.
     """
     o = options
     decay = o.lr_final_factor**fraction

@@ -1,7 +1,7 @@
 """Poses and lens against the Gaussians; the pose of one photograph."""
 
 from gsut.refine.alignment import evaluate_aligned
-from gsut.refine.localization import localize_image
+from gsut.refine.localization import Localized, localize_image
 from gsut.refine.motion import pose_changes
 from gsut.refine.pose import RefinedPose, refine_pose
 from gsut.refine.pose_files import with_refined, write_refined
@@ -10,6 +10,7 @@ from gsut.refine.tracks import TracksResult, refine_by_tracks
 from gsut.refine.trust import lens_distance
 
 __all__ = [
+    "Localized",
     "RefinedPose",
     "TracksResult",
     "TrainingRefiner",

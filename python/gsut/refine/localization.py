@@ -66,9 +66,13 @@ def localize_image(
         gaussians: the scene.
         views: cameras and poses (4, 4) from which the scene is known, those of training.
         camera: lens of the photograph, at its size.
-        pixels: (H, W, 3) uint8. mask: (H, W) bool, False where it does not count.
+        pixels: (H, W, 3) uint8, the photograph.
+        mask: (H, W) bool, False where the photograph does not count.
         background: colour behind everything.
         on_progress: told (what, done, in all).
+
+    Returns:
+        The pose, from the start that explains the photograph best.
 
     Raises:
         SolveError: no start led to a pose.

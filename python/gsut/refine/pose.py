@@ -34,7 +34,7 @@ class RefinedPose:
             and Zeger 1986). What the whole scene errs by is not in it: on a demo scene errors are
             1.7 times what it says.
         gain: the photograph is compared with gain x render + bias, all channels alike.
-        bias: see gain; colours are in 0 ... 1.
+        bias: added to the render after the gain; colours are in 0 ... 1.
         rms: root mean square colour difference that remains, a channel.
         converged: the last, finest step stopped because it no longer improved.
     """
@@ -45,6 +45,11 @@ class RefinedPose:
     bias: float
     rms: float
     converged: bool
+
+    def __repr__(self) -> str:
+        at = ", ".join(f"{value:.4g}" for value in self.center)
+        state = "converged" if self.converged else "not converged"
+        return f"RefinedPose(at ({at}), rms {self.rms:.4f}, {state})"
 
     @property
     def center(self) -> np.ndarray:
@@ -90,6 +95,9 @@ def refine_pose(
         with_gain: also estimate a gain and a bias of the photograph's brightness.
         levels: how many sizes at most, the full one included; sides stay at 24 pixels or more.
         max_pixels: pixels compared at each size at most, spread evenly by chance (a fixed seed).
+
+    Returns:
+        The pose, its covariance and how well the render then fits the photograph.
 
     Raises:
         InputError: shapes differ, no pixel counts, a rolling shutter, or a lens without one centre.

@@ -7,6 +7,7 @@ from gsut.render.metrics import (
     psnr,
     ring_psnr,
     ssim,
+    weighted_psnr,
 )
 from gsut.render.paths import orbit_path, smooth_path
 from gsut.render.pictures import picture_stems, to_uint8, write_png, write_video
@@ -32,6 +33,7 @@ __all__ = [
     "smooth_path",
     "ssim",
     "to_uint8",
+    "weighted_psnr",
     "write_png",
     "write_video",
 ]

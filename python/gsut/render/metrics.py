@@ -202,7 +202,7 @@ def color_corrected_psnr(
         PSNR in dB.
 
     Raises:
-        InputError: as fit_color_transform.
+        InputError: shapes or dtypes are wrong, the mask leaves no pixel, values not finite.
     """
     transform = fit_color_transform(image, truth, mask)
     x = _image(image, "image")

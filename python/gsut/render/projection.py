@@ -15,7 +15,7 @@ from gsut.render.motion import camera_motion
 
 # In the order of the core's enumeration.
 METHODS = ("ewa", "unscented", "simplex", "cubature", "gauss_hermite", "silhouette")
-# alpha, beta, kappa of the unscented transform (FACTS: gsplat alpha 0.1, 3dgrut alpha 1).
+# alpha, beta, kappa of the unscented transform (gsplat: alpha 0.1; 3dgrut: alpha 1).
 DEFAULT_UNSCENTED = (1.0, 2.0, 0.0)
 
 
@@ -46,6 +46,10 @@ class Projection:
     bounded: np.ndarray
     converged: np.ndarray
 
+    def __repr__(self) -> str:
+        valid = np.count_nonzero(self.valid)
+        return f"Projection({len(self.centers)} Gaussians, {valid} valid, {self.centers.dtype})"
+
 
 def project(
     gaussians: Gaussians,
@@ -64,7 +68,7 @@ def project(
         gaussians: N Gaussians.
         camera: the lens and image size.
         camera_from_world: (4, 4) rigid transform, or an object with such a `matrix`; with a rolling
-            shutter the pair of them, as `render` takes it.
+            shutter the pair of them at the start and at the end of the exposure.
         shutter: of a pair of poses, for the method "unscented" only. Each sigma point is then
             placed by the pose of the line that sees it, found by iteration in double; depths are
             those at the middle of the exposure.
@@ -72,7 +76,7 @@ def project(
             "cubature", "gauss_hermite": 4, 6 and 27 points. "silhouette": the cone of rays that
             touch the ellipsoid where alpha falls to alpha_min, through the lens; its boxes are
             exact, with the camera inside, across the domain's edge and the seam, too.
-        unscented: alpha, beta, kappa of the transform.
+        unscented: alpha, beta, kappa of the unscented transform.
         alpha_min: opacity times response below which a Gaussian is not drawn; sets the extents.
         dtype: "float32" (vectorised) or "float64" (the scalar reference).
 

@@ -20,10 +20,11 @@ class Render:
     """One rendered image and what `render_backward` needs.
 
     Attributes:
-        image: (H, W, 3) colour, background blended in; 0 where the pixel has no ray.
+        image: (H, W, 3) colour, background blended in; 0 where the pixel has no ray. Not clipped.
         alpha: (H, W) 1 - remaining transmittance.
         depth: (H, W) sum of weight times distance along the ray; divide by alpha for the expected
             distance. In scene units.
+        gaussians, camera, camera_from_world, rule, background, sh_degree: what was rendered.
     """
 
     image: np.ndarray
@@ -36,6 +37,10 @@ class Render:
     background: tuple[float, float, float]
     sh_degree: int
     renderer: Any  # _core.Renderer, or None for the double reference
+
+    def __repr__(self) -> str:
+        height, width = self.alpha.shape
+        return f"Render({width} x {height}, {self.camera.model}, of {self.gaussians})"
 
     def statistics(self) -> dict[str, int]:
         """Counts of the tiled path: num_visible, num_pairs, num_contributing_pairs ..."""
@@ -61,6 +66,10 @@ class Gradients:
     touched: np.ndarray | None
     lens: np.ndarray | None = None
     rays: np.ndarray | None = None
+
+    def __repr__(self) -> str:
+        touched = "" if self.touched is None else f", {np.count_nonzero(self.touched)} touched"
+        return f"Gradients(to {self.gaussians}{touched}{', lens' if self.lens is not None else ''})"
 
 
 def _blend_rule(parity: str | None, blend: BlendRule | None) -> BlendRule:
@@ -145,7 +154,9 @@ def render_backward(
 
     Args:
         result: what `render` returned; its Gaussians must not have changed since.
-        dimage: (H, W, 3), dalpha: (H, W), ddepth: (H, W); None stands for zeros.
+        dimage: (H, W, 3) dL_dimage.
+        dalpha: (H, W) dL_dalpha; None stands for zeros.
+        ddepth: (H, W) dL_ddepth; None stands for zeros.
         with_lens: also the gradients to the lens and to each pixel's ray, which takes longer.
 
     Returns:
@@ -153,7 +164,8 @@ def render_backward(
         which are not differentiated; a clamped alpha or colour has gradient 0. The lens' are
         through the rays: pixels stay, their rays move (implicit function theorem on `project`);
         which pixels have a ray at all is not differentiated, nor, for depths through a moving
-        pupil, where along itself a ray starts.
+        pupil, where along itself a ray starts. float32 is within 1e-4 (relative L2 norm of each
+        parameter's gradient) of the double reference.
 
     Raises:
         InputError: shapes differ from the image's.

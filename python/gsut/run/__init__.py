@@ -17,13 +17,14 @@ from gsut.run.option_fields import (
     add_option_flags,
     check_options,
     default_text,
+    describe_options,
     flag_name,
     given_options,
     option,
     option_info,
 )
 from gsut.run.options import AUTO, PRESETS, TrainOptions
-from gsut.run.progress import StageBars, TrainingProgress
+from gsut.run.progress import Progress
 from gsut.run.stopwatch import Stopwatch
 
 __all__ = [
@@ -37,15 +38,15 @@ __all__ = [
     "REPORT",
     "SCENE",
     "TRANSFORMS",
+    "Progress",
     "RunFolder",
-    "StageBars",
     "Stopwatch",
     "TrainOptions",
-    "TrainingProgress",
     "add_option_flags",
     "check_options",
     "default_text",
     "describe_environment",
+    "describe_options",
     "flag_name",
     "given_options",
     "option",

@@ -5,16 +5,14 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
-import math
 import os
 import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gsut._core import InputError
+from gsut.files import UNFINISHED, json_text, plain, whole_file, write_file
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.options import TrainOptions
 
@@ -33,7 +31,6 @@ _FILES = (
     *(OPTIONS, ENVIRONMENT, HISTORY, CHECKPOINT, SCENE, METRICS, REPORT, REFINED, TRANSFORMS),
     RENDERS,
 )
-_TEMPORARY = ".writing-"  # start of the names of unfinished files
 # Options that a resumed run may have otherwise than the run that it goes on with: they change
 # neither the result's bits nor the steps at which history is written.
 _FREE_ON_RESUME = ("threads", "checkpoint_every")
@@ -88,7 +85,7 @@ class RunFolder:
                 run.refuse_run()
         try:
             run.path.mkdir(parents=True, exist_ok=True)
-            for leftover in run.path.glob(_TEMPORARY + "*"):
+            for leftover in run.path.glob(UNFINISHED + "*"):
                 leftover.unlink()
         except OSError as error:
             raise InputError(f"cannot make the folder {run.path}: {_reason(error)}") from None
@@ -143,29 +140,18 @@ class RunFolder:
             InputError: the folder cannot be written (permissions, disk full); what was there
                 before is unchanged.
         """
-        target = self.path / name
-        # Ends as the target does: some writers choose the format by the name.
-        temporary = target.with_name(f"{_TEMPORARY}{os.getpid()}-{target.name}")
-        try:
+        with whole_file(self.path / name) as temporary:
             writer(temporary)
-            with open(temporary, "r+b") as file:
-                os.fsync(file.fileno())
-            os.replace(temporary, target)
-            _flush_folder(target.parent)
-        except OSError as error:
-            raise InputError(f"cannot write {target}: {_reason(error)}") from None
-        finally:
-            with contextlib.suppress(OSError):
-                temporary.unlink()
-        return target
+        return self.path / name
 
     def write_text(self, name: str, text: str) -> Path:
         """Writes RUN/name atomically as UTF-8."""
-        return self.write(name, lambda path: _write_bytes(path, text.encode()))
+        write_file(self.path / name, text)
+        return self.path / name
 
     def write_json(self, name: str, value: Any) -> Path:
         """Writes RUN/name atomically as JSON; NaN and infinities, which JSON lacks, become null."""
-        return self.write_text(name, json.dumps(_json_value(value), indent=2) + "\n")
+        return self.write_text(name, json_text(value) + "\n")
 
     def read_json(self, name: str) -> Any:
         """The content of a JSON file of the run; None where the file is absent.
@@ -222,7 +208,7 @@ class RunFolder:
         """Adds one line to history.jsonl; `row` holds at least `step`."""
         try:
             with open(self.path / HISTORY, "a", encoding="utf-8") as file:
-                file.write(json.dumps(_json_value(row)) + "\n")
+                file.write(json.dumps(plain(row)) + "\n")
         except OSError as error:
             raise InputError(f"cannot write {self.path / HISTORY}: {_reason(error)}") from None
 
@@ -266,37 +252,5 @@ class RunFolder:
                 path.unlink(missing_ok=True)
 
 
-def _write_bytes(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
-
-
-def _flush_folder(folder: Path) -> None:
-    """Makes a rename last through a power cut, where the system can (not on Windows)."""
-    if os.name != "posix":
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
 def _reason(error: OSError) -> str:
     return error.strerror or str(error)
-
-
-def _json_value(value: Any) -> Any:
-    """`value` with numpy's types as plain ones and numbers that JSON lacks as None."""
-    if isinstance(value, dict):
-        return {str(key): _json_value(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_json_value(entry) for entry in value]
-    if isinstance(value, np.ndarray):
-        return _json_value(value.tolist())
-    if isinstance(value, np.generic):
-        return _json_value(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, Path):
-        return str(value)
-    return value

@@ -83,6 +83,21 @@ def default_text(field: dataclasses.Field) -> str:
     return f"{field.default:g}" if isinstance(field.default, float) else str(field.default)
 
 
+def describe_options(options: type) -> type:
+    """Lists the fields of an options dataclass in its docstring, before what it raises."""
+    doc, _, raises = (options.__doc__ or "").partition("    Raises:")
+    rows = "".join(f"        {f.name}: {option_text(f)}.\n" for f in dataclasses.fields(options))
+    options.__doc__ = f"{doc}    Args:\n{rows}\n    Raises:{raises}"
+    return options
+
+
+def option_text(field: dataclasses.Field) -> str:
+    """What an option does, with its unit, default and reason."""
+    info = option_info(field)
+    notes = [info.unit, f"default {default_text(field)}", info.reason]
+    return f"{info.help} [{'; '.join(note for note in notes if note)}]"
+
+
 def check_options(options: Any) -> None:
     """Checks every field of an options dataclass and brings numbers to plain int and float.
 
@@ -164,8 +179,7 @@ def add_option_flags(parser: argparse.ArgumentParser, options: type) -> None:
         info = option_info(field)
         if info.group not in groups:
             groups[info.group] = parser.add_argument_group(info.group)
-        notes = [info.unit, f"default {default_text(field)}", info.reason]
-        text = f"{info.help} [{'; '.join(note for note in notes if note)}]".replace("%", "%%")
+        text = option_text(field).replace("%", "%%")
         plain = _plain_kind(kinds[field.name])
         settings: dict[str, Any] = {"default": argparse.SUPPRESS, "help": text}
         if plain is bool:

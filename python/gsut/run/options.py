@@ -15,7 +15,7 @@ import math
 from typing import Any
 
 from gsut._core import InputError
-from gsut.run.option_fields import check_options, option
+from gsut.run.option_fields import check_options, describe_options, option
 
 # --max-gaussians auto: see gsut.growth.
 AUTO = "auto"
@@ -46,14 +46,14 @@ _SH_WITHIN = 0.6  # all harmonics are in use after this fraction of the steps (d
 _SH_EVERY_MOST = 1000  # the published interval
 
 
+@describe_options
 @dataclasses.dataclass(frozen=True)
 class TrainOptions:
     """All settings of one training run; immutable, checked when made.
 
-    Every field is described by its metadata (see `gsut train --help`). `steps`, `max_gaussians`
-    and `sh_degree` take the preset's value where they are not given. The fields whose default
-    depends on the number of steps are None (`coarse_to_fine`: "auto") until `resolved()`; their
-    types are the ones they have from then on.
+    `steps`, `max_gaussians` and `sh_degree` take the preset's value where they are not given. The
+    fields whose default depends on the number of steps are None (`coarse_to_fine`: "auto") until
+    `resolved()`; their types are the ones they have from then on.
 
     Raises:
         InputError: a value of the wrong kind or out of range (names option, value and range), or

@@ -1,74 +1,97 @@
-"""Progress bars on standard error: of training, and of the stages of other work."""
+"""Progress on standard error: one bar a stage, with its state in words and the time left."""
 
 from __future__ import annotations
 
 import sys
-from typing import Any, TextIO
+from collections.abc import Iterator, Sequence
+from typing import Any, TextIO, TypeVar
 
 # Seconds between refreshes: often on a terminal, seldom in a log file.
 _TERMINAL_INTERVAL = 0.1
 _LOG_INTERVAL = 15.0
 # The time left comes from the pace of the last steps, which grow slower as Gaussians are added.
 _SMOOTHING = 0.1
-_STAGE_BAR = "{desc:<9}{percentage:3.0f}% {bar:20} {n_fmt}/{total_fmt}, {remaining} left{postfix}"
+_COUNTS = "{n_fmt}/{total_fmt}, {remaining} left, {rate_fmt}"
+_FORMAT = "{desc:<9}{percentage:3.0f}% {bar:20} " + _COUNTS + "{postfix}"
+_Item = TypeVar("_Item")
 
 
-class TrainingProgress:
-    """Shows step, loss, number of Gaussians, PSNR and the time left on standard error.
+class Progress:
+    """Bars, one after the other.
 
     Args:
-        total_steps: number of steps of the whole run.
         enabled: False shows nothing and costs nothing.
-        first_step: steps already done by the run that is resumed.
         file: where to write; standard error if None.
     """
 
-    def __init__(
-        self,
-        total_steps: int,
-        enabled: bool = True,
-        first_step: int = 0,
-        file: TextIO | None = None,
-    ) -> None:
+    def __init__(self, enabled: bool = True, file: TextIO | None = None) -> None:
+        self._enabled = enabled
+        self._file = file
         self._bar: Any = None
+        self._stage = ""
         self._psnr: float | None = None
-        if not enabled:
+
+    def show(self, stage: str, done: int, total: int, text: str = "") -> None:
+        """Moves the stage's bar; a new stage begins a new one.
+
+        Args:
+            stage: a word.
+            done: how much of it is done.
+            total: of so much; 0 shows nothing.
+            text: the state, shown behind the bar.
+        """
+        if not self._enabled or total == 0:
             return
         from tqdm import tqdm
 
-        file = file or sys.stderr
-        interval = _TERMINAL_INTERVAL if file.isatty() else _LOG_INTERVAL
-        self._bar = tqdm(
-            total=total_steps,
-            initial=first_step,
-            unit="step",
-            file=file,
-            dynamic_ncols=True,
-            mininterval=interval,
-            maxinterval=interval,
-            smoothing=_SMOOTHING,
-            bar_format="{percentage:3.0f}% {bar} {n_fmt}/{total_fmt} steps, "
-            "{remaining} left, {rate_fmt}{postfix}",
-        )
+        if stage != self._stage or self._bar is None or done < self._bar.n:
+            self.close()
+            self._stage = stage
+            file = self._file or sys.stderr
+            interval = _TERMINAL_INTERVAL if file.isatty() else _LOG_INTERVAL
+            self._bar = tqdm(
+                total=total, initial=max(done - 1, 0), desc=stage, bar_format=_FORMAT, file=file,
+                dynamic_ncols=True, mininterval=interval, maxinterval=interval,
+                smoothing=_SMOOTHING,
+            )  # fmt: skip
+        self._bar.set_postfix_str(text, refresh=False)
+        self._bar.total = total
+        self._bar.update(done - self._bar.n)
 
-    def update(self, step: int, loss: float, num_gaussians: int, psnr: float | None = None) -> None:
-        """Shows the state after `step` steps.
+    def show_step(
+        self, step: int, total: int, loss: float, num_gaussians: int, psnr: float | None = None
+    ) -> None:
+        """Shows the state of a training.
 
         Args:
             step: number of steps done, counted from the run's beginning.
+            total: number of steps of the whole run.
             loss: loss of the last step.
             num_gaussians: number of Gaussians now.
             psnr: held-out PSNR in dB where it has just been measured; the last one stays shown.
         """
-        if self._bar is None:
+        if not self._enabled:
             return
-        if psnr is not None:
-            self._psnr = psnr
+        self._psnr = self._psnr if psnr is None else psnr
         text = f"loss {loss:.4f}, {num_gaussians:,} Gaussians"
         if self._psnr is not None:
             text += f", PSNR {self._psnr:.2f} dB"
-        self._bar.set_postfix_str(text, refresh=False)
-        self._bar.update(step - self._bar.n)
+        self.show("training", step, total, text)
+
+    def through(self, stage: str, items: Sequence[_Item]) -> Iterator[_Item]:
+        """The items, one by one, with a bar of how many are done."""
+        for done, item in enumerate(items):
+            self.show(stage, done, len(items))
+            yield item
+        self.show(stage, len(items), len(items))
+        self.close()
+
+    def note(self, text: str) -> None:
+        """A line of words above the bar."""
+        if self._enabled:
+            from tqdm import tqdm
+
+            tqdm.write(f"note: {text}", file=self._file or sys.stderr)
 
     def close(self) -> None:
         """Leaves the last state standing on its own line."""
@@ -76,53 +99,7 @@ class TrainingProgress:
             self._bar.close()
             self._bar = None
 
-    def __enter__(self) -> TrainingProgress:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
-class StageBars:
-    """One progress bar a stage, on standard error."""
-
-    def __init__(self, enabled: bool) -> None:
-        self._enabled = enabled
-        self._bar: Any = None
-        self._stage = ""
-
-    def show(self, stage: str, done: int, total: int, text: str = "") -> None:
-        """Moves the stage's bar; a new stage begins a new one."""
-        if not self._enabled or total == 0:
-            return
-        from tqdm import tqdm
-
-        if stage != self._stage or (self._bar is not None and done < self._bar.n):
-            self.close()
-            self._stage = stage
-            interval = _TERMINAL_INTERVAL if sys.stderr.isatty() else _LOG_INTERVAL
-            self._bar = tqdm(
-                total=total, desc=stage, bar_format=_STAGE_BAR, dynamic_ncols=True,
-                mininterval=interval, maxinterval=interval,
-            )  # fmt: skip
-        self._bar.set_postfix_str(text, refresh=False)
-        self._bar.total = total
-        self._bar.update(done - self._bar.n)
-
-    def note(self, text: str) -> None:
-        """A line of words above the bar."""
-        if self._enabled:
-            from tqdm import tqdm
-
-            tqdm.write(f"note: {text}", file=sys.stderr)
-
-    def close(self) -> None:
-        """Leaves the last state standing."""
-        if self._bar is not None:
-            self._bar.close()
-            self._bar = None
-
-    def __enter__(self) -> StageBars:
+    def __enter__(self) -> Progress:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from gsut.files import write_file
 from gsut.lens import Camera, grid_pixels
 from gsut.sfm.lens_refinement import RefinedLens
-from gsut.sfm.stages import write_atomically
 
 PAGE = "report.html"
 _REGIONS = 3  # columns and rows of the image for which residuals are given
@@ -86,7 +86,7 @@ def write_page(
         regions=_region_rows(camera, solution.pixels[good], before, after, sigma),
     )
     path = folder / PAGE
-    write_atomically(path, page.encode())
+    write_file(path, page)
     return path
 
 

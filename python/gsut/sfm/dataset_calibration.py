@@ -14,13 +14,13 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import read_dataset
+from gsut.files import write_file
 from gsut.lens import OWN_SUFFIX, Camera, grid_pixels, save_uncertainty
 from gsut.sfm.calibrate_dataset_page import write_page
 from gsut.sfm.lens_refinement import RefinedLens, refine_lens
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import TRANSFORMS, figures, write_dataset
 from gsut.sfm.report import REPORT, write_report
-from gsut.sfm.stages import write_atomically
 
 _REPORT_JSON = "report.json"
 _UNCERTAIN_PX = 1.0  # standard deviation at the rim above which a note is made
@@ -82,7 +82,7 @@ def calibrate_from_dataset(
     seconds = time.perf_counter() - started
     notes += _write_refined(found, camera, data, folder, notes, seconds)
     values = _report(found, camera, sigma, file, folder, notes, seconds)
-    write_atomically(out.parent / _REPORT_JSON, (json.dumps(values, indent=2) + "\n").encode())
+    write_file(out.parent / _REPORT_JSON, json.dumps(values, indent=2) + "\n")
     page = write_page(out.parent, found, camera, sigma, values)
     names = camera.param_names.split()
     summary = [
@@ -144,7 +144,7 @@ def _write_refined(
     ):
         if listed is not None:
             values[key] = [new_name[name] for name in listed if name in new_name]
-    write_atomically(path, (json.dumps(values, indent=1) + "\n").encode())
+    write_file(path, json.dumps(values, indent=1) + "\n")
     row = figures(solution, {"total": seconds}, notes + more, {"lens": "refined"})
     write_report(folder, solution, row)
     more.append(f"residuals by field angle: {folder / REPORT}")

@@ -14,6 +14,7 @@ from typing import Any
 from gsut import _core
 from gsut._core import InputError, Shutter
 from gsut.data import some_names
+from gsut.files import write_file
 from gsut.sfm.features import Features, find_all_features, no_features
 from gsut.sfm.inputs import Photographs, find_photographs
 from gsut.sfm.lens_search import LensSearch, first_guess, search_lens
@@ -28,7 +29,7 @@ from gsut.sfm.rig import COVARIANCE_OF, RigFit, refuse_beside_rig, solve_rig
 from gsut.sfm.rig_file import Rig, read_rig, write_rig
 from gsut.sfm.rig_images import find_rig_photographs
 from gsut.sfm.solution import Solution, matches_in_points, solve
-from gsut.sfm.stages import Stages, write_atomically
+from gsut.sfm.stages import Stages
 
 RIG = "rig.json"
 # Share of the matches that must end in points, or the lens is doubted: see matches_in_points.
@@ -66,6 +67,10 @@ class PosesResult:
     solution: Solution
     figures: dict[str, Any]
 
+    def __repr__(self) -> str:
+        images = f"{self.solution.num_registered} of {len(self.solution.registered)} images"
+        return f"PosesResult({str(self.path)!r}, {images})"
+
 
 def estimate_poses(
     images: str | os.PathLike[str],
@@ -94,7 +99,7 @@ def estimate_poses(
             or the dataset's own; if there is none the lens is estimated.
         unknown_lens: estimate the lens even where one lies beside the images.
         fov_degrees: rough horizontal field of view, for an unknown lens; None: several are tried.
-        options: see PosesOptions.
+        options: every setting of the search; None: the defaults.
         mapper: makes poses of verified pairs where the lens is known; None: incremental, with
             bundle adjustment.
         rig: file of a rig (see `rig_file.read_rig`): images then holds one folder a camera, images
@@ -103,6 +108,9 @@ def estimate_poses(
         refine_rig: the cameras' poses on the rig are adjusted; its size stays.
         on_progress: told (stage, done, total, text).
         notes_to: told each note as it arises (an image left out, say).
+
+    Returns:
+        The output folder, poses with points, and figures.
 
     Raises:
         InputError: too few images, wrong lens, or a file that cannot be written.
@@ -218,7 +226,7 @@ def estimate_poses(
     cpu_seconds["total"] = sum(cpu_seconds.values())
     values = figures(solution, seconds, notes, extra)
     write_report(folder, solution, values)
-    write_atomically(folder / FIGURES, (json.dumps(values, indent=1) + "\n").encode())
+    write_file(folder / FIGURES, json.dumps(values, indent=1) + "\n")
     stages.remove()
     return PosesResult(folder, solution, values)
 

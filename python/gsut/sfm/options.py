@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 
-from gsut.run import check_options, option
+from gsut.run import check_options, describe_options, option
 
 PAIR_RULES = ("auto", "all", "sequential", "similar")
 
 
+@describe_options
 @dataclasses.dataclass(frozen=True)
 class PosesOptions:
-    """What `estimate_poses` does; immutable, checked when made; see `gsut poses --help`.
+    """All settings of `estimate_poses`; immutable, checked when made.
 
     Raises:
         InputError: a value of the wrong kind or out of range (names option, value and range).

@@ -10,10 +10,10 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import Frame, inverse, points_ply, write_transforms
+from gsut.files import write_file
 from gsut.lens import format_colmap
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution
-from gsut.sfm.stages import write_atomically
 
 TRANSFORMS = "transforms.json"
 POINTS = "points3D.ply"
@@ -35,18 +35,15 @@ def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> li
     Raises:
         InputError: a file cannot be written.
     """
-    write_atomically(out / POINTS, points_ply(solution.points, solution.colors))
-    try:
-        write_transforms(out / TRANSFORMS, _frames(solution, photographs), points_file=POINTS)
-    except OSError as error:
-        raise InputError(f"cannot write {out / TRANSFORMS}: {error.strerror}") from error
+    write_file(out / POINTS, points_ply(solution.points, solution.colors))
+    write_transforms(out / TRANSFORMS, _frames(solution, photographs), points_file=POINTS)
     try:
         texts = _colmap(solution)
     except InputError as error:
         return [f"{COLMAP} was not written: {error}"]
     (out / COLMAP).mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
-        write_atomically(out / COLMAP / name, text.encode())
+        write_file(out / COLMAP / name, text)
     if solution.shutter is not None:
         return [f"{COLMAP} has the pose in the middle of each readout: COLMAP knows no other"]
     return []

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from gsut.files import write_file
 from gsut.sfm.align import centers_of
 from gsut.sfm.solution import Solution
-from gsut.sfm.stages import write_atomically
 
 REPORT = "report.html"
 _MOST_POINTS = 20000  # drawn
@@ -82,7 +82,7 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
         tracks=_track_plot(solution),
         images="".join(images),
     )
-    write_atomically(out / REPORT, page.encode())
+    write_file(out / REPORT, page)
 
 
 def _rig_rows(rig: dict[str, Any]) -> dict[str, str]:

@@ -12,9 +12,9 @@ import numpy as np
 
 from gsut._core import CalibrationError, InputError
 from gsut.data import DatasetError, inverse, rigid_transform
+from gsut.files import write_file
 from gsut.lens import Camera, format_nerfstudio, is_camchain, load_camera
 from gsut.sfm.align import centers_of
-from gsut.sfm.stages import write_atomically
 
 _POSE = "camera_from_reference"
 _LENS = "file"
@@ -106,7 +106,7 @@ def write_rig(rig: Rig, path: Path) -> None:
         if entry is not None:
             cameras[name]["camera_id"] = entry
     text = json.dumps({"cameras": cameras}, indent=1) + "\n"
-    write_atomically(path, text.encode())
+    write_file(path, text)
 
 
 def _of_json(file: Path, text: str) -> Rig:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 import zipfile
 from pathlib import Path
@@ -13,33 +12,13 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.files import whole_file, write_file
 from gsut.sfm.features import Features
 from gsut.sfm.matching import RawMatches
 
 FOLDER = "stages"
 _KEY = "key.json"
 _MATCHES = "matches.npz"
-_TEMPORARY = ".writing-"
-
-
-def write_atomically(path: Path, data: bytes) -> None:
-    """Writes a file as a whole or not at all.
-
-    Raises:
-        InputError: it cannot be written; what was there before is unchanged.
-    """
-    temporary = path.with_name(f"{_TEMPORARY}{os.getpid()}-{path.name}")
-    try:
-        with open(temporary, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(
-            f"cannot write {path}: {error.strerror}; is the folder writable and the disk not full?"
-        ) from error
 
 
 class Stages:
@@ -61,18 +40,15 @@ class Stages:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"cannot make {self._folder}: {error.strerror}") from error
-        write_atomically(stored, digest.encode())
+        write_file(stored, digest)
 
     def remove(self) -> None:
         """Deletes the stage files: the run is done."""
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def _save(self, name: str, arrays: dict[str, np.ndarray]) -> None:
-        import io
-
-        buffer = io.BytesIO()
-        np.savez(buffer, **arrays)  # type: ignore[arg-type]  # numpy's stub wants bool for a name
-        write_atomically(self._folder / name, buffer.getvalue())
+        with whole_file(self._folder / name) as file:
+            np.savez(file, **arrays)  # type: ignore[arg-type]  # numpy's stub wants bool for a name
 
     def _load(self, name: str) -> dict[str, np.ndarray] | None:
         try:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from gsut.data import Scene
 from gsut.evaluate import evaluate
 from gsut.gaussians import Gaussians
-from gsut.run import RunFolder, StageBars, TrainOptions
+from gsut.run import Progress, RunFolder, TrainOptions
 
 if TYPE_CHECKING:
     from gsut.refine import TracksResult
@@ -31,7 +31,7 @@ def first_poses(scene: Scene, options: TrainOptions, progress: bool) -> TracksRe
     from gsut.refine import check_refinable, refine_by_tracks
 
     check_refinable(scene, options)
-    bar = StageBars(progress)
+    bar = Progress(progress)
     try:
         return refine_by_tracks(scene, options, bar.show)
     finally:

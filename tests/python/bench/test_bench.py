@@ -11,7 +11,7 @@ import small_datasets
 from gsut import _core
 from gsut.bench import measure, render_bench, scale_bench, scenes
 from gsut.bench.knobs import knob_bench, knob_settings
-from gsut.bench.report_rows import RENDER_COLUMNS, table_text, write_csv, write_json, write_whole
+from gsut.bench.report_rows import RENDER_COLUMNS, table_text, write_csv
 from gsut.bench.train_bench import seconds_to_db
 from gsut.cli import main
 
@@ -138,20 +138,6 @@ def test_csv_flattens_dicts_and_leaves_null_empty(tmp_path):
         rows = list(csv.DictReader(file))
     assert rows[0] == {"a": "1", "b.c": "2.5", "b.d": "", "b": "", "e": ""}
     assert rows[1]["e"] == "x"
-
-
-def test_file_whose_writing_fails_leaves_the_old_one(tmp_path):
-    path = tmp_path / "rows.json"
-    write_json(path, [{"a": 1}])
-
-    def fails(file):
-        file.write(b"half")
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        write_whole(path, fails)
-    assert json.loads(path.read_text()) == [{"a": 1}]
-    assert [entry.name for entry in tmp_path.iterdir()] == ["rows.json"]
 
 
 # The command line.

@@ -19,7 +19,7 @@ from gsut.cli import build_parser, command_names, main
 from gsut.cli.demo import _free_run
 from gsut.run.folder import CHECKPOINT, METRICS, REPORT, SCENE, RunFolder
 from gsut.run.options import TrainOptions
-from gsut.run.progress import TrainingProgress
+from gsut.run.progress import Progress
 
 PACKAGE = str(Path(gsut.__file__).parent.parent)
 COMMANDS = command_names()
@@ -354,9 +354,9 @@ class Terminal:
 
 def test_progress_shows_step_loss_gaussians_and_the_last_psnr():
     terminal = Terminal()
-    with TrainingProgress(100, file=terminal) as progress:
-        progress.update(1, 0.5, 1000, psnr=21.234)
-        progress.update(100, 0.0625, 20_000)
+    with Progress(file=terminal) as progress:
+        progress.show_step(1, 100, 0.5, 1000, psnr=21.234)
+        progress.show_step(100, 100, 0.0625, 20_000)
     last = terminal.text.rstrip("\n").split("\r")[-1]
     assert [
         w for w in ("100%", "100/100", "loss 0.0625", "20,000", "21.23 dB") if w not in last
@@ -364,8 +364,8 @@ def test_progress_shows_step_loss_gaussians_and_the_last_psnr():
 
 
 def test_progress_disabled_writes_nothing(capsys):
-    progress = TrainingProgress(10, enabled=False)
-    progress.update(5, 0.1, 10)
+    progress = Progress(enabled=False)
+    progress.show_step(5, 10, 0.1, 10)
     progress.close()
     assert capsys.readouterr() == ("", "")
 

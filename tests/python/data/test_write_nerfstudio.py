@@ -12,7 +12,7 @@ from gsut import _core
 from gsut._core import Shutter
 from gsut.data.assemble import Frame
 from gsut.data.write_nerfstudio import points_ply, write_transforms
-from gsut.lens.camera import load_camera
+from gsut.lens import load_camera
 from lens_cases import real_lenses
 
 FISHEYE = gsut.Camera("kannala_brandt", [40, 41, 32, 24, 0.02, -0.01, 0.002, 0], 64, 48)

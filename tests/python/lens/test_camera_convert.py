@@ -6,7 +6,7 @@ import pytest
 import tolerances as tol
 from gsut import InputError, _core
 from gsut.cli import main
-from gsut.lens.camera import Camera, load_camera
+from gsut.lens import Camera, load_camera
 from gsut.lens.convert import convert_camera, format_conversion
 from gsut.lens.fit import SplineGrid
 

@@ -11,7 +11,7 @@ import pytest
 import tolerances as tol
 from gsut import CalibrationError, InputError
 from gsut.data.colmap_binary import read_cameras_bin
-from gsut.lens.camera import Camera, load_camera
+from gsut.lens import Camera, load_camera
 from gsut.lens.files import colmap_camera, nerfstudio_camera
 from lens_cases import all_lenses
 

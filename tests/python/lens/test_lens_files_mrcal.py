@@ -7,7 +7,7 @@ import calib_fakes  # noqa: F401  # puts calib/ on the path
 import tolerances as tol
 from calib.mrcal_process import ask, have_mrcal
 from gsut import CalibrationError, _core
-from gsut.lens.camera import Camera, load_camera
+from gsut.lens import Camera, load_camera
 from lens_cases import polar_grid
 
 # As mrcal 2.2 writes it.

@@ -8,7 +8,7 @@ import pytest
 
 import tolerances
 from gsut import Gaussians, InputError, _core, set_num_threads
-from gsut.optimize.optimizer import GaussianOptimizer, LearningRates, exponential_rate
+from gsut.optimize.optimizer import GaussianOptimizer, LearningRates
 
 FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 RATES = LearningRates(
@@ -55,15 +55,7 @@ def covariances(g):
     return scaled @ scaled.transpose(0, 2, 1)
 
 
-# --- schedule and Adam ------------------------------------------------------------------------
-
-
-def test_exponential_rate_runs_from_start_to_end():
-    assert exponential_rate(0, 100, 1e-2, 1e-4) == 1e-2
-    assert exponential_rate(50, 100, 1e-2, 1e-4) == pytest.approx(1e-3, rel=tolerances.SCHEDULE)
-    assert exponential_rate(100, 100, 1e-2, 1e-4) == pytest.approx(1e-4, rel=tolerances.SCHEDULE)
-    assert exponential_rate(500, 100, 1e-2, 1e-4) == exponential_rate(100, 100, 1e-2, 1e-4)
-    assert exponential_rate(0, 0, 1e-2, 1e-4) == 1e-4
+# --- Adam --------------------------------------------------------------------------------------
 
 
 def test_adam_first_steps_move_by_the_learning_rate(rng):

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import CalibrationError, InputError
+from gsut.files import write_file
 from gsut.lens.camera import Camera
 from gsut.lens.files.aria import format_aria, is_aria, load_aria
 from gsut.lens.files.colmap import (
@@ -46,7 +45,28 @@ OWN_SUFFIX = ".lens.json"  # of gsut's own form, which holds every lens
 
 
 def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
-    """See `gsut.load_camera`."""
+    """Reads a lens file.
+
+    Formats, told apart by name and content: mrcal .cameramodel, OpenCV YAML / JSON (FileStorage or
+    ROS camera_info), Kalibr camchain YAML, COLMAP cameras.txt and cameras.bin, nerfstudio
+    transforms.json, Project Aria calibration JSON, and gsut's own .lens.json. Pixel conventions are
+    converted: mrcal, OpenCV, Kalibr and Aria put the centre of the top-left pixel at (0, 0), gsut,
+    COLMAP and nerfstudio at (0.5, 0.5).
+
+    Args:
+        path: the file.
+        camera_id: which camera, for a file with several: COLMAP's number, Kalibr's "cam0" or Aria's
+            label.
+
+    Returns:
+        The camera. The valid field angle is set where the file states one.
+
+    Raises:
+        CalibrationError: the file is not a lens file, is cut off, lacks a key, or holds a lens that
+            gsut does not have; the message names file, line where known, and key.
+        InputError: the file holds several cameras and camera_id is not given or not among them.
+        OSError: the file cannot be read.
+    """
     file = Path(path)
     source = str(path)
     data = file.read_bytes()
@@ -187,28 +207,4 @@ def save_camera(camera: Camera, path: _Path, format: str | None = None) -> None:
     chosen = _format_of_name(file) if format is None else format
     if chosen not in _WRITERS:
         raise InputError(f"unknown lens file format {format!r}; known: {', '.join(_WRITERS)}")
-    write_atomically(file, _WRITERS[chosen](camera, file))
-
-
-def write_atomically(path: Path, content: str | bytes) -> None:
-    """Under a temporary name in the same folder, then renamed."""
-    data = content.encode("utf-8") if isinstance(content, str) else content
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
-    try:
-        with os.fdopen(handle, "wb") as out:
-            out.write(data)
-            out.flush()
-            os.fsync(out.fileno())
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(temporary)
-        raise
-
-
-def _umask() -> int:
-    """What a plain open would take off; mkstemp makes private files."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    write_file(file, _WRITERS[chosen](camera, file))

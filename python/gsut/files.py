@@ -1,0 +1,93 @@
+"""The one writer of files: each appears whole or not at all, whatever happens meanwhile."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+
+UNFINISHED = ".writing-"  # start of the names of files that are being written
+
+
+class WriteError(InputError, OSError):
+    """A file cannot be written; one sentence says which and why."""
+
+
+@contextlib.contextmanager
+def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A path to write to, in the same folder, that becomes `path` once the block ends well.
+
+    It ends as `path` does: some writers choose the format by the name. The file is flushed to the
+    disk and renamed; where the block fails, what was there before is unchanged.
+
+    Raises:
+        WriteError: the file cannot be written (no such folder, permissions, disk full).
+    """
+    path = Path(path)
+    temporary = path.with_name(f"{UNFINISHED}{os.getpid()}-{path.name}")
+    try:
+        yield temporary
+        with open(temporary, "r+b") as file:
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+        _flush_folder(path.parent)
+    except OSError as error:
+        raise WriteError(
+            f"cannot write {path}: {error.strerror or error}; is the folder writable and the disk "
+            "not full?"
+        ) from None
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+
+
+def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:
+    """Writes text (as UTF-8) or bytes, see `whole_file`."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def write_json(path: str | os.PathLike[str], value: Any) -> None:
+    """Writes `json_text`, see `whole_file`."""
+    write_file(path, json_text(value) + "\n")
+
+
+def json_text(value: Any) -> str:
+    """JSON with two spaces of indent; NaN and infinities, which JSON lacks, become null."""
+    return json.dumps(plain(value), indent=2)
+
+
+def plain(value: Any) -> Any:
+    """`value` with numpy's types as plain ones and numbers that JSON lacks as None."""
+    if isinstance(value, dict):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+def _flush_folder(folder: Path) -> None:
+    """Makes a rename last through a power cut, where the system can (not on Windows)."""
+    if os.name != "posix":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,24 @@
+"""The writer of files: whole or not at all, with a clear sentence where it cannot."""
+
+import json
+
+import pytest
+
+from gsut import InputError
+from gsut.files import whole_file, write_file, write_json
+
+
+def test_file_whose_writing_fails_leaves_the_old_one(tmp_path):
+    path = tmp_path / "rows.json"
+    write_json(path, [{"a": 1}])
+
+    with pytest.raises(KeyboardInterrupt), whole_file(path) as temporary:
+        temporary.write_bytes(b"half")
+        raise KeyboardInterrupt
+    assert json.loads(path.read_text()) == [{"a": 1}]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["rows.json"]
+
+
+def test_file_into_no_folder_is_refused_and_named(tmp_path):
+    with pytest.raises(InputError, match=r"cannot write .*absent/a.txt: No such file"):
+        write_file(tmp_path / "absent" / "a.txt", "text")
