@@ -177,6 +177,13 @@ void BindCameras(py::module_& m) {
       .def("ray_origins", &RayOrigins, py::arg("pixels"))
       .def_property_readonly("is_central", &Camera::IsCentral)
       .def_property_readonly("is_parallel", &Camera::IsParallel)
+      .def_property_readonly("is_panorama",
+                             [](const Camera& camera) { return camera.domain().IsPanorama(); })
+      .def_property_readonly(
+          "period",
+          [](const Camera& camera) {
+            return std::array<double, 2>{camera.domain().period_u, camera.domain().period_v};
+          })
       .def("resized", &Camera::Resized, py::arg("width"), py::arg("height"))
       .def("with_valid_field_angle", &Camera::WithValidFieldAngle, py::arg("valid_field_angle"))
       .def(py::self == py::self);

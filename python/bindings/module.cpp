@@ -24,16 +24,15 @@ PYBIND11_MODULE(_core, m) {
   gsut::ActiveIsa();  // applies GSUT_ISA now, so that an unknown name fails at import
   BindBase(m);
   BindCameras(m);
-  BindPoses(m);
-  BindStructure(m);
-  BindMatching(m);
+  BindGeometry(m);
   BindGaussians(m);
   BindProjection(m);
   BindRaster(m);
-  BindRasterBaseline(m);
-  BindRefine(m);
   BindLoss(m);
   BindOptimize(m);
-  BindCompact(m);
+  BindOptimizeCompact(m);
+  BindSfmMatching(m);
+  BindSfmStructure(m);
+  BindSfmPhotometric(m);
   BindFormats(m);
 }

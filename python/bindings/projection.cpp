@@ -6,8 +6,8 @@
 #include <string>
 
 #include "bindings/arrays.h"
+#include "bindings/geometry.h"
 #include "bindings/module.h"
-#include "bindings/poses.h"
 #include "gsut/base/stopwatch.h"
 #include "gsut/projection/footprint.h"
 #include "gsut/projection/project.h"

@@ -10,10 +10,10 @@
 #include <vector>
 
 #include "bindings/arrays.h"
+#include "bindings/geometry.h"
 #include "bindings/module.h"
-#include "bindings/poses.h"
 #include "gsut/raster/lens_gradients.h"
-#include "gsut/raster/reference.h"
+#include "gsut/raster/reference/reference.h"
 #include "gsut/raster/render.h"
 
 namespace gsut::bindings {

@@ -44,7 +44,13 @@ from gsut.lens import (
     convert_camera,
     load_camera,
 )
-from gsut.optimize import GaussianOptimizer, LearningRates, learning_rates
+from gsut.optimize import (
+    GaussianOptimizer,
+    LearningRates,
+    densify_adaptive,
+    densify_mcmc,
+    learning_rates,
+)
 from gsut.refine import Localized, RefinedPose, localize_image, refine_pose
 from gsut.render import METHODS as PROJECTION_METHODS
 from gsut.render import (
@@ -106,6 +112,8 @@ __all__ = [  # noqa: RUF022
     "render_backward",
     "Gradients",
     "GaussianOptimizer",
+    "densify_mcmc",
+    "densify_adaptive",
     "learning_rates",
     "LearningRates",
     "filter_radii",

@@ -1,4 +1,7 @@
-"""The whole way from photographs to Gaussians, one line a stage: read this file first."""
+"""The whole way from photographs to Gaussians, one line a stage: read this file first.
+
+Each line names the folder that does it; `TrainingLoop.advance` (training/loop.py) is one step.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,19 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.data import Scene, with_shutter
-from gsut.evaluate import run_metrics
+from gsut.data import Scene
 from gsut.gaussians import Gaussians
-from gsut.run import Progress, TrainOptions
-from gsut.training import TrainingLoop, create_run, first_poses, judge, write_results
+from gsut.run import TrainOptions
+from gsut.training import (
+    TrainingLoop,
+    TrainingRecord,
+    first_poses,
+    judge,
+    prepare_scene,
+    write_results,
+)
 
-# Held-out views that the curve of PSNR is measured on: a few, spread evenly.
-_CURVE_VIEWS = 8
+_MOST_JUDGED = 8  # training views that are looked at where none is held out
 
 
 @dataclasses.dataclass
@@ -69,47 +77,22 @@ def train(
     _core.set_num_threads(o.threads)
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
-    run = None if out is None else create_run(out, o, scene, resume)
-    if o.scale != 1.0:
-        scene = scene.scaled(o.scale)
-    scene = with_shutter(scene, o.shutter, o.readout_time, o.readout_direction)
-    checkpoint = run.load_checkpoint() if run is not None and resume else None
-    tracks = None
-    if o.refine_poses and o.refine_tracks and checkpoint is None:
-        tracks = first_poses(scene, o, progress is True)
-    loop = TrainingLoop(scene if tracks is None else tracks.scene, o)
-    if loop.refiner is not None and tracks is not None:
-        loop.refiner.hold_to(tracks.tracked, tracks.summary())
-    if checkpoint is not None:
-        loop.load_state_dict(checkpoint[1])
-    history = run.read_history() if run is not None else []
-
-    with Progress(progress is True) as bar:
+    record = TrainingRecord(out, o, scene, resume, progress)  # run/: folder, history, checkpoints
+    scene = prepare_scene(scene, o)  # data/: size of the images, shutter
+    fresh = record.checkpoint is None
+    tracks = first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
+    loop = TrainingLoop(scene if tracks is None else tracks.scene, o, tracks=tracks)  # gaussians/
+    with record.follow(loop):
         while loop.step < o.steps:
-            loss = loop.advance()
-            row = loop.history_row(loss)
-            psnr = row.get("psnr") if row else None
-            bar.show_step(loop.step, o.steps, loss, len(loop.gaussians), psnr)
-            if row:
-                history.append(row)
-                if run is not None:
-                    run.append_history(row)
-                if callable(progress):
-                    progress(row)
-            if run is not None and o.checkpoint_every and loop.step % o.checkpoint_every == 0:
-                run.save_checkpoint(loop.step, loop.state_dict())
-
-    if run is not None:
-        run.save_checkpoint(loop.step, loop.state_dict())
-    gaussians, scene = loop.result().copy(), loop.finished_scene()
-    indices = scene.test_indices or scene.train_indices[:_CURVE_VIEWS]
-    scene, evaluation = judge(gaussians, scene, indices, o, run)
-    metrics = run_metrics(
-        evaluation, gaussians, scene, o, steps=loop.step, train_seconds=loop.seconds
-    )
-    metrics["evaluated_on"] = "test views" if scene.test_indices else "training views"
+            # data/ -> render/ -> loss and back -> optimize/ -> training/strategies/ -> refine/
+            record.add(loop, loop.advance())
+    gaussians, scene = loop.result().copy(), loop.finished_scene()  # refine/: a last sweep
+    scene, metrics = judge(  # evaluate/
+        gaussians, scene, scene.test_indices or scene.train_indices[:_MOST_JUDGED], o, record.run,
+        steps=loop.step, train_seconds=loop.seconds, align=o.refine_poses,
+    )  # fmt: skip
     if loop.refiner is not None:
         metrics["refinement"] = loop.refiner.figures()
-    if run is not None:
-        write_results(run, gaussians, metrics, scene if o.refine_poses else None)
-    return TrainResult(gaussians, metrics, history, scene)
+    if record.run is not None:
+        write_results(record.run, gaussians, metrics, scene if o.refine_poses else None)  # formats/
+    return TrainResult(gaussians, metrics, record.history, scene)

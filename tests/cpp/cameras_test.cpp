@@ -1,4 +1,4 @@
-// Tests gsut/cameras and its lens file format: roots, duals, domains, inverses, float text, rays.
+// Tests gsut/cameras and its lens file format: roots, duals, domains, inverses, kernels, rays.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -10,45 +10,15 @@
 #include <thread>
 #include <vector>
 
+#include "gsut/base/aligned_vector.h"
 #include "gsut/base/errors.h"
+#include "gsut/base/isa.h"
 #include "gsut/base/parallel.h"
 #include "gsut/cameras/camera.h"
+#include "gsut/cameras/lens_kernels.h"
 #include "gsut/cameras/plane_map.h"
 #include "gsut/cameras/polynomial.h"
 #include "gsut/formats/camera_model.h"
-
-// The lens files once more, as a float kernel reads them: proves that the text can be included
-// again in a namespace of its own and what it costs in float.
-namespace gsut::float_lenses {
-float Sqrt(float a) { return std::sqrt(a); }
-float Abs(float a) { return std::abs(a); }
-float Min(float a, float b) { return b < a ? b : a; }
-float Max(float a, float b) { return a < b ? b : a; }
-float Atan2(float y, float x) { return std::atan2(y, x); }
-float Atan(float a) { return std::atan(a); }
-float Asin(float a) { return std::asin(a); }
-float Tan(float a) { return std::tan(a); }
-float Floor(float a) { return std::floor(a); }
-float Sin(float a) { return std::sin(a); }
-float Cos(float a) { return std::cos(a); }
-float Select(bool mask, float a, float b) { return mask ? a : b; }
-bool AndMask(bool a, bool b) { return a && b; }
-bool OrMask(bool a, bool b) { return a || b; }
-template <class T>
-T At(const float* table, T index) {
-  return T(table[static_cast<int>(index)]);
-}
-void SumRows(const float* table, float first, int stride, int rows, int columns,
-             const float* weight, float* sums) {
-  for (int k = 0; k < columns; ++k) {
-    sums[k] = 0.0f;
-    for (int j = 0; j < rows; ++j) {
-      sums[k] += weight[j] * At<float>(table, first + static_cast<float>(j * stride + k));
-    }
-  }
-}
-#include "gsut_lens_files.inc"
-}  // namespace gsut::float_lenses
 
 namespace gsut {
 namespace {
@@ -57,10 +27,14 @@ namespace {
 constexpr double kRootTolerance = 1e-14;
 // Of a first derivative by central differences with step 1e-6: h^2 f''' / 6 and eps f / h.
 constexpr double kDifferenceTolerance = 1e-9;
-// Float: 24 bits of a pixel coordinate below 2048, times the few roundings of the polynomial.
-constexpr double kFloatPixelTolerance = 2e-3;
+// Float: 24 bits of a pixel coordinate below 4096, times the few roundings of the polynomial and of
+// the vector arctangent (3 units in the last place). Observed 2.7e-3, the same on every instruction
+// set: fisheye624, and opencv5 with derivatives, whose quotients are products with the reciprocal.
+constexpr double kFloatPixelTolerance = 4e-3;
 // Float near the axis, relative to the distance from the principal point.
 constexpr double kFloatAxisTolerance = 1e-6;
+// Float derivatives, relative to the largest of the point. Observed 3.1e-6.
+constexpr double kFloatDerivativeTolerance = 6e-6;
 // The closed-form pole against the root finder.
 constexpr double kAngleTolerance = 1e-12;
 constexpr double kPixelTolerance = 1e-9;
@@ -224,63 +198,120 @@ TEST(CameraTest, HardPointsAreNeverNanAndValid) {
   EXPECT_GT(seen, cameras * 50);
 }
 
-TEST(CameraTest, FloatTextMatchesDouble) {
+// Pixels of points (count, 3) by the float kernel, and derivatives (count, 2, 3).
+struct FloatPixels {
+  FloatPixels(const Camera& camera, const std::vector<double>& points) {
+    const std::size_t count = points.size() / 3, padded = (count + 15) / 16 * 16;
+    AlignedVector<float> numbers(11 * padded);
+    const auto array = [&](std::size_t k) { return &numbers[k * padded]; };
+    for (std::size_t i = 0; i < padded; ++i) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        array(k)[i] = static_cast<float>(points[3 * std::min(i, count - 1) + k]);
+      }
+    }
+    const LensBatch batch = {array(0),
+                             array(1),
+                             array(2),
+                             array(3),
+                             array(4),
+                             {array(5), array(6), array(7)},
+                             {array(8), array(9), array(10)}};
+    const FloatLens lens(camera);
+    ProjectPointsJacobian(lens, static_cast<int>(padded), batch);
+    for (std::size_t i = 0; i < count; ++i) {
+      for (std::size_t k = 5; k < 11; ++k) derivatives.push_back(array(k)[i]);
+    }
+    for (std::vector<double>* out : {&pixels_with_derivatives, &pixels}) {
+      for (std::size_t i = 0; i < count; ++i) {
+        for (std::size_t k = 3; k < 5; ++k) out->push_back(array(k)[i]);
+      }
+      ProjectPoints(lens, static_cast<int>(padded), batch);
+    }
+  }
+  std::vector<double> pixels, pixels_with_derivatives, derivatives;
+};
+
+TEST(LensKernelTest, FloatMatchesDoubleOnEveryLensAndInstructionSet) {
   int lenses_run = 0, points_run = 0;
-  double worst = 0.0, worst_axis = 0.0;
-  const auto compare = [&](auto float_lens, const LensExample& example) {
-    using FloatLens = decltype(float_lens);
-    const Camera camera(FloatLens::kName, {example.params, example.params + example.num_params},
-                        example.width, example.height);
-    std::vector<float> params(camera.params().begin(), camera.params().end());
+  double worst = 0.0, worst_axis = 0.0, worst_derivative = 0.0;
+  const auto compare = [&](const std::string& name, const LensExample& example) {
+    const Camera camera(name, {example.params, example.params + example.num_params}, example.width,
+                        example.height);
     // Angles up to the corner of the image.
+    std::vector<double> points;
     for (int i = -40; i < 400; ++i) {
       const double limit = std::min(camera.MaxAngle(), 1.3);
       const double angle = i < 0 ? std::pow(10.0, 0.25 * i) : 0.995 * limit * i / 400;
-      const float x = static_cast<float>(3.0 * std::sin(angle) * 0.8);
-      const float y = static_cast<float>(3.0 * std::sin(angle) * 0.6);
-      const float z = static_cast<float>(3.0 * std::cos(angle));
-      const double point[3] = {x, y, z};
-      double pixel[2];
-      std::uint8_t valid = 0;
-      camera.Project(1, point, pixel, &valid);
-      const double forward[3] = {0, 0, 1};
-      double centre[2];
-      std::uint8_t centre_valid = 0;
-      camera.Project(1, forward, centre, &centre_valid);
-      const double radius = std::hypot(pixel[0] - centre[0], pixel[1] - centre[1]);
-      if (!valid || radius > 4096) continue;
-      float u = 0, v = 0;
-      ASSERT_TRUE(
-          FloatLens::Project(camera.domain(), params.data(), camera.num_params(), x, y, z, &u, &v))
-          << FloatLens::kName << " " << angle;
-      const double error = std::hypot(u - pixel[0], v - pixel[1]);
-      worst = std::max(worst, error);
-      if (i < 0 && std::string(FloatLens::kParamNames).starts_with("fx fy cx cy") &&
-          !std::string(FloatLens::kName).starts_with("cahvor")) {  // axes of their own
-        // The offset itself, without the principal point's digits.
-        std::vector<double> centred = camera.params();
-        centred[2] = centred[3] = 0.0;
-        std::vector<float> float_centred(centred.begin(), centred.end());
-        const Camera centred_camera(FloatLens::kName, centred, example.width, example.height);
-        centred_camera.Project(1, point, pixel, &valid);
-        FloatLens::Project(camera.domain(), float_centred.data(), camera.num_params(), x, y, z, &u,
-                           &v);
-        worst_axis = std::max(worst_axis, std::hypot(u / pixel[0] - 1.0, v / pixel[1] - 1.0));
+      points.push_back(static_cast<float>(3.0 * std::sin(angle) * 0.8));
+      points.push_back(static_cast<float>(3.0 * std::sin(angle) * 0.6));
+      points.push_back(static_cast<float>(3.0 * std::cos(angle)));
+    }
+    const double forward[3] = {0, 0, 1};
+    double centre[2];
+    std::uint8_t centre_valid = 0;
+    camera.Project(1, forward, centre, &centre_valid);
+    const std::int64_t count = static_cast<std::int64_t>(points.size() / 3);
+    const auto exact_pixels = [&](const Camera& of, std::vector<double>* derivatives) {
+      std::vector<double> pixels(2 * points.size() / 3);
+      std::vector<std::uint8_t> valid(points.size() / 3);
+      derivatives->resize(2 * points.size());
+      of.ProjectJacobian(count, points.data(), pixels.data(), valid.data(), derivatives->data(),
+                         nullptr);
+      return pixels;  // NaN where invalid
+    };
+    std::vector<double> exact_derivatives, centred_derivatives;
+    const std::vector<double> exact = exact_pixels(camera, &exact_derivatives);
+    const FloatPixels found(camera, points);
+    for (std::size_t i = 0; i < points.size() / 3; ++i) {
+      const double radius = std::hypot(exact[2 * i] - centre[0], exact[2 * i + 1] - centre[1]);
+      if (!(radius <= 4096)) continue;
+      for (const std::vector<double>* pixels : {&found.pixels, &found.pixels_with_derivatives}) {
+        const double error =
+            std::hypot((*pixels)[2 * i] - exact[2 * i], (*pixels)[2 * i + 1] - exact[2 * i + 1]);
+        ASSERT_FALSE(std::isnan(error)) << name << " " << i;
+        worst = std::max(worst, error);
+      }
+      double size = 0.0;
+      for (std::size_t k = 0; k < 6; ++k) {
+        size = std::max(size, std::abs(exact_derivatives[6 * i + k]));
+      }
+      for (std::size_t k = 0; k < 6; ++k) {
+        worst_derivative =
+            std::max(worst_derivative,
+                     std::abs(found.derivatives[6 * i + k] - exact_derivatives[6 * i + k]) / size);
       }
       ++points_run;
     }
+    if (std::string(LensParamNames(camera.lens())).starts_with("fx fy cx cy") &&
+        !name.starts_with("cahvor")) {  // axes of their own
+      // The offset itself, without the principal point's digits.
+      std::vector<double> centred = camera.params();
+      centred[2] = centred[3] = 0.0;
+      const Camera centred_camera(name, centred, example.width, example.height);
+      const std::vector<double> offsets = exact_pixels(centred_camera, &centred_derivatives);
+      const FloatPixels found_offsets(centred_camera, points);
+      for (std::size_t k = 0; k < 2 * 40; k += 2) {
+        worst_axis =
+            std::max(worst_axis, std::hypot(found_offsets.pixels[k] / offsets[k] - 1.0,
+                                            found_offsets.pixels[k + 1] / offsets[k + 1] - 1.0));
+      }
+    }
     ++lenses_run;
   };
-#define GSUT_COMPARE(Lens) \
-  for (const LensExample& example : lenses::Lens::kExamples) compare(float_lenses::Lens{}, example);
-  GSUT_FOR_EACH_LENS(GSUT_COMPARE)
-#undef GSUT_COMPARE
-  EXPECT_GE(lenses_run, 10);
+  for (const std::string& isa : AvailableIsas()) {
+    SetIsa(isa);
+    for (const std::string& name : LensNames()) {
+      for (const LensExample& example : LensExamples(LensFromName(name))) compare(name, example);
+    }
+  }
+  SetIsa("");
+  EXPECT_GE(lenses_run, 10 * static_cast<int>(AvailableIsas().size()));
   EXPECT_GT(points_run, 300 * lenses_run);
   EXPECT_LT(worst, kFloatPixelTolerance);
   EXPECT_LT(worst_axis, kFloatAxisTolerance);
-  RecordProperty("worst_px", std::to_string(worst));
-  RecordProperty("worst_axis", std::to_string(worst_axis));
+  EXPECT_LT(worst_derivative, kFloatDerivativeTolerance);
+  std::printf("float: %.1e px, %.1e of the offset near the axis, %.1e of the derivatives\n", worst,
+              worst_axis, worst_derivative);
 }
 
 TEST(CameraTest, ValidFieldAngleCutsPointsAndPixels) {

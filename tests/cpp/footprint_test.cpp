@@ -74,17 +74,6 @@ OwnedGaussians<float> Anywhere(const Pose& pose, std::int64_t n, Draws* draws) {
   return g;
 }
 
-// Pixels after which a panorama repeats; 0 for other lenses.
-void PeriodOfCamera(const Camera& camera, double* period_u, double* period_v) {
-  *period_u = *period_v = 0.0;
-  VisitLens(camera.lens(), [&](auto lens) {
-    using Lens = decltype(lens);
-    if constexpr (requires { Lens::Period(camera.domain(), nullptr, nullptr, nullptr); }) {
-      Lens::Period(camera.domain(), camera.params().data(), period_u, period_v);
-    }
-  });
-}
-
 // Pixel centres (u, v) that a box must hold so that it holds every pixel with alpha >= alpha_min,
 // found by looking at every pixel: two corners, or on a panorama all of them.
 using Seen = std::vector<std::array<double, 2>>;
@@ -142,14 +131,13 @@ struct MethodCount {
 template <class T>
 void CountMisses(const Footprints<T>& found, const std::vector<Seen>& truth, const Camera& camera,
                  MethodCount* count) {
-  double period_u, period_v;
-  PeriodOfCamera(camera, &period_u, &period_v);
+  const LensDomain& domain = camera.domain();
   for (std::size_t i = 0; i < truth.size(); ++i) {
     if (truth[i].empty()) continue;
     bool holds = found.status[i] == FootprintStatus::kBox;
     for (const auto& [u, v] : truth[i]) {
-      holds = holds && Holds(found.low_u[i], found.high_u[i], u, period_u) &&
-              Holds(found.low_v[i], found.high_v[i], v, period_v);
+      holds = holds && Holds(found.low_u[i], found.high_u[i], u, domain.period_u) &&
+              Holds(found.low_v[i], found.high_v[i], v, domain.period_v);
     }
     ++count->seen;
     count->missed += !holds;
@@ -178,9 +166,7 @@ TEST(FootprintTest, SilhouetteMissesNoPixelOnAnyLens) {
       const auto exact = ToDouble(g);
       const FootprintRule rule;
       std::vector<Seen> truth(static_cast<std::size_t>(each)), float_truth(truth.size());
-      double period_u, period_v;
-      PeriodOfCamera(lens.camera, &period_u, &period_v);
-      const bool keep_all = period_u > 0.0 || period_v > 0.0;
+      const bool keep_all = lens.camera.domain().IsPanorama();
       ParallelFor(each, 16, [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
           const std::size_t j = static_cast<std::size_t>(i);

@@ -6,11 +6,11 @@
 #include <vector>
 
 #include "gsut/base/errors.h"
-#include "gsut/poses/bundle.h"
-#include "gsut/poses/bundle_cost.h"
-#include "gsut/poses/camera_chain.h"
-#include "gsut/poses/lens_evaluation.h"
-#include "gsut/poses/pose_block.h"
+#include "gsut/sfm/bundle.h"
+#include "gsut/sfm/bundle_cost.h"
+#include "gsut/geometry/camera_chain.h"
+#include "gsut/sfm/lens_evaluation.h"
+#include "gsut/sfm/pose_manifold.h"
 #include "synthetic_bundle.h"
 
 namespace gsut {

@@ -1,5 +1,5 @@
-// Tests gsut/poses: matrices in and out, algebra, exponential, interpolation.
-#include "gsut/poses/pose.h"
+// Tests gsut/geometry/pose: matrices in and out, algebra, exponential, interpolation.
+#include "gsut/geometry/pose.h"
 
 #include <gtest/gtest.h>
 

@@ -11,7 +11,7 @@
 #include "gsut/base/rng.h"
 #include "gsut/cameras/camera.h"
 #include "gsut/gaussians/gaussians.h"
-#include "gsut/poses/pose.h"
+#include "gsut/geometry/pose.h"
 
 namespace gsut::testing_scenes {
 

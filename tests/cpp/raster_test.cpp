@@ -15,7 +15,7 @@
 #include "gsut/base/parallel.h"
 #include "gsut/gaussians/activations.h"
 #include "gsut/raster/bin_tiles.h"
-#include "gsut/raster/reference.h"
+#include "gsut/raster/reference/reference.h"
 #include "gsut/raster/render.h"
 #include "gsut/raster/tile_grid.h"
 #include "random_gaussians.h"

@@ -1,5 +1,5 @@
-// Tests gsut/poses/shutter: names, times of lines, poses between two and their derivatives.
-#include "gsut/poses/shutter.h"
+// Tests gsut/geometry/shutter: names, times of lines, poses between two and their derivatives.
+#include "gsut/geometry/shutter.h"
 
 #include <gtest/gtest.h>
 

@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "gsut/base/rng.h"
-#include "gsut/poses/bundle.h"
-#include "gsut/poses/bundle_state.h"
-#include "gsut/poses/shutter.h"
+#include "gsut/sfm/bundle.h"
+#include "gsut/sfm/bundle_state.h"
+#include "gsut/geometry/shutter.h"
 
 namespace gsut {
 

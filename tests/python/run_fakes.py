@@ -50,7 +50,9 @@ class FakeScene:
         self.world_offset = np.array([10.0, 20.0, 30.0])
         self.images = rng.integers(0, 256, (6, SIZE, SIZE, 3), dtype=np.uint8)
         self.views = [
-            SimpleNamespace(name=f"images/{i}.png", camera_from_world=pose, motion=pose)
+            SimpleNamespace(
+                name=f"images/{i}.png", camera_from_world=pose, motion=pose, shutter=None
+            )
             for i, pose in enumerate(inward_pose(i * math.pi / 3) for i in range(6))
         ]
         self.test_indices = [0, 3]

@@ -35,13 +35,13 @@ class SyntheticRig:
         rng: source of points and noise.
         mounts: (4, 4) second, third camera from the first [STEREO].
         elsewhere: (4, 4) first camera from the reference [the same].
-        moments, points: how many. noise: of the features, pixels.
-        absent: (moment, camera) without an image.
-        blind: (moment, camera) that sees few points; few: how many.
+        frames, points: how many. noise: of the features, pixels.
+        absent: (frame, camera) without an image.
+        blind: (frame, camera) that sees few points; few: how many.
     """
 
     def __init__(
-        self, rng, *mounts, moments=10, points=700, noise=0.0, absent=(), blind=(), few=6,
+        self, rng, *mounts, frames=10, points=700, noise=0.0, absent=(), blind=(), few=6,
         elsewhere=None,
     ):  # fmt: skip
         first = np.eye(4) if elsewhere is None else elsewhere
@@ -62,26 +62,26 @@ class SyntheticRig:
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         self.points = directions * rng.uniform(3, 7, (points, 1))
         identity = rng.random((points, 128)) ** 4
-        self.poses, names, moments_of, cameras_of = [], [], [], []
+        self.poses, names, frames_of, cameras_of = [], [], [], []
         self.features, self._seen = [], []
-        for moment in range(moments):
-            angle = 2 * np.pi * moment / moments
+        for frame in range(frames):
+            angle = 2 * np.pi * frame / frames
             center = [np.cos(angle), 0.2 * np.sin(2 * angle), np.sin(angle)]
             body = pose_of([0.1 * np.sin(angle), angle, 0.1 * np.cos(angle)], center)
             for camera, name in enumerate(self.rig.names):
-                if (moment, camera) in absent:
+                if (frame, camera) in absent:
                     continue
-                names.append(f"{name}/{moment:03d}.png")
-                moments_of.append(moment)
+                names.append(f"{name}/{frame:03d}.png")
+                frames_of.append(frame)
                 cameras_of.append(camera)
                 pose = self.rig.camera_from_reference[camera] @ body
                 self.poses.append(pose)
-                most = few if (moment, camera) in blind else points
+                most = few if (frame, camera) in blind else points
                 self._add_features(rng, pose, self.rig.cameras[camera], noise, identity, most)
         self.poses = np.array(self.poses)
         self.photographs = Photographs(
             Path("."), names, [Path(n) for n in names], [None] * len(names),
-            [self.rig.cameras[c] for c in cameras_of], moments=np.array(moments_of),
+            [self.rig.cameras[c] for c in cameras_of], frames=np.array(frames_of),
             rig_cameras=np.array(cameras_of), paired_by="name",
         )  # fmt: skip
         self.pairs = self._pairs()

@@ -4,13 +4,13 @@ import numpy as np
 
 import gsut
 from gsut import _core
+from gsut.sfm.correspondences import match_images
 from gsut.sfm.features import Features
-from gsut.sfm.matching import match_and_verify, preview_pairs
+from gsut.sfm.matching import verify
 from gsut.sfm.options import PosesOptions
-from gsut.sfm.pairs import choose_pairs
 
 
-def quiet(done: int, total: int) -> None:
+def quiet(*_: object) -> None:
     """Progress that nobody looks at."""
 
 
@@ -66,9 +66,8 @@ class Synthetic:
     def verified(self, options=None):
         options = options or PosesOptions()
         count = len(self.features)
-        pairs = choose_pairs([f"{i}" for i in range(count)], self.features, options)
-        pairs = preview_pairs(self.features, pairs, options, quiet)
-        return match_and_verify(self.features, [self.camera] * count, pairs, options, quiet)
+        raw = match_images([f"{i}" for i in range(count)], self.features, options, quiet)
+        return verify(self.features, [self.camera] * count, raw, options)
 
     def settings(self, **more):
         return {"max_error": 2.5, "min_angle": 0.026, **more}

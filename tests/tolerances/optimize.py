@@ -1,4 +1,4 @@
-"""Tolerances of Adam, densification and schedules."""
+"""Tolerances of Adam, densification and least squares."""
 
 ADAM_RELATIVE = 7e-7  # of the summed updates: float32 against float64 arithmetic; worst 3.4e-7
 ADAM_FIRST_STEPS = 4.4e-7  # absolute: three float32 roundings of means; worst 2.2e-7

@@ -62,8 +62,12 @@ void ParallelFor(std::int64_t count, std::int64_t grain,
     const std::int64_t begin = chunk * grain;
     body(begin, begin + grain < count ? begin + grain : count);
   };
+  if (chunks == 1) {  // also within another loop: takes no lock
+    run_chunk(0);
+    return;
+  }
   const std::shared_ptr<Threads> current = CurrentThreads();
-  if (chunks == 1 || current->arena.max_concurrency() == 1) {
+  if (current->arena.max_concurrency() == 1) {
     for (std::int64_t chunk = 0; chunk < chunks; ++chunk) run_chunk(chunk);
     return;
   }

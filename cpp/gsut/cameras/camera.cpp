@@ -7,6 +7,7 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/cameras/camera_state.h"
+#include "gsut/cameras/visit_lens.h"
 
 namespace gsut {
 namespace {

@@ -6,6 +6,7 @@
 
 #include "gsut/base/parallel.h"
 #include "gsut/cameras/camera.h"
+#include "gsut/cameras/visit_lens.h"
 
 namespace gsut {
 namespace {

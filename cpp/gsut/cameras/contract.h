@@ -1,7 +1,8 @@
 // What a lens must hold. One lens = one file under cameras/models; the build finds it.
 //
 // A lens file is read several times, in different namespaces: once for scalars (double, Dual) by
-// lens_registry.h, and once per instruction set by the vector kernels of gsut/projection. It
+// visit_lens.h, and once per instruction set by the vector kernels (lens_kernels-inl.h). Everybody
+// else asks for batches of points, through Camera (double) or ProjectPoints (float). A lens file
 // therefore has no include guard, no #include and no namespace, and holds one struct, named like
 // the file in PascalCase (opencv5.h -> Opencv5), that uses only the names below, unqualified. Text
 // that several lenses share lies under cameras/families by the same rules; the generated list of
@@ -18,7 +19,8 @@
 //     // True if a parameter vector of this length is a lens.
 //     static bool AcceptsParams(int num_params);
 //     // The one-to-one domain connected to the axis, found once on load, in double, cut at
-//     // angle_limit (radians). Throws InputError if the parameters describe no lens.
+//     // angle_limit (radians). Throws InputError if the parameters describe no lens. A panorama
+//     // states here where its image repeats and around which directions it turns (LensDomain).
 //     static LensDomain MakeDomain(const double* params, int num_params, double angle_limit = kPi);
 //     // Pixel of a point in the camera frame (x right, y down, z forward; any length but 0).
 //     // Returns the mask "inside the domain, and no pixel coordinate beyond kMaxPixel"; where it
@@ -36,11 +38,6 @@
 //     // Optional: the image's size is part of the lens, and MakeDomain takes (..., angle_limit,
 //     // width, height).
 //     static constexpr bool kTakesSize = true;
-//     // Optional, for panoramas: the pixels after which the image repeats (0: never), and the sine
-//     // of the angle to the nearest direction around which pixels turn (a pole).
-//     static void Period(const LensDomain& domain, const double* params, double* period_u,
-//                        double* period_v);
-//     template <class T> static T PoleSine(T x, T y, T z);
 //     // Optional, for lenses whose rays do not meet in the origin. Project then depends on the
 //     // point's distance, and every ray has an origin of its own, in the camera frame.
 //     static constexpr bool kHasOrigins = true;
@@ -70,35 +67,9 @@
 #include <memory>
 #include <vector>
 
-#include "gsut/cameras/lens_constants.h"
-
-namespace gsut {
-
-// The valid domain of one lens with its parameters: a cone about the axis, or what `edge` leaves of
-// it.
-struct LensDomain {
-  double max_angle = 0.0;             // radians from the axis; the domain is angle < max_angle
-  double max_radius = 0.0;            // largest distorted radius in the domain, in focal lengths
-  std::array<double, 4> limits = {};  // further limits; each lens says what it keeps here
-  // For lenses whose domain ends at another angle in each direction: squared radii in the lens'
-  // plane, one a sector (families/star_edge.h). Null: a whole cone.
-  std::shared_ptr<const std::vector<float>> edge;
-};
-
-inline constexpr int kMaxExampleParams = 80;
-
-// A real lens, as test material and as documentation of what parameters look like.
-struct LensExample {
-  const char* origin;  // which device, solved by whom
-  int width, height;   // pixels
-  int num_params;
-  double params[kMaxExampleParams];
-};
-
-}  // namespace gsut
-
 #include "gsut/cameras/ftheta_map.h"
 #include "gsut/cameras/lens_checks.h"
+#include "gsut/cameras/lens_domain.h"
 #include "gsut/cameras/odd_polynomial.h"
 #include "gsut/cameras/pinhole_map.h"
 #include "gsut/cameras/plane_chart.h"

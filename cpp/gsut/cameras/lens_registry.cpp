@@ -2,6 +2,7 @@
 #include "gsut/cameras/lens_registry.h"
 
 #include "gsut/base/errors.h"
+#include "gsut/cameras/visit_lens.h"
 
 namespace gsut {
 namespace {

@@ -6,8 +6,7 @@
 #include <sstream>
 
 #include "gsut/base/errors.h"
-#include "gsut/cameras/contract.h"
-#include "gsut/cameras/lens_registry.h"
+#include "gsut/cameras/visit_lens.h"
 
 namespace gsut {
 

@@ -7,8 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "gsut/cameras/contract.h"
-#include "gsut/cameras/lens_registry.h"
+#include "gsut/cameras/visit_lens.h"
 #include "gsut/cameras/plane_map.h"
 #include "gsut/cameras/polynomial.h"
 

@@ -8,6 +8,7 @@
 #include "gsut/base/parallel.h"
 #include "gsut/cameras/camera.h"
 #include "gsut/cameras/camera_state.h"
+#include "gsut/cameras/visit_lens.h"
 
 namespace gsut {
 namespace {

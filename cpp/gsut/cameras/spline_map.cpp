@@ -8,8 +8,7 @@
 #include <vector>
 
 #include "gsut/base/errors.h"
-#include "gsut/cameras/contract.h"
-#include "gsut/cameras/lens_registry.h"
+#include "gsut/cameras/visit_lens.h"
 #include "gsut/cameras/plane_map.h"
 
 namespace gsut {

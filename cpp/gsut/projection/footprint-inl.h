@@ -1,4 +1,5 @@
-// Footprints of one Gaussian (or one a lane) through one lens by each method; text for any scalar.
+// Footprints of one Gaussian (or one a lane) by each method: its points, and its footprint from
+// their pixels. Text for any scalar; the lens stands between the two.
 
 #if defined(GSUT_PROJECTION_FOOTPRINT_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_PROJECTION_FOOTPRINT_INL_H_
@@ -7,6 +8,9 @@
 #define GSUT_PROJECTION_FOOTPRINT_INL_H_
 #endif
 
+#include <limits>
+
+#include "gsut/projection/placed_gaussian.h"
 #include "gsut/projection/sigma_rule.h"
 #include "gsut/projection/unscented-inl.h"
 
@@ -14,23 +18,15 @@ HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
-// Centre, covariance and half size of the bound; `valid` where the method has an answer.
-template <class T, class Mask>
-struct PlacedFootprint {
-  T u, v, cov_uu, cov_uv, cov_vv;
-  T low_u, high_u, low_v, high_v;
-  Mask valid;
-};
-
-// The Gaussian in the camera frame: mean, axes[k] (unit) with scale[k], and the root of the cut-off
-// of D^2.
+// Centre, covariance and bound.
 template <class T>
-struct PlacedGaussian {
-  T mean[3], axes[3][3], scale[3], reach;
+struct BoundedFootprint : Footprint<T> {
+  T low_u, high_u, low_v, high_v;
 };
 
-template <class T, class Mask>
-HWY_INLINE void BoxFromCovariance(T reach, PlacedFootprint<T, Mask>* out) {
+// reach: root of the cut-off of D^2, here and below.
+template <class T>
+HWY_INLINE void BoxFromCovariance(T reach, BoundedFootprint<T>* out) {
   const T half_u = reach * Sqrt(out->cov_uu);
   const T half_v = reach * Sqrt(out->cov_vv);
   out->low_u = out->u - half_u;
@@ -39,48 +35,39 @@ HWY_INLINE void BoxFromCovariance(T reach, PlacedFootprint<T, Mask>* out) {
   out->high_v = out->v + half_v;
 }
 
-// Whether the text is compiled for a lens whose image repeats.
-template <class Lens>
-inline constexpr bool kRepeats = requires(const LensDomain& d) {
-  Lens::Period(d, nullptr, nullptr, nullptr);
-};
-
-template <class Lens, class T>
-HWY_INLINE T PeriodicDifference(T difference, double period) {
-  if constexpr (kRepeats<Lens>) {
-    if (period > 0.0) return ShortWay(difference, period);
-  }
-  return difference;
-}
-
-// By a rule of points. Differences are taken from the first point, across a seam the short way.
-template <class Lens, class T, class P>
-HWY_INLINE auto SigmaFootprint(const LensDomain& domain, const P* params, int num_params,
-                               const ImagePeriod& period, const SigmaRule& rule,
-                               const PlacedGaussian<T>& g) {
-  T du[SigmaRule::kMaxPoints], dv[SigmaRule::kMaxPoints];
-  T u0(0.0), v0(0.0), sum_u(0.0), sum_v(0.0);
-  auto valid = T(0.0) < T(1.0);
+// Calls put(i, x, y, z) for each point of the rule.
+template <class T, class Put>
+HWY_INLINE void PutSigmaPoints(const SigmaRule& rule, const PlacedGaussian<T>& g, Put&& put) {
   for (int i = 0; i < rule.size; ++i) {
     T point[3] = {g.mean[0], g.mean[1], g.mean[2]};
     for (int k = 0; k < 3; ++k) {
       const T step = T(rule.points[i][k]) * g.scale[k];
       for (int row = 0; row < 3; ++row) point[row] = point[row] + step * g.axes[k][row];
     }
+    put(i, point[0], point[1], point[2]);
+  }
+}
+
+// By a rule of points, from their pixels get(i, &u, &v), NaN where there is none. Differences are
+// taken from the first point, across a seam the short way.
+template <class T, class Get>
+HWY_INLINE BoundedFootprint<T> SigmaFootprint(const LensDomain& domain, const SigmaRule& rule,
+                                              T reach, Get&& get) {
+  T du[SigmaRule::kMaxPoints], dv[SigmaRule::kMaxPoints];
+  T u0(0.0), v0(0.0), sum_u(0.0), sum_v(0.0);
+  for (int i = 0; i < rule.size; ++i) {
     T u, v;
-    valid = AndMask(
-        valid, Lens::Project(domain, params, num_params, point[0], point[1], point[2], &u, &v));
+    get(i, &u, &v);
     if (i == 0) {
       u0 = u;
       v0 = v;
     }
-    du[i] = PeriodicDifference<Lens>(u - u0, period.u);
-    dv[i] = PeriodicDifference<Lens>(v - v0, period.v);
+    du[i] = ShortWay(u - u0, domain.period_u);
+    dv[i] = ShortWay(v - v0, domain.period_v);
     sum_u = sum_u + T(rule.mean_weights[i]) * du[i];
     sum_v = sum_v + T(rule.mean_weights[i]) * dv[i];
   }
-  PlacedFootprint<T, decltype(valid)> out;
-  out.valid = valid;
+  BoundedFootprint<T> out;
   out.u = u0 + sum_u;
   out.v = v0 + sum_v;
   out.cov_uu = out.cov_uv = out.cov_vv = T(0.0);
@@ -91,35 +78,30 @@ HWY_INLINE auto SigmaFootprint(const LensDomain& domain, const P* params, int nu
     out.cov_uv = out.cov_uv + weight * (eu * ev);
     out.cov_vv = out.cov_vv + weight * (ev * ev);
   }
-  BoxFromCovariance(g.reach, &out);
+  BoxFromCovariance(reach, &out);
   return out;
 }
 
-// Linear: the covariance through the lens' Jacobian at the mean. D is a dual number over T with at
-// least 3 directions; dual_params are its constants.
-template <class Lens, class D, class T, class P>
-HWY_INLINE auto EwaFootprint(const LensDomain& domain, const P* dual_params, int num_params,
-                             const PlacedGaussian<T>& g) {
-  D u, v;
-  const auto valid = Lens::Project(domain, dual_params, num_params, D(g.mean[0], 0),
-                                   D(g.mean[1], 1), D(g.mean[2], 2), &u, &v);
-  PlacedFootprint<T, std::remove_cv_t<decltype(valid)>> out;
-  out.valid = valid;
-  out.u = u.value;
-  out.v = v.value;
+// Linear: the covariance through the lens' derivatives du, dv at the mean, whose pixel is (u, v).
+template <class T>
+HWY_INLINE BoundedFootprint<T> EwaFootprint(const PlacedGaussian<T>& g, T reach, T u, T v,
+                                            const T* du, const T* dv) {
+  BoundedFootprint<T> out;
+  out.u = u;
+  out.v = v;
   out.cov_uu = out.cov_uv = out.cov_vv = T(0.0);
   for (int k = 0; k < 3; ++k) {
     T along_u(0.0), along_v(0.0);
     for (int row = 0; row < 3; ++row) {
       const T step = g.scale[k] * g.axes[k][row];
-      along_u = along_u + u.grad[row] * step;
-      along_v = along_v + v.grad[row] * step;
+      along_u = along_u + du[row] * step;
+      along_v = along_v + dv[row] * step;
     }
     out.cov_uu = out.cov_uu + along_u * along_u;
     out.cov_uv = out.cov_uv + along_u * along_v;
     out.cov_vv = out.cov_vv + along_v * along_v;
   }
-  BoxFromCovariance(g.reach, &out);
+  BoxFromCovariance(reach, &out);
   return out;
 }
 
@@ -130,19 +112,21 @@ inline constexpr double kResolved = 0.15;
 // the change of the second derivative between samples.
 inline constexpr double kBetweenSamples = 1.2 / 8.0;
 
-// Exact: the points where the cone of rays from the camera touches the ellipsoid {D^2 = reach^2},
-// through the lens. `valid` only where the outline bounds the footprint: the camera is outside the
-// ellipsoid, the whole outline has pixels and is resolved, and no hole of the lens' domain
-// (straight behind, or a panorama's pole) lies inside. Centre and covariance are those of the
-// outline's first harmonic: of the ellipse in the limit of small Gaussians.
+// The silhouette is exact: the points where the cone of rays from the camera touches the ellipsoid
+// {D^2 = reach^2}, through the lens. It has an answer only where the outline bounds the footprint:
+// the camera is outside the ellipsoid, the whole outline has pixels and is resolved, and no hole of
+// the lens' domain (straight behind, or a panorama's pole) lies inside. Centre and covariance are
+// those of the outline's first harmonic: of the ellipse in the limit of small Gaussians.
 //
 // In whitened coordinates the ellipsoid is a ball of radius k around w; the tangent points lie at
 // w (1 - k^2/|w|^2) + k sqrt(1 - k^2/|w|^2) (cos, sin), and rays through them at
 // w + k / sqrt(1 - k^2/|w|^2) (cos, sin).
-template <class Lens, int kPoints, class T, class P>
-HWY_INLINE auto SilhouetteFootprint(const LensDomain& domain, const P* params, int num_params,
-                                    const ImagePeriod& period, const double (*circle)[2],
-                                    const PlacedGaussian<T>& g) {
+
+// Calls put(i, x, y, z) for each point of the outline; false where there is no outline. circle:
+// kPoints cosines and sines.
+template <int kPoints, class T, class Put>
+HWY_INLINE auto PutOutline(const LensDomain& domain, const double (*circle)[2],
+                           const PlacedGaussian<T>& g, T reach, Put&& put) {
   const T one(1.0), zero(0.0);
   T w[3], back[3];
   T g2(0.0), back2(0.0), back_along(0.0);
@@ -154,17 +138,17 @@ HWY_INLINE auto SilhouetteFootprint(const LensDomain& domain, const P* params, i
     back2 = back2 + back[k] * back[k];
     back_along = back_along + w[k] * back[k];
   }
-  const T cutoff = g.reach * g.reach;
+  const T cutoff = reach * reach;
   // The last part in a thousand is left to the exact search: the cone is nearly a half space.
   constexpr double kInside = 1.001;
   auto valid = g2 > T(kInside) * cutoff;
-  if (!kRepeats<Lens> || domain.max_angle < kPi) {
+  if (!domain.IsPanorama() || domain.max_angle < kPi) {
     const auto holds_back =
         AndMask(back_along > zero, g2 - back_along * back_along / back2 < T(kInside) * cutoff);
     valid = AndMask(valid, Select(holds_back, zero, one) > zero);
   }
   const T sine2 = cutoff / g2;
-  const T radius = g.reach / Sqrt(Select(valid, one - sine2, one));
+  const T radius = reach / Sqrt(Select(valid, one - sine2, one));
   // Orthonormal e1, e2 across w without branches (Duff et al., JCGT 2017).
   const T inverse = one / Sqrt(g2);
   const T x = w[0] * inverse, y = w[1] * inverse, z = w[2] * inverse;
@@ -180,17 +164,27 @@ HWY_INLINE auto SilhouetteFootprint(const LensDomain& domain, const P* params, i
       f2[row] = f2[row] + radius * g.scale[k] * e2[k] * g.axes[k][row];
     }
   }
+  for (int i = 0; i < kPoints; ++i) {
+    const T c(circle[i][0]), s(circle[i][1]);
+    put(i, g.mean[0] + c * f1[0] + s * f2[0], g.mean[1] + c * f1[1] + s * f2[1],
+        g.mean[2] + c * f1[2] + s * f2[2]);
+  }
+  return valid;
+}
+
+// The footprint from the outline's pixels get(i, &u, &v), NaN where there is none. valid: whether
+// there is an outline.
+template <int kPoints, class T, class Get, class Mask>
+HWY_INLINE BoundedFootprint<T> OutlineFootprint(const LensDomain& domain, const double (*circle)[2],
+                                                T reach, Mask valid, Get&& get) {
   T u[kPoints], v[kPoints];
   T mean_u(0.0), mean_v(0.0), cos_u(0.0), cos_v(0.0), sin_u(0.0), sin_v(0.0);
   for (int i = 0; i < kPoints; ++i) {
     const T c(circle[i][0]), s(circle[i][1]);
-    valid =
-        AndMask(valid, Lens::Project(domain, params, num_params, g.mean[0] + c * f1[0] + s * f2[0],
-                                     g.mean[1] + c * f1[1] + s * f2[1],
-                                     g.mean[2] + c * f1[2] + s * f2[2], &u[i], &v[i]));
+    get(i, &u[i], &v[i]);
     if (i > 0) {
-      u[i] = u[i - 1] + PeriodicDifference<Lens>(u[i] - u[i - 1], period.u);
-      v[i] = v[i - 1] + PeriodicDifference<Lens>(v[i] - v[i - 1], period.v);
+      u[i] = u[i - 1] + ShortWay(u[i] - u[i - 1], domain.period_u);
+      v[i] = v[i - 1] + ShortWay(v[i] - v[i - 1], domain.period_v);
     }
     mean_u = mean_u + (u[i] - u[0]);
     mean_v = mean_v + (v[i] - v[0]);
@@ -199,7 +193,7 @@ HWY_INLINE auto SilhouetteFootprint(const LensDomain& domain, const P* params, i
     cos_v = cos_v + c * (v[i] - v[0]);
     sin_v = sin_v + s * (v[i] - v[0]);
   }
-  PlacedFootprint<T, decltype(valid)> out;
+  BoundedFootprint<T> out;
   const auto range = [&](const T* value, double repeat, T* low, T* high) HWY_ATTR {
     T bend(0.0);
     *low = *high = value[0];
@@ -212,21 +206,18 @@ HWY_INLINE auto SilhouetteFootprint(const LensDomain& domain, const P* params, i
     }
     valid = AndMask(valid, bend <= T(kResolved) * (*high - *low) + T(kBoxRounding));
     // Around a pole the outline does not close.
-    if constexpr (kRepeats<Lens>) {
-      if (repeat > 0.0) {
-        valid = AndMask(valid, Abs(value[kPoints - 1] - value[0]) < T(0.5 * repeat));
-      }
+    if (repeat > 0.0) {
+      valid = AndMask(valid, Abs(value[kPoints - 1] - value[0]) < T(0.5 * repeat));
     }
     *low = *low - T(kBetweenSamples) * bend;
     *high = *high + T(kBetweenSamples) * bend;
   };
-  range(u, period.u, &out.low_u, &out.high_u);
-  range(v, period.v, &out.low_v, &out.high_v);
-  out.valid = valid;
+  range(u, domain.period_u, &out.low_u, &out.high_u);
+  range(v, domain.period_v, &out.low_v, &out.high_v);
   constexpr double kPart = 1.0 / kPoints;
-  out.u = u[0] + T(kPart) * mean_u;
+  out.u = Select(valid, u[0] + T(kPart) * mean_u, T(std::numeric_limits<double>::quiet_NaN()));
   out.v = v[0] + T(kPart) * mean_v;
-  const T factor = T(4.0 * kPart * kPart) / cutoff;
+  const T factor = T(4.0 * kPart * kPart) / (reach * reach);
   out.cov_uu = factor * (cos_u * cos_u + sin_u * sin_u);
   out.cov_uv = factor * (cos_u * cos_v + sin_u * sin_v);
   out.cov_vv = factor * (cos_v * cos_v + sin_v * sin_v);

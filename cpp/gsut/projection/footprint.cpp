@@ -1,13 +1,10 @@
 // Footprints of many Gaussians: in double by the scalar code, in float the kernels' put together.
 #include "gsut/projection/footprint.h"
 
-#include <vector>
-
 #include "gsut/base/isa.h"
 #include "gsut/base/parallel.h"
 #include "gsut/projection/footprint_kernels.h"
 #include "gsut/projection/footprint_scalar.h"
-#include "gsut/projection/projection_steps.h"
 
 namespace gsut {
 namespace {
@@ -48,12 +45,8 @@ void FindFootprints(const GaussiansView<const float>& gaussians, const Camera& c
                     Footprints<float>* footprints) {
   ActiveIsa();  // applies GSUT_ISA before the first kernel runs
   const bool bounds = options.method == ProjectionMethod::kSilhouette;
-  FootprintTask task;
-  std::vector<float> table;
-  DescribeCamera(gaussians, camera, camera_from_world, options.rule, "projected", &table, &task);
-  task.method = options.method;
-  const SigmaRule rule = MakeSigmaRule(options.method, options.unscented);
-  task.rule = &rule;
+  const FootprintTask task = {MakeViewTask(gaussians, camera, camera_from_world, options.rule),
+                              options.method, MakeSigmaRule(options.method, options.unscented)};
   const ScalarFootprints scalar(camera, camera_from_world, options);
   footprints->Resize(gaussians.size);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {

@@ -6,7 +6,7 @@
 #include "gsut/base/aligned_vector.h"
 #include "gsut/cameras/camera.h"
 #include "gsut/gaussians/gaussians.h"
-#include "gsut/poses/pose.h"
+#include "gsut/geometry/pose.h"
 #include "gsut/projection/project.h"
 
 namespace gsut {

@@ -1,4 +1,4 @@
-// The vectorised footprints, compiled once per instruction set and lens.
+// The vectorised footprints, compiled once per instruction set.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "gsut/projection/footprint_kernels.cpp"
 #include "gsut/base/hwy_targets.h"
@@ -7,42 +7,32 @@
 #include <hwy/highway.h>
 
 #include <cmath>
-#include <type_traits>
 
-#include "gsut/base/lanes-inl.h"
-#include "gsut/cameras/contract.h"
-#include "gsut/cameras/lens_registry.h"
-#include "gsut/projection/dual_lanes-inl.h"
+#include "gsut/projection/block-inl.h"
 #include "gsut/projection/footprint_kernels.h"
-#include "gsut/projection/project_kernels.h"
-#include "gsut/projection/seen-inl.h"
 #include "gsut/projection/footprint-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
-namespace lane_lenses {
-#include "gsut_lens_files.inc"
-}  // namespace lane_lenses
-
-using LaneFootprint = PlacedFootprint<Lane, LaneMask>;
 
 // Stores footprints and states of the lanes from i on.
-HWY_INLINE void StoreFootprints(const LaneFootprint& f, LaneMask possible, std::int64_t i,
+HWY_INLINE void StoreFootprints(const BoundedFootprint<Lane>& f, LaneMask possible, std::int64_t i,
                                 int count, Footprints<float>* out) {
   const FloatTag d;
+  const LaneMask valid = IsFinite(f.u);
   const LaneMask whole =
-      AndMask(AndMask(possible, f.valid), IsFinite(f.low_u + f.high_u + f.low_v + f.high_v));
+      AndMask(AndMask(possible, valid), IsFinite(f.low_u + f.high_u + f.low_v + f.high_v));
   const Lane nan(static_cast<double>(__builtin_nanf(""))), rounding(kBoxRounding);
   const Lane high(1.0), low(-1.0);
   const auto store = [&](Lane value, AlignedVector<float>* array) HWY_ATTR {
     hn::StoreU(value.v, d, &(*array)[static_cast<std::size_t>(i)]);
   };
-  store(Select(f.valid, f.u, nan), &out->u);
-  store(Select(f.valid, f.v, nan), &out->v);
-  store(Select(f.valid, f.cov_uu, nan), &out->cov_uu);
-  store(Select(f.valid, f.cov_uv, nan), &out->cov_uv);
-  store(Select(f.valid, f.cov_vv, nan), &out->cov_vv);
+  store(Select(valid, f.u, nan), &out->u);
+  store(Select(valid, f.v, nan), &out->v);
+  store(Select(valid, f.cov_uu, nan), &out->cov_uu);
+  store(Select(valid, f.cov_uv, nan), &out->cov_uv);
+  store(Select(valid, f.cov_vv, nan), &out->cov_vv);
   store(Select(whole, f.low_u - rounding, high), &out->low_u);
   store(Select(whole, f.high_u + rounding, low), &out->high_u);
   store(Select(whole, f.low_v - rounding, high), &out->low_v);
@@ -56,84 +46,107 @@ HWY_INLINE void StoreFootprints(const LaneFootprint& f, LaneMask possible, std::
   }
 }
 
-template <class Lens>
-void FootprintsOfLens(const FootprintTask& task, std::int64_t begin, std::int64_t end,
-                      Footprints<float>* out) {
-  constexpr bool kHasTable = requires { Lens::kHasTable; };
-  Lane broadcast[kMaxLensParams];
-  DualLane constants[kMaxLensParams];
-  if constexpr (!kHasTable) {
-    for (int i = 0; i < task.num_params; ++i) {
-      broadcast[i] = Lane(task.params[i]);
-      constants[i] = DualLane(task.params[i]);
-    }
-  }
-  const auto params_as = [&](auto* values) {
-    if constexpr (kHasTable) {
-      return task.table;
-    } else {
-      return static_cast<std::add_const_t<std::remove_pointer_t<decltype(values)>>*>(values);
-    }
-  };
-  const auto* params = params_as(&broadcast[0]);
-  const auto* dual_params = params_as(&constants[0]);
-  const ImagePeriod period = PeriodOf<Lens>(task.domain, task.params);
+// What is kept of a Gaussian while its points go through the lens.
+struct WaitingFootprint {
+  PlacedGaussian<Lane> g;  // for EWA
+  Lane reach;
+  LaneMask possible, has_outline;
+};
+
+struct FootprintBlock : PointBlock {
+  static constexpr int kGaussians = 128;
+  static constexpr int kVectors = kGaussians / kLanes;
+  alignas(64) float derivatives[6][kGaussians];  // of EWA, which has one point a Gaussian
+  WaitingFootprint waiting[kVectors];
   double circle[kOutlinePoints][2];
-  for (int k = 0; k < kOutlinePoints; ++k) {
-    circle[k][0] = std::cos(2.0 * kPi * k / kOutlinePoints);
-    circle[k][1] = std::sin(2.0 * kPi * k / kOutlinePoints);
+};
+
+// The points of the Gaussians from i on, `points` each, as entry v of the block.
+HWY_INLINE void PutGaussians(const FootprintTask& task, std::int64_t i, int v, int points,
+                             FootprintBlock* block) {
+  const LensDomain& domain = task.lens.domain;
+  const SeenLanes seen =
+      LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
+  const Visibility visibility = VisibilityOf(seen, domain.max_angle);
+  WaitingFootprint& waiting = block->waiting[v];
+  PlacedGaussian<Lane>& g = waiting.g;
+  for (int k = 0; k < 3; ++k) {
+    g.mean[k] = seen.mean[k];
+    g.scale[k] = seen.scale[k];
+    for (int row = 0; row < 3; ++row) g.axes[k][row] = seen.axes[k][row];
   }
-  for (std::int64_t i = begin; i < end; i += kLanes) {
-    const int count = static_cast<int>(HWY_MIN(end - i, static_cast<std::int64_t>(kLanes)));
-    const SeenLanes seen =
-        LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
-    PlacedGaussian<Lane> g;
-    Lane g2(0.0);
-    for (int k = 0; k < 3; ++k) {
-      g.mean[k] = seen.mean[k];
-      g.scale[k] = seen.scale[k];
-      for (int row = 0; row < 3; ++row) g.axes[k][row] = seen.axes[k][row];
-      const Lane whitened = Dot3(seen.axes[k], seen.mean) / seen.scale[k];
-      g2 += whitened * whitened;
+  waiting.reach = visibility.reach;
+  waiting.possible = AndMask(AndMask(visibility.possible, seen.distance > Lane(0.0)),
+                             NotMask(visibility.beyond_domain));
+  const auto put = [&](int k, Lane x, Lane y, Lane z)
+                       HWY_ATTR { block->Put(points * v + k, x, y, z); };
+  switch (task.method) {
+    case ProjectionMethod::kEwa:
+      put(0, g.mean[0], g.mean[1], g.mean[2]);
+      break;
+    case ProjectionMethod::kSilhouette:
+      waiting.has_outline =
+          PutOutline<kOutlinePoints>(domain, block->circle, g, waiting.reach, put);
+      break;
+    default:
+      PutSigmaPoints(task.rule, g, put);
+      break;
+  }
+}
+
+// The footprints of entry v of the block.
+HWY_INLINE BoundedFootprint<Lane> GetFootprints(const FootprintTask& task, int v, int points,
+                                                const FootprintBlock& block) {
+  const LensDomain& domain = task.lens.domain;
+  const WaitingFootprint& waiting = block.waiting[v];
+  const auto get = [&](int k, Lane* pu, Lane* pv) HWY_ATTR { block.Get(points * v + k, pu, pv); };
+  switch (task.method) {
+    case ProjectionMethod::kEwa: {
+      Lane u, v_, derivatives[6];
+      get(0, &u, &v_);
+      for (int k = 0; k < 6; ++k) {
+        derivatives[k].v = hn::Load(FloatTag(), block.derivatives[k] + v * kLanes);
+      }
+      return EwaFootprint(waiting.g, waiting.reach, u, v_, derivatives, derivatives + 3);
     }
-    g.reach = Sqrt(Max(seen.cutoff, Lane(0.0)));
-    // What can be seen at all: as in project_kernels.cpp.
-    const LaneMask finite =
-        AndMask(IsFinite(g2), IsFinite(g.mean[0] + g.mean[1] + g.mean[2] + seen.distance));
-    const Lane size = Max(g.scale[0], Max(g.scale[1], g.scale[2])) / seen.distance;
-    const Lane sine = Min(g.reach * size, Lane(1.0));
-    const Lane mean_angle = Atan2(Sqrt(g.mean[0] * g.mean[0] + g.mean[1] * g.mean[1]), g.mean[2]);
-    constexpr double kAngleSlack = 1e-5;  // float rounding of the angle
-    const LaneMask outside_domain =
-        AndMask(sine<Lane(1.0), mean_angle - Asin(sine)> Lane(task.domain.max_angle + kAngleSlack));
-    const LaneMask possible = AndMask(
-        AndMask(AndMask(seen.usable, finite), seen.distance > Lane(0.0)), NotMask(outside_domain));
-    LaneFootprint f;
-    switch (task.method) {
-      case ProjectionMethod::kEwa:
-        f = EwaFootprint<Lens, DualLane, Lane>(task.domain, dual_params, task.num_params, g);
-        break;
-      case ProjectionMethod::kSilhouette:
-        f = SilhouetteFootprint<Lens, kOutlinePoints, Lane>(task.domain, params, task.num_params,
-                                                            period, circle, g);
-        break;
-      default:
-        f = SigmaFootprint<Lens, Lane>(task.domain, params, task.num_params, period, *task.rule, g);
-        break;
-    }
-    StoreFootprints(f, possible, i, count, out);
+    case ProjectionMethod::kSilhouette:
+      return OutlineFootprint<kOutlinePoints>(domain, block.circle, waiting.reach,
+                                              waiting.has_outline, get);
+    default:
+      return SigmaFootprint(domain, task.rule, waiting.reach, get);
   }
 }
 
 void FootprintRange(const FootprintTask& task, std::int64_t begin, std::int64_t end,
                     Footprints<float>* out) {
-  switch (task.lens) {
-#define GSUT_FOOTPRINT_CASE(Lens)                               \
-  case LensModel::k##Lens:                                      \
-    FootprintsOfLens<lane_lenses::Lens>(task, begin, end, out); \
-    return;
-    GSUT_FOR_EACH_LENS(GSUT_FOOTPRINT_CASE)
-#undef GSUT_FOOTPRINT_CASE
+  const bool by_ewa = task.method == ProjectionMethod::kEwa;
+  const int points = by_ewa                                         ? 1
+                     : task.method == ProjectionMethod::kSilhouette ? kOutlinePoints
+                                                                    : task.rule.size;
+  const int most_vectors =
+      HWY_MIN(FootprintBlock::kVectors, PointBlock::kPoints / (points * kLanes));
+  FootprintBlock block;
+  for (int k = 0; k < kOutlinePoints; ++k) {
+    block.circle[k][0] = std::cos(2.0 * kPi * k / kOutlinePoints);
+    block.circle[k][1] = std::sin(2.0 * kPi * k / kOutlinePoints);
+  }
+  LensBatch batch = block.Batch();
+  for (int k = 0; k < 3; ++k) {
+    batch.du[k] = block.derivatives[k];
+    batch.dv[k] = block.derivatives[3 + k];
+  }
+  for (std::int64_t first = begin; first < end; first += most_vectors * kLanes) {
+    int vectors = 0;
+    for (std::int64_t i = first; i < end && vectors < most_vectors; i += kLanes, ++vectors) {
+      PutGaussians(task, i, vectors, points, &block);
+    }
+    (by_ewa ? ProjectPointsJacobian : ProjectPoints)(task.lens, points * kLanes * vectors, batch);
+    for (int v = 0; v < vectors; ++v) {
+      const std::int64_t i = first + v * kLanes;
+      const int count = static_cast<int>(HWY_MIN(end - i, static_cast<std::int64_t>(kLanes)));
+      StoreFootprints(GetFootprints(task, v, points, block), block.waiting[v].possible, i, count,
+                      out);
+    }
   }
 }
 

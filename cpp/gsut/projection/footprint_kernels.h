@@ -3,10 +3,9 @@
 
 #include <cstdint>
 
-#include "gsut/cameras/lens_registry.h"
 #include "gsut/projection/footprint.h"
 #include "gsut/projection/sigma_rule.h"
-#include "gsut/projection/view.h"
+#include "gsut/projection/view_task.h"
 
 namespace gsut {
 
@@ -14,18 +13,9 @@ namespace gsut {
 inline constexpr int kOutlinePoints = 16;
 inline constexpr int kOutlinePointsReference = 64;
 
-struct FootprintTask {
-  GaussiansView<const float> gaussians;  // sh is not read
-  LensModel lens;
-  LensDomain domain;
-  const double* params;
-  int num_params;
-  const float* table;  // the parameters in float, for lenses with a table
-  ViewFloats view;
-  float log2_alpha_min;
-  float max_cutoff;
+struct FootprintTask : ViewTask {
   ProjectionMethod method;
-  const SigmaRule* rule;
+  SigmaRule rule;  // of a method with sigma points
 };
 
 // Footprints of the Gaussians [begin, end), begin a multiple of 16. Arrays have room for 16 more.

@@ -1,61 +1,19 @@
 // Footprints in double, one Gaussian at a time.
 #include "gsut/projection/footprint_scalar.h"
 
-#include <Eigen/Core>
 #include <algorithm>
-#include <array>
 #include <cmath>
 
-#include "gsut/cameras/lens_registry.h"
-#include "gsut/cameras/scalar_math.h"
 #include "gsut/gaussians/activations.h"
-#include "gsut/projection/project_kernels.h"
-
-// The scalar names that the methods' text uses; before its text.
-#include <hwy/highway.h>
-namespace gsut::HWY_NAMESPACE {
-using lenses::Abs;
-using lenses::AndMask;
-using lenses::Max;
-using lenses::Min;
-using lenses::OrMask;
-using lenses::Select;
-using lenses::Sqrt;
-}  // namespace gsut::HWY_NAMESPACE
-#include "gsut/projection/footprint-inl.h"
+#include "gsut/projection/scalar_text.h"
 
 namespace gsut {
-
-using PlacedDouble = HWY_NAMESPACE::PlacedGaussian<double>;
-
-struct ScalarFootprints::Placed : PlacedDouble {};
-
 namespace {
-
-using Eigen::Matrix3d;
-using Eigen::Vector3d;
-using Found = HWY_NAMESPACE::PlacedFootprint<double, bool>;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 constexpr OneFootprint kNowhere = {kNaN, kNaN, kNaN, kNaN, kNaN,
                                    1.0,  -1.0, 1.0,  -1.0, FootprintStatus::kNothing};
-
-template <class Lens>
-Found Ewa(const Camera& camera, const PlacedDouble& g) {
-  using D = Dual<3>;
-  const int num_params = camera.num_params();
-  if constexpr (requires { Lens::kHasTable; }) {
-    return HWY_NAMESPACE::EwaFootprint<Lens, D, double>(camera.domain(), camera.params().data(),
-                                                        num_params, g);
-  } else {
-    std::array<D, kMaxLensParams> constants;
-    for (int k = 0; k < num_params; ++k)
-      constants[static_cast<std::size_t>(k)] = D(camera.params()[static_cast<std::size_t>(k)]);
-    return HWY_NAMESPACE::EwaFootprint<Lens, D, double>(camera.domain(), constants.data(),
-                                                        num_params, g);
-  }
-}
 
 }  // namespace
 
@@ -83,73 +41,80 @@ OneFootprint ScalarFootprints::Find(const GaussiansView<const double>& gaussians
 template <class T>
 OneFootprint ScalarFootprints::FindAs(const GaussiansView<const T>& gaussians,
                                       std::int64_t i) const {
-  Placed g;
-  return Place(gaussians, i, &g) ? FindPlaced(g) : kNowhere;
+  const double opacity = Sigmoid(static_cast<double>(gaussians.opacity_logits[i]));
+  const double cutoff = CutoffOf(opacity, options_.rule);
+  const PlacedGaussian<double> g = PlaceInDouble(gaussians, i, pose_);
+  if (!(cutoff > 0.0) || !MayBeSeen(g, std::sqrt(cutoff))) return kNowhere;
+  return FindPlaced(g, std::sqrt(cutoff));
 }
 
 // False where no pixel can see it.
-template <class T>
-bool ScalarFootprints::Place(const GaussiansView<const T>& gaussians, std::int64_t i,
-                             Placed* g) const {
-  const Vector3d mean =
-      pose_.rotation * Eigen::Map<const Eigen::Matrix<T, 3, 1>>(gaussians.means + 3 * i)
-                           .template cast<double>() +
-      pose_.translation;
-  double quat[4], r[9];
-  for (int k = 0; k < 4; ++k) quat[k] = static_cast<double>(gaussians.quats[4 * i + k]);
-  RotationFromQuaternion(quat, r);
-  const Matrix3d q =
-      pose_.rotation * Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r);
-  const double opacity = Sigmoid(static_cast<double>(gaussians.opacity_logits[i]));
-  const double cutoff = CutoffOf(opacity, options_.rule);
-  if (!(cutoff > 0.0)) return false;
-  g->reach = std::sqrt(cutoff);
-  double g2 = 0.0, largest = 0.0;
+bool ScalarFootprints::MayBeSeen(const PlacedGaussian<double>& g, double reach) const {
+  const Eigen::Map<const Eigen::Vector3d> mean(g.mean);
+  double g2 = 0.0;
   for (int k = 0; k < 3; ++k) {
-    g->mean[k] = mean[k];
-    g->scale[k] = ScaleFromLog(static_cast<double>(gaussians.log_scales[3 * i + k]));
-    for (int row = 0; row < 3; ++row) g->axes[k][row] = q(row, k);
-    const double whitened = q.col(k).dot(mean) / g->scale[k];
+    const double whitened = Eigen::Map<const Eigen::Vector3d>(g.axes[k]).dot(mean) / g.scale[k];
     g2 += whitened * whitened;
-    largest = std::max(largest, g->scale[k]);
   }
-  if (!camera_.IsCentral()) return std::isfinite(g2) && std::isfinite(largest);
+  const double largest = *std::max_element(g.scale, g.scale + 3);
+  if (!std::isfinite(g2) || !std::isfinite(largest)) return false;
+  if (!camera_.IsCentral()) return true;
   const double distance = mean.norm();
-  if (!std::isfinite(g2) || !std::isfinite(largest) || !(distance > 0.0)) return false;
-  const double sine = g->reach * largest / distance;
-  const double angle = std::atan2(std::hypot(mean[0], mean[1]), mean[2]);
-  return !(sine < 1.0 && angle - std::asin(sine) > camera_.MaxAngle());
+  const double sine = reach * largest / distance;
+  const double angle = std::atan2(std::hypot(g.mean[0], g.mean[1]), g.mean[2]);
+  return distance > 0.0 && !(sine < 1.0 && angle - std::asin(sine) > camera_.MaxAngle());
 }
 
-OneFootprint ScalarFootprints::FindPlaced(const Placed& g) const {
-  const ProjectionMethod method = options_.method;
+OneFootprint ScalarFootprints::FindPlaced(const PlacedGaussian<double>& g, double reach) const {
+  using HWY_NAMESPACE::BoundedFootprint;
+  double points[kMostPoints][3], pixels[kMostPoints][2];
+  std::uint8_t valid[kMostPoints];
+  const auto put = [&](int i, double x, double y, double z) {
+    points[i][0] = x;
+    points[i][1] = y;
+    points[i][2] = z;
+  };
+  const auto get = [&](int i, double* u, double* v) {
+    *u = pixels[i][0];
+    *v = pixels[i][1];
+  };
+  const auto project = [&](int count) { camera_.Project(count, points[0], pixels[0], valid); };
   const LensDomain& domain = camera_.domain();
-  const double* params = camera_.params().data();
-  const int num_params = camera_.num_params();
-  const Found found = VisitLens(camera_.lens(), [&](auto lens) -> Found {
-    using Lens = decltype(lens);
-    const HWY_NAMESPACE::ImagePeriod period = HWY_NAMESPACE::PeriodOf<Lens>(domain, params);
-    if (method == ProjectionMethod::kEwa) return Ewa<Lens>(camera_, g);
-    if (method == ProjectionMethod::kSilhouette) {
-      if constexpr (requires { Lens::kHasOrigins; }) return Found{};  // rays touch along no cone
-      return HWY_NAMESPACE::SilhouetteFootprint<Lens, kOutlinePointsReference, double>(
-          domain, params, num_params, period, circle_, g);
+  const auto found = [&]() -> BoundedFootprint<double> {
+    if (options_.method == ProjectionMethod::kEwa) {
+      double derivatives[6];
+      camera_.ProjectJacobian(1, g.mean, pixels[0], valid, derivatives, nullptr);
+      return HWY_NAMESPACE::EwaFootprint(g, reach, pixels[0][0], pixels[0][1], derivatives,
+                                         derivatives + 3);
     }
-    return HWY_NAMESPACE::SigmaFootprint<Lens, double>(domain, params, num_params, period, rule_,
-                                                       g);
-  });
-  if (found.valid) {
+    if (options_.method == ProjectionMethod::kSilhouette) {
+      BoundedFootprint<double> none = {};
+      none.u = kNaN;
+      if (!camera_.IsCentral()) return none;  // rays that touch the ellipsoid form no cone
+      if (!HWY_NAMESPACE::PutOutline<kOutlinePointsReference>(domain, circle_, g, reach, put)) {
+        return none;
+      }
+      project(kOutlinePointsReference);
+      return HWY_NAMESPACE::OutlineFootprint<kOutlinePointsReference>(domain, circle_, reach, true,
+                                                                      get);
+    }
+    HWY_NAMESPACE::PutSigmaPoints(rule_, g, put);
+    project(rule_.size);
+    return HWY_NAMESPACE::SigmaFootprint(domain, rule_, reach, get);
+  }();
+  if (!std::isnan(found.u)) {
     return {found.u,     found.v,      found.cov_uu, found.cov_uv, found.cov_vv,
             found.low_u, found.high_u, found.low_v,  found.high_v, FootprintStatus::kBox};
   }
   OneFootprint out = kNowhere;
   out.status = FootprintStatus::kUnknown;
-  if (method == ProjectionMethod::kSilhouette) Search(g, &out);
+  if (options_.method == ProjectionMethod::kSilhouette) Search(g, reach, &out);
   return out;
 }
 
 // The exact box by the pixels' own rays, where there is no simple outline.
-void ScalarFootprints::Search(const Placed& g, OneFootprint* out) const {
+void ScalarFootprints::Search(const PlacedGaussian<double>& g, double reach,
+                              OneFootprint* out) const {
   RayCone cone;
   for (int k = 0; k < 3; ++k) {
     cone.center[k] = 0.0;
@@ -158,9 +123,9 @@ void ScalarFootprints::Search(const Placed& g, OneFootprint* out) const {
       cone.center[k] += cone.whiten[k][row] * g.mean[row];
     }
   }
-  cone.cutoff = g.reach * g.reach;
+  cone.cutoff = reach * reach;
   std::copy_n(g.mean, 3, cone.mean);
-  cone.radius = g.reach * std::max({g.scale[0], g.scale[1], g.scale[2]});
+  cone.radius = reach * std::max({g.scale[0], g.scale[1], g.scale[2]});
   double box[4];
   if (!pyramid_->Box(camera_.Rays(), cone, box)) {
     out->status = FootprintStatus::kNothing;

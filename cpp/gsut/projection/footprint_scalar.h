@@ -6,6 +6,7 @@
 
 #include "gsut/projection/footprint.h"
 #include "gsut/projection/footprint_kernels.h"
+#include "gsut/projection/placed_gaussian.h"
 #include "gsut/projection/ray_pyramid.h"
 
 namespace gsut {
@@ -26,13 +27,13 @@ class ScalarFootprints {
   OneFootprint Find(const GaussiansView<const double>& gaussians, std::int64_t i) const;
 
  private:
-  struct Placed;
   template <class T>
   OneFootprint FindAs(const GaussiansView<const T>& gaussians, std::int64_t i) const;
-  template <class T>
-  bool Place(const GaussiansView<const T>& gaussians, std::int64_t i, Placed* g) const;
-  OneFootprint FindPlaced(const Placed& g) const;
-  void Search(const Placed& g, OneFootprint* out) const;
+  bool MayBeSeen(const PlacedGaussian<double>& g, double reach) const;
+  OneFootprint FindPlaced(const PlacedGaussian<double>& g, double reach) const;
+  void Search(const PlacedGaussian<double>& g, double reach, OneFootprint* out) const;
+
+  static constexpr int kMostPoints = kOutlinePointsReference;  // more than any rule has
 
   const Camera& camera_;
   const Pose& pose_;

@@ -3,26 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <string>
 #include <vector>
 
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
-#include "gsut/cameras/lens_registry.h"
-#include "gsut/cameras/scalar_math.h"
-#include "gsut/gaussians/activations.h"
 #include "gsut/projection/project_kernels.h"
-#include "gsut/projection/projection_steps.h"
-
-// The scalar names that the transform's text uses; before its text.
-#include <hwy/highway.h>
-namespace gsut::HWY_NAMESPACE {
-using lenses::AndMask;
-using lenses::OrMask;
-using lenses::Select;
-}  // namespace gsut::HWY_NAMESPACE
-#include "gsut/projection/unscented-inl.h"
+#include "gsut/projection/unscented_scalar.h"
 
 namespace gsut {
 namespace {
@@ -36,31 +23,17 @@ constexpr float kWideFootprint = 64.0f;
 // points are so much magnified that float pixels do not suffice: they are formed in double.
 constexpr double kLargestFloatWeight = 10.0;
 
-// Footprint of Gaussian i in double.
-template <class T>
-auto FootprintOf(const GaussiansView<const T>& gaussians, std::int64_t i, const Camera& camera,
-                 const Pose& camera_from_world, const UnscentedWeights& weights) {
-  const Eigen::Vector3d mean =
-      camera_from_world.rotation * Eigen::Map<const Eigen::Matrix<T, 3, 1>>(gaussians.means + 3 * i)
-                                       .template cast<double>() +
-      camera_from_world.translation;
-  double quat[4], r[9];
-  for (int k = 0; k < 4; ++k) quat[k] = static_cast<double>(gaussians.quats[4 * i + k]);
-  RotationFromQuaternion(quat, r);
-  const Eigen::Matrix3d q = camera_from_world.rotation *
-                            Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r);
-  double axes[3][3], scale[3];
-  for (int k = 0; k < 3; ++k) {
-    scale[k] = ScaleFromLog(static_cast<double>(gaussians.log_scales[3 * i + k]));
-    for (int row = 0; row < 3; ++row) axes[k][row] = q(row, k);
-  }
-  return VisitLens(camera.lens(), [&](auto lens) {
-    using Lens = decltype(lens);
-    const double* params = camera.params().data();
-    return HWY_NAMESPACE::Unscented<Lens, double>(
-        camera.domain(), params, camera.num_params(),
-        HWY_NAMESPACE::PeriodOf<Lens>(camera.domain(), params), weights, mean.data(), axes, scale);
-  });
+// Calls use(i, footprint) for the Gaussians [begin, end), in double.
+template <class T, class Use>
+void ForEachFootprint(const GaussiansView<const T>& gaussians, const Camera& camera,
+                      const Pose& camera_from_world, const UnscentedWeights& weights,
+                      std::int64_t begin, std::int64_t end, Use&& use) {
+  std::vector<std::uint8_t> valid(HWY_NAMESPACE::kUnscentedPoints * kScalarBatch);
+  const auto through = [&](std::int64_t, std::int64_t count, const double* points, double* pixels) {
+    camera.Project(count, points, pixels, valid.data());
+  };
+  UnscentedInDouble(gaussians, camera_from_world, camera.domain(), weights, begin, end, through,
+                    use);
 }
 
 // Replaces the kernel's pixel quantities by ones formed in double.
@@ -68,10 +41,9 @@ void RefineInDouble(const GaussiansView<const float>& gaussians, const Camera& c
                     const Pose& camera_from_world, const UnscentedWeights& weights,
                     const FootprintRule& rule, std::int64_t begin, std::int64_t end,
                     Splats* splats) {
-  for (std::int64_t i = begin; i < end; ++i) {
+  const auto replace = [&](std::int64_t i, const ScalarFootprint& footprint) {
     const std::size_t j = static_cast<std::size_t>(i);
-    const auto footprint = FootprintOf(gaussians, i, camera, camera_from_world, weights);
-    if (!footprint.all_valid) continue;
+    if (std::isnan(footprint.u)) return;
     const double cutoff = CutoffOf(Sigmoid(static_cast<double>(gaussians.opacity_logits[i])), rule);
     const double reach = std::sqrt(std::max(cutoff, 0.0));
     splats->u[j] = static_cast<float>(footprint.u);
@@ -81,7 +53,8 @@ void RefineInDouble(const GaussiansView<const float>& gaussians, const Camera& c
     splats->cov_vv[j] = static_cast<float>(footprint.cov_vv);
     splats->extent_u[j] = static_cast<float>(reach * std::sqrt(footprint.cov_uu));
     splats->extent_v[j] = static_cast<float>(reach * std::sqrt(footprint.cov_vv));
-  }
+  };
+  ForEachFootprint(gaussians, camera, camera_from_world, weights, begin, end, replace);
 }
 
 }  // namespace
@@ -122,13 +95,9 @@ void Splats::Resize(std::int64_t n) {
 void Project(const GaussiansView<const float>& gaussians, const Camera& camera,
              const Pose& camera_from_world, const UnscentedOptions& options,
              const FootprintRule& rule, Splats* splats) {
-  ProjectTask task;
-  std::vector<float> table;
-  DescribeCamera(gaussians, camera, camera_from_world, rule, "rendered", &table, &task);
-  task.width = camera.width();
-  task.height = camera.height();
-  task.weights = MakeUnscentedWeights(options);
-  task.wide = kWideFootprint;
+  const ProjectTask task = {MakeViewTask(gaussians, camera, camera_from_world, rule),
+                            camera.width(), camera.height(), MakeUnscentedWeights(options),
+                            kWideFootprint};
   splats->Resize(gaussians.size);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
     ProjectKernel(task, begin, end, splats);
@@ -143,10 +112,10 @@ void ProjectReference(const GaussiansView<const double>& gaussians, const Camera
                       double* covariances, std::uint8_t* valid) {
   const UnscentedWeights weights = MakeUnscentedWeights(options);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) {
-      const auto footprint = FootprintOf(gaussians, i, camera, camera_from_world, weights);
-      WriteFootprint(footprint, i, means, covariances, valid);
-    }
+    ForEachFootprint(gaussians, camera, camera_from_world, weights, begin, end,
+                     [&](std::int64_t i, const ScalarFootprint& footprint) {
+                       WriteFootprint(footprint, i, means, covariances, valid);
+                     });
   });
 }
 

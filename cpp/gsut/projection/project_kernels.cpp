@@ -1,4 +1,4 @@
-// The vectorised projection, compiled once per instruction set and lens.
+// The vectorised projection, compiled once per instruction set.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "gsut/projection/project_kernels.cpp"
 #include "gsut/base/hwy_targets.h"
@@ -6,19 +6,13 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
-#include "gsut/base/lanes-inl.h"
-#include "gsut/cameras/contract.h"
-#include "gsut/cameras/lens_registry.h"
+#include "gsut/projection/block-inl.h"
 #include "gsut/projection/project_kernels.h"
-#include "gsut/projection/seen-inl.h"
 #include "gsut/projection/unscented-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
-namespace lane_lenses {
-#include "gsut_lens_files.inc"
-}  // namespace lane_lenses
 
 // A Gaussian closer than this many times its own cut-off ellipsoid is left to the exact test: the
 // footprint of what surrounds the camera is no ellipse.
@@ -40,127 +34,127 @@ HWY_INLINE LaneMask CopyMeets(Lane low, Lane high, Lane size, double period) {
   return OrMask(Meets(low + shift, high + shift, size), Meets(low - shift, high - shift, size));
 }
 
-template <class Lens>
-void ProjectLens(const ProjectTask& task, std::int64_t begin, std::int64_t end, Splats* splats) {
-  const FloatTag d;
-  constexpr bool kHasTable = requires { Lens::kHasTable; };
-  constexpr bool kIsPanorama = requires { Lens::Period(task.domain, nullptr, nullptr, nullptr); };
-  Lane broadcast[kMaxLensParams];
-  if constexpr (!kHasTable) {
-    for (int i = 0; i < task.num_params; ++i) broadcast[i] = Lane(task.params[i]);
-  }
-  const auto* params = [&] {
-    if constexpr (kHasTable) {
-      return task.table;
-    } else {
-      return static_cast<const Lane*>(broadcast);
-    }
-  }();
-  const ImagePeriod period = PeriodOf<Lens>(task.domain, task.params);
+// Sine of the angle between the mean and the nearer pole of a panorama.
+HWY_INLINE Lane PoleSine(const LensDomain& domain, const Lane* mean) {
+  const Lane up = mean[domain.pole_axis];
+  const Lane across = mean[domain.pole_axis == 0 ? 1 : 0];
+  const Lane ahead = mean[domain.pole_axis == 2 ? 1 : 2];
+  const Lane level_square = across * across + ahead * ahead;
+  return Sqrt(level_square / (level_square + up * up));
+}
+
+// What is kept of a Gaussian while its points go through the lens.
+struct WaitingSplat {
+  Lane reach, sine, mean_angle;
+  Lane smooth;  // how far (sine or radians) the lens is smooth around it
+  LaneMask candidate, is_near;
+};
+
+HWY_INLINE WaitingSplat PutSplat(const ProjectTask& task, std::int64_t i, int first_vector,
+                                 PointBlock* block, Splats* splats) {
+  const LensDomain& domain = task.lens.domain;
+  const SeenLanes g = LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
+  PutUnscentedPoints(task.weights, g.mean, g.axes, g.scale,
+                     [&](int k, Lane x, Lane y, Lane z)
+                         HWY_ATTR { block->Put(first_vector + k, x, y, z); });
+  const Visibility seen = VisibilityOf(g, domain.max_angle);
+  WaitingSplat out;
+  out.reach = seen.reach;
+  out.sine = seen.sine;
+  out.mean_angle = seen.mean_angle;
+  out.is_near = seen.g2 <= Lane(kNearFactor) * g.cutoff;
+  out.candidate =
+      AndMask(seen.possible, NotMask(AndMask(NotMask(out.is_near), seen.beyond_domain)));
+  // The lens' scale may change without bound towards the edge of its domain, and a panorama turns
+  // around its poles.
+  out.smooth =
+      domain.IsPanorama() ? PoleSine(domain, g.mean) : Lane(domain.max_angle) - seen.mean_angle;
+  hn::StoreU(g.distance.v, FloatTag(), &splats->distance[static_cast<std::size_t>(i)]);
+  return out;
+}
+
+// count: how many lanes hold a Gaussian.
+HWY_INLINE void StoreSplat(const ProjectTask& task, const WaitingSplat& g,
+                           const Footprint<Lane>& footprint, std::int64_t i, int count,
+                           Splats* splats) {
+  const LensDomain& domain = task.lens.domain;
   const Lane width(task.width), height(task.height);
-  for (std::int64_t i = begin; i < end; i += kLanes) {
-    const SeenLanes g =
-        LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
-    const auto footprint = Unscented<Lens, Lane>(task.domain, params, task.num_params, period,
-                                                 task.weights, g.mean, g.axes, g.scale);
-    const Lane reach = Sqrt(Max(g.cutoff, Lane(0.0)));
-    const Lane extent_u = reach * Sqrt(footprint.cov_uu);
-    const Lane extent_v = reach * Sqrt(footprint.cov_vv);
+  const Lane extent_u = g.reach * Sqrt(footprint.cov_uu);
+  const Lane extent_v = g.reach * Sqrt(footprint.cov_vv);
+  const LaneMask whole = AndMask(NotMask(g.is_near), IsFinite(footprint.u + footprint.v +
+                                                              footprint.cov_uu + footprint.cov_vv));
+  // The ellipse is an estimate: only what lies well outside the image by it is dropped here.
+  const Lane margin_u = Lane(kCullFactor) * extent_u + Lane(kCullPixels);
+  const Lane margin_v = Lane(kCullFactor) * extent_v + Lane(kCullPixels);
+  const Lane low_u = footprint.u - margin_u, high_u = footprint.u + margin_u;
+  const Lane low_v = footprint.v - margin_v, high_v = footprint.v + margin_v;
+  const LaneMask in_image = AndMask(Meets(low_u, high_u, width), Meets(low_v, high_v, height));
+  // Wide footprints bend: they too go to the exact test.
+  const LaneMask wide = OrMask(extent_u > Lane(task.wide), extent_v > Lane(task.wide));
+  LaneMask ellipse = AndMask(AndMask(g.candidate, whole), AndMask(in_image, NotMask(wide)));
+  LaneMask uncertain = AndMask(g.candidate, OrMask(NotMask(whole), wide));
+  if (domain.IsPanorama()) {
+    // No ellipse: what crosses the seam, and what is not small beside its distance from a pole.
+    constexpr double kNearPole = 0.5;
+    LaneMask bent = g.sine > Lane(kNearPole) * g.smooth;
+    if (domain.period_u > 0.0) {
+      bent = OrMask(bent, CopyMeets(low_u, high_u, width, domain.period_u));
+    }
+    if (domain.period_v > 0.0) {
+      bent = OrMask(bent, CopyMeets(low_v, high_v, height, domain.period_v));
+    }
+    ellipse = AndMask(ellipse, NotMask(bent));
+    uncertain = OrMask(uncertain, AndMask(g.candidate, bent));
+  }
+  constexpr double kLeastSmooth = 1e-6;
+  const Lane sine = Min(g.sine / Max(Min(g.smooth, Lane(1.0)), Lane(kLeastSmooth)), Lane(1.0));
+  LaneMask small = AndMask(ellipse, sine < Lane(kSmallSine));
+  if (!domain.IsPanorama()) {
+    small = AndMask(small, g.mean_angle + sine < Lane(kSmallAngle * domain.max_angle));
+  }
 
-    // Whole numbers of whitened distance: g2 = squared Mahalanobis distance of the camera.
-    Lane g2(0.0);
-    for (int k = 0; k < 3; ++k) {
-      const Lane whitened = Dot3(g.axes[k], g.mean) / g.scale[k];
-      g2 += whitened * whitened;
-    }
-    const LaneMask finite =
-        AndMask(IsFinite(g2), IsFinite(g.mean[0] + g.mean[1] + g.mean[2] + g.distance));
-    const LaneMask is_near = g2 <= Lane(kNearFactor) * g.cutoff;
-    // The cone around the bounding sphere: outside the lens' domain, no pixel can see it. A sphere
-    // around the camera has no cone.
-    const Lane largest = Max(g.scale[0], Max(g.scale[1], g.scale[2]));
-    Lane sine = Min(reach * largest / g.distance, Lane(1.0));
-    const Lane mean_angle = Atan2(Sqrt(g.mean[0] * g.mean[0] + g.mean[1] * g.mean[1]), g.mean[2]);
-    const Lane angle = mean_angle - Asin(sine);
-    constexpr double kAngleSlack = 1e-5;  // float rounding of the angle
-    const LaneMask outside_domain = AndMask(AndMask(NotMask(is_near), sine < Lane(1.0)),
-                                            angle > Lane(task.domain.max_angle + kAngleSlack));
-    const LaneMask whole =
-        AndMask(AndMask(footprint.all_valid, NotMask(is_near)),
-                IsFinite(footprint.u + footprint.v + footprint.cov_uu + footprint.cov_vv));
-    // The ellipse is an estimate: only what lies well outside the image by it is dropped here.
-    const Lane margin_u = Lane(kCullFactor) * extent_u + Lane(kCullPixels);
-    const Lane margin_v = Lane(kCullFactor) * extent_v + Lane(kCullPixels);
-    const Lane low_u = footprint.u - margin_u, high_u = footprint.u + margin_u;
-    const Lane low_v = footprint.v - margin_v, high_v = footprint.v + margin_v;
-    const LaneMask in_image = AndMask(Meets(low_u, high_u, width), Meets(low_v, high_v, height));
-    const LaneMask candidate = AndMask(AndMask(g.usable, finite), NotMask(outside_domain));
-    // Wide footprints bend: they too go to the exact test.
-    const LaneMask wide = OrMask(extent_u > Lane(task.wide), extent_v > Lane(task.wide));
-    LaneMask ellipse = AndMask(AndMask(candidate, whole), AndMask(in_image, NotMask(wide)));
-    LaneMask uncertain = AndMask(candidate, OrMask(NotMask(whole), wide));
-    // How far (sine or radians, at most 1) the lens is smooth around the Gaussian: its scale may
-    // change without bound towards the edge of the domain, and a panorama turns around its poles.
-    constexpr double kLeastSmooth = 1e-6;
-    Lane smooth = Lane(task.domain.max_angle) - mean_angle;
-    if constexpr (kIsPanorama) {
-      // No ellipse: what crosses the seam, and what is not small beside its distance from a pole.
-      smooth = Lens::PoleSine(g.mean[0], g.mean[1], g.mean[2]);
-      constexpr double kNearPole = 0.5;
-      LaneMask bent = sine > Lane(kNearPole) * smooth;
-      if (period.u > 0.0) bent = OrMask(bent, CopyMeets(low_u, high_u, width, period.u));
-      if (period.v > 0.0) bent = OrMask(bent, CopyMeets(low_v, high_v, height, period.v));
-      ellipse = AndMask(ellipse, NotMask(bent));
-      uncertain = OrMask(uncertain, AndMask(candidate, bent));
-    }
-    sine = Min(sine / Max(Min(smooth, Lane(1.0)), Lane(kLeastSmooth)), Lane(1.0));
-
-    const auto store = [&](Lane value, AlignedVector<float>* array) HWY_ATTR {
-      hn::StoreU(value.v, d, &(*array)[static_cast<std::size_t>(i)]);
-    };
-    store(footprint.u, &splats->u);
-    store(footprint.v, &splats->v);
-    store(footprint.cov_uu, &splats->cov_uu);
-    store(footprint.cov_uv, &splats->cov_uv);
-    store(footprint.cov_vv, &splats->cov_vv);
-    store(extent_u, &splats->extent_u);
-    store(extent_v, &splats->extent_v);
-    store(g.distance, &splats->distance);
-    store(sine, &splats->sine);
-    LaneMask small = AndMask(ellipse, sine < Lane(kSmallSine));
-    if constexpr (!kIsPanorama) {
-      small = AndMask(small, mean_angle + sine < Lane(kSmallAngle * task.domain.max_angle));
-    }
-    const std::uint64_t is_small = MaskBits(small.m);
-    const std::uint64_t is_ellipse = MaskBits(ellipse.m);
-    const std::uint64_t is_uncertain = MaskBits(uncertain.m);
-    const std::uint64_t has_pixels = MaskBits(footprint.all_valid.m);
-    const int count = static_cast<int>(HWY_MIN(end - i, static_cast<std::int64_t>(kLanes)));
-    for (int k = 0; k < count; ++k) {
-      const std::size_t j = static_cast<std::size_t>(i + k);
-      splats->status[j] = (is_small >> k) & 1       ? SplatStatus::kSmall
-                          : (is_ellipse >> k) & 1   ? SplatStatus::kEllipse
-                          : (is_uncertain >> k) & 1 ? SplatStatus::kUncertain
-                                                    : SplatStatus::kUnseen;
-      if (!((has_pixels >> k) & 1)) {
-        for (AlignedVector<float>* array :
-             {&splats->u, &splats->v, &splats->cov_uu, &splats->cov_uv, &splats->cov_vv,
-              &splats->extent_u, &splats->extent_v}) {
-          (*array)[j] = __builtin_nanf("");
-        }
-      }
-    }
+  const FloatTag d;
+  const auto store = [&](Lane value, AlignedVector<float>* array) HWY_ATTR {
+    hn::StoreU(value.v, d, &(*array)[static_cast<std::size_t>(i)]);
+  };
+  store(footprint.u, &splats->u);
+  store(footprint.v, &splats->v);
+  store(footprint.cov_uu, &splats->cov_uu);
+  store(footprint.cov_uv, &splats->cov_uv);
+  store(footprint.cov_vv, &splats->cov_vv);
+  store(extent_u, &splats->extent_u);
+  store(extent_v, &splats->extent_v);
+  store(sine, &splats->sine);
+  const std::uint64_t is_small = MaskBits(small.m);
+  const std::uint64_t is_ellipse = MaskBits(ellipse.m);
+  const std::uint64_t is_uncertain = MaskBits(uncertain.m);
+  for (int k = 0; k < count; ++k) {
+    splats->status[static_cast<std::size_t>(i + k)] =
+        (is_small >> k) & 1       ? SplatStatus::kSmall
+        : (is_ellipse >> k) & 1   ? SplatStatus::kEllipse
+        : (is_uncertain >> k) & 1 ? SplatStatus::kUncertain
+                                  : SplatStatus::kUnseen;
   }
 }
 
 void ProjectRange(const ProjectTask& task, std::int64_t begin, std::int64_t end, Splats* splats) {
-  switch (task.lens) {
-#define GSUT_PROJECT_CASE(Lens)                               \
-  case LensModel::k##Lens:                                    \
-    ProjectLens<lane_lenses::Lens>(task, begin, end, splats); \
-    return;
-    GSUT_FOR_EACH_LENS(GSUT_PROJECT_CASE)
-#undef GSUT_PROJECT_CASE
+  constexpr int kVectors = PointBlock::kPoints / (kUnscentedPoints * kLanes);
+  PointBlock block;
+  WaitingSplat waiting[kVectors];
+  for (std::int64_t first = begin; first < end; first += kVectors * kLanes) {
+    int vectors = 0;
+    for (std::int64_t i = first; i < end && vectors < kVectors; i += kLanes, ++vectors) {
+      waiting[vectors] = PutSplat(task, i, kUnscentedPoints * vectors, &block, splats);
+    }
+    ProjectPoints(task.lens, kUnscentedPoints * kLanes * vectors, block.Batch());
+    for (int v = 0; v < vectors; ++v) {
+      const auto footprint = UnscentedFootprint<Lane>(
+          task.lens.domain, task.weights,
+          [&](int k, Lane* pu, Lane* pv) HWY_ATTR { block.Get(kUnscentedPoints * v + k, pu, pv); });
+      const std::int64_t i = first + v * kLanes;
+      const int count = static_cast<int>(HWY_MIN(end - i, static_cast<std::int64_t>(kLanes)));
+      StoreSplat(task, waiting[v], footprint, i, count, splats);
+    }
   }
 }
 

@@ -3,28 +3,14 @@
 
 #include <cstdint>
 
-#include "gsut/cameras/lens_registry.h"
-#include "gsut/gaussians/gaussians.h"
 #include "gsut/projection/project.h"
-#include "gsut/projection/view.h"
+#include "gsut/projection/view_task.h"
 
 namespace gsut {
 
-// Most parameters a lens without a table may have in the kernels.
-inline constexpr int kMaxLensParams = 64;
-
-struct ProjectTask {
-  GaussiansView<const float> gaussians;
-  LensModel lens;
-  LensDomain domain;
-  const double* params;
-  int num_params;
-  const float* table;  // the parameters in float, for lenses with a table
+struct ProjectTask : ViewTask {
   int width, height;
-  ViewFloats view;
   UnscentedWeights weights;
-  float log2_alpha_min;
-  float max_cutoff;
   float wide;  // pixels; larger footprints are left to the exact tile test
 };
 

@@ -1,63 +1,58 @@
-// A lens with its moving camera around it, given to the unscented transform as one lens.
+// The points of the unscented transform, each through the pose of the line that sees it.
 #include "gsut/projection/project_moving.h"
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numeric>
+#include <vector>
 
 #include "gsut/base/parallel.h"
-#include "gsut/cameras/lens_registry.h"
-#include "gsut/cameras/scalar_math.h"
-#include "gsut/gaussians/activations.h"
-#include "gsut/projection/projection_steps.h"
-
-// The scalar names that the transform's text uses; before its text.
-#include <hwy/highway.h>
-namespace gsut::HWY_NAMESPACE {
-using lenses::AndMask;
-using lenses::OrMask;
-using lenses::Select;
-}  // namespace gsut::HWY_NAMESPACE
-#include "gsut/projection/unscented-inl.h"
+#include "gsut/projection/unscented_scalar.h"
 
 namespace gsut {
 namespace {
 
-constexpr std::int64_t kGrain = 64;
 constexpr int kMaxSteps = 50;
 constexpr double kSettled = 1e-9;  // of the exposure
 
-// What stands for the parameters of the lens; `converged` is cleared by points that do not settle.
-struct MovingParams {
-  const Camera* camera;
-  const CameraMotion* motion;
-  bool* converged;
-};
-
-// Projects points of the world.
-template <class Lens>
-struct MovingLens : Lens {
-  static bool Project(const LensDomain& domain, const MovingParams* params, int num_params,
-                      double x, double y, double z, double* u, double* v) {
-    const Camera& camera = *params->camera;
-    const CameraMotion& motion = *params->motion;
-    const Eigen::Vector3d point(x, y, z);
-    double t = motion.MiddleTime();
-    for (int step = 0; step < kMaxSteps; ++step) {
-      const Pose pose = motion.At(t);
-      const Eigen::Vector3d seen = pose.rotation * point + pose.translation;
-      if (!Lens::Project(domain, camera.params().data(), num_params, seen.x(), seen.y(), seen.z(),
-                         u, v)) {
-        return false;
-      }
-      const double next =
-          std::clamp(motion.shutter.PixelTime(*u, *v, camera.width(), camera.height()), 0.0, 1.0);
-      if (std::abs(next - t) <= kSettled) return true;
-      t = next;
+// Pixels of points of the world; those that do not settle are NaN and clear converged[i] of their
+// Gaussian i.
+void PlaceOnLines(const Camera& camera, const CameraMotion& motion, std::int64_t count,
+                  const double* points, double* pixels, std::uint8_t* converged) {
+  const std::size_t n = static_cast<std::size_t>(count);
+  std::vector<double> times(n, motion.MiddleTime()), in_camera(3 * n), found(2 * n);
+  std::vector<std::uint8_t> valid(n);
+  std::vector<std::size_t> moving(n);  // points that have not settled yet
+  std::iota(moving.begin(), moving.end(), std::size_t{0});
+  std::fill_n(pixels, 2 * n, std::numeric_limits<double>::quiet_NaN());
+  for (int step = 0; step < kMaxSteps && !moving.empty(); ++step) {
+    for (std::size_t k = 0; k < moving.size(); ++k) {
+      const Pose pose = motion.At(times[moving[k]]);
+      Eigen::Vector3d::Map(&in_camera[3 * k]) =
+          pose.rotation * Eigen::Vector3d::Map(points + 3 * moving[k]) + pose.translation;
     }
-    *params->converged = false;
-    return false;
+    camera.Project(static_cast<std::int64_t>(moving.size()), in_camera.data(), found.data(),
+                   valid.data());
+    std::size_t left = 0;
+    for (std::size_t k = 0; k < moving.size(); ++k) {
+      if (!valid[k]) continue;
+      const double u = found[2 * k], v = found[2 * k + 1];
+      const std::size_t i = moving[k];
+      const double next =
+          std::clamp(motion.shutter.PixelTime(u, v, camera.width(), camera.height()), 0.0, 1.0);
+      if (std::abs(next - times[i]) <= kSettled) {
+        pixels[2 * i] = u;
+        pixels[2 * i + 1] = v;
+        continue;
+      }
+      times[i] = next;
+      moving[left++] = i;
+    }
+    moving.resize(left);
   }
-};
+  for (const std::size_t i : moving) converged[i / HWY_NAMESPACE::kUnscentedPoints] = 0;
+}
 
 }  // namespace
 
@@ -65,27 +60,16 @@ void ProjectMoving(const GaussiansView<const double>& gaussians, const Camera& c
                    const CameraMotion& motion, const UnscentedOptions& options, double* means,
                    double* covariances, std::uint8_t* valid, std::uint8_t* converged) {
   const UnscentedWeights weights = MakeUnscentedWeights(options);
-  VisitLens(camera.lens(), [&](auto model) {
-    using Lens = decltype(model);
-    const HWY_NAMESPACE::ImagePeriod period =
-        HWY_NAMESPACE::PeriodOf<Lens>(camera.domain(), camera.params().data());
-    ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
-      for (std::int64_t i = begin; i < end; ++i) {
-        double r[9], axes[3][3], scale[3];
-        RotationFromQuaternion(gaussians.quats + 4 * i, r);
-        for (int k = 0; k < 3; ++k) {
-          scale[k] = ScaleFromLog(gaussians.log_scales[3 * i + k]);
-          for (int row = 0; row < 3; ++row) axes[k][row] = r[3 * row + k];
-        }
-        bool settled = true;
-        const MovingParams params = {&camera, &motion, &settled};
-        const auto footprint = HWY_NAMESPACE::Unscented<MovingLens<Lens>, double>(
-            camera.domain(), &params, camera.num_params(), period, weights, gaussians.means + 3 * i,
-            axes, scale);
-        WriteFootprint(footprint, i, means, covariances, valid);
-        converged[i] = settled;
-      }
-    });
+  std::fill_n(converged, gaussians.size, std::uint8_t{1});
+  const auto through = [&](std::int64_t first, std::int64_t count, const double* points,
+                           double* pixels) {
+    PlaceOnLines(camera, motion, count, points, pixels, converged + first);
+  };
+  ParallelFor(gaussians.size, kScalarBatch, [&](std::int64_t begin, std::int64_t end) {
+    UnscentedInDouble(gaussians, Pose(), camera.domain(), weights, begin, end, through,
+                      [&](std::int64_t i, const ScalarFootprint& footprint) {
+                        WriteFootprint(footprint, i, means, covariances, valid);
+                      });
   });
 }
 

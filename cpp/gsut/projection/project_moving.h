@@ -5,7 +5,7 @@
 
 #include "gsut/cameras/camera.h"
 #include "gsut/gaussians/gaussians.h"
-#include "gsut/poses/shutter.h"
+#include "gsut/geometry/shutter.h"
 #include "gsut/projection/project.h"
 
 namespace gsut {

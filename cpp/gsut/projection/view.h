@@ -1,7 +1,7 @@
 // A camera's place as the float kernels take it.
 #pragma once
 
-#include "gsut/poses/pose.h"
+#include "gsut/geometry/pose.h"
 
 namespace gsut {
 

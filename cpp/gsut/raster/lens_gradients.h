@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "gsut/cameras/camera.h"
-#include "gsut/poses/shutter.h"
+#include "gsut/geometry/shutter.h"
 #include "gsut/raster/view_rays.h"
 
 namespace gsut {

@@ -7,7 +7,7 @@
 #define GSUT_RASTER_PIXELS_INL_H_
 #endif
 
-#include "gsut/raster/kernels.h"
+#include "gsut/raster/task.h"
 #include "gsut/raster/tile_math-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -64,10 +64,17 @@ HWY_INLINE void WritePixels(const TileGrid& grid, int tile, const Frame& frame,
   });
 }
 
-// buffer[5 * 256]: dL/dred, dgreen, dblue, dL/d(final transmittance), dL/ddepth x ray length.
-// Pixels outside the image are 0.
-HWY_INLINE void ReadPixelGradients(const TileGrid& grid, int tile, const ImageGradients& gradients,
-                                   const float* background, float* buffer) {
+// Gradients of L to the image's pixels of one tile, swizzled as the tile grid.
+struct PixelGradients {
+  const float* color[3];
+  const float* depth;                // to depth, times the ray's length; null without depth
+  const float* final_transmittance;  // to the transmittance that is left
+};
+
+// Reads them into buffer[5 * 256], which the result points into. Pixels outside the image are 0.
+HWY_INLINE PixelGradients ReadPixelGradients(const TileGrid& grid, int tile,
+                                             const ImageGradients& gradients,
+                                             const float* background, float* buffer) {
   const Float4 d;
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
   const int x0 = (tile % grid.tiles_x) * kTileSize;
@@ -106,6 +113,9 @@ HWY_INLINE void ReadPixelGradients(const TileGrid& grid, int tile, const ImageGr
       hn::Store(hn::Mul(hn::LoadU(d, depth), length), d, out + 4 * kTilePixels);
     }
   });
+  return {{buffer, buffer + kTilePixels, buffer + 2 * kTilePixels},
+          buffer + 4 * kTilePixels,
+          buffer + 3 * kTilePixels};
 }
 
 }  // namespace HWY_NAMESPACE

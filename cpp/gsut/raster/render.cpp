@@ -11,6 +11,7 @@
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/projection/project_kernels.h"
 #include "gsut/raster/bin_tiles.h"
+#include "gsut/raster/central/kernels.h"
 #include "gsut/raster/sharp_records.h"
 #include "gsut/raster/view_rays.h"
 

@@ -6,6 +6,7 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
+#include "gsut/raster/central/kernels.h"
 #include "gsut/raster/render.h"
 
 namespace gsut {

@@ -8,7 +8,8 @@
 #define GSUT_RASTER_SLOT_SUMS_INL_H_
 #endif
 
-#include "gsut/raster/records-inl.h"
+#include "gsut/raster/frame.h"
+#include "gsut/raster/harmonics-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {

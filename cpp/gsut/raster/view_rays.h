@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "gsut/cameras/camera.h"
-#include "gsut/poses/shutter.h"
+#include "gsut/geometry/shutter.h"
 
 namespace gsut {
 

@@ -32,6 +32,7 @@ def render(arguments: argparse.Namespace) -> int:
         if getattr(arguments, flag):
             raise InputError(f"--{flag} goes with --scale")
     from gsut.bench.knobs import KNOB_COLUMNS, knob_bench, knob_settings
+    from gsut.bench.measure import scalar_baseline
     from gsut.bench.render_bench import (
         DEFAULT_SCENES,
         RenderBenchOptions,
@@ -40,12 +41,16 @@ def render(arguments: argparse.Namespace) -> int:
     )
     from gsut.bench.scenes import make_scene
 
+    scalar_repeats = arguments.scalar_repeats
+    if scalar_repeats and scalar_baseline is None:
+        print("without the scalar baseline, which only ./run build in a clone makes")
+        scalar_repeats = 0
     options = RenderBenchOptions(
         scenes=_words(arguments.scenes) or DEFAULT_SCENES,
         isas=_words(arguments.isa),
         threads=_numbers(arguments.threads, int, "--threads"),
         repeats=arguments.repeats,
-        scalar_repeats=arguments.scalar_repeats,
+        scalar_repeats=scalar_repeats,
         steps=10 if arguments.steps is None else arguments.steps,
         tiles=arguments.tiles,
         ply=arguments.ply,

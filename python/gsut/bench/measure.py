@@ -11,9 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsut import _core
+from gsut._core import InputError
 from gsut.bench.accuracy import empty_gradients
 from gsut.bench.scenes import BenchScene
 from gsut.render import DEFAULT_UNSCENTED
+
+try:
+    import gsut_scalar_baseline as scalar_baseline
+except ModuleNotFoundError:
+    scalar_baseline = None  # only a developer's build has it, see tests/bench/scalar_baseline
 
 if TYPE_CHECKING:
     from gsut.training import TrainingLoop
@@ -117,27 +123,37 @@ class FastRun:
 
 
 class ScalarRun:
-    """The scalar baseline on one scene; as `FastRun`. widen: see ScalarRenderer."""
+    """The scalar baseline on one scene; as `FastRun`. widen: see ScalarRenderer.
+
+    Raises:
+        InputError: this installation was built without it.
+    """
 
     def __init__(
         self, scene: BenchScene, rule: _core.BlendRule, widen: float = 1.0, seed: int = 0
     ) -> None:
+        if scalar_baseline is None:
+            raise InputError("the scalar baseline is not built here: ./run build in a clone does")
         self.scene, self.rule = scene, rule
         size = (scene.camera.height, scene.camera.width)
         self.image = np.zeros((*size, 3), np.float32)
         self.gradients = empty_gradients(scene.gaussians)
-        self.renderer = _core.ScalarRenderer(widen)
+        self.renderer = scalar_baseline.ScalarRenderer(widen)
         self._alpha = np.zeros(size, np.float32)
         self._dimage = np.random.default_rng(seed).standard_normal((*size, 3), np.float32)
 
     def once(self, dimage: np.ndarray | None = None) -> dict[str, tuple[float, float]]:
         """Forward and backward; returns the times of their stages."""
         s = self.scene
-        self.renderer.render(
-            s.gaussians, s.camera, s.camera_from_world, self.rule, _BACKGROUND,
-            s.gaussians.sh_degree, DEFAULT_UNSCENTED, self.image, self._alpha,
-        )  # fmt: skip
-        self.renderer.backward(self._dimage if dimage is None else dimage, self.gradients)
+        scalar_baseline.set_num_threads(_core.num_threads())
+        try:
+            self.renderer.render(
+                s.gaussians, s.camera, s.camera_from_world, self.rule, _BACKGROUND,
+                s.gaussians.sh_degree, DEFAULT_UNSCENTED, self.image, self._alpha,
+            )  # fmt: skip
+            self.renderer.backward(self._dimage if dimage is None else dimage, self.gradients)
+        finally:
+            scalar_baseline.set_num_threads(0)  # oneTBB obeys the least of all limits
         return self.renderer.timings()
 
 

@@ -79,14 +79,9 @@ def _short_way(difference: np.ndarray, camera: _core.Camera) -> np.ndarray:
 
 
 def periods(camera: _core.Camera) -> np.ndarray:
-    """(2,) pixels after which a panorama repeats along u and v; 1e30 for other lenses."""
-    period = np.full(2, 1e30)
-    if camera.model == "equirectangular":
-        period[0] = camera.width
-    elif camera.model in ("lonlat", "latlon"):
-        axis = 0 if camera.model == "lonlat" else 1
-        period[axis] = 2 * np.pi * camera.params[axis]
-    return period
+    """(2,) pixels after which the image repeats along u and v; 1e30 where it does not."""
+    period = np.array(camera.period)
+    return np.where(period > 0, period, 1e30)
 
 
 @dataclasses.dataclass(frozen=True)

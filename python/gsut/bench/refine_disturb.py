@@ -9,7 +9,6 @@ import numpy as np
 from gsut._core import InputError, exp_pose
 from gsut.data import Scene
 from gsut.lens import Camera
-from gsut.refine import with_poses
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,10 +58,8 @@ def disturbed_pose(
 
 def jittered_points(scene: Scene, sigma: float, seed: int) -> Scene:
     """The scene with points moved by normal noise: a dataset's may be exact, which poses use."""
-    out = scene.with_views(scene.views)
     noise = np.random.default_rng([seed, 0]).normal(0.0, sigma, scene.points.shape)
-    out.points = scene.points + noise
-    return out
+    return scene.replace(points=scene.points + noise)
 
 
 def disturbed(scene: Scene, by: Disturbance, seed: int) -> Scene:
@@ -74,7 +71,7 @@ def disturbed(scene: Scene, by: Disturbance, seed: int) -> Scene:
         else view.camera_from_world
         for view in scene.views
     ]
-    out = with_poses(scene, list(range(len(scene.views))), np.array(poses))
+    out = scene.with_poses(range(len(scene.views)), np.array(poses))
     if by.of_lens:
         out = out.with_lenses([_disturbed_lens(camera, by) for camera in scene.file_cameras])
     return out

@@ -68,7 +68,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="RIG",
         help="file of several cameras that are fixed to each other: the report.json of "
         "`gsut calibrate --rig`, or a camchain of Kalibr. IMAGES then holds one folder a camera; "
-        "images of one moment (of one name, or else in order) share one pose, and poses and points "
+        "images of one frame (of one name, or else in order) share one pose, and poses and points "
         "are in the rig's unit",
     )
     parser.add_argument(
@@ -144,7 +144,7 @@ def estimate_with_bars(
 
 def _rig_words(rig: dict[str, Any]) -> str:
     words = (
-        f"rig: {rig['moments_registered']} of {rig['moments_total']} moments, in the unit of "
+        f"rig: {rig['frames_registered']} of {rig['frames_total']} frames, in the unit of "
         f"{rig['file']} (baseline {rig['baseline']:.6g})"
     )
     if rig["scale_sigma_percent"] is not None:

@@ -1,7 +1,6 @@
 """Compaction: fewer Gaussians that render the same, and the refit of their colours."""
 
 from gsut.compact.compaction import (
-    METHODS,
     Compaction,
     check_keep,
     check_method,
@@ -11,6 +10,7 @@ from gsut.compact.compaction import (
     settings_of,
 )
 from gsut.compact.harmonics import drop_harmonics
+from gsut.compact.method import METHODS
 from gsut.compact.scores import SeenView, blend_weights, seen_views, strongest
 
 __all__ = [

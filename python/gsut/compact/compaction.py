@@ -9,24 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from gsut import _core
 from gsut._core import InputError
-from gsut.compact.refit import DAMPING, refit_colors
-from gsut.compact.scores import SeenView, blend_weights, lightgaussian_scores, pup_scores
+from gsut.compact.method import method_of
+from gsut.compact.scores import SeenView
 from gsut.gaussians import Gaussians
-
-METHODS = ("ghap", "field", "ghap-paper", "lightgaussian", "pup")
-# What the merging methods weigh beside the difference of colours: divergence, drawn fields. On
-# training views set aside from models of 200 000 (sponza_fisheye 33.94 dB, fox), PSNR at 10 %:
-# 0.01, 0.1: 30.19 and 28.20; 0, 0.1: 30.26 and 28.21.
-_MERGING_COSTS = (0.0, 0.1)
-_MERGING = ("ghap", "field")
-# Of ghap's colours. The same views of sponza at 10 / 20 %: 0 rounds 30.26 / 32.37, 1 30.74 / 32.52,
-# 2 30.82 / 32.56, 3 30.86 / 32.58.
-_REFIT_ROUNDS = 2
-# Methods that see the Gaussians through the views' lenses, and those that cannot do without.
-_LOOKING = ("ghap", "field", "lightgaussian", "pup")
-_NEED_VIEWS = ("lightgaussian", "pup")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,22 +73,12 @@ def compact(
     target = _target(len(g), keep, count)
     if target == len(g):
         return Compaction(g.copy(), dropped)
-    if method == "ghap-paper":
-        return Compaction(Gaussians(*_core.herd_paper(g, target / len(g), seed=seed)), dropped)
     if scores is None:
         scores = scores_of(g, method, views, on_view)
     if scores is not None and len(scores) != len(g):
         raise InputError(f"scores must be one a finite Gaussian, {len(g)}, found {len(scores)}")
-    if method in _MERGING:
-        weights = None if scores is None else scores.astype(np.float32)
-        merged = Gaussians(*_core.merge_pairs(g, target, weights, *_MERGING_COSTS))
-        if method == "ghap" and views:
-            merged = refit_colors(merged, g, views, _REFIT_ROUNDS, on_view)
-        return Compaction(merged, dropped)
-    assert scores is not None  # check_method
-    # Stable: among equal scores the first rows stay.
-    best = np.argsort(-scores, kind="stable")[:target]
-    return Compaction(g[np.sort(best)], dropped)
+    reduced = method_of(method).reduce(g, target, scores, views, seed, on_view)
+    return Compaction(reduced, dropped)
 
 
 def scores_of(
@@ -120,10 +96,8 @@ def scores_of(
         A float64 for each Gaussian whose values are finite: blend weights for ghap and field,
         scores for lightgaussian and pup; None for a method that does not look, or without views.
     """
-    finders = {"lightgaussian": lightgaussian_scores, "pup": pup_scores}
-    if method not in _LOOKING or not views:
-        return None
-    return finders.get(method, blend_weights)(_finite(gaussians), views, on_view)
+    score = method_of(method).score
+    return None if score is None or not views else score(_finite(gaussians), views, on_view)
 
 
 def _finite(gaussians: Gaussians) -> Gaussians:
@@ -134,22 +108,17 @@ def _finite(gaussians: Gaussians) -> Gaussians:
 
 def looks_at_views(method: str) -> bool:
     """Whether a method makes use of views."""
-    return method in _LOOKING
+    return method_of(method).score is not None
 
 
 def settings_of(method: str) -> dict[str, Any]:
     """The constants that a method works with here, to tell results of other constants apart."""
-    if method not in _MERGING:
-        return {"method": method}
-    refit = [_REFIT_ROUNDS, DAMPING] if method == "ghap" else []
-    return {"method": method, "costs": list(_MERGING_COSTS), "refit": refit}
+    return {"method": method, **method_of(method).settings}
 
 
 def check_method(method: str, has_views: bool) -> None:
     """Raises InputError for a method that is unknown, or needs views where there are none."""
-    if method not in METHODS:
-        raise InputError(f'method "{method}" is unknown; known: {", ".join(METHODS)}')
-    if method in _NEED_VIEWS and not has_views:
+    if method_of(method).needs_views and not has_views:
         raise InputError(
             f'method "{method}" scores Gaussians by what views see of them; give the run with its '
             "dataset, or use ghap"

@@ -15,13 +15,6 @@ from gsut.render import DEFAULT_UNSCENTED
 
 # First coefficient of the harmonics' basis: a colour is 0.5 + _SH0 x sh + ...
 _SH0 = 0.28209479177387814
-# LightGaussian: volumes count by (V / V of the 90th percentile) to this power, at most 1 before it.
-_VOLUME_POWER = 0.1
-_VOLUME_PERCENTILE = 90.0
-_PARAMETERS = 6  # position and scale
-_UPPER = np.triu_indices(_PARAMETERS)
-# Added to the diagonal of a Fisher matrix, of its trace: what few pixels saw has no full rank.
-_FISHER_RIDGE = 1e-9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,7 +63,7 @@ def blend_weights(
     Returns:
         (N,) float64, in pixels; 0 for what no valid pixel sees.
     """
-    return np.maximum(_sums(_grey(gaussians, 0), views, on_view)[:, 0] / _SH0, 0.0)
+    return np.maximum(_sums(grey(gaussians, 0), views, on_view)[:, 0] / _SH0, 0.0)
 
 
 def basis_sums(
@@ -89,7 +82,7 @@ def basis_sums(
         (N, K) float64; column 0 is 0.2821 x `blend_weights`. With coefficients sh,
         sum_k sums_k sh_k / (sum of blend weights) is the mean colour seen of them.
     """
-    return _sums(_grey(gaussians, gaussians.sh_degree), views, on_view)
+    return _sums(grey(gaussians, gaussians.sh_degree), views, on_view)
 
 
 def _sums(grey: Gaussians, views: Sequence[SeenView], on_view: Callable[[], object]) -> np.ndarray:
@@ -104,110 +97,6 @@ def _sums(grey: Gaussians, views: Sequence[SeenView], on_view: Callable[[], obje
     return sums
 
 
-def hit_sums(
-    gaussians: Gaussians,
-    views: Sequence[SeenView],
-    on_view: Callable[[], object] = lambda: None,
-) -> np.ndarray:
-    """Sum of opacity x transmittance in front over all valid pixels that draw a Gaussian.
-
-    Args:
-        gaussians: N Gaussians.
-        views: at least one.
-        on_view: called after each.
-
-    Returns:
-        (N,) float64, in pixels; 0 for what no valid pixel sees.
-    """
-    sums = np.zeros(len(gaussians))
-    passes = Passes(_grey(gaussians, 0))
-    for view in needed_views(views):
-        passes.render(view)
-        passes.significance(view.mask, sums)
-        on_view()
-    return sums
-
-
-def lightgaussian_scores(
-    gaussians: Gaussians,
-    views: Sequence[SeenView],
-    on_view: Callable[[], object] = lambda: None,
-) -> np.ndarray:
-    """LightGaussian's global significance: `hit_sums` times (V / V_90%)^0.1.
-
-    Args:
-        gaussians: N Gaussians.
-        views: at least one.
-        on_view: called after each.
-
-    Returns:
-        (N,) float64 >= 0; the lowest are pruned.
-
-    Source: Fan et al., "LightGaussian", NeurIPS 2024.
-    """
-    log_volume = gaussians.log_scales.astype(np.float64).sum(axis=1)
-    if len(log_volume) == 0:
-        return log_volume
-    volume = np.exp(log_volume - log_volume.max())  # in units of the largest
-    relative = np.minimum(volume / np.percentile(volume, _VOLUME_PERCENTILE), 1.0)
-    return hit_sums(gaussians, views, on_view) * relative**_VOLUME_POWER
-
-
-def fisher_matrices(
-    gaussians: Gaussians,
-    views: Sequence[SeenView],
-    on_view: Callable[[], object] = lambda: None,
-) -> np.ndarray:
-    """Each Gaussian's Fisher matrix over its position and scales: sum of J J^T.
-
-    Args:
-        gaussians: N Gaussians.
-        views: at least one.
-        on_view: called after each.
-
-    Returns:
-        (N, 6, 6) float64: the sum over valid pixels of all views and their channels, J being the
-        channel's derivative to the mean (world axes) and the three scales (world units). Twice it
-        is the Hessian of the squared error where the error itself is 0.
-    """
-    sums = np.zeros((len(gaussians), _UPPER[0].size))
-    passes = Passes(gaussians)
-    for view in needed_views(views):
-        passes.render(view)
-        passes.fisher(view.mask, sums)
-        on_view()
-    fisher = np.zeros((len(gaussians), _PARAMETERS, _PARAMETERS))
-    fisher[:, _UPPER[0], _UPPER[1]] = sums
-    fisher[:, _UPPER[1], _UPPER[0]] = sums
-    return fisher
-
-
-def pup_scores(
-    gaussians: Gaussians,
-    views: Sequence[SeenView],
-    on_view: Callable[[], object] = lambda: None,
-) -> np.ndarray:
-    """PUP-3DGS' sensitivity: log det of each Gaussian's Fisher matrix over position and scale.
-
-    Args:
-        gaussians: N Gaussians.
-        views: at least one.
-        on_view: called after each.
-
-    Returns:
-        (N,) float64; the lowest are pruned; -inf for what no pixel sees.
-
-    Source: Hanson et al., "PUP 3D-GS", CVPR 2025.
-    """
-    fisher = fisher_matrices(gaussians, views, on_view)
-    trace = np.trace(fisher, axis1=1, axis2=2)
-    scores = np.full(len(gaussians), -np.inf)
-    seen = np.flatnonzero(trace > 0)
-    scaled = fisher[seen] / trace[seen, None, None] + _FISHER_RIDGE * np.eye(_PARAMETERS)
-    scores[seen] = np.linalg.slogdet(scaled)[1] + _PARAMETERS * np.log(trace[seen])
-    return scores
-
-
 def strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np.ndarray]:
     """The Gaussian with the largest blend weight at each pixel of a view.
 
@@ -219,7 +108,7 @@ def strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np.ndar
         (H, W) int32, the Gaussian's number, -1 where there is none, and (H, W, 3) float32, the
         point of the pixel's ray that is nearest to the Gaussian's centre, in the world.
     """
-    passes = Passes(_grey(gaussians, 0))
+    passes = Passes(grey(gaussians, 0))
     passes.render(view)
     return passes.significance(view.mask, np.zeros(len(gaussians)))
 
@@ -271,7 +160,7 @@ class Passes:
         self._renderer.add_fisher(mask.view(np.uint8), sums)
 
 
-def _grey(gaussians: Gaussians, degree: int) -> Gaussians:
+def grey(gaussians: Gaussians, degree: int) -> Gaussians:
     """In mid-grey with harmonics of this degree: no colour is clamped, so no gradient is cut."""
     return Gaussians(
         gaussians.means,

@@ -9,18 +9,18 @@ from gsut.data.folder import find_images, find_lens_file
 from gsut.data.images import decode_image, decode_mask, read_header, shrink_image, shrink_mask
 from gsut.data.load import load_dataset, read_dataset
 from gsut.data.poses import inverse, rigid_transform
-from gsut.data.pyramid import ImagePyramid, Level
 from gsut.data.scene import Scene, View
 from gsut.data.shutter import frame_times, with_shutter
+from gsut.data.training_views import Level, TrainingViews
 from gsut.data.write_nerfstudio import points_ply, write_transforms
 
 __all__ = [
     "DatasetError",
     "Finding",
     "Frame",
-    "ImagePyramid",
     "Level",
     "Scene",
+    "TrainingViews",
     "View",
     "decode_image",
     "decode_mask",

@@ -109,9 +109,9 @@ def assemble(
     offset = np.mean([frame.world_from_camera[:3, 3] for frame in frames], axis=0)
     cameras, views = _views(frames, offset)
     return Scene(
-        listing.path, cameras, views, listing.points[finite] - offset,
-        listing.point_colors[finite], train, test,
-        offset, notes + split_notes,
+        listing.path, tuple(cameras), tuple(views), listing.points[finite] - offset,
+        listing.point_colors[finite], tuple(train), tuple(test),
+        offset, (*notes, *split_notes),
     )  # fmt: skip
 
 

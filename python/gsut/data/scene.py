@@ -5,9 +5,11 @@ from __future__ import annotations
 import collections
 import concurrent.futures
 import dataclasses
+import functools
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +48,11 @@ class View:
     mask_path: Path | None = None
     depth_path: Path | None = None
     shutter: Shutter | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("camera_from_world", "camera_from_world_start", "camera_from_world_end"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _read_only(getattr(self, name), np.float64))
 
     def __repr__(self) -> str:
         at = ", ".join(f"{value:.3g}" for value in self.camera_center)
@@ -98,55 +105,111 @@ def _size(arrays: tuple) -> int:
     return sum(array.nbytes for array in arrays if array is not None)
 
 
+def _read_only(values: np.typing.ArrayLike, dtype: np.typing.DTypeLike) -> np.ndarray:
+    array = np.asarray(values, dtype).view()
+    array.setflags(write=False)
+    return array
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Scene:
-    """Cameras, views, points and the split into training and test views.
+    """Cameras, views, points and the split into training and test views; immutable.
 
-    The world is the dataset's, moved so that the mean of the camera centres is the origin:
-    dataset coordinates = scene coordinates + `world_offset`.
+    Its images are read when they are asked for. The world is the dataset's, moved so that the mean
+    of the camera centres is the origin: dataset coordinates = scene coordinates + `world_offset`.
 
-    Attributes:
+    Args:
         path: the dataset.
-        cameras: list of Camera, at the scene's image scale.
-        views: list of View, sorted by name.
-        points: (N, 3) float64, may be empty; point_colors: (N, 3) uint8.
-        train_indices, test_indices: lists of int into `views`.
+        cameras: of Camera, at the scene's image scale.
+        views: of View, sorted by name.
+        points: (N, 3) float64, may be empty.
+        point_colors: (N, 3) uint8.
+        train_indices, test_indices: of int into `views`.
         world_offset: (3,) float64.
         notes: what was left out or changed on loading, one sentence each.
+        file_cameras: the cameras at the size of the image files, if `cameras` are smaller.
+        larger: the same scene at a larger size, whose images are shrunk in place of the files'.
+
+    Any sequences are taken and kept as tuples, arrays are read-only; `replace` makes another scene.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        cameras: Sequence[Camera],
-        views: Sequence[View],
-        points: np.ndarray,
-        point_colors: np.ndarray,
-        train_indices: Sequence[int],
-        test_indices: Sequence[int],
-        world_offset: np.ndarray,
-        notes: Sequence[str] = (),
-        *,
-        full_cameras: Sequence[Camera] | None = None,
-        larger: Scene | None = None,
-    ) -> None:
-        """A scene of images that are read when they are asked for.
+    path: Path
+    cameras: tuple[Camera, ...]
+    views: tuple[View, ...]
+    points: np.ndarray
+    point_colors: np.ndarray
+    train_indices: tuple[int, ...]
+    test_indices: tuple[int, ...]
+    world_offset: np.ndarray
+    notes: tuple[str, ...] = ()
+    file_cameras: tuple[Camera, ...] = ()
+    larger: Scene | None = None
+    _images: _LruCache = dataclasses.field(init=False)
+    _masks: _LruCache = dataclasses.field(init=False)
 
-        `full_cameras`: the cameras at the size of the image files, if `cameras` are smaller.
-        `larger`: the same scene at a larger size, whose images are shrunk in place of the files'.
+    def __post_init__(self) -> None:
+        values: dict[str, Any] = {
+            "path": Path(self.path),
+            "points": _read_only(np.reshape(self.points, (-1, 3)), np.float64),
+            "point_colors": _read_only(np.reshape(self.point_colors, (-1, 3)), np.uint8),
+            "world_offset": _read_only(self.world_offset, np.float64),
+            "file_cameras": self.file_cameras or self.cameras,
+            "_images": _LruCache(IMAGE_CACHE_BYTES),
+            "_masks": _LruCache(IMAGE_CACHE_BYTES),
+        }
+        for name in ("cameras", "views", "train_indices", "test_indices", "notes", "file_cameras"):
+            values[name] = tuple(values.get(name, getattr(self, name)))
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def replace(self, **changes: Any) -> Scene:
+        """The scene with other values of the named attributes; decoded images are shared."""
+        scene = dataclasses.replace(self, **changes)
+        object.__setattr__(scene, "_images", self._images)
+        if not changes.keys() & {"cameras", "file_cameras"}:  # a mask depends on the lens
+            object.__setattr__(scene, "_masks", self._masks)
+        return scene
+
+    def with_poses(self, indices: Sequence[int], camera_from_world: np.ndarray) -> Scene:
+        """The scene with other poses (n, 4, 4) of n views."""
+        views = list(self.views)
+        for index, pose in zip(indices, camera_from_world, strict=True):
+            views[index] = dataclasses.replace(views[index], camera_from_world=np.array(pose))
+        return self.replace(views=views)
+
+    def with_lenses(self, file_cameras: Sequence[Camera]) -> Scene:
+        """The scene seen through other lenses.
+
+        Args:
+            file_cameras: one for each of this scene's `file_cameras`, of the same size.
         """
-        self.path = Path(path)
-        self.cameras = list(cameras)
-        self.views = list(views)
-        self.points = np.asarray(points, np.float64).reshape(-1, 3)
-        self.point_colors = np.asarray(point_colors, np.uint8).reshape(-1, 3)
-        self.train_indices = list(train_indices)
-        self.test_indices = list(test_indices)
-        self.world_offset = np.asarray(world_offset, np.float64)
-        self.notes = list(notes)
-        self._full_cameras = list(full_cameras or self.cameras)
-        self._larger = larger
-        self._images = _LruCache(IMAGE_CACHE_BYTES)
-        self._masks = _LruCache(IMAGE_CACHE_BYTES)
+        cameras = [
+            full if (full.width, full.height) == (c.width, c.height)
+            else full.resized(c.width, c.height)
+            for c, full in zip(self.cameras, file_cameras, strict=True)
+        ]  # fmt: skip
+        return self.replace(cameras=cameras, file_cameras=file_cameras)
+
+    def scaled(self, factor: float, *, keep_larger: bool = False) -> Scene:
+        """The same scene with images of `factor` (0 to 1] times the size.
+
+        Images are averaged over areas; intrinsics scale about the pixel corner.
+
+        Args:
+            factor: of the size.
+            keep_larger: shrink this scene's own images and keep them, in place of the files'; for
+                when both sizes are needed: each file is decoded once.
+        """
+        if not 0 < factor <= 1:
+            raise InputError(f"scale must be above 0 and at most 1, found {factor}; use e.g. 0.5")
+        cameras = [
+            c.resized(max(1, int(c.width * factor + 0.5)), max(1, int(c.height * factor + 0.5)))
+            for c in self.cameras
+        ]
+        # Images of other pixels: nothing that is decoded can be shared.
+        return dataclasses.replace(
+            self, cameras=tuple(cameras), larger=self if keep_larger else None
+        )
 
     def __len__(self) -> int:
         return len(self.views)
@@ -174,7 +237,7 @@ class Scene:
         pose[:3, 3] += pose[:3, :3] @ self.world_offset
         return pose
 
-    @property
+    @functools.cached_property
     def extent(self) -> float:
         """1.1 x the largest distance of a training camera from their centroid, world units.
 
@@ -193,7 +256,7 @@ class Scene:
         Raises:
             DatasetError: the file is truncated, cannot be decoded or changed its size.
         """
-        return self._pixels(index)[0]
+        return self._pixels(self.views[index])[0]
 
     def mask(self, index: int) -> np.ndarray:
         """(H, W) bool, True where view `index` can be compared; read-only, cached.
@@ -201,7 +264,9 @@ class Scene:
         The dataset's mask, full alpha, and pixels with a ray in the lens' domain. In a scaled
         scene a pixel is valid only if all source pixels are.
         """
-        return self._masks.get(index, lambda: (self._make_mask(index),))[0]
+        view = self.views[index]
+        key = (view.image_path, view.mask_path, view.camera_index)
+        return self._masks.get(key, lambda: (self._make_mask(view),))[0]
 
     def preload(self) -> None:
         """Decodes all images now and keeps them."""
@@ -212,72 +277,19 @@ class Scene:
         for index in range(len(self.views)):
             self.mask(index)
 
-    def with_views(self, views: Sequence[View]) -> Scene:
-        """The same scene with its views, in their order, replaced: other poses or shutters."""
-        return Scene(
-            self.path, self.cameras, views, self.points, self.point_colors, self.train_indices,
-            self.test_indices, self.world_offset, self.notes, full_cameras=self._full_cameras,
-            larger=self._larger,
-        )  # fmt: skip
+    def _pixels(self, view: View) -> tuple[np.ndarray, np.ndarray | None]:
+        camera = self.cameras[view.camera_index]
+        key = (view.image_path, camera.width, camera.height)
+        return self._images.get(key, lambda: self._decode(view, camera))
 
-    @property
-    def file_cameras(self) -> list[Camera]:
-        """`cameras` at the size of the image files."""
-        return list(self._full_cameras)
-
-    def with_lenses(self, file_cameras: Sequence[Camera]) -> Scene:
-        """The same scene seen through other lenses.
-
-        Args:
-            file_cameras: one for each of this scene's `file_cameras`, of the same size.
-        """
-        cameras = [
-            full if (full.width, full.height) == (c.width, c.height)
-            else full.resized(c.width, c.height)
-            for c, full in zip(self.cameras, file_cameras, strict=True)
-        ]  # fmt: skip
-        scene = Scene(
-            self.path, cameras, self.views, self.points, self.point_colors, self.train_indices,
-            self.test_indices, self.world_offset, self.notes, full_cameras=file_cameras,
-            larger=self._larger,
-        )  # fmt: skip
-        scene._images = self._images  # pixels do not depend on the lens, masks do
-        return scene
-
-    def scaled(self, factor: float, *, keep_larger: bool = False) -> Scene:
-        """The same scene with images of `factor` (0 to 1] times the size.
-
-        Images are averaged over areas; intrinsics scale about the pixel corner.
-
-        Args:
-            factor: of the size.
-            keep_larger: shrink this scene's own images and keep them, in place of the files'; for
-                when both sizes are needed: each file is decoded once.
-        """
-        if not 0 < factor <= 1:
-            raise InputError(f"scale must be above 0 and at most 1, found {factor}; use e.g. 0.5")
-        cameras = [
-            c.resized(max(1, int(c.width * factor + 0.5)), max(1, int(c.height * factor + 0.5)))
-            for c in self.cameras
-        ]
-        return Scene(
-            self.path, cameras, self.views, self.points, self.point_colors, self.train_indices,
-            self.test_indices, self.world_offset, self.notes, full_cameras=self._full_cameras,
-            larger=self if keep_larger else None,
-        )  # fmt: skip
-
-    def _pixels(self, index: int) -> tuple[np.ndarray, np.ndarray | None]:
-        return self._images.get(index, lambda: self._decode(index))
-
-    def _decode(self, index: int) -> tuple[np.ndarray, np.ndarray | None]:
-        view, camera = self.views[index], self.camera(index)
-        if self._larger is not None:
-            pixels, valid = self._larger._pixels(index)
+    def _decode(self, view: View, camera: Camera) -> tuple[np.ndarray, np.ndarray | None]:
+        if self.larger is not None:
+            pixels, valid = self.larger._pixels(view)
             if valid is not None:
                 valid = shrink_mask(valid, camera.width, camera.height)
             return shrink_image(pixels, camera.width, camera.height), valid
         pixels, valid = decode_image(view.image_path)
-        full = self._full_cameras[view.camera_index]
+        full = self.file_cameras[view.camera_index]
         if pixels.shape[:2] != (full.height, full.width):
             raise DatasetError(
                 view.image_path,
@@ -289,16 +301,16 @@ class Scene:
             valid = None if valid.all() else shrink_mask(valid, camera.width, camera.height)
         return shrink_image(pixels, camera.width, camera.height), valid
 
-    def _make_mask(self, index: int) -> np.ndarray:
-        view, camera = self.views[index], self.camera(index)
+    def _make_mask(self, view: View) -> np.ndarray:
+        camera = self.cameras[view.camera_index]
         valid = self._lens_mask(view.camera_index)
-        alpha = self._pixels(index)[1]
+        alpha = self._pixels(view)[1]
         if alpha is not None:
             valid = valid & alpha
         path = view.mask_path
         if path is not None:
             key = (path, camera.width, camera.height)
-            full = self._full_cameras[view.camera_index]
+            full = self.file_cameras[view.camera_index]
             valid = valid & self._masks.get(
                 key, lambda: (read_mask(path, full, camera.width, camera.height),)
             )[0]  # fmt: skip
@@ -308,7 +320,7 @@ class Scene:
         """(H, W) bool: pixels with a ray, all of whose source pixels have one too."""
 
         def make() -> tuple[np.ndarray]:
-            return (lens_mask(self.cameras[camera_index], self._full_cameras[camera_index]),)
+            return (lens_mask(self.cameras[camera_index], self.file_cameras[camera_index]),)
 
         return self._masks.get(("lens", camera_index), make)[0]
 

@@ -45,7 +45,7 @@ def with_shutter(
             )
             for view in scene.views
         ]
-        return scene.with_views(views)
+        return scene.replace(views=views)
     still = [i for i, view in enumerate(scene.views) if view.shutter is None]
     if not still or (shutter == "auto" and readout_time is None):
         return scene
@@ -55,12 +55,12 @@ def with_shutter(
             "have no transform_matrix_start and _end; give --readout-time"
         )
     moving = _moving_views(scene.views, readout_time, Shutter(direction))
-    return scene.with_views(
-        [moving[i] if view.shutter is None else view for i, view in enumerate(scene.views)]
+    return scene.replace(
+        views=[moving[i] if view.shutter is None else view for i, view in enumerate(scene.views)]
     )
 
 
-def _moving_views(views: list[View], readout_time: float, shutter: Shutter) -> list[View]:
+def _moving_views(views: Sequence[View], readout_time: float, shutter: Shutter) -> list[View]:
     """The views with a start and an end pose from their neighbours in time."""
     if len(views) < 2:
         raise InputError("--readout-time needs at least two frames to find the camera's velocity")

@@ -42,7 +42,7 @@ def right_from_left() -> np.ndarray:
 
 def make_demo_rig(
     folder: str | os.PathLike[str],
-    moments: int = 20,
+    frames: int = 20,
     size: int = 240,
     seed: int = 0,
     progress: bool = True,
@@ -50,13 +50,13 @@ def make_demo_rig(
 ) -> Path:
     """Makes a small data set of a rig with exact truth: two fisheyes on one body in a hall.
 
-    Writes images/left/*.png and images/right/*.png (the same name: the same moment) with a mask.png
+    Writes images/left/*.png and images/right/*.png (the same name: the same frame) with a mask.png
     each, left.yaml and right.yaml (OpenCV), rig.json (as `gsut calibrate --rig` writes its
     report.json: lenses and camera_from_reference, metres) and, as truth, transforms.json.
 
     Args:
         folder: is created; appears only when it is complete.
-        moments: number of images of each camera.
+        frames: number of images of each camera.
         size: width and height of the images, pixels.
         seed: of textures and path; the same seed gives the same bytes.
         progress: show a progress bar on stderr.
@@ -69,12 +69,12 @@ def make_demo_rig(
         InputError: the folder exists or cannot be created, or a number is out of range.
     """
     folder = Path(folder)
-    for name, value, least in (("moments", moments, 2), ("size", size, 16), ("seed", seed, 0)):
+    for name, value, least in (("frames", frames, 2), ("size", size, 16), ("seed", seed, 0)):
         if value < least:
             raise InputError(f"{name} is {value}; give at least {least}")
     if not 0.0 < path_share <= 1.0:
         raise InputError(f"path_share is {path_share}; give more than 0 and at most 1")
-    path = camera_path(round(moments / path_share), seed)[:moments]
+    path = camera_path(round(frames / path_share), seed)[:frames]
     with new_folder(folder) as partial:
         _write(partial, path, size, seed, progress)
     return folder

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -106,6 +106,50 @@ def low_pass_backward(gaussians: Gaussians, radii: np.ndarray, gradients: Gaussi
         InputError: radii that are negative or not finite, or not one a Gaussian.
     """
     _core.low_pass_backward(gaussians, _as_radii(gaussians, radii), gradients)
+
+
+class LowPassFilter:
+    """The filter of a set of Gaussians while it is trained.
+
+    Its radii are found when they are asked for and kept until they are told to be found again, or
+    the number of Gaussians changes.
+
+    Args:
+        pixels: see `filter_radii`; 0: no filter.
+        views: gives the cameras and poses (C, 4, 4) through which the Gaussians are seen now.
+    """
+
+    def __init__(
+        self, pixels: float, views: Callable[[], tuple[Sequence[_core.Camera], np.ndarray]]
+    ) -> None:
+        self._pixels, self._views = pixels, views
+        self._radii: np.ndarray | None = None
+
+    def of(self, gaussians: Gaussians) -> Gaussians:
+        """The Gaussians as they are rendered; themselves without a filter."""
+        if not self._pixels:
+            return gaussians
+        if self._radii is None or len(self._radii) != len(gaussians):
+            radii = filter_radii(gaussians.means, *self._views(), self._pixels)
+            self._radii = radii.astype(np.float32)
+        return low_pass(gaussians, self._radii)
+
+    def backward(self, gaussians: Gaussians, gradients: Gaussians) -> None:
+        """Turns gradients to `of(gaussians)` into those to `gaussians`, in place."""
+        if self._radii is not None:
+            low_pass_backward(gaussians, self._radii, gradients)
+
+    def renew(self) -> None:
+        """The radii are found again when next they are needed."""
+        self._radii = None
+
+    def state_dict(self) -> dict[str, Any]:
+        """The radii, where there are any."""
+        return {} if self._radii is None else {"radii": self._radii}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Goes on exactly where `state_dict` was taken."""
+        self._radii = state.get("radii")
 
 
 def _as_radii(gaussians: Gaussians, radii: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from gsut.lens.files.kalibr import is_camchain
 from gsut.lens.files.nerfstudio import LENS_FILE, format_nerfstudio, frame_lens
 from gsut.lens.files.own import camera_from_values, camera_values
 from gsut.lens.fit import SplineGrid
+from gsut.lens.refinable import refinable_params
 from gsut.lens.uncertainty import grid_pixels, save_uncertainty
 
 __all__ = [
@@ -37,5 +38,6 @@ __all__ = [
     "is_camchain",
     "load_camera",
     "nerfstudio_camera",
+    "refinable_params",
     "save_uncertainty",
 ]

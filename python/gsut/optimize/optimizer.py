@@ -1,9 +1,9 @@
-"""Optimisation of Gaussians: Adam, learning rates, densification, exact state for checkpoints."""
+"""Adam over Gaussians whose number changes: parameters, moments, statistics, exact state."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +12,10 @@ from gsut._core import InputError
 from gsut.gaussians import Gaussians
 from gsut.optimize.arrays import FIELDS, grown, mask
 
+ADAM = (0.9, 0.999, 1e-15)  # beta 1, beta 2 and epsilon of 3DGS
 _GROWTH = 1.5  # of the capacity, when it has to grow
-_PRUNE, _SPLIT = 1, 3  # actions of an adaptive plan
-_LARGEST_LOGIT = 80.0  # exp of it still fits float32
+_SETS = ("params", "moment1", "moment2")  # names of `arrays` in a state
+_STATISTICS = ("gradient_max", "gradient_sum", "seen")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,23 +39,6 @@ class LearningRates:
     sh_rest: float
 
 
-class McmcCounts(NamedTuple):
-    """What densify_mcmc did."""
-
-    size: int
-    relocated: int
-    added: int
-
-
-class AdaptiveCounts(NamedTuple):
-    """What densify_adaptive did."""
-
-    size: int
-    pruned: int
-    cloned: int
-    split: int
-
-
 class GaussianOptimizer:
     """Owns the parameters of a run, their Adam moments and densification statistics.
 
@@ -66,10 +50,11 @@ class GaussianOptimizer:
         gaussians: the start, copied to float32.
         capacity: rows to reserve, at least len(gaussians); give the final number to never copy.
         seed: of densification and noise, 0 to 2^64 - 1; their numbers depend on it and on `steps`.
-        beta1, beta2, epsilon: Adam's (defaults: 3DGS).
 
     Attributes:
         steps: Adam steps made.
+        size: number of Gaussians.
+        arrays: parameters and Adam's first and second moments, `capacity` rows each.
         gradient_max: (N,) largest |dL/dmean| x distance since the last densification.
         gradient_sum: (N,) sum of half of it.
         seen: (N,) number of views in that sum.
@@ -84,37 +69,26 @@ class GaussianOptimizer:
         capacity: int | None = None,
         *,
         seed: int = 0,
-        beta1: float = 0.9,
-        beta2: float = 0.999,
-        epsilon: float = 1e-15,
     ) -> None:
         size = len(gaussians)
         capacity = size if capacity is None else capacity
         if capacity < size:
             raise InputError(f"capacity is {capacity}, but there are {size} Gaussians")
-        self.steps = 0  # Adam steps made
-        self.seed = seed
-        self.beta1, self.beta2, self.epsilon = beta1, beta2, epsilon
-        self._size = size
-        self._params = grown(gaussians.astype(np.float32), size, capacity)
-        self._moment1 = grown(self._params, 0, capacity)
-        self._moment2 = grown(self._params, 0, capacity)
-        self._reset_statistics()
-
-    @property
-    def size(self) -> int:
-        """Number of Gaussians."""
-        return self._size
+        self.steps, self.seed = 0, seed
+        params = grown(gaussians.astype(np.float32), size, capacity)
+        moments = grown(params, 0, capacity), grown(params, 0, capacity)
+        self.arrays: tuple[Gaussians, Gaussians, Gaussians] = (params, *moments)
+        self.resize(size)
 
     @property
     def capacity(self) -> int:
         """Rows that fit without copying."""
-        return len(self._params)
+        return len(self.arrays[0])
 
     @property
     def gaussians(self) -> Gaussians:
         """The Gaussians as views (no copy) that follow each step, until densification."""
-        return self._params[: self._size]
+        return self.arrays[0][: self.size]
 
     def step(
         self,
@@ -136,7 +110,7 @@ class GaussianOptimizer:
         Raises:
             InputError: shapes disagree.
         """
-        coefficients = self._params.sh.shape[1]
+        coefficients = self.gaussians.sh.shape[1]
         if active_sh_degree is not None:
             coefficients = min(coefficients, (active_sh_degree + 1) ** 2)
         sh_rates = [rates.sh0] * 3 + [rates.sh_rest] * (3 * (coefficients - 1))
@@ -147,19 +121,20 @@ class GaussianOptimizer:
                 raise InputError(
                     f"gradient of {name} must have shape {expected}, found {gradient.shape}"
                 )
+        params, moment1, moment2 = (
+            [getattr(rows, name) for name in FIELDS] for rows in self.arrays
+        )
         _core.adam_step(
-            [getattr(self._params, name) for name in FIELDS],
+            params,
             gradients,
-            [getattr(self._moment1, name) for name in FIELDS],
-            [getattr(self._moment2, name) for name in FIELDS],
+            moment1,
+            moment2,
             [*([getattr(rates, name)] for name in FIELDS[:-1]), sh_rates],
             self.steps + 1,
-            self._size,
+            self.size,
             mask(visible),
             [3, 4, 3, 1, 3 * coefficients],
-            self.beta1,
-            self.beta2,
-            self.epsilon,
+            *ADAM,
         )
         self.steps += 1
 
@@ -174,8 +149,8 @@ class GaussianOptimizer:
                 the paper's.
         """
         _core.mcmc_regularize(
-            self._params,
-            self._size,
+            self.arrays[0],
+            self.size,
             grads.opacity_logits,
             grads.log_scales,
             opacity_weight,
@@ -189,7 +164,7 @@ class GaussianOptimizer:
             rate_means: the present learning rate of the means, world units.
             noise_scale: the paper's factor.
         """
-        _core.mcmc_noise(self._params, self._size, rate_means, noise_scale, self.seed, self.steps)
+        _core.mcmc_noise(self.arrays[0], self.size, rate_means, noise_scale, self.seed, self.steps)
 
     def accumulate(
         self, grad_means: np.ndarray, distances: np.ndarray, visible: np.ndarray | None = None
@@ -210,104 +185,6 @@ class GaussianOptimizer:
             self.seen,
         )
 
-    def densify_mcmc(
-        self,
-        target_size: int,
-        weights: np.ndarray | None = None,
-        *,
-        dead_opacity: float = 0.005,
-        max_scale: float = np.inf,
-        split: bool = True,
-        split_power: float = 1 / 3,
-    ) -> McmcCounts:
-        """Relocates dead Gaussians onto living ones and adds new ones the same way.
-
-        Args:
-            target_size: Gaussians to have afterwards; if there are more already, none is added.
-            weights: (N,) chances of living Gaussians to be copied; None: opacity x the largest
-                |dL/dmean| x distance since the last densification.
-            dead_opacity: at or below, a Gaussian is dead (as is one with a value that is not
-                finite).
-            max_scale: world units; a Gaussian with a larger standard deviation is dead.
-            split: True spreads the n copies over their parent, scales times n^(-1/3); False puts
-                them at the same place with the paper's opacities and scales.
-            split_power: with split, a copy's opacity is 1 - (1 - o)^(n^-split_power); 1/3 keeps the
-                optical thickness, 1 is the paper's rule.
-
-        Returns:
-            Counts; fewer are relocated or added if the living would be copied over 50 times.
-
-        Source: Kheradmand et al., "3D Gaussian splatting as Markov chain Monte Carlo", 2024.
-        """
-        if weights is None:
-            logits = np.clip(self.gaussians.opacity_logits, -_LARGEST_LOGIT, _LARGEST_LOGIT)
-            weights = self.gradient_max / (1.0 + np.exp(-logits))
-        self._reserve(target_size)
-        counts = McmcCounts(
-            *_core.mcmc_densify(
-                self._params,
-                self._moment1,
-                self._moment2,
-                self._size,
-                target_size,
-                np.ascontiguousarray(weights, np.float32),
-                dead_opacity,
-                max_scale,
-                split,
-                split_power,
-                self.seed,
-                self.steps,
-            )
-        )
-        self._size = counts.size
-        self._reset_statistics()
-        return counts
-
-    def densify_adaptive(
-        self,
-        *,
-        clone_scale: float,
-        gradient_threshold: float = 2e-4,
-        prune_opacity: float = 0.005,
-        max_scale: float = np.inf,
-        max_gaussians: int | None = None,
-    ) -> AdaptiveCounts:
-        """Clones or splits Gaussians that the loss pulls at, prunes transparent and huge ones.
-
-        Args:
-            clone_scale: world units; larger Gaussians are split in two with scales / 1.6, smaller
-                ones copied. 3DGS: 0.01 x extent of the scene.
-            gradient_threshold: of the mean |dL/dmean| x distance / 2 over the views that saw it.
-            prune_opacity: below it a Gaussian is pruned.
-            max_scale: world units; above it a Gaussian is pruned. 3DGS: 0.1 x extent.
-            max_gaussians: only the Gaussians with the largest gradients grow beyond it.
-
-        Source: Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023.
-        """
-        n = self._size
-        plan = _core.plan_adaptive(
-            self._params,
-            n,
-            self.gradient_sum,
-            self.seen,
-            gradient_threshold,
-            clone_scale,
-            prune_opacity,
-            max_scale,
-            0 if max_gaussians is None else max_gaussians,
-        )
-        return self._apply(plan)
-
-    def split_and_prune(self, split: np.ndarray, prune: np.ndarray) -> AdaptiveCounts:
-        """Splits chosen Gaussians in two as densify_adaptive does, and prunes others.
-
-        Args:
-            split: (N,) bool.
-            prune: (N,) bool; these go, even if they were to be split. The others keep their order.
-        """
-        actions = np.where(prune, _PRUNE, np.where(split, _SPLIT, 0)).astype(np.uint8)
-        return self._apply(_core.AdaptivePlan(actions))
-
     def restarted(self, gaussians: Gaussians) -> GaussianOptimizer:
         """An optimizer of other Gaussians, with moments of 0, that goes on counting steps."""
         new = GaussianOptimizer(gaussians, seed=self.seed)
@@ -316,20 +193,19 @@ class GaussianOptimizer:
 
     def reset_opacities(self, max_opacity: float = 0.01) -> None:
         """Lowers all opacities to at most max_opacity and zeroes their moments (3DGS)."""
-        _core.reset_opacities(self._params, self._moment1, self._moment2, self._size, max_opacity)
+        _core.reset_opacities(*self.arrays, self.size, max_opacity)
 
     def state_dict(self) -> dict[str, np.ndarray]:
         """Everything that later calls depend on, as copies of numpy arrays (for np.savez)."""
         state = {
-            f"{prefix}.{name}": getattr(arrays, name)[: self._size].copy()
-            for prefix, arrays in self._array_sets()
+            f"{prefix}.{name}": getattr(rows, name)[: self.size].copy()
+            for prefix, rows in zip(_SETS, self.arrays, strict=True)
             for name in FIELDS
         }
-        for name in ("gradient_max", "gradient_sum", "seen"):
+        for name in _STATISTICS:
             state[name] = getattr(self, name).copy()
         state["steps"] = np.array(self.steps, np.int64)
         state["seed"] = np.array(self.seed, np.uint64)
-        state["adam"] = np.array([self.beta1, self.beta2, self.epsilon])
         return state
 
     def load_state_dict(self, state: dict[str, np.ndarray]) -> None:
@@ -338,59 +214,40 @@ class GaussianOptimizer:
         Raises:
             InputError: an array is missing or shapes disagree.
         """
-        loaded = {}
-        for prefix, _ in self._array_sets():
-            missing = [name for name in FIELDS if f"{prefix}.{name}" not in state]
-            if missing:
-                raise InputError(f"the optimizer state has no {prefix}.{missing[0]}")
-            loaded[prefix] = Gaussians(*(state[f"{prefix}.{name}"] for name in FIELDS))
-        for name in ("gradient_max", "gradient_sum", "seen", "steps", "seed", "adam"):
+        needed = [f"{prefix}.{name}" for prefix in _SETS for name in FIELDS]
+        for name in (*needed, *_STATISTICS, "steps", "seed"):
             if name not in state:
                 raise InputError(f"the optimizer state has no {name}")
-        sizes = {len(arrays) for arrays in loaded.values()}
-        sizes |= {len(state[name]) for name in ("gradient_max", "gradient_sum", "seen")}
+        params, moment1, moment2 = (
+            Gaussians(*(state[f"{prefix}.{name}"] for name in FIELDS)) for prefix in _SETS
+        )
+        sizes = {len(rows) for rows in (params, moment1, moment2)}
+        sizes |= {len(state[name]) for name in _STATISTICS}
         if len(sizes) != 1:
             raise InputError(
                 f"the optimizer state has arrays of different lengths: {sorted(sizes)}"
             )
         (size,) = sizes
         capacity = max(self.capacity, size)
-        self._params = grown(loaded["params"], size, capacity)
-        self._moment1 = grown(loaded["moment1"], size, capacity)
-        self._moment2 = grown(loaded["moment2"], size, capacity)
-        self._size = size
-        self.gradient_max = np.array(state["gradient_max"], np.float32)
-        self.gradient_sum = np.array(state["gradient_sum"], np.float32)
-        self.seen = np.array(state["seen"], np.int32)
-        self.steps = int(state["steps"])
-        self.seed = int(state["seed"])
-        self.beta1, self.beta2, self.epsilon = (float(value) for value in state["adam"])
+        self.arrays, self.size = (params, moment1, moment2), size
+        self._set_capacity(capacity)
+        self.resize(size)
+        for name in _STATISTICS:
+            getattr(self, name)[:] = state[name]
+        self.steps, self.seed = int(state["steps"]), int(state["seed"])
 
-    def _array_sets(self) -> tuple[tuple[str, Gaussians], ...]:
-        return (
-            ("params", self._params),
-            ("moment1", self._moment1),
-            ("moment2", self._moment2),
-        )
+    def reserve(self, rows: int) -> None:
+        """Makes room for `rows` Gaussians."""
+        if rows > self.capacity:
+            self._set_capacity(max(rows, int(_GROWTH * self.capacity)))
 
-    def _reset_statistics(self) -> None:
-        # (N,) largest and half the sum of |dL/dmean| x distance, and views, since densification.
-        self.gradient_max = np.zeros(self._size, np.float32)
-        self.gradient_sum = np.zeros(self._size, np.float32)
-        self.seen = np.zeros(self._size, np.int32)
+    def resize(self, size: int) -> None:
+        """From here on `size` rows are alive; their statistics begin anew."""
+        self.size = size
+        self.gradient_max = np.zeros(size, np.float32)
+        self.gradient_sum = np.zeros(size, np.float32)
+        self.seen = np.zeros(size, np.int32)
 
-    def _apply(self, plan: Any) -> AdaptiveCounts:
-        self._reserve(plan.size_after)
-        self._size = _core.apply_adaptive(
-            self._params, self._moment1, self._moment2, self._size, plan, self.seed, self.steps
-        )
-        self._reset_statistics()
-        return AdaptiveCounts(self._size, plan.pruned, plan.cloned, plan.split)
-
-    def _reserve(self, rows: int) -> None:
-        if rows <= self.capacity:
-            return
-        capacity = max(rows, int(_GROWTH * self.capacity))
-        self._params = grown(self._params, self._size, capacity)
-        self._moment1 = grown(self._moment1, self._size, capacity)
-        self._moment2 = grown(self._moment2, self._size, capacity)
+    def _set_capacity(self, rows: int) -> None:
+        params, moment1, moment2 = (grown(old, self.size, rows) for old in self.arrays)
+        self.arrays = params, moment1, moment2

@@ -9,7 +9,7 @@ import numpy as np
 from gsut import _core
 from gsut.gaussians import Gaussians, MixedGaussians
 from gsut.optimize.arrays import mask
-from gsut.optimize.optimizer import GaussianOptimizer, LearningRates
+from gsut.optimize.optimizer import ADAM, GaussianOptimizer, LearningRates
 
 _GEOMETRY = ("means", "quats", "log_scales", "opacity_logits")
 _COLUMNS = [3, 4, 3, 1]
@@ -20,23 +20,15 @@ class MixedOptimizer:
 
     Args:
         gaussians: the start, copied.
-        beta1, beta2, epsilon: Adam's (defaults: 3DGS).
 
     Attributes:
         gaussians: follow each step.
         steps: Adam steps made.
     """
 
-    def __init__(
-        self,
-        gaussians: MixedGaussians,
-        beta1: float = 0.9,
-        beta2: float = 0.999,
-        epsilon: float = 1e-15,
-    ) -> None:
+    def __init__(self, gaussians: MixedGaussians) -> None:
         self.gaussians = gaussians.copy()
         self.steps = 0
-        self._constants = (beta1, beta2, epsilon)
         self._moments = gaussians.zeros_like(), gaussians.zeros_like()
 
     def step(
@@ -70,7 +62,7 @@ class MixedOptimizer:
         params, grads, moment1, moment2 = arrays
         _core.adam_step(
             params, grads, moment1, moment2, rates, self.steps, len(params[0]), visible, columns,
-            *self._constants,
+            *ADAM,
         )  # fmt: skip
 
     def add_regularizer(self, grads: Any, opacity_weight: float, scale_weight: float) -> None:

@@ -5,7 +5,7 @@ from gsut.refine.localization import Localized, localize_image
 from gsut.refine.motion import pose_changes
 from gsut.refine.pose import RefinedPose, refine_pose
 from gsut.refine.pose_files import with_refined, write_refined
-from gsut.refine.refiner import TrainingRefiner, check_refinable, with_poses
+from gsut.refine.refiner import TrainingRefiner, check_refinable
 from gsut.refine.tracks import TracksResult, refine_by_tracks
 from gsut.refine.trust import lens_distance
 
@@ -21,7 +21,6 @@ __all__ = [
     "pose_changes",
     "refine_by_tracks",
     "refine_pose",
-    "with_poses",
     "with_refined",
     "write_refined",
 ]

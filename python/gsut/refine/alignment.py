@@ -14,7 +14,6 @@ from gsut.evaluate import evaluate
 from gsut.gaussians import Gaussians
 from gsut.refine.motion import pose_changes
 from gsut.refine.pose import refine_pose
-from gsut.refine.refiner import with_poses
 
 NOTE = (
     "Poses were refined, so the given poses of the held-out views no longer fit the scene: each "
@@ -67,7 +66,7 @@ def evaluate_aligned(
         if on_view is not None:
             on_view(done, len(indices))
     given = [scene.views[index].camera_from_world for index in indices]
-    aligned = with_poses(scene, list(indices), np.array(poses).reshape(-1, 4, 4))
+    aligned = scene.with_poses(indices, np.array(poses).reshape(-1, 4, 4))
     evaluation = evaluate(
         gaussians, aligned, indices, background=background, render_folder=render_folder
     )

@@ -72,4 +72,4 @@ def with_refined(run: RunFolder, scene: Scene) -> Scene:
     sizes = [[(c.width, c.height) for c in each] for each in (cameras, scene.file_cameras)]
     if sizes[0] != sizes[1]:
         raise InputError(f"{path} has lenses for images of {sizes[0]}, {scene.path} of {sizes[1]}")
-    return scene.with_views(views).with_lenses(cameras)
+    return scene.replace(views=views).with_lenses(cameras)

@@ -1,13 +1,13 @@
 """Poses, and asked for the lens, of the training views refined against the Gaussians in training.
 
 A sweep holds the Gaussians and moves every training view, by a few steps of Levenberg-Marquardt on
-its colours (see refine.py), until its render fits its photograph better; training goes on with the
+its colours (see pose.py), until its render fits its photograph better; training goes on with the
 poses it found. Many views see a Gaussian, so that the scene is their mean and each view's own error
 shows as a shift. What no view can tell, a similarity of the whole world, is held: each sweep's mean
-motion is taken out (see refine_motion.py), and the scene stays in the world of the first poses.
+motion is taken out (see motion.py), and the scene stays in the world of the first poses.
 
 Poses from tracks of features, or else those given, are a prior, and half of a photograph's pixels
-checks the other: a view goes only as far as its colours are worth (see refine_trust.py).
+checks the other: a view goes only as far as its colours are worth (see trust.py).
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.data import Level, Scene
+from gsut.data import Level, Scene, TrainingViews
 from gsut.gaussians import Gaussians
+from gsut.lens import refinable_params
 from gsut.refine.motion import moved_on, pose_changes, without_mean_motion
 from gsut.refine.pose import chosen_pixels, inner_pixels
+from gsut.refine.tracks import TracksResult
 from gsut.refine.trust import Halves, Trust, half_of, lens_weight, trust_in
 from gsut.render import DEFAULT_UNSCENTED
 from gsut.run import TrainOptions
@@ -67,32 +69,41 @@ class Sweep:
 
 
 class TrainingRefiner:
-    """When and how the training views are refined; `scene` holds their poses and lenses.
+    """When and how the training views are refined.
 
     Args:
-        scene: at the resolution to train at.
+        views: whose poses and lenses are refined.
         options: resolved.
+        tracks: what bundle adjustment of tracks made of the views' poses before the first step;
+            these are then the prior of all sweeps.
 
     Attributes:
-        scene: with the poses and lenses as they are now.
         sweeps: what each sweep did.
-        tracks: what bundle adjustment of tracks did before the first step.
 
     Raises:
         InputError: a rolling shutter, a lens without one centre, or several lenses to refine.
     """
 
-    def __init__(self, scene: Scene, options: TrainOptions) -> None:
-        self.scene, self.options = scene, options
+    def __init__(
+        self, views: TrainingViews, options: TrainOptions, tracks: TracksResult | None = None
+    ) -> None:
+        self.views, self.options = views, options
         self.sweeps: list[Sweep] = []
-        self.tracks: dict[str, Any] = {}
+        self.tracks: dict[str, Any] = {} if tracks is None else tracks.summary()
         self.trust: Trust | None = None  # of the last sweep
-        check_refinable(scene, options)
-        self._hold([])
+        check_refinable(views.scene, options)
+        tracked = [] if tracks is None else tracks.tracked
+        # What sweeps start from.
+        self._start: dict[str, Any] = {
+            "poses": views.poses,
+            "tracked": np.isin(views.scene.train_indices, tracked),
+            "sigma": self.tracks["sigma_degrees"] if tracked else None,
+            "lens": np.array(views.scene.file_cameras[0].params),
+        }
         steps = options.steps
         fractions: Any = _AFTER_TRACKS
         if not options.refine_tracks:
-            epochs = steps * (_WITHOUT_TRACKS[1] - _WITHOUT_TRACKS[0]) / len(scene.train_indices)
+            epochs = steps * (_WITHOUT_TRACKS[1] - _WITHOUT_TRACKS[0]) / len(self._start["poses"])
             count = max(2, min(_MOST_SWEEPS, round(epochs)))
             fractions = np.linspace(*_WITHOUT_TRACKS, count)
         self._due = {max(1, round(float(fraction) * steps)) for fraction in fractions}
@@ -102,7 +113,7 @@ class TrainingRefiner:
         return step in self._due
 
     def sweep(self, gaussians: Gaussians, level: Level, step: int, sh_degree: int) -> None:
-        """Refines every training view at a level's resolution; changes `scene`."""
+        """Refines every training view at a level's resolution; changes the views' poses."""
         overshoot = len(self.sweeps) % 2 == 1 and step != max(self._due)
         self._sweep(gaussians, level, step, sh_degree, _ITERATIONS, overshoot)
 
@@ -119,11 +130,11 @@ class TrainingRefiner:
         iterations: int,
         overshoot: bool,
     ) -> None:
-        before = self.poses()
+        before = self.views.poses
         drawn = gaussians.astype(np.float32)
         halves, lenses, squares = [], [], []
         for half in (0, 1):
-            views = [self._view(level, index, step, half) for index in self.scene.train_indices]
+            views = [self._view(level, index, step, half) for index in level.scene.train_indices]
             groups = [views] if self.options.refine_lens else [[view] for view in views]
             found = [self._solve(drawn, level, group, sh_degree, iterations) for group in groups]
             poses = np.array([pose for each in found for pose in each["camera_from_world"]])
@@ -136,7 +147,7 @@ class TrainingRefiner:
         if overshoot:
             after = without_mean_motion(moved_on(after, before, _OVERSHOOT), before)
         after = moved_on(after, self._start["poses"], self.trust.weights)
-        self._set_poses(after)
+        self.views.move(after)
         of_lens = self._set_lens(level, lenses) if self.options.refine_lens else {}
         changes = pose_changes(after, before)
         self.sweeps.append(
@@ -151,30 +162,10 @@ class TrainingRefiner:
             )
         )
 
-    def hold_to(self, tracked: list[int], figures: dict[str, Any]) -> None:
-        """Makes the present poses, which came from tracks, the prior of all sweeps.
-
-        Args:
-            tracked: indices of the views that tracks have placed.
-            figures: of `TracksResult`.
-        """
-        self.tracks = figures
-        self._hold(tracked)
-
-    def _hold(self, tracked: list[int]) -> None:
-        """The present poses and lens are those that sweeps start from."""
-        self._start: dict[str, Any] = {
-            "poses": self.poses(),
-            "tracked": np.isin(self.scene.train_indices, tracked),
-            "sigma": self.tracks["sigma_degrees"] if tracked else None,
-            "lens": np.array(self.scene.file_cameras[0].params),
-        }
-
     def state_dict(self) -> dict[str, Any]:
         """Everything that later steps depend on."""
         return {
-            "poses": self.poses(),
-            "lenses": [np.array(camera.params) for camera in self.scene.file_cameras],
+            **self.views.state_dict(),
             "sweeps": [sweep.as_dict() for sweep in self.sweeps],
             "tracks": self.tracks,
             "start": self._start,
@@ -183,8 +174,9 @@ class TrainingRefiner:
 
     def figures(self) -> dict[str, Any]:
         """For metrics.json: what tracks and sweeps did, and the lens where it was refined."""
-        lens = [float(value) for value in self.scene.file_cameras[0].params]
-        names = [self.scene.views[index].name for index in self.scene.train_indices]
+        scene = self.views.scene
+        lens = [float(value) for value in scene.file_cameras[0].params]
+        names = [scene.views[index].name for index in scene.train_indices]
         rejected = [] if self.trust is None else self.trust.rejected(names)
         note = "" if self.trust is None else self.trust.note(names)
         return {
@@ -198,27 +190,14 @@ class TrainingRefiner:
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Goes on exactly where `state_dict` was taken."""
-        self._set_poses(state["poses"])
-        lenses = [
-            camera.with_params(params)
-            for camera, params in zip(self.scene.file_cameras, state["lenses"], strict=True)
-        ]
-        if lenses != self.scene.file_cameras:
-            self.scene = self.scene.with_lenses(lenses)
+        self.views.load_state_dict(state)
         self.sweeps = [Sweep(**sweep) for sweep in state["sweeps"]]
         self.tracks, self._start, trust = state["tracks"], state["start"], state["trust"]
         self.trust = None if trust is None else Trust(**trust)
 
-    def poses(self) -> np.ndarray:
-        """(n, 4, 4) camera_from_world of the training views, in their order."""
-        return np.array([self.scene.views[i].camera_from_world for i in self.scene.train_indices])
-
-    def _set_poses(self, poses: np.ndarray) -> None:
-        self.scene = with_poses(self.scene, self.scene.train_indices, poses)
-
     def _set_lens(self, level: Level, params: list[np.ndarray]) -> dict[str, float]:
         """Goes from the first lens towards those that both halves found at a level's size."""
-        (file,) = self.scene.file_cameras
+        (file,) = self.views.scene.file_cameras
         found = [
             level.scene.cameras[0].with_params(each).resized(file.width, file.height)
             for each in params
@@ -226,7 +205,7 @@ class TrainingRefiner:
         weight, error = lens_weight(found[0], found[1], file.with_params(self._start["lens"]))
         middle = np.mean([each.params for each in found], axis=0)
         lens = self._start["lens"] + weight * (middle - self._start["lens"])
-        self.scene = self.scene.with_lenses([file.with_params(lens)])
+        self.views.replace_lenses([file.with_params(lens)])
         return {"lens_weight": weight, "lens_error_px": error}
 
     def _view(
@@ -241,7 +220,7 @@ class TrainingRefiner:
         count = (_PIXELS_JOINT if self.options.refine_lens else _PIXELS) // 2
         chosen = chosen_pixels(seen, count, (self.options.seed, step, index))
         colors = level.scene.image(index).reshape(-1, 3)[chosen].astype(np.float32)
-        view = self.scene.views[index]
+        view = level.scene.views[index]
         return view.camera_index, view.camera_from_world, chosen, colors / np.float32(255)
 
     def _solve(
@@ -262,7 +241,8 @@ class TrainingRefiner:
         if used:
             settings: dict[str, Any] = {"loss_scale": _LOSS_SCALE, "max_iterations": iterations}
             if self.options.refine_lens:
-                settings["lens_free"] = [[1] * len(c.params) for c in level.scene.cameras]
+                free = [refinable_params(camera) for camera in level.scene.cameras]
+                settings["lens_free"] = [flags.astype(int).tolist() for flags in free]
             found = _core.refine_photometric(
                 gaussians, level.scene.cameras, used, _core.BlendRule(), self.options.background,
                 sh_degree, DEFAULT_UNSCENTED, settings,
@@ -295,11 +275,3 @@ def check_refinable(scene: Scene, options: TrainOptions) -> None:
             f"--refine-lens refines one lens, {scene.path} has {len(scene.cameras)}; split the "
             "data by lens, or refine the poses only (--refine-poses)"
         )
-
-
-def with_poses(scene: Scene, indices: list[int], poses: np.ndarray) -> Scene:
-    """The scene with other poses (n, 4, 4) of the views `indices`; its images stay decoded."""
-    views = list(scene.views)
-    for index, pose in zip(indices, poses, strict=True):
-        views[index] = dataclasses.replace(views[index], camera_from_world=np.array(pose))
-    return scene.with_views(views)

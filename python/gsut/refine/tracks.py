@@ -15,21 +15,18 @@ import numpy as np
 
 from gsut._core import InputError, SolveError
 from gsut.data import Scene
-from gsut.lens import Camera
+from gsut.lens import Camera, refinable_params
 from gsut.refine.motion import pose_changes, turned_onto
-from gsut.refine.refiner import with_poses
 from gsut.run import TrainOptions
 from gsut.sfm import (
-    Features,
+    Photographs,
     PosesOptions,
     Solution,
-    choose_pairs,
+    collect_features,
     compare_poses,
-    find_all_features,
-    match_and_verify,
-    no_features,
-    preview_pairs,
+    match_images,
     refine,
+    verify,
 )
 
 # Of the largest error of a match: before the lens, or the poses, are refined.
@@ -89,7 +86,7 @@ def refine_by_tracks(
     found = np.array(solution.camera_from_world)[np.asarray(solution.registered, bool)]
     found = turned_onto(_moved(found, compare_poses(found, given).reference_from_world), given)
     changes = pose_changes(found, given)
-    refined = with_poses(scene, indices, found)
+    refined = scene.with_poses(indices, found)
     if options.refine_lens:
         refined = refined.with_lenses([solution.cameras[0]])
     missing = len(scene.train_indices) - len(indices)
@@ -132,29 +129,23 @@ def _adjusted(scene: Scene, options: TrainOptions, show: OnProgress) -> Solution
         raise InputError(f"{len(views)} training views are too few")
     cameras: list[Camera] = [scene.file_cameras[view.camera_index] for view in views]
     settings = PosesOptions(threads=options.threads, seed=options.seed)
-    features: list[Features] = []
-
-    def on_image(_: int, found: Features | None, error: Exception | None) -> None:
-        features.append(no_features() if found is None else found)
-        show("features", len(features), len(views))
-
-    find_all_features(
-        [view.image_path for view in views], cameras, [view.mask_path for view in views], settings,
-        on_image,
-    )  # fmt: skip
     names = [view.name for view in views]
-    pairs = preview_pairs(
-        features, choose_pairs(names, features, settings), settings, lambda done, total: None
-    )
+    photographs = Photographs(
+        scene.path, names, [view.image_path for view in views], [view.mask_path for view in views],
+        list(cameras),
+    )  # fmt: skip
+
+    def on_progress(stage: str, done: int, total: int, text: str) -> None:
+        show(stage, done, total)
+
+    features = collect_features(photographs, settings, on_progress, lambda text: None)
+    raw = match_images(names, features, settings, on_progress)
     poses = [view.camera_from_world for view in views]
-    free = np.ones(len(cameras[0].params), bool) if options.refine_lens else None
+    free = refinable_params(cameras[0]) if options.refine_lens else None
     # Through a wrong lens few matches agree: a first, loose round finds a better one.
     loose = dataclasses.replace(settings, max_two_view_error=_LOOSER * settings.max_two_view_error)
     for round_settings in [loose, settings] if options.refine_lens else [settings]:
-        verified = match_and_verify(
-            features, cameras, pairs, round_settings,
-            lambda done, total: show("matches", done, total),
-        )  # fmt: skip
+        verified = verify(features, cameras, raw, round_settings)
         if not verified:
             raise InputError("no two images have matches that agree through their lens")
         solution = refine(

@@ -16,6 +16,7 @@ from gsut.run.folder import (
 from gsut.run.option_fields import (
     add_option_flags,
     check_options,
+    choices_in,
     default_text,
     describe_options,
     flag_name,
@@ -44,6 +45,7 @@ __all__ = [
     "TrainOptions",
     "add_option_flags",
     "check_options",
+    "choices_in",
     "default_text",
     "describe_environment",
     "describe_options",

@@ -6,7 +6,9 @@ import argparse
 import dataclasses
 import math
 import operator
+import pkgutil
 import typing
+from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
@@ -60,6 +62,18 @@ class OptionInfo:
 def option(default: Any, group: str, help: str, **info: Any) -> Any:
     """A dataclass field with its `OptionInfo` as metadata (see there for the arguments)."""
     return dataclasses.field(default=default, metadata={"option": OptionInfo(group, help, **info)})
+
+
+def choices_in(folder: str, first: str) -> tuple[str, ...]:
+    """Names of the modules in a folder of gsut, each a choice; nothing is imported.
+
+    Args:
+        folder: below the package. A dash in a choice is an underscore in its module's name.
+        first: the default, which is listed before the others.
+    """
+    modules = pkgutil.iter_modules([str(Path(__file__).parents[1] / folder)])
+    names = (module.name.replace("_", "-") for module in modules)
+    return tuple(sorted(names, key=lambda name: (name != first, name)))
 
 
 def option_info(field: dataclasses.Field) -> OptionInfo:

@@ -15,7 +15,7 @@ import math
 from typing import Any
 
 from gsut._core import InputError
-from gsut.run.option_fields import check_options, describe_options, option
+from gsut.run.option_fields import check_options, choices_in, describe_options, option
 
 # --max-gaussians auto: see gsut.growth.
 AUTO = "auto"
@@ -221,7 +221,7 @@ class TrainOptions:
         "mcmc", "Densification", "mcmc: relocation, with a cap; adaptive: clone, split and prune "
         "by gradient; mini: Mini-Splatting's, which overgrows and samples (0.2 and 1.5 dB "
         "below mcmc on sponza_fisheye and fox, in twice the time)",
-        choices=("mcmc", "adaptive", "mini"),
+        choices=choices_in("training/strategies", "mcmc"),
     )
     densify_from: float = option(
         0.05, "Densification", "first densification", unit="fraction of steps", low=0.0, high=1.0)
@@ -251,7 +251,7 @@ class TrainOptions:
         0.2, "Compaction", "fraction that --compact-at keeps", low=0.0, high=1.0, low_open=True)
     compact_method: str = option(
         "ghap", "Compaction", "method of --compact-at",
-        choices=("ghap", "field", "ghap-paper", "lightgaussian", "pup"),
+        choices=choices_in("compact/methods", "ghap"),
     )
     # fmt: on
 

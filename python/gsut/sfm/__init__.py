@@ -2,16 +2,16 @@
 
 from gsut.sfm.align import PoseErrors, centers_of, compare_poses, errors_against, poses_by_path
 from gsut.sfm.bearing_points import BearingPoints
+from gsut.sfm.correspondences import collect_features, match_images
 from gsut.sfm.dataset_calibration import calibrate_from_dataset
 from gsut.sfm.estimate import PosesResult, estimate_poses, is_finished
-from gsut.sfm.features import Features, features_in, find_all_features, no_features
+from gsut.sfm.features import Features, features_in
 from gsut.sfm.inputs import Photographs, find_photographs
 from gsut.sfm.lens_refinement import refine_lens
-from gsut.sfm.matching import PairMatches, match_and_verify, preview_pairs
+from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.options import PosesOptions
-from gsut.sfm.pairs import choose_pairs
 from gsut.sfm.rig_file import Rig, read_rig, relative_changes, write_rig
-from gsut.sfm.solution import Solution, at_sights, diagonal, in_cameras, refine, solve
+from gsut.sfm.solution import Solution, diagonal, evaluate_observations, in_cameras, refine, solve
 from gsut.sfm.stages import FOLDER
 
 __all__ = [
@@ -25,27 +25,25 @@ __all__ = [
     "PosesResult",
     "Rig",
     "Solution",
-    "at_sights",
     "calibrate_from_dataset",
     "centers_of",
-    "choose_pairs",
+    "collect_features",
     "compare_poses",
     "diagonal",
     "errors_against",
     "estimate_poses",
+    "evaluate_observations",
     "features_in",
-    "find_all_features",
     "find_photographs",
     "in_cameras",
     "is_finished",
-    "match_and_verify",
-    "no_features",
+    "match_images",
     "poses_by_path",
-    "preview_pairs",
     "read_rig",
     "refine",
     "refine_lens",
     "relative_changes",
     "solve",
+    "verify",
     "write_rig",
 ]

@@ -23,8 +23,8 @@ class BearingPoints:
 
     Attributes:
         positions: (P, 3) world.
-        colors: (P, 3) uint8, of the first sight.
-        sights: (S, 3) int32: point, image, feature.
+        colors: (P, 3) uint8, of the first observation.
+        observations: (S, 3) int32: point, image, feature.
     """
 
     def __init__(
@@ -44,18 +44,22 @@ class BearingPoints:
         self._point_of = [np.full(len(f), -1, np.int64) for f in features]
         self.positions: np.ndarray = np.zeros((0, 3))
         self.colors: np.ndarray = np.zeros((0, 3), np.uint8)
-        self.sights: np.ndarray = np.zeros((0, 3), np.int32)
+        self.observations: np.ndarray = np.zeros((0, 3), np.int32)
 
     def state_dict(self) -> dict[str, np.ndarray]:
         """The points and what sees them."""
-        return {"positions": self.positions, "colors": self.colors, "sights": self.sights}
+        return {
+            "positions": self.positions,
+            "colors": self.colors,
+            "observations": self.observations,
+        }
 
     def load_state_dict(self, state: dict[str, np.ndarray]) -> None:
         """Goes on where `state_dict` was taken."""
         self.positions, self.colors = state["positions"], state["colors"]
-        self.sights = state["sights"]
+        self.observations = state["observations"]
         self._point_of = [np.full(len(f), -1, np.int64) for f in self._features]
-        for point, image, feature in self.sights:
+        for point, image, feature in self.observations:
             self._point_of[image][feature] = point
 
     def add_image(self, image: int, poses: np.ndarray) -> None:
@@ -100,7 +104,7 @@ class BearingPoints:
     def _see(self, points: np.ndarray, image: int, features: np.ndarray) -> None:
         self._point_of[image][features] = points
         rows = np.stack([points, np.full(len(points), image), features], axis=1)
-        self.sights = np.concatenate([self.sights, rows.astype(np.int32)])
+        self.observations = np.concatenate([self.observations, rows.astype(np.int32)])
 
     def _errors(
         self, image: int, features: np.ndarray, positions: np.ndarray, poses: np.ndarray
@@ -116,9 +120,9 @@ class BearingPoints:
         total = np.zeros((len(self.positions), 3, 3))
         right = np.zeros((len(self.positions), 3))
         centers = centers_of(poses)
-        for image in np.unique(self.sights[:, 1]):
-            of_image = self.sights[:, 1] == image
-            points, features = self.sights[of_image, 0], self.sights[of_image, 2]
+        for image in np.unique(self.observations[:, 1]):
+            of_image = self.observations[:, 1] == image
+            points, features = self.observations[of_image, 0], self.observations[of_image, 2]
             rays = self._rays[image][features] @ poses[image, :3, :3]
             across: np.ndarray = np.eye(3) - rays[:, :, None] * rays[:, None, :]
             # Errors are of angle: a far point's distance from the ray counts less.

@@ -34,8 +34,8 @@ padding:.5em 1em}}</style>
 <h2>Residuals by region of the image</h2>
 <p>Before: the same points and refined poses through the data set's own lens, turned as well as it
 can be; pixels, root mean square lengths. The mean says where a region is off as a whole.</p>
-<table><tr><th>column, row<th>sights<th>before<th>after<th>mean x, y after<th>sigma of the lens</tr>
-{regions}</table></html>
+<table><tr><th>column, row<th>observations<th>before<th>after<th>mean x, y after<th>sigma of the
+lens</tr>{regions}</table></html>
 """
 
 
@@ -59,11 +59,11 @@ def write_page(
     title = f"{values['lens']} refined from {values['images']} images"
     rows = {
         "images": f"{values['images']} of {values['images_total']}",
-        "points, sights": f"{values['points']:,}, {values['sights']:,}",
+        "points, observations": f"{values['points']:,}, {values['observations']:,}",
         "residuals": f"RMS {values['rms_2d_px']:.3f} px (2-D), {values['rms_axis_px']:.3f} "
         f"(an axis); median {values['median_px']:.3f}",
-        "sights that no adjustment used, median": f"{_text(values['held_out_before_px'])} px "
-        f"before, {_text(values['held_out_after_px'])} after ({values['held_out_sights']} sights)",
+        "observations that no adjustment used, median": f"{_text(values['held_out_before_px'])} px "
+        f"before, {_text(values['held_out_after_px'])} after ({values['held_out_observations']})",
         "seen to": f"{values['valid_angle_degrees']:.1f} degrees from the axis; the lens is "
         f"one-to-one to {values['lens_domain_degrees']:.1f}",
         "standard deviation of a projected pixel": ", ".join(
@@ -104,8 +104,8 @@ def _turn(before: Camera, after: Camera, reach: float) -> np.ndarray:
 def _residuals_before(found: RefinedLens, turn: np.ndarray) -> np.ndarray:
     """(S, 2) pixels through the data set's lens minus pixels seen; NaN where it has none."""
     solution = found.solution
-    pose = solution.camera_from_world[solution.sights[:, 1]]
-    points = solution.points[solution.sights[:, 0]]
+    pose = solution.camera_from_world[solution.observations[:, 1]]
+    points = solution.points[solution.observations[:, 0]]
     directions = np.einsum("nij,nj->ni", pose[:, :3, :3], points) + pose[:, :3, 3]
     pixels, valid = found.before.project(directions @ turn.T)
     return np.where(valid[:, None], pixels, np.nan) - solution.pixels
@@ -129,10 +129,10 @@ def _region_rows(
         place = np.clip(at * _REGIONS / size, 0, _REGIONS - 1).astype(int)
         return place[..., 1] * _REGIONS + place[..., 0]
 
-    of_sight, of_grid = cell(pixels), cell(grid_pixels(camera.width, camera.height))
+    of_observation, of_grid = cell(pixels), cell(grid_pixels(camera.width, camera.height))
     rows = []
     for index in range(_REGIONS**2):
-        mine, here = of_sight == index, sigma[of_grid == index]
+        mine, here = of_observation == index, sigma[of_grid == index]
         mean = after[mine].mean(axis=0) if mine.any() else np.full(2, np.nan)
         here = here[np.isfinite(here)]
         known = _text(float(np.median(here))) if len(here) else "-"

@@ -87,7 +87,7 @@ def calibrate_from_dataset(
     names = camera.param_names.split()
     summary = [
         f"{camera.model}: {values['images']} images, {values['points']} points, RMS "
-        f"{values['rms_2d_px']:.3f} px 2-D; held-out sights "
+        f"{values['rms_2d_px']:.3f} px 2-D; held-out observations "
         f"{values['held_out_before_px']:.3f} -> {values['held_out_after_px']:.3f} px; seen to "
         f"{values['valid_angle_degrees']:.1f} degrees",
         *(
@@ -171,12 +171,12 @@ def _report(
         "images_total": len(solution.names),
         "images": solution.num_registered,
         "points": len(solution.points),
-        "sights": len(solution.sights),
+        "observations": len(solution.observations),
         "rms_2d_px": rms,
         "rms_axis_px": rms / float(np.sqrt(2)),
         "median_px": solution.median,
         "noise_px": found.covariance.noise,
-        "held_out_sights": found.held_out,
+        "held_out_observations": found.held_out,
         "held_out_before_px": _number(found.held_out_before_px),
         "held_out_after_px": _number(found.held_out_after_px),
         "valid_angle_degrees": float(np.degrees(found.reach)),

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import json
 import os
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +15,15 @@ from gsut import _core
 from gsut._core import InputError, Shutter
 from gsut.data import some_names
 from gsut.files import write_file
-from gsut.sfm.features import Features, find_all_features, no_features
-from gsut.sfm.inputs import Photographs, find_photographs
-from gsut.sfm.lens_search import LensSearch, first_guess, search_lens
-from gsut.sfm.matching import PairMatches, RawMatches, match_in_full, preview_pairs, verify
+from gsut.run import Stopwatch
+from gsut.sfm.correspondences import OnProgress, collect_features, match_images
+from gsut.sfm.features import Features
+from gsut.sfm.inputs import Photographs, find_photographs, require_central
+from gsut.sfm.lens_search import guess_lenses, search_lens
+from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import FIGURES, TRANSFORMS, figures, write_dataset
 from gsut.sfm.overlap import require_overlap
-from gsut.sfm.pairs import choose_pairs
 from gsut.sfm.readout import readout_time
 from gsut.sfm.report import REPORT, write_report
 from gsut.sfm.rig import COVARIANCE_OF, RigFit, refuse_beside_rig, solve_rig
@@ -38,8 +39,6 @@ _FEW_AGREE = 0.6
 # shutter SfM", ECCV 2016): 0.34 to 0.75 in three such sets of views of helmet_distorted_rs, 0.86
 # and more in eight sets that were right (10 to 20 views).
 _FEW_AGREE_ROLLING = 0.8
-# Told (stage, done, total, text) as the work goes on.
-OnProgress = Callable[[str, int, int, str], None]
 # (photographs, features, pairs, options, on_progress) -> poses and points; lenses are known.
 Mapper = Callable[
     [
@@ -96,17 +95,17 @@ def estimate_poses(
         out: output folder: transforms.json, points3D.ply, sparse/0 (COLMAP text), poses.json and
             report.html. Images stay where they are.
         camera: lens file, or a dataset whose lens is used; None: the lens file beside the images,
-            or the dataset's own; if there is none the lens is estimated.
+            or the dataset's own; if there is none the lens is estimated. A known lens is held.
         unknown_lens: estimate the lens even where one lies beside the images.
         fov_degrees: rough horizontal field of view, for an unknown lens; None: several are tried.
         options: every setting of the search; None: the defaults.
         mapper: makes poses of verified pairs where the lens is known; None: incremental, with
             bundle adjustment.
-        rig: file of a rig (see `rig_file.read_rig`): images then holds one folder a camera, images
-            of one moment share one pose of the rig, and all is in its unit. rig.json, the rig as
-            it was used, is written too.
+        rig: file of a rig (see `rig_file.read_rig`): images then holds one folder a camera, the
+            images of one frame share one pose of the rig, and all is in its unit. rig.json, the
+            rig as it was used, is written too.
         refine_rig: the cameras' poses on the rig are adjusted; its size stays.
-        on_progress: told (stage, done, total, text).
+        on_progress: told (stage, done, total, text); never fewer done than before in a stage.
         notes_to: told each note as it arises (an image left out, say).
 
     Returns:
@@ -118,141 +117,189 @@ def estimate_poses(
             that only turned; says which.
     """
     options = options or PosesOptions()
-    show = on_progress or (lambda stage, done, total, text: None)
+    log = _Log(on_progress, notes_to)
+    photographs, on_rig = _inputs(Path(images), camera, rig, unknown_lens, mapper, options)
+    shutter = _shutter(photographs, options, mapper)
     folder = Path(out)
-    notes: list[str] = []
-
-    def note(text: str) -> None:
-        notes.append(text)
-        if notes_to is not None:
-            notes_to(text)
-
-    on_rig: Rig | None = None
-    if rig is not None:
-        others = {"camera": camera, "unknown-lens": unknown_lens, "photometric": mapper}
-        refuse_beside_rig(options, others)
-        on_rig = read_rig(rig)
-        photographs = find_rig_photographs(Path(images), on_rig)
-    else:
-        photographs = find_photographs(Path(images), None if camera is None else Path(camera))
-    if unknown_lens:
-        photographs = dataclasses.replace(photographs, cameras=[None] * len(photographs))
-    known = all(c is not None for c in photographs.cameras)
     folder.mkdir(parents=True, exist_ok=True)
     stages = Stages(folder, _key(photographs, options, fov_degrees))
-    seconds: dict[str, float] = {}
-    cpu_seconds: dict[str, float] = {}  # of all threads
-    watch = time.perf_counter(), time.process_time()
-
-    def lap(stage: str) -> None:
-        nonlocal watch
-        now = time.perf_counter(), time.process_time()
-        seconds[stage] = seconds.get(stage, 0.0) + now[0] - watch[0]
-        cpu_seconds[stage] = cpu_seconds.get(stage, 0.0) + now[1] - watch[1]
-        watch = now
-
-    before = _core.num_threads()
-    if options.threads:
-        _core.set_num_threads(options.threads)
-    try:
-        shutter = _shutter(photographs, options)
-        if shutter is not None and mapper is not None:
-            raise InputError(
-                "--photometric takes every image for one pose, and these have a rolling shutter: "
-                "leave it out, or give --shutter global"
-            )
-        features = _features(photographs, options, stages, show, note)
-        lap("features")
+    with _threads(options.threads):
+        features = collect_features(photographs, options, log.show, log.note, stages)
+        log.watch.lap("features")
+        known = photographs.lenses_known
         if not known:
-            photographs = first_guess(photographs, fov_degrees)
-        raw = _matches(photographs, features, options, stages, show)
-        lenses = [camera for camera in photographs.cameras if camera is not None]
+            photographs = guess_lenses(photographs, fov_degrees)
+        raw = match_images(
+            photographs.names, features, options, log.show, photographs.frames, stages
+        )
         pairs = verify(
-            features, lenses, raw, options,
-            lambda done, total: show("verifying", done, total, f"{total} pairs"), shutter,
-        )  # fmt: skip
-        lap("matching")
+            features, photographs.lenses, raw, options, log.on_pairs("verifying"), shutter
+        )
+        log.watch.lap("matching")
         require_overlap(photographs.names, features, pairs)
-        search: LensSearch | None = None
+        extra: dict[str, Any] = {"lens": "known" if known else "estimated"}
         fit: RigFit | None = None
-        if known:
-            run = mapper or functools.partial(_incremental, shutter=shutter)
-            told = functools.partial(_told, show)
-            if on_rig is not None:
-                solution, fit = solve_rig(
-                    photographs, features, pairs, options, told("mapping"), told("rig"),
-                    rig=on_rig, adjust=refine_rig,
-                )  # fmt: skip
-            else:
-                solution = run(photographs, features, pairs, options, told("mapping"))
+        if on_rig is not None:
+            solution, fit = solve_rig(
+                photographs, features, pairs, options, log.on_images("mapping"),
+                log.on_images("rig"), rig=on_rig, adjust=refine_rig,
+            )  # fmt: skip
+        elif known:
+            run = mapper or functools.partial(_map_incrementally, shutter=shutter)
+            solution = run(photographs, features, pairs, options, log.on_images("mapping"))
         else:
             search = search_lens(
-                photographs, features, pairs, raw, options, fov_degrees, show, shutter
+                photographs, features, pairs, raw, options, fov_degrees, log.show, shutter
             )
-            solution = search.solution
-        lap("mapping")
-    finally:
-        _core.set_num_threads(before if options.threads else 0)
-    for text in fit.notes if fit is not None else []:
-        note(text)
-    if solution.num_registered < len(photographs):
-        note(
-            f"{solution.num_registered} of {len(photographs)} images were registered; without a "
-            f"pose: {some_names(solution.unregistered_names())}"
-        )
-    agreeing = None
-    if mapper is None:
-        agreeing = matches_in_points(solution, pairs if search is None else search.pairs)
-        for text in _doubts(agreeing, known=known, rolling=shutter is not None):
-            note(text)
-    for text in write_dataset(solution, photographs, folder):
-        note(text)
-    extra: dict[str, Any] = {"lens": "known" if known else "estimated", "cpu_seconds": cpu_seconds}
-    if search is not None:
-        extra["lens_search"] = search.rows
-    extra["matches_in_points"] = agreeing
-    extra["shutter"] = solution.shutter.direction if solution.shutter else "global"
-    if solution.shutter is not None:
-        found = readout_time(photographs.names, solution)
-        extra["readout"] = {
-            "given": options.readout_time,
-            "estimated": found.time if found else None,
-            "explained": found.explained if found else None,
-        }
-    if fit is not None:
-        extra.update(rig=fit.figures, covariance_of=COVARIANCE_OF)
-        write_rig(fit.rig, folder / RIG)
-    lap("writing")
-    cpu_seconds["total"] = sum(cpu_seconds.values())
-    values = figures(solution, seconds, notes, extra)
-    write_report(folder, solution, values)
-    write_file(folder / FIGURES, json.dumps(values, indent=1) + "\n")
+            solution, pairs, extra["lens_search"] = search.solution, search.pairs, search.rows
+        log.watch.lap("mapping")
+    agreeing = None if mapper else matches_in_points(solution, pairs)
+    extra |= {"matches_in_points": agreeing, **_shutter_figures(photographs, solution, options)}
+    for text in _solution_notes(solution, agreeing, fit, known=known):
+        log.note(text)
+    values = _write(folder, solution, photographs, fit, extra, log)
     stages.remove()
     return PosesResult(folder, solution, values)
 
 
-def _doubts(agreeing: float, *, known: bool, rolling: bool) -> list[str]:
-    """What so few matches that agree in all images together mean, if anything."""
+class _Log:
+    """What a run tells on its way: progress, notes, and the time of each stage."""
+
+    def __init__(
+        self, on_progress: OnProgress | None, notes_to: Callable[[str], None] | None
+    ) -> None:
+        self.notes: list[str] = []
+        self.watch = Stopwatch()
+        self._on_progress, self._notes_to = on_progress, notes_to
+        self._most: dict[str, int] = {}
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+        if self._notes_to is not None:
+            self._notes_to(text)
+
+    def show(self, stage: str, done: int, total: int, text: str) -> None:
+        """Never goes back in a stage: a mapper that begins again is still in the same one."""
+        self._most[stage] = max(done, self._most.get(stage, 0))
+        if self._on_progress is not None:
+            self._on_progress(stage, self._most[stage], total, text)
+
+    def on_pairs(self, stage: str) -> Callable[[int, int], None]:
+        return lambda done, total: self.show(stage, done, total, f"{total} pairs")
+
+    def on_images(self, stage: str) -> Callable[[int, int, int, str], None]:
+        return lambda done, total, points, step: self.show(stage, done, total, f"{points:,} points")
+
+
+@contextlib.contextmanager
+def _threads(count: int) -> Iterator[None]:
+    """So many threads meanwhile; 0: all."""
+    before = _core.num_threads()
+    if count:
+        _core.set_num_threads(count)
+    try:
+        yield
+    finally:
+        _core.set_num_threads(before if count else 0)
+
+
+def _inputs(
+    images: Path,
+    camera: str | os.PathLike[str] | None,
+    rig: str | os.PathLike[str] | None,
+    unknown_lens: bool,
+    mapper: Mapper | None,
+    options: PosesOptions,
+) -> tuple[Photographs, Rig | None]:
+    """The photographs with their lenses, as far as they are known, and the rig."""
+    if rig is not None:
+        others = {"camera": camera, "unknown-lens": unknown_lens, "photometric": mapper}
+        refuse_beside_rig(options, others)
+        on_rig = read_rig(rig)
+        photographs = find_rig_photographs(images, on_rig)
+        require_central(photographs.lenses)
+        return photographs, on_rig
+    photographs = find_photographs(images, None if camera is None else Path(camera))
+    if unknown_lens:
+        photographs = dataclasses.replace(photographs, cameras=[None] * len(photographs))
+    require_central([camera for camera in photographs.cameras if camera is not None])
+    return photographs, None
+
+
+def _solution_notes(
+    solution: Solution, agreeing: float | None, fit: RigFit | None, *, known: bool
+) -> list[str]:
+    """What a user should know of the poses, one sentence each."""
+    notes = list(fit.notes) if fit is not None else []
+    if solution.num_registered < len(solution.names):
+        notes.append(
+            f"{solution.num_registered} of {len(solution.names)} images were registered; without a "
+            f"pose: {some_names(solution.unregistered_names())}"
+        )
+    if agreeing is None:
+        return notes
     share = (
         f"only {100 * agreeing:.0f} % of the matches that agree pair by pair agree in all images "
         "together; "
     )
-    if rolling and agreeing < _FEW_AGREE_ROLLING:
+    if solution.shutter is not None and agreeing < _FEW_AGREE_ROLLING:
         lens = "the lens is not that of the images, or " if known else ""
-        return [
+        notes.append(
             share + lens + "the scene has bent with the motion during the readout, which few "
             "images held alike cannot tell apart: add images, some turned by 90 degrees about the "
             "axis of the lens, or give --readout-time for a video"
-        ]
-    if known and agreeing < _FEW_AGREE:
-        return [
+        )
+    elif solution.shutter is None and known and agreeing < _FEW_AGREE:
+        notes.append(
             share + "the lens is probably not that of the images: check it, or let it be "
             "estimated with --unknown-lens"
-        ]
-    return []
+        )
+    return notes
 
 
-def _incremental(
+def _shutter_figures(
+    photographs: Photographs, solution: Solution, options: PosesOptions
+) -> dict[str, Any]:
+    """Of poses.json."""
+    if solution.shutter is None:
+        return {"shutter": "global"}
+    found = readout_time(photographs.names, solution)
+    return {
+        "shutter": solution.shutter.direction,
+        "readout": {
+            "given": options.readout_time,
+            "estimated": found.time if found else None,
+            "explained": found.explained if found else None,
+        },
+    }
+
+
+def _write(
+    folder: Path,
+    solution: Solution,
+    photographs: Photographs,
+    fit: RigFit | None,
+    extra: dict[str, Any],
+    log: _Log,
+) -> dict[str, Any]:
+    """Writes everything; returns the content of poses.json."""
+    for text in write_dataset(solution, photographs, folder):
+        log.note(text)
+    if fit is not None:
+        extra = {**extra, "rig": fit.figures, "covariance_of": COVARIANCE_OF}
+        write_rig(fit.rig, folder / RIG)
+    log.watch.lap("writing")
+    seconds, cpu_seconds = (
+        {stage: times[clock] for stage, times in log.watch.seconds.items()} for clock in (0, 1)
+    )
+    cpu_seconds["total"] = sum(cpu_seconds.values())
+    values = figures(solution, seconds, log.notes, {**extra, "cpu_seconds": cpu_seconds})
+    write_report(folder, solution, values)
+    write_file(folder / FIGURES, json.dumps(values, indent=1) + "\n")
+    return values
+
+
+def _map_incrementally(
     photographs: Photographs,
     features: list[Features],
     pairs: list[PairMatches],
@@ -261,8 +308,10 @@ def _incremental(
     *,
     shutter: Shutter | None,
 ) -> Solution:
-    cameras = [c for c in photographs.cameras if c is not None]
-    return solve(photographs.names, cameras, features, pairs, options, on_progress, shutter=shutter)
+    return solve(
+        photographs.names, photographs.lenses, features, pairs, options, on_progress,
+        shutter=shutter,
+    )  # fmt: skip
 
 
 def _key(photographs: Photographs, options: PosesOptions, fov: float | None) -> dict[str, Any]:
@@ -279,97 +328,29 @@ def _key(photographs: Photographs, options: PosesOptions, fov: float | None) -> 
         "shutter": photographs.shutter.direction if photographs.shutter else None,
         "options": dataclasses.asdict(options),
         "fov": fov,
-        **({} if photographs.moments is None else {"moments": photographs.moments.tolist()}),
+        **({} if photographs.frames is None else {"frames": photographs.frames.tolist()}),
     }
 
 
-def _shutter(photographs: Photographs, options: PosesOptions) -> Shutter | None:
+def _shutter(
+    photographs: Photographs, options: PosesOptions, mapper: Mapper | None
+) -> Shutter | None:
     """The rolling shutter of the images, or None."""
     if options.shutter == "global":
         if options.readout_time is not None:
             raise InputError("--shutter global and --readout-time contradict each other: drop one")
         return None
-    if photographs.shutter is not None:
-        return photographs.shutter
-    if options.shutter == "rolling" or options.readout_time is not None:
-        return Shutter(options.readout_direction)
-    return None
-
-
-def _features(
-    photographs: Photographs,
-    options: PosesOptions,
-    stages: Stages,
-    show: OnProgress,
-    note: Callable[[str], None],
-) -> list[Features]:
-    """Of all images, from the stage files where they are there; none of unreadable ones."""
-    found = [stages.load_features(i) for i in range(len(photographs))]
-    absent = [i for i, features in enumerate(found) if features is None]
-    done = len(photographs) - len(absent)
-    show("features", done, len(photographs), "")
-    broken: list[int] = []
-    first_error = ""
-
-    def on_image(place: int, features: Features | None, error: Exception | None) -> None:
-        nonlocal done, first_error
-        index = absent[place]
-        if features is None:
-            broken.append(index)
-            first_error = first_error or str(error)
-            note(f"left out: {error}")
-            features = no_features()
-        else:
-            stages.save_features(index, features)
-        found[index] = features
-        done += 1
-        show("features", done, len(photographs), f"{len(features):,} in {photographs.names[index]}")
-
-    find_all_features(
-        [photographs.paths[i] for i in absent],
-        [photographs.cameras[i] for i in absent],
-        [photographs.masks[i] for i in absent],
-        options,
-        on_image,
-    )
-    features = [f for f in found if f is not None]
-    if len(photographs) - len(broken) < 2:
+    shutter = photographs.shutter
+    if shutter is None and (options.shutter == "rolling" or options.readout_time is not None):
+        shutter = Shutter(options.readout_direction)
+    if shutter is not None and mapper is not None:
         raise InputError(
-            f"{len(photographs) - len(broken)} of {len(photographs)} images can be used, and poses "
-            f"need at least 2 that overlap; {first_error}"
+            "--photometric takes every image for one pose, and these have a rolling shutter: "
+            "leave it out, or give --shutter global"
         )
-    return features
-
-
-def _matches(
-    photographs: Photographs,
-    features: list[Features],
-    options: PosesOptions,
-    stages: Stages,
-    show: OnProgress,
-) -> RawMatches:
-    """Of all pairs that look alike, from the stage file where it is there."""
-    kept = stages.load_matches()
-    if kept is not None:
-        return kept
-    pairs = choose_pairs(photographs.names, features, options, photographs.moments)
-    pairs = preview_pairs(
-        features, pairs, options,
-        lambda done, total: show("preview", done, total, f"{total} pairs"),
-    )  # fmt: skip
-    raw = match_in_full(
-        features, pairs, options,
-        lambda done, total: show("matching", done, total, f"{total} pairs"),
-    )  # fmt: skip
-    stages.save_matches(raw)
-    return raw
+    return shutter
 
 
 def is_finished(out: Path) -> bool:
     """Whether a folder holds the result of a finished run."""
     return (out / FIGURES).is_file() and (out / TRANSFORMS).is_file() and (out / REPORT).is_file()
-
-
-def _told(show: OnProgress, stage: str) -> Callable[[int, int, int, str], None]:
-    """What a mapper tells, shown as a stage's progress."""
-    return lambda done, total, points, step: show(stage, done, total, f"{points:,} points")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ class Photographs:
         masks: image that is white where pixels are valid, or None; one an image.
         cameras: one an image, equal lenses the same object; None: unknown.
         shutter: rolling, in the direction that the dataset says, or None: nothing said.
-        moments: (N,) of a rig: which images were taken together, counted from 0 in order of time.
+        frames: (N,) of a rig: which images were taken together, counted from 0 in order of time.
         rig_cameras: (N,) of a rig: the camera, counted from 0.
         paired_by: of a rig: "name" or "order" of the images.
     """
@@ -36,12 +37,23 @@ class Photographs:
     masks: list[Path | None]
     cameras: list[Camera | None]
     shutter: Shutter | None = None
-    moments: np.ndarray | None = None
+    frames: np.ndarray | None = None
     rig_cameras: np.ndarray | None = None
     paired_by: str | None = None
 
     def __len__(self) -> int:
         return len(self.names)
+
+    @property
+    def lenses_known(self) -> bool:
+        """Whether every image has a lens."""
+        return None not in self.cameras
+
+    @property
+    def lenses(self) -> list[Camera]:
+        """The lens of each image, where all are known."""
+        assert self.lenses_known
+        return [camera for camera in self.cameras if camera is not None]
 
 
 def find_photographs(images: Path, lens: Path | None) -> Photographs:
@@ -110,3 +122,18 @@ def _lens_of(path: Path) -> Camera:
     if file is None:
         raise InputError(f"{path} holds neither a transforms.json nor a lens file")
     return load_camera(file)
+
+
+def require_central(cameras: Iterable[Camera]) -> None:
+    """Refuses lenses whose rays do not meet in one point.
+
+    Raises:
+        InputError: says what to do instead.
+    """
+    for camera in cameras:
+        if not camera.is_central:
+            raise InputError(
+                f"poses need a lens whose rays meet in one point, and those of {camera.model} do "
+                "not: fit a central one to it, such as splined_stereographic, with `gsut camera "
+                "convert`"
+            )

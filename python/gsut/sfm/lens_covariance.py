@@ -12,7 +12,7 @@ from gsut.lens import Camera
 from gsut.sfm.align import centers_of
 from gsut.sfm.solution import Solution
 
-_CHUNK = 2000  # points whose pairs of sights are summed at once
+_CHUNK = 2000  # points whose pairs of observations are summed at once
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +23,7 @@ class LensCovariance:
         params: (F, F) covariance of the parameters that were free.
         free: (K,) bool, which they are.
         with_turn: (F + 3, F + 3): the same, and the turn that undoes a change of the lens best at
-            the sights (radians, camera frame).
+            the observations (radians, camera frame).
         noise: standard deviation of a feature's coordinate in pixels.
     """
 
@@ -81,11 +81,11 @@ def lens_covariance(
         feature_variance: FEATURE_VARIANCE for features of photographs, 1 for independent errors.
 
     Raises:
-        SolveError: the sights do not determine the lens.
+        SolveError: the observations do not determine the lens.
     """
     camera = solution.cameras[0]
     free = np.asarray(free, bool)
-    image, point = solution.sights[:, 1], solution.sights[:, 0]
+    image, point = solution.observations[:, 1], solution.observations[:, 0]
     poses = solution.camera_from_world
     rotation = poses[image, :3, :3]
     p = np.einsum("nij,nj->ni", rotation, solution.points[point]) + poses[image, :3, 3]
@@ -170,8 +170,8 @@ def _reduced(
         chosen = starts[lengths == length]
         for begin in range(0, len(chosen), _CHUNK):
             rows = chosen[begin : begin + _CHUNK, None] + np.arange(length)
-            c = by_point[rows]  # (points, sights, 2, 3)
-            pose_c = by_pose[rows].transpose(0, 1, 3, 2) @ c  # (points, sights, 6, 3)
+            c = by_point[rows]  # (points, observations, 2, 3)
+            pose_c = by_pose[rows].transpose(0, 1, 3, 2) @ c  # (points, observations, 6, 3)
             lens_c = (by_lens[rows].transpose(0, 1, 3, 2) @ c).sum(axis=1)  # (points, F, 3)
             inverse = np.linalg.inv((c.transpose(0, 1, 3, 2) @ c).sum(axis=1))
             pose_i = pose_c @ inverse[:, None]

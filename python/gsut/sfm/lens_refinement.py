@@ -11,19 +11,17 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import Frame, inverse, read_dataset, some_names
 from gsut.least_squares import minimize_least_squares
-from gsut.lens import Camera
-from gsut.sfm.features import Features, find_all_features, no_features
-from gsut.sfm.inputs import Photographs
+from gsut.lens import Camera, refinable_params
+from gsut.sfm.correspondences import OnProgress, collect_features, match_images
+from gsut.sfm.features import Features
+from gsut.sfm.inputs import Photographs, require_central
 from gsut.sfm.lens_covariance import LensCovariance, lens_covariance
-from gsut.sfm.matching import PairMatches, match_and_verify, preview_pairs
+from gsut.sfm.matching import PairMatches, RawMatches, verify
 from gsut.sfm.options import PosesOptions
-from gsut.sfm.pairs import choose_pairs
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution, in_cameras, refine
 
-# Told (stage, done, total, text) as the work goes on.
-OnProgress = Callable[[str, int, int, str], None]
 _FEWEST_IMAGES = 3
-_HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare a sight
+_HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare a observation
 _ROUNDS = 2  # of verified matches: the second through the refined lens
 # Of the first matches' largest error: through a lens that is some percent off.
 _LOOSER = 4.0
@@ -38,11 +36,11 @@ class RefinedLens:
         before: the data set's lens. solution: refined poses, points and lens.
         photographs: the images. covariance: of the lens.
         free: (K,) bool, parameters that were refined.
-        held_out_before_px, held_out_after_px: median distance at sights that no adjustment used,
-            of points triangulated from the others; through the data set's own lens and poses, and
-            through the refined ones.
-        held_out: number of those sights.
-        reach: radians from the axis to the outermost sight.
+        held_out_before_px, held_out_after_px: median distance at observations that no adjustment
+            used, of points triangulated from the others; through the data set's own lens and poses,
+            and through the refined ones.
+        held_out: number of those observations.
+        reach: radians from the axis to the outermost observation.
     """
 
     before: Camera
@@ -84,23 +82,24 @@ def refine_lens(
         [frame.camera for frame in frames],
     )
     given = [inverse(frame.world_from_camera) for frame in frames]
-    features = _features(photographs, options, on_progress, note)
-    pairs = choose_pairs(photographs.names, features, options)
-    pairs = preview_pairs(
-        features, pairs, options,
-        lambda done, total: on_progress("preview", done, total, f"{total} pairs"),
-    )  # fmt: skip
-    free = np.ones(len(before.params), bool)
+    features = collect_features(photographs, options, on_progress, note)
+    raw = match_images(photographs.names, features, options, on_progress)
+    free = refinable_params(before)
+    if not free.all():
+        note(_held_note(before, free))
     camera, poses = before, given
     loose = dataclasses.replace(options, max_two_view_error=_LOOSER * options.max_two_view_error)
-    for round_ in range(_ROUNDS):
-        last = round_ == _ROUNDS - 1
-        verified = _verified(features, camera, pairs, options if last else loose, on_progress)
+    passed = 0
+
+    def show_images(done: int, total: int, points: int, step: str) -> None:
+        on_progress("adjusting", done + passed * total, _ROUNDS * total, f"{points:,} points")
+
+    for passed in range(_ROUNDS):
+        last = passed == _ROUNDS - 1
+        verified = _verified(features, camera, raw, options if last else loose)
         solution = refine(
             photographs.names, [camera] * len(frames), features, verified, poses, options,
-            lambda done, total, points, step: on_progress(
-                "adjusting", done, total, f"{points:,} points"),
-            lens_free=free, hold_out_every=_HOLD_OUT_EVERY if last else 0,
+            show_images, lens_free=free, hold_out_every=_HOLD_OUT_EVERY if last else 0,
         )  # fmt: skip
         poses = solution.poses_or(poses)
         camera = solution.cameras[0]
@@ -109,7 +108,7 @@ def refine_lens(
             f"{len(frames) - solution.num_registered} of {len(frames)} images see too few points "
             f"and are left out: {some_names(solution.unregistered_names())}"
         )
-    held = solution.held_out_sights
+    held = solution.held_out_observations
     return RefinedLens(
         before,
         solution,
@@ -120,6 +119,16 @@ def refine_lens(
         _held_out_error(solution, features, camera, list(solution.camera_from_world)),
         len(held),
         float(np.max(solution.field_angles)),
+    )
+
+
+def _held_note(camera: Camera, free: np.ndarray) -> str:
+    """Which parameters are refined, and why the others are not."""
+    names = camera.param_names.split()
+    refined = ", ".join(names[i] if i < len(names) else f"{i}" for i in np.flatnonzero(free))
+    return (
+        f"of the {camera.model} lens {refined} are refined; the other {np.count_nonzero(~free)} of "
+        f"{len(free)} parameters are held: photographs without a board do not determine them"
     )
 
 
@@ -141,40 +150,19 @@ def _checked_frames(data: Path) -> list[Frame]:
             f"{data} has a rolling shutter, which --from-dataset does not model; calibrate with a "
             "board and a still camera"
         )
+    require_central(lenses)
     if not lenses[0].params.size:
         raise InputError(f"{data}: the lens {lenses[0].model} has no parameters to refine")
     return frames
 
 
-def _features(
-    photographs: Photographs,
-    options: PosesOptions,
-    on_progress: OnProgress,
-    note: Callable[[str], None],
-) -> list[Features]:
-    found: list[Features] = []
-
-    def on_image(index: int, features: Features | None, error: Exception | None) -> None:
-        if features is None:
-            note(f"left out: {error}")
-        found.append(features if features is not None else no_features())
-        on_progress("features", len(found), len(photographs), photographs.names[index])
-
-    find_all_features(photographs.paths, photographs.cameras, photographs.masks, options, on_image)
-    return found
-
-
 def _verified(
     features: Sequence[Features],
     camera: Camera,
-    pairs: np.ndarray,
+    raw: RawMatches,
     options: PosesOptions,
-    on_progress: OnProgress,
 ) -> list[PairMatches]:
-    verified = match_and_verify(
-        features, [camera] * len(features), pairs, options,
-        lambda done, total: on_progress("matching", done, total, f"{total} pairs"),
-    )  # fmt: skip
+    verified = verify(features, [camera] * len(features), raw, options)
     if not verified:
         raise InputError(
             "no two images have matches that agree through this lens: do images and lens belong "
@@ -186,38 +174,42 @@ def _verified(
 def _held_out_error(
     solution: Solution, features: Sequence[Features], camera: Camera, poses: list[np.ndarray]
 ) -> float:
-    """Median pixel distance at the held-out sights, of points that the other sights give."""
-    held = solution.held_out_sights
+    """Median pixel distance at the held-out observations, of points that the others give."""
+    held = solution.held_out_observations
     if not len(held):
         return float("nan")
-    used = solution.sights[np.isin(solution.sights[:, 0], held[:, 0])]
+    used = solution.observations[np.isin(solution.observations[:, 0], held[:, 0])]
     points = fitted_points(solution.points, used, _pixels(features, used), camera, np.array(poses))
     p = in_cameras(points, held, np.array(poses))
     distance = np.linalg.norm(camera.project(p)[0] - _pixels(features, held), axis=1)
     return float(np.median(np.where(np.isfinite(distance), distance, np.inf)))
 
 
-def _pixels(features: Sequence[Features], sights: np.ndarray) -> np.ndarray:
-    pixels = np.zeros((len(sights), 2))
-    for image in np.unique(sights[:, 1]):
-        rows = sights[:, 1] == image
-        pixels[rows] = features[image].pixels[sights[rows, 2]]
+def _pixels(features: Sequence[Features], observations: np.ndarray) -> np.ndarray:
+    pixels = np.zeros((len(observations), 2))
+    for image in np.unique(observations[:, 1]):
+        rows = observations[:, 1] == image
+        pixels[rows] = features[image].pixels[observations[rows, 2]]
     return pixels
 
 
 def fitted_points(
-    start: np.ndarray, sights: np.ndarray, pixels: np.ndarray, camera: Camera, poses: np.ndarray
+    start: np.ndarray,
+    observations: np.ndarray,
+    pixels: np.ndarray,
+    camera: Camera,
+    poses: np.ndarray,
 ) -> np.ndarray:
-    """Points (P, 3) that fit their sights best through fixed cameras.
+    """Points (P, 3) that fit their observations best through fixed cameras.
 
     Args:
-        start: (P, 3). sights: (S, 3) int: point, image, feature. pixels: (S, 2) of the sights.
+        start: (P, 3). observations: (S, 3) int: point, image, feature. pixels: (S, 2) of them.
         camera: of all images. poses: (N, 4, 4) camera_from_world.
     """
-    which = sights[:, 0]
+    which = observations[:, 0]
 
     def residuals(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        p = in_cameras(points, sights, poses)
+        p = in_cameras(points, observations, poses)
         return p, camera.project(p)[0] - pixels
 
     def cost_of(points: np.ndarray) -> np.ndarray:
@@ -227,7 +219,7 @@ def fitted_points(
     def normal_equations(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         p, residual = residuals(points)
         residual = np.where(np.isfinite(residual).all(axis=1)[:, None], residual, 0.0)
-        by_point = np.nan_to_num(camera.project_jacobian(p)[0]) @ poses[sights[:, 1], :3, :3]
+        by_point = np.nan_to_num(camera.project_jacobian(p)[0]) @ poses[observations[:, 1], :3, :3]
         gradient, normal = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
         np.add.at(gradient, which, np.einsum("nij,ni->nj", by_point, residual))
         np.add.at(normal, which, by_point.transpose(0, 2, 1) @ by_point)

@@ -1,4 +1,4 @@
-"""Poses with an unknown lens: several lenses are tried; what predicts held-out sights best wins."""
+"""Poses with an unknown lens: of several, the one that predicts held-out observations best."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut._core import InputError, Shutter, SolveError
 from gsut.data import read_header
-from gsut.lens import Camera
+from gsut.lens import Camera, convert_camera
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.matching import PairMatches, RawMatches, verify
@@ -24,15 +24,14 @@ from gsut.sfm.solution import Solution, refine, solve
 _FIELDS = (45.0, 65.0, 95.0)
 _FISHEYE_FROM = 110.0  # degrees: wider guesses are fisheyes from the start
 _DEFAULT_FIELD = 60.0  # of the first matching
-_HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare a sight
+_HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare a observation
 # Estimated first, of fx fy cx cy and four coefficients: focal lengths and the first coefficient.
 _START = np.array([1, 1, 0, 0, 1, 0, 0, 0], bool)
-# A lens with more parameters must predict held-out sights better by this share.
+# A lens with more parameters must predict held-out observations better by this share.
 _BETTER = 0.005
 # Images on which fields of view, and models, are compared: those best connected with each other.
 _FIELD_IMAGES = 12
 _MODEL_IMAGES = 25
-_FIT_PIXELS = 33  # a side of the grid on which one model is fitted to another
 # Matches of a pair that fields, and models, are compared by: the most distinct.
 _FIELD_MATCHES = 100
 _MODEL_MATCHES = 200
@@ -53,7 +52,7 @@ class LensSearch:
     pairs: list[PairMatches]
 
 
-def first_guess(photographs: Photographs, fov_degrees: float | None) -> Photographs:
+def guess_lenses(photographs: Photographs, fov_degrees: float | None) -> Photographs:
     """The photographs with a lens to begin with.
 
     Raises:
@@ -75,11 +74,11 @@ def first_guess(photographs: Photographs, fov_degrees: float | None) -> Photogra
             "the images into one folder a camera"
         )
     ((width, height),) = sizes
-    camera = guessed_lens(width, height, fov_degrees or _DEFAULT_FIELD)
+    camera = guess_lens(width, height, fov_degrees or _DEFAULT_FIELD)
     return dataclasses.replace(photographs, cameras=[camera] * len(photographs))
 
 
-def guessed_lens(width: int, height: int, fov_degrees: float) -> Camera:
+def guess_lens(width: int, height: int, fov_degrees: float) -> Camera:
     """An undistorted lens of this horizontal field of view: perspective, or equidistant if wide."""
     if not 5 <= fov_degrees <= 300:
         raise InputError(f"--fov takes 5 to 300 degrees, found {fov_degrees:g}")
@@ -117,7 +116,7 @@ def search_lens(
         raw: the matches before that.
         options: see PosesOptions.
         fov_degrees: rough horizontal field of view, or None.
-        show: told (stage, done, total, text).
+        show: told (stage, done, total, text): of "lens" the trials, then of "mapping" the images.
         shutter: rolling, or None.
 
     Raises:
@@ -126,12 +125,16 @@ def search_lens(
     first = photographs.cameras[0]
     assert first is not None
     size = first.width, first.height
-    trials = _Trials(photographs.names, features, options, show, shutter)
     fields = (fov_degrees,) if fov_degrees is not None else _FIELDS
+    trials = _Trials(
+        photographs.names, features, options, show, shutter,
+        planned=len(fields) + len(_models(guess_lens(*size, fields[0]))),
+    )  # fmt: skip
     candidates = []
-    few = thinned(connected_pairs(pairs, _FIELD_IMAGES), _FIELD_MATCHES)
+    few = keep_most_distinct(choose_connected_pairs(pairs, _FIELD_IMAGES), _FIELD_MATCHES)
     for field in fields:
-        found = trials.solve(guessed_lens(*size, field), _START, few)
+        found = trials.solve(guess_lens(*size, field), _START, few)
+        trials.done += 1
         if found is not None:
             candidates.append(found)
     if not candidates:
@@ -142,12 +145,13 @@ def search_lens(
     best = min(candidates, key=_rank)
     lens = best.cameras[0]
     again = verify(features, [lens] * len(photographs), raw, options, shutter=shutter)
-    more = thinned(connected_pairs(again, _MODEL_IMAGES), _MODEL_MATCHES)
+    more = keep_most_distinct(choose_connected_pairs(again, _MODEL_IMAGES), _MODEL_MATCHES)
     results: list[tuple[Solution, np.ndarray]] = []
     for free, made_of in _models(lens):  # fewest parameters first
         found = trials.refine(results[0][0], made_of, free, more) if results else None
         if found is None:
             found = trials.solve(made_of(lens), free, more)
+        trials.done += 1
         if found is not None:
             results.append((found, free))
     chosen, free = results[0] if results else (best, _START)
@@ -155,7 +159,7 @@ def search_lens(
         (missing, error), (least, bound) = _rank(other), _rank(chosen)
         if missing < least or (missing == least and error < (1 - _BETTER) * bound):
             chosen, free = other, other_free
-    # The lens is chosen: now with every sight.
+    # The lens is chosen: now with every observation.
     lens = chosen.cameras[0]
     final = solve(
         photographs.names, [lens] * len(photographs), features, again, options,
@@ -165,7 +169,7 @@ def search_lens(
     return LensSearch(final, trials.rows, again)
 
 
-def thinned(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
+def keep_most_distinct(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
     """The pairs with their most distinct matches, which stand first."""
     return [
         pair
@@ -179,7 +183,7 @@ def thinned(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
     ]
 
 
-def connected_pairs(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
+def choose_connected_pairs(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
     """The pairs among `most` images: the best pair's, then always the one with most matches."""
     matches: dict[int, dict[int, int]] = {}
     for pair in pairs:
@@ -209,27 +213,8 @@ def _models(lens: Camera) -> list[tuple[np.ndarray, Callable[[Camera], Camera]]]
         (np.array([1, 1, 0, 0, 1, 1, 0, 0], bool), lambda found: found),
         (everything, lambda found: found),
         (np.ones(9, bool), lambda found: Camera("opencv5", [*found.params, 0.0], *size)),
-        (everything, as_fisheye),
+        (everything, lambda found: convert_camera(found, "kannala_brandt").camera),
     ]
-
-
-def as_fisheye(lens: Camera) -> Camera:
-    """The Kannala-Brandt lens nearest to a lens, by least squares over its image."""
-    across, down = np.meshgrid(
-        np.linspace(0.0, lens.width, _FIT_PIXELS), np.linspace(0.0, lens.height, _FIT_PIXELS)
-    )
-    pixels = np.stack([across.ravel(), down.ravel()], axis=1)
-    rays, valid = lens.unproject(pixels)
-    center = lens.params[2:4]
-    offsets, rays = (pixels - center)[valid], rays[valid]
-    angle = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
-    powers = angle[:, None] ** np.array([1, 3, 5, 7, 9])
-    ratio = lens.params[1] / lens.params[0]
-    radius = np.hypot(offsets[:, 0], offsets[:, 1] / ratio)
-    focal, *others = np.linalg.lstsq(powers, radius, rcond=None)[0]
-    coefficients = [value / focal for value in others]
-    params = [focal, focal * ratio, *center, *coefficients]
-    return Camera("kannala_brandt", params, lens.width, lens.height)
 
 
 class _Trials:
@@ -242,8 +227,11 @@ class _Trials:
         options: PosesOptions,
         show: Callable[[str, int, int, str], None],
         shutter: Shutter | None,
+        planned: int,
     ) -> None:
         self.rows: list[dict[str, Any]] = []
+        self.done = 0  # of those planned
+        self._planned = planned
         self._names = names
         self._features = features
         self._options = options
@@ -293,7 +281,7 @@ class _Trials:
 
     def _told(self, lens: Camera) -> Callable[[int, int, int, str], None]:
         return lambda done, total, points, step: self._show(
-            "mapping", done, total, f"{lens.model}, {points:,} points"
+            "lens", self.done, self._planned, f"{lens.model}: {done} images, {points:,} points"
         )
 
     def _kept(self, lens: Camera, free: np.ndarray, run: Callable[[], Solution]) -> Solution | None:

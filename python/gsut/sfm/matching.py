@@ -157,16 +157,3 @@ def verify(
                 )
         on_pairs(begin + len(batch), len(raw.pairs))
     return result
-
-
-def match_and_verify(
-    features: Sequence[Features],
-    cameras: Sequence[Camera],
-    pairs: np.ndarray,
-    options: PosesOptions,
-    on_pairs: OnPairs,
-    shutter: _core.Shutter | None = None,
-) -> list[PairMatches]:
-    """`match_in_full`, which on_pairs is told of, then `verify`."""
-    raw = match_in_full(features, pairs, options, on_pairs)
-    return verify(features, cameras, raw, options, shutter=shutter)

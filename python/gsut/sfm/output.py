@@ -76,7 +76,7 @@ def _colmap(solution: Solution) -> dict[str, str]:
         cameras.append(f"{number} {record.split(' ', 1)[1]}")
     places: list[list[str]] = [[] for _ in solution.names]
     tracks: list[list[str]] = [[] for _ in solution.points]
-    for (point, image, _), (x, y) in zip(solution.sights, solution.pixels, strict=True):
+    for (point, image, _), (x, y) in zip(solution.observations, solution.pixels, strict=True):
         tracks[point].append(f"{image + 1} {len(places[image])}")
         places[image].append(f"{x:.6f} {y:.6f} {point + 1}")
     images = []
@@ -140,7 +140,7 @@ def figures(
     for i, name in enumerate(solution.names):
         row: dict[str, Any] = {"name": name, "registered": bool(solution.registered[i])}
         if solution.registered[i]:
-            mine = solution.sights[:, 1] == i
+            mine = solution.observations[:, 1] == i
             lengths = np.linalg.norm(solution.residuals[mine], axis=1)
             row["camera_from_world"] = solution.camera_from_world[i].tolist()
             if solution.velocities is not None:
@@ -156,8 +156,8 @@ def figures(
         "registered": solution.num_registered,
         "images": len(solution.names),
         "points": len(solution.points),
-        "sights": len(solution.sights),
-        "mean_track_length": _number(len(solution.sights) / max(1, len(solution.points))),
+        "observations": len(solution.observations),
+        "mean_track_length": _number(len(solution.observations) / max(1, len(solution.points))),
         "reprojection_error_px": {"rms": solution.rms, "median": solution.median},
         "seconds": {**seconds, "total": sum(seconds.values())},
         "initial_pair": [solution.names[i] for i in solution.initial_pair],

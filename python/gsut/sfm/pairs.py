@@ -20,7 +20,7 @@ def choose_pairs(
     names: Sequence[str],
     features: Sequence[Features],
     options: PosesOptions,
-    moments: np.ndarray | None = None,
+    frames: np.ndarray | None = None,
 ) -> np.ndarray:
     """Pairs of images worth a comparison.
 
@@ -28,7 +28,7 @@ def choose_pairs(
         names: of the images, in order.
         features: of the images.
         options: see PosesOptions.pairs.
-        moments: (N,) of a rig's images, which are then in order of time; its windows count moments.
+        frames: (N,) of a rig's images, which are then in order of time; its windows count frames.
 
     Returns:
         (P, 2) int64, the smaller index first, each pair once, ordered.
@@ -41,9 +41,9 @@ def choose_pairs(
         first, second = np.triu_indices(count, 1)
         return np.stack([first, second], axis=1).astype(np.int64)
     chosen: list[np.ndarray] = []
-    in_time = moments is not None or counts_up(names)
+    in_time = frames is not None or counts_up(names)
     if rule == "sequential" or (rule == "auto" and in_time):
-        together = 1 if moments is None else int(np.bincount(moments).max())
+        together = 1 if frames is None else int(np.bincount(frames).max())
         chosen.append(_sequential(count, options.window * together))
     if rule in ("similar", "auto"):
         chosen.append(_similar(features, options.neighbors, options.seed))

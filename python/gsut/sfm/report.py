@@ -48,7 +48,8 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
     error = values["reprojection_error_px"]
     summary = {
         "points": f"{values['points']:,}",
-        "sights": f"{values['sights']:,} ({values['mean_track_length'] or 0:.1f} a point)",
+        "observations": f"{values['observations']:,} ({values['mean_track_length'] or 0:.1f} a "
+        "point)",
         "reprojection error": f"median {error['median']:.3f} px, rms {error['rms']:.3f} px",
         "seconds": ", ".join(f"{k} {v:.1f}" for k, v in values["seconds"].items()),
         "began with": " and ".join(values["initial_pair"]),
@@ -86,11 +87,11 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
 
 
 def _rig_rows(rig: dict[str, Any]) -> dict[str, str]:
-    """Of the summary: the moments, the unit, and where each camera of the rig is."""
+    """Of the summary: the frames, the unit, and where each camera of the rig is."""
     rows = {
-        "rig": f"{rig['moments_registered']} of {rig['moments_total']} moments; lengths in the "
+        "rig": f"{rig['frames_registered']} of {rig['frames_total']} frames; lengths in the "
         f"unit of {rig['file']}, baseline {rig['baseline']:.6g}",
-        "residuals of the same features": f"{rig['residual_px']:.3f} px with one pose a moment, "
+        "residuals of the same features": f"{rig['residual_px']:.3f} px with one pose a frame, "
         f"{rig['residual_alone_px']:.3f} px image by image (medians)",
     }
     if rig["scale_sigma_percent"] is not None:
@@ -144,7 +145,7 @@ def _scene_plot(solution: Solution, rig: dict[str, Any] | None) -> str:
     keep = np.flatnonzero(far <= np.percentile(far, _SHOWN_PERCENT))
     keep = keep[:: max(1, len(keep) // _MOST_POINTS)]
     points, colors = solution.points[keep] - middle, solution.colors[keep] / 255.0
-    cameras, moments = _rig_places(solution, rig)
+    cameras, frames = _rig_places(solution, rig)
     figure, axes = _figure(2, 10, 5)
     size = 0.03 * max(float(np.ptp(centers @ across)), float(np.ptp(centers @ along)), 1e-9)
     for axis, (x, y) in zip(axes, ((across, along), (across, -down)), strict=True):
@@ -156,7 +157,7 @@ def _scene_plot(solution: Solution, rig: dict[str, Any] | None) -> str:
             for center, ray in zip(c[rows], forward[rows], strict=True):
                 end = center + size * ray
                 axis.plot([center @ x, end @ x], [center @ y, end @ y], color=color, linewidth=0.8)
-        for rows in moments:
+        for rows in frames:
             axis.plot(c[rows] @ x, c[rows] @ y, color=_MUTED, linewidth=0.8, zorder=1.5)
         axis.set_aspect("equal")
     if rig is not None:
@@ -168,16 +169,16 @@ def _scene_plot(solution: Solution, rig: dict[str, Any] | None) -> str:
 def _rig_places(
     solution: Solution, rig: dict[str, Any] | None
 ) -> tuple[dict[str, list[int]], list[list[int]]]:
-    """Rows, among the images with a pose, of each camera of a rig, and of each moment."""
+    """Rows, among the images with a pose, of each camera of a rig, and of each frame."""
     if rig is None:
         return {"": list(range(solution.num_registered))}, []
     with_pose = [n for n, good in zip(solution.names, solution.registered, strict=True) if good]
     place = {name: row for row, name in enumerate(with_pose)}
     cameras = {
-        camera["name"]: [place[m[number]] for m in rig["moments"] if m[number] in place]
+        camera["name"]: [place[m[number]] for m in rig["frames"] if m[number] in place]
         for number, camera in enumerate(rig["cameras"])
     }
-    return cameras, [[place[name] for name in m if name in place] for m in rig["moments"]]
+    return cameras, [[place[name] for name in m if name in place] for m in rig["frames"]]
 
 
 def _residual_plot(solution: Solution) -> str:
@@ -207,7 +208,7 @@ def _residual_plot(solution: Solution) -> str:
 
 
 def _track_plot(solution: Solution) -> str:
-    lengths = np.bincount(solution.sights[:, 0])
+    lengths = np.bincount(solution.observations[:, 0])
     figure, axes = _figure(1, 5, 3)
     longest = int(max(lengths.max(initial=2), 3))
     axes[0].hist(lengths, bins=np.arange(1.5, longest + 1.5), color=_LINE)

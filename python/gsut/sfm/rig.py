@@ -1,4 +1,4 @@
-"""Poses of a rig's images: first one by one, then one pose a moment, in the rig's unit."""
+"""Poses of a rig's images: first one by one, then one pose a frame, in the rig's unit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gsut.sfm.rig_file import Rig, relative_changes
 from gsut.sfm.rig_start import RigStart, place_rig
 from gsut.sfm.solution import OnRig, Solution, refine, solve
 
-# Growth of the median residual, with one pose a moment, that is worth a word: as in `gsut
+# Growth of the median residual, with one pose a frame, that is worth a word: as in `gsut
 # calibrate`, whose boards show that images were not taken together.
 _SHAKY = 1.5
 # A mean turn against the rig's that is worth a word: so large, and so many standard errors.
@@ -28,7 +28,7 @@ _TURNED_SIGMAS = 5.0
 _FEWEST_PX = 0.2  # residuals below this need no word: no photograph's features are that exact
 # Of poses.json, in place of the words for single images.
 COVARIANCE_OF = (
-    "centre in the world, turn in the camera frame (radians); the rig's pose at one moment is "
+    "centre in the world, turn in the camera frame (radians); the rig's pose at one frame is "
     "held, with one component of another's centre where the rig was refined; the cameras' poses on "
     "it count as known"
 )
@@ -80,32 +80,32 @@ def solve_rig(
     rig: Rig,
     adjust: bool = False,
 ) -> tuple[Solution, RigFit]:
-    """Poses and points in the rig's unit, one pose of the rig a moment.
+    """Poses and points in the rig's unit, one pose of the rig a frame.
 
-    First each image by itself, through its own lens; then the rig's pose at each moment from the
+    First each image by itself, through its own lens; then the rig's pose at each frame from the
     images placed, the scale from its baselines, and all images' poses from the rig's; then bundle
-    adjustment over all sights with one pose a moment. Moments without a placed image are placed by
-    the points found.
+    adjustment of all observations with one pose a frame. Frames without a placed image are placed
+    by the points found.
 
     Args:
         photographs: see `find_rig_photographs`.
         features, pairs, options: as for `solution.solve`; images without any feature get no pose.
         on_progress: told (registered, images, points, step) while images are placed one by one.
-        on_rig_progress: the same, with one pose a moment.
+        on_rig_progress: the same, with one pose a frame.
         rig: see `read_rig`.
         adjust: the cameras' poses on the rig are adjusted too; its size is kept.
 
     Raises:
-        SolveError: nothing could be reconstructed; no moment has two placed images, so nothing
+        SolveError: nothing could be reconstructed; no frame has two placed images, so nothing
             sets the scale; or images contradict the rig.
     """
-    assert photographs.moments is not None and photographs.rig_cameras is not None
-    cameras = [c for c in photographs.cameras if c is not None]
+    assert photographs.frames is not None and photographs.rig_cameras is not None
+    cameras = photographs.lenses
     # With tracks extended as in the end: in pieces they fit any poses, and residuals say little.
     alone = solve(photographs.names, cameras, features, pairs, options, on_progress)
     start = place_rig(
-        alone.camera_from_world, alone.registered, photographs.moments, photographs.rig_cameras,
-        rig, np.bincount(alone.sights[:, 1], minlength=len(photographs)),
+        alone.camera_from_world, alone.registered, photographs.frames, photographs.rig_cameras,
+        rig, np.bincount(alone.observations[:, 1], minlength=len(photographs)),
     )  # fmt: skip
     first = rig.camera_from_reference[0]
     camera_from_body = rig.camera_from_reference[1:] @ inverse(first)
@@ -113,10 +113,10 @@ def solve_rig(
         photographs.names, cameras, features, pairs, list(start.camera_from_world), options,
         on_rig_progress,
         on_rig=OnRig(
-            photographs.moments, photographs.rig_cameras - 1, camera_from_body, start.known, adjust
+            photographs.frames, photographs.rig_cameras - 1, camera_from_body, start.known, adjust
         ),
     )  # fmt: skip
-    # An image that could not be read has no features: its mates' pose must not make it a frame.
+    # An image that could not be read has no features: its frame's pose must not register it.
     readable = np.array([len(f) > 0 for f in features])
     solution = dataclasses.replace(
         solution, initial_pair=alone.initial_pair, restarts=alone.restarts,
@@ -124,14 +124,19 @@ def solve_rig(
     )  # fmt: skip
     mounts = solution.camera_from_body
     assert mounts is not None
-    found = np.concatenate([first[None], mounts @ first]) if adjust else rig.camera_from_reference
-    return solution, _fit(photographs, rig, found, start, alone, solution, adjust)
+    now = rig
+    if adjust:
+        found = np.concatenate([first[None], mounts @ first])
+        now = dataclasses.replace(rig, camera_from_reference=found)
+    figures = _figures(photographs, rig, now, start, alone, solution, adjust)
+    return solution, RigFit(now, figures, _notes(rig, figures))
 
 
-def _same_sights(alone: Solution, solution: Solution) -> tuple[float, float]:
-    """Median residuals in pixels of the sights that both have."""
+def _median_residuals(alone: Solution, solution: Solution) -> tuple[float, float]:
+    """In pixels, each over the observations that both have."""
     keys = [
-        each.sights[:, 1].astype(np.int64) << 32 | each.sights[:, 2] for each in (alone, solution)
+        each.observations[:, 1].astype(np.int64) << 32 | each.observations[:, 2]
+        for each in (alone, solution)
     ]
     _, first, second = np.intersect1d(*keys, return_indices=True)
     if not len(first):
@@ -146,7 +151,7 @@ def _same_sights(alone: Solution, solution: Solution) -> tuple[float, float]:
 def _scale_sigma(solution: Solution) -> float | None:
     """Relative standard error of lengths, the rig's own taken for exact; None: not known.
 
-    That of the distance of each image from the moment whose pose is held: the smallest, of those
+    That of the distance of each image from the frame whose pose is held: the smallest, of those
     far away, has least of the image's own.
     """
     centers = centers_of(solution.camera_from_world)
@@ -163,64 +168,37 @@ def _scale_sigma(solution: Solution) -> float | None:
     return float(np.sqrt(along[good] / squared[good] ** 2).min())
 
 
-def _fit(
+def _figures(
     photographs: Photographs,
     rig: Rig,
-    found: np.ndarray,
+    now: Rig,
     start: RigStart,
     alone: Solution,
     solution: Solution,
     adjust: bool,
-) -> RigFit:
-    moments, cameras = photographs.moments, photographs.rig_cameras
-    assert moments is not None and cameras is not None
+) -> dict[str, Any]:
+    """Of poses.json: the rig as given, as it is now, and what the images say about it."""
+    frames, cameras = photographs.frames, photographs.rig_cameras
+    assert frames is not None and cameras is not None
+    names, registered = np.array(photographs.names), solution.registered
     table: list[list[str | None]] = [
-        [None] * len(rig) for _ in range(int(moments.max(initial=-1)) + 1)
+        [None] * len(rig) for _ in range(int(frames.max(initial=-1)) + 1)
     ]
-    for name, moment, camera in zip(photographs.names, moments, cameras, strict=True):
-        table[moment][camera] = name
-    brought = [
-        name
-        for name, before, after in zip(
-            photographs.names, alone.registered, solution.registered, strict=True
-        )
-        if after and not before
-    ]
-    before_px, after_px = _same_sights(alone, solution)
-    incomplete = sum(None in row for row in table)
-    how = "by name" if photographs.paired_by == "name" else "in order, as names differ"
-    notes = [
-        f"{len(photographs)} images of {len(rig)} cameras in {len(table)} moments, paired {how}"
-        + (f"; {incomplete} without the image of a camera" if incomplete else "")
-    ]
-    if after_px > max(_SHAKY * before_px, _FEWEST_PX):
-        notes.append(
-            f"with one pose of the rig a moment the residuals are {after_px:.2f} px "
-            f"(median), each image by itself has {before_px:.2f}: the images of one moment were "
-            "not taken together, or the rig is not as "
-            + (f"{rig.source} says; try --refine-rig" if not adjust else "rigid as assumed")
-        )
+    for name, frame, camera in zip(photographs.names, frames, cameras, strict=True):
+        table[frame][camera] = name
+    before_px, after_px = _median_residuals(alone, solution)
     # Where the rig is refined a pose holds the scale meanwhile, and covariances lack it.
     scale_sigma = None if adjust else _scale_sigma(solution)
-    turn, sigma = start.turn_degrees, start.turn_sigma_degrees
-    if turn > max(_TURNED_DEGREES, _TURNED_SIGMAS * sigma) and not adjust:
-        notes.append(
-            f"in the images, placed one by one, two cameras are turned to each other by {turn:.2f} "
-            f"degrees (standard error {sigma:.2f}) otherwise than {rig.source} says; try "
-            "--refine-rig"
-        )
-    now = dataclasses.replace(rig, camera_from_reference=found)
-    changes = relative_changes(rig, found)
-    registered = solution.registered
-    figures: dict[str, Any] = {
+    changes = relative_changes(rig, now.camera_from_reference)
+    return {
         "file": str(rig.source),
         "refined": adjust,
         "unit": "that of the rig's file, which all poses and points are in",
         "paired_by": photographs.paired_by,
-        "moments_total": len(table),
-        "moments_registered": len(np.unique(moments[registered])),
-        "placed_by_their_moment": brought,
-        "scale_from_moments": start.moments,
+        "frames_total": len(table),
+        "frames_registered": len(np.unique(frames[registered])),
+        "placed_by_their_frame": names[registered & ~alone.registered].tolist(),
+        "scale_from_frames": start.frames,
         "scale_spread_percent": 100.0 * start.scale_spread,
         "turn_against_file_degrees": start.turn_degrees,
         "turn_against_file_sigma_degrees": start.turn_sigma_degrees,
@@ -239,9 +217,38 @@ def _fit(
                 "images": int((cameras == number).sum()),
             }
             for number, (name, pose, before, (turn, shift)) in enumerate(
-                zip(rig.names, found, rig.camera_from_reference, changes, strict=True)
+                zip(rig.names, now.camera_from_reference, rig.camera_from_reference, changes,
+                    strict=True)
             )
         ],
-        "moments": table,
-    }
-    return RigFit(now, figures, notes)
+        "frames": table,
+    }  # fmt: skip
+
+
+def _notes(rig: Rig, figures: dict[str, Any]) -> list[str]:
+    """What a user should know of the rig, one sentence each."""
+    images = sum(camera["images"] for camera in figures["cameras"])
+    how = "by name" if figures["paired_by"] == "name" else "in order, as names differ"
+    incomplete = sum(None in row for row in figures["frames"])
+    notes = [
+        f"{images} images of {len(rig)} cameras in {figures['frames_total']} frames, paired {how}"
+        + (f"; {incomplete} without the image of a camera" if incomplete else "")
+    ]
+    before_px, after_px = figures["residual_alone_px"], figures["residual_px"]
+    if after_px > max(_SHAKY * before_px, _FEWEST_PX):
+        notes.append(
+            f"with one pose of the rig a frame the residuals are {after_px:.2f} px "
+            f"(median), each image by itself has {before_px:.2f}: the images of one frame were "
+            "not taken together, or the rig is not as "
+            + ("rigid as assumed" if figures["refined"] else f"{rig.source} says; try --refine-rig")
+        )
+    turn, sigma = (
+        figures["turn_against_file_degrees"], figures["turn_against_file_sigma_degrees"]
+    )  # fmt: skip
+    if turn > max(_TURNED_DEGREES, _TURNED_SIGMAS * sigma) and not figures["refined"]:
+        notes.append(
+            f"in the images, placed one by one, the rotation between two cameras differs by "
+            f"{turn:.2f} degrees (standard error {sigma:.2f}) from that in {rig.source}; try "
+            "--refine-rig"
+        )
+    return notes

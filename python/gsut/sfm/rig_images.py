@@ -1,4 +1,4 @@
-"""The photographs of a rig: one folder a camera, and which images were taken at one moment."""
+"""The photographs of a rig: one folder a camera, and which images were taken at one frame."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _NOT_CAMERAS = {"masks"}  # folders that may lie beside those of the cameras
 
 
 def find_rig_photographs(images: Path, rig: Rig) -> Photographs:
-    """Finds the images of each camera, ordered by moment and then by camera.
+    """Finds the images of each camera, ordered by frame and then by camera.
 
-    Images are of one moment if their names without suffix, and without their camera's name, are
+    Images are of one frame if their names without suffix, and without their camera's name, are
     the same; where no name is in two folders, but all have as many images, they are paired in
     order of their names (numbers by value).
 
@@ -28,7 +28,7 @@ def find_rig_photographs(images: Path, rig: Rig) -> Photographs:
         rig: see `read_rig`.
 
     Returns:
-        The photographs, with their moments, cameras on the rig, and how they were paired.
+        The photographs, with their frames, cameras on the rig, and how they were paired.
 
     Raises:
         InputError: a camera has no folder or no images, a folder is of no camera, or images cannot
@@ -70,14 +70,14 @@ def find_rig_photographs(images: Path, rig: Rig) -> Photographs:
         [found[c].paths[i] for _, c, i in rows],
         [found[c].masks[i] for _, c, i in rows],
         [rig.cameras[c] for _, c, _ in rows],
-        moments=np.array([moment for moment, _, _ in rows]),
+        frames=np.array([frame for frame, _, _ in rows]),
         rig_cameras=np.array([camera for _, camera, _ in rows]),
         paired_by=paired_by,
     )
 
 
 def _paired(names: list[list[str]], rig: Rig) -> tuple[list[list[str]], str]:
-    """The moment's name of each image of each camera, and whether by name or by order."""
+    """The frame's name of each image of each camera, and whether by name or by order."""
     # As they are, else without the camera's name: left/left12.jpg and right/right12.jpg.
     plain = [[str(Path(image).with_suffix("")) for image in own] for own in names]
     short = [
@@ -92,8 +92,8 @@ def _paired(names: list[list[str]], rig: Rig) -> tuple[list[list[str]], str]:
     if len(set(counts.values())) > 1:
         said = ", ".join(f"{camera} {count}" for camera, count in counts.items())
         raise InputError(
-            f"images of one moment cannot be told: no name is in two cameras' folders, and their "
-            f"numbers differ ({said}); give images of one moment one name, such as "
+            f"images of one frame cannot be told: no name is in two cameras' folders, and their "
+            f"numbers differ ({said}); give images of one frame one name, such as "
             f"{rig.names[0]}/0001.png and {rig.names[1]}/0001.png"
         )
     ordered = []
@@ -104,13 +104,13 @@ def _paired(names: list[list[str]], rig: Rig) -> tuple[list[list[str]], str]:
 
 
 def _require_one_each(keys: list[list[str]], names: list[list[str]], rig: Rig) -> None:
-    """Refuses two images of one camera at one moment."""
+    """Refuses two images of one camera at one frame."""
     for own, images, camera in zip(keys, names, rig.names, strict=True):
         twice = sorted(i for i, key in zip(images, own, strict=True) if own.count(key) > 1)
         if twice:
             raise InputError(
-                f"images of the camera {camera} are of one moment by their names: "
-                f"{some_names(twice)}; each moment has one image of a camera"
+                f"images of the camera {camera} are of one frame by their names: "
+                f"{some_names(twice)}; each frame has one image of a camera"
             )
 
 

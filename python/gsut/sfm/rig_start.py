@@ -1,4 +1,4 @@
-"""The rig's pose at each moment, and the scale, from images that were placed one by one."""
+"""The rig's pose at each frame, and the scale, from images that were placed one by one."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from gsut._core import SolveError
 from gsut.sfm.align import centers_of
 from gsut.sfm.rig_file import Rig
 
-# Two cameras of one moment that are turned to each other this much otherwise than the rig says:
-# one of them was placed wrongly.
+# Two cameras of one frame whose rotation differs this much from the rig's: one of them was placed
+# wrongly.
 _SAME_DEGREES = 5.0
-# Median over all moments beyond which it is the rig that is wrong.
+# Median over all frames beyond which it is the rig that is wrong.
 _WRONG_DEGREES = 15.0
-_FEWEST_TURNS = 3  # moments that a mean turn is made of
+_FEWEST_TURNS = 3  # frames that a mean turn is made of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,14 +24,14 @@ class RigStart:
     """The rig as images placed one by one show it.
 
     Args:
-        camera_from_world: (N, 4, 4) of all images in the rig's unit, by their moment's pose;
-            identity where no image of the moment was placed.
+        camera_from_world: (N, 4, 4) of all images in the rig's unit, by their frame's pose;
+            identity where no image of the frame was placed.
         known: (N,) bool, whether there is such a pose.
         scale: the rig's unit over that of the poses given.
-        scale_spread: median distance of the scales of single moments from it, relative.
-        moments: number of moments that the scale comes from.
-        turn_degrees: mean over the moments of how two cameras are turned to each other, against the
-            rig's turn, of the two that differ most from it.
+        scale_spread: median distance of the scales of single frames from it, relative.
+        frames: number of frames that the scale comes from.
+        turn_degrees: mean over the frames of the rotation between two cameras, against the rig's,
+            of the two that differ most from it.
         turn_sigma_degrees: standard error of that mean.
     """
 
@@ -39,7 +39,7 @@ class RigStart:
     known: np.ndarray
     scale: float
     scale_spread: float
-    moments: int
+    frames: int
     turn_degrees: float
     turn_sigma_degrees: float
 
@@ -47,22 +47,22 @@ class RigStart:
 def place_rig(
     camera_from_world: np.ndarray,
     registered: np.ndarray,
-    moments: np.ndarray,
+    frames: np.ndarray,
     rig_cameras: np.ndarray,
     rig: Rig,
-    sights: np.ndarray,
+    observations: np.ndarray,
 ) -> RigStart:
-    """The rig's pose at each moment, and the scale, from images placed one by one.
+    """The rig's pose at each frame, and the scale, from images placed one by one.
 
     Args:
         camera_from_world: (N, 4, 4), in any unit.
         registered: (N,) bool, which of them are known.
-        moments, rig_cameras: (N,) of each image.
+        frames, rig_cameras: (N,) of each image.
         rig: its cameras' poses.
-        sights: (N,) how many points each image sees: of two that disagree the one with more counts.
+        observations: (N,) of each image; of two that disagree the one with more counts.
 
     Raises:
-        SolveError: no moment has two placed images of cameras that are apart, or they contradict
+        SolveError: no frame has two placed images of cameras that are apart, or they contradict
             the rig.
     """
     camera_from_reference = rig.camera_from_reference
@@ -74,16 +74,16 @@ def place_rig(
         @ (camera_from_world[:, :3, :3])
     )
     groups = [
-        np.flatnonzero(registered & (moments == m)) for m in range(int(moments.max(initial=-1)) + 1)
+        np.flatnonzero(registered & (frames == m)) for m in range(int(frames.max(initial=-1)) + 1)
     ]
     scales, weights = [], []
     turned: dict[tuple[int, int], list[np.ndarray]] = {}
-    for moment in groups:
-        for place, i in enumerate(moment):
-            for j in moment[place + 1 :]:
+    for frame in groups:
+        for place, i in enumerate(frame):
+            for j in frame[place + 1 :]:
                 of_two = (int(rig_cameras[i]), int(rig_cameras[j]))
                 turned.setdefault(of_two, []).append(_vector_degrees(turns[i] @ turns[j].T))
-                best = i if sights[i] >= sights[j] else j
+                best = i if observations[i] >= observations[j] else j
                 apart = turns[best].T @ (seats[rig_cameras[j]] - seats[rig_cameras[i]])
                 squared = float(apart @ apart)
                 if np.linalg.norm(turned[of_two][-1]) > _SAME_DEGREES or squared <= 0.0:
@@ -93,17 +93,17 @@ def place_rig(
     angles = [np.linalg.norm(vector) for vectors in turned.values() for vector in vectors]
     if angles and np.median(angles) > _WRONG_DEGREES:
         raise SolveError(
-            "in the images the cameras are turned to each other by "
-            f"{np.median(angles):.0f} degrees otherwise than {rig.source} says: is "
+            "in the images the rotation between two cameras differs by "
+            f"{np.median(angles):.0f} degrees from that in {rig.source}: is "
             "camera_from_reference the right way round, and does each folder hold its own "
             "camera's images?"
         )
     if not scales:
         raise SolveError(
-            f"no moment has two images with poses, so the baseline of {rig.source} sets no scale: "
+            f"no frame has two images with poses, so the baseline of {rig.source} sets no scale: "
             f"{int(registered.sum())} of {len(registered)} images were placed by themselves, in "
-            f"{sum(len(m) > 0 for m in groups)} of {len(groups)} moments; the cameras must see "
-            "parts of one scene, at the same moment or later"
+            f"{sum(len(m) > 0 for m in groups)} of {len(groups)} frames; the cameras must see "
+            "parts of one scene, at the same frame or later"
         )
     per_unit = _weighted_median(np.array(scales), np.array(weights))
     if per_unit <= 0.0:
@@ -111,15 +111,18 @@ def place_rig(
             f"the images show the cameras on the other side of each other than {rig.source} says: "
             f"are the folders {rig.names[0]} and {rig.names[1]} swapped?"
         )
-    poses = np.tile(np.eye(4), (len(moments), 1, 1))
-    known = np.zeros(len(moments), bool)
+    poses = np.tile(np.eye(4), (len(frames), 1, 1))
+    known = np.zeros(len(frames), bool)
     for number, placed in enumerate(groups):
         if not len(placed):
             continue
         reference = _reference_pose(
-            turns[placed], centers[placed] / per_unit, seats[rig_cameras[placed]], sights[placed]
+            turns[placed],
+            centers[placed] / per_unit,
+            seats[rig_cameras[placed]],
+            observations[placed],
         )
-        own = moments == number
+        own = frames == number
         poses[own] = camera_from_reference[rig_cameras[own]] @ reference
         known |= own
     spread = np.median(np.abs(np.array(scales) / per_unit - 1.0))
@@ -144,15 +147,15 @@ def _mean_turn(turned: Mapping[tuple[int, int], list[np.ndarray]]) -> tuple[floa
 
 
 def _reference_pose(
-    turns: np.ndarray, centers: np.ndarray, seats: np.ndarray, sights: np.ndarray
+    turns: np.ndarray, centers: np.ndarray, seats: np.ndarray, observations: np.ndarray
 ) -> np.ndarray:
-    """(4, 4) reference_from_world of a moment: the mean of its images that agree with the best.
+    """(4, 4) reference_from_world of a frame: the mean of its images that agree with the best.
 
     Args:
         turns: (M, 3, 3) reference_from_world by each. centers: (M, 3) of the cameras in the world.
-        seats: (M, 3) of the cameras in the reference frame. sights: (M,) of each.
+        seats: (M, 3) of the cameras in the reference frame. observations: (M,) of each.
     """
-    best = int(np.argmax(sights))
+    best = int(np.argmax(observations))
     angles = [np.linalg.norm(_vector_degrees(turns[best] @ turn.T)) for turn in turns]
     good = np.array(angles) <= _SAME_DEGREES
     left, _, right = np.linalg.svd(turns[good].sum(axis=0))

@@ -42,18 +42,18 @@ class Solution:
             in; 0 for what the gauge holds, NaN where not determined. Of the features' errors alone:
             those of a wrong lens or shutter are not in them.
         points: (P, 3) float64.
-        colors: (P, 3) uint8, mean of the sights.
-        point_errors: (P,) pixels, mean over the sights.
-        sights: (S, 3) int32: point, image, feature.
-        pixels: (S, 2) float64 of the sights.
+        colors: (P, 3) uint8, mean of the observations.
+        point_errors: (P,) pixels, mean over the observations.
+        observations: (S, 3) int32: point, image, feature.
+        pixels: (S, 2) float64 of the observations.
         residuals: (S, 2) float64, pixels through the lens minus pixels seen.
-        field_angles: (S,) radians between the sights' rays and the lens' axis.
+        field_angles: (S,) radians between the observations' rays and the lens' axis.
         initial_pair: the images it began with.
         restarts: how often it began again.
         rms, median: of the residuals' lengths, in pixels.
-        held_out: median length at sights that no adjustment used, in pixels; None if there are
-            none.
-        held_out_sights: (H, 3) int32 as `sights`: those.
+        held_out: median length at observations that no adjustment used, in pixels; None if there
+            are none.
+        held_out_observations: (H, 3) int32 as `observations`: those.
         shutter: rolling, or None; camera_from_world is then that of the middle of the readout.
         velocities: (N, 6) of rolling shutters, else None: how far the centre moves in the world and
             the camera turns (radians, camera frame) during a readout.
@@ -68,7 +68,7 @@ class Solution:
     points: np.ndarray
     colors: np.ndarray
     point_errors: np.ndarray
-    sights: np.ndarray
+    observations: np.ndarray
     pixels: np.ndarray
     residuals: np.ndarray
     field_angles: np.ndarray
@@ -77,7 +77,7 @@ class Solution:
     rms: float
     median: float
     held_out: float | None
-    held_out_sights: np.ndarray
+    held_out_observations: np.ndarray
     shutter: Shutter | None = None
     velocities: np.ndarray | None = None
     camera_from_body: np.ndarray | None = None
@@ -141,18 +141,18 @@ class OnRig:
 
 
 def matches_in_points(solution: Solution, pairs: Sequence[PairMatches]) -> float:
-    """Share of the verified matches, between images with poses, that are two sights of one point.
+    """Share of the verified matches, between images with poses, that observe one point.
 
     Above 0.9 where lens and images belong together (2 scenes), 0.3 to 0.4 with a wrong lens: pairs
     then agree one by one, but not with each other.
     """
     lengths = np.zeros(len(solution.names), np.int64)
-    np.maximum.at(lengths, solution.sights[:, 1], solution.sights[:, 2] + 1)
+    np.maximum.at(lengths, solution.observations[:, 1], solution.observations[:, 2] + 1)
     for pair in pairs:
         for image, features in zip((pair.first, pair.second), pair.matches.T, strict=True):
             lengths[image] = max(lengths[image], int(features.max(initial=-1)) + 1)
     points = [np.full(length, -1) for length in lengths]
-    for point, image, feature in solution.sights:
+    for point, image, feature in solution.observations:
         points[image][feature] = point
     together = total = 0
     for pair in pairs:
@@ -186,7 +186,8 @@ def solve(
         on_progress: told (registered, images, points, step) after each step.
         lens_free: (K,) bool, which parameters of the lens are estimated too; one lens then.
         lens_settled: it is nearly right, so that it is enough to estimate it at the end.
-        hold_out_every: every n-th longer track keeps one sight out of all adjustments; 0: none.
+        hold_out_every: every n-th longer track keeps one observation out of all adjustments; 0:
+            none.
         shutter: rolling, or None: all lines of an image are read at once.
 
     Raises:
@@ -301,13 +302,15 @@ def _solution(
         for c, p in zip(lenses, found["lens_params"], strict=True)
     ]
     own = [solved[lenses.index(c)] for c in cameras]
-    sights = found["sights"]
-    pixels, residuals, angles = at_sights(sights, found["sights_in_camera"], own, features)
-    colors = _mean_colors(sights, len(found["points"]), features)
+    observations = found["sights"]
+    pixels, residuals, angles = evaluate_observations(
+        observations, found["sights_in_camera"], own, features
+    )
+    colors = _mean_colors(observations, len(found["points"]), features)
     return Solution(
         list(names), own, found["registered"], found["camera_from_world"],
         FEATURE_VARIANCE * found["covariances"],
-        found["points"], colors, found["point_errors"], sights, pixels, residuals, angles,
+        found["points"], colors, found["point_errors"], observations, pixels, residuals, angles,
         found["initial_pair"], found["restarts"], found["rms"], found["median"],
         found["held_out"] if found["num_held_out"] else None, found["held_out_sights"],
     )  # fmt: skip
@@ -318,39 +321,42 @@ def diagonal(cameras: Sequence[Camera]) -> float:
     return max(math.hypot(c.width, c.height) for c in cameras)
 
 
-def in_cameras(points: np.ndarray, sights: np.ndarray, camera_from_world: np.ndarray) -> np.ndarray:
-    """(S, 3) the points of sights (S, 3: point, image, feature) in their images' cameras."""
-    pose = camera_from_world[sights[:, 1]]
-    return np.einsum("nij,nj->ni", pose[:, :3, :3], points[sights[:, 0]]) + pose[:, :3, 3]
+def in_cameras(
+    points: np.ndarray, observations: np.ndarray, camera_from_world: np.ndarray
+) -> np.ndarray:
+    """(S, 3) the points of observations (S, 3: point, image, feature) in their images' cameras."""
+    pose = camera_from_world[observations[:, 1]]
+    return np.einsum("nij,nj->ni", pose[:, :3, :3], points[observations[:, 0]]) + pose[:, :3, 3]
 
 
-def at_sights(
-    sights: np.ndarray,
+def evaluate_observations(
+    observations: np.ndarray,
     in_camera: np.ndarray,
     cameras: Sequence[Camera],
     features: Sequence[Features],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pixels (S, 2), residuals (S, 2) and field angles (S,) of sights, as in `Solution`.
+    """Pixels (S, 2), residuals (S, 2) and field angles (S,) of observations, as in `Solution`.
 
     Args:
-        sights: (S, 3) point, image, feature. in_camera: (S, 3) the points in the images' cameras.
+        observations: (S, 3) point, image, feature.
+        in_camera: (S, 3) the points in the images' cameras.
         cameras, features: of all images.
     """
-    pixels = np.zeros((len(sights), 2))
-    residuals = np.full((len(sights), 2), np.nan)
-    for image in np.unique(sights[:, 1]):
-        rows = sights[:, 1] == image
-        pixels[rows] = features[image].pixels[sights[rows, 2]]
+    pixels = np.zeros((len(observations), 2))
+    residuals = np.full((len(observations), 2), np.nan)
+    for image in np.unique(observations[:, 1]):
+        rows = observations[:, 1] == image
+        pixels[rows] = features[image].pixels[observations[rows, 2]]
         residuals[rows] = cameras[image].project(in_camera[rows])[0] - pixels[rows]
     angles = np.arctan2(np.hypot(in_camera[:, 0], in_camera[:, 1]), in_camera[:, 2])
     return pixels, residuals, angles
 
 
-def _mean_colors(sights: np.ndarray, points: int, features: Sequence[Features]) -> np.ndarray:
-    """(P, 3) uint8, mean over each point's sights."""
+def _mean_colors(observations: np.ndarray, points: int, features: Sequence[Features]) -> np.ndarray:
+    """(P, 3) uint8, mean over each point's observations."""
     colors = np.zeros((points, 3))
-    for image in np.unique(sights[:, 1]):
-        rows = sights[:, 1] == image
-        np.add.at(colors, sights[rows, 0], features[image].colors[sights[rows, 2]])
-    counts = np.bincount(sights[:, 0], minlength=points).clip(1)
+    for image in np.unique(observations[:, 1]):
+        rows = observations[:, 1] == image
+        np.add.at(colors, observations[rows, 0], features[image].colors[observations[rows, 2]])
+    counts = np.bincount(observations[:, 0], minlength=points).clip(1)
     return np.rint(colors / counts[:, None]).astype(np.uint8)

@@ -10,21 +10,23 @@ from gsut.training.compact_run import (
 from gsut.training.finetuning import finetune, finetune_options
 from gsut.training.loop import TrainingLoop
 from gsut.training.photometric_poses import grow_poses
-from gsut.training.results import create_run, first_poses, judge, write_results
+from gsut.training.record import TrainingRecord
+from gsut.training.results import first_poses, judge, prepare_scene, write_results
 from gsut.training.trained_run import read_trained
 
 __all__ = [
     "CompactOptions",
     "RunCompactor",
     "TrainingLoop",
+    "TrainingRecord",
     "count_for_bytes",
-    "create_run",
     "finetune",
     "finetune_options",
     "first_poses",
     "grow_poses",
     "judge",
     "parsed_bytes",
+    "prepare_scene",
     "read_trained",
     "write_compacted_run",
     "write_results",

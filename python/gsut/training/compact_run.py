@@ -25,11 +25,11 @@ from gsut.compact import (
     seen_views,
 )
 from gsut.data import Scene
-from gsut.evaluate import evaluate, mean_psnr, run_metrics
+from gsut.evaluate import mean_psnr
 from gsut.gaussians import Gaussians, MixedGaussians, lighter
-from gsut.run import METRICS, REFINED, RunFolder, TrainOptions
+from gsut.run import METRICS, REFINED, RunFolder, TrainOptions, describe_environment
 from gsut.training.finetuning import finetune, finetune_options
-from gsut.training.results import write_results
+from gsut.training.results import judge, write_results
 
 # The search for the smallest number stops when its bounds are this close, as a ratio.
 _SEARCH_RATIO = 1.05
@@ -249,27 +249,21 @@ def write_compacted_run(
     Raises:
         InputError: `out` holds a run or cannot be written.
     """
-    from gsut.run import describe_environment
-
     o, scene = compactor.options, compactor.scene
     options = compactor.train_options
     if o.finetune:
         options = finetune_options(options, o.finetune, len(gaussians))
     run = RunFolder.create(out, options.resolved(), environment=describe_environment(scene.path))
     before = source.read_json(METRICS) or {}
-    indices = scene.test_indices or scene.train_indices
-    figures = evaluate(
-        gaussians, scene, indices, background=options.background, render_folder=run.renders
-    )
-    metrics = run_metrics(
-        figures,
+    _, metrics = judge(
         gaussians,
         scene,
+        scene.test_indices or scene.train_indices,
         options,
+        run,
         steps=int(before.get("steps") or 0) + o.finetune,
         train_seconds=float(before.get("train_seconds") or 0.0) + compactor.finetune_seconds,
     )
-    metrics["evaluated_on"] = "test views" if scene.test_indices else "training views"
     metrics["compaction"] = {
         "method": o.method,
         "source": str(Path(source.path).resolve()),

@@ -40,7 +40,7 @@ class GrowthLimit:
         self.auto = given == AUTO
         self.ended = not self.auto
         self.most = int(_most_for(scene) if self.auto else given)
-        views = scene.train_indices
+        views = list(scene.train_indices)
         aside = views[_ASIDE_EVERY // 2 :: _ASIDE_EVERY][:_ASIDE_MOST] if self.auto else []
         self._aside = aside or (views[:1] if self.auto else [])
         if len(self._aside) == len(views):  # a single view: nothing can be set aside

@@ -1,9 +1,8 @@
-"""The training loop: the state of a run between two steps, and one step."""
+"""The training loop: the state of a run between two steps, and one step, stage by stage."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 import time
 from typing import Any
 
@@ -11,26 +10,44 @@ import numpy as np
 
 from gsut import _core
 from gsut.compact import compact, seen_views
-from gsut.data import ImagePyramid, Scene
+from gsut.data import Level, Scene, TrainingViews
 from gsut.evaluate import mean_psnr
-from gsut.gaussians import Gaussians, filter_radii, low_pass, low_pass_backward
+from gsut.gaussians import Gaussians, LowPassFilter
 from gsut.lens import CalibrationWeights
-from gsut.optimize import TrajectoryMean, grown_count, learning_rates, optimizer_of, view_of_step
-from gsut.refine import TrainingRefiner
+from gsut.optimize import (
+    LearningRates,
+    TrajectoryMean,
+    learning_rates,
+    optimizer_of,
+    view_of_step,
+)
+from gsut.refine import TracksResult, TrainingRefiner
 from gsut.render import DEFAULT_UNSCENTED
 from gsut.run import Stopwatch, TrainOptions
+from gsut.training.densification import Turn, densification_of
 from gsut.training.growth import GrowthLimit
-from gsut.training.mini_splatting import densify_mini
 from gsut.training.start import first_gaussians
 
-# Held-out views that the curve of PSNR is measured on: a few, spread evenly.
-_CURVE_VIEWS = 8
-# 3DGS' adaptive density control: opacities are reset every so many steps of 30 000, and the sizes
-# that separate cloning from splitting and that are pruned, in units of the extent.
-_RESET_FRACTION = 0.1
-_CLONE_SCALE, _PRUNE_SCALE = 0.01, 0.1
 # Steps after which the low-pass filter's radii are found again (Mip-Splatting: 100).
 _RADII_EVERY = 100
+
+
+@dataclasses.dataclass(frozen=True)
+class _Step:
+    """What is given at the beginning of a step.
+
+    Attributes:
+        number: from 1; fraction: of all steps.
+        view: whose photograph is trained on, at `level`.
+        degree: of the harmonics in use.
+    """
+
+    number: int
+    fraction: float
+    view: int
+    level: Level
+    degree: int
+    rates: LearningRates
 
 
 class TrainingLoop:
@@ -41,29 +58,46 @@ class TrainingLoop:
         options: resolved.
         start: the first Gaussians; None: `first_gaussians`. Of `MixedGaussians` neither number nor
             degrees change.
+        tracks: what made the scene's poses, where tracks of features did.
+
+    Attributes:
+        views: photographs, poses and lenses; the only owner of the latter.
+        optimizer: owner of the Gaussians.
+        step: steps made.
+        seconds: of the steps alone, without reading images and measuring PSNR.
+        stopwatch: of the steps' stages, for gsut bench train.
     """
 
-    def __init__(self, scene: Scene, options: TrainOptions, start: Any = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        options: TrainOptions,
+        start: Any = None,
+        tracks: TracksResult | None = None,
+    ) -> None:
         self.limit = GrowthLimit(scene, options)
-        options = dataclasses.replace(options, max_gaussians=self.limit.most)
-        self.scene, self.options = scene, options
-        self.step = 0
-        self.seconds = 0.0  # of the steps alone, without reading images and measuring PSNR
+        self.options = options = dataclasses.replace(options, max_gaussians=self.limit.most)
+        self.step, self.seconds = 0, 0.0
         start = first_gaussians(scene, options) if start is None else start
-        self.first_count = len(start)
-        capacity = max(options.max_gaussians, len(start)) if options.strategy == "mcmc" else None
-        self.optimizer = optimizer_of(start, capacity, options.seed)
-        self.pyramid = ImagePyramid(scene, options.coarse_to_fine)
+        self.densification = densification_of(options, len(start))
+        self.optimizer = optimizer_of(start, self.densification.capacity(), options.seed)
+        self.views = TrainingViews(scene, options.coarse_to_fine)
         lens = options.calibration_weights
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
-        self.refiner = TrainingRefiner(scene, options) if options.refine_poses else None
+        refine = options.refine_poses
+        self.refiner = TrainingRefiner(self.views, options, tracks) if refine else None
         self.renderer = _core.Renderer()
         self.rule = _core.BlendRule()
-        self.stopwatch = Stopwatch()  # of the steps' stages, for gsut bench train
+        self.stopwatch = Stopwatch()
         self._gradients = self.optimizer.gaussians.zeros_like()
         self._touched = np.zeros(len(start), np.uint8)
-        self._radii: np.ndarray | None = None  # of the low-pass filter, where there is one
+        self._filter = LowPassFilter(options.low_pass, self._training_cameras)
         self._mean = TrajectoryMean(options.average_from)
+
+    @property
+    def scene(self) -> Scene:
+        """At full resolution, with the poses and lenses as they are now."""
+        return self.views.scene
 
     @property
     def gaussians(self) -> Gaussians:
@@ -72,163 +106,47 @@ class TrainingLoop:
 
     def drawn(self) -> Gaussians:
         """The Gaussians as they are rendered: behind the low-pass filter, if any."""
-        return self._filtered(self.optimizer.gaussians)
+        return self._filter.of(self.gaussians)
 
     def result(self) -> Gaussians:
         """What the run gives, were this its last step: the mean over the last steps, filtered."""
-        return self._filtered(self._mean.of(self.optimizer.gaussians))
-
-    def _filtered(self, g: Gaussians) -> Gaussians:
-        if not self.options.low_pass:
-            return g
-        if self._radii is None or len(self._radii) != len(g):
-            self._radii = self._filter_radii(g)
-        return low_pass(g, self._radii)
-
-    def advance(self) -> float:
-        """One training step on one image; returns its loss."""
-        o, step = self.options, self.step + 1
-        fraction = step / o.steps
-        view = self._view_of(step)
-        level = self.pyramid.at(fraction)
-        target, image, dimage = level.target(view), *level.buffers(view)
-        if step < o.steps:
-            self.pyramid.prepare(self._view_of(step + 1), (step + 1) / o.steps)
-        degree = min(o.sh_degree, step // o.sh_every)
-        rates = learning_rates(o, fraction, self.scene.extent)
-        began = time.perf_counter()
-        self.stopwatch.start()
-        lap = self.stopwatch.lap
-
-        g = self.optimizer.gaussians
-        self._make_room(g)
-        if step % _RADII_EVERY == 0:
-            self._radii = None
-        drawn = self.drawn()
-        # cameras, poses -> projection -> raster
-        self.renderer.render(
-            drawn,
-            level.camera(view),
-            self.scene.views[view].motion,
-            self.rule,
-            o.background,
-            degree,
-            DEFAULT_UNSCENTED,
-            image,
-            None,
-            None,
-            True,
-        )
-        lap("render")
-        # loss, and back through the raster to every parameter
-        loss, _ = _core.photometric_loss(target, image, dimage, o.ssim_weight)
-        if self.weights is not None:
-            self.weights.apply(dimage)
-        lap("loss")
-        self.renderer.backward(
-            dimage, None, None, self._gradients, self._touched, not o.sparse_adam, False
-        )
-        if self._radii is not None:
-            low_pass_backward(g, self._radii, self._gradients)
-        lap("backward")
-        # optimize
-        if o.strategy == "mcmc":
-            self.optimizer.add_regularizer(
-                self._gradients, o.opacity_regularizer, o.scale_regularizer
-            )
-        self.optimizer.accumulate(self._gradients.means, self.renderer.distances(), self._touched)
-        lap("statistics")
-        visible = self._touched if o.sparse_adam else None
-        self.optimizer.step(self._gradients, rates, visible, degree)
-        lap("adam")
-        self.step = step
-        if o.noise and o.strategy == "mcmc":
-            self.optimizer.add_noise(rates.means)
-            lap("noise")
-        if step % o.densify_every == 0 and o.densify_from <= fraction <= o.densify_until:
-            self._densify(fraction)
-            self.limit.grown(step)
-            self._radii = None
-            self._mean.restart()
-            lap("densify")
-        if step == o.compact_at:
-            self._compact()
-            self._mean.restart()
-            lap("densify")
-        if self.refiner is not None and self.refiner.is_due(step):
-            self.refiner.sweep(self.drawn(), level, step, degree)
-            self._take_poses()
-            lap("refine")
-        self._mean.observe(step, fraction, self.optimizer.gaussians)
-        self.seconds += time.perf_counter() - began
-        return loss
+        return self._filter.of(self._mean.of(self.gaussians))
 
     def finished_scene(self) -> Scene:
         """The scene with the poses and lenses that fit `result` best, were this the last step."""
         if self.refiner is not None:
-            self.refiner.finish(self.result(), self.pyramid.at(1.0), self.step)
-            return self.refiner.scene
+            self.refiner.finish(self.result(), self.views.at(1.0), self.step)
         return self.scene
 
-    def _take_poses(self) -> None:
-        """Goes on with the refined poses and lenses."""
-        assert self.refiner is not None
-        before, self.scene = self.scene, self.refiner.scene
-        if self.scene.file_cameras != before.file_cameras:
-            self.pyramid.replace_lenses(self.scene.file_cameras)
-        self._radii = None
+    def advance(self) -> float:
+        """One training step on one image; returns its loss."""
+        step = self._begin_step()
+        target, image, dimage = step.level.target(step.view), *step.level.buffers(step.view)
+        self._prepare_next_image()
+        began = time.perf_counter()
+        self.stopwatch.start()
+        self._render(step, image)
+        loss = self._compare(target, image, dimage)
+        self._backpropagate(dimage)
+        self._optimize(step)
+        self.step = step.number
+        self._densify(step)
+        self._refine(step)
+        self._mean.observe(step.number, step.fraction, self.gaussians)
+        self.seconds += time.perf_counter() - began
+        return loss
 
-    def history_row(self, loss: float) -> dict[str, Any] | None:
-        """What is written down after this step, with the held-out PSNR when it is due."""
-        o = self.options
-        measure = self.step == o.steps or (o.eval_every and self.step % o.eval_every == 0)
-        if not (measure or self.step % max(1, o.steps // 200) == 0):
-            return None
-        row = {
-            "step": self.step,
-            "seconds": self.seconds,
-            "loss": loss,
-            "num_gaussians": len(self.gaussians),
-        }
-        if measure and self.scene.test_indices:
-            row["psnr"] = self._held_out_psnr()
-        return row
-
-    def state_dict(self) -> dict[str, Any]:
-        """Everything that later steps depend on."""
-        return {
-            "step": self.step,
-            "seconds": self.seconds,
-            "first_count": self.first_count,
-            "limit": self.limit.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-            "mean": self._mean.state_dict(),
-            **({} if self.refiner is None else {"refiner": self.refiner.state_dict()}),
-            **({} if self._radii is None else {"radii": self._radii}),
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Goes on exactly where `state_dict` was taken."""
-        self.step = int(state["step"])
-        self.seconds = float(state["seconds"])
-        self.first_count = int(state["first_count"])
-        self.limit.load_state_dict(state["limit"])
-        self.optimizer.load_state_dict(state["optimizer"])
-        self._mean.load_state_dict(state["mean"])
-        if self.refiner is not None:
-            self.refiner.load_state_dict(state["refiner"])
-            self._take_poses()
-        self._radii = state.get("radii")
-
-    def _filter_radii(self, g: Gaussians) -> np.ndarray:
-        views = [self.scene.views[i] for i in self.scene.train_indices]
-        radii = filter_radii(
-            g.means,
-            [self.scene.cameras[view.camera_index] for view in views],
-            np.array([view.camera_from_world for view in views]),
-            self.options.low_pass,
+    def _begin_step(self) -> _Step:
+        o, number = self.options, self.step + 1
+        fraction = number / o.steps
+        return _Step(
+            number,
+            fraction,
+            self._view_of(number),
+            self.views.at(fraction),
+            min(o.sh_degree, number // o.sh_every),
+            learning_rates(o, fraction, self.scene.extent),
         )
-        return radii.astype(np.float32)
 
     def _view_of(self, step: int) -> int:
         """Every training view once an epoch, in an order that depends on seed and epoch only."""
@@ -236,59 +154,124 @@ class TrainingLoop:
         views = [view for view in self.scene.train_indices if view not in aside]
         return view_of_step(views, step, self.options.seed)
 
-    def _densify(self, fraction: float) -> None:
-        o = self.options
-        if self.limit.aside:
-            self._measure_growth(fraction)
-        if o.strategy == "mcmc":
-            self.optimizer.densify_mcmc(self._target_size(fraction), dead_opacity=o.dead_opacity)
-            return
-        if o.strategy == "mini":
-            scene, extent = self.pyramid.at(fraction).scene, self.scene.extent
-            self.optimizer = densify_mini(self.optimizer, scene, o, self.step, extent)
-            return
-        self.optimizer.densify_adaptive(
-            clone_scale=_CLONE_SCALE * self.scene.extent,
-            max_scale=_PRUNE_SCALE * self.scene.extent,
-            prune_opacity=o.dead_opacity,
-            max_gaussians=len(self.gaussians) if self._full_grown(fraction) else o.max_gaussians,
+    def _prepare_next_image(self) -> None:
+        after = self.step + 2
+        if after <= self.options.steps:
+            self.views.prepare(self._view_of(after), after / self.options.steps)
+
+    def _render(self, step: _Step, image: np.ndarray) -> None:
+        """Cameras and poses -> projection -> raster."""
+        if len(self._gradients) != len(self.gaussians):
+            self._gradients = self.gaussians.zeros_like()
+            self._touched = np.zeros(len(self.gaussians), np.uint8)
+        if step.number % _RADII_EVERY == 0:
+            self._filter.renew()
+        self.renderer.render(
+            self.drawn(),
+            step.level.camera(step.view),
+            self.scene.views[step.view].motion,
+            self.rule,
+            self.options.background,
+            step.degree,
+            DEFAULT_UNSCENTED,
+            image,
+            None,
+            None,
+            True,
         )
-        resets = max(1, round(_RESET_FRACTION * o.steps))
-        if self.step % (math.ceil(resets / o.densify_every) * o.densify_every) == 0:
-            self.optimizer.reset_opacities()
+        self.stopwatch.lap("render")
 
-    def _target_size(self, fraction: float) -> int:
-        if self._full_grown(fraction):
-            return len(self.gaussians)
-        return grown_count(self.options, self.first_count, fraction)
+    def _compare(
+        self, target: _core.PhotometricTarget, image: np.ndarray, dimage: np.ndarray
+    ) -> float:
+        """The loss against the photograph, and its gradient to the image."""
+        loss, _ = _core.photometric_loss(target, image, dimage, self.options.ssim_weight)
+        if self.weights is not None:
+            self.weights.apply(dimage)
+        self.stopwatch.lap("loss")
+        return loss
 
-    def _full_grown(self, fraction: float) -> bool:
-        """Whether the number of Gaussians is to stay."""
-        o = self.options
-        if o.compact_at is not None and self.step >= o.compact_at:
-            return True
-        return self.limit.auto and self.limit.ended
+    def _backpropagate(self, dimage: np.ndarray) -> None:
+        """From the image back through raster and projection to every parameter."""
+        self.renderer.backward(
+            dimage, None, None, self._gradients, self._touched, not self.options.sparse_adam, False
+        )
+        self._filter.backward(self.gaussians, self._gradients)
+        self.stopwatch.lap("backward")
 
-    def _measure_growth(self, fraction: float) -> None:
-        """With --max-gaussians auto: ends growth when it no longer helps."""
-        if self.pyramid.at(fraction).scene.cameras[0].width == self.scene.cameras[0].width:
-            background, aside = self.options.background, self.limit.aside
-            self.limit.observe(
-                mean_psnr(self.scene, self.drawn(), aside, background, self.renderer)
+    def _optimize(self, step: _Step) -> None:
+        """Statistics for densification, one step of Adam, and what the strategy adds to both."""
+        optimizer, gradients = self.optimizer, self._gradients
+        self.densification.add_gradients(optimizer, gradients)
+        optimizer.accumulate(gradients.means, self.renderer.distances(), self._touched)
+        self.stopwatch.lap("statistics")
+        visible = self._touched if self.options.sparse_adam else None
+        optimizer.step(gradients, step.rates, visible, step.degree)
+        self.stopwatch.lap("adam")
+        self.densification.explore(optimizer, step.rates.means)
+        self.stopwatch.lap("noise")
+
+    def _densify(self, step: _Step) -> None:
+        """Where it is due: more and fewer Gaussians; or once, many fewer (`compact_at`)."""
+        o, scene = self.options, self.scene
+        within = o.densify_from <= step.fraction <= o.densify_until
+        if within and step.number % o.densify_every == 0:
+            aside = self.limit.aside
+            if aside and step.level.scene.cameras[0].width == scene.cameras[0].width:
+                psnr = mean_psnr(scene, self.drawn(), aside, o.background, self.renderer)
+                self.limit.observe(psnr)
+            compacted = o.compact_at is not None and step.number >= o.compact_at
+            full_grown = compacted or (self.limit.auto and self.limit.ended)
+            turn = Turn(step.number, step.fraction, step.level.scene, scene.extent, full_grown)
+            self.optimizer = self.densification.densify(self.optimizer, turn)
+            self.limit.grown(step.number)
+            self._begin_anew()
+        if step.number == o.compact_at:
+            views = seen_views(scene, scene.train_indices)
+            small = compact(
+                self.gaussians, o.keep, method=o.compact_method, views=views, seed=o.seed
             )
+            self.optimizer = self.optimizer.restarted(small.gaussians)
+            self._begin_anew()
 
-    def _make_room(self, g: Gaussians) -> None:
-        if len(self._gradients) != len(g):
-            self._gradients = g.zeros_like()
-            self._touched = np.zeros(len(g), np.uint8)
+    def _begin_anew(self) -> None:
+        """The Gaussians are others: what was kept of the old ones does not hold."""
+        self._filter.renew()
+        self._mean.restart()
+        self.stopwatch.lap("densify")
 
-    def _compact(self) -> None:
-        """Fewer Gaussians from here on, seen through the training views, with new moments."""
-        o, views = self.options, seen_views(self.scene, self.scene.train_indices)
-        reduced = compact(self.gaussians, o.keep, method=o.compact_method, views=views, seed=o.seed)
-        self.optimizer = self.optimizer.restarted(reduced.gaussians)
+    def _refine(self, step: _Step) -> None:
+        """Poses and lenses against the Gaussians, where a sweep is due."""
+        if self.refiner is not None and self.refiner.is_due(step.number):
+            self.refiner.sweep(self.drawn(), step.level, step.number, step.degree)
+            self._filter.renew()
+            self.stopwatch.lap("refine")
 
-    def _held_out_psnr(self) -> float:
-        test = self.scene.test_indices
-        chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
-        return mean_psnr(self.scene, self.result(), chosen, self.options.background, self.renderer)
+    def _training_cameras(self) -> tuple[list[Any], np.ndarray]:
+        scene = self.scene
+        return [scene.camera(i) for i in scene.train_indices], self.views.poses
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that later steps depend on."""
+        return {
+            "step": self.step,
+            "seconds": self.seconds,
+            "first_count": self.densification.first_count,
+            "limit": self.limit.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "mean": self._mean.state_dict(),
+            **({} if self.refiner is None else {"refiner": self.refiner.state_dict()}),
+            **self._filter.state_dict(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Goes on exactly where `state_dict` was taken."""
+        self.step = int(state["step"])
+        self.seconds = float(state["seconds"])
+        self.densification.first_count = int(state["first_count"])
+        self.limit.load_state_dict(state["limit"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self._mean.load_state_dict(state["mean"])
+        if self.refiner is not None:
+            self.refiner.load_state_dict(state["refiner"])
+        self._filter.load_state_dict(state)

@@ -32,9 +32,9 @@ from gsut.sfm import (
     Photographs,
     PosesOptions,
     Solution,
-    at_sights,
     centers_of,
     diagonal,
+    evaluate_observations,
     in_cameras,
     solve,
 )
@@ -198,8 +198,8 @@ class _Growth:
         self._lens_of = [lenses.index(camera) for camera in self._cameras]
         pixels = max(c.width * c.height for c in lenses)
         self._scene = Scene(
-            photographs.root, lenses, self._views(), self.points.positions, self.points.colors,
-            list(range(len(photographs))), [], np.zeros(3),
+            photographs.root, tuple(lenses), self._views(), self.points.positions,
+            self.points.colors, tuple(range(len(photographs))), (), np.zeros(3),
         ).scaled(min(1.0, (_PIXELS / pixels) ** 0.5))  # fmt: skip
         self._options = TrainOptions(
             steps=10_000_000, max_gaussians=100_000_000, sh_degree=0, coarse_to_fine=(0.0, 0.0),
@@ -276,21 +276,28 @@ class _Growth:
 
     def solution(self) -> Solution:
         """In the form of the mapper by features."""
-        points, sights, n = self.points.positions, self.points.sights, len(self._photographs)
-        pixels, residuals, angles = at_sights(
-            sights, in_cameras(points, sights, self._poses), self._cameras, self._features
+        points, observations, n = (
+            self.points.positions,
+            self.points.observations,
+            len(self._photographs),
+        )
+        pixels, residuals, angles = evaluate_observations(
+            observations,
+            in_cameras(points, observations, self._poses),
+            self._cameras,
+            self._features,
         )
         lengths = np.linalg.norm(residuals, axis=1)
         seen = np.isfinite(lengths)
-        counts = np.bincount(sights[seen, 0], minlength=len(points)).clip(1)
-        sums = np.bincount(sights[seen, 0], lengths[seen], minlength=len(points))
+        counts = np.bincount(observations[seen, 0], minlength=len(points)).clip(1)
+        sums = np.bincount(observations[seen, 0], lengths[seen], minlength=len(points))
         covariances = np.full((n, 6, 6), np.nan)
         for image, found in self._found.items():
             covariances[image] = found.covariance
         return Solution(
             self._photographs.names, self._cameras, np.isin(np.arange(n), self.posed),
             self._all_poses(), covariances, points, self.points.colors,
-            sums / counts, sights, pixels, residuals, angles,
+            sums / counts, observations, pixels, residuals, angles,
             tuple(self._first["initial_pair"]), self._first["restarts"],
             float(np.sqrt(np.mean(lengths[seen] ** 2))), float(np.median(lengths[seen])), None,
             np.zeros((0, 3), np.int32),
@@ -300,21 +307,23 @@ class _Growth:
         """(N, 4, 4), the identity for images without a pose, which nothing looks at."""
         return np.where(np.isnan(self._poses), np.eye(4), self._poses)
 
-    def _views(self) -> list[View]:
+    def _views(self) -> tuple[View, ...]:
         p = self._photographs
-        return [
+        return tuple(
             View(p.names[i], p.paths[i], self._lens_of[i], pose, mask_path=p.masks[i])
             for i, pose in enumerate(self._all_poses())
-        ]
+        )
 
     def _follow(self) -> None:
         """The training loop uses the poses as they are now."""
-        loop, scene = self._loop, self._scene.with_views(self._views())
-        loop.scene = scene
+        loop = self._loop
+        loop.views.move(self._all_poses())
         loop.posed = self.posed.tolist()
         middle = centers_of(self._poses[loop.posed]).mean(axis=0)
         distance = float(np.median(np.linalg.norm(self.points.positions - middle, axis=1)))
-        loop.options = dataclasses.replace(self._options, lr_means=_RATE * distance / scene.extent)
+        loop.options = dataclasses.replace(
+            self._options, lr_means=_RATE * distance / loop.scene.extent
+        )
 
     def _train(self, steps: int) -> None:
         for _ in range(steps):

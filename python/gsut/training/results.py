@@ -1,41 +1,41 @@
-"""What training does before its first step and after its last: folder, first poses, judgement."""
+"""What training does before its first step and after its last: first poses, figures, files."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from gsut.data import Scene
-from gsut.evaluate import evaluate
+from gsut.data import Scene, with_shutter
+from gsut.evaluate import evaluate, run_metrics, write_report
+from gsut.formats import save_ply
 from gsut.gaussians import Gaussians
+from gsut.refine import (
+    TracksResult,
+    check_refinable,
+    evaluate_aligned,
+    refine_by_tracks,
+    write_refined,
+)
 from gsut.run import Progress, RunFolder, TrainOptions
 
-if TYPE_CHECKING:
-    from gsut.refine import TracksResult
+
+def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
+    """The scene at the size, and with the shutter, that the options ask for."""
+    o = options
+    small = scene if o.scale == 1.0 else scene.scaled(o.scale)
+    return with_shutter(small, o.shutter, o.readout_time, o.readout_direction)
 
 
-def create_run(
-    out: str | os.PathLike[str], options: TrainOptions, scene: Scene, resume: bool
-) -> RunFolder:
-    """The folder of a new run, or of one that is resumed."""
-    from gsut.run import describe_environment
+def first_poses(scene: Scene, options: TrainOptions, progress: bool) -> TracksResult | None:
+    """The training views' poses refined by tracks of features, with a bar if `progress`.
 
-    return RunFolder.create(
-        out, options, resume=resume, environment=describe_environment(scene.path)
-    )
-
-
-def first_poses(scene: Scene, options: TrainOptions, progress: bool) -> TracksResult:
-    """The training views' poses refined by tracks of features, with a bar if `progress`."""
-    from gsut.refine import check_refinable, refine_by_tracks
-
+    None where the options do not ask for it.
+    """
+    if not (options.refine_poses and options.refine_tracks):
+        return None
     check_refinable(scene, options)
-    bar = Progress(progress)
-    try:
+    with Progress(progress) as bar:
         return refine_by_tracks(scene, options, bar.show)
-    finally:
-        bar.close()
 
 
 def judge(
@@ -44,18 +44,37 @@ def judge(
     indices: Sequence[int],
     options: TrainOptions,
     run: RunFolder | None,
+    *,
+    steps: int,
+    train_seconds: float,
+    align: bool = False,
 ) -> tuple[Scene, dict[str, Any]]:
-    """The evaluation of views; aligned first, and the scene with these poses, if poses moved."""
-    renders = None if run is None else run.renders
-    if options.refine_poses and scene.test_indices:
-        from gsut.refine import evaluate_aligned
+    """The content of metrics.json; with `align` test views are aligned with the Gaussians first.
 
-        return evaluate_aligned(
-            gaussians, scene, indices, background=options.background, render_folder=renders
-        )
-    return scene, evaluate(
-        gaussians, scene, indices, background=options.background, render_folder=renders
+    Args:
+        gaussians, scene: what training gave.
+        indices: of the views to look at.
+        options: of the run.
+        run: gets pictures of these views.
+        steps, train_seconds: see `run_metrics`.
+        align: for a scene whose training views' poses have moved.
+
+    Returns:
+        The scene, with the aligned poses, and the figures.
+    """
+    settings: dict[str, Any] = {
+        "background": options.background,
+        "render_folder": None if run is None else run.renders,
+    }
+    if align and scene.test_indices:
+        scene, evaluation = evaluate_aligned(gaussians, scene, indices, **settings)
+    else:
+        evaluation = evaluate(gaussians, scene, indices, **settings)
+    metrics = run_metrics(
+        evaluation, gaussians, scene, options, steps=steps, train_seconds=train_seconds
     )
+    metrics["evaluated_on"] = "test views" if scene.test_indices else "training views"
+    return scene, metrics
 
 
 def write_results(
@@ -69,15 +88,10 @@ def write_results(
         metrics: see `run_metrics`; what could not be written is added to its notes.
         refined: the scene with refined poses, or None.
     """
-    from gsut.evaluate import write_report
-    from gsut.formats import save_ply
-
     offset = " ".join(f"{value:.17g}" for value in metrics["world_offset"])
     comment = f"gsut: dataset coordinates = these + {offset}"
     run.write("scene.ply", lambda path: save_ply(path, gaussians, comments=(comment,)))
     if refined is not None:
-        from gsut.refine import write_refined
-
         metrics["notes"] += _refinement_notes(metrics)
         write_refined(run, refined)
     run.write_json("metrics.json", metrics)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
-from typing import Any
 
 from gsut._core import InputError
-from gsut.data import Scene, load_dataset, with_shutter
+from gsut.data import Scene, load_dataset
 from gsut.formats import load_ply
+from gsut.gaussians import Gaussians
 from gsut.refine import with_refined
 from gsut.run import ENVIRONMENT, SCENE, RunFolder, TrainOptions
+from gsut.training.results import prepare_scene
 
 
-def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Any, Any]:
+def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene, Gaussians]:
     """Options, scene with the poses that the run refined (if it did), and Gaussians of a run."""
     path = run.path / SCENE
     if not path.is_file():
@@ -23,12 +24,6 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Any, A
         raise InputError(f"{run.path} does not say which dataset it was trained on; give --data")
     if not os.path.exists(data):
         raise InputError(f"the dataset {data} is not there any more; say where it is with --data")
-    scene = load_dataset(
-        data, test_every=options.test_every, test_names=options.test_names, scale=options.scale
-    )
-    if isinstance(scene, Scene):
-        scene = with_shutter(
-            scene, options.shutter, options.readout_time, options.readout_direction
-        )
-        scene = with_refined(run, scene)
+    scene = load_dataset(data, test_every=options.test_every, test_names=options.test_names)
+    scene = with_refined(run, prepare_scene(scene, options))
     return options, scene, load_ply(path)

@@ -72,7 +72,7 @@ def test_scalar_renderer_with_unscented_extents_lists_fewer_pairs(fisheye):
 
 
 def test_scalar_renderer_backward_before_render_is_refused(pinhole):
-    renderer = _core.ScalarRenderer()
+    renderer = measure.scalar_baseline.ScalarRenderer()
     with pytest.raises(gsut.InputError, match="needs a render before it"):
         renderer.backward(
             np.zeros((0, 0, 3), np.float32), accuracy.empty_gradients(pinhole.gaussians)

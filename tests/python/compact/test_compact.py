@@ -13,18 +13,11 @@ import pytest
 import gsut
 import tolerances
 from gsut import InputError, _core
-from gsut.compact.compaction import METHODS, compact, scores_of
+from gsut.compact import METHODS, compact, scores_of
 from gsut.compact.harmonics import drop_harmonics
-from gsut.compact.scores import (
-    SeenView,
-    basis_sums,
-    blend_weights,
-    fisher_matrices,
-    hit_sums,
-    lightgaussian_scores,
-    pup_scores,
-    strongest,
-)
+from gsut.compact.methods.lightgaussian import hit_sums, lightgaussian_scores
+from gsut.compact.methods.pup import fisher_matrices, pup_scores
+from gsut.compact.scores import SeenView, basis_sums, blend_weights, strongest
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
 
 COUNT = 300

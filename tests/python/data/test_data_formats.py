@@ -26,7 +26,7 @@ def dataset_centers(scene) -> np.ndarray:
 def test_load_each_format_gives_the_same_scene(kind, tmp_path):
     scene = load_dataset(WRITERS[kind](tmp_path))
     assert len(scene) == small.VIEWS
-    assert len(scene.cameras) == 1 and scene.notes == []
+    assert len(scene.cameras) == 1 and scene.notes == ()
     camera = scene.cameras[0]
     assert (camera.model, camera.width, camera.height) == ("pinhole", small.WIDTH, small.HEIGHT)
     np.testing.assert_array_equal(camera.params, [small.FX, small.FY, small.CX, small.CY])
@@ -52,7 +52,7 @@ def test_load_each_format_gives_the_same_scene(kind, tmp_path):
         scene.points + scene.world_offset, xyz, atol=tolerances.DATA_PLY_POSITION
     )
     np.testing.assert_array_equal(scene.point_colors, rgb)
-    assert scene.test_indices == [0, 8] and len(scene.train_indices) == 8
+    assert scene.test_indices == (0, 8) and len(scene.train_indices) == 8
 
 
 def test_load_points_fall_on_pixels_of_their_colour(tmp_path):
@@ -187,7 +187,7 @@ def test_load_lists_of_the_file_decide_the_split(tmp_path):
     values["train_filenames"] = small.names()[:6]
     values["test_filenames"] = small.names()[7:9]
     scene = load_dataset(small.write_nerfstudio(tmp_path, values))
-    assert (scene.train_indices, scene.test_indices) == ([0, 1, 2, 3, 4, 5], [7, 8])
+    assert (scene.train_indices, scene.test_indices) == ((0, 1, 2, 3, 4, 5), (7, 8))
     assert "2 images are in no list" in scene.notes[0]
 
 
@@ -195,7 +195,7 @@ def test_load_validation_list_serves_where_there_is_no_test_list(tmp_path):
     values = small.transforms()
     values["val_filenames"] = small.names()[2:4]
     scene = load_dataset(small.write_nerfstudio(tmp_path, values))
-    assert scene.test_indices == [2, 3]
+    assert scene.test_indices == (2, 3)
 
 
 @pytest.mark.parametrize("name", ["images/004.png", "004.png", "004"])
@@ -203,10 +203,10 @@ def test_load_test_names_full_short_or_stem_win(name, tmp_path):
     values = small.transforms()
     values["test_filenames"] = small.names()[7:9]
     scene = load_dataset(small.write_nerfstudio(tmp_path, values), test_names=[name])
-    assert scene.test_indices == [4] and len(scene.train_indices) == small.VIEWS - 1
+    assert scene.test_indices == (4,) and len(scene.train_indices) == small.VIEWS - 1
 
 
-@pytest.mark.parametrize(("every", "test"), [(0, []), (4, [0, 4, 8]), (8, [0, 8])])
+@pytest.mark.parametrize(("every", "test"), [(0, ()), (4, (0, 4, 8)), (8, (0, 8))])
 def test_load_test_every_holds_out_every_nth_by_name(every, test, tmp_path):
     values = small.transforms()
     values["frames"].reverse()
@@ -218,7 +218,7 @@ def test_load_single_image_is_trained_on(tmp_path):
     values = small.transforms()
     values["frames"] = values["frames"][:1]
     scene = load_dataset(small.write_nerfstudio(tmp_path, values))
-    assert (scene.train_indices, scene.test_indices) == ([0], [])
+    assert (scene.train_indices, scene.test_indices) == ((0,), ())
 
 
 def test_load_colmap_beside_transforms_moves_its_points(tmp_path):

@@ -1,6 +1,7 @@
 """Scene: decoding, masks, scaling, cache, extent."""
 
 import concurrent.futures
+import dataclasses
 
 import cv2
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 import gsut
 import small_datasets as small
 import tolerances
-from gsut.data import load_dataset
+from gsut.data import TrainingViews, load_dataset
 from gsut.data.images import decode_image, decode_mask, read_header, shrink_image, shrink_mask
 from gsut.data.scene import _LruCache, lens_mask
 
@@ -221,3 +222,48 @@ def test_mask_sponza_tiny_equals_the_dataset_circle(shared):
     """mask.png holds the pixels wholly inside the image circle; the lens leaves no fewer."""
     path = shared / "data" / "sponza_fisheye_tiny"
     np.testing.assert_array_equal(load_dataset(path).mask(0), decode_mask(path / "mask.png"))
+
+
+def test_scene_is_a_value_that_nothing_changes(tmp_path):
+    scene = load_dataset(small.write_nerfstudio(tmp_path))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        scene.train_indices = ()
+    with pytest.raises(TypeError):
+        scene.cameras[0] = scene.cameras[0]
+    for array in (scene.points, scene.world_offset, scene.views[0].camera_from_world):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+
+
+def test_replaced_scene_shares_what_is_decoded_and_nothing_else_changes(tmp_path):
+    scene = load_dataset(small.write_nerfstudio(tmp_path))
+    moved = scene.with_poses([2, 0], np.stack([np.eye(4)] * 2))
+    assert [np.array_equal(v.camera_from_world, np.eye(4)) for v in moved.views[:4]] == [
+        True, False, True, False,
+    ]  # fmt: skip
+    assert moved.image(1) is scene.image(1) and moved.mask(1) is scene.mask(1)
+    (lens,) = scene.file_cameras
+    wider = scene.scaled(0.5).with_lenses([lens.with_params(lens.params * 0.9)])
+    np.testing.assert_allclose(wider.cameras[0].params, 0.45 * lens.params)
+    fewer = scene.replace(views=scene.views[3:], train_indices=[0], test_indices=[])
+    assert fewer.image(0) is scene.image(3)
+    assert (len(scene), len(fewer), fewer.test_indices) == (small.VIEWS, small.VIEWS - 3, ())
+
+
+def test_training_views_own_poses_and_lenses_at_every_resolution(tmp_path, monkeypatch):
+    monkeypatch.setattr("gsut.data.training_views._SMALLEST_SIDE", 8)
+    views = TrainingViews(load_dataset(small.write_nerfstudio(tmp_path)), (0.3, 0.6))
+    level = views.at(0.5)
+    assert level.camera(0).width == small.WIDTH // 2
+    state, poses = views.state_dict(), views.poses + 1.0
+    views.move(poses)
+    (lens,) = views.scene.file_cameras
+    views.replace_lenses([lens.with_params(lens.params * 0.9)])
+    for scene in (views.scene, views.at(0.5).scene, views.at(1.0).scene):
+        of_train = [scene.views[i].camera_from_world for i in scene.train_indices]
+        np.testing.assert_array_equal(of_train, poses)
+        scale = scene.cameras[0].width / small.WIDTH
+        np.testing.assert_allclose(scene.cameras[0].params, 0.9 * scale * lens.params)
+    views.load_state_dict(state)
+    np.testing.assert_array_equal(views.poses, state["poses"])
+    assert views.at(1.0).camera(0) == lens

@@ -55,7 +55,7 @@ def test_frames_come_back(tmp_path, rng, shutter, lenses):
         lenses, 0
     )
     scene = gsut.load_dataset(tmp_path)
-    assert scene.test_indices == [1] and scene.train_indices == [0, 2, 3]
+    assert scene.test_indices == (1,) and scene.train_indices == (0, 2, 3)
     np.testing.assert_allclose(scene.points + scene.world_offset, points, atol=1e-14)
     np.testing.assert_array_equal(scene.point_colors, colors)
     for index, frame in enumerate(frames):

@@ -8,7 +8,8 @@ import pytest
 import gsut
 from gsut import InputError, TrainOptions
 from gsut.compact.harmonics import drop_harmonics
-from gsut.compact.scores import SeenView, basis_sums, fisher_matrices
+from gsut.compact.methods.pup import fisher_matrices
+from gsut.compact.scores import SeenView, basis_sums
 from gsut.gaussians.packed_harmonics import MixedGaussians, lighter, mixed, used_degrees
 from gsut.training.finetuning import finetune, finetune_options
 from random_scenes import every_lens, fisheye, gaussians_in_view, random_pose

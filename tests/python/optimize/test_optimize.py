@@ -1,4 +1,4 @@
-"""Tests Adam, schedules, MCMC and adaptive densification through gsut.optimize."""
+"""Tests Adam, MCMC and adaptive densification through gsut.optimize."""
 
 from fractions import Fraction
 from math import comb, sqrt
@@ -8,7 +8,8 @@ import pytest
 
 import tolerances
 from gsut import Gaussians, InputError, _core, set_num_threads
-from gsut.optimize.optimizer import GaussianOptimizer, LearningRates
+from gsut.optimize import GaussianOptimizer, densify_adaptive, densify_mcmc
+from gsut.optimize.optimizer import LearningRates
 
 FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 RATES = LearningRates(
@@ -55,7 +56,7 @@ def covariances(g):
     return scaled @ scaled.transpose(0, 2, 1)
 
 
-# --- Adam --------------------------------------------------------------------------------------
+# --- Adam ------------------------------------------------------------------------
 
 
 def test_adam_first_steps_move_by_the_learning_rate(rng):
@@ -192,7 +193,7 @@ def test_mcmc_same_place_keeps_the_integral_of_the_opacity_profile(n, opacity):
     optimizer = one_parent(opacity)
     line = np.linspace(-3, 3, 601)
     before = profile(optimizer.gaussians, line)
-    counts = optimizer.densify_mcmc(n, np.ones(1, np.float32), split=False)
+    counts = densify_mcmc(optimizer, n, np.ones(1, np.float32), split=False)
     assert counts == (n, 0, n - 1)
     after = profile(optimizer.gaussians, line)
     assert np.all(optimizer.gaussians.means == optimizer.gaussians.means[0])
@@ -206,7 +207,7 @@ def test_mcmc_split_keeps_the_mean_and_the_covariance(rng, n):
     g = random_gaussians(rng, 1)
     many = g[np.zeros(parents, np.int64)]
     optimizer = GaussianOptimizer(many, capacity=n * parents, seed=6)
-    assert optimizer.densify_mcmc(n * parents, np.ones(parents, np.float32)).added > 0
+    assert densify_mcmc(optimizer, n * parents, np.ones(parents, np.float32)).added > 0
     found = optimizer.gaussians
     np.testing.assert_allclose(
         found.means.mean(axis=0), g.means[0], rtol=0, atol=tolerances.MCMC_MEAN
@@ -228,7 +229,7 @@ def test_mcmc_split_keeps_the_mean_and_the_covariance(rng, n):
 @pytest.mark.parametrize("power", [1 / 3, 1.0])
 def test_mcmc_split_copies_take_the_opacity_of_the_power(power):
     optimizer = one_parent(0.6)
-    optimizer.densify_mcmc(3, np.ones(1, np.float32), split_power=power)
+    densify_mcmc(optimizer, 3, np.ones(1, np.float32), split_power=power)
     expected = 1 - 0.4 ** (3**-power)
     np.testing.assert_allclose(
         sigmoid(optimizer.gaussians.opacity_logits), expected, rtol=tolerances.ACTIVATED_FLOAT32
@@ -243,7 +244,7 @@ def test_mcmc_split_with_power_one_third_keeps_the_mean_optical_thickness():
         optimizer.seed = seed
         if seed == 0:
             parent = thickness(optimizer.gaussians)
-        optimizer.densify_mcmc(4, np.ones(1, np.float32), split_power=1 / 3)
+        densify_mcmc(optimizer, 4, np.ones(1, np.float32), split_power=1 / 3)
         total += thickness(optimizer.gaussians) / 200
     # Equal to first order in the opacity: the response enters before the logarithm.
     assert total == pytest.approx(parent, rel=tolerances.MCMC_THICKNESS)
@@ -275,7 +276,7 @@ def test_mcmc_relocates_all_kinds_of_dead_and_copies_the_living(rng):
     weights[20:30] = 1.0
     weights[31], weights[32], weights[33] = np.nan, np.inf, -1.0
     weights[3] = 100.0  # a dead row is no source, whatever its weight
-    counts = optimizer.densify_mcmc(60, weights, max_scale=50.0)
+    counts = densify_mcmc(optimizer, 60, weights, max_scale=50.0)
     assert counts == (60, 6, 0)
     found = optimizer.gaussians
     for name in FIELDS:
@@ -302,7 +303,7 @@ def test_mcmc_draws_in_proportion_to_the_weights(rng):
     for seed in range(400):
         g = random_gaussians(rng, 5)
         optimizer = GaussianOptimizer(g, capacity=9, seed=seed)
-        assert optimizer.densify_mcmc(9, weights).added == 4
+        assert densify_mcmc(optimizer, 9, weights).added == 4
         new = optimizer.gaussians.quats[5:]
         copies += (new[None] == g.quats[:, None]).all(axis=2).sum(axis=1)
     np.testing.assert_allclose(copies / 1600, weights / 8, rtol=0, atol=tolerances.MCMC_SHARES)
@@ -312,17 +313,17 @@ def test_mcmc_draws_in_proportion_to_the_weights(rng):
 @pytest.mark.parametrize("split", [True, False])
 def test_mcmc_with_one_living_makes_at_most_51_of_it(split):
     optimizer = one_parent(0.9, capacity=200)
-    counts = optimizer.densify_mcmc(200, np.ones(1, np.float32), split=split)
+    counts = densify_mcmc(optimizer, 200, np.ones(1, np.float32), split=split)
     assert counts == (51, 0, 50)
     # None of the copies is born dead.
-    again = optimizer.densify_mcmc(51, np.ones(51, np.float32))
+    again = densify_mcmc(optimizer, 51, np.ones(51, np.float32))
     assert again == (51, 0, 0)
 
 
 def test_mcmc_with_all_weights_zero_draws_all_living_equally(rng):
     g = random_gaussians(rng, 30)
     optimizer = GaussianOptimizer(g, capacity=60)
-    assert optimizer.densify_mcmc(60, np.zeros(30, np.float32)) == (60, 0, 30)
+    assert densify_mcmc(optimizer, 60, np.zeros(30, np.float32)) == (60, 0, 30)
 
 
 @pytest.mark.parametrize("count", [0, 1, 5])
@@ -330,15 +331,15 @@ def test_mcmc_with_none_living_changes_nothing(rng, count):
     g = random_gaussians(rng, count)
     g.opacity_logits[:] = -9.0
     optimizer = GaussianOptimizer(g, capacity=20)
-    assert optimizer.densify_mcmc(10, np.ones(count, np.float32)) == (count, 0, 0)
+    assert densify_mcmc(optimizer, 10, np.ones(count, np.float32)) == (count, 0, 0)
     assert_same(optimizer.gaussians, g)
 
 
 def test_mcmc_with_nothing_to_do_changes_nothing(rng):
     g = random_gaussians(rng, 20)
     optimizer = GaussianOptimizer(g)
-    assert optimizer.densify_mcmc(20, np.ones(20, np.float32)) == (20, 0, 0)
-    assert optimizer.densify_mcmc(5, np.ones(20, np.float32)) == (20, 0, 0)
+    assert densify_mcmc(optimizer, 20, np.ones(20, np.float32)) == (20, 0, 0)
+    assert densify_mcmc(optimizer, 5, np.ones(20, np.float32)) == (20, 0, 0)
     assert_same(optimizer.gaussians, g)
 
 
@@ -350,7 +351,7 @@ def test_mcmc_default_weights_are_opacity_times_the_largest_gradient(rng):
     optimizer.accumulate(grads, np.full(10, 2.0, np.float32))
     optimizer.accumulate(0.1 * grads, np.full(10, 2.0, np.float32))
     assert optimizer.gradient_max[6] == 10.0 and optimizer.gradient_sum[6] == pytest.approx(5.5)
-    assert optimizer.densify_mcmc(14).added == 4
+    assert densify_mcmc(optimizer, 14).added == 4
     assert np.all(optimizer.gaussians.quats[10:] == g.quats[6])
     assert len(optimizer.gradient_max) == 14 and not optimizer.gradient_max.any()
 
@@ -420,7 +421,7 @@ def test_adaptive_clones_splits_and_prunes_in_order(rng):
     visible = np.ones(8, bool)
     visible[6] = False
     optimizer.accumulate(grads, np.full(8, 2.0, np.float32), visible)
-    counts = optimizer.densify_adaptive(clone_scale=0.1, max_scale=10.0)
+    counts = densify_adaptive(optimizer, clone_scale=0.1, max_scale=10.0)
     assert counts == (7, 3, 1, 1)
     found = optimizer.gaussians
     assert_same(found[np.array([0, 1, 3, 4])], g[np.array([0, 1, 6, 7])])
@@ -441,7 +442,7 @@ def test_adaptive_split_halves_are_drawn_from_the_parent(rng):
     many = g[np.zeros(10000, np.int64)]
     optimizer = GaussianOptimizer(many, seed=4)
     optimizer.accumulate(np.ones((10000, 3), np.float32), np.ones(10000, np.float32))
-    assert optimizer.densify_adaptive(clone_scale=1e-6).split == 10000
+    assert densify_adaptive(optimizer, clone_scale=1e-6).split == 10000
     shift = optimizer.gaussians.means.astype(np.float64) - g.means[0]
     expected = covariances(g)[0]
     np.testing.assert_allclose(
@@ -459,7 +460,7 @@ def test_adaptive_at_the_limit_grows_the_largest_gradients(rng):
     grads = np.zeros((10, 3), np.float32)
     grads[:, 0] = [5, 1, 4, 1, 5, 9, 2, 6, 5, 3]
     optimizer.accumulate(grads, np.ones(10, np.float32))
-    counts = optimizer.densify_adaptive(clone_scale=1e9, max_gaussians=13)
+    counts = densify_adaptive(optimizer, clone_scale=1e9, max_gaussians=13)
     assert counts == (13, 0, 3, 0)
     np.testing.assert_array_equal(optimizer.gaussians.quats[10:], g.quats[[0, 5, 7]])
 
@@ -469,7 +470,7 @@ def test_adaptive_with_all_transparent_leaves_none(rng, count):
     g = random_gaussians(rng, count)
     g.opacity_logits[:] = -9.0
     optimizer = GaussianOptimizer(g)
-    assert optimizer.densify_adaptive(clone_scale=1.0) == (0, count, 0, 0)
+    assert densify_adaptive(optimizer, clone_scale=1.0) == (0, count, 0, 0)
     assert len(optimizer.gaussians) == 0
     optimizer.step(random_gaussians(rng, 0), RATES)
 
@@ -523,9 +524,9 @@ def train(optimizer, rng, steps):
         optimizer.step(grads, RATES, visible)
         optimizer.add_noise(1e-3)
         if optimizer.steps % 5 == 0:
-            optimizer.densify_mcmc(n + 50)
+            densify_mcmc(optimizer, n + 50)
         if optimizer.steps % 7 == 0:
-            optimizer.densify_adaptive(clone_scale=0.2, gradient_threshold=1.5)
+            densify_adaptive(optimizer, clone_scale=0.2, gradient_threshold=1.5)
         if optimizer.steps % 9 == 0:
             optimizer.reset_opacities(0.5)
 
@@ -572,7 +573,7 @@ def test_load_state_dict_with_a_missing_or_short_array_raises(rng):
         broken = {key: value for key, value in state.items() if key != name}
         with pytest.raises(InputError, match=name.replace(".", r"\.")):
             optimizer.load_state_dict(broken)
-    assert len(state) == 21
+    assert len(state) == 20
     with pytest.raises(InputError, match="different lengths"):
         optimizer.load_state_dict(state | {"seen": state["seen"][:2]})
 
@@ -590,7 +591,7 @@ def test_gaussians_are_views_that_follow_the_steps(rng):
 
 def test_optimizer_grows_its_capacity_when_needed(rng):
     optimizer = GaussianOptimizer(random_gaussians(rng, 10))
-    assert optimizer.densify_mcmc(40, np.ones(10, np.float32)).size == 40
+    assert densify_mcmc(optimizer, 40, np.ones(10, np.float32)).size == 40
     assert optimizer.capacity >= 40
 
 

@@ -11,7 +11,7 @@ import gsut
 import tolerances
 from gsut import _core
 from gsut.cli import main
-from gsut.sfm import lens_refinement
+from gsut.sfm import correspondences
 from gsut.sfm.align import compare_poses
 from gsut.sfm.lens_covariance import lens_covariance
 from gsut.sfm.options import PosesOptions
@@ -69,7 +69,7 @@ def refined(tmp_path_factory):
 
     words = ["calibrate", "--from-dataset", str(folder / "data"), "--quiet"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lens_refinement, "find_all_features", found)
+        patch.setattr(correspondences, "find_all_features", found)
         assert main([*words, "-o", str(folder / "lens.cameramodel")]) == 0
     return scene, lens, poses, folder
 
@@ -122,9 +122,9 @@ def test_lens_covariance_is_that_of_many_draws():
     assert low < np.sqrt(np.mean(np.square(lengths))) < high * np.sqrt(2)
 
 
-def test_from_dataset_held_out_sights_fall_to_the_noise(refined):
+def test_from_dataset_held_out_observations_fall_to_the_noise(refined):
     report = json.loads((refined[3] / "report.json").read_text())
-    assert report["held_out_sights"] > 50
+    assert report["held_out_observations"] > 50
     assert report["held_out_before_px"] > 5 * report["held_out_after_px"]
     # The median length of two normal coordinates is 1.18 sigma; the points add to it.
     assert report["held_out_after_px"] < 1.5 * 1.18 * NOISE_PX
@@ -137,7 +137,7 @@ def test_from_dataset_page_shows_the_lens_before_and_after(refined):
     assert not re.search(r"(src|href)=\"http", page)  # self-contained
     assert f"<td>fx<td>{lens.params[0]:.8g}<td>" in page
     rows = re.findall(r"<tr><td>\d, \d<td>([\d,]+)<td>([\d.]+)<td>([\d.]+)<td>", page)
-    assert len(rows) == 9  # regions, each with sights
+    assert len(rows) == 9  # regions, each with observations
     for _, before, after in rows:
         assert float(after) < 2 * np.sqrt(2) * NOISE_PX < float(before)
 

@@ -13,7 +13,7 @@ from gsut.bench.refine_disturb import Disturbance, disturbed, disturbed_pose, ji
 from gsut.demo import dataset as demo
 from gsut.demo.views import camera_path
 from gsut.refine.motion import pose_changes, turned_onto, without_mean_motion
-from gsut.refine.refiner import TrainingRefiner
+from gsut.refine.refiner import check_refinable
 from gsut.refine.tracks import refine_by_tracks
 from gsut.render.projection import DEFAULT_UNSCENTED
 from gsut.run.folder import REFINED, TRANSFORMS, RunFolder
@@ -240,10 +240,7 @@ def test_tracks_bring_poses_back_and_leave_those_that_are_as_good(tmp_path, monk
 def test_what_cannot_be_refined_is_refused(scene):
     rolling = [dataclasses.replace(v, shutter=gsut.Shutter("top_to_bottom")) for v in scene.views]
     with pytest.raises(gsut.InputError, match="rolling shutter"):
-        TrainingRefiner(scene.with_views(rolling), OPTIONS.resolved())
-    two = gsut.Scene(
-        scene.path, scene.cameras * 2, scene.views, scene.points, scene.point_colors,
-        scene.train_indices, scene.test_indices, scene.world_offset,
-    )  # fmt: skip
+        check_refinable(scene.replace(views=rolling), OPTIONS)
+    two = scene.replace(cameras=scene.cameras * 2, file_cameras=scene.cameras * 2)
     with pytest.raises(gsut.InputError, match="refines one lens"):
-        TrainingRefiner(two, dataclasses.replace(OPTIONS, refine_lens=True).resolved())
+        check_refinable(two, dataclasses.replace(OPTIONS, refine_lens=True))

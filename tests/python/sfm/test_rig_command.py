@@ -14,7 +14,7 @@ from gsut.data.poses import inverse
 from gsut.demo import make_demo_rig
 from gsut.demo.rig import right_from_left
 
-MOMENTS, SIZE = 6, 200
+FRAMES, SIZE = 6, 200
 PATH_SHARE = 0.15  # of the demo's path: neighbours see the same
 
 
@@ -22,7 +22,7 @@ PATH_SHARE = 0.15  # of the demo's path: neighbours see the same
 def demo(tmp_path_factory):
     """A folder with rig_hall, as `gsut demo --rig` makes it, but smaller."""
     folder = tmp_path_factory.mktemp("rig")
-    make_demo_rig(folder / "rig_hall", MOMENTS, SIZE, progress=False, path_share=PATH_SHARE)
+    make_demo_rig(folder / "rig_hall", FRAMES, SIZE, progress=False, path_share=PATH_SHARE)
     return folder
 
 
@@ -37,18 +37,18 @@ def poses(demo):
 
 def test_make_demo_rig_truth_has_the_rig_and_a_lens_a_frame(demo):
     scene = gsut.load_dataset(demo / "rig_hall", test_every=0)
-    assert [view.name for view in scene.views][::MOMENTS] == [
+    assert [view.name for view in scene.views][::FRAMES] == [
         "images/left/000.png", "images/right/000.png"
     ]  # fmt: skip
-    left, right = scene.views[:MOMENTS], scene.views[MOMENTS:]
+    left, right = scene.views[:FRAMES], scene.views[FRAMES:]
     for a, b in zip(left, right, strict=True):
         step = b.camera_from_world @ inverse(a.camera_from_world) - right_from_left()
         assert np.abs(step).max() < tolerances.RIG_HELD
-    assert scene.camera(0) != scene.camera(MOMENTS)
+    assert scene.camera(0) != scene.camera(FRAMES)
 
 
 def test_make_demo_rig_refuses_numbers_out_of_range(tmp_path):
-    for settings in ({"moments": 1}, {"size": 3}, {"seed": -1}, {"path_share": 0.0}):
+    for settings in ({"frames": 1}, {"size": 3}, {"seed": -1}, {"path_share": 0.0}):
         (name,) = settings
         with pytest.raises(gsut.InputError, match=f"{name} is"):
             make_demo_rig(tmp_path / "rig", **settings)
@@ -56,18 +56,18 @@ def test_make_demo_rig_refuses_numbers_out_of_range(tmp_path):
 
 def test_poses_with_a_rig_finds_all_images_in_metres(demo, poses):
     errors = errors_against(demo / "rig_hall", poses)
-    assert errors.images == 2 * MOMENTS
+    assert errors.images == 2 * FRAMES
     assert abs(errors.scale_error_percent) < tolerances.RIG_DEMO_SCALE_PERCENT
     assert errors.metric_ate < tolerances.RIG_DEMO_METRES
     figures = json.loads((poses / "poses.json").read_text())
     rig = figures["rig"]
-    assert rig["moments_registered"] == rig["moments_total"] == MOMENTS
-    assert rig["moments"][0] == ["left/000.png", "right/000.png"]
+    assert rig["frames_registered"] == rig["frames_total"] == FRAMES
+    assert rig["frames"][0] == ["left/000.png", "right/000.png"]
     assert [c["name"] for c in rig["cameras"]] == ["left", "right"]
     assert rig["cameras"][1]["turned_degrees"] == 0.0
     assert not rig["refined"]
-    assert "rig's pose at one moment is held" in figures["covariance_of"]
-    assert figures["notes"] == ["12 images of 2 cameras in 6 moments, paired by name"]
+    assert "rig's pose at one frame is held" in figures["covariance_of"]
+    assert figures["notes"] == ["12 images of 2 cameras in 6 frames, paired by name"]
 
 
 def test_poses_with_a_rig_writes_both_lenses_in_all_forms(demo, poses):
@@ -84,7 +84,7 @@ def test_poses_with_a_rig_writes_both_lenses_in_all_forms(demo, poses):
     assert np.abs(np.array(again["camera_from_reference"]) - right_from_left()).max() < 1e-12
     assert (poses / again["file"]).resolve() == (demo / "rig_hall" / "right.yaml").resolve()
     page = (poses / "report.html").read_text()
-    assert "6 of 6 moments" in page
+    assert "6 of 6 frames" in page
     assert "camera right" in page
 
 
@@ -115,7 +115,7 @@ def test_bench_poses_rig_has_a_row_with_and_without_it(demo, monkeypatch, capsys
     assert "scale error [%]" in capsys.readouterr().out
     alone, refined = json.loads(rows.read_text())
     assert alone["scale_error_percent"] is None
-    assert alone["registered"] == refined["registered"] == 2 * MOMENTS
+    assert alone["registered"] == refined["registered"] == 2 * FRAMES
     assert abs(refined["scale_error_percent"]) < 5 * tolerances.RIG_DEMO_SCALE_PERCENT
     assert refined["rig_turn_degrees"] < 0.2 * rig_poses.DISTURBED_DEGREES
 

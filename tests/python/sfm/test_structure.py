@@ -14,19 +14,20 @@ import tolerances
 from gsut import _core
 from gsut.bench import poses_bench, pycolmap_poses
 from gsut.cli import main
-from gsut.sfm import estimate
+from gsut.lens import convert_camera
+from gsut.sfm import correspondences, estimate
 from gsut.sfm.align import centers_of, compare_poses, rotation_angles, similarity
+from gsut.sfm.correspondences import match_images
 from gsut.sfm.estimate import estimate_poses
 from gsut.sfm.features import features_in, find_features
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.lens_search import (
-    as_fisheye,
-    connected_pairs,
-    guessed_lens,
+    choose_connected_pairs,
+    guess_lens,
+    keep_most_distinct,
     search_lens,
-    thinned,
 )
-from gsut.sfm.matching import match_in_full, verify
+from gsut.sfm.matching import verify
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import quaternion_of
 from gsut.sfm.pairs import choose_pairs, counts_up
@@ -54,12 +55,12 @@ def test_estimate_poses_synthetic_walk_finds_all_poses_within_noise(rng):
 def test_estimate_poses_sees_beyond_ninety_degrees(rng):
     scene = Synthetic(rng)
     found = scene.solve()
-    sights = found["sights"]
+    observations = found["sights"]
     behind = 0
-    for point, image, _ in sights:
+    for point, image, _ in observations:
         pose = found["camera_from_world"][image]
         behind += (pose[:3, :3] @ found["points"][point] + pose[:3, 3])[2] < 0
-    assert behind > 20  # sights behind the camera plane are used, not dropped
+    assert behind > 20  # observations behind the camera plane are used, not dropped
 
 
 def test_solve_extends_tracks_to_images_that_no_match_told_of(rng):
@@ -77,9 +78,9 @@ def test_solve_extends_tracks_to_images_that_no_match_told_of(rng):
             [f"{i}" for i in range(count)], [scene.camera] * count, scene.features, half,
             PosesOptions(extend_rounds=rounds), lambda *_: None,
         )  # fmt: skip
-    lengths = {rounds: len(s.sights) / len(s.points) for rounds, s in found.items()}
+    lengths = {rounds: len(s.observations) / len(s.points) for rounds, s in found.items()}
     assert lengths[2] > 1.4 * lengths[0]  # worst 1.58
-    assert len({tuple(row) for row in found[2].sights[:, 1:]}) == len(found[2].sights)
+    assert len({tuple(row) for row in found[2].observations[:, 1:]}) == len(found[2].observations)
     truth = np.array(scene.poses)
     errors = {k: compare_poses(s.camera_from_world, truth) for k, s in found.items()}
     assert errors[2].ate_percent < min(errors[0].ate_percent, tolerances.SFM_SYNTHETIC_ATE_PERCENT)
@@ -270,13 +271,13 @@ def test_quaternion_of_any_rotation(rng):
     assert checked == 53
 
 
-def test_guessed_lens_has_the_field_of_view():
+def test_guess_lens_has_the_field_of_view():
     for fov in (50.0, 90.0, 150.0):
-        camera = guessed_lens(640, 480, fov)
+        camera = guess_lens(640, 480, fov)
         edge = camera.unproject(np.array([[640.0, 240.0]]))[0][0]
         assert abs(np.degrees(np.arctan2(edge[0], edge[2])) - fov / 2) < 1e-6
     with pytest.raises(gsut.InputError, match="--fov"):
-        guessed_lens(640, 480, 1.0)
+        guess_lens(640, 480, 1.0)
 
 
 # --- real images ----------------------------------------------------------------------------------
@@ -348,7 +349,7 @@ def test_poses_command_writes_figures_report_and_colmap(some_sponza, solved_spon
 def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path, monkeypatch):
     out = tmp_path / "data"
     calls = {"features": 0}
-    original = estimate.find_all_features
+    original = correspondences.find_all_features
 
     def counted(paths, *rest):
         calls["features"] += len(paths)
@@ -357,14 +358,14 @@ def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path,
     def killed(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(estimate, "find_all_features", counted)
+    monkeypatch.setattr(correspondences, "find_all_features", counted)
     with monkeypatch.context() as patch:
         patch.setattr(estimate, "solve", killed)
         with pytest.raises(KeyboardInterrupt):
             estimate_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
     with monkeypatch.context() as patch:  # features and matches are not made again
-        patch.setattr(estimate, "match_in_full", killed)
+        patch.setattr(correspondences, "match_in_full", killed)
         result = estimate_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
     assert result.solution.num_registered == IMAGES
@@ -511,13 +512,13 @@ def test_poses_command_wrong_lens_size_says_so(tmp_path, capsys):
     assert "the lens is for 100 x 100" in capsys.readouterr().err
 
 
-def test_poses_command_lens_that_no_format_holds_is_refused_first(tmp_path, capsys):
+def test_poses_command_lens_without_one_centre_is_refused_first(tmp_path, capsys):
     folder = tmp_path / "in"
     folder.mkdir()
     for i in range(2):
         texture(folder / f"{i}.png", i)
-    lens = tmp_path / "lens.cameramodel"
-    gsut.Camera("stereographic", [100, 100, 80, 80], 160, 160).save(lens)
+    lens = tmp_path / "lens.lens.json"
+    gsut.Camera("orthographic", [100, 100, 80, 80], 160, 160).save(lens)
     arguments = ["poses", str(folder), "--camera", str(lens), "-o", str(tmp_path / "out")]
     assert main(arguments) == 2
     assert "camera convert" in capsys.readouterr().err
@@ -536,14 +537,13 @@ def test_poses_options_are_checked():
 def test_search_lens_finds_the_fisheye_of_a_synthetic_walk(rng, tmp_path):
     scene = Synthetic(rng, images=8, points=700, noise=0.1)
     count = len(scene.features)
-    guess = guessed_lens(1000, 1010, 180.0)
+    guess = guess_lens(1000, 1010, 180.0)
     names = [f"{i}.png" for i in range(count)]
     photographs = Photographs(
         tmp_path, names, [tmp_path / n for n in names], [None] * count, [guess] * count
     )
     options = PosesOptions(max_two_view_error=4.0, max_error=5.0)
-    pairs = choose_pairs(names, scene.features, options)
-    raw = match_in_full(scene.features, pairs, options, quiet)
+    raw = match_images(names, scene.features, options, quiet)
     verified = verify(scene.features, [guess] * count, raw, options)
     found = search_lens(photographs, scene.features, verified, raw, options, 180.0, lambda *_: None)
     assert found.solution.num_registered == count
@@ -553,28 +553,28 @@ def test_search_lens_finds_the_fisheye_of_a_synthetic_walk(rng, tmp_path):
     assert len(found.rows) == 2 and found.rows[-1]["held_out_px"] < 0.5
 
 
-def test_as_fisheye_is_the_same_lens():
+def test_convert_camera_to_a_fisheye_is_the_same_lens():
     lens = gsut.Camera("opencv4", [330, 331, 243, 178, -0.12, 0.03, 0, 0], 480, 360)
     pixels = np.stack(np.meshgrid(np.arange(5.0, 480, 25), np.arange(5.0, 360, 25)), -1)
     rays, valid = lens.unproject(pixels.reshape(-1, 2))
     assert valid.all()
-    off = as_fisheye(lens).project(rays)[0] - pixels.reshape(-1, 2)
+    off = convert_camera(lens, "kannala_brandt").camera.project(rays)[0] - pixels.reshape(-1, 2)
     assert np.linalg.norm(off, axis=1).max() < tolerances.SFM_AS_FISHEYE_PX
 
 
-def test_thinned_pairs_keep_the_most_distinct_matches(rng):
+def test_keep_most_distinct_keeps_the_most_distinct_matches(rng):
     (pair, *_) = Synthetic(rng, images=2).verified()
-    (few,) = thinned([pair], 10)
+    (few,) = keep_most_distinct([pair], 10)
     assert np.array_equal(few.matches, pair.matches[:10])
     assert few.rotation_matches == round(pair.rotation_matches * 10 / len(pair.matches))
-    assert thinned([pair], len(pair.matches))[0] is pair
+    assert keep_most_distinct([pair], len(pair.matches))[0] is pair
 
 
 def test_connected_images_are_as_many_as_asked_for(rng):
     verified = Synthetic(rng, images=8).verified()
-    few = connected_pairs(verified, 4)
+    few = choose_connected_pairs(verified, 4)
     assert len({i for pair in few for i in (pair.first, pair.second)}) == 4
-    assert connected_pairs(verified, 20) == verified
+    assert choose_connected_pairs(verified, 20) == verified
 
 
 ONE_THREAD = poses_bench.PosesBenchOptions([], threads=1)

@@ -13,12 +13,12 @@ from gsut import _core
 from gsut.bench.poses_bench import errors_against
 from gsut.cli import main
 from gsut.sfm.align import compare_poses
+from gsut.sfm.correspondences import match_images
 from gsut.sfm.estimate import estimate_poses
 from gsut.sfm.inputs import Photographs
-from gsut.sfm.lens_search import guessed_lens, search_lens
-from gsut.sfm.matching import match_and_verify, match_in_full, verify
+from gsut.sfm.lens_search import guess_lens, search_lens
+from gsut.sfm.matching import verify
 from gsut.sfm.options import PosesOptions
-from gsut.sfm.pairs import choose_pairs
 from gsut.sfm.readout import readout_time
 from gsut.sfm.solution import matches_in_points, solve
 from synthetic_walk import Synthetic, quiet
@@ -36,11 +36,9 @@ def solved(scene, shutter, options):
     count = len(scene.features)
     names = [f"{i:03d}.png" for i in range(count)]
     cameras = [scene.camera] * count
-    pairs = choose_pairs(names, scene.features, options)
-    verified = match_and_verify(scene.features, cameras, pairs, options, quiet, SHUTTER)
-    found = solve(
-        names, cameras, scene.features, verified, options, lambda *_: None, shutter=shutter
-    )
+    raw = match_images(names, scene.features, options, quiet)
+    verified = verify(scene.features, cameras, raw, options, shutter=SHUTTER)
+    found = solve(names, cameras, scene.features, verified, options, quiet, shutter=shutter)
     return names, found
 
 
@@ -91,13 +89,13 @@ def test_solve_with_the_readout_time_given_agrees(walk):
 
 def test_search_lens_finds_a_rolling_fisheye_with_the_poses(walk, tmp_path):
     count = len(walk.features)
-    guess = guessed_lens(walk.camera.width, walk.camera.height, 180.0)
+    guess = guess_lens(walk.camera.width, walk.camera.height, 180.0)
     names = [f"{i:03d}.png" for i in range(count)]
     photographs = Photographs(
         tmp_path, names, [tmp_path / n for n in names], [None] * count, [guess] * count
     )
     options = PosesOptions()
-    raw = match_in_full(walk.features, choose_pairs(names, walk.features, options), options, quiet)
+    raw = match_images(names, walk.features, options, quiet)
     verified = verify(walk.features, [guess] * count, raw, options, shutter=SHUTTER)
     search = search_lens(
         photographs, walk.features, verified, raw, options, 180.0, lambda *_: None, SHUTTER

@@ -219,7 +219,7 @@ def test_auto_reaches_its_cap_where_views_set_aside_keep_gaining(scene):
 
 
 def test_auto_decides_at_full_resolution_only(scene, monkeypatch):
-    monkeypatch.setattr("gsut.data.pyramid._SMALLEST_SIDE", 8)
+    monkeypatch.setattr("gsut.data.training_views._SMALLEST_SIDE", 8)
     fractions = {"coarse_to_fine": (0.0, 0.5), "densify_every": 10}
     options = TrainOptions(steps=100, max_gaussians="auto", **fractions).resolved()
     loop, seen = TrainingLoop(scene, options), []

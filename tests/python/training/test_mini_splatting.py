@@ -6,9 +6,9 @@ import pytest
 import gsut
 from gsut import TrainOptions
 from gsut.compact.scores import blend_weights, seen_views
-from gsut.optimize.optimizer import GaussianOptimizer
+from gsut.optimize import GaussianOptimizer, split_and_prune
 from gsut.training.loop import TrainingLoop
-from gsut.training.mini_splatting import OVERGROWN, blurred, reinitialised, sampled
+from gsut.training.strategies.mini import OVERGROWN, blurred, reinitialised, sampled
 from rendered_dataset import write_dataset
 
 SHORT = {"steps": 80, "max_gaussians": 150, "densify_every": 4, "strategy": "mini", "noise": False}
@@ -44,7 +44,7 @@ def test_splitting_makes_two_smaller_ones_and_pruning_keeps_the_order(trained):
     split, prune = np.zeros(len(trained), bool), np.zeros(len(trained), bool)
     split[[3, 7]] = True
     prune[[0, 7]] = True
-    counts = optimizer.split_and_prune(split, prune)
+    counts = split_and_prune(optimizer, split, prune)
     assert (counts.pruned, counts.split, counts.size) == (2, 1, len(trained) - 1)
     made = optimizer.gaussians
     assert made.means[:2].tobytes() == trained.means[1:3].tobytes()

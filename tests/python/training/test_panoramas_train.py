@@ -34,7 +34,7 @@ def test_panorama_trains_across_the_seam(panorama_data, lens):
     scene = gsut.load_dataset(panorama_data)
     assert scene.cameras[0].model == "equirectangular"
     if lens == "lonlat":
-        scene.cameras[:] = [lonlat()]
+        scene = scene.with_lenses([lonlat()])
     options = gsut.TrainOptions(steps=STEPS, max_gaussians=5000, sh_degree=1, seed=1)
     trained = gsut.train(scene, options, progress=False)
     at_seam, elsewhere, jumps = [], [], []

@@ -52,7 +52,7 @@ def test_bearing_points_of_exact_poses_are_exact_and_one_a_track(rng):
     for image in range(4):
         points.add_image(image, poses)
     assert len(points.positions) == len(positions)
-    assert len(points.sights) == 4 * len(positions)
+    assert len(points.observations) == 4 * len(positions)
     order = points.colors[:, 0]
     np.testing.assert_allclose(points.positions, positions[order], atol=1e-9)
     moved = points.positions + 0.01 * rng.normal(size=points.positions.shape)

@@ -279,7 +279,7 @@ def test_train_init_points_without_points_is_refused(tmp_path, rng):
 def test_train_without_test_views_measures_training_views(tmp_path, rng):
     folder = write_dataset(tmp_path / "data", rng, with_test=False)
     scene = gsut.load_dataset(folder, test_every=0)
-    assert scene.test_indices == [] and len(scene.train_indices) == VIEWS
+    assert scene.test_indices == () and len(scene.train_indices) == VIEWS
     result = train(scene, TrainOptions(**SHORT), out=tmp_path / "run")
     assert result.metrics["evaluated_on"] == "training views"
     assert result.metrics["psnr"] > 20
@@ -316,7 +316,7 @@ def test_train_on_small_images_runs_at_full_resolution(tmp_path, rng, width, hei
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng, camera=camera))
     options = TrainOptions(**SHORT, coarse_to_fine=(0.3, 0.6)).resolved()
     loop = TrainingLoop(scene, options)
-    assert loop.pyramid.at(0.1).camera(scene.train_indices[0]).width == width
+    assert loop.views.at(0.1).camera(scene.train_indices[0]).width == width
     result = train(scene, options)
     assert result.metrics["psnr"] is None or np.isfinite(result.metrics["psnr"])
     assert all(np.isfinite(row["loss"]) for row in result.history)
@@ -331,7 +331,7 @@ def test_train_coarse_to_fine_uses_quarter_half_and_full_resolution(tmp_path, rn
     ).resolved()
     loop = TrainingLoop(scene, options)
     view = scene.train_indices[0]
-    sizes = [loop.pyramid.at(f / 20).camera(view).height for f in range(1, 21)]
+    sizes = [loop.views.at(f / 20).camera(view).height for f in range(1, 21)]
     assert sizes == [65] * 6 + [130] * 6 + [260] * 8
     result = train(scene, options)
     assert len(result.history) == 20
@@ -339,14 +339,14 @@ def test_train_coarse_to_fine_uses_quarter_half_and_full_resolution(tmp_path, rn
 
 def test_train_one_step_on_one_view_runs(tmp_path, rng):
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng))
-    scene.train_indices = scene.train_indices[:1]
+    scene = scene.replace(train_indices=scene.train_indices[:1])
     result = train(scene, TrainOptions(steps=1, max_gaussians=100))
     assert [row["step"] for row in result.history] == [1]
 
 
 def test_train_no_training_view_is_refused(tmp_path, rng):
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng))
-    scene.train_indices = []
+    scene = scene.replace(train_indices=[])
     with pytest.raises(InputError, match="no training view"):
         train(scene, TrainOptions(**SHORT))
 

@@ -18,16 +18,13 @@ struct Globe {
     return AndMask(inside, level > T(0.0));
   }
 
-  // Sine of the angle to the nearer pole.
-  template <class T>
-  static T PoleSine(T across, T up, T ahead) {
-    const T level_square = across * across + ahead * ahead;
-    return Sqrt(level_square / (level_square + up * up));
-  }
-
-  static LensDomain MakeDomain(double angle_limit) {
+  // up: the axis of the camera frame that the poles lie along.
+  static LensDomain MakeDomain(double angle_limit, int up, double period_u, double period_v) {
     LensDomain domain;
     SetCone(angle_limit < kPi ? angle_limit : kPi, &domain);
+    domain.pole_axis = up;
+    domain.period_u = period_u;
+    domain.period_v = period_v;
     return domain;
   }
 

@@ -21,7 +21,7 @@ struct Equirectangular {
 
   static LensDomain MakeDomain(const double* /*params*/, int /*num_params*/, double angle_limit,
                                int width, int height) {
-    LensDomain domain = Globe::MakeDomain(angle_limit);
+    LensDomain domain = Globe::MakeDomain(angle_limit, 1, width, 0.0);
     domain.limits[0] = width;
     domain.limits[1] = height;
     return domain;
@@ -47,15 +47,4 @@ struct Equirectangular {
 
   static void Rescale(double* /*params*/, int /*num_params*/, double /*scale_x*/,
                       double /*scale_y*/) {}
-
-  static void Period(const LensDomain& domain, const double* /*params*/, double* period_u,
-                     double* period_v) {
-    *period_u = domain.limits[0];
-    *period_v = 0.0;
-  }
-
-  template <class T>
-  static T PoleSine(T x, T y, T z) {
-    return Globe::PoleSine(x, y, z);
-  }
 };

@@ -29,7 +29,7 @@ struct Latlon {
     CheckFocalParams(kName, kParamNames, params, num_params);
     CheckLensParam(kName, "fx", params[0], 0.0, kLargestFocal);
     CheckLensParam(kName, "fy", params[1], 0.0, kLargestFocal);
-    return Globe::MakeDomain(angle_limit);
+    return Globe::MakeDomain(angle_limit, 0, 0.0, 2.0 * kPi * params[1]);
   }
 
   template <class T>
@@ -45,17 +45,6 @@ struct Latlon {
     double longitude = 0.0, latitude = 0.0, x = 0.0, y = 0.0, z = 0.0;
     return FromPixel(params, u, v, &latitude, &longitude) &&
            Globe::Direction(longitude, latitude, &y, &x, &z) && RayInCone(domain, x, y, z, ray);
-  }
-
-  static void Period(const LensDomain& /*domain*/, const double* params, double* period_u,
-                     double* period_v) {
-    *period_u = 0.0;
-    *period_v = 2.0 * kPi * params[1];
-  }
-
-  template <class T>
-  static T PoleSine(T x, T y, T z) {
-    return Globe::PoleSine(y, x, z);
   }
 
   static constexpr double kLargestFocal = 1e8;  // pixels per radian: pixels stay below kMaxPixel

@@ -25,7 +25,7 @@ struct Lonlat {
     CheckFocalParams(kName, kParamNames, params, num_params);
     CheckLensParam(kName, "fx", params[0], 0.0, kLargestFocal);
     CheckLensParam(kName, "fy", params[1], 0.0, kLargestFocal);
-    return Globe::MakeDomain(angle_limit);
+    return Globe::MakeDomain(angle_limit, 1, 2.0 * kPi * params[0], 0.0);
   }
 
   template <class T>
@@ -41,17 +41,6 @@ struct Lonlat {
     double longitude = 0.0, latitude = 0.0, x = 0.0, y = 0.0, z = 0.0;
     return FromPixel(params, u, v, &longitude, &latitude) &&
            Globe::Direction(longitude, latitude, &x, &y, &z) && RayInCone(domain, x, y, z, ray);
-  }
-
-  static void Period(const LensDomain& /*domain*/, const double* params, double* period_u,
-                     double* period_v) {
-    *period_u = 2.0 * kPi * params[0];
-    *period_v = 0.0;
-  }
-
-  template <class T>
-  static T PoleSine(T x, T y, T z) {
-    return Globe::PoleSine(x, y, z);
   }
 
   static constexpr double kLargestFocal = 1e8;  // pixels per radian: pixels stay below kMaxPixel

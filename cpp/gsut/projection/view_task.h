@@ -1,0 +1,31 @@
+// What every float kernel of projection is told: Gaussians, lens, place of the camera, cut-off.
+#pragma once
+
+#include <cmath>
+#include <limits>
+
+#include "gsut/cameras/lens_kernels.h"
+#include "gsut/gaussians/gaussians.h"
+#include "gsut/projection/project.h"
+#include "gsut/projection/view.h"
+
+namespace gsut {
+
+struct ViewTask {
+  GaussiansView<const float> gaussians;  // sh is not read
+  FloatLens lens;
+  ViewFloats view;
+  float log2_alpha_min;
+  float max_cutoff;
+};
+
+// Throws InputError if the kernels cannot take the lens.
+inline ViewTask MakeViewTask(const GaussiansView<const float>& gaussians, const Camera& camera,
+                             const Pose& camera_from_world, const FootprintRule& rule) {
+  return {gaussians, FloatLens(camera), MakeViewFloats(camera_from_world),
+          static_cast<float>(std::log2(rule.alpha_min)),
+          rule.response_min > 0.0 ? static_cast<float>(-2.0 * std::log(rule.response_min))
+                                  : std::numeric_limits<float>::max()};
+}
+
+}  // namespace gsut

@@ -1,0 +1,256 @@
+// The backward pass of one tile: gradients of each pair's linear forms, opacity and colour.
+
+#if defined(GSUT_RASTER_CENTRAL_BACKWARD_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef GSUT_RASTER_CENTRAL_BACKWARD_INL_H_
+#undef GSUT_RASTER_CENTRAL_BACKWARD_INL_H_
+#else
+#define GSUT_RASTER_CENTRAL_BACKWARD_INL_H_
+#endif
+
+#include "gsut/raster/central/tile_axes-inl.h"
+#include "gsut/raster/pixels-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace gsut {
+namespace HWY_NAMESPACE {
+
+// Blocks whose alphas are found together.
+inline constexpr int kBackwardJam = 4;
+
+// State of a tile's pixels, block by block: fields of kLanes floats.
+enum PixelField {
+  kFieldS,
+  kFieldT,
+  kFieldRed,  // dL/dred ...
+  kFieldGreen,
+  kFieldBlue,
+  kFieldTransmittance,
+  kFieldBehind,  // what lies behind the Gaussians blended so far, as L sees it
+  kFieldAlong,   // dL/ddepth times the ray's length
+  // Of the Gaussian at hand:
+  kFieldP,
+  kFieldQ,
+  kFieldZ,
+  kFieldReciprocal,  // 1 / (z^2 + k N), 0 where there is no hit
+  kFieldU,
+  kFieldAlpha,  // 0 where there is no hit, negative where it is clamped
+  // Gradients to the ray, with rays only:
+  kFieldToS,
+  kFieldToT,
+  kNumFields
+};
+
+// to_rays: 2 x 256 gradients to s and t of the tile's pixels, swizzled; with kRays.
+template <bool kDepth, bool kStopBefore, bool kRays>
+HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
+                             float transmittance_min, const PixelGradients& gradients, Frame* frame,
+                             float* to_rays) {
+  const FloatTag d;
+  const std::uint32_t count = frame->entry_count[tile];
+  if (kRays) __builtin_memset(to_rays, 0, sizeof(float) * 2 * kTilePixels);
+  if (count == 0) return;
+  const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
+  const TileAxes to_tile = ToTileAxes(grid, tile);
+  const float* center = &grid.center[static_cast<std::size_t>(tile) * kDirectionSize];
+  const TileAxes from_tile = FromTileAxes(grid, tile);
+  // One block more than the tile has: a dead block that fills up the last group.
+  HWY_ALIGN float state[(kBlocks + 1) * kNumFields * kLanes];
+  const auto field = [&](int block, int f)
+                         HWY_ATTR { return state + (block * kNumFields + f) * kLanes; };
+  for (int b = 0; b < kBlocks; ++b) {
+    const std::size_t o = pixel0 + static_cast<std::size_t>(b) * kLanes;
+    hn::Store(hn::Load(d, &grid.s[o]), d, field(b, kFieldS));
+    hn::Store(hn::Load(d, &grid.t[o]), d, field(b, kFieldT));
+    FloatVec behind = hn::Mul(hn::Abs(hn::Load(d, &frame->transmittance[o])),
+                              hn::Load(d, gradients.final_transmittance + b * kLanes));
+    for (int c = 0; c < 3; ++c) {
+      const FloatVec g = hn::Load(d, gradients.color[c] + b * kLanes);
+      hn::Store(g, d, field(b, kFieldRed + c));
+      behind = hn::MulAdd(g, hn::Load(d, &frame->color[c][o]), behind);
+    }
+    if (kDepth) {
+      const FloatVec g = hn::Load(d, gradients.depth + b * kLanes);
+      hn::Store(g, d, field(b, kFieldAlong));
+      behind = hn::MulAdd(g, hn::Load(d, &frame->depth[o]), behind);
+    }
+    hn::Store(hn::Load(d, &grid.start[o]), d, field(b, kFieldTransmittance));
+    hn::Store(behind, d, field(b, kFieldBehind));
+    if (kRays) {
+      hn::Store(hn::Zero(d), d, field(b, kFieldToS));
+      hn::Store(hn::Zero(d), d, field(b, kFieldToT));
+    }
+  }
+  for (int f = 0; f < kNumFields; ++f) hn::Store(hn::Zero(d), d, field(kBlocks, f));
+
+  const FloatVec alpha_limit = hn::Set(d, alpha_max);
+  const FloatVec stop = hn::Set(d, transmittance_min);
+  const FloatVec one = hn::Set(d, 1.0f);
+  const TileEntry* entries = &frame->entries[frame->tile_begin[tile]];
+  const float* records = frame->records.data();
+  constexpr double kLn2 = 0.69314718055994530942;
+  constexpr std::uint32_t kAhead = 8;
+  for (std::uint32_t e = 0; e < count; ++e) {
+    if (e + kAhead < count) {
+      const TileEntry& next = entries[e + kAhead];
+      hwy::Prefetch(records + std::size_t{record::kSize} * next.gaussian);
+      FetchDirection(*frame, entries[e + kAhead / 2].gaussian);
+      // Slots lie in the order of the Gaussians: without this, each store waits for its line and
+      // those behind it wait too.
+      __builtin_prefetch(&frame->slot_gradients[std::size_t{16} * next.slot], 1);
+    }
+    HWY_ALIGN float r[record::kSize];
+    TurnRecord(to_tile, center, *frame, entries[e].gaussian, r);
+    FloatVec sums[16];
+    GSUT_UNROLL for (int i = 0; i < 16; ++i) sums[i] = hn::Zero(d);
+    const FloatVec k = hn::Set(d, r[record::kK]);
+    const FloatVec kappa = hn::Set(d, r[record::kKappa]);
+    const FloatVec log2_opacity = hn::Set(d, r[record::kLog2Opacity]);
+    const FloatVec depth_scale = hn::Set(d, r[record::kDepth]);
+    const FloatVec depth_factor =
+        hn::Set(d, r[record::kDepth] / (static_cast<float>(kLn2) * r[record::kKappa]));
+    // First all alphas, then the blend: the first is wide and without order, the second needs the
+    // registers for its sums.
+    for (std::uint64_t todo = entries[e].blocks; todo != 0;) {
+      float* at[kBackwardJam];
+      FloatVec s[kBackwardJam], t[kBackwardJam], p[kBackwardJam], q[kBackwardJam], z[kBackwardJam];
+      FloatVec zz[kBackwardJam], n[kBackwardJam], reciprocal[kBackwardJam], alpha[kBackwardJam];
+      FloatMask hit[kBackwardJam];
+      GSUT_UNROLL for (int i = 0; i < kBackwardJam; ++i) {
+        at[i] = field(todo != 0 ? __builtin_ctzll(todo) : kBlocks, 0);
+        todo &= todo - 1;
+        s[i] = hn::Load(d, at[i] + kFieldS * kLanes);
+        t[i] = hn::Load(d, at[i] + kFieldT * kLanes);
+      }
+      // The same operations in the same order as the forward pass: the same bits, the same hits.
+      GSUT_UNROLL for (int i = 0; i < kBackwardJam; ++i) {
+        p[i] = hn::MulAdd(hn::Set(d, r[1]), s[i],
+                          hn::MulAdd(hn::Set(d, r[2]), t[i], hn::Set(d, r[0])));
+        q[i] = hn::MulAdd(hn::Set(d, r[4]), s[i],
+                          hn::MulAdd(hn::Set(d, r[5]), t[i], hn::Set(d, r[3])));
+        z[i] = hn::MulAdd(hn::Set(d, r[7]), s[i],
+                          hn::MulAdd(hn::Set(d, r[8]), t[i], hn::Set(d, r[6])));
+        z[i] = hn::Max(z[i], hn::Zero(d));
+        n[i] = hn::MulAdd(p[i], p[i], hn::Mul(q[i], q[i]));
+        zz[i] = hn::Mul(z[i], z[i]);
+        hit[i] = hn::Lt(n[i], zz[i]);
+        zz[i] = hn::MulAdd(k, n[i], zz[i]);
+        hn::Store(p[i], d, at[i] + kFieldP * kLanes);
+        hn::Store(q[i], d, at[i] + kFieldQ * kLanes);
+        hn::Store(z[i], d, at[i] + kFieldZ * kLanes);
+      }
+      GSUT_UNROLL for (int i = 0; i < kBackwardJam; ++i) {
+        // A miss may hold infinities: they are taken out here.
+        reciprocal[i] = hn::IfThenElseZero(hit[i], FastReciprocal(zz[i]));
+        hn::Store(reciprocal[i], d, at[i] + kFieldReciprocal * kLanes);
+      }
+      GSUT_UNROLL for (int i = 0; i < kBackwardJam; ++i) {
+        const FloatVec u = hn::Mul(n[i], reciprocal[i]);
+        hn::Store(u, d, at[i] + kFieldU * kLanes);
+        alpha[i] = FastExp2(hn::MulAdd(kappa, u, log2_opacity));
+      }
+      GSUT_UNROLL for (int i = 0; i < kBackwardJam; ++i) {
+        const FloatVec signed_alpha =
+            hn::IfThenElse(hn::Lt(alpha[i], alpha_limit), alpha[i], hn::Neg(alpha_limit));
+        hn::Store(hn::IfThenElseZero(hit[i], signed_alpha), d, at[i] + kFieldAlpha * kLanes);
+      }
+    }
+    for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
+      float* at = field(__builtin_ctzll(todo), 0);
+      const auto get = [&](int f) HWY_ATTR { return hn::Load(d, at + f * kLanes); };
+      const FloatVec transmittance = get(kFieldTransmittance);
+      const FloatMask open = hn::Ge(transmittance, stop);
+      FloatVec signed_alpha = hn::IfThenElseZero(open, get(kFieldAlpha));
+      FloatVec alpha = hn::Abs(signed_alpha);
+      FloatVec weight = hn::Mul(alpha, transmittance);
+      if (kStopBefore) {
+        const FloatMask ends =
+            hn::And(hn::Gt(alpha, hn::Zero(d)), hn::Le(hn::Sub(transmittance, weight), stop));
+        weight = hn::IfThenZeroElse(ends, weight);
+        signed_alpha = hn::IfThenZeroElse(ends, signed_alpha);
+        alpha = hn::IfThenZeroElse(ends, alpha);
+        hn::Store(hn::IfThenElse(ends, hn::Neg(transmittance), hn::Sub(transmittance, weight)), d,
+                  at + kFieldTransmittance * kLanes);
+      } else {
+        hn::Store(hn::Sub(transmittance, weight), d, at + kFieldTransmittance * kLanes);
+      }
+      const FloatVec past = FastReciprocal(hn::Sub(one, alpha));
+      const FloatVec red = get(kFieldRed), green = get(kFieldGreen), blue = get(kFieldBlue);
+      sums[slot::kColor] = hn::MulAdd(weight, red, sums[slot::kColor]);
+      sums[slot::kColor + 1] = hn::MulAdd(weight, green, sums[slot::kColor + 1]);
+      sums[slot::kColor + 2] = hn::MulAdd(weight, blue, sums[slot::kColor + 2]);
+      FloatVec value = hn::MulAdd(hn::Set(d, r[record::kColor]), red,
+                                  hn::MulAdd(hn::Set(d, r[record::kColor + 1]), green,
+                                             hn::Mul(hn::Set(d, r[record::kColor + 2]), blue)));
+      const FloatVec reciprocal = get(kFieldReciprocal);
+      const FloatVec z = get(kFieldZ);
+      FloatVec to_depth = hn::Zero(d);  // weight x dL/ddepth
+      FloatVec unit_depth = hn::Zero(d);
+      if (kDepth) {
+        const FloatVec along = get(kFieldAlong);
+        unit_depth = hn::Mul(z, reciprocal);
+        value = hn::MulAdd(hn::Mul(depth_scale, unit_depth), along, value);
+        to_depth = hn::Mul(weight, along);
+      }
+      const FloatVec behind = hn::NegMulAdd(weight, value, get(kFieldBehind));
+      hn::Store(behind, d, at + kFieldBehind * kLanes);
+      // h = alpha dL/dalpha, 0 where alpha is clamped or the pixel is not hit.
+      const FloatVec h = hn::Mul(hn::Max(signed_alpha, hn::Zero(d)),
+                                 hn::NegMulAdd(behind, past, hn::Mul(transmittance, value)));
+      const FloatVec u = get(kFieldU);
+      const FloatVec hr = hn::Mul(h, reciprocal);
+      const FloatVec hru = hn::Mul(hr, u);
+      FloatVec to_form = hn::NegMulAdd(k, hru, hr);
+      FloatVec to_z = hn::Mul(hru, z);
+      if (kDepth) {
+        const FloatVec scaled = hn::Mul(to_depth, depth_factor);
+        const FloatVec second = hn::Mul(scaled, hn::Mul(unit_depth, reciprocal));
+        to_form = hn::NegMulAdd(k, second, to_form);
+        to_z = hn::MulAdd(second, z, to_z);
+        to_z = hn::NegMulAdd(hn::Mul(hn::Set(d, 0.5f), scaled), reciprocal, to_z);
+        sums[slot::kDepth] = hn::MulAdd(to_depth, unit_depth, sums[slot::kDepth]);
+      }
+      sums[slot::kHu] = hn::MulAdd(h, u, sums[slot::kHu]);
+      sums[slot::kH] = hn::Add(sums[slot::kH], h);
+      const FloatVec s = get(kFieldS), t = get(kFieldT);
+      const FloatVec gp = hn::Mul(to_form, get(kFieldP));
+      const FloatVec gq = hn::Mul(to_form, get(kFieldQ));
+      sums[0] = hn::Add(sums[0], gp);
+      sums[1] = hn::MulAdd(gp, s, sums[1]);
+      sums[2] = hn::MulAdd(gp, t, sums[2]);
+      sums[3] = hn::Add(sums[3], gq);
+      sums[4] = hn::MulAdd(gq, s, sums[4]);
+      sums[5] = hn::MulAdd(gq, t, sums[5]);
+      sums[6] = hn::Add(sums[6], to_z);
+      sums[7] = hn::MulAdd(to_z, s, sums[7]);
+      sums[8] = hn::MulAdd(to_z, t, sums[8]);
+      if (kRays) {
+        const FloatVec scale = hn::Mul(hn::Set(d, static_cast<float>(2.0 * kLn2)), kappa);
+        const auto to_ray = [&](int field_at, int j) HWY_ATTR {
+          const FloatVec sum =
+              hn::NegMulAdd(to_z, hn::Set(d, r[record::kC + j]),
+                            hn::MulAdd(gp, hn::Set(d, r[record::kA + j]),
+                                       hn::Mul(gq, hn::Set(d, r[record::kB + j]))));
+          hn::Store(hn::MulAdd(scale, sum, get(field_at)), d, at + field_at * kLanes);
+        };
+        to_ray(kFieldToS, 1);
+        to_ray(kFieldToT, 2);
+      }
+    }
+    HWY_ALIGN float totals[16];
+    SumLanes16(sums, totals);
+    from_tile.Turn(totals, &frame->slot_gradients[std::size_t{16} * entries[e].slot]);
+    frame->slot_touched[entries[e].slot] = 1;
+  }
+  if (kRays) {
+    for (int b = 0; b < kBlocks; ++b) {
+      hn::Store(hn::Load(d, field(b, kFieldToS)), d, to_rays + b * kLanes);
+      hn::Store(hn::Load(d, field(b, kFieldToT)), d, to_rays + kTilePixels + b * kLanes);
+    }
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace gsut
+HWY_AFTER_NAMESPACE();
+
+#endif  // include guard of a per-target header

@@ -1,0 +1,155 @@
+// The kernels for lines, compiled once per instruction set.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "gsut/raster/lines/kernels.cpp"
+#include "gsut/base/hwy_targets.h"
+
+#include <hwy/cache_control.h>
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include <memory>
+#include <vector>
+
+#include "gsut/gaussians/harmonics.h"
+#include "gsut/raster/lines/kernels.h"
+
+#include "gsut/raster/lines/tiles-inl.h"
+#include "gsut/raster/lines/forward-inl.h"
+#include "gsut/raster/lines/backward-inl.h"
+#include "gsut/raster/lines/gradients-inl.h"
+#include "gsut/raster/harmonics-inl.h"
+#include "gsut/raster/pixels-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace gsut {
+namespace HWY_NAMESPACE {
+
+// A standard deviation beyond this (world units) is taken as this: a wall all the same, and squares
+// of it and of its inverse stay in float's range.
+inline constexpr double kLargestScale = 1e15;
+
+void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begin, std::int64_t end,
+                 Frame* frame, Splats* splats) {
+  const FloatTag d;
+  const hn::RebindToSigned<FloatTag> di;
+  const auto rows = std::make_unique_for_overwrite<TouchedRows>();
+  std::vector<RowSpan>* spans = &frame->row_spans[static_cast<std::size_t>(begin / kRecordsPart)];
+  for (std::int64_t i = begin; i < end; i += kLanes) {
+    const int count = static_cast<int>(HWY_MIN(end - i, static_cast<std::int64_t>(kLanes)));
+    const SeenLanes g =
+        LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
+    Lane direction[3], color[3];
+    ShadingDirection(g, task.view, grid.is_parallel, direction);
+    const BatchHarmonics sh = HarmonicsOf(task.sh_rows, task.sh_degree, i);
+    const auto row_offset =
+        hn::Mul(hn::Min(hn::Iota(di, 0), hn::Set(di, count - 1)), hn::Set(di, 3 * sh.coefficients));
+    EvalColor(sh.degree, direction, task.gaussians.sh + sh.offset, row_offset, color);
+    const LaneMask in_range =
+        AndMask(g.mean[2] >= Lane(task.near_z), g.mean[2] <= Lane(task.far_z));
+    HWY_ALIGN float values[record::kSize][kLanes];
+    Lane sum = color[0] + color[1] + color[2] + g.mean[0] + g.mean[1] + g.mean[2];
+    for (int k = 0; k < 3; ++k) {
+      hn::Store(g.mean[k].v, d, values[line_record::kMean + k]);
+      const Lane inverse_scale = Lane(1.0) / Min(g.scale[k], Lane(kLargestScale));
+      // A square of what is stored must be a number, too.
+      sum += inverse_scale * inverse_scale;
+      for (int j = 0; j < 3; ++j) {
+        hn::Store((g.axes[k][j] * inverse_scale).v, d, values[line_record::kWhiten + 3 * k + j]);
+      }
+      hn::Store(Max(color[k], Lane(0.0)).v, d, values[line_record::kColor + k]);
+    }
+    hn::Store(g.log2_opacity.v, d, values[line_record::kLog2Opacity]);
+    const bool by_z = task.order_by_z || grid.is_parallel;
+    hn::StoreU((by_z ? g.mean[2] : g.distance).v, d,
+               &frame->order_key[static_cast<std::size_t>(i)]);
+    hn::StoreU(g.distance.v, d, &splats->distance[static_cast<std::size_t>(i)]);
+    LaneMask visible = AndMask(AndMask(g.usable, in_range), IsFinite(sum));
+    // Centred on the reference: nothing to shade it by.
+    if (!grid.is_parallel) visible = AndMask(visible, g.distance > Lane(0.0));
+    const std::uint64_t bits = MaskBits(visible.m);
+    for (int k = 0; k < count; ++k) {
+      const std::size_t j = static_cast<std::size_t>(i + k);
+      frame->rects[j] = {};
+      splats->status[j] = SplatStatus::kUnseen;
+      if (!((bits >> k) & 1)) continue;
+      float* row = &frame->records[j * record::kSize];
+      for (int column = 0; column < record::kSize; ++column) row[column] = values[column][k];
+      frame->rects[j] =
+          LineTileRect(grid, row, task.log2_alpha_min, task.max_cutoff, rows.get(), spans);
+      if (frame->rects[j].x0 < frame->rects[j].x1) splats->status[j] = SplatStatus::kUncertain;
+    }
+  }
+}
+
+void LineForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame, float* image,
+                 float* alpha, float* depth) {
+  WithFlag(task.with_depth, [&](auto with_depth) HWY_ATTR {
+    WithFlag(task.keep, [&](auto keep) HWY_ATTR {
+      WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
+        ForwardLines<with_depth.value, keep.value, stop_before.value>(task, grid, tile, frame);
+      });
+    });
+  });
+  WritePixels(grid.tiles, tile, *frame, task.background, task.with_depth, image, alpha, depth);
+}
+
+void LineBackward(const RasterTask& task, const LineGrid& grid, int tile,
+                  const ImageGradients& gradients, Frame* frame, float* to_lines) {
+  HWY_ALIGN float buffer[5 * kTilePixels];
+  const PixelGradients pixels =
+      ReadPixelGradients(grid.tiles, tile, gradients, task.background, buffer);
+  WithFlag(gradients.depth != nullptr, [&](auto with_depth) HWY_ATTR {
+    WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
+      WithFlag(to_lines != nullptr, [&](auto with_poses) HWY_ATTR {
+        BackwardLines<with_depth.value, stop_before.value, with_poses.value>(
+            task, grid, tile, pixels, frame, to_lines);
+      });
+    });
+  });
+}
+
+void LineGradientsRange(const RasterTask& task, bool is_parallel, const Frame& frame,
+                        std::int64_t begin, std::int64_t end, bool write_untouched,
+                        const GaussiansView<float>& gradients, std::uint8_t* touched,
+                        double* dshading) {
+  for (std::int64_t i = begin; i < end; i += kLanes) {
+    LineGradients(task, is_parallel, i, write_untouched, frame, gradients, touched, dshading);
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace gsut
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace gsut {
+HWY_EXPORT(LineRecords);
+HWY_EXPORT(LineForward);
+HWY_EXPORT(LineBackward);
+HWY_EXPORT(LineGradientsRange);
+
+void LineRecordsKernel(const RasterTask& task, const LineGrid& grid, std::int64_t begin,
+                       std::int64_t end, Frame* frame, Splats* splats) {
+  HWY_DYNAMIC_DISPATCH(LineRecords)(task, grid, begin, end, frame, splats);
+}
+
+void LineForwardKernel(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
+                       float* image, float* alpha, float* depth) {
+  HWY_DYNAMIC_DISPATCH(LineForward)(task, grid, tile, frame, image, alpha, depth);
+}
+
+void LineBackwardKernel(const RasterTask& task, const LineGrid& grid, int tile,
+                        const ImageGradients& gradients, Frame* frame, float* to_lines) {
+  HWY_DYNAMIC_DISPATCH(LineBackward)(task, grid, tile, gradients, frame, to_lines);
+}
+
+void LineGradientsKernel(const RasterTask& task, bool is_parallel, const Frame& frame,
+                         std::int64_t begin, std::int64_t end, bool write_untouched,
+                         const GaussiansView<float>& gradients, std::uint8_t* touched,
+                         double* dshading) {
+  HWY_DYNAMIC_DISPATCH(LineGradientsRange)
+  (task, is_parallel, frame, begin, end, write_untouched, gradients, touched, dshading);
+}
+
+}  // namespace gsut
+#endif

@@ -1,0 +1,34 @@
+// The calls into the vectorised kernels for lines of the active instruction set.
+#pragma once
+
+#include <cstdint>
+
+#include "gsut/gaussians/gaussians.h"
+#include "gsut/projection/project.h"
+#include "gsut/raster/frame.h"
+#include "gsut/raster/line_grid.h"
+#include "gsut/raster/task.h"
+
+namespace gsut {
+
+// Records, order keys and tiles of the Gaussians [begin, end), begin a multiple of 16; also their
+// distance and status in `splats`, which have no pixels here.
+void LineRecordsKernel(const RasterTask& task, const LineGrid& grid, std::int64_t begin,
+                       std::int64_t end, Frame* frame, Splats* splats);
+
+// As ForwardKernel.
+void LineForwardKernel(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
+                       float* image, float* alpha, float* depth);
+
+// As BackwardKernel; to_lines: null, or 5 x 256 floats for the gradients to a, b, s, t and slide of
+// the tile's lines, swizzled.
+void LineBackwardKernel(const RasterTask& task, const LineGrid& grid, int tile,
+                        const ImageGradients& gradients, Frame* frame, float* to_lines);
+
+// As GradientsKernel; adds to dshading[6], the gradients to the reference's centre and axis.
+void LineGradientsKernel(const RasterTask& task, bool is_parallel, const Frame& frame,
+                         std::int64_t begin, std::int64_t end, bool write_untouched,
+                         const GaussiansView<float>& gradients, std::uint8_t* touched,
+                         double* dshading);
+
+}  // namespace gsut

@@ -1,0 +1,155 @@
+// How much each Gaussian counts in the last frame: significance, winners of pixels, Fisher
+// matrices.
+#include <Eigen/Core>
+#include <algorithm>
+#include <array>
+#include <vector>
+
+#include "gsut/base/errors.h"
+#include "gsut/base/parallel.h"
+#include "gsut/gaussians/harmonics.h"
+#include "gsut/raster/render.h"
+#include "gsut/raster/scores/tile_walk.h"
+
+namespace gsut {
+namespace {
+
+using Eigen::Map;
+using Eigen::Vector3d;
+
+// Tiles whose sums are held at a time: memory does not grow with the image.
+constexpr int kTilesAtATime = 64;
+
+// tile(number, sums) leaves kSums numbers an entry of the tile; they are added to the Gaussians'
+// rows of out in the order of tiles and entries, whatever the number of threads.
+template <int kSums, class Tile>
+void AddOverTiles(const Frame& frame, int num_tiles, const Tile& tile, double* out) {
+  std::vector<double> sums;
+  std::vector<std::size_t> first;
+  for (int begin = 0; begin < num_tiles; begin += kTilesAtATime) {
+    const int end = std::min(begin + kTilesAtATime, num_tiles);
+    first.assign(1, 0);
+    for (int t = begin; t < end; ++t) {
+      first.push_back(first.back() + frame.entry_count[static_cast<std::size_t>(t)]);
+    }
+    sums.assign(first.back() * kSums, 0.0);
+    ParallelFor(end - begin, 1, [&](std::int64_t t, std::int64_t) {
+      tile(begin + static_cast<int>(t),
+           sums.data() + first[static_cast<std::size_t>(t)] * std::size_t{kSums});
+    });
+    const double* row = sums.data();
+    for (int t = begin; t < end; ++t) {
+      const std::size_t entry = frame.tile_begin[static_cast<std::size_t>(t)];
+      for (std::size_t e = 0; e < frame.entry_count[static_cast<std::size_t>(t)]; ++e) {
+        double* to = out + std::size_t{frame.entries[entry + e].gaussian} * kSums;
+        for (int k = 0; k < kSums; ++k) to[k] += *row++;
+      }
+    }
+  }
+}
+
+// The colour of a Gaussian as drawn and its derivative to the mean, world axes, a column a channel.
+struct ShadedColor {
+  Vector3d color = Vector3d::Zero();
+  Eigen::Matrix3d dcolor_dmean = Eigen::Matrix3d::Zero();
+};
+
+ShadedColor ColorOf(const WalkScene& scene, const RasterTask& task, std::int64_t index,
+                    bool is_parallel) {
+  const GaussiansView<const float>& g = scene.gaussians;
+  const Vector3d relative = Map<const Eigen::Vector3f>(g.means + 3 * index).cast<double>() -
+                            scene.camera_from_world.CenterInSource();
+  const Vector3d direction = is_parallel ? Vector3d(scene.camera_from_world.rotation.row(2))
+                                         : Vector3d(relative.normalized());
+  double sh[3 * kMaxShCoefficients], dsh[3 * kMaxShCoefficients];
+  const int sh_degree = std::min(task.sh_rows.Degree(index), task.sh_degree);
+  const float* row = g.sh + task.sh_rows.Offset(index);
+  for (int k = 0; k < 3 * NumShCoefficients(sh_degree); ++k) sh[k] = static_cast<double>(row[k]);
+  ShadedColor out;
+  const unsigned clamped = EvalHarmonics(sh_degree, direction.data(), sh, out.color.data());
+  if (is_parallel || sh_degree == 0) return out;
+  for (int c = 0; c < 3; ++c) {
+    double one[3] = {0.0, 0.0, 0.0}, dl_ddirection[3];
+    one[c] = 1.0;
+    EvalHarmonicsBackward(sh_degree, direction.data(), sh, clamped, one, dsh, dl_ddirection);
+    const Map<const Vector3d> to(dl_ddirection);
+    out.dcolor_dmean.col(c) = (to - direction * direction.dot(to)) / relative.norm();
+  }
+  return out;
+}
+
+}  // namespace
+
+WalkScene Renderer::LastScene() const {
+  if (!rendered_) {
+    throw InputError("scores need a render before them, made with keep_for_backward");
+  }
+  const TileGrid* tiles = lines_ != nullptr ? &lines_->tiles : grid_.get();
+  return {task_.gaussians, &frame_, tiles, lines_.get(), reference_, rule_};
+}
+
+void Renderer::AddSignificance(const std::uint8_t* chosen, double* significance,
+                               std::int32_t* winner, float* point) const {
+  const WalkScene scene = LastScene();
+  const std::int64_t pixels = std::int64_t{scene.tiles->width} * scene.tiles->height;
+  std::fill_n(winner, pixels, -1);
+  std::fill_n(point, 3 * pixels, 0.0f);
+  const Vector3d center = scene.camera_from_world.CenterInSource();
+  const auto tile = [&](int number, double* sums) {
+    TileWalk walk(scene, number, chosen);
+    std::array<double, kTilePixels> most{};
+    walk.Run([&](std::uint32_t e, const WalkGaussian& g, int offset, const WalkHit& hit) {
+      sums[e] += g.opacity * hit.transmittance;
+      double& best = most[static_cast<std::size_t>(offset)];
+      if (!(hit.weight > best)) return;
+      best = hit.weight;
+      winner[walk.pixel(offset)] = static_cast<std::int32_t>(g.index);
+      Map<Eigen::Vector3f>(point + 3 * walk.pixel(offset)) =
+          (center + walk.PointAt(offset, hit.along)).cast<float>();
+    });
+  };
+  AddOverTiles<1>(frame_, scene.tiles->num_tiles(), tile, significance);
+}
+
+void Renderer::AddFisher(const std::uint8_t* chosen, double* fisher) const {
+  const WalkScene scene = LastScene();
+  const bool is_parallel = lines_ != nullptr && lines_->is_parallel;
+  const Map<const Vector3d> background(background_);
+  const auto tile = [&](int number, double* sums) {
+    TileWalk walk(scene, number, chosen);
+    // First the whole colours: what lies behind a Gaussian is the rest of them.
+    std::array<Vector3d, kTilePixels> rest;
+    rest.fill(background);
+    std::vector<ShadedColor> colors(frame_.entry_count[static_cast<std::size_t>(number)]);
+    for (std::size_t e = 0; e < colors.size(); ++e) {
+      const std::size_t entry = frame_.tile_begin[static_cast<std::size_t>(number)] + e;
+      colors[e] = ColorOf(scene, task_, frame_.entries[entry].gaussian, is_parallel);
+    }
+    walk.Run([&](std::uint32_t e, const WalkGaussian&, int offset, const WalkHit& hit) {
+      rest[static_cast<std::size_t>(offset)] += hit.weight * (colors[e].color - background);
+    });
+    walk.Run([&](std::uint32_t e, const WalkGaussian& g, int offset, const WalkHit& hit) {
+      Vector3d& behind = rest[static_cast<std::size_t>(offset)];
+      const Vector3d& color = colors[e].color;
+      behind -= hit.weight * color;
+      const Vector3d dcolor_dalpha = hit.transmittance * color - behind / (1.0 - hit.alpha);
+      // alpha = opacity exp(-D^2 / 2); D^2 changes with the mean by 2 A^T r, with scale k by
+      // -2 r_k^2 / s_k (the nearest point is stationary).
+      const double factor = hit.clamped ? 0.0 : -hit.alpha;
+      const Vector3d by_mean = factor * (g.whiten.transpose() * hit.residual);
+      const Vector3d by_scale = -factor * hit.residual.cwiseAbs2().cwiseQuotient(g.scale);
+      for (int c = 0; c < 3; ++c) {
+        Eigen::Matrix<double, 6, 1> j;
+        j.head<3>() = dcolor_dalpha[c] * by_mean + hit.weight * colors[e].dcolor_dmean.col(c);
+        j.tail<3>() = dcolor_dalpha[c] * by_scale;
+        double* sum = sums + std::size_t{kFisherSums} * e;
+        for (int row = 0; row < 6; ++row) {
+          for (int column = row; column < 6; ++column) *sum++ += j[row] * j[column];
+        }
+      }
+    });
+  };
+  AddOverTiles<kFisherSums>(frame_, scene.tiles->num_tiles(), tile, fisher);
+}
+
+}  // namespace gsut

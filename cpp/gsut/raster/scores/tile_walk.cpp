@@ -1,0 +1,86 @@
+// Rays of a tile and the response of one Gaussian on one of them.
+#include "gsut/raster/scores/tile_walk.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "gsut/gaussians/activations.h"
+
+namespace gsut {
+
+using Eigen::Map;
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+WalkGaussian WalkGaussianOf(const WalkScene& scene, std::int64_t index) {
+  const GaussiansView<const float>& g = scene.gaussians;
+  WalkGaussian out;
+  out.index = index;
+  double quat[4], rotation[9];
+  for (int k = 0; k < 4; ++k) quat[k] = static_cast<double>(g.quats[4 * index + k]);
+  RotationFromQuaternion(quat, rotation);
+  for (int k = 0; k < 3; ++k) {
+    out.scale[k] = ScaleFromLog(static_cast<double>(g.log_scales[3 * index + k]));
+  }
+  out.whiten = out.scale.cwiseInverse().asDiagonal() *
+               Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rotation).transpose();
+  out.whitened = out.whiten * (Map<const Eigen::Vector3f>(g.means + 3 * index).cast<double>() -
+                               scene.camera_from_world.CenterInSource());
+  out.opacity = Sigmoid(static_cast<double>(g.opacity_logits[index]));
+  return out;
+}
+
+TileWalk::TileWalk(const WalkScene& scene, int tile, const std::uint8_t* chosen)
+    : scene_(scene), tile_(tile) {
+  const TileGrid& tiles = *scene.tiles;
+  const auto at = static_cast<std::size_t>(tile);
+  const float* frame = scene.lines == nullptr ? tiles.bundles[at].values + RayBundle::kFrame
+                                              : scene.lines->bundles[at].values + LineBundle::kD;
+  Vector3d axes[3];
+  for (int k = 0; k < 3; ++k) {
+    axes[k] = scene.camera_from_world.rotation.transpose() *
+              Map<const Eigen::Vector3f>(frame + 3 * k).cast<double>();
+  }
+  const auto& [d, e1, e2] = axes;
+  start_.fill(0.0);
+  pixels_.fill(-1);
+  directions_.fill(d);
+  origins_.fill(Vector3d::Zero());
+  const int x0 = (tile % tiles.tiles_x) * kTileSize, y0 = (tile / tiles.tiles_x) * kTileSize;
+  for (int y = y0; y < std::min(y0 + kTileSize, tiles.height); ++y) {
+    for (int x = x0; x < std::min(x0 + kTileSize, tiles.width); ++x) {
+      const auto offset = static_cast<std::size_t>(tiles.PixelOffset(x - x0, y - y0));
+      const std::size_t i = at * kTilePixels + offset;
+      const std::int64_t pixel = static_cast<std::int64_t>(y) * tiles.width + x;
+      pixels_[offset] = pixel;
+      if (chosen != nullptr && !chosen[pixel]) continue;
+      start_[offset] = static_cast<double>(tiles.start[i]);
+      const Vector3d direction =
+          d + static_cast<double>(tiles.s[i]) * e1 + static_cast<double>(tiles.t[i]) * e2;
+      directions_[offset] = direction;
+      if (scene.lines == nullptr) continue;
+      origins_[offset] = static_cast<double>(scene.lines->a[i]) * e1 +
+                         static_cast<double>(scene.lines->b[i]) * e2 +
+                         static_cast<double>(scene.lines->slide[i]) * direction;
+    }
+  }
+}
+
+bool TileWalk::Evaluate(const WalkGaussian& g, int offset, WalkHit* hit) const {
+  const auto at = static_cast<std::size_t>(offset);
+  const BlendRule& rule = scene_.rule;
+  const Vector3d w = g.whiten * directions_[at];
+  Vector3d whitened = g.whitened;
+  if (scene_.lines != nullptr) whitened -= g.whiten * origins_[at];
+  hit->along = whitened.dot(w) / w.squaredNorm();
+  if (!(hit->along > 0.0)) return false;
+  hit->residual = whitened - hit->along * w;
+  const double response = std::exp(-0.5 * hit->residual.squaredNorm());
+  if (!(response > rule.response_min)) return false;
+  const double raw = g.opacity * response;
+  hit->clamped = raw > rule.alpha_max;
+  hit->alpha = hit->clamped ? rule.alpha_max : raw;
+  return hit->alpha >= rule.alpha_min;
+}
+
+}  // namespace gsut

@@ -1,0 +1,35 @@
+// What the kernels of all kinds of rays are told: the frame, and the gradients to its pixels.
+#pragma once
+
+#include "gsut/gaussians/gaussians.h"
+#include "gsut/gaussians/harmonics_rows.h"
+#include "gsut/projection/view.h"
+
+namespace gsut {
+
+// What the kernels need to know of one frame.
+struct RasterTask {
+  GaussiansView<const float> gaussians;
+  HarmonicsRows sh_rows;  // of gaussians.sh
+  ViewFloats view;
+  float log2_alpha_min = 0;
+  float max_cutoff = 0;
+  float alpha_max = 0;
+  float transmittance_min = 0;
+  float background[3] = {0, 0, 0};
+  float near_z = 0, far_z = 0;
+  bool order_by_z = false;
+  bool stop_before = false;
+  bool with_depth = false;
+  bool keep = false;  // leave what the backward pass needs
+  int sh_degree = 0;
+};
+
+// Pixel gradients as the user gives them, row-major; alpha and depth may be null.
+struct ImageGradients {
+  const float* image;  // (H, W, 3)
+  const float* alpha;  // (H, W)
+  const float* depth;  // (H, W)
+};
+
+}  // namespace gsut

@@ -1,0 +1,116 @@
+// RANSAC over three points and refinement on the inliers.
+#include "gsut/sfm/absolute_pose.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "gsut/sfm/sampler.h"
+#include "gsut/sfm/three_point.h"
+
+namespace gsut {
+namespace {
+
+constexpr std::uint64_t kAbsolutePoseStream = 0x4142'5350;  // "ABSP"
+constexpr int kSample = 3;
+constexpr int kGaussNewtonSteps = 5;
+constexpr int kRefinements = 3;
+
+double Cost(const Pose& pose, std::span<const Bearing> bearings,
+            std::span<const Eigen::Vector3d> points, double max_squared, double bound) {
+  double cost = 0.0;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const double squared =
+        BearingResidual(bearings[i], pose.rotation * points[i] + pose.translation).squaredNorm();
+    cost += squared < max_squared ? squared : max_squared;
+    if (cost > bound) break;
+  }
+  return cost;
+}
+
+}  // namespace
+
+Pose RefineAbsolutePose(const Pose& camera_from_world, std::span<const Bearing> bearings,
+                        std::span<const Eigen::Vector3d> points, double max_error) {
+  using Vector6 = Eigen::Matrix<double, 6, 1>;
+  Pose pose = camera_from_world;
+  for (int step = 0; step < kGaussNewtonSteps; ++step) {
+    Eigen::Matrix<double, 6, 6> normal = Eigen::Matrix<double, 6, 6>::Zero();
+    Vector6 gradient = Vector6::Zero();
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const Eigen::Vector3d p = pose.rotation * points[i] + pose.translation;
+      Eigen::Matrix<double, 2, 3> by_point;
+      const Eigen::Vector2d residual = BearingResidual(bearings[i], p, &by_point);
+      if (!(residual.squaredNorm() < max_error * max_error)) continue;
+      Eigen::Matrix<double, 2, 6> jacobian;  // of a twist from the left
+      jacobian.leftCols<3>() = by_point;
+      jacobian.col(3) = by_point * Eigen::Vector3d(0, -p.z(), p.y());
+      jacobian.col(4) = by_point * Eigen::Vector3d(p.z(), 0, -p.x());
+      jacobian.col(5) = by_point * Eigen::Vector3d(-p.y(), p.x(), 0);
+      normal += jacobian.transpose() * jacobian;
+      gradient += jacobian.transpose() * residual;
+    }
+    const Vector6 change = normal.ldlt().solve(-gradient);
+    if (!change.allFinite()) break;
+    pose = ExpPose(change) * pose;
+  }
+  pose.rotation = Eigen::Quaterniond(pose.rotation).normalized().toRotationMatrix();
+  return pose;
+}
+
+AbsolutePose EstimateAbsolutePose(std::span<const Bearing> bearings,
+                                  std::span<const Eigen::Vector3d> points,
+                                  const AbsolutePoseOptions& options) {
+  AbsolutePose result;
+  const int count = static_cast<int>(points.size());
+  result.inliers.assign(count, 0);
+  if (count < kSample + 1) return result;
+  const double max_squared = options.max_error * options.max_error;
+  const Rng rng(options.seed, kAbsolutePoseStream);
+  const auto inliers_of = [&](const Pose& pose) {
+    int inliers = 0;
+    for (int i = 0; i < count; ++i) {
+      result.inliers[i] =
+          BearingResidual(bearings[i], pose.rotation * points[i] + pose.translation).squaredNorm() <
+          max_squared;
+      inliers += result.inliers[i];
+    }
+    return inliers;
+  };
+  double best_cost = max_squared * count;
+  bool found = false;
+  int needed = options.max_samples;
+  for (int draw = 0; draw < needed; ++draw) {
+    const auto sample = DrawSample<kSample>(rng, draw, count);
+    std::array<Eigen::Vector3d, kSample> rays, seen;
+    for (int i = 0; i < kSample; ++i) {
+      rays[i] = bearings[sample[i]].ray;
+      seen[i] = points[sample[i]];
+    }
+    bool improved = false;
+    for (const Pose& pose : ThreePoint(rays, seen)) {
+      const double cost = Cost(pose, bearings, points, max_squared, best_cost);
+      if (cost < best_cost) {
+        best_cost = cost;
+        result.camera_from_world = pose;
+        improved = found = true;
+      }
+    }
+    if (!improved) continue;
+    for (int round = 0; round < kRefinements; ++round) {
+      const Pose pose =
+          RefineAbsolutePose(result.camera_from_world, bearings, points, options.max_error);
+      const double cost = Cost(pose, bearings, points, max_squared, best_cost);
+      if (!(cost < best_cost)) break;
+      best_cost = cost;
+      result.camera_from_world = pose;
+    }
+    const double share = static_cast<double>(inliers_of(result.camera_from_world)) / count;
+    needed = std::min(needed, SamplesNeeded(share, kSample, options.max_samples));
+  }
+  if (found) result.num_inliers = inliers_of(result.camera_from_world);
+  return result;
+}
+
+}  // namespace gsut

@@ -1,0 +1,95 @@
+// Bundle adjustment: poses, points and, asked for, lenses, from where features were seen.
+#pragma once
+
+#include <Eigen/Core>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "gsut/cameras/camera.h"
+#include "gsut/sfm/bearing.h"
+#include "gsut/geometry/camera_chain.h"
+#include "gsut/geometry/pose.h"
+
+namespace gsut {
+
+struct BundleObservation {
+  int image = 0;
+  int point = 0;
+  Bearing bearing;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+  double time = 0.0;  // of its line in a rolling shutter's readout, -0.5 to 0.5
+};
+
+// What is adjusted. Cameras are shared by any number of images.
+struct Bundle {
+  std::vector<Camera> cameras;
+  std::vector<int> camera_of_image;
+  std::vector<Pose> camera_from_world;  // in the middle of the readout
+  std::vector<Eigen::Vector3d> points;
+  std::vector<BundleObservation> observations;
+  // Of rolling shutters: how the image's body moves, one an image; empty: all stand still.
+  std::vector<Velocity> velocities;
+  // Of rigs: the body that an image's camera is on, the mount on it (-1: the camera is the body),
+  // and camera_from_body of the mounts. Empty: each image is its own body. A body's pose is taken
+  // from its first image; the others' poses follow from it.
+  std::vector<int> body_of_image;
+  std::vector<int> mount_of_image;
+  std::vector<Pose> camera_from_body;
+};
+
+// What is known of a velocity beforehand: its mean and standard deviation, component by component;
+// infinite: nothing.
+struct VelocityPrior {
+  Velocity mean = Velocity::Zero();
+  Velocity sigma = Velocity::Constant(std::numeric_limits<double>::infinity());
+};
+
+struct BundleOptions {
+  // False: the residual of Bearing (valid to 180 degrees, no lens in the loop). True: the pixel of
+  // the point through the lens minus the pixel seen; where a point has left the lens' domain, the
+  // residual of Bearing stands in, so that leaving never lowers the cost.
+  bool through_lens = false;
+  double loss_scale = 1.0;  // pixels: Cauchy's loss beyond about this; 0: plain squares
+  int max_iterations = 50;
+  double function_tolerance = 1e-6;  // relative decrease of the cost at which it stops
+  // Images and points that stay as they are; empty: none.
+  std::vector<std::uint8_t> image_fixed;
+  std::vector<std::uint8_t> point_fixed;
+  // Without a fixed image, the gauge is held by gauge_image (its whole pose) and scale_image (that
+  // component of its centre which is farthest from the other's). -1: not held.
+  int gauge_image = -1;
+  int scale_image = -1;
+  // lens_free[c]: which parameters of camera c are estimated, one flag each; empty: none. Needs
+  // through_lens.
+  std::vector<std::vector<std::uint8_t>> lens_free;
+  // Velocities are adjusted, if the bundle has them, where their image is not fixed; held by priors
+  // (one an image; empty: none) against observations with this much noise a coordinate in pixels.
+  std::vector<VelocityPrior> velocity_priors;
+  double noise = 1.0;
+  // Which mounts are adjusted, one flag each; empty: none. Where the scale is held by an image, it
+  // is the mounts' length that follows.
+  std::vector<std::uint8_t> mount_free;
+  int num_threads = 1;
+};
+
+struct BundleSummary {
+  double rms_before = 0.0, rms_after = 0.0;  // pixels: root of the mean squared length, no loss
+  int iterations = 0;
+  std::int64_t num_outside = 0;  // observations whose point is outside the lens' domain at the end
+  bool converged = false;
+};
+
+// Levenberg-Marquardt by Ceres; changes the bundle in place. Throws InputError for an index out of
+// range, SolveError with the solver's words if it fails.
+BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options);
+
+// Per image the covariance (6, 6) of (centre in the world, rotation vector in the camera frame:
+// camera_from_world <- exp(w) camera_from_world): the inverse of the normal equations with the
+// points eliminated, times the variance of the residuals per degree of freedom. What the gauge of
+// the options holds has variance 0. Lenses count as known. Throws SolveError if an image or the
+// scale is not determined.
+std::vector<Eigen::Matrix<double, 6, 6>> PoseCovariances(const Bundle& bundle,
+                                                         const BundleOptions& options);
+
+}  // namespace gsut

@@ -1,0 +1,142 @@
+// Covariances of the poses of a bundle: the reduced normal equations, inverted.
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+#include "gsut/base/errors.h"
+#include "gsut/sfm/bundle.h"
+#include "gsut/sfm/bundle_state.h"
+#include "gsut/geometry/rotation_vector.h"
+
+namespace gsut {
+namespace {
+
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
+using MatrixX3 = Eigen::Matrix<double, Eigen::Dynamic, 3>;
+
+// A sight's derivatives by its body's pose and, if bodies move, velocity; and by the point.
+struct Linearized {
+  int body;
+  Eigen::Matrix<double, 2, Eigen::Dynamic> by_body;
+  Eigen::Matrix<double, 2, 3> by_point;
+};
+
+// (centre, turn) of an image's camera by those of its body.
+Matrix6 CameraByBody(const BundleState& state, int image) {
+  Matrix6 by = Matrix6::Identity();
+  const int mount = state.mount_of_image[image];
+  if (mount < 0) return by;
+  const double* block = state.mounts[mount].data();
+  const Eigen::Matrix3d world_from_body =
+      RotationOf(state.poses[state.body_of_image[image]].data()).transpose();
+  by.topRightCorner<3, 3>() = world_from_body * Skew(CenterOf(block));
+  by.bottomRightCorner<3, 3>() = RotationOf(block);
+  return by;
+}
+
+}  // namespace
+
+std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& options) {
+  const int images = static_cast<int>(bundle.camera_from_world.size());
+  const BundleState state(bundle);
+  const int bodies = state.num_bodies();
+  const int size = state.velocities.empty() ? 6 : 12;  // unknowns of a body
+  std::vector<std::vector<Linearized>> of_point(bundle.points.size());
+  double sum = 0.0;
+  for (const BundleObservation& observation : bundle.observations) {
+    const CameraChain chain = state.Chain(observation);
+    const Eigen::Vector3d& point = bundle.points[observation.point];
+    Eigen::Matrix<double, 2, 3> by_p;
+    const Eigen::Vector2d residual =
+        BearingResidual(observation.bearing, chain.Point(point), &by_p);
+    const double squared = residual.squaredNorm();
+    // The loss' weight, as in the normal equations of the last step.
+    const double s = options.loss_scale;
+    const double weight = s > 0 ? std::sqrt(1.0 / (1.0 + squared / (s * s))) : 1.0;
+    sum += weight * weight * squared;
+    const ChainDerivatives by = Derivatives(chain, point, weight * by_p);
+    Linearized sight = {state.body_of_image[observation.image], {}, by.by_point};
+    sight.by_body.resize(2, size);
+    sight.by_body.leftCols<6>() = by.by_pose;
+    if (size > 6) sight.by_body.rightCols<6>() = by.by_velocity;
+    of_point[observation.point].push_back(std::move(sight));
+  }
+  Eigen::MatrixXd reduced = Eigen::MatrixXd::Zero(size * bodies, size * bodies);
+  std::int64_t freedom = 2 * static_cast<std::int64_t>(bundle.observations.size());
+  std::vector<MatrixX3> cross;
+  for (const auto& sights : of_point) {
+    if (sights.empty()) continue;
+    freedom -= 3;
+    Eigen::Matrix3d by_point = Eigen::Matrix3d::Zero();
+    cross.clear();
+    for (const Linearized& sight : sights) {
+      by_point += sight.by_point.transpose() * sight.by_point;
+      cross.push_back(sight.by_body.transpose() * sight.by_point);
+      reduced.block(size * sight.body, size * sight.body, size, size) +=
+          sight.by_body.transpose() * sight.by_body;
+    }
+    const Eigen::Matrix3d inverse = by_point.inverse();
+    if (!inverse.allFinite()) throw SolveError("a point of the bundle is not determined");
+    for (std::size_t i = 0; i < sights.size(); ++i) {
+      const MatrixX3 scaled = cross[i] * inverse;
+      for (std::size_t j = 0; j < sights.size(); ++j) {
+        reduced.block(size * sights[i].body, size * sights[j].body, size, size) -=
+            scaled * cross[j].transpose();
+      }
+    }
+  }
+  for (std::size_t i = 0; i < options.velocity_priors.size() && size > 6; ++i) {
+    const int body = state.body_of_image[i];
+    if (state.image_of_body[body] != static_cast<int>(i)) continue;
+    const Velocity weight = options.noise * options.velocity_priors[i].sigma.cwiseInverse();
+    reduced.diagonal().segment<6>(size * body + 6) += weight.cwiseAbs2();
+  }
+  // The unknowns that the gauge leaves.
+  std::vector<int> free;
+  int held = -1, gauge_body = -1, scale_body = -1;
+  if (options.gauge_image >= 0) gauge_body = state.body_of_image[options.gauge_image];
+  if (gauge_body >= 0 && options.scale_image >= 0) {
+    scale_body = state.body_of_image[options.scale_image];
+    (CenterOf(state.poses[scale_body].data()) - CenterOf(state.poses[gauge_body].data()))
+        .cwiseAbs()
+        .maxCoeff(&held);
+  }
+  std::vector<std::uint8_t> fixed(bodies, 0);
+  for (std::size_t i = 0; i < options.image_fixed.size(); ++i) {
+    if (options.image_fixed[i]) fixed[state.body_of_image[i]] = 1;
+  }
+  for (int body = 0; body < bodies; ++body) {
+    if (fixed[body]) continue;
+    for (int k = body == gauge_body ? 6 : 0; k < size; ++k) {
+      if (!(body == scale_body && k == held)) free.push_back(size * body + k);
+    }
+  }
+  freedom -= static_cast<std::int64_t>(free.size());
+  const Eigen::MatrixXd normal = reduced(free, free);
+  const Eigen::LLT<Eigen::MatrixXd> cholesky(normal);
+  if (cholesky.info() != Eigen::Success) {
+    throw SolveError("an image, or the scale, is not determined by the points it sees");
+  }
+  const Eigen::MatrixXd inverse =
+      cholesky.solve(Eigen::MatrixXd::Identity(normal.rows(), normal.cols()));
+  const double variance = sum / static_cast<double>(std::max<std::int64_t>(1, freedom));
+  std::vector<int> place(size * bodies, -1);
+  for (std::size_t i = 0; i < free.size(); ++i) place[free[i]] = static_cast<int>(i);
+  std::vector<Matrix6> covariances(images);
+  for (int image = 0; image < images; ++image) {
+    const int body = state.body_of_image[image];
+    Matrix6 of_body = Matrix6::Zero();
+    for (int i = 0; i < 6; ++i) {
+      for (int j = 0; j < 6; ++j) {
+        const int row = place[size * body + i], column = place[size * body + j];
+        if (row >= 0 && column >= 0) of_body(i, j) = variance * inverse(row, column);
+      }
+    }
+    const Matrix6 by_body = CameraByBody(state, image);
+    covariances[image] = by_body * of_body * by_body.transpose();
+  }
+  return covariances;
+}
+
+}  // namespace gsut

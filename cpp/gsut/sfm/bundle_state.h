@@ -1,0 +1,29 @@
+// The unknowns of a bundle as the solver's parameter blocks.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "gsut/sfm/bundle.h"
+#include "gsut/geometry/pose_block.h"
+
+namespace gsut {
+
+struct BundleState {
+  explicit BundleState(const Bundle& bundle);
+
+  int num_bodies() const { return static_cast<int>(poses.size()); }
+  CameraChain Chain(const BundleObservation& observation) const;
+  // camera_from_world of an image in the middle of its readout.
+  Pose CameraFromWorld(int image) const;
+
+  std::vector<PoseBlock> poses;      // of bodies
+  std::vector<Velocity> velocities;  // of bodies; empty: none move
+  std::vector<PoseBlock> mounts;
+  std::vector<Eigen::Vector3d> points;
+  std::vector<std::vector<double>> lenses;
+  std::vector<int> body_of_image, mount_of_image;  // one an image; mount -1: none
+  std::vector<int> image_of_body;                  // the first
+};
+
+}  // namespace gsut

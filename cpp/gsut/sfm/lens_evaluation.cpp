@@ -1,0 +1,87 @@
+// Batches of points through the lenses of a bundle, with derivatives.
+#include "gsut/sfm/lens_evaluation.h"
+
+#include <algorithm>
+
+#include "gsut/base/errors.h"
+
+namespace gsut {
+
+LensEvaluation::LensEvaluation(const Bundle& bundle, const BundleState& state, bool lenses_free)
+    : bundle_(bundle),
+      state_(state),
+      lenses_free_(lenses_free),
+      batches_(bundle.cameras.size()),
+      place_(bundle.observations.size()) {
+  for (std::size_t i = 0; i < bundle.observations.size(); ++i) {
+    Batch& batch = batches_[bundle.camera_of_image[bundle.observations[i].image]];
+    place_[i] = static_cast<int>(batch.observations.size());
+    batch.observations.push_back(static_cast<int>(i));
+  }
+  for (std::size_t c = 0; c < batches_.size(); ++c) {
+    Batch& batch = batches_[c];
+    const std::size_t count = batch.observations.size();
+    batch.points.resize(3 * count);
+    batch.pixels.resize(2 * count);
+    batch.valid.resize(count);
+    batch.by_point.resize(6 * count);
+    if (lenses_free_) batch.by_params.resize(2 * count * bundle.cameras[c].num_params());
+  }
+}
+
+void LensEvaluation::PrepareForEvaluation(bool evaluate_jacobians, bool new_evaluation_point) {
+  if (!new_evaluation_point && (has_jacobians_ || !evaluate_jacobians)) return;
+  for (std::size_t c = 0; c < batches_.size(); ++c) {
+    Evaluate(static_cast<int>(c), evaluate_jacobians);
+  }
+  has_jacobians_ = evaluate_jacobians;
+}
+
+void LensEvaluation::Evaluate(int camera_index, bool jacobians) {
+  Batch& batch = batches_[camera_index];
+  const auto count = static_cast<std::int64_t>(batch.observations.size());
+  if (count == 0) return;
+  for (std::int64_t i = 0; i < count; ++i) {
+    const BundleObservation& observation = bundle_.observations[batch.observations[i]];
+    Eigen::Map<Eigen::Vector3d>(&batch.points[3 * i]) =
+        state_.Chain(observation).Point(state_.points[observation.point]);
+  }
+  const Camera& start = bundle_.cameras[camera_index];
+  try {
+    const Camera camera = lenses_free_
+                              ? Camera(start.model(), state_.lenses[camera_index], start.width(),
+                                       start.height(), start.valid_field_angle())
+                              : start;
+    batch.failed = false;
+    if (jacobians) {
+      camera.ProjectJacobian(count, batch.points.data(), batch.pixels.data(), batch.valid.data(),
+                             batch.by_point.data(),
+                             lenses_free_ ? batch.by_params.data() : nullptr);
+    } else {
+      camera.Project(count, batch.points.data(), batch.pixels.data(), batch.valid.data());
+    }
+  } catch (const InputError&) {  // no lens: the step went too far
+    batch.failed = true;
+    std::fill(batch.valid.begin(), batch.valid.end(), 0);
+  }
+}
+
+LensEvaluation::Row LensEvaluation::Get(int observation) const {
+  const int camera = bundle_.camera_of_image[bundle_.observations[observation].image];
+  const Batch& batch = batches_[camera];
+  const int i = place_[observation];
+  const double* by_params =
+      lenses_free_ ? &batch.by_params[2 * i * bundle_.cameras[camera].num_params()] : nullptr;
+  return {&batch.pixels[2 * i], &batch.by_point[6 * i], by_params, batch.valid[i] != 0,
+          batch.failed};
+}
+
+std::int64_t LensEvaluation::NumOutside() const {
+  std::int64_t count = 0;
+  for (const Batch& batch : batches_) {
+    count += std::count(batch.valid.begin(), batch.valid.end(), 0);
+  }
+  return count;
+}
+
+}  // namespace gsut

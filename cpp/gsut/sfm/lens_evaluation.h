@@ -1,0 +1,52 @@
+// All points of a bundle through its lenses, once for each step of the solver.
+#pragma once
+
+#include <ceres/evaluation_callback.h>
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "gsut/sfm/bundle.h"
+#include "gsut/sfm/bundle_state.h"
+
+namespace gsut {
+
+// Ceres asks for one residual at a time, a lens works on batches: this callback projects everything
+// beforehand, and the cost functions read their row. A lens whose parameters have become no lens
+// marks all its observations as failed, which makes the solver take a shorter step.
+class LensEvaluation : public ceres::EvaluationCallback {
+ public:
+  // Both are kept by reference: the state is the solver's.
+  LensEvaluation(const Bundle& bundle, const BundleState& state, bool lenses_free);
+
+  void PrepareForEvaluation(bool evaluate_jacobians, bool new_evaluation_point) override;
+
+  struct Row {
+    const double* pixel;           // (2), NaN outside the lens' domain
+    const double* dpixel_dpoint;   // (2, 3) row-major
+    const double* dpixel_dparams;  // (2, K) row-major, if lenses are free
+    bool valid;                    // inside the lens' domain
+    bool lens_failed;
+  };
+  // Row of an observation. Derivatives belong to the last evaluation that asked for them.
+  Row Get(int observation) const;
+  std::int64_t NumOutside() const;
+
+ private:
+  struct Batch {  // the observations through one camera
+    std::vector<int> observations;
+    std::vector<double> points, pixels, by_point, by_params;
+    std::vector<std::uint8_t> valid;
+    bool failed = false;
+  };
+  void Evaluate(int camera, bool jacobians);
+
+  const Bundle& bundle_;
+  const BundleState& state_;
+  bool lenses_free_;
+  bool has_jacobians_ = false;
+  std::vector<Batch> batches_;
+  std::vector<int> place_;  // of an observation within its batch
+};
+
+}  // namespace gsut

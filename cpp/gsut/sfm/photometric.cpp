@@ -1,0 +1,400 @@
+// Photometric refinement by Ceres: the scene is rendered once a step, the costs read their pixel.
+#include "gsut/sfm/photometric.h"
+
+#include <ceres/ceres.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "gsut/base/errors.h"
+#include "gsut/cameras/ray_jacobian.h"
+#include "gsut/sfm/pose_manifold.h"
+#include "gsut/sfm/solver_log.h"
+
+namespace gsut {
+namespace {
+
+using Eigen::Map;
+using Eigen::Vector3d;
+using RowMatrix3d = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+using RowMatrix36 = Eigen::Matrix<double, 3, 6, Eigen::RowMajor>;
+using Matrix3X = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>;
+using GainBlock = std::array<double, 2>;  // gain, bias
+
+// One image at the solver's current parameters.
+struct ImageState {
+  PoseBlock pose;
+  GainBlock gain;
+  std::vector<double> colors, by_center, by_ray, by_lens;
+  bool failed = false;
+};
+
+// Renders every image once for each step of the solver.
+class SceneEvaluation : public ceres::EvaluationCallback {
+ public:
+  SceneEvaluation(SceneColors* scene, const std::vector<Camera>& cameras,
+                  const std::vector<PhotometricImage>& images, const PhotometricOptions& options)
+      : options_(options), scene_(scene), cameras_(cameras), images_(images) {
+    for (const Camera& camera : cameras) lenses.push_back(camera.params());
+    for (const PhotometricImage& image : images) {
+      ImageState state;
+      state.pose = ToBlock(image.camera_from_world);
+      state.gain = {image.gain, image.bias};
+      states.push_back(std::move(state));
+    }
+  }
+
+  bool LensIsFree(int camera) const {
+    return !options_.lens_free.empty() &&
+           !options_.lens_free[static_cast<std::size_t>(camera)].empty();
+  }
+
+  // The lens at the current parameters; none if they make no lens.
+  std::optional<Camera> Lens(int camera) const {
+    const Camera& before = cameras_[static_cast<std::size_t>(camera)];
+    if (!LensIsFree(camera)) return before;
+    try {
+      return Camera(before.model(), lenses[static_cast<std::size_t>(camera)], before.width(),
+                    before.height(), before.valid_field_angle());
+    } catch (const InputError&) {
+      return std::nullopt;
+    }
+  }
+
+  // Ceres calls points new that it has asked for before: what was rendered last is looked at.
+  void PrepareForEvaluation(bool evaluate_jacobians, bool) override {
+    std::vector<double> point = Point();
+    if (point == rendered_ && (has_jacobians_ || !evaluate_jacobians)) return;
+    rendered_ = std::move(point);
+    has_jacobians_ = evaluate_jacobians;
+    ++num_evaluations;
+    std::vector<std::optional<Camera>> now;
+    for (std::size_t c = 0; c < cameras_.size(); ++c) now.push_back(Lens(static_cast<int>(c)));
+    for (std::size_t i = 0; i < states.size(); ++i) {
+      const std::optional<Camera>& camera = now[static_cast<std::size_t>(images_[i].camera)];
+      states[i].failed = !camera || !Evaluate(*camera, images_[i], &states[i]);
+    }
+  }
+
+  std::vector<std::vector<double>> lenses;
+  std::vector<ImageState> states;
+  int num_evaluations = 0;
+
+ private:
+  // All parameters that a render depends on.
+  std::vector<double> Point() const {
+    std::vector<double> point;
+    for (const std::vector<double>& lens : lenses) {
+      point.insert(point.end(), lens.begin(), lens.end());
+    }
+    for (const ImageState& state : states) {
+      point.insert(point.end(), state.pose.begin(), state.pose.end());
+    }
+    return point;
+  }
+
+  // False if a pixel has no ray.
+  bool Evaluate(const Camera& camera, const PhotometricImage& image, ImageState* state) {
+    const std::size_t count = image.pixels.size();
+    const RayTable& table = camera.Rays();
+    for (const std::uint32_t pixel : image.pixels) {
+      if (!table.valid[pixel]) return false;
+    }
+    state->colors.resize(3 * count);
+    if (!has_jacobians_) {
+      scene_->Evaluate(camera, FromBlock(state->pose), image.pixels, state->colors.data(), nullptr,
+                       nullptr);
+      return true;
+    }
+    state->by_center.resize(9 * count);
+    state->by_ray.resize(9 * count);
+    scene_->Evaluate(camera, FromBlock(state->pose), image.pixels, state->colors.data(),
+                     state->by_center.data(), state->by_ray.data());
+    std::vector<double> rays(3 * count);
+    for (std::size_t i = 0; i < count; ++i) {
+      std::copy_n(&table.rays[3 * std::size_t{image.pixels[i]}], 3, &rays[3 * i]);
+    }
+    const std::size_t num_params = static_cast<std::size_t>(camera.num_params());
+    if (LensIsFree(image.camera)) {
+      std::vector<double> by_params(3 * count * num_params);
+      std::vector<std::uint8_t> valid(count);
+      RayJacobian(camera, static_cast<std::int64_t>(count), rays.data(), nullptr, by_params.data(),
+                  nullptr, valid.data());
+      state->by_lens.resize(by_params.size());
+      for (std::size_t i = 0; i < count; ++i) {
+        const std::size_t first = 3 * i * num_params;
+        Map<Matrix3X>(&state->by_lens[first], 3, static_cast<int>(num_params)) =
+            Map<const RowMatrix3d>(&state->by_ray[9 * i]) *
+            Map<const Matrix3X>(&by_params[first], 3, static_cast<int>(num_params));
+      }
+    }
+    // R <- exp(w) R turns the rays by -w in the camera's axes: dcolour/dw = -(d x dcolour/dd).
+    for (std::size_t i = 0; i < count; ++i) {
+      const Map<const Vector3d> ray(&rays[3 * i]);
+      Map<RowMatrix3d> slope(&state->by_ray[9 * i]);
+      for (int c = 0; c < 3; ++c) {
+        slope.row(c) = Vector3d(slope.row(c)).cross(ray).transpose().eval();
+      }
+    }
+    return true;
+  }
+
+  const PhotometricOptions& options_;
+  SceneColors* scene_;
+  const std::vector<Camera>& cameras_;
+  const std::vector<PhotometricImage>& images_;
+  bool has_jacobians_ = false;
+  std::vector<double> rendered_;  // the point that `states` are at
+};
+
+// gain x colour + bias - photograph at one pixel. Parameters: pose block, gain block and, if free,
+// the lens.
+class ColorCost : public ceres::CostFunction {
+ public:
+  ColorCost(const ImageState& state, const float* seen, std::size_t pixel, int num_lens_params)
+      : state_(state), seen_(seen), pixel_(pixel), num_lens_(num_lens_params) {
+    set_num_residuals(3);
+    *mutable_parameter_block_sizes() = {7, 2};
+    if (num_lens_ > 0) mutable_parameter_block_sizes()->push_back(num_lens_);
+  }
+
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override {
+    if (state_.failed) return false;
+    const double gain = parameters[1][0], bias = parameters[1][1];
+    const Map<const Vector3d> color(&state_.colors[3 * pixel_]);
+    for (int c = 0; c < 3; ++c) {
+      residuals[c] = gain * color[c] + bias - static_cast<double>(seen_[c]);
+    }
+    if (jacobians == nullptr) return true;
+    if (jacobians[0] != nullptr) {
+      Map<Eigen::Matrix<double, 3, 7, Eigen::RowMajor>> out(jacobians[0]);
+      out.leftCols<6>() = gain * ByPoseTangent();
+      out.col(6).setZero();
+    }
+    if (jacobians[1] != nullptr) {
+      Map<Eigen::Matrix<double, 3, 2, Eigen::RowMajor>> out(jacobians[1]);
+      out.col(0) = color;
+      out.col(1).setOnes();
+    }
+    if (num_lens_ > 0 && jacobians[2] != nullptr) {
+      const std::size_t length = 3 * static_cast<std::size_t>(num_lens_);
+      for (std::size_t k = 0; k < length; ++k) {
+        jacobians[2][k] = gain * state_.by_lens[pixel_ * length + k];
+      }
+    }
+    return true;
+  }
+
+  RowMatrix36 ByPoseTangent() const {
+    RowMatrix36 out;
+    out.leftCols<3>() = Map<const RowMatrix3d>(&state_.by_center[9 * pixel_]);
+    out.rightCols<3>() = Map<const RowMatrix3d>(&state_.by_ray[9 * pixel_]);
+    return out;
+  }
+
+ private:
+  const ImageState& state_;
+  const float* seen_;
+  std::size_t pixel_;
+  int num_lens_;
+};
+
+void Check(const std::vector<Camera>& cameras, const std::vector<PhotometricImage>& images,
+           const PhotometricOptions& options) {
+  if (images.empty()) throw InputError("there is no image to refine");
+  for (const PhotometricImage& image : images) {
+    if (image.camera < 0 || image.camera >= static_cast<int>(cameras.size())) {
+      throw InputError("an image names camera " + std::to_string(image.camera) + " of " +
+                       std::to_string(cameras.size()));
+    }
+    const Camera& camera = cameras[static_cast<std::size_t>(image.camera)];
+    const std::size_t size = static_cast<std::size_t>(camera.width()) * camera.height();
+    if (image.pixels.empty() || image.colors.size() != 3 * image.pixels.size() ||
+        *std::max_element(image.pixels.begin(), image.pixels.end()) >= size) {
+      throw InputError("an image has no pixels, or pixels outside it, or not one colour a pixel");
+    }
+    if (!camera.IsCentral()) {
+      throw InputError("photometric refinement needs a lens with one centre, found " +
+                       camera.model());
+    }
+  }
+  if (options.lens_free.empty()) return;
+  bool same = options.lens_free.size() == cameras.size();
+  for (std::size_t c = 0; same && c < cameras.size(); ++c) {
+    same = options.lens_free[c].empty() ||
+           static_cast<int>(options.lens_free[c].size()) == cameras[c].num_params();
+  }
+  if (!same) throw InputError("lens_free must have one flag a parameter of each camera");
+}
+
+double Rms(const SceneEvaluation& evaluation, const std::vector<PhotometricImage>& images) {
+  double sum = 0.0;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    const ImageState& state = evaluation.states[i];
+    if (state.failed) continue;
+    for (std::size_t k = 0; k < state.colors.size(); ++k) {
+      const double difference = state.gain[0] * state.colors[k] + state.gain[1] -
+                                static_cast<double>(images[i].colors[k]);
+      sum += difference * difference;
+    }
+    count += state.colors.size();
+  }
+  return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(1, count)));
+}
+
+// Blocks of an image, along its longer side, that count as independent in the covariance.
+constexpr int kCovarianceBlocks = 16;
+constexpr int kFewestBlocks = 32;  // with pixels; below it each pixel counts as independent
+
+// N^-1 (sum g g^T) N^-1 of one image: N its normal equations with Huber's weights, pose first; g of
+// a block its right-hand side, as pixels of a block may err together (Liang and Zeger 1986).
+Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const PhotometricImage& image,
+                                       const Camera& camera, const PhotometricOptions& options) {
+  const int size = options.with_gain ? 8 : 6;
+  const int width = camera.width();
+  const int side = (std::max(width, camera.height()) + kCovarianceBlocks - 1) / kCovarianceBlocks;
+  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(size, size);
+  Eigen::MatrixXd by_block = Eigen::MatrixXd::Zero(size, kCovarianceBlocks * kCovarianceBlocks);
+  Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(size, size);  // of the pixels' right-hand sides
+  for (std::size_t i = 0; i < image.pixels.size(); ++i) {
+    const ColorCost cost(state, &image.colors[3 * i], i, 0);
+    Vector3d residual = Vector3d::Zero();
+    const double* parameters[2] = {state.pose.data(), state.gain.data()};
+    cost.Evaluate(parameters, residual.data(), nullptr);
+    const double length = residual.norm();
+    const double weight =
+        options.loss_scale > 0 && length > options.loss_scale ? options.loss_scale / length : 1.0;
+    Eigen::Matrix<double, 3, Eigen::Dynamic> rows(3, size);
+    rows.leftCols<6>() = state.gain[0] * cost.ByPoseTangent();
+    if (options.with_gain) {
+      rows.col(6) = Map<const Vector3d>(&state.colors[3 * i]);
+      rows.col(7).setOnes();
+    }
+    normal += weight * rows.transpose() * rows;
+    const int pixel = static_cast<int>(image.pixels[i]);
+    const int block = pixel / width / side * kCovarianceBlocks + pixel % width / side;
+    const Eigen::VectorXd right = weight * rows.transpose() * residual;
+    by_block.col(block) += right;
+    squares += right * right.transpose();
+  }
+  // To a diagonal of ones, so that units do not matter; Eigen solves a singular matrix in silence.
+  const Eigen::VectorXd scale =
+      normal.diagonal().cwiseSqrt().unaryExpr([](double d) { return d > 0.0 ? 1.0 / d : 0.0; });
+  const Eigen::LDLT<Eigen::MatrixXd> factors(scale.asDiagonal() * normal * scale.asDiagonal());
+  constexpr double kSingular = 1e-12;
+  if (factors.info() != Eigen::Success || !(factors.vectorD().minCoeff() > kSingular)) {
+    throw SolveError("the photograph does not determine its pose: too little of it shows texture");
+  }
+  const auto blocks = (by_block.colwise().squaredNorm().array() > 0.0).count();
+  if (blocks >= kFewestBlocks) {
+    squares = by_block * by_block.transpose() * (static_cast<double>(blocks) / (blocks - 1));
+  }
+  const Eigen::MatrixXd scaled = factors.solve(Eigen::MatrixXd(scale.asDiagonal()));
+  const Eigen::MatrixXd inverse = scale.asDiagonal() * scaled;
+  return (inverse * squares * inverse.transpose()).topLeftCorner<6, 6>();
+}
+
+}  // namespace
+
+PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* cameras,
+                                     std::vector<PhotometricImage>* images,
+                                     const PhotometricOptions& options) {
+  Check(*cameras, *images, options);
+  SceneEvaluation evaluation(scene, *cameras, *images, options);
+  evaluation.PrepareForEvaluation(true, true);
+  for (const ImageState& state : evaluation.states) {
+    if (state.failed) throw InputError("a chosen pixel has no ray");
+  }
+  PhotometricSummary summary;
+  summary.rms_before = Rms(evaluation, *images);
+
+  PoseManifold manifold;
+  ceres::HuberLoss huber(options.loss_scale > 0 ? options.loss_scale : 1.0);
+  std::vector<std::unique_ptr<ceres::Manifold>> lens_manifolds;
+  ceres::Problem::Options problem_options;
+  problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  problem_options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  problem_options.evaluation_callback = &evaluation;
+  ceres::Problem problem(problem_options);
+  auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+  bool any_lens = false;
+  for (std::size_t i = 0; i < images->size(); ++i) {
+    const PhotometricImage& image = (*images)[i];
+    ImageState& state = evaluation.states[i];
+    const int camera = image.camera;
+    const bool lens_free = evaluation.LensIsFree(camera);
+    const int num_lens = lens_free ? (*cameras)[static_cast<std::size_t>(camera)].num_params() : 0;
+    double* pose = state.pose.data();
+    double* gain = state.gain.data();
+    std::vector<double*> blocks = {pose, gain};
+    if (lens_free) blocks.push_back(evaluation.lenses[static_cast<std::size_t>(camera)].data());
+    for (std::size_t p = 0; p < image.pixels.size(); ++p) {
+      problem.AddResidualBlock(new ColorCost(state, &image.colors[3 * p], p, num_lens),
+                               options.loss_scale > 0 ? &huber : nullptr, blocks);
+    }
+    problem.SetManifold(pose, &manifold);
+    if (!options.with_gain) problem.SetParameterBlockConstant(gain);
+    ordering->AddElementToGroup(pose, 0);
+    ordering->AddElementToGroup(gain, 1);
+    any_lens = any_lens || lens_free;
+  }
+  for (std::size_t c = 0; c < evaluation.lenses.size(); ++c) {
+    double* lens = evaluation.lenses[c].data();
+    if (!problem.HasParameterBlock(lens)) continue;
+    // A group of its own: within a group Ceres orders blocks by their addresses.
+    ordering->AddElementToGroup(lens, 2 + static_cast<int>(c));
+    std::vector<int> held;
+    for (std::size_t k = 0; k < evaluation.lenses[c].size(); ++k) {
+      if (!options.lens_free[c][k]) held.push_back(static_cast<int>(k));
+    }
+    if (held.size() == evaluation.lenses[c].size()) {
+      problem.SetParameterBlockConstant(lens);
+    } else if (!held.empty()) {
+      lens_manifolds.push_back(std::make_unique<ceres::SubsetManifold>(
+          static_cast<int>(evaluation.lenses[c].size()), held));
+      problem.SetManifold(lens, lens_manifolds.back().get());
+    }
+  }
+  ceres::Solver::Options solver;
+  solver.linear_solver_type = any_lens ? ceres::DENSE_SCHUR : ceres::DENSE_NORMAL_CHOLESKY;
+  if (any_lens) solver.linear_solver_ordering = ordering;
+  solver.max_num_iterations = options.max_iterations;
+  solver.function_tolerance = options.function_tolerance;
+  solver.logging_type = ceres::SILENT;
+  const QuietSolver quiet;
+  ceres::Solver::Summary words;
+  ceres::Solve(solver, &problem, &words);
+  if (!words.IsSolutionUsable()) {
+    throw SolveError("photometric refinement failed: " + words.message);
+  }
+  evaluation.PrepareForEvaluation(options.covariances, true);
+  summary.rms_after = Rms(evaluation, *images);
+  summary.iterations = static_cast<int>(words.iterations.size()) - 1;
+  summary.evaluations = evaluation.num_evaluations;
+  summary.converged = words.termination_type == ceres::CONVERGENCE;
+  for (std::size_t i = 0; i < images->size(); ++i) {
+    PhotometricImage& image = (*images)[i];
+    const ImageState& state = evaluation.states[i];
+    image.camera_from_world = FromBlock(state.pose);
+    image.gain = state.gain[0];
+    image.bias = state.gain[1];
+    if (!options.covariances) continue;
+    const Camera& camera = (*cameras)[static_cast<std::size_t>(image.camera)];
+    summary.covariances.push_back(Covariance(state, image, camera, options));
+  }
+  std::vector<Camera> refined;
+  for (std::size_t c = 0; c < cameras->size(); ++c) {
+    refined.push_back(*evaluation.Lens(static_cast<int>(c)));
+  }
+  *cameras = std::move(refined);
+  return summary;
+}
+
+}  // namespace gsut

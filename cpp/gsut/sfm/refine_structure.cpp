@@ -1,0 +1,155 @@
+// Triangulates along given poses and adjusts poses, points and lenses in tightening rounds.
+#include "gsut/sfm/refine_structure.h"
+
+#include <algorithm>
+#include <string>
+
+#include "gsut/base/errors.h"
+#include "gsut/sfm/place_bodies.h"
+#include "gsut/sfm/scene_map.h"
+
+namespace gsut {
+namespace {
+
+// Largest errors of the first rounds, in units of the final one: a lens that is 2 % off moves
+// sights at its rim by several pixels.
+constexpr double kLooser[] = {8.0, 4.0, 2.0};
+constexpr int kFinalRounds = 4;
+constexpr int kIterations = 30;
+constexpr double kTolerance = 1e-5;
+constexpr int kLastIterations = 50;
+constexpr double kLastTolerance = 1e-9;
+// Below this share of new and dropped sights the rounds end.
+constexpr double kSettled = 5e-4;
+constexpr int kFewestPoints = 30;
+
+// Every image on a body and a mount that are there, and all images of a body with a pose or none.
+void CheckRig(const Rig& rig, const std::vector<std::uint8_t>& registered, std::size_t images) {
+  const bool all = std::count(registered.begin(), registered.end(), 0) == 0;
+  if (!registered.empty() && registered.size() != images) {
+    throw InputError("registered must be empty or have one flag an image");
+  }
+  if (rig.body_of_image.empty()) {
+    if (all) return;
+    throw InputError("images without a pose can be placed on a rig only");
+  }
+  if (rig.body_of_image.size() != images || rig.mount_of_image.size() != images) {
+    throw InputError("a rig must have one body and one mount an image");
+  }
+  std::vector<int> known(images, -1);
+  for (std::size_t image = 0; image < images; ++image) {
+    const int body = rig.body_of_image[image], mount = rig.mount_of_image[image];
+    if (body < 0 || body >= static_cast<int>(images) || mount < -1 ||
+        mount >= static_cast<int>(rig.camera_from_body.size())) {
+      throw InputError("an image of the rig names body " + std::to_string(body) + " and mount " +
+                       std::to_string(mount) + ", which are not there");
+    }
+    const int flag = all ? 1 : static_cast<int>(registered[image] != 0);
+    if (known[body] >= 0 && known[body] != flag) {
+      throw InputError("some images of a body have a pose and others have none");
+    }
+    known[body] = flag;
+  }
+}
+
+void Check(const std::vector<Camera>& cameras, const std::vector<ImageFeatures>& images,
+           const std::vector<Pose>& poses) {
+  if (images.size() < 2 || poses.size() != images.size()) {
+    throw InputError("poses of at least two images are needed, found " +
+                     std::to_string(poses.size()) + " poses of " + std::to_string(images.size()) +
+                     " images");
+  }
+  for (const ImageFeatures& image : images) {
+    if (image.camera >= 0 && image.camera < static_cast<int>(cameras.size())) continue;
+    throw InputError("an image names camera " + std::to_string(image.camera) + " of " +
+                     std::to_string(cameras.size()));
+  }
+}
+
+int FarthestFromFirst(const std::vector<Pose>& poses) {
+  const auto distance = [&](const Pose& pose) {
+    return (pose.CenterInSource() - poses.front().CenterInSource()).squaredNorm();
+  };
+  const auto farthest =
+      std::max_element(poses.begin() + 1, poses.end(),
+                       [&](const Pose& a, const Pose& b) { return distance(a) < distance(b); });
+  return static_cast<int>(farthest - poses.begin());
+}
+
+}  // namespace
+
+Structure RefineStructure(const std::vector<Camera>& cameras,
+                          const std::vector<ImageFeatures>& images,
+                          std::span<const VerifiedPair> pairs,
+                          const std::vector<Pose>& camera_from_world,
+                          const std::vector<std::uint8_t>& registered,
+                          const StructureOptions& options,
+                          const std::function<bool(const StructureProgress&)>& on_progress) {
+  Check(cameras, images, camera_from_world);
+  CheckRig(options.rig, registered, images.size());
+  StructureOptions current = options;  // the map reads its largest error in every round
+  SceneMap map(cameras, images, pairs, current);
+  const int farthest = FarthestFromFirst(camera_from_world);
+  map.SetGauge(0, farthest);
+  for (int image = 0; image < map.num_images(); ++image) {
+    if (registered.empty() || registered[image]) map.Register(image, camera_from_world[image]);
+  }
+  const auto tell = [&](const char* step) {
+    if (!on_progress) return;
+    const StructureProgress progress = {map.num_registered(), map.num_images(), map.num_points(),
+                                        step};
+    if (!on_progress(progress)) throw SolveError("stopped");
+  };
+  const bool lens_free = !options.lens_free.empty();
+  Structure nothing;
+  nothing.cameras = cameras;
+  nothing.registered.assign(images.size(), 0);
+  nothing.camera_from_world.resize(images.size());
+  nothing.covariances.assign(images.size(), Eigen::Matrix<double, 6, 6>::Zero());
+  // Returns the share of sights that came or went.
+  const auto round = [&](int iterations, double tolerance) {
+    const int added = map.Complete(-1);
+    if (map.num_points() < kFewestPoints) return -1.0;
+    map.AdjustGlobally(iterations, tolerance, true, lens_free);
+    const int dropped = map.Filter(current.max_error);
+    tell("adjustment");
+    return static_cast<double>(added + dropped) / std::max(1, map.num_points());
+  };
+  double changed = 0.0;
+  for (const double looser : kLooser) {
+    current.max_error = looser * options.max_error;
+    if (changed >= 0.0) changed = round(kIterations, kTolerance);
+  }
+  current.max_error = options.max_error;
+  const auto settle = [&] {
+    for (int i = 0; i < kFinalRounds && changed >= 0.0; ++i) {
+      map.Filter(current.max_error);
+      changed = round(kIterations, kTolerance);
+      if (changed >= 0.0 && changed < kSettled) break;
+    }
+  };
+  settle();
+  while (map.on_rig() && changed >= 0.0 && PlaceBodies(current, &map) > 0) settle();
+  for (int i = 0; i < options.extend_rounds && changed >= 0.0 && HasDescriptors(images); ++i) {
+    map.Extend();
+    tell("longer tracks");
+    settle();
+  }
+  map.DropWeakImages();
+  const bool held = map.on_rig() || (map.registered(0) && map.registered(farthest));
+  if (changed < 0.0 || map.num_points() < kFewestPoints || map.num_registered() < 2 || !held) {
+    nothing.failure = "only " + std::to_string(map.num_points()) +
+                      " points agree with the poses, and " + std::to_string(kFewestPoints) +
+                      " are needed in the first image and the one farthest from it too";
+    return nothing;
+  }
+  map.AdjustGlobally(kLastIterations, kLastTolerance, true, lens_free);
+  map.Filter(current.max_error);
+  tell("final adjustment");
+  Structure result = map.Result(options.covariances);
+  result.initial_first = 0;
+  result.initial_second = farthest;
+  return result;
+}
+
+}  // namespace gsut

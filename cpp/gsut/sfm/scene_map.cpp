@@ -1,0 +1,259 @@
+// Keeps tracks, points and poses consistent while the structure grows.
+#include "gsut/sfm/scene_map.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "gsut/base/parallel.h"
+
+namespace gsut {
+namespace {
+
+constexpr std::int64_t kTrackGrain = 256;  // tracks a chunk of parallel work
+constexpr double kMiddle = 0.5;            // of the readout: the time of an image's own pose
+constexpr int kScoreLevels = 5;            // grids of 2 x 2 to 32 x 32 cells
+
+}  // namespace
+
+SceneMap::SceneMap(std::vector<Camera> cameras, const std::vector<ImageFeatures>& images,
+                   std::span<const VerifiedPair> pairs, const StructureOptions& options)
+    : cameras_(std::move(cameras)),
+      images_(images),
+      options_(options),
+      bearings_(images.size()),
+      has_ray_(images.size()),
+      tracks_of_image_(images.size()),
+      registered_(images.size(), 0),
+      poses_(images.size()),
+      camera_from_body_(options.rig.camera_from_body),
+      loss_pixels_(options.max_error / kLossShare) {
+  UpdateBearings();
+  if (rolling()) {
+    for (const ImageFeatures& image : images_) {
+      const Camera& camera = cameras_[image.camera];
+      std::vector<double>& times = times_.emplace_back();
+      for (const Eigen::Vector2d& pixel : image.pixels) {
+        times.push_back(TimeAt(pixel, camera));
+      }
+      moved_.emplace_back(times.size());
+    }
+    velocities_.assign(images_.size(), Velocity::Zero());
+  }
+  for (const ImageFeatures& image : images_) {
+    num_features_.push_back(static_cast<int>(image.pixels.size()));
+  }
+  SetTracks(BuildTracks(num_features_, pairs));
+}
+
+double SceneMap::TimeAt(const Eigen::Vector2d& pixel, const Camera& camera) const {
+  if (!rolling()) return 0.0;
+  return options_.shutter.PixelTime(pixel.x(), pixel.y(), camera.width(), camera.height()) -
+         kMiddle;
+}
+
+void SceneMap::SetTracks(const std::vector<std::vector<TrackElement>>& tracks) {
+  tracks_.clear();
+  for (std::vector<int>& of_image : tracks_of_image_) of_image.clear();
+  int judged = 0;
+  for (const auto& elements : tracks) {
+    Track track;
+    for (const TrackElement& element : elements) {
+      track.sights.push_back({element.image, element.feature, false, false});
+      tracks_of_image_[element.image].push_back(static_cast<int>(tracks_.size()));
+    }
+    if (options_.hold_out_every > 0 && track.sights.size() >= 4 &&
+        judged++ % options_.hold_out_every == 0) {
+      track.sights[judged % track.sights.size()].held_out = true;
+    }
+    tracks_.push_back(std::move(track));
+  }
+}
+
+int SceneMap::num_points() const {
+  return static_cast<int>(
+      std::count_if(tracks_.begin(), tracks_.end(), [](const Track& t) { return t.has_point; }));
+}
+
+void SceneMap::UpdateBearings() {
+  for (std::size_t i = 0; i < images_.size(); ++i) {
+    bearings_[i] = MakeBearings(cameras_[images_[i].camera], images_[i].pixels, &has_ray_[i]);
+  }
+}
+
+void SceneMap::Register(int image, const Pose& camera_from_world) {
+  if (!registered_[image]) ++num_registered_;
+  registered_[image] = 1;
+  Place(image, camera_from_world, Velocity::Zero());
+}
+
+void SceneMap::Place(int image, const Pose& camera_from_world, const Velocity& velocity) {
+  poses_[image] = camera_from_world;
+  if (!rolling()) return;
+  velocities_[image] = velocity;
+  for (std::size_t i = 0; i < times_[image].size(); ++i) {
+    moved_[image][i] = MovedPose(camera_from_world, velocity, times_[image][i]);
+  }
+}
+
+void SceneMap::Reset() {
+  std::fill(registered_.begin(), registered_.end(), 0);
+  num_registered_ = 0;
+  for (Track& track : tracks_) {
+    track.has_point = false;
+    for (Sight& sight : track.sights) sight.used = false;
+  }
+}
+
+double SceneMap::Residual(const Track& track, const Sight& sight) const {
+  const Pose& pose = PoseOf(sight);
+  return BearingResidual(bearings_[sight.image][sight.feature],
+                         pose.rotation * track.position + pose.translation)
+      .norm();
+}
+
+SceneMap::Visible SceneMap::VisiblePoints(int image) const {
+  Visible visible;
+  for (const int index : tracks_of_image_[image]) {
+    const Track& track = tracks_[index];
+    if (!track.has_point) continue;
+    for (const Sight& sight : track.sights) {
+      if (sight.image != image || sight.held_out || !HasRay(sight)) continue;
+      visible.bearings.push_back(bearings_[image][sight.feature]);
+      visible.points.push_back(track.position);
+      visible.tracks.push_back(index);
+    }
+  }
+  return visible;
+}
+
+double SceneMap::VisibleScore(int image, int* count) const {
+  std::array<std::vector<std::uint8_t>, kScoreLevels> cells;
+  for (int level = 0; level < kScoreLevels; ++level) cells[level].assign(4ULL << (2 * level), 0);
+  const Camera& camera = cameras_[images_[image].camera];
+  double score = 0.0;
+  *count = 0;
+  for (const int index : tracks_of_image_[image]) {
+    const Track& track = tracks_[index];
+    if (!track.has_point) continue;
+    for (const Sight& sight : track.sights) {
+      if (sight.image != image) continue;
+      ++*count;
+      const Eigen::Vector2d& pixel = images_[image].pixels[sight.feature];
+      for (int level = 0; level < kScoreLevels; ++level) {
+        const int side = 2 << level;
+        const int x = std::clamp(static_cast<int>(pixel.x() / camera.width() * side), 0, side - 1);
+        const int y = std::clamp(static_cast<int>(pixel.y() / camera.height() * side), 0, side - 1);
+        std::uint8_t& cell = cells[level][y * side + x];
+        if (!cell) score += side;
+        cell = 1;
+      }
+    }
+  }
+  return score;
+}
+
+int SceneMap::CompleteTrack(Track* track) {
+  int added = 0;
+  const auto open = [&](const Sight& sight) {
+    return registered_[sight.image] && !sight.held_out && HasRay(sight);
+  };
+  if (track->has_point) {
+    for (Sight& sight : track->sights) {
+      if (sight.used || !open(sight)) continue;
+      sight.used = Residual(*track, sight) < options_.max_error;
+      added += sight.used;
+    }
+    return added;
+  }
+  std::vector<gsut::Sight> sights;
+  std::vector<Sight*> from;
+  for (Sight& sight : track->sights) {
+    if (!open(sight)) continue;
+    sights.push_back({&bearings_[sight.image][sight.feature], &PoseOf(sight)});
+    from.push_back(&sight);
+  }
+  if (sights.size() < 2) return 0;
+  const TriangulatedPoint result = Triangulate(sights, {options_.max_error, options_.min_angle});
+  if (result.num_kept < 2) return 0;
+  track->has_point = true;
+  track->position = result.point;
+  for (std::size_t i = 0; i < from.size(); ++i) from[i]->used = result.kept[i] != 0;
+  return result.num_kept;
+}
+
+int SceneMap::Complete(int image) {
+  const std::int64_t count = image < 0 ? static_cast<std::int64_t>(tracks_.size())
+                                       : static_cast<std::int64_t>(tracks_of_image_[image].size());
+  return static_cast<int>(
+      ParallelSum(count, kTrackGrain, [&](std::int64_t begin, std::int64_t end) {
+        int added = 0;
+        for (std::int64_t i = begin; i < end; ++i) {
+          added += CompleteTrack(&tracks_[image < 0 ? i : tracks_of_image_[image][i]]);
+        }
+        return static_cast<double>(added);
+      }));
+}
+
+int SceneMap::Filter(double max_error) {
+  const auto count = static_cast<std::int64_t>(tracks_.size());
+  return static_cast<int>(
+      ParallelSum(count, kTrackGrain, [&](std::int64_t begin, std::int64_t end) {
+        int dropped = 0;
+        std::vector<gsut::Sight> sights;
+        for (std::int64_t i = begin; i < end; ++i) {
+          Track& track = tracks_[i];
+          if (!track.has_point) continue;
+          sights.clear();
+          int used = 0;
+          for (Sight& sight : track.sights) {
+            if (!sight.used) continue;
+            if (!HasRay(sight) || !(Residual(track, sight) < max_error)) {
+              sight.used = false;
+              ++dropped;
+              continue;
+            }
+            ++used;
+            sights.push_back({&bearings_[sight.image][sight.feature], &PoseOf(sight)});
+          }
+          const std::vector<std::uint8_t> all(sights.size(), 1);
+          if (used >= 2 && TriangulationAngle(sights, all, track.position) >= options_.min_angle) {
+            continue;
+          }
+          dropped += used;
+          track.has_point = false;
+          for (Sight& sight : track.sights) sight.used = false;
+        }
+        return static_cast<double>(dropped);
+      }));
+}
+
+int SceneMap::DropWeakImages() {
+  std::vector<int> seen(images_.size(), 0);
+  for (const Track& track : tracks_) {
+    if (!track.has_point) continue;
+    for (const Sight& sight : track.sights) seen[sight.image] += sight.used;
+  }
+  if (on_rig()) {  // what one camera of a body sees places them all
+    std::vector<int> of_body(images_.size(), 0);
+    const std::vector<int>& body = options_.rig.body_of_image;
+    for (int image = 0; image < num_images(); ++image) of_body[body[image]] += seen[image];
+    for (int image = 0; image < num_images(); ++image) seen[image] = of_body[body[image]];
+  }
+  int dropped = 0;
+  for (int image = 0; image < num_images(); ++image) {
+    if (!registered_[image] || seen[image] >= options_.min_inliers) continue;
+    registered_[image] = 0;
+    --num_registered_;
+    ++dropped;
+    for (const int index : tracks_of_image_[image]) {
+      for (Sight& sight : tracks_[index].sights) {
+        if (sight.image == image) sight.used = false;
+      }
+    }
+  }
+  if (dropped > 0) Filter(options_.max_error);
+  return dropped;
+}
+
+}  // namespace gsut

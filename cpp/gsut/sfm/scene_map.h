@@ -1,0 +1,155 @@
+// The growing structure: which tracks have points, which sights agree, what to adjust.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "gsut/sfm/bearing.h"
+#include "gsut/sfm/bundle.h"
+#include "gsut/sfm/structure.h"
+#include "gsut/sfm/triangulate.h"
+
+namespace gsut {
+
+class SceneMap {
+ public:
+  struct Sight {
+    int image = 0;
+    int feature = 0;
+    bool used = false;      // agrees with the track's point
+    bool held_out = false;  // never used, but judged at the end
+  };
+  struct Track {
+    std::vector<Sight> sights;
+    Eigen::Vector3d position = Eigen::Vector3d::Zero();
+    bool has_point = false;
+  };
+
+  // images are kept by reference.
+  SceneMap(std::vector<Camera> cameras, const std::vector<ImageFeatures>& images,
+           std::span<const VerifiedPair> pairs, const StructureOptions& options);
+
+  int num_images() const { return static_cast<int>(images_.size()); }
+  int num_registered() const { return num_registered_; }
+  int num_points() const;
+  bool registered(int image) const { return registered_[image] != 0; }
+  const Pose& pose(int image) const { return poses_[image]; }
+  // Whether images were read line by line, each line with its own pose.
+  bool rolling() const { return !options_.shutter.IsGlobal(); }
+  // Whether images share bodies, see Rig; their mounts as they are now.
+  bool on_rig() const { return !options_.rig.body_of_image.empty(); }
+  const std::vector<Pose>& camera_from_body() const { return camera_from_body_; }
+  Pose CameraFromBody(int image) const;
+  const std::vector<Track>& tracks() const { return tracks_; }
+  const std::vector<Camera>& cameras() const { return cameras_; }
+  const Bearing& bearing(int image, int feature) const { return bearings_[image][feature]; }
+
+  void Register(int image, const Pose& camera_from_world);
+  // The image and all others of its body, by the mounts.
+  void RegisterBody(int image, const Pose& camera_from_world);
+  // Forgets all poses and points.
+  void Reset();
+
+  // Sights of points by an image: bearings and positions, and the tracks that they belong to.
+  struct Visible {
+    std::vector<Bearing> bearings;
+    std::vector<Eigen::Vector3d> points;
+    std::vector<int> tracks;
+  };
+  Visible VisiblePoints(int image) const;
+  // How many points an image sees and how evenly: occupied cells of finer and finer grids.
+  double VisibleScore(int image, int* count) const;
+
+  // New points, and new sights of old points, of the tracks that an image has (-1: of all).
+  // Returns the number of sights that became used.
+  int Complete(int image);
+  // Looks for features where images should see points, see StructureOptions; joins what it finds,
+  // and makes all points again. Returns the number of features found.
+  int Extend();
+  // Drops sights beyond the largest error and points without two good ones and the smallest angle.
+  // Returns the number of sights dropped. tracks: the ones to look at (null: all).
+  int Filter(double max_error);
+
+  // An image's pose, and velocity, from the points that it sees within this error (pixels), which
+  // shrinks to the options'.
+  void AdjustImage(int image, double max_error);
+  // Bundle adjustment around an image with those that share most points with it.
+  void AdjustLocally(int image);
+  // Of everything. through_lens: see BundleOptions. Lenses are free where the options say so.
+  BundleSummary AdjustGlobally(int max_iterations, double tolerance, bool through_lens,
+                               bool lens_free);
+  // Unregisters images, or bodies, that see too few points now; returns how many images.
+  int DropWeakImages();
+
+  void SetGauge(int first, int second) {
+    gauge_first_ = first;
+    gauge_second_ = second;
+  }
+  // The result, without `initial`, `restarts` and `failure`.
+  Structure Result(bool covariances) const;
+
+ private:
+  // Cauchy's loss bends at most at this fraction of the largest error.
+  static constexpr double kLossShare = 4.0;
+
+  double Residual(const Track& track, const Sight& sight) const;
+  bool HasRay(const Sight& sight) const { return has_ray_[sight.image][sight.feature] != 0; }
+  // camera_from_world when the line of the sight is read, and that time.
+  const Pose& PoseOf(const Sight& sight) const {
+    return rolling() ? moved_[sight.image][sight.feature] : poses_[sight.image];
+  }
+  double TimeOf(const Sight& sight) const {
+    return rolling() ? times_[sight.image][sight.feature] : 0.0;
+  }
+  // Time of the line that holds a pixel, -0.5 to 0.5; 0 for a global shutter.
+  double TimeAt(const Eigen::Vector2d& pixel, const Camera& camera) const;
+  void SetTracks(const std::vector<std::vector<TrackElement>>& tracks);
+  struct Candidate {
+    int track = 0, feature = 0;
+    float squared = 0.0F;  // distance of the descriptors
+  };
+  // Features of an image that may be points it does not see yet.
+  std::vector<Candidate> CandidatesIn(int image, const Eigen::MatrixXf& descriptors) const;
+  void Place(int image, const Pose& camera_from_world, const Velocity& velocity);
+  // From the registered images before and after, for a unit of time; NaN if there are none.
+  Velocity NeighborVelocity(int image) const;
+  void SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
+                 BundleOptions* options) const;
+  int CompleteTrack(Track* track);
+  void UpdateBearings();
+  void UpdateLoss();
+  Bundle MakeBundle(const std::vector<std::uint8_t>* images_free, BundleOptions* options,
+                    std::vector<int>* image_of, std::vector<int>* track_of) const;
+  void AddImage(int image, Bundle* bundle, std::vector<int>* image_of) const;
+  // Adds the rig, and the images of its bodies that see nothing; sets the gauge.
+  void AddRig(Bundle* bundle, BundleOptions* options, std::vector<int>* image_of) const;
+  // Gives a rig whose mounts were adjusted its size back, and the world the scale that goes with
+  // it.
+  void RestoreRigSize(const Bundle& bundle);
+  void TakeBack(const Bundle& bundle, const std::vector<int>& image_of,
+                const std::vector<int>& track_of);
+
+  std::vector<Camera> cameras_;
+  const std::vector<ImageFeatures>& images_;
+  const StructureOptions& options_;
+  std::vector<std::vector<Bearing>> bearings_;
+  std::vector<std::vector<std::uint8_t>> has_ray_;
+  std::vector<int> num_features_;
+  std::vector<Track> tracks_;
+  std::vector<std::vector<int>> tracks_of_image_;
+  std::vector<std::uint8_t> registered_;
+  std::vector<Pose> poses_;  // in the middle of the readout
+  std::vector<Pose> camera_from_body_;
+  // Of rolling shutters, else empty: per image the velocity; per feature the time of its line (-0.5
+  // to 0.5) and camera_from_world then.
+  std::vector<Velocity> velocities_;
+  std::vector<std::vector<double>> times_;
+  std::vector<std::vector<Pose>> moved_;
+  int num_registered_ = 0;
+  double loss_pixels_;  // where Cauchy's loss bends now
+  int gauge_first_ = -1, gauge_second_ = -1;
+};
+
+}  // namespace gsut

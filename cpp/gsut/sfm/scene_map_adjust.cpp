@@ -1,0 +1,286 @@
+// Bundle adjustment of the growing structure, and the result.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "gsut/base/errors.h"
+#include "gsut/base/parallel.h"
+#include "gsut/sfm/scene_map.h"
+
+namespace gsut {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+// Cauchy's loss never bends below this many pixels.
+constexpr double kLeastLoss = 0.02;
+// Standard deviation of what an image may turn (radians) and move (of the distance to its points)
+// during its readout, where nothing else is known: a handheld camera turned in haste.
+constexpr double kTurnSigma = 0.2;
+constexpr double kShiftSigma = 0.1;
+// Where neighbours in time tell the velocity: their uncertainty, as a share of it and of the above.
+constexpr double kNeighborSigma = 0.3;
+constexpr double kNeighborFloor = 0.1;
+
+double Median(std::vector<double>* values) {
+  if (values->empty()) return 0.0;
+  const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
+  std::nth_element(values->begin(), middle, values->end());
+  return *middle;
+}
+
+}  // namespace
+
+void SceneMap::UpdateLoss() {
+  std::vector<double> lengths;
+  for (const Track& track : tracks_) {
+    if (!track.has_point) continue;
+    for (const Sight& sight : track.sights) {
+      if (sight.used) lengths.push_back(Residual(track, sight));
+    }
+  }
+  if (lengths.empty()) return;
+  loss_pixels_ = std::clamp(options_.loss_scale * Median(&lengths), kLeastLoss,
+                            std::max(kLeastLoss, options_.max_error / kLossShare));
+}
+
+void SceneMap::AddImage(int image, Bundle* bundle, std::vector<int>* image_of) const {
+  image_of->push_back(image);
+  bundle->camera_of_image.push_back(images_[image].camera);
+  bundle->camera_from_world.push_back(poses_[image]);
+  if (rolling()) bundle->velocities.push_back(velocities_[image]);
+}
+
+Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, BundleOptions* options,
+                            std::vector<int>* image_of, std::vector<int>* track_of) const {
+  Bundle bundle;
+  bundle.cameras = cameras_;
+  std::vector<int> place(images_.size(), -1);
+  for (std::size_t t = 0; t < tracks_.size(); ++t) {
+    const Track& track = tracks_[t];
+    if (!track.has_point) continue;
+    const bool wanted =
+        images_free == nullptr ||
+        std::any_of(track.sights.begin(), track.sights.end(), [&](const Sight& sight) {
+          return sight.used && (*images_free)[sight.image] != 0;
+        });
+    if (!wanted) continue;
+    const int point = static_cast<int>(bundle.points.size());
+    bundle.points.push_back(track.position);
+    track_of->push_back(static_cast<int>(t));
+    for (const Sight& sight : track.sights) {
+      if (!sight.used) continue;
+      int& image = place[sight.image];
+      if (image < 0) {
+        image = static_cast<int>(image_of->size());
+        AddImage(sight.image, &bundle, image_of);
+        if (images_free != nullptr) {
+          options->image_fixed.push_back((*images_free)[sight.image] == 0);
+        }
+      }
+      bundle.observations.push_back({image, point, bearings_[sight.image][sight.feature],
+                                     images_[sight.image].pixels[sight.feature], TimeOf(sight)});
+    }
+  }
+  const auto placed = [&](int image) { return image < 0 ? -1 : place[image]; };
+  options->gauge_image = placed(gauge_first_);
+  options->scale_image = placed(gauge_second_);
+  if (on_rig()) AddRig(&bundle, options, image_of);
+  options->loss_scale = loss_pixels_;
+  options->num_threads = 1;  // Ceres adds up in another order with each number of threads
+  if (rolling()) SetPriors(bundle, *image_of, options);
+  if (images_free != nullptr) {
+    const auto fixed = std::count(options->image_fixed.begin(), options->image_fixed.end(), 1);
+    if (fixed >= 2) options->gauge_image = options->scale_image = -1;
+  }
+  return bundle;
+}
+
+void SceneMap::TakeBack(const Bundle& bundle, const std::vector<int>& image_of,
+                        const std::vector<int>& track_of) {
+  for (std::size_t i = 0; i < image_of.size(); ++i) {
+    Place(image_of[i], bundle.camera_from_world[i],
+          rolling() ? bundle.velocities[i] : Velocity::Zero());
+  }
+  for (std::size_t i = 0; i < track_of.size(); ++i) {
+    tracks_[track_of[i]].position = bundle.points[i];
+  }
+  if (!on_rig()) return;
+  camera_from_body_ = bundle.camera_from_body;
+  if (options_.rig.refine) RestoreRigSize(bundle);
+}
+
+void SceneMap::AdjustLocally(int image) {
+  std::vector<int> shared(images_.size(), 0);
+  for (const int index : tracks_of_image_[image]) {
+    const Track& track = tracks_[index];
+    if (!track.has_point) continue;
+    for (const Sight& sight : track.sights) shared[sight.image] += sight.used;
+  }
+  shared[image] = 0;
+  std::vector<int> order(images_.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return shared[a] > shared[b]; });
+  std::vector<std::uint8_t> free(images_.size(), 0);
+  free[image] = 1;
+  for (int i = 0; i + 1 < options_.local_images && i < num_images(); ++i) {
+    if (shared[order[i]] > 0) free[order[i]] = 1;
+  }
+  BundleOptions options;
+  constexpr int kLocalIterations = 12;
+  constexpr double kLocalTolerance = 1e-4;
+  options.max_iterations = kLocalIterations;
+  options.function_tolerance = kLocalTolerance;
+  std::vector<int> image_of, track_of;
+  Bundle bundle = MakeBundle(&free, &options, &image_of, &track_of);
+  AdjustBundle(&bundle, options);
+  TakeBack(bundle, image_of, track_of);
+}
+
+BundleSummary SceneMap::AdjustGlobally(int max_iterations, double tolerance, bool through_lens,
+                                       bool lens_free) {
+  BundleOptions options;
+  options.max_iterations = max_iterations;
+  options.function_tolerance = tolerance;
+  options.through_lens = through_lens || lens_free;
+  if (lens_free) options.lens_free = options_.lens_free;
+  std::vector<int> image_of, track_of;
+  Bundle bundle = MakeBundle(nullptr, &options, &image_of, &track_of);
+  const BundleSummary summary = AdjustBundle(&bundle, options);
+  TakeBack(bundle, image_of, track_of);
+  if (lens_free) {
+    cameras_ = bundle.cameras;
+    UpdateBearings();
+  }
+  UpdateLoss();
+  return summary;
+}
+
+Velocity SceneMap::NeighborVelocity(int image) const {
+  int before = image, after = image;
+  const std::vector<double>& times = options_.frame_times;
+  for (int other = 0; other < num_images(); ++other) {
+    if (!registered_[other]) continue;
+    const bool earlier = times[other]<times[image], later = times[other]> times[image];
+    if (earlier && (before == image || times[other] > times[before])) before = other;
+    if (later && (after == image || times[other] < times[after])) after = other;
+  }
+  if (before == after) return Velocity::Constant(kNaN);
+  return VelocityBetween(poses_[before], poses_[after]) / (times[after] - times[before]);
+}
+
+void SceneMap::SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
+                         BundleOptions* options) const {
+  std::vector<std::vector<double>> distances(image_of.size());
+  for (const BundleObservation& o : bundle.observations) {
+    distances[o.image].push_back(
+        (bundle.points[o.point] - bundle.camera_from_world[o.image].CenterInSource()).norm());
+  }
+  options->noise = loss_pixels_;
+  for (std::size_t i = 0; i < image_of.size(); ++i) {
+    VelocityPrior prior;
+    prior.sigma.head<3>().setConstant(kShiftSigma * Median(&distances[i]));
+    prior.sigma.tail<3>().setConstant(kTurnSigma);
+    if (options_.readout_time > 0 && !options_.frame_times.empty()) {
+      const Velocity mean = options_.readout_time * NeighborVelocity(image_of[i]);
+      if (mean.allFinite()) {
+        prior.mean = mean;
+        prior.sigma *= kNeighborFloor;
+        prior.sigma.head<3>().array() += kNeighborSigma * mean.head<3>().norm();
+        prior.sigma.tail<3>().array() += kNeighborSigma * mean.tail<3>().norm();
+      }
+    }
+    options->velocity_priors.push_back(prior);
+  }
+}
+
+void SceneMap::AdjustImage(int image, double max_error) {
+  // Twice: sights that looked wrong while the camera seemed to stand still may be right after all.
+  constexpr int kRounds = 3;
+  constexpr int kIterations = 20;
+  for (int round = 0; round < kRounds; ++round) {
+    Bundle bundle;
+    BundleOptions options;
+    bundle.cameras = {cameras_[images_[image].camera]};
+    bundle.camera_of_image = {0};
+    bundle.camera_from_world = {poses_[image]};
+    if (rolling()) bundle.velocities = {velocities_[image]};
+    for (const int index : tracks_of_image_[image]) {
+      const Track& track = tracks_[index];
+      if (!track.has_point) continue;
+      for (const Sight& sight : track.sights) {
+        if (sight.image != image || sight.held_out || !HasRay(sight)) continue;
+        if (!(Residual(track, sight) < max_error)) continue;
+        bundle.observations.push_back({0, static_cast<int>(bundle.points.size()),
+                                       bearings_[image][sight.feature],
+                                       images_[image].pixels[sight.feature], TimeOf(sight)});
+        bundle.points.push_back(track.position);
+      }
+    }
+    if (bundle.points.empty()) return;
+    options.point_fixed.assign(bundle.points.size(), 1);
+    options.loss_scale = max_error / kLossShare;
+    options.max_iterations = kIterations;
+    if (rolling()) SetPriors(bundle, {image}, &options);
+    options.noise = options.loss_scale;
+    AdjustBundle(&bundle, options);
+    TakeBack(bundle, {image}, {});
+    max_error = std::max(options_.max_error, max_error / kLossShare);
+  }
+}
+
+Structure SceneMap::Result(bool covariances) const {
+  Structure result;
+  result.cameras = cameras_;
+  result.registered = registered_;
+  result.camera_from_body = camera_from_body_;
+  result.camera_from_world.resize(images_.size());
+  if (rolling()) result.velocities.assign(images_.size(), Velocity::Zero());
+  for (int image = 0; image < num_images(); ++image) {
+    if (!registered_[image]) continue;
+    result.camera_from_world[image] = poses_[image];
+    if (rolling()) result.velocities[image] = velocities_[image];
+  }
+  std::vector<double> lengths, held_out;
+  for (const Track& track : tracks_) {
+    if (!track.has_point) continue;
+    StructurePoint point;
+    point.position = track.position;
+    for (const Sight& sight : track.sights) {
+      if (!sight.used && !(sight.held_out && registered_[sight.image] && HasRay(sight))) continue;
+      const double length = Residual(track, sight);
+      if (sight.held_out) {
+        held_out.push_back(length);
+        point.held_out.push_back({sight.image, sight.feature});
+        continue;
+      }
+      lengths.push_back(length);
+      point.error += length;
+      point.sights.push_back({sight.image, sight.feature});
+      const Pose& pose = PoseOf(sight);
+      point.in_camera.emplace_back(pose.rotation * track.position + pose.translation);
+    }
+    point.error /= static_cast<double>(std::max<std::size_t>(1, point.sights.size()));
+    result.points.push_back(std::move(point));
+  }
+  for (const double length : lengths) result.rms += length * length;
+  if (!lengths.empty()) result.rms = std::sqrt(result.rms / static_cast<double>(lengths.size()));
+  result.median = Median(&lengths);
+  result.held_out = Median(&held_out);
+  result.num_held_out = static_cast<int>(held_out.size());
+  result.covariances.assign(images_.size(), Eigen::Matrix<double, 6, 6>::Zero());
+  if (covariances && num_registered_ >= 2) {
+    BundleOptions options;
+    std::vector<int> image_of, track_of;
+    const Bundle bundle = MakeBundle(nullptr, &options, &image_of, &track_of);
+    try {
+      const auto found = PoseCovariances(bundle, options);
+      for (std::size_t i = 0; i < image_of.size(); ++i) result.covariances[image_of[i]] = found[i];
+    } catch (const SolveError&) {  // something is not determined: said by NaN
+      for (const int image : image_of) result.covariances[image].setConstant(kNaN);
+    }
+  }
+  return result;
+}
+
+}  // namespace gsut

@@ -1,0 +1,284 @@
+// Incremental structure from motion: first pair, one image after the other, adjustment in between.
+#include "gsut/sfm/structure.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <optional>
+
+#include "gsut/base/errors.h"
+#include "gsut/sfm/absolute_pose.h"
+#include "gsut/sfm/scene_map.h"
+
+namespace gsut {
+namespace {
+
+// More parallax than this (radians, 20 degrees) makes a first pair no better.
+constexpr double kEnoughParallax = 0.35;
+// Points that a first pair must give; fewer make a shaky start.
+constexpr int kInitialPoints = 30;
+// Share of a pair's matches that a rotation explains, above which the pair is no start.
+constexpr double kMostRotation = 0.7;
+constexpr int kPairIterations = 20;
+constexpr int kGlobalIterations = 10;
+constexpr double kGlobalTolerance = 1e-4;
+constexpr int kFinalIterations = 30;
+constexpr double kFinalTolerance = 1e-7;
+constexpr int kFinalRounds = 3;
+constexpr double kExtendTolerance = 1e-5;
+// Below this share of new sights, completing tracks again changes nothing.
+constexpr double kSettled = 5e-4;
+// Rolling shutters: how many times the final error a sight may be off while the structure grows.
+constexpr double kGrowingError = 4.0;
+// Images from which lenses are adjusted in full; before, too little holds them.
+constexpr int kLensImages = 5;
+
+class Mapper {
+ public:
+  Mapper(const std::vector<Camera>& cameras, const std::vector<ImageFeatures>& images,
+         std::span<const VerifiedPair> pairs, const StructureOptions& options,
+         const std::function<bool(const StructureProgress&)>& on_progress)
+      : cameras_(cameras),
+        images_(images),
+        pairs_(pairs),
+        wanted_(options),
+        options_(options),
+        on_progress_(on_progress) {}
+
+  Structure Run() {
+    std::optional<Structure> best;
+    int restarts = 0;
+    int trials = 0;
+    std::string failure;
+    for (const int pair : InitialPairs(&failure)) {
+      if (trials >= options_.initial_trials || restarts > options_.most_restarts) break;
+      ++trials;
+      map_.emplace(cameras_, images_, pairs_, options_);
+      tried_at_.assign(images_.size(), -1);
+      if (!Start(pairs_[pair])) continue;
+      Grow();
+      Structure result = Finish();
+      result.initial_first = pairs_[pair].first;
+      result.initial_second = pairs_[pair].second;
+      const auto rank = [](const Structure& s) {
+        return std::make_pair(std::count(s.registered.begin(), s.registered.end(), 1),
+                              s.points.size());
+      };
+      if (!best || rank(result) > rank(*best)) best = std::move(result);
+      const auto registered = static_cast<double>(rank(*best).first);
+      if (registered >= options_.enough_registered * static_cast<double>(images_.size())) break;
+      ++restarts;
+    }
+    if (best) {
+      best->restarts = std::min(restarts, options_.most_restarts);
+      return *best;
+    }
+    Structure nothing;
+    nothing.cameras = cameras_;
+    nothing.registered.assign(images_.size(), 0);
+    nothing.camera_from_world.resize(images_.size());
+    nothing.covariances.assign(images_.size(), Eigen::Matrix<double, 6, 6>::Zero());
+    nothing.failure =
+        failure.empty() ? "no pair of images gave a stable first triangulation" : failure;
+    return nothing;
+  }
+
+ private:
+  std::vector<int> InitialPairs(std::string* failure) const {
+    std::vector<int> order;
+    for (std::size_t i = 0; i < pairs_.size(); ++i) {
+      const VerifiedPair& pair = pairs_[i];
+      if (pair.num_rotation_inliers <= kMostRotation * static_cast<double>(pair.matches.size())) {
+        order.push_back(static_cast<int>(i));
+      }
+    }
+    if (pairs_.empty()) {
+      *failure = "no two images have matches that agree";
+    } else if (order.empty()) {
+      *failure =
+          "every pair of images with matches differs by a rotation only, so there is no depth";
+    }
+    const auto score = [&](int i) {
+      const VerifiedPair& pair = pairs_[i];
+      const double moved = static_cast<double>(pair.matches.size()) - pair.num_rotation_inliers;
+      return std::sqrt(static_cast<double>(pair.matches.size())) * std::sqrt(moved) *
+             std::min(pair.parallax, kEnoughParallax);
+    };
+    std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return score(a) > score(b); });
+    return order;
+  }
+
+  // Rolling shutters: how many times the wanted error a sight may be off now. 1 for global ones.
+  void LoosenBy(double factor) {
+    const bool rolling = !wanted_.shutter.IsGlobal();
+    options_.max_error = wanted_.max_error * (rolling ? factor : 1.0);
+  }
+
+  bool Start(const VerifiedPair& pair) {
+    LoosenBy(wanted_.rolling_error);
+    map_->SetGauge(pair.first, pair.second);
+    map_->Register(pair.first, Pose());
+    map_->Register(pair.second, pair.second_from_first);
+    map_->Complete(pair.first);
+    if (map_->num_points() < kInitialPoints) return false;
+    map_->AdjustGlobally(kPairIterations, kGlobalTolerance, false, false);
+    map_->Filter(options_.max_error);
+    if (map_->num_points() < kInitialPoints) return false;
+    LoosenBy(kGrowingError);
+    Tell("first pair");
+    return true;
+  }
+
+  void Grow() {
+    int adjusted_images = map_->num_registered();
+    int adjusted_points = map_->num_points();
+    while (true) {
+      const int image = RegisterNext();
+      if (image < 0) {
+        // Everything adjusted, more may fit; else it is over.
+        if (map_->num_registered() == map_->num_images() ||
+            (adjusted_images == map_->num_registered() && adjusted_points == -1)) {
+          break;
+        }
+        AdjustAll();
+        adjusted_images = map_->num_registered();
+        adjusted_points = -1;
+        tried_at_.assign(images_.size(), -1);
+        continue;
+      }
+      map_->Complete(image);
+      map_->AdjustLocally(image);
+      map_->Filter(options_.max_error);
+      Tell("image");
+      if (map_->num_registered() > options_.global_growth * adjusted_images ||
+          map_->num_points() > 1.5 * options_.global_growth * std::max(adjusted_points, 1)) {
+        AdjustAll();
+        adjusted_images = map_->num_registered();
+        adjusted_points = map_->num_points();
+      }
+    }
+  }
+
+  // The next image by P3P; -1 if none can be registered now.
+  int RegisterNext() {
+    struct Candidate {
+      double score;
+      int image, count;
+    };
+    std::vector<Candidate> candidates;
+    for (int image = 0; image < map_->num_images(); ++image) {
+      if (map_->registered(image)) continue;
+      int count = 0;
+      const double score = map_->VisibleScore(image, &count);
+      // Tried before: only with a quarter more points.
+      if (count < options_.min_inliers || 4 * count < 5 * tried_at_[image]) continue;
+      candidates.push_back({score, image, count});
+    }
+    std::stable_sort(candidates.begin(), candidates.end(),
+                     [](const Candidate& a, const Candidate& b) { return a.score > b.score; });
+    for (const Candidate& candidate : candidates) {
+      tried_at_[candidate.image] = candidate.count;
+      const SceneMap::Visible visible = map_->VisiblePoints(candidate.image);
+      AbsolutePoseOptions options;
+      options.max_error =
+          map_->rolling() ? wanted_.rolling_error * wanted_.max_error : wanted_.max_error;
+      options.seed = options_.seed + static_cast<std::uint64_t>(candidate.image);
+      const AbsolutePose found = EstimateAbsolutePose(visible.bearings, visible.points, options);
+      const auto seen = static_cast<double>(visible.points.size());
+      if (found.num_inliers < options_.min_inliers ||
+          found.num_inliers < kFewestInlierShare * seen) {
+        continue;
+      }
+      map_->Register(candidate.image, found.camera_from_world);
+      if (map_->rolling()) map_->AdjustImage(candidate.image, options.max_error);
+      return candidate.image;
+    }
+    return -1;
+  }
+
+  void AdjustAll() {
+    const bool lens_free = !options_.lens_free.empty() && !options_.lens_settled &&
+                           map_->num_registered() >= kLensImages;
+    map_->AdjustGlobally(kGlobalIterations, kGlobalTolerance, lens_free, lens_free);
+    map_->Filter(options_.max_error);
+    map_->Complete(-1);
+    Tell("adjustment");
+  }
+
+  Structure Finish() {
+    const bool lens_free = !options_.lens_free.empty();
+    int sights = 1;
+    for (double looser = kGrowingError / 2; map_->rolling() && looser > 1; looser /= 2) {
+      LoosenBy(looser);
+      map_->Complete(-1);
+      map_->AdjustGlobally(kFinalIterations, kGlobalTolerance, lens_free, lens_free);
+      map_->Filter(options_.max_error);
+    }
+    LoosenBy(1.0);
+    const bool extends = wanted_.extend_rounds > 0 && HasDescriptors(images_);
+    for (int round = 0; round < kFinalRounds; ++round) {
+      map_->AdjustGlobally(kFinalIterations, extends ? kExtendTolerance : kFinalTolerance,
+                           lens_free, lens_free);
+      const int dropped = map_->Filter(options_.max_error);
+      const int added = map_->Complete(-1);
+      map_->DropWeakImages();
+      sights = std::max(1, map_->num_points());
+      Tell("adjustment");
+      if (dropped + added < kSettled * sights) break;
+    }
+    for (int round = 0; extends && round < wanted_.extend_rounds; ++round) {
+      map_->Extend();
+      Tell("longer tracks");
+      map_->AdjustGlobally(kFinalIterations, kExtendTolerance, lens_free, lens_free);
+      map_->Filter(options_.max_error);
+      map_->Complete(-1);
+      map_->DropWeakImages();
+    }
+    map_->AdjustGlobally(kFinalIterations, kFinalTolerance, true, lens_free);
+    map_->Filter(options_.max_error);
+    map_->DropWeakImages();
+    Tell("final adjustment");
+    return map_->Result(options_.covariances);
+  }
+
+  void Tell(const char* step) const {
+    if (!on_progress_) return;
+    const StructureProgress progress = {map_->num_registered(), map_->num_images(),
+                                        map_->num_points(), step};
+    if (!on_progress_(progress)) throw SolveError("stopped");
+  }
+
+  const std::vector<Camera>& cameras_;
+  const std::vector<ImageFeatures>& images_;
+  std::span<const VerifiedPair> pairs_;
+  const StructureOptions& wanted_;
+  StructureOptions options_;  // with the largest error of the moment; read by the map too
+  const std::function<bool(const StructureProgress&)>& on_progress_;
+  std::optional<SceneMap> map_;
+  std::vector<int> tried_at_;  // points an image saw when it was last tried
+};
+
+}  // namespace
+
+bool HasDescriptors(const std::vector<ImageFeatures>& images) {
+  return std::all_of(images.begin(), images.end(), [](const ImageFeatures& image) {
+    return image.descriptors != nullptr || image.pixels.empty();
+  });
+}
+
+Structure EstimatePoses(const std::vector<Camera>& cameras, std::vector<ImageFeatures> images,
+                        std::span<const VerifiedPair> pairs, const StructureOptions& options,
+                        const std::function<bool(const StructureProgress&)>& on_progress) {
+  for (const ImageFeatures& image : images) {
+    if (image.camera < 0 || image.camera >= static_cast<int>(cameras.size())) {
+      throw InputError("an image names camera " + std::to_string(image.camera) + " of " +
+                       std::to_string(cameras.size()));
+    }
+  }
+  if (!options.rig.body_of_image.empty()) {
+    throw InputError("a rig needs poses to begin with: see RefineStructure");
+  }
+  return Mapper(cameras, images, pairs, options, on_progress).Run();
+}
+
+}  // namespace gsut

@@ -1,0 +1,121 @@
+// Structure from motion: poses of all photographs, and points, from verified matches.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "gsut/cameras/camera.h"
+#include "gsut/geometry/camera_chain.h"
+#include "gsut/geometry/pose.h"
+#include "gsut/geometry/shutter.h"
+#include "gsut/sfm/tracks.h"
+
+namespace gsut {
+
+struct ImageFeatures {
+  int camera = 0;                       // into the cameras
+  std::vector<Eigen::Vector2d> pixels;  // (0.5, 0.5) is the centre of the top-left pixel
+  // (N, kDescriptorLength) of any length; kept by the caller. Null: tracks are not extended.
+  const std::uint8_t* descriptors = nullptr;
+};
+
+// Cameras that are fixed to each other: what is known of them. Of an image the body (the rig at one
+// moment) that its camera is on, from 0 without gaps, and the camera's mount on it (-1: the camera
+// is the body). Empty: each image has a pose of its own.
+struct Rig {
+  std::vector<int> body_of_image, mount_of_image;
+  std::vector<Pose> camera_from_body;  // of the mounts
+  // Mounts are adjusted; the rig keeps its size (RMS distance of the cameras from their middle),
+  // which sets the scale.
+  bool refine = false;
+};
+
+// Of the points that an image sees, those that must agree with its pose.
+inline constexpr double kFewestInlierShare = 0.2;
+
+struct StructureOptions {
+  double max_error = 4.0;          // pixels: a sight farther off is an outlier
+  double min_angle = 0.026;        // radians (1.5 degrees): smallest angle of a triangulated point
+  int min_inliers = 15;            // points that a photograph must see to be registered
+  double loss_scale = 1.5;         // of Cauchy's loss, in medians of the residuals' lengths
+  double global_growth = 1.2;      // everything is adjusted when images or points grew by this
+  int local_images = 6;            // adjusted when one is registered, with those that see the most
+                                   // of its points
+  int initial_trials = 10;         // pairs tried as the first one
+  double enough_registered = 0.6;  // share of the images; with fewer, it starts from another pair
+  int most_restarts = 3;
+  // Parameters of each camera that are estimated too, one flag each (empty: none).
+  std::vector<std::vector<std::uint8_t>> lens_free;
+  bool lens_settled = false;  // they are nearly right: it is enough to estimate them at the end
+  // Rolling shutters: how lines are read; each image then has a velocity of its own. Until
+  // velocities are known, sights may be this many times the largest error off.
+  Shutter shutter;
+  double rolling_error = 12.0;
+  // When each image was taken, and the readout in units of that time: velocities are then held near
+  // those between an image's neighbours. Empty or 0: unknown.
+  std::vector<double> frame_times;
+  double readout_time = 0.0;
+  // At the end points are looked for in images that do not see them yet: features within this many
+  // pixels of their projection whose descriptor, of unit length, is no farther than that from the
+  // points' own. Rounds of it; 0: none.
+  double extend_radius = 5.0;
+  double extend_distance = 0.8;
+  int extend_rounds = 0;
+  // Every n-th point of at least three sights keeps one out of all adjustments, to judge by; 0: no.
+  int hold_out_every = 0;
+  Rig rig;  // for RefineStructure
+  bool covariances = true;
+  std::uint64_t seed = 0;
+};
+
+struct StructurePoint {
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();  // in the world
+  std::vector<TrackElement> sights;                    // that agree with it
+  std::vector<Eigen::Vector3d> in_camera;              // the point in the camera of each sight
+  double error = 0.0;                                  // pixels: mean length of their residuals
+  std::vector<TrackElement> held_out;                  // sights that no adjustment used
+};
+
+struct Structure {
+  std::vector<Camera> cameras;
+  std::vector<std::uint8_t> registered;  // one an image
+  std::vector<Pose> camera_from_world;   // identity where not registered
+  std::vector<Velocity> velocities;      // of rolling shutters, see camera_chain.h; else empty
+  std::vector<Pose> camera_from_body;    // of a rig's mounts, adjusted if asked for
+  std::vector<StructurePoint> points;
+  int initial_first = -1, initial_second = -1;
+  int restarts = 0;
+  double rms = 0.0;       // pixels: root of the mean squared length of the residuals
+  double median = 0.0;    // pixels: median length
+  double held_out = 0.0;  // pixels: median length at sights that were held out; 0 if none were
+  int num_held_out = 0;
+  // (6, 6) of (centre in the world, turn in the camera frame), see PoseCovariances; 0 where not
+  // registered. The first image's pose and one component of the second's centre are held.
+  std::vector<Eigen::Matrix<double, 6, 6>> covariances;
+  std::string failure;  // why nothing was found; empty if something was
+};
+
+// Whether tracks can be extended: all images that have features have descriptors.
+bool HasDescriptors(const std::vector<ImageFeatures>& images);
+
+struct StructureProgress {
+  int registered = 0, images = 0, points = 0;
+  const char* step = "";  // what was just done
+};
+
+// Incremental: the pair with most parallax over many matches first, then one photograph after the
+// other by P3P, new points along rays, local bundle adjustment, and everything at times; outliers
+// are taken out and tracks completed in between. Starts again from another pair where it gets
+// stuck early, and keeps the best. World: the first image's frame, the first baseline is 1 long.
+// Args: pairs: verified matches; on_progress: told after each image, returns false to stop (then
+//   SolveError is thrown); may be empty.
+// Throws InputError for an index out of range.
+Structure EstimatePoses(const std::vector<Camera>& cameras, std::vector<ImageFeatures> images,
+                        std::span<const VerifiedPair> pairs, const StructureOptions& options,
+                        const std::function<bool(const StructureProgress&)>& on_progress);
+
+}  // namespace gsut

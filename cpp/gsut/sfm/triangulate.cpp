@@ -1,0 +1,146 @@
+// Points of rays: pairs as hypotheses, then least squares in pixels.
+#include "gsut/sfm/triangulate.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+namespace gsut {
+namespace {
+
+constexpr int kMostPairs = 30;  // hypotheses tried
+constexpr int kGaussNewtonSteps = 10;
+
+struct Pair {
+  int first, second;
+  double angle;
+};
+
+Eigen::Vector3d RayInWorld(const Sight& sight) {
+  return sight.camera_from_world->rotation.transpose() * sight.bearing->ray;
+}
+
+// The midpoint between two rays in the world; false if it lies behind one of them.
+bool Midpoint(const Sight& first, const Sight& second, Eigen::Vector3d* point) {
+  const Eigen::Vector3d center1 = first.camera_from_world->CenterInSource();
+  const Eigen::Vector3d center2 = second.camera_from_world->CenterInSource();
+  const Eigen::Vector3d ray1 = RayInWorld(first);
+  const Eigen::Vector3d ray2 = RayInWorld(second);
+  Pose aligned;  // the first camera's axes turned into the world's
+  aligned.translation = center1 - center2;
+  const auto depths = RayDepths(aligned, ray1, ray2);
+  if (!(depths[0] > 0.0 && depths[1] > 0.0)) return false;
+  *point = 0.5 * (center1 + depths[0] * ray1 + center2 + depths[1] * ray2);
+  return point->allFinite();
+}
+
+double SquaredResidual(const Sight& sight, const Eigen::Vector3d& point) {
+  const Pose& pose = *sight.camera_from_world;
+  return BearingResidual(*sight.bearing, pose.rotation * point + pose.translation).squaredNorm();
+}
+
+}  // namespace
+
+std::array<double, 2> RayDepths(const Pose& second_from_first, const Eigen::Vector3d& ray1,
+                                const Eigen::Vector3d& ray2) {
+  // t + depth1 a = depth2 ray2 in the second camera, in the least-squares sense.
+  const Eigen::Vector3d a = second_from_first.rotation * ray1;
+  const Eigen::Vector3d& t = second_from_first.translation;
+  const Eigen::Vector3d normal = a.cross(ray2);
+  const double squared_sine = normal.squaredNorm();
+  return {ray2.cross(t).dot(normal) / squared_sine, a.cross(t).dot(normal) / squared_sine};
+}
+
+double TriangulationAngle(std::span<const Sight> sights, std::span<const std::uint8_t> chosen,
+                          const Eigen::Vector3d& point) {
+  double largest = 0.0;
+  for (std::size_t i = 0; i < sights.size(); ++i) {
+    if (!chosen[i]) continue;
+    const Eigen::Vector3d a = point - sights[i].camera_from_world->CenterInSource();
+    for (std::size_t j = i + 1; j < sights.size(); ++j) {
+      if (!chosen[j]) continue;
+      const Eigen::Vector3d b = point - sights[j].camera_from_world->CenterInSource();
+      largest = std::max(largest, std::atan2(a.cross(b).norm(), a.dot(b)));
+    }
+  }
+  return largest;
+}
+
+bool RefinePoint(std::span<const Sight> sights, std::span<const std::uint8_t> chosen,
+                 Eigen::Vector3d* point) {
+  for (int step = 0; step < kGaussNewtonSteps; ++step) {
+    Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
+    Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
+    double distance = 0.0;
+    for (std::size_t i = 0; i < sights.size(); ++i) {
+      if (!chosen[i]) continue;
+      const Pose& pose = *sights[i].camera_from_world;
+      const Eigen::Vector3d in_camera = pose.rotation * *point + pose.translation;
+      Eigen::Matrix<double, 2, 3> by_point;
+      const Eigen::Vector2d residual = BearingResidual(*sights[i].bearing, in_camera, &by_point);
+      const Eigen::Matrix<double, 2, 3> jacobian = by_point * pose.rotation;
+      normal += jacobian.transpose() * jacobian;
+      gradient += jacobian.transpose() * residual;
+      distance = std::max(distance, in_camera.norm());
+    }
+    const Eigen::Vector3d change = normal.ldlt().solve(-gradient);
+    if (!change.allFinite() || change.norm() > distance) return false;
+    *point += change;
+    constexpr double kConverged = 1e-9;
+    if (change.norm() < kConverged * distance) break;
+  }
+  return point->allFinite();
+}
+
+TriangulatedPoint Triangulate(std::span<const Sight> sights, const TriangulationOptions& options) {
+  TriangulatedPoint best;
+  const int count = static_cast<int>(sights.size());
+  best.kept.assign(count, 0);
+  std::vector<Pair> pairs;
+  for (int i = 0; i < count; ++i) {
+    const Eigen::Vector3d a = RayInWorld(sights[i]);
+    for (int j = i + 1; j < count; ++j) {
+      const Eigen::Vector3d b = RayInWorld(sights[j]);
+      const double angle = std::atan2(a.cross(b).norm(), a.dot(b));
+      if (angle >= options.min_angle) pairs.push_back({i, j, angle});
+    }
+  }
+  const auto wider = [](const Pair& a, const Pair& b) { return a.angle > b.angle; };
+  if (pairs.size() > kMostPairs) {
+    std::nth_element(pairs.begin(), pairs.begin() + kMostPairs, pairs.end(), wider);
+    pairs.resize(kMostPairs);
+  }
+  const double max_squared = options.max_error * options.max_error;
+  double best_cost = max_squared * count;
+  std::vector<std::uint8_t> kept(count);
+  const auto judge = [&](const Eigen::Vector3d& point) {
+    double cost = 0.0;
+    int inliers = 0;
+    for (int i = 0; i < count; ++i) {
+      const double squared = SquaredResidual(sights[i], point);
+      kept[i] = squared < max_squared;
+      inliers += kept[i];
+      cost += kept[i] ? squared : max_squared;
+    }
+    if (inliers < 2 || !(cost < best_cost)) return;
+    best_cost = cost;
+    best.point = point;
+    best.kept = kept;
+    best.num_kept = inliers;
+  };
+  for (const Pair& pair : pairs) {
+    Eigen::Vector3d point;
+    if (Midpoint(sights[pair.first], sights[pair.second], &point)) judge(point);
+    if (best.num_kept == count) break;
+  }
+  if (best.num_kept == 0) return best;
+  Eigen::Vector3d refined = best.point;
+  if (RefinePoint(sights, best.kept, &refined)) judge(refined);
+  if (!(TriangulationAngle(sights, best.kept, best.point) >= options.min_angle)) {
+    best.num_kept = 0;
+    best.kept.assign(count, 0);
+  }
+  return best;
+}
+
+}  // namespace gsut

@@ -1,0 +1,75 @@
+// Binds gsut/optimize's compaction: reduced copies of float32 Gaussians.
+#include <pybind11/pybind11.h>
+
+#include "bindings/arrays.h"
+#include "bindings/module.h"
+#include "gsut/optimize/compact.h"
+
+namespace gsut::bindings {
+namespace {
+
+std::vector<std::uint32_t> AllRows(std::int64_t size) {
+  std::vector<std::uint32_t> rows(static_cast<std::size_t>(size));
+  for (std::size_t i = 0; i < rows.size(); ++i) rows[i] = static_cast<std::uint32_t>(i);
+  return rows;
+}
+
+py::array_t<float> CopyOf(const std::vector<float>& values,
+                          std::initializer_list<py::ssize_t> shape) {
+  auto array = NewArray<float>(shape);
+  std::copy(values.begin(), values.end(), array.mutable_data());
+  return array;
+}
+
+// means, quats, log_scales, opacity_logits, sh
+py::tuple Arrays(const GaussianArrays& g) {
+  const py::ssize_t n = g.size, k = g.sh_coefficients;
+  return py::make_tuple(CopyOf(g.means, {n, 3}), CopyOf(g.quats, {n, 4}),
+                        CopyOf(g.log_scales, {n, 3}), CopyOf(g.opacity_logits, {n}),
+                        CopyOf(g.sh, {n, k, 3}));
+}
+
+py::tuple Paper(const py::object& gaussians, double keep, int depth, int max_rounds,
+                double tolerance, double least_variance, std::uint64_t seed) {
+  const auto view = ConstGaussians<float>(gaussians);
+  GaussianArrays reduced(0, view.sh_coefficients);
+  {
+    const py::gil_scoped_release release;
+    reduced = HerdPaper(view, AllRows(view.size),
+                        {keep, depth, max_rounds, tolerance, least_variance, seed});
+  }
+  return Arrays(reduced);
+}
+
+py::tuple Merge(const py::object& gaussians, std::int64_t target, const py::object& weights,
+                double divergence_weight, double field_weight, int neighbors, int block_rows) {
+  const auto view = ConstGaussians<float>(gaussians);
+  const float* weight_data =
+      weights.is_none() ? nullptr : ConstData<float>(weights, "weights", {view.size});
+  MergeOptions options;
+  options.divergence_weight = divergence_weight;
+  options.field_weight = field_weight;
+  options.neighbors = neighbors;
+  options.block_rows = block_rows;
+  GaussianArrays reduced(0, view.sh_coefficients);
+  {
+    const py::gil_scoped_release release;
+    reduced = MergePairs(view, AllRows(view.size), weight_data, target, options);
+  }
+  return Arrays(reduced);
+}
+
+}  // namespace
+
+void BindOptimizeCompact(py::module_& m) {
+  m.def("herd_paper", &Paper, py::arg("gaussians"), py::arg("keep"), py::arg("depth") = 10,
+        py::arg("max_rounds") = 100, py::arg("tolerance") = 1e-5, py::arg("least_variance") = 1e-6,
+        py::arg("seed") = 0,
+        "GHAP as published; means, quats, log_scales, opacity_logits, sh of the reduced.");
+  m.def("merge_pairs", &Merge, py::arg("gaussians"), py::arg("target"),
+        py::arg("weights") = py::none(), py::arg("divergence_weight") = 0.0,
+        py::arg("field_weight") = 0.1, py::arg("neighbors") = 10, py::arg("block_rows") = 1024,
+        "Merges the cheapest pairs; means, quats, log_scales, opacity_logits, sh of the reduced.");
+}
+
+}  // namespace gsut::bindings

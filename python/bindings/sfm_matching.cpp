@@ -1,0 +1,188 @@
+// Binds matching and verification of pairs, and poses from points, of gsut/sfm.
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include "bindings/arrays.h"
+#include "bindings/geometry.h"
+#include "bindings/module.h"
+#include "bindings/pixels.h"
+#include "gsut/base/parallel.h"
+#include "gsut/sfm/absolute_pose.h"
+#include "gsut/sfm/match.h"
+#include "gsut/sfm/relative_pose.h"
+
+namespace gsut::bindings {
+namespace {
+
+using Released = py::gil_scoped_release;
+
+template <class T>
+using ReadOnly = py::array_t<T, py::array::c_style | py::array::forcecast>;
+
+// The features of one image as rays; made once, used by every pair.
+struct ImageBearings {
+  std::vector<Bearing> bearings;
+  std::vector<std::uint8_t> valid;
+};
+
+// Pairs (P, 2) of indices below `count`.
+ReadOnly<std::int64_t> ReadPairs(const py::handle& object, const char* name, std::int64_t count) {
+  auto pairs = ReadArray<std::int64_t>(object, name, {kAny, 2});
+  for (py::ssize_t i = 0; i < pairs.size(); ++i) {
+    if (pairs.data()[i] >= 0 && pairs.data()[i] < count) continue;
+    throw InputError(std::string(name) + " holds " + std::to_string(pairs.data()[i]) +
+                     "; there are " + std::to_string(count));
+  }
+  return pairs;
+}
+
+py::list MatchPairs(const py::list& descriptors, const py::object& pairs_object, double max_ratio,
+                    double max_distance) {
+  std::vector<ReadOnly<std::uint8_t>> sets;
+  for (const py::handle& item : descriptors) {
+    if (!py::isinstance<py::array_t<std::uint8_t>>(item)) {  // floats would all become 0
+      throw InputError("descriptors must be arrays of uint8");
+    }
+    sets.push_back(ReadArray<std::uint8_t>(item, "descriptors", {kAny, kDescriptorLength}));
+  }
+  const auto pairs = ReadPairs(pairs_object, "pairs", static_cast<std::int64_t>(sets.size()));
+  const py::ssize_t count = pairs.shape(0);
+  const std::int64_t* index = pairs.data();
+  std::vector<std::vector<FeatureMatch>> found(count);
+  std::vector<const std::uint8_t*> data;
+  std::vector<int> lengths;
+  for (const auto& set : sets) {
+    data.push_back(set.data());
+    lengths.push_back(static_cast<int>(set.shape(0)));
+  }
+  {
+    const Released released;
+    ParallelFor(count, 1, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) {
+        const std::int64_t a = index[2 * i], b = index[2 * i + 1];
+        found[i] =
+            MatchDescriptors(data[a], lengths[a], data[b], lengths[b], {max_ratio, max_distance});
+      }
+    });
+  }
+  py::list result;
+  for (const auto& matches : found) {
+    auto array = NewArray<std::int32_t>({static_cast<py::ssize_t>(matches.size()), 2});
+    for (std::size_t i = 0; i < matches.size(); ++i) {
+      array.mutable_data()[2 * i] = matches[i].first;
+      array.mutable_data()[2 * i + 1] = matches[i].second;
+    }
+    result.append(array);
+  }
+  return result;
+}
+
+py::list VerifyPairs(const std::vector<const ImageBearings*>& images,
+                     const py::object& pairs_object, const py::list& matches, double max_error,
+                     std::uint64_t seed) {
+  const auto pairs = ReadPairs(pairs_object, "pairs", static_cast<std::int64_t>(images.size()));
+  const py::ssize_t count = pairs.shape(0);
+  if (static_cast<py::ssize_t>(matches.size()) != count) {
+    throw InputError("matches must have one array a pair, found " + std::to_string(matches.size()) +
+                     " for " + std::to_string(count));
+  }
+  const std::int64_t* index = pairs.data();
+  std::vector<std::vector<Bearing>> first(count), second(count);
+  for (py::ssize_t i = 0; i < count; ++i) {
+    const auto array = ReadArray<std::int32_t>(matches[i], "matches", {kAny, 2});
+    const ImageBearings& a = *images[index[2 * i]];
+    const ImageBearings& b = *images[index[2 * i + 1]];
+    for (py::ssize_t m = 0; m < array.shape(0); ++m) {
+      const std::int32_t fa = array.data()[2 * m], fb = array.data()[2 * m + 1];
+      const bool known = fa >= 0 && fb >= 0 && fa < static_cast<int>(a.bearings.size()) &&
+                         fb < static_cast<int>(b.bearings.size());
+      if (!known || !a.valid[fa] || !b.valid[fb]) {
+        throw InputError("match " + std::to_string(m) + " of pair " + std::to_string(i) +
+                         " names a feature that is not there or has no ray");
+      }
+      first[i].push_back(a.bearings[fa]);
+      second[i].push_back(b.bearings[fb]);
+    }
+  }
+  std::vector<RelativePose> found(count);
+  {
+    const Released released;
+    ParallelFor(count, 1, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) {
+        RelativePoseOptions options;
+        options.max_error = max_error;
+        options.seed = seed;
+        found[i] = EstimateRelativePose(first[i], second[i], options);
+      }
+    });
+  }
+  py::list result;
+  for (const RelativePose& pose : found) {
+    auto inliers = NewArray<bool>({static_cast<py::ssize_t>(pose.inliers.size())});
+    std::copy(pose.inliers.begin(), pose.inliers.end(), inliers.mutable_data());
+    result.append(py::make_tuple(inliers, WritePose(pose.second_from_first),
+                                 pose.num_rotation_inliers, pose.parallax, pose.found));
+  }
+  return result;
+}
+
+py::tuple AbsolutePoseOf(const ImageBearings& image, const py::object& features_object,
+                         const py::object& points_object, double max_error, std::uint64_t seed) {
+  const auto features = ReadArray<std::int64_t>(features_object, "features", {kAny});
+  const auto points = ReadArray<double>(points_object, "points", {features.shape(0), 3});
+  std::vector<Bearing> bearings;
+  std::vector<Eigen::Vector3d> positions;
+  for (py::ssize_t i = 0; i < features.shape(0); ++i) {
+    const std::int64_t feature = features.data()[i];
+    if (feature < 0 || feature >= static_cast<std::int64_t>(image.bearings.size()) ||
+        !image.valid[feature]) {
+      throw InputError("features names " + std::to_string(feature) +
+                       ", which is not there or has no ray");
+    }
+    bearings.push_back(image.bearings[feature]);
+    positions.emplace_back(points.data()[3 * i], points.data()[3 * i + 1],
+                           points.data()[3 * i + 2]);
+  }
+  AbsolutePoseOptions options;
+  options.max_error = max_error;
+  options.seed = seed;
+  AbsolutePose found;
+  {
+    const Released released;
+    found = EstimateAbsolutePose(bearings, positions, options);
+  }
+  auto inliers = NewArray<bool>({static_cast<py::ssize_t>(found.inliers.size())});
+  std::copy(found.inliers.begin(), found.inliers.end(), inliers.mutable_data());
+  return py::make_tuple(WritePose(found.camera_from_world), inliers);
+}
+
+}  // namespace
+
+void BindSfmMatching(py::module_& m) {
+  py::class_<ImageBearings>(m, "ImageBearings")
+      .def(py::init([](const Camera& camera, const py::object& pixels_object) {
+             const std::vector<Eigen::Vector2d> pixels = ReadPixels(pixels_object);
+             ImageBearings image;
+             const Released released;
+             image.bearings = MakeBearings(camera, pixels, &image.valid);
+             return image;
+           }),
+           py::arg("camera"), py::arg("pixels"))
+      .def_property_readonly("valid", [](const ImageBearings& image) {
+        auto valid = NewArray<bool>({static_cast<py::ssize_t>(image.valid.size())});
+        std::copy(image.valid.begin(), image.valid.end(), valid.mutable_data());
+        return valid;
+      });
+  m.def("match_pairs", &MatchPairs, py::arg("descriptors"), py::arg("pairs"), py::arg("max_ratio"),
+        py::arg("max_distance"));
+  m.def("verify_pairs", &VerifyPairs, py::arg("images"), py::arg("pairs"), py::arg("matches"),
+        py::arg("max_error"), py::arg("seed"));
+  m.def("absolute_pose", &AbsolutePoseOf, py::arg("image"), py::arg("features"), py::arg("points"),
+        py::arg("max_error"), py::arg("seed"));
+}
+
+}  // namespace gsut::bindings

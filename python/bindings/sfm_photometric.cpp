@@ -1,0 +1,174 @@
+// Binds photometric refinement: derivatives of colours, and poses and lenses from photographs.
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <array>
+#include <string>
+#include <vector>
+
+#include "bindings/arrays.h"
+#include "bindings/geometry.h"
+#include "bindings/module.h"
+#include "gsut/raster/render.h"
+#include "gsut/sfm/photometric.h"
+
+namespace gsut::bindings {
+namespace {
+
+// Gaussians as the scene of photometric refinement: renders an image and takes out the pixels asked
+// for, with buffers that only grow. The arrays behind the Gaussians must live, unchanged.
+class GaussianColors : public SceneColors {
+ public:
+  GaussianColors(const GaussiansView<const float>& gaussians, const RenderSettings& settings,
+                 const UnscentedOptions& unscented)
+      : gaussians_(gaussians), settings_(settings) {
+    options_.unscented = unscented;
+    options_.with_depth = false;
+  }
+
+  void Evaluate(const Camera& camera, const Pose& camera_from_world,
+                std::span<const std::uint32_t> pixels, double* colors, double* by_center,
+                double* by_ray) override {
+    image_.resize(3 * static_cast<std::size_t>(camera.width()) * camera.height());
+    options_.keep_for_backward = by_center != nullptr;
+    renderer_.Render(gaussians_, camera, CameraMotion(camera_from_world), settings_, options_,
+                     image_.data(), nullptr, nullptr);
+    for (std::size_t i = 0; i < pixels.size(); ++i) {
+      for (std::size_t c = 0; c < 3; ++c) {
+        colors[3 * i + c] = static_cast<double>(image_[3 * std::size_t{pixels[i]} + c]);
+      }
+    }
+    if (by_center != nullptr) renderer_.Jacobian(pixels, by_center, by_ray);
+  }
+
+ private:
+  GaussiansView<const float> gaussians_;
+  RenderSettings settings_;
+  TiledOptions options_;
+  Renderer renderer_;
+  std::vector<float> image_;
+};
+
+GaussianColors MakeScene(const GaussiansView<const float>& gaussians, const BlendRule& rule,
+                         const std::array<double, 3>& background, int sh_degree,
+                         const std::array<double, 3>& unscented) {
+  RenderSettings settings;
+  settings.rule = rule;
+  std::copy(background.begin(), background.end(), settings.background);
+  settings.sh_degree = sh_degree;
+  return GaussianColors(gaussians, settings, {unscented[0], unscented[1], unscented[2]});
+}
+
+std::vector<std::uint32_t> ReadChosen(const py::handle& object) {
+  const auto array = ReadArray<std::uint32_t>(object, "pixels", {kAny});
+  return {array.data(), array.data() + array.size()};
+}
+
+// Colours (count, 3) of pixels and their derivatives by centre and ray, each (count, 3, 3).
+py::tuple ColorJacobian(const py::object& gaussians, const Camera& camera, const py::object& pose,
+                        const BlendRule& rule, const std::array<double, 3>& background,
+                        int sh_degree, const std::array<double, 3>& unscented,
+                        const py::object& pixels) {
+  GaussianColors scene =
+      MakeScene(ConstGaussians<float>(gaussians), rule, background, sh_degree, unscented);
+  const std::vector<std::uint32_t> chosen = ReadChosen(pixels);
+  const Pose camera_from_world = ReadPose(pose);
+  const auto count = static_cast<py::ssize_t>(chosen.size());
+  auto colors = NewArray<double>({count, 3});
+  auto by_center = NewArray<double>({count, 3, 3});
+  auto by_ray = NewArray<double>({count, 3, 3});
+  double* outputs[3] = {colors.mutable_data(), by_center.mutable_data(), by_ray.mutable_data()};
+  {
+    const py::gil_scoped_release release;
+    scene.Evaluate(camera, camera_from_world, chosen, outputs[0], outputs[1], outputs[2]);
+  }
+  return py::make_tuple(colors, by_center, by_ray);
+}
+
+PhotometricOptions ReadOptions(const py::dict& settings) {
+  PhotometricOptions options;  // one thread of Ceres: its sums differ with their number
+  for (const auto& [key, value] : settings) {
+    const auto name = py::cast<std::string>(key);
+    if (name == "loss_scale")
+      options.loss_scale = py::cast<double>(value);
+    else if (name == "max_iterations")
+      options.max_iterations = py::cast<int>(value);
+    else if (name == "function_tolerance")
+      options.function_tolerance = py::cast<double>(value);
+    else if (name == "with_gain")
+      options.with_gain = py::cast<bool>(value);
+    else if (name == "lens_free")
+      options.lens_free = py::cast<std::vector<std::vector<std::uint8_t>>>(value);
+    else if (name == "covariances")
+      options.covariances = py::cast<bool>(value);
+    else
+      throw InputError("refine_photometric has no setting " + name);
+  }
+  return options;
+}
+
+// views: tuples (camera index, camera_from_world, pixels (n,), colours (n, 3)).
+py::dict Refine(const py::object& gaussians, const std::vector<const Camera*>& cameras,
+                const py::list& views, const BlendRule& rule,
+                const std::array<double, 3>& background, int sh_degree,
+                const std::array<double, 3>& unscented, const py::dict& settings) {
+  GaussianColors scene =
+      MakeScene(ConstGaussians<float>(gaussians), rule, background, sh_degree, unscented);
+  std::vector<Camera> lenses;
+  for (const Camera* camera : cameras) lenses.push_back(*camera);
+  std::vector<PhotometricImage> images;
+  for (const py::handle& item : views) {
+    const auto view = py::cast<py::tuple>(item);
+    PhotometricImage image;
+    image.camera = py::cast<int>(view[0]);
+    image.camera_from_world = ReadPose(view[1]);
+    image.pixels = ReadChosen(view[2]);
+    const auto colors =
+        ReadArray<float>(view[3], "colors", {static_cast<py::ssize_t>(image.pixels.size()), 3});
+    image.colors.assign(colors.data(), colors.data() + colors.size());
+    images.push_back(std::move(image));
+  }
+  const PhotometricOptions options = ReadOptions(settings);
+  PhotometricSummary summary;
+  {
+    const py::gil_scoped_release release;
+    summary = RefinePhotometric(&scene, &lenses, &images, options);
+  }
+  py::list poses, gains, lens_params, covariances;
+  for (const PhotometricImage& image : images) {
+    poses.append(WritePose(image.camera_from_world));
+    gains.append(py::make_tuple(image.gain, image.bias));
+  }
+  for (const Camera& lens : lenses) lens_params.append(lens.params());
+  using Row6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
+  for (const auto& covariance : summary.covariances) {
+    auto array = NewArray<double>({6, 6});
+    Eigen::Map<Row6>(array.mutable_data()) = covariance;
+    covariances.append(array);
+  }
+  py::dict out;
+  out["camera_from_world"] = poses;
+  out["gains"] = gains;
+  out["lens_params"] = lens_params;
+  out["covariances"] = covariances;
+  out["rms_before"] = summary.rms_before;
+  out["rms_after"] = summary.rms_after;
+  out["iterations"] = summary.iterations;
+  out["evaluations"] = summary.evaluations;
+  out["converged"] = summary.converged;
+  return out;
+}
+
+}  // namespace
+
+void BindSfmPhotometric(py::module_& m) {
+  m.def("color_jacobian", &ColorJacobian, py::arg("gaussians"), py::arg("camera"),
+        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"), py::arg("sh_degree"),
+        py::arg("unscented"), py::arg("pixels"));
+  m.def("refine_photometric", &Refine, py::arg("gaussians"), py::arg("cameras"), py::arg("views"),
+        py::arg("rule"), py::arg("background"), py::arg("sh_degree"), py::arg("unscented"),
+        py::arg("settings"));
+}
+
+}  // namespace gsut::bindings

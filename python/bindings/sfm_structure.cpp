@@ -1,0 +1,296 @@
+// Binds structure from motion of gsut/sfm: poses and points from verified matches.
+#include <pybind11/functional.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include "bindings/arrays.h"
+#include "bindings/geometry.h"
+#include "bindings/module.h"
+#include "bindings/pixels.h"
+#include "gsut/geometry/camera_chain.h"
+#include "gsut/sfm/match.h"
+#include "gsut/sfm/refine_structure.h"
+#include "gsut/sfm/structure.h"
+
+namespace gsut::bindings {
+namespace {
+
+using Released = py::gil_scoped_release;
+
+std::vector<VerifiedPair> ReadVerified(const py::list& verified) {
+  std::vector<VerifiedPair> pairs;
+  for (const py::handle& item : verified) {
+    const auto tuple = py::cast<py::tuple>(item);
+    VerifiedPair pair;
+    pair.first = py::cast<int>(tuple[0]);
+    pair.second = py::cast<int>(tuple[1]);
+    const auto matches = ReadArray<std::int32_t>(tuple[2], "matches", {kAny, 2});
+    for (py::ssize_t i = 0; i < matches.shape(0); ++i) {
+      pair.matches.push_back({matches.data()[2 * i], matches.data()[2 * i + 1]});
+    }
+    pair.second_from_first = ReadPose(tuple[3]);
+    pair.num_rotation_inliers = py::cast<int>(tuple[4]);
+    pair.parallax = py::cast<double>(tuple[5]);
+    pairs.push_back(std::move(pair));
+  }
+  return pairs;
+}
+
+// A dictionary body_of_image, mount_of_image, camera_from_body, refine; None: no rig.
+Rig ReadRig(const py::object& object) {
+  Rig rig;
+  if (object.is_none()) return rig;
+  const auto values = py::cast<py::dict>(object);
+  rig.body_of_image = py::cast<std::vector<int>>(values["body_of_image"]);
+  rig.mount_of_image = py::cast<std::vector<int>>(values["mount_of_image"]);
+  for (const py::handle& pose : py::cast<py::list>(values["camera_from_body"])) {
+    rig.camera_from_body.push_back(ReadPose(pose));
+  }
+  rig.refine = py::cast<bool>(values["refine"]);
+  return rig;
+}
+
+// (S, 3) int32: point, image, feature.
+py::array WriteSights(const Structure& structure,
+                      std::vector<TrackElement> StructurePoint::*elements) {
+  std::vector<std::int32_t> sights;
+  for (std::size_t i = 0; i < structure.points.size(); ++i) {
+    for (const TrackElement& sight : structure.points[i].*elements) {
+      sights.insert(sights.end(), {static_cast<std::int32_t>(i), sight.image, sight.feature});
+    }
+  }
+  auto array = NewArray<std::int32_t>({static_cast<py::ssize_t>(sights.size() / 3), 3});
+  std::copy(sights.begin(), sights.end(), array.mutable_data());
+  return array;
+}
+
+py::dict WriteStructure(const Structure& structure) {
+  const auto images = static_cast<py::ssize_t>(structure.registered.size());
+  const auto points = static_cast<py::ssize_t>(structure.points.size());
+  auto registered = NewArray<bool>({images});
+  auto poses = NewArray<double>({images, 4, 4});
+  auto covariances = NewArray<double>({images, 6, 6});
+  using Row4 = Eigen::Matrix<double, 4, 4, Eigen::RowMajor>;
+  using Row6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
+  for (py::ssize_t i = 0; i < images; ++i) {
+    registered.mutable_data()[i] = structure.registered[i] != 0;
+    Eigen::Map<Row4>(poses.mutable_data() + 16 * i) = structure.camera_from_world[i].Matrix();
+    Eigen::Map<Row6>(covariances.mutable_data() + 36 * i) = structure.covariances[i];
+  }
+  const bool rolling = !structure.velocities.empty();
+  auto velocities = NewArray<double>({rolling ? images : 0, 6});
+  for (py::ssize_t i = 0; rolling && i < images; ++i) {
+    Eigen::Map<Velocity>(velocities.mutable_data() + 6 * i) = structure.velocities[i];
+  }
+  auto positions = NewArray<double>({points, 3});
+  auto errors = NewArray<double>({points});
+  for (py::ssize_t i = 0; i < points; ++i) {
+    const StructurePoint& point = structure.points[i];
+    Eigen::Map<Eigen::Vector3d>(positions.mutable_data() + 3 * i) = point.position;
+    errors.mutable_data()[i] = point.error;
+  }
+  std::vector<double> in_camera;
+  for (const StructurePoint& point : structure.points) {
+    for (const Eigen::Vector3d& p : point.in_camera) {
+      in_camera.insert(in_camera.end(), p.begin(), p.end());
+    }
+  }
+  auto sights_in_camera = NewArray<double>({static_cast<py::ssize_t>(in_camera.size() / 3), 3});
+  std::copy(in_camera.begin(), in_camera.end(), sights_in_camera.mutable_data());
+  py::list camera_from_body;
+  for (const Pose& pose : structure.camera_from_body) camera_from_body.append(WritePose(pose));
+  py::list lens_params;
+  for (const Camera& camera : structure.cameras) lens_params.append(camera.params());
+  py::dict result;
+  result["registered"] = registered;
+  result["camera_from_world"] = poses;
+  result["covariances"] = covariances;
+  result["velocities"] = velocities;
+  result["camera_from_body"] = camera_from_body;
+  result["points"] = positions;
+  result["point_errors"] = errors;
+  result["sights"] = WriteSights(structure, &StructurePoint::sights);
+  result["sights_in_camera"] = sights_in_camera;
+  result["held_out_sights"] = WriteSights(structure, &StructurePoint::held_out);
+  result["lens_params"] = lens_params;
+  result["rms"] = structure.rms;
+  result["median"] = structure.median;
+  result["held_out"] = structure.held_out;
+  result["num_held_out"] = structure.num_held_out;
+  result["initial_pair"] = py::make_tuple(structure.initial_first, structure.initial_second);
+  result["restarts"] = structure.restarts;
+  result["failure"] = structure.failure;
+  return result;
+}
+
+struct Inputs {
+  std::vector<Camera> lenses;
+  std::vector<ImageFeatures> images;
+  std::vector<VerifiedPair> pairs;
+  StructureOptions options;
+  // Keeps what the images point to.
+  std::vector<py::array_t<std::uint8_t, py::array::c_style | py::array::forcecast>> descriptors;
+};
+
+Inputs ReadInputs(const std::vector<const Camera*>& cameras,
+                  const std::vector<int>& camera_of_image, const py::list& pixels,
+                  const py::list& verified, const py::dict& settings) {
+  Inputs inputs;
+  for (const Camera* camera : cameras) inputs.lenses.push_back(*camera);
+  if (pixels.size() != camera_of_image.size()) {
+    throw InputError("pixels must have one array an image, found " + std::to_string(pixels.size()) +
+                     " for " + std::to_string(camera_of_image.size()));
+  }
+  for (std::size_t i = 0; i < camera_of_image.size(); ++i) {
+    inputs.images.push_back({camera_of_image[i], ReadPixels(pixels[i])});
+  }
+  inputs.pairs = ReadVerified(verified);
+  StructureOptions& options = inputs.options;
+  for (const auto& [key, value] : settings) {
+    const auto name = py::cast<std::string>(key);
+    if (name == "max_error")
+      options.max_error = py::cast<double>(value);
+    else if (name == "min_angle")
+      options.min_angle = py::cast<double>(value);
+    else if (name == "min_inliers")
+      options.min_inliers = py::cast<int>(value);
+    else if (name == "loss_scale")
+      options.loss_scale = py::cast<double>(value);
+    else if (name == "hold_out_every")
+      options.hold_out_every = py::cast<int>(value);
+    else if (name == "covariances")
+      options.covariances = py::cast<bool>(value);
+    else if (name == "seed")
+      options.seed = py::cast<std::uint64_t>(value);
+    else if (name == "extend_radius")
+      options.extend_radius = py::cast<double>(value);
+    else if (name == "extend_distance")
+      options.extend_distance = py::cast<double>(value);
+    else if (name == "lens_settled")
+      options.lens_settled = py::cast<bool>(value);
+    else if (name == "extend_rounds")
+      options.extend_rounds = py::cast<int>(value);
+    else if (name == "descriptors") {
+      const auto arrays = py::cast<py::list>(value);
+      if (arrays.size() != inputs.images.size()) {
+        throw InputError("descriptors must have one array an image");
+      }
+      for (std::size_t i = 0; i < inputs.images.size(); ++i) {
+        const auto count = static_cast<py::ssize_t>(inputs.images[i].pixels.size());
+        inputs.descriptors.push_back(
+            ReadArray<std::uint8_t>(arrays[i], "descriptors", {count, kDescriptorLength}));
+        inputs.images[i].descriptors = inputs.descriptors.back().data();
+      }
+    } else if (name == "shutter")
+      options.shutter = Shutter::Named(py::cast<std::string>(value));
+    else if (name == "rolling_error")
+      options.rolling_error = py::cast<double>(value);
+    else if (name == "frame_times")
+      options.frame_times = py::cast<std::vector<double>>(value);
+    else if (name == "readout_time")
+      options.readout_time = py::cast<double>(value);
+    else if (name == "lens_free")
+      options.lens_free = py::cast<std::vector<std::vector<std::uint8_t>>>(value);
+    else
+      throw InputError("estimate_poses has no setting " + name);
+  }
+  return inputs;
+}
+
+using OnProgress = std::function<bool(const StructureProgress&)>;
+
+// Runs the solver without the GIL. An exception of the caller's function (Ctrl-C too) is kept, and
+// raised again at the end.
+py::dict Solve(const py::object& on_progress,
+               const std::function<Structure(const OnProgress&)>& solver) {
+  OnProgress progress;
+  bool raised = false;
+  py::error_already_set* kept = nullptr;
+  if (!on_progress.is_none()) {
+    progress = [&](const StructureProgress& state) {
+      const py::gil_scoped_acquire acquired;
+      try {
+        on_progress(state.registered, state.images, state.points, std::string(state.step));
+      } catch (py::error_already_set& error) {
+        kept = new py::error_already_set(error);
+        raised = true;
+      }
+      return !raised;
+    };
+  }
+  Structure structure;
+  try {
+    const Released released;
+    structure = solver(progress);
+  } catch (const SolveError&) {
+    if (!raised) throw;
+  }
+  if (raised) {
+    const py::error_already_set error(*kept);
+    delete kept;
+    throw error;
+  }
+  return WriteStructure(structure);
+}
+
+py::dict Estimate(const std::vector<const Camera*>& cameras,
+                  const std::vector<int>& camera_of_image, const py::list& pixels,
+                  const py::list& verified, const py::dict& settings,
+                  const py::object& on_progress) {
+  Inputs inputs = ReadInputs(cameras, camera_of_image, pixels, verified, settings);
+  return Solve(on_progress, [&](const OnProgress& progress) {
+    return EstimatePoses(inputs.lenses, std::move(inputs.images), inputs.pairs, inputs.options,
+                         progress);
+  });
+}
+
+py::dict Refine(const std::vector<const Camera*>& cameras, const std::vector<int>& camera_of_image,
+                const py::list& pixels, const py::list& verified, const py::list& camera_from_world,
+                const py::dict& settings, const py::object& on_progress,
+                const std::vector<std::uint8_t>& registered, const py::object& rig) {
+  Inputs inputs = ReadInputs(cameras, camera_of_image, pixels, verified, settings);
+  inputs.options.rig = ReadRig(rig);
+  std::vector<Pose> poses;
+  for (const py::handle& pose : camera_from_world) poses.push_back(ReadPose(pose));
+  return Solve(on_progress, [&](const OnProgress& progress) {
+    return RefineStructure(inputs.lenses, inputs.images, inputs.pairs, poses, registered,
+                           inputs.options, progress);
+  });
+}
+
+}  // namespace
+
+void BindSfmStructure(py::module_& m) {
+  m.def("estimate_poses", &Estimate, py::arg("cameras"), py::arg("camera_of_image"),
+        py::arg("pixels"), py::arg("verified"), py::arg("settings"), py::arg("on_progress"));
+  m.def("refine_structure", &Refine, py::arg("cameras"), py::arg("camera_of_image"),
+        py::arg("pixels"), py::arg("verified"), py::arg("camera_from_world"), py::arg("settings"),
+        py::arg("on_progress"), py::arg("registered") = std::vector<std::uint8_t>(),
+        py::arg("rig") = py::none());
+  m.def(
+      "velocity_between",
+      [](const py::handle& start, const py::handle& end) {
+        auto velocity = NewArray<double>({6});
+        Eigen::Map<Velocity>(velocity.mutable_data()) =
+            VelocityBetween(ReadPose(start), ReadPose(end));
+        return velocity;
+      },
+      py::arg("start"), py::arg("end"),
+      "Shift of the centre in the world and turn in the camera frame from one pose to another.");
+  m.def(
+      "moved_pose",
+      [](const py::handle& middle, const py::handle& velocity, double time) {
+        const auto array = ReadArray<double>(velocity, "velocity", {6});
+        return WritePose(
+            MovedPose(ReadPose(middle), Eigen::Map<const Velocity>(array.data()), time));
+      },
+      py::arg("middle"), py::arg("velocity"), py::arg("time"),
+      "camera_from_world at a time of a rolling readout, -0.5 to 0.5, of a camera that moves by "
+      "velocity (shift of the centre, turn) in the whole of it.");
+}
+
+}  // namespace gsut::bindings

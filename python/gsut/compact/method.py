@@ -1,0 +1,51 @@
+"""What a way to reduce Gaussians is, and how it is found by its name."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.gaussians import Gaussians
+from gsut.run import choices_in
+
+METHODS = choices_in("compact/methods", "ghap")
+
+
+@dataclasses.dataclass(frozen=True)
+class Method:
+    """One way to reduce Gaussians: `METHOD` of a file of compact/methods.
+
+    Attributes:
+        reduce: called with Gaussians, how many to keep, their scores, views, seed and `on_view`
+            (see `compact`); returns the Gaussians.
+        score: what is asked of the views, whatever number is kept: called with Gaussians, views and
+            `on_view`, returns (N,) float64. None: the method does not look.
+        needs_views: it cannot do without.
+        settings: the constants that it works with, to tell results of other constants apart.
+    """
+
+    reduce: Callable[..., Gaussians]
+    score: Callable[..., np.ndarray] | None = None
+    needs_views: bool = False
+    settings: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+
+def method_of(name: str) -> Method:
+    """The method of a name.
+
+    Raises:
+        InputError: there is none; lists the known ones.
+    """
+    if name not in METHODS:
+        raise InputError(f'method "{name}" is unknown; known: {", ".join(METHODS)}')
+    return importlib.import_module(f"gsut.compact.methods.{name.replace('-', '_')}").METHOD
+
+
+def keep_best(gaussians: Gaussians, target: int, scores: np.ndarray, *_: Any) -> Gaussians:
+    """The `target` Gaussians with the highest scores, in their order; of equal ones the first."""
+    return gaussians[np.sort(np.argsort(-scores, kind="stable")[:target])]

@@ -1,0 +1,1 @@
+"""Ways to reduce Gaussians, one a file, found by their names: `ghap-paper` is ghap_paper.py."""

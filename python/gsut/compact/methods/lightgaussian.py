@@ -1,0 +1,67 @@
+"""LightGaussian: pruning by how many pixels each Gaussian is drawn in, and its volume."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from gsut.compact.method import Method, keep_best
+from gsut.compact.scores import Passes, SeenView, grey, needed_views
+from gsut.gaussians import Gaussians
+
+# Volumes count by (V / V of the 90th percentile) to this power, at most 1 before it.
+_VOLUME_POWER = 0.1
+_VOLUME_PERCENTILE = 90.0
+
+
+def hit_sums(
+    gaussians: Gaussians,
+    views: Sequence[SeenView],
+    on_view: Callable[[], object] = lambda: None,
+) -> np.ndarray:
+    """Sum of opacity x transmittance in front over all valid pixels that draw a Gaussian.
+
+    Args:
+        gaussians: N Gaussians.
+        views: at least one.
+        on_view: called after each.
+
+    Returns:
+        (N,) float64, in pixels; 0 for what no valid pixel sees.
+    """
+    sums = np.zeros(len(gaussians))
+    passes = Passes(grey(gaussians, 0))
+    for view in needed_views(views):
+        passes.render(view)
+        passes.significance(view.mask, sums)
+        on_view()
+    return sums
+
+
+def lightgaussian_scores(
+    gaussians: Gaussians,
+    views: Sequence[SeenView],
+    on_view: Callable[[], object] = lambda: None,
+) -> np.ndarray:
+    """LightGaussian's global significance: `hit_sums` times (V / V_90%)^0.1.
+
+    Args:
+        gaussians: N Gaussians.
+        views: at least one.
+        on_view: called after each.
+
+    Returns:
+        (N,) float64 >= 0; the lowest are pruned.
+
+    Source: Fan et al., "LightGaussian", NeurIPS 2024.
+    """
+    log_volume = gaussians.log_scales.astype(np.float64).sum(axis=1)
+    if len(log_volume) == 0:
+        return log_volume
+    volume = np.exp(log_volume - log_volume.max())  # in units of the largest
+    relative = np.minimum(volume / np.percentile(volume, _VOLUME_PERCENTILE), 1.0)
+    return hit_sums(gaussians, views, on_view) * relative**_VOLUME_POWER
+
+
+METHOD = Method(keep_best, lightgaussian_scores, needs_views=True)

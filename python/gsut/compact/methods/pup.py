@@ -1,0 +1,74 @@
+"""PUP 3D-GS: pruning by how much a Gaussian's place and size matter to the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from gsut.compact.method import Method, keep_best
+from gsut.compact.scores import Passes, SeenView, needed_views
+from gsut.gaussians import Gaussians
+
+_PARAMETERS = 6  # position and scale
+_UPPER = np.triu_indices(_PARAMETERS)
+# Added to the diagonal of a Fisher matrix, of its trace: what few pixels saw has no full rank.
+_FISHER_RIDGE = 1e-9
+
+
+def fisher_matrices(
+    gaussians: Gaussians,
+    views: Sequence[SeenView],
+    on_view: Callable[[], object] = lambda: None,
+) -> np.ndarray:
+    """Each Gaussian's Fisher matrix over its position and scales: sum of J J^T.
+
+    Args:
+        gaussians: N Gaussians.
+        views: at least one.
+        on_view: called after each.
+
+    Returns:
+        (N, 6, 6) float64: the sum over valid pixels of all views and their channels, J being the
+        channel's derivative to the mean (world axes) and the three scales (world units). Twice it
+        is the Hessian of the squared error where the error itself is 0.
+    """
+    sums = np.zeros((len(gaussians), _UPPER[0].size))
+    passes = Passes(gaussians)
+    for view in needed_views(views):
+        passes.render(view)
+        passes.fisher(view.mask, sums)
+        on_view()
+    fisher = np.zeros((len(gaussians), _PARAMETERS, _PARAMETERS))
+    fisher[:, _UPPER[0], _UPPER[1]] = sums
+    fisher[:, _UPPER[1], _UPPER[0]] = sums
+    return fisher
+
+
+def pup_scores(
+    gaussians: Gaussians,
+    views: Sequence[SeenView],
+    on_view: Callable[[], object] = lambda: None,
+) -> np.ndarray:
+    """PUP-3DGS' sensitivity: log det of each Gaussian's Fisher matrix over position and scale.
+
+    Args:
+        gaussians: N Gaussians.
+        views: at least one.
+        on_view: called after each.
+
+    Returns:
+        (N,) float64; the lowest are pruned; -inf for what no pixel sees.
+
+    Source: Hanson et al., "PUP 3D-GS", CVPR 2025.
+    """
+    fisher = fisher_matrices(gaussians, views, on_view)
+    trace = np.trace(fisher, axis1=1, axis2=2)
+    scores = np.full(len(gaussians), -np.inf)
+    seen = np.flatnonzero(trace > 0)
+    scaled = fisher[seen] / trace[seen, None, None] + _FISHER_RIDGE * np.eye(_PARAMETERS)
+    scores[seen] = np.linalg.slogdet(scaled)[1] + _PARAMETERS * np.log(trace[seen])
+    return scores
+
+
+METHOD = Method(keep_best, pup_scores, needs_views=True)

@@ -1,0 +1,144 @@
+"""Adding and removing Gaussians together with their Adam moments: MCMC and adaptive control."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gsut import _core
+from gsut.optimize.optimizer import GaussianOptimizer
+
+_PRUNE, _SPLIT = 1, 3  # actions of an adaptive plan
+_LARGEST_LOGIT = 80.0  # exp of it still fits float32
+
+
+class McmcCounts(NamedTuple):
+    """What densify_mcmc did."""
+
+    size: int
+    relocated: int
+    added: int
+
+
+class AdaptiveCounts(NamedTuple):
+    """What densify_adaptive did."""
+
+    size: int
+    pruned: int
+    cloned: int
+    split: int
+
+
+def densify_mcmc(
+    optimizer: GaussianOptimizer,
+    target_size: int,
+    weights: np.ndarray | None = None,
+    *,
+    dead_opacity: float = 0.005,
+    max_scale: float = np.inf,
+    split: bool = True,
+    split_power: float = 1 / 3,
+) -> McmcCounts:
+    """Relocates dead Gaussians onto living ones and adds new ones the same way.
+
+    Args:
+        optimizer: changed.
+        target_size: Gaussians to have afterwards; if there are more already, none is added.
+        weights: (N,) chances of living Gaussians to be copied; None: opacity x the largest
+            |dL/dmean| x distance since the last densification.
+        dead_opacity: at or below, a Gaussian is dead (as is one with a value that is not
+            finite).
+        max_scale: world units; a Gaussian with a larger standard deviation is dead.
+        split: True spreads the n copies over their parent, scales times n^(-1/3); False puts
+            them at the same place with the paper's opacities and scales.
+        split_power: with split, a copy's opacity is 1 - (1 - o)^(n^-split_power); 1/3 keeps the
+            optical thickness, 1 is the paper's rule.
+
+    Returns:
+        Counts; fewer are relocated or added if the living would be copied over 50 times.
+
+    Source: Kheradmand et al., "3D Gaussian splatting as Markov chain Monte Carlo", 2024.
+    """
+    if weights is None:
+        logits = np.clip(optimizer.gaussians.opacity_logits, -_LARGEST_LOGIT, _LARGEST_LOGIT)
+        weights = optimizer.gradient_max / (1.0 + np.exp(-logits))
+    optimizer.reserve(target_size)
+    counts = McmcCounts(
+        *_core.mcmc_densify(
+            *optimizer.arrays,
+            optimizer.size,
+            target_size,
+            np.ascontiguousarray(weights, np.float32),
+            dead_opacity,
+            max_scale,
+            split,
+            split_power,
+            optimizer.seed,
+            optimizer.steps,
+        )
+    )
+    optimizer.resize(counts.size)
+    return counts
+
+
+def densify_adaptive(
+    optimizer: GaussianOptimizer,
+    *,
+    clone_scale: float,
+    gradient_threshold: float = 2e-4,
+    prune_opacity: float = 0.005,
+    max_scale: float = np.inf,
+    max_gaussians: int | None = None,
+) -> AdaptiveCounts:
+    """Clones or splits Gaussians that the loss pulls at, prunes transparent and huge ones.
+
+    Args:
+        optimizer: changed.
+        clone_scale: world units; larger Gaussians are split in two with scales / 1.6, smaller
+            ones copied. 3DGS: 0.01 x extent of the scene.
+        gradient_threshold: of the mean |dL/dmean| x distance / 2 over the views that saw it.
+        prune_opacity: below it a Gaussian is pruned.
+        max_scale: world units; above it a Gaussian is pruned. 3DGS: 0.1 x extent.
+        max_gaussians: only the Gaussians with the largest gradients grow beyond it.
+
+    Returns:
+        Counts.
+
+    Source: Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023.
+    """
+    plan = _core.plan_adaptive(
+        optimizer.arrays[0],
+        optimizer.size,
+        optimizer.gradient_sum,
+        optimizer.seen,
+        gradient_threshold,
+        clone_scale,
+        prune_opacity,
+        max_scale,
+        0 if max_gaussians is None else max_gaussians,
+    )
+    return _apply(optimizer, plan)
+
+
+def split_and_prune(
+    optimizer: GaussianOptimizer, split: np.ndarray, prune: np.ndarray
+) -> AdaptiveCounts:
+    """Splits chosen Gaussians in two as densify_adaptive does, and prunes others.
+
+    Args:
+        optimizer: changed.
+        split: (N,) bool.
+        prune: (N,) bool; these go, even if they were to be split. The others keep their order.
+    """
+    actions = np.where(prune, _PRUNE, np.where(split, _SPLIT, 0)).astype(np.uint8)
+    return _apply(optimizer, _core.AdaptivePlan(actions))
+
+
+def _apply(optimizer: GaussianOptimizer, plan: Any) -> AdaptiveCounts:
+    optimizer.reserve(plan.size_after)
+    size = _core.apply_adaptive(
+        *optimizer.arrays, optimizer.size, plan, optimizer.seed, optimizer.steps
+    )
+    optimizer.resize(size)
+    return AdaptiveCounts(size, plan.pruned, plan.cloned, plan.split)

@@ -1,0 +1,104 @@
+"""What a training shows and keeps on the way: bar, history, checkpoints."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from gsut.data import Scene
+from gsut.evaluate import mean_psnr
+from gsut.run import Progress, RunFolder, TrainOptions, describe_environment
+from gsut.training.loop import TrainingLoop
+
+# Held-out views that the curve of PSNR is measured on: a few, spread evenly.
+_CURVE_VIEWS = 8
+_MOST_ROWS = 200  # of the history, about
+
+
+class TrainingRecord:
+    """The record of one training, in a run's folder where it has one.
+
+    Args:
+        out: the folder; None: no files.
+        options: resolved.
+        scene: the dataset.
+        resume: go on with the run that the folder holds.
+        progress: True shows a bar; a function gets each row of the history.
+
+    Attributes:
+        run: the folder, or None.
+        checkpoint: the state that `follow` goes on from, or None.
+        history: one dict a row: step, seconds, loss, num_gaussians, and where measured psnr.
+
+    Raises:
+        InputError: the folder holds a run, or with `resume` one of other options.
+    """
+
+    def __init__(
+        self,
+        out: str | os.PathLike[str] | None,
+        options: TrainOptions,
+        scene: Scene,
+        resume: bool,
+        progress: bool | Callable[[dict[str, Any]], None],
+    ) -> None:
+        self._options, self._progress = options, progress
+        self._bar = Progress(progress is True)
+        self.run: RunFolder | None = None
+        self.checkpoint: dict[str, Any] | None = None
+        self.history: list[dict[str, Any]] = []
+        if out is not None:
+            environment = describe_environment(scene.path)
+            self.run = RunFolder.create(out, options, resume=resume, environment=environment)
+            found = self.run.load_checkpoint() if resume else None
+            self.checkpoint = None if found is None else found[1]
+            self.history = self.run.read_history()
+
+    @contextlib.contextmanager
+    def follow(self, loop: TrainingLoop) -> Iterator[None]:
+        """Brings the loop to the checkpoint, shows a bar meanwhile, and saves its state at last."""
+        if self.checkpoint is not None:
+            loop.load_state_dict(self.checkpoint)
+        with self._bar:
+            yield
+        self._save(loop)
+
+    def add(self, loop: TrainingLoop, loss: float) -> None:
+        """After each step, with its loss."""
+        row = self._row(loop, loss)
+        steps, count = self._options.steps, len(loop.gaussians)
+        self._bar.show_step(loop.step, steps, loss, count, row.get("psnr"))
+        if row:
+            self.history.append(row)
+            if self.run is not None:
+                self.run.append_history(row)
+            if callable(self._progress):
+                self._progress(row)
+        every = self._options.checkpoint_every
+        if every and loop.step % every == 0:
+            self._save(loop)
+
+    def _row(self, loop: TrainingLoop, loss: float) -> dict[str, Any]:
+        """The row of this step, with the held-out PSNR when it is due; empty between rows."""
+        o, step = self._options, loop.step
+        measure = step == o.steps or (o.eval_every and step % o.eval_every == 0)
+        if not (measure or step % max(1, o.steps // _MOST_ROWS) == 0):
+            return {}
+        row = {
+            "step": step,
+            "seconds": loop.seconds,
+            "loss": loss,
+            "num_gaussians": len(loop.gaussians),
+        }
+        test = loop.scene.test_indices
+        if measure and test:
+            chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
+            row["psnr"] = mean_psnr(loop.scene, loop.result(), chosen, o.background, loop.renderer)
+        return row
+
+    def _save(self, loop: TrainingLoop) -> None:
+        if self.run is not None:
+            self.run.save_checkpoint(loop.step, loop.state_dict())
