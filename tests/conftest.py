@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import gsut
+
 ROOT = Path(__file__).resolve().parent.parent
 # Development data that is not part of the project; tests that need it say so when it is absent.
 SHARED = Path(os.environ.get("GSUT_SHARED", ROOT.parent / "shared"))
@@ -23,3 +25,11 @@ def shared() -> Path:
 def rng() -> np.random.Generator:
     """The only source of random data in tests."""
     return np.random.default_rng(20260821)
+
+
+@pytest.fixture(autouse=True)
+def defaults():
+    """Whatever instruction set and number of threads a test forces is undone."""
+    yield
+    gsut.set_isa("")
+    gsut.set_num_threads(0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 import gsut
@@ -92,6 +94,32 @@ def gaussians_in_view(
         sh,
     )
     return gsut.Gaussians(*(array.astype(np.float32) for array in arrays))
+
+
+def random_gaussians(
+    rng: np.random.Generator, count: int, coefficients: int = 4, dtype: type = np.float32
+) -> gsut.Gaussians:
+    """Of normal numbers, with scales of about a seventh of a unit."""
+    return gsut.Gaussians(
+        rng.normal(size=(count, 3)).astype(dtype),
+        rng.normal(size=(count, 4)).astype(dtype),
+        (rng.normal(size=(count, 3)) * 0.5 - 2).astype(dtype),
+        rng.normal(size=count).astype(dtype),
+        rng.normal(size=(count, coefficients, 3)).astype(dtype),
+    )
+
+
+def arrays_of(g: gsut.Gaussians) -> list[bytes]:
+    """The bits of all arrays."""
+    return [getattr(g, field.name).tobytes() for field in dataclasses.fields(g)]
+
+
+def assert_same(found: gsut.Gaussians, expected: gsut.Gaussians) -> None:
+    """Equal values in all arrays."""
+    for field in dataclasses.fields(expected):
+        np.testing.assert_array_equal(
+            getattr(found, field.name), getattr(expected, field.name), err_msg=field.name
+        )
 
 
 def no_gaussians(sh_degree: int = 0) -> gsut.Gaussians:

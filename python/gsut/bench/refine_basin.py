@@ -35,10 +35,7 @@ def tracks_row(truth: Scene, degrees: float, seed: int, threads: int) -> dict[st
     by = Disturbance("basin", degrees=degrees, distance=_DISTANCE * degrees)
     start = disturbed(truth, by, seed)
     found = refine_by_tracks(start, TrainOptions(threads=threads, refine_poses=True)).scene
-    poses = [
-        np.array([scene.views[index].camera_from_world for index in truth.train_indices])
-        for scene in (found, truth)
-    ]
+    poses = [scene.poses(truth.train_indices) for scene in (found, truth)]
     errors = compare_poses(*poses)
     return _row(degrees, _is_back(errors.rotation_degrees, errors.center_distances))
 

@@ -257,8 +257,5 @@ def _measure(
 
 def _errors(scene: Scene, truth: Scene) -> PoseErrors:
     """Of the training views, after the best similarity."""
-    poses = [
-        np.array([each.views[index].camera_from_world for index in truth.train_indices])
-        for each in (scene, truth)
-    ]
+    poses = [each.poses(truth.train_indices) for each in (scene, truth)]
     return compare_poses(*poses)

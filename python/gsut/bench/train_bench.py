@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import math
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.render import DEFAULT_UNSCENTED, psnr
+from gsut.evaluate import mean_psnr
 from gsut.run import PRESETS, TrainOptions
 
 # Whole dB at which the time to quality is told, where a run passes them.
@@ -129,9 +128,10 @@ def _train_one(
         if loop.step in measure_at:
             wall, cpu = clock.seconds()
             with clock.paused():
+                found = mean_psnr(loop.scene, loop.result(), scene.test_indices, o.background)
                 curve.append({
                     "preset": preset, "step": loop.step, "seconds": wall, "cpu_seconds": cpu,
-                    "num_gaussians": len(loop.gaussians), "psnr": _held_out_psnr(loop),
+                    "num_gaussians": len(loop.gaussians), "psnr": found,
                 })  # fmt: skip
         on_step({
             "preset": preset, "step": loop.step, "steps": o.steps, "loss": loss,
@@ -193,22 +193,6 @@ def _measured_steps(steps: int, count: int) -> list[int]:
     """Steps in geometric progression up to the last."""
     first = max(1, round(_FIRST_MEASUREMENT * steps))
     return sorted({round(step) for step in np.geomspace(first, steps, count)} | {steps})
-
-
-def _held_out_psnr(loop: Any) -> float:
-    """Mean over all held-out views, inside their masks, at the size that is trained for."""
-    scene, o = loop.scene, loop.options
-    renderer, values = _core.Renderer(), []
-    for index in scene.test_indices:
-        camera = scene.camera(index)
-        image = np.zeros((camera.height, camera.width, 3), np.float32)
-        renderer.render(
-            loop.result(), camera, scene.views[index].motion, loop.rule, o.background,
-            o.sh_degree, DEFAULT_UNSCENTED, image, None, None, False,
-        )  # fmt: skip
-        truth = scene.image(index).astype(np.float32) / np.float32(255)
-        values.append(psnr(np.clip(image, 0.0, 1.0), truth, scene.mask(index)))
-    return math.fsum(values) / len(values)
 
 
 def _add(sums: dict[str, tuple[float, float]], times: dict[str, tuple[float, float]]) -> None:

@@ -61,14 +61,14 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.training import CompactOptions, parsed_bytes
+    from gsut.training import CompactOptions, parse_size
 
     size = arguments.target_size
     options = CompactOptions(
         method=arguments.method,
         keep=arguments.keep,
         target_psnr_drop=arguments.target_psnr_drop,
-        target_bytes=None if size is None else parsed_bytes(size),
+        target_bytes=None if size is None else parse_size(size),
         finetune=arguments.finetune,
         harmonics_drop=arguments.harmonics_drop,
         seed=arguments.seed,

@@ -97,7 +97,7 @@ def _sums(grey: Gaussians, views: Sequence[SeenView], on_view: Callable[[], obje
     return sums
 
 
-def strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np.ndarray]:
+def find_strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np.ndarray]:
     """The Gaussian with the largest blend weight at each pixel of a view.
 
     Args:

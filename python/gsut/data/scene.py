@@ -7,7 +7,7 @@ import concurrent.futures
 import dataclasses
 import functools
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -170,7 +170,7 @@ class Scene:
             object.__setattr__(scene, "_masks", self._masks)
         return scene
 
-    def with_poses(self, indices: Sequence[int], camera_from_world: np.ndarray) -> Scene:
+    def with_poses(self, indices: Sequence[int], camera_from_world: Iterable[np.ndarray]) -> Scene:
         """The scene with other poses (n, 4, 4) of n views."""
         views = list(self.views)
         for index, pose in zip(indices, camera_from_world, strict=True):
@@ -224,6 +224,10 @@ class Scene:
     def camera(self, index: int) -> Camera:
         """Camera of view `index`."""
         return self.cameras[self.views[index].camera_index]
+
+    def poses(self, indices: Sequence[int]) -> np.ndarray:
+        """(n, 4, 4) camera_from_world of views."""
+        return np.array([self.views[i].camera_from_world for i in indices]).reshape(-1, 4, 4)
 
     def in_dataset(self, camera_from_world: np.ndarray) -> np.ndarray:
         """(4, 4) the pose in the dataset's coordinates."""

@@ -122,7 +122,7 @@ class TrainingViews:
     @property
     def poses(self) -> np.ndarray:
         """(n, 4, 4) camera_from_world of the training views, in their order."""
-        return np.array([self.scene.views[i].camera_from_world for i in self.scene.train_indices])
+        return self.scene.poses(self.scene.train_indices)
 
     def move(self, camera_from_world: np.ndarray) -> None:
         """Goes on with other poses (n, 4, 4) of the training views."""

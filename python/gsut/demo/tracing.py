@@ -82,7 +82,7 @@ class Tracer:
         """Display colours of pixels.
 
         Args:
-            origin: (3,) of all rays, metres.
+            origin: (3,) of all rays, metres; or (samples, P, 3), one a ray.
             directions: (samples, P, 3) unit directions, `samples` a pixel.
 
         Returns:
@@ -90,9 +90,13 @@ class Tracer:
         """
         samples, pixels, _ = directions.shape
         flat = directions.reshape(-1, 3)
-        start = tuple(np.full(1, value, dtype=np.float32) for value in origin)
+        start = tuple(
+            np.ascontiguousarray(origin.reshape(-1, 3)[:, i], np.float32) for i in range(3)
+        )
         rays = Rays(start, tuple(np.ascontiguousarray(flat[:, i], np.float32) for i in range(3)))
-        distance, number = self._first_hit(rays, self._bounds.in_cone(origin, flat))
+        shapes = np.arange(len(self._hall.shapes))
+        reached = self._bounds.in_cone(origin, flat) if origin.ndim == 1 else shapes
+        distance, number = self._first_hit(rays, reached)
         points = rays.at(distance)
         normal, albedo, emission = self._surfaces(points, number)
         light = self._light(points, normal)

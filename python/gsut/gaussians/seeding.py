@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
 
 import numpy as np
 
@@ -12,14 +11,6 @@ from gsut._core import InputError
 from gsut.gaussians.arrays import Gaussians
 
 _MAX_SH_DEGREE = 3
-
-
-class HasRays(Protocol):
-    """What seed_in_view needs of a camera."""
-
-    def rays(self) -> tuple[np.ndarray, np.ndarray]:
-        """Unit rays (H, W, 3) of the pixel centres in camera axes, and valid (H, W)."""
-        ...
 
 
 def seed_from_points(
@@ -84,39 +75,20 @@ def seed_from_points(
 
 
 def points_in_view(
-    cameras: HasRays | Sequence[HasRays],
+    cameras: _core.Camera | Sequence[_core.Camera],
     poses: np.ndarray,
     count: int,
     *,
     near: float,
     far: float,
-    distances: str = "log",
     seed: int = 0,
 ) -> np.ndarray:
-    """Random points that the cameras see, whatever their lenses.
-
-    Args:
-        cameras: one camera for all poses, or one a pose.
-        poses: (M, 4, 4) camera_from_world.
-        count: number of points.
-        near, far: world units; the range of the distance from the camera, 0 < near < far.
-        distances: "log" (equal numbers in each octave) or "inverse" (uniform in 1 / distance).
-        seed: of the random numbers.
-
-    Returns:
-        (count, 3) float64 world coordinates: each along the ray of a random valid pixel of a random
-        pose, so wide lenses fill their whole field.
-
-    Raises:
-        InputError: shapes disagree, bounds are out of order, or no camera has a valid pixel.
-    """
+    """(count, 3) float64 random points that the cameras see: see `seed_in_view`."""
     poses = np.asarray(poses, dtype=np.float64)
     if poses.ndim != 3 or poses.shape[1:] != (4, 4) or len(poses) == 0:
         raise InputError(f"poses must have shape (M, 4, 4) with M > 0, found {poses.shape}")
     if not 0 < near < far < np.inf:
         raise InputError(f"near {near} and far {far} must be finite with 0 < near < far")
-    if distances not in ("log", "inverse"):
-        raise InputError(f'distances is "{distances}"; known are "log" and "inverse"')
     one_a_pose = list(cameras) if isinstance(cameras, Sequence) else [cameras] * len(poses)
     if len(one_a_pose) != len(poses):
         raise InputError(
@@ -124,48 +96,34 @@ def points_in_view(
         )
     rng = np.random.default_rng(seed)
     chosen = rng.integers(len(poses), size=count)
-    fraction = rng.random(count)
+    distance = near * (far / near) ** rng.random(count)
     pixel = rng.random(count)
-    if distances == "log":
-        distance = near * (far / near) ** fraction
-    else:
-        distance = 1.0 / (1.0 / far + fraction * (1.0 / near - 1.0 / far))
     points = np.empty((count, 3))
-    directions: dict[int, np.ndarray] = {}
-    starts: dict[int, np.ndarray] = {}
+    of_camera: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # valid rays and where they begin
     for index in np.unique(chosen):
         camera = one_a_pose[index]
-        if id(camera) not in directions:
+        if id(camera) not in of_camera:
             rays, valid = camera.rays()
-            directions[id(camera)] = rays[np.asarray(valid, dtype=bool)]
-            if not getattr(camera, "is_central", True):
-                starts[id(camera)] = _origins(camera)[np.asarray(valid, dtype=bool)]
-        rays = directions[id(camera)]
+            starts = np.zeros_like(rays) if camera.is_central else camera.origins()
+            of_camera[id(camera)] = rays[valid], starts[valid]
+        rays, starts = of_camera[id(camera)]
         if len(rays) == 0:
             raise InputError(f"camera {index} has no valid pixel")
         rows = np.flatnonzero(chosen == index)
         drawn = (pixel[rows] * len(rays)).astype(np.int64)
-        in_camera = rays[drawn] * distance[rows, None]
-        if id(camera) in starts:
-            in_camera += starts[id(camera)][drawn]
+        in_camera = rays[drawn] * distance[rows, None] + starts[drawn]
         rotation, translation = poses[index, :3, :3], poses[index, :3, 3]
         points[rows] = (in_camera - translation) @ rotation
     return points
 
 
-def _origins(camera: Any) -> np.ndarray:
-    return np.asarray(camera.origins())
-
-
 def seed_in_view(
-    cameras: HasRays | Sequence[HasRays],
+    cameras: _core.Camera | Sequence[_core.Camera],
     poses: np.ndarray,
     count: int,
     *,
     near: float,
     far: float,
-    distances: str = "log",
-    colors: str = "grey",
     sh_degree: int = 1,
     scale_factor: float = 0.5,
     opacity: float = 0.5,
@@ -177,31 +135,19 @@ def seed_in_view(
         cameras: one camera for all poses, or one a pose.
         poses: (M, 4, 4) camera_from_world.
         count: number of Gaussians.
-        near, far: world units; the range of the distance from the camera, 0 < near < far.
-        distances: "log" (equal numbers in each octave) or "inverse" (uniform in 1 / distance).
-        colors: "grey" (0.5) or "random" (uniform in [0, 1]).
+        near, far: world units; the range of the distance from the camera, 0 < near < far, with
+            equal numbers in each octave.
         sh_degree: 0 to 3; coefficients above the constant one are 0.
         scale_factor: standard deviation / mean distance to the three nearest other points.
         opacity: in (0, 1).
         seed: of the random numbers.
 
     Returns:
-        `count` float32 Gaussians: each along the ray of a random valid pixel of a random pose, so
-        wide lenses fill their whole field.
+        `count` grey float32 Gaussians: each along the ray of a random valid pixel of a random pose,
+        so that wide lenses fill their whole field.
 
     Raises:
-        InputError: shapes disagree, a value is out of range, `distances` or `colors` is unknown, or
-            no camera has a valid pixel.
+        InputError: shapes disagree, a value is out of range, or a camera has no valid pixel.
     """
-    if colors not in ("grey", "random"):
-        raise InputError(f'colors is "{colors}"; known are "grey" and "random"')
-    points = points_in_view(
-        cameras, poses, count, near=near, far=far, distances=distances, seed=seed
-    )
-    rgb = np.full((count, 3), 0.5)
-    if colors == "random":
-        # A stream of its own, so that the points do not depend on the choice of colours.
-        rgb = np.random.default_rng([seed, 1]).random((count, 3))
-    return seed_from_points(
-        points, rgb, sh_degree=sh_degree, scale_factor=scale_factor, opacity=opacity
-    )
+    points = points_in_view(cameras, poses, count, near=near, far=far, seed=seed)
+    return seed_from_points(points, sh_degree=sh_degree, scale_factor=scale_factor, opacity=opacity)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from gsut._core import SolveError
 from gsut.data import Scene
@@ -29,7 +27,6 @@ def evaluate_aligned(
     *,
     background: Sequence[float] = (0.0, 0.0, 0.0),
     render_folder: Path | None = None,
-    on_view: Callable[[int, int], None] | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
     """`evaluate`, of views whose poses are first refined on their own photographs.
 
@@ -38,7 +35,6 @@ def evaluate_aligned(
 
     Args:
         gaussians, scene, indices, background, render_folder: see `evaluate`.
-        on_view: told (views aligned, views in all).
 
     Returns:
         The scene with the aligned poses, and the evaluation with `alignment`: psnr_before,
@@ -47,7 +43,7 @@ def evaluate_aligned(
     """
     before = evaluate(gaussians, scene, indices, background=background)
     poses, converged = [], []
-    for done, index in enumerate(indices, start=1):
+    for index in indices:
         pose = scene.views[index].camera_from_world
         try:
             found = refine_pose(
@@ -63,14 +59,11 @@ def evaluate_aligned(
         except SolveError:
             poses.append(pose)
             converged.append(False)
-        if on_view is not None:
-            on_view(done, len(indices))
-    given = [scene.views[index].camera_from_world for index in indices]
-    aligned = scene.with_poses(indices, np.array(poses).reshape(-1, 4, 4))
+    aligned = scene.with_poses(indices, poses)
     evaluation = evaluate(
         gaussians, aligned, indices, background=background, render_folder=render_folder
     )
-    changes = pose_changes(np.array(poses).reshape(-1, 4, 4), np.array(given).reshape(-1, 4, 4))
+    changes = pose_changes(aligned.poses(indices), scene.poses(indices))
     evaluation["alignment"] = {
         "psnr_before": before["psnr"],
         "psnr_after": evaluation["psnr"],

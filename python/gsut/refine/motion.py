@@ -32,7 +32,7 @@ def pose_changes(after: np.ndarray, before: np.ndarray) -> PoseChanges:
     )
 
 
-def without_mean_motion(after: np.ndarray, before: np.ndarray) -> np.ndarray:
+def remove_mean_motion(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     """Poses (N, 4, 4) less the small similarity of the world that they all share.
 
     The mean turn, the mean shift and the common growth against `before` are taken out, so that a
@@ -41,7 +41,7 @@ def without_mean_motion(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     Args:
         after, before: (N, 4, 4) camera_from_world.
     """
-    turn = exp_pose(np.concatenate([np.zeros(3), _turns(after, before).mean(axis=0)]))[:3, :3]
+    turn = _rotation(_turns(after, before).mean(axis=0))
     start, end = centers_of(before), centers_of(after)
     spread = start - start.mean(axis=0)
     turned = (end - end.mean(axis=0)) @ turn  # by the inverse of the mean turn
@@ -50,13 +50,10 @@ def without_mean_motion(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     if size > _SMALLEST_SPREAD * max(1.0, float(np.sum(start**2))):
         growth = float(np.sum(spread * turned)) / size
     centers = turned / (growth if growth > 0 else 1.0) + start.mean(axis=0)
-    out = np.tile(np.eye(4), (len(after), 1, 1))
-    out[:, :3, :3] = after[:, :3, :3] @ turn
-    out[:, :3, 3] = -np.einsum("nij,nj->ni", out[:, :3, :3], centers)
-    return out
+    return _poses(after[:, :3, :3] @ turn, centers)
 
 
-def turned_onto(after: np.ndarray, before: np.ndarray) -> np.ndarray:
+def turn_onto(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     """Poses (N, 4, 4) whose world is turned a little, and moved, onto that of `before`.
 
     A similarity by the centres alone leaves the turn about a path that is nearly a line to chance.
@@ -77,22 +74,28 @@ def turned_onto(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     balance = max(of_centers, _SMALLEST_SPREAD * size) / trust
     normal = (balance * len(turns) + size) * np.eye(3) - spread.T @ spread
     right = np.cross(spread, missing).sum(axis=0) - balance * turns.sum(axis=0)
-    turn = exp_pose(np.concatenate([np.zeros(3), np.linalg.solve(normal, right)]))[:3, :3]
-    out = np.tile(np.eye(4), (len(after), 1, 1))
-    out[:, :3, :3] = after[:, :3, :3] @ turn.T
-    centers = spread @ turn.T + start.mean(axis=0)
-    out[:, :3, 3] = -np.einsum("nij,nj->ni", out[:, :3, :3], centers)
-    return out
+    turn = _rotation(np.linalg.solve(normal, right))
+    return _poses(after[:, :3, :3] @ turn.T, spread @ turn.T + start.mean(axis=0))
 
 
-def moved_on(after: np.ndarray, before: np.ndarray, factor: float | np.ndarray) -> np.ndarray:
+def extrapolate(after: np.ndarray, before: np.ndarray, factor: float | np.ndarray) -> np.ndarray:
     """Poses (N, 4, 4) that have gone `factor` (one, or (N,)) times as far from `before`."""
     factors = np.reshape(factor, (-1, 1))
     turns = factors * _turns(after, before)
     centers = centers_of(before) + factors * (centers_of(after) - centers_of(before))
-    out = np.tile(np.eye(4), (len(after), 1, 1))
-    for pose, turn, old in zip(out, turns, before, strict=True):
-        pose[:3, :3] = old[:3, :3] @ exp_pose(np.concatenate([np.zeros(3), turn]))[:3, :3].T
+    rotations = [old[:3, :3] @ _rotation(w).T for old, w in zip(before, turns, strict=True)]
+    return _poses(np.array(rotations), centers)
+
+
+def _rotation(vector: np.ndarray) -> np.ndarray:
+    """(3, 3) of a rotation vector."""
+    return exp_pose(np.concatenate([np.zeros(3), vector]))[:3, :3]
+
+
+def _poses(rotations: np.ndarray, centers: np.ndarray) -> np.ndarray:
+    """(N, 4, 4) camera_from_world of rotations (N, 3, 3) and camera centres (N, 3)."""
+    out = np.tile(np.eye(4), (len(centers), 1, 1))
+    out[:, :3, :3] = rotations
     out[:, :3, 3] = -np.einsum("nij,nj->ni", out[:, :3, :3], centers)
     return out
 

@@ -119,7 +119,7 @@ def refine_pose(
             continue
         lens = camera if level == 0 else camera.resized(*size)
         seen = shrink_mask(valid, *size) & lens.rays()[1]
-        chosen = chosen_pixels(seen, max_pixels)
+        chosen = choose_pixels(seen, max_pixels)
         if len(chosen) == 0:
             if level > 0:
                 continue
@@ -173,7 +173,7 @@ def _photograph(
     return np.where(valid[:, :, None], pixels, np.float32(0)), valid
 
 
-def chosen_pixels(seen: np.ndarray, count: int, seed: Any = 0) -> np.ndarray:
+def choose_pixels(seen: np.ndarray, count: int, seed: Any = 0) -> np.ndarray:
     """Indices (row-major, uint32) of at most `count` of the pixels that are True, by chance.
 
     Args:

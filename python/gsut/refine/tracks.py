@@ -16,7 +16,7 @@ import numpy as np
 from gsut._core import InputError, SolveError
 from gsut.data import Scene
 from gsut.lens import Camera, refinable_params
-from gsut.refine.motion import pose_changes, turned_onto
+from gsut.refine.motion import pose_changes, turn_onto
 from gsut.run import TrainOptions
 from gsut.sfm import (
     Photographs,
@@ -82,9 +82,9 @@ def refine_by_tracks(
         for index, registered in zip(scene.train_indices, solution.registered, strict=True)
         if registered
     ]
-    given = np.array([scene.views[index].camera_from_world for index in indices])
+    given = scene.poses(indices)
     found = np.array(solution.camera_from_world)[np.asarray(solution.registered, bool)]
-    found = turned_onto(_moved(found, compare_poses(found, given).reference_from_world), given)
+    found = turn_onto(_moved(found, compare_poses(found, given).reference_from_world), given)
     changes = pose_changes(found, given)
     refined = scene.with_poses(indices, found)
     if options.refine_lens:

@@ -26,7 +26,7 @@ from gsut.render import DEFAULT_UNSCENTED
 from gsut.run import Stopwatch, TrainOptions
 from gsut.training.densification import Turn, densification_of
 from gsut.training.growth import GrowthLimit
-from gsut.training.start import first_gaussians
+from gsut.training.start import seed_first
 
 # Steps after which the low-pass filter's radii are found again (Mip-Splatting: 100).
 _RADII_EVERY = 100
@@ -56,9 +56,9 @@ class TrainingLoop:
     Args:
         scene: training views, cameras and points, at the resolution to train at.
         options: resolved.
-        start: the first Gaussians; None: `first_gaussians`. Of `MixedGaussians` neither number nor
+        start: the first Gaussians; None: `seed_first`. Of `MixedGaussians` neither number nor
             degrees change.
-        tracks: what made the scene's poses, where tracks of features did.
+        tracks: gives the first poses where they come from tracks of features; None: the scene's.
 
     Attributes:
         views: photographs, poses and lenses; the only owner of the latter.
@@ -75,10 +75,11 @@ class TrainingLoop:
         start: Any = None,
         tracks: TracksResult | None = None,
     ) -> None:
+        scene = scene if tracks is None else tracks.scene
         self.limit = GrowthLimit(scene, options)
         self.options = options = dataclasses.replace(options, max_gaussians=self.limit.most)
         self.step, self.seconds = 0, 0.0
-        start = first_gaussians(scene, options) if start is None else start
+        start = seed_first(scene, options) if start is None else start
         self.densification = densification_of(options, len(start))
         self.optimizer = optimizer_of(start, self.densification.capacity(), options.seed)
         self.views = TrainingViews(scene, options.coarse_to_fine)

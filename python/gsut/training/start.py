@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.gaussians import Gaussians, seed_from_points, seed_in_view
@@ -16,7 +14,7 @@ _RANDOM_NEAR, _RANDOM_FAR = 0.05, 4.0
 _RANDOM_COUNT = 30_000
 
 
-def first_gaussians(scene: Scene, options: TrainOptions) -> Gaussians:
+def seed_first(scene: Scene, options: TrainOptions) -> Gaussians:
     """The Gaussians that training starts from: on the scene's points, or random in view."""
     o = options
     shape: dict[str, Any] = {
@@ -28,10 +26,9 @@ def first_gaussians(scene: Scene, options: TrainOptions) -> Gaussians:
     if o.init == "points" and len(scene.points) == 0:
         raise InputError(f"{scene.path} has no points to start from; use --init random")
     if o.init == "random" or len(scene.points) == 0:
-        views = [scene.views[i] for i in scene.train_indices]
         return seed_in_view(
-            [scene.cameras[view.camera_index] for view in views],
-            np.array([view.camera_from_world for view in views]),
+            [scene.camera(i) for i in scene.train_indices],
+            scene.poses(scene.train_indices),
             min(o.init_count or _RANDOM_COUNT, o.max_gaussians),
             near=_RANDOM_NEAR * scene.extent,
             far=_RANDOM_FAR * scene.extent,

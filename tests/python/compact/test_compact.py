@@ -17,8 +17,8 @@ from gsut.compact import METHODS, compact, scores_of
 from gsut.compact.harmonics import drop_harmonics
 from gsut.compact.methods.lightgaussian import hit_sums, lightgaussian_scores
 from gsut.compact.methods.pup import fisher_matrices, pup_scores
-from gsut.compact.scores import SeenView, basis_sums, blend_weights, strongest
-from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
+from gsut.compact.scores import SeenView, basis_sums, blend_weights, find_strongest
+from random_scenes import arrays_of, fisheye, gaussians_in_view, pinhole, random_pose
 
 COUNT = 300
 
@@ -37,10 +37,6 @@ def views(rng):
 @pytest.fixture
 def scene(rng, views):
     return gaussians_in_view(rng, views[0].camera, views[0].camera_from_world, COUNT)
-
-
-def arrays_of(g):
-    return [getattr(g, field.name).tobytes() for field in dataclasses.fields(g)]
 
 
 def double_weights(g, views):
@@ -138,7 +134,7 @@ def test_lightgaussian_scores_are_hits_times_a_power_of_volume(scene, views):
 
 def test_winners_have_the_largest_blend_weight_of_their_pixels(scene, views):
     for view in views:
-        winner, point = strongest(scene, view)
+        winner, point = find_strongest(scene, view)
         alpha, transmittance = blended_by_hand(scene, view)
         weights = alpha * transmittance
         chosen = view.mask & np.asarray(view.camera.rays()[1], bool)
@@ -243,7 +239,6 @@ def test_compact_keeps_the_number_asked_for_with_the_same_bits_on_any_threads(sc
     for threads in (1, 2, 5):
         gsut.set_num_threads(threads)
         results.append(compact(scene, 0.2, method=method, views=views).gaussians)
-    gsut.set_num_threads(0)
     if method == "ghap-paper":  # rounded in each block
         assert abs(len(results[0]) - 60) <= 30
     else:

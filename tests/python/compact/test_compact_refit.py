@@ -1,7 +1,5 @@
 """Colours that merged Gaussians take from the whole scene's pictures."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -9,11 +7,7 @@ import gsut
 from gsut.compact.compaction import compact
 from gsut.compact.refit import _SH0, refit_colors
 from gsut.compact.scores import SeenView, blend_weights
-from random_scenes import fisheye, gaussians_in_view, random_pose
-
-
-def arrays_of(g):
-    return [getattr(g, field.name).tobytes() for field in dataclasses.fields(g)]
+from random_scenes import arrays_of, fisheye, gaussians_in_view, random_pose
 
 
 @pytest.fixture

@@ -5,25 +5,11 @@ import os
 import numpy as np
 import pytest
 
-from gsut import Gaussians, InputError, formats
+from gsut import InputError, formats
 from gsut.data.points import load_points_ply
+from random_scenes import assert_same, random_gaussians
 
 COEFFICIENTS = (1, 4, 9, 16)
-
-
-def random_gaussians(rng, count, coefficients, dtype=np.float32):
-    return Gaussians(
-        rng.normal(size=(count, 3)).astype(dtype),
-        rng.normal(size=(count, 4)).astype(dtype),
-        rng.normal(size=(count, 3)).astype(dtype),
-        rng.normal(size=count).astype(dtype),
-        rng.normal(size=(count, coefficients, 3)).astype(dtype),
-    )
-
-
-def assert_same(found, expected):
-    for name in ("means", "quats", "log_scales", "opacity_logits", "sh"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
 
 
 def columns_of(g):

@@ -191,7 +191,6 @@ def test_project_on_any_number_of_threads_has_same_bits():
         set_num_threads(threads)
         pixels, _ = camera.project(points)
         results.append((pixels, camera.unproject(pixels)[0]))
-    set_num_threads(0)
     assert len(results) == 3
     for pixels, rays in results[1:]:
         np.testing.assert_array_equal(pixels, results[0][0])

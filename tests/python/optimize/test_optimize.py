@@ -10,21 +10,13 @@ import tolerances
 from gsut import Gaussians, InputError, _core, set_num_threads
 from gsut.optimize import GaussianOptimizer, densify_adaptive, densify_mcmc
 from gsut.optimize.optimizer import LearningRates
+from random_scenes import assert_same, random_gaussians
+from ray_model import covariances
 
 FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 RATES = LearningRates(
     means=1e-3, quats=2e-3, log_scales=1e-2, opacity_logits=5e-2, sh0=5e-3, sh_rest=1e-4
 )
-
-
-def random_gaussians(rng, count, coefficients=4, dtype=np.float32):
-    return Gaussians(
-        rng.normal(size=(count, 3)).astype(dtype),
-        rng.normal(size=(count, 4)).astype(dtype),
-        (rng.normal(size=(count, 3)) * 0.5 - 2).astype(dtype),
-        rng.normal(size=count).astype(dtype),
-        rng.normal(size=(count, coefficients, 3)).astype(dtype),
-    )
 
 
 def logit(opacity):
@@ -33,27 +25,6 @@ def logit(opacity):
 
 def sigmoid(x):
     return 1 / (1 + np.exp(-np.asarray(x, np.float64)))
-
-
-def assert_same(found, expected):
-    for name in FIELDS:
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
-
-
-def covariances(g):
-    """(N, 3, 3) in float64, from the definition."""
-    q = g.quats.astype(np.float64)
-    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
-    rotation = np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
-            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
-            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
-        ],
-        axis=1,
-    )
-    scaled = rotation * np.exp(g.log_scales.astype(np.float64))[:, None, :]
-    return scaled @ scaled.transpose(0, 2, 1)
 
 
 # --- Adam ------------------------------------------------------------------------
@@ -213,8 +184,8 @@ def test_mcmc_split_keeps_the_mean_and_the_covariance(rng, n):
         found.means.mean(axis=0), g.means[0], rtol=0, atol=tolerances.MCMC_MEAN
     )
     offsets = found.means.astype(np.float64) - g.means[0]
-    mixture = offsets.T @ offsets / len(offsets) + covariances(found[:1])[0]
-    expected = covariances(g)[0]
+    mixture = offsets.T @ offsets / len(offsets) + covariances(found[:1].astype(np.float64))[0]
+    expected = covariances(g.astype(np.float64))[0]
     np.testing.assert_allclose(
         mixture, expected, rtol=0, atol=tolerances.MCMC_MOMENT * np.trace(expected)
     )
@@ -364,7 +335,7 @@ def test_mcmc_noise_has_the_papers_covariance(rng):
     optimizer.add_noise(1e-4)
     shift = (optimizer.gaussians.means - many.means).astype(np.float64)
     gate = 1e-4 * 5e5 * sigmoid(-100 * (0.01 - 0.005))
-    sigma = covariances(g)[0]
+    sigma = covariances(g.astype(np.float64))[0]
     expected = gate**2 * sigma @ sigma
     found = shift.T @ shift / len(shift)
     np.testing.assert_allclose(
@@ -444,7 +415,7 @@ def test_adaptive_split_halves_are_drawn_from_the_parent(rng):
     optimizer.accumulate(np.ones((10000, 3), np.float32), np.ones(10000, np.float32))
     assert densify_adaptive(optimizer, clone_scale=1e-6).split == 10000
     shift = optimizer.gaussians.means.astype(np.float64) - g.means[0]
-    expected = covariances(g)[0]
+    expected = covariances(g.astype(np.float64))[0]
     np.testing.assert_allclose(
         shift.T @ shift / len(shift),
         expected,
@@ -539,15 +510,12 @@ def assert_same_state(a, b):
 
 def test_training_has_same_bits_on_any_thread_count():
     states = []
-    try:
-        for threads in (1, 2, 8):
-            set_num_threads(threads)
-            rng = np.random.default_rng(1)
-            optimizer = GaussianOptimizer(random_gaussians(rng, 3000), seed=2)
-            train(optimizer, rng, 20)
-            states.append(optimizer.state_dict())
-    finally:
-        set_num_threads(0)
+    for threads in (1, 2, 8):
+        set_num_threads(threads)
+        rng = np.random.default_rng(1)
+        optimizer = GaussianOptimizer(random_gaussians(rng, 3000), seed=2)
+        train(optimizer, rng, 20)
+        states.append(optimizer.state_dict())
     assert len(states[0]["params.means"]) > 3000
     assert_same_state(states[0], states[1])
     assert_same_state(states[0], states[2])

@@ -5,21 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-import gsut
 from gsut.optimize.trajectory_mean import TrajectoryMean
+from random_scenes import random_gaussians
 
 
 def states(rng, count, n=7):
-    return [
-        gsut.Gaussians(
-            rng.normal(size=(n, 3)).astype(np.float32),
-            rng.normal(size=(n, 4)).astype(np.float32),
-            rng.normal(size=(n, 3)).astype(np.float32),
-            rng.normal(size=n).astype(np.float32),
-            rng.normal(size=(n, 4, 3)).astype(np.float32),
-        )
-        for _ in range(count)
-    ]
+    return [random_gaussians(rng, n) for _ in range(count)]
 
 
 def test_mean_is_over_every_fourth_step_after_the_beginning(rng):

@@ -32,14 +32,6 @@ NON_CENTRAL = [
 ]
 
 
-@pytest.fixture(autouse=True)
-def best_isa():
-    """Whatever a test forces is undone."""
-    yield
-    gsut.set_isa("")
-    gsut.set_num_threads(0)
-
-
 def central_cameras(width=48):
     return [
         pinhole(width, 40),

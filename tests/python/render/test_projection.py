@@ -14,13 +14,6 @@ LENSES = dict(every_lens())
 UNSCENTED = ((1.0, 2.0, 0.0), (0.1, 2.0, 0.0), (1.2, 1.0, 0.5))
 
 
-@pytest.fixture(autouse=True)
-def best_isa():
-    """Whatever a test forces is undone."""
-    yield
-    gsut.set_isa("")
-
-
 def sigma_points(g, camera_from_world, alpha, kappa):
     """(N, 7, 3) in the camera frame."""
     spread = np.sqrt(alpha**2 * (3 + kappa))

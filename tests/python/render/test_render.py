@@ -26,13 +26,6 @@ FIELDS = tuple(field.name for field in dataclasses.fields(gsut.Gaussians))
 RANDOM_SCENES = 100
 
 
-@pytest.fixture(autouse=True)
-def best_isa():
-    """Whatever a test forces is undone."""
-    yield
-    gsut.set_isa("")
-
-
 @dataclasses.dataclass
 class Comparison:
     """A scene with its double image and gradients."""

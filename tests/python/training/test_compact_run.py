@@ -10,10 +10,11 @@ import gsut
 from gsut import InputError, TrainOptions
 from gsut.cli import main
 from gsut.run.folder import METRICS, OPTIONS, SCENE
-from gsut.training.compact_run import CompactOptions, RunCompactor, count_for_bytes, parsed_bytes
+from gsut.training.compact_run import CompactOptions, RunCompactor, count_for_bytes, parse_size
 from gsut.training.finetuning import finetune, finetune_options
 from gsut.training.growth import GrowthLimit
 from gsut.training.loop import TrainingLoop
+from random_scenes import arrays_of
 from rendered_dataset import write_dataset
 
 SHORT = {"steps": 80, "max_gaussians": 300, "eval_every": 40, "checkpoint_every": 10}
@@ -33,19 +34,9 @@ def run(scene, tmp_path_factory):
     return out
 
 
-@pytest.fixture(autouse=True)
-def defaults():
-    yield
-    gsut.set_num_threads(0)
-
-
 def refused(capsys, *words):
     assert main(["compact", *map(str, words)]) == 2
     return capsys.readouterr().err
-
-
-def arrays_of(g):
-    return [a.tobytes() for a in (g.means, g.quats, g.log_scales, g.opacity_logits, g.sh)]
 
 
 def metrics_of(folder):
@@ -115,13 +106,13 @@ def test_target_size_is_held_by_the_file(run, tmp_path):
     ("text", "size"), [("5MB", 5_000_000), ("1.5 kb", 1500), ("123", 123), ("2GB", 2 * 10**9)]
 )
 def test_sizes_are_read(text, size):
-    assert parsed_bytes(text) == size
+    assert parse_size(text) == size
 
 
 @pytest.mark.parametrize("text", ["", "MB", "5XB", "-1MB", "nan", "0"])
 def test_sizes_that_are_none_are_refused(text):
     with pytest.raises(InputError, match="--target-size must be"):
-        parsed_bytes(text)
+        parse_size(text)
 
 
 def test_target_size_too_small_for_one_is_refused(run):

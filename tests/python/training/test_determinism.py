@@ -21,14 +21,6 @@ FIELDS = tuple(field.name for field in dataclasses.fields(gsut.Gaussians))
 THREADS = (1, 2, 8, 8)
 
 
-@pytest.fixture(autouse=True)
-def defaults():
-    """Whatever a test forces is undone."""
-    yield
-    gsut.set_isa("")
-    gsut.set_num_threads(0)
-
-
 def bits_of(g, camera, pose, weights, **options):
     """Bytes of every output: image, alpha, depth, gradients, pose, touched, projection."""
     result = gsut.render(g, camera, pose, **options)

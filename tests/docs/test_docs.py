@@ -1,0 +1,160 @@
+"""The pages: generated ones are current, code runs, commands parse, links lead somewhere."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import shlex
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import gsut
+from generate import PAGES, ROOT, page
+from gsut.cli import build_parser, main
+from gsut.demo import make_demo_scene
+
+PAGE_FILES = [
+    ROOT / "README.md",
+    ROOT / "calib" / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+]
+NOT_RUN = "<!-- not run:"  # and the reason, on the line before the block
+ONES_OF_RUN = re.findall(r"^    ([a-z]+)( \| [a-z-]+)*\)", (ROOT / "run").read_text(), re.MULTILINE)
+
+
+class Block(NamedTuple):
+    page: str
+    line: int
+    language: str
+    runs: bool
+    text: str
+
+
+def blocks() -> list[Block]:
+    found = []
+    for path in PAGE_FILES:
+        lines = path.read_text().splitlines()
+        begin = None
+        for number, line in enumerate(lines):
+            if line.startswith("```") and begin is None:
+                begin = number
+            elif line.startswith("```"):
+                language = lines[begin][3:].strip()
+                runs = not lines[max(0, begin - 1)].startswith(NOT_RUN)
+                text = "\n".join(lines[begin + 1 : number]) + "\n"
+                found.append(Block(path.name, begin + 1, language, runs, text))
+                begin = None
+        assert begin is None, f"{path}: a block of code does not end"
+    return found
+
+
+def of(language: str, *, runs: bool | None = None) -> list[Block]:
+    return [b for b in blocks() if b.language == language and runs in (None, b.runs)]
+
+
+def label(block: Block) -> str:
+    return f"{block.page}:{block.line}"
+
+
+def commands(block: Block) -> list[list[str]]:
+    """The words of each line of a shell block."""
+    text = block.text.replace("\\\n", " ")
+    return [words for line in text.splitlines() if (words := shlex.split(line, comments=True))]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    """A folder with what the pages name: DATA, a small dataset; RUN, trained on it; a lens file."""
+    folder = tmp_path_factory.mktemp("docs")
+    make_demo_scene(folder / "DATA", views=8, test_views=2, size=48, progress=False)
+    scene = gsut.load_dataset(folder / "DATA")
+    options = gsut.TrainOptions(steps=20, max_gaussians=800)
+    gsut.train(scene, options, out=folder / "RUN", progress=False)
+    scene.camera(0).save(folder / "fisheye.yaml")
+    return folder
+
+
+@pytest.mark.parametrize("block", of("python", runs=True), ids=label)
+def test_python_of_the_pages_runs(block, data, monkeypatch):
+    monkeypatch.chdir(data)
+    with contextlib.redirect_stdout(io.StringIO()):
+        exec(compile(block.text, label(block), "exec"), {"__name__": "__main__"})
+
+
+@pytest.mark.parametrize("block", of("python", runs=False), ids=label)
+def test_python_that_is_not_run_uses_public_names(block):
+    compile(block.text, label(block), "exec")
+    names = re.findall(r"\bgsut\.(\w+)", block.text)
+    assert names and [name for name in names if name not in gsut.__all__] == []
+
+
+@pytest.mark.parametrize("block", of("bash"), ids=label)
+def test_commands_of_the_pages_parse(block):
+    parser = build_parser()
+    for name, *words in commands(block):
+        if Path(name).name == "gsut":
+            parser.parse_args(words)
+        elif name == "./run":
+            assert words[0] in [word for match in ONES_OF_RUN for word in match]
+        else:
+            assert name in ("pip", "cmake", "sudo"), f"{label(block)} calls {name}"
+
+
+@pytest.mark.parametrize("block", of("bash", runs=True), ids=label)
+def test_commands_of_the_pages_run(block, data, monkeypatch, capsys):
+    monkeypatch.chdir(data)
+    for name, *words in commands(block):
+        assert Path(name).name == "gsut"
+        assert main(words) == 0, capsys.readouterr().err
+
+
+def test_training_loop_fits_forty_lines():
+    (block,) = (b for b in of("python") if b.page == "training-loop.md")
+    assert len(block.text.splitlines()) <= 40
+
+
+def test_blocks_were_found():
+    assert len(of("python", runs=True)) >= 8 and len(of("bash")) >= 8
+    assert {b.language for b in blocks()} <= {"python", "bash", "text"}
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_generated_page_is_current(name):
+    assert (ROOT / "docs" / name).read_text() == page(name), "./run docs renews it"
+
+
+def anchors(path: Path) -> set[str]:
+    seen: Counter[str] = Counter()
+    found = set()
+    for heading in re.findall(r"^#+ (.*)$", path.read_text(), re.MULTILINE):
+        anchor = re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+        found.add(f"{anchor}-{seen[anchor]}" if seen[anchor] else anchor)
+        seen[anchor] += 1
+    return found
+
+
+@pytest.mark.parametrize("path", PAGE_FILES, ids=lambda p: f"{p.parent.name}/{p.name}")
+def test_links_lead_somewhere(path):
+    broken = []
+    for link in re.findall(r"\]\(([^)\s]+)\)", path.read_text()):
+        if "://" in link:
+            continue
+        file, _, anchor = link.partition("#")
+        target = path.parent / file if file else path
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            broken.append(link)
+    assert broken == []
+
+
+def test_every_lens_has_a_picture_and_every_page_is_linked():
+    pictures = {path.stem for path in (ROOT / "docs" / "lenses").glob("*.jpg")}
+    assert pictures == set(gsut.camera_models())  # tests/docs/lens_pictures.py NAME
+    readme = (ROOT / "README.md").read_text()
+    pages = [path.name for path in PAGE_FILES if path.parent.name == "docs"]
+    assert [name for name in pages if f"docs/{name}" not in readme] == []
+    assert len(readme.splitlines()) <= 90
+    assert f"{len(pictures)} lens models" in readme
