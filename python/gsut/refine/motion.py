@@ -1,4 +1,4 @@
-"""Small changes of camera poses: how far they moved, alone and all together."""
+"""How far camera poses moved: each by itself, and all of them together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses, and asked for the lens, of the training views by bundle adjustment of features' tracks.
+"""Poses, and if asked the lens, of the training views by bundle adjustment of feature tracks.
 
 What `--refine-poses` begins with: tracks tie far views together, which colours can do only once a
 scene is sharp, and slowly. The poses found are moved by the similarity that fits the given ones

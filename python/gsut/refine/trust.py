@@ -1,4 +1,4 @@
-"""What poses found by colours are worth, by two halves of each photograph that never meet.
+"""How far poses found from colours can be trusted, by two disjoint halves of each photograph.
 
 Both halves are solved alone. Where colours know a pose, both say the same; where texture is poor or
 the scene still wrong, they differ. How much they do is the colours' error (see `Halves`), against

@@ -65,7 +65,7 @@ class TrainingLoop:
         optimizer: owner of the Gaussians.
         step: steps made.
         seconds: of the steps alone, without reading images and measuring PSNR.
-        stopwatch: of the steps' stages, for gsut bench train.
+        stopwatch: of the steps' stages, for ./run bench train.
     """
 
     def __init__(
@@ -141,13 +141,9 @@ class TrainingLoop:
         o, number = self.options, self.step + 1
         fraction = number / o.steps
         return _Step(
-            number,
-            fraction,
-            self._view_of(number),
-            self.views.at(fraction),
-            min(o.sh_degree, number // o.sh_every),
-            learning_rates(o, fraction, self.scene.extent),
-        )
+            number, fraction, self._view_of(number), self.views.at(fraction),
+            min(o.sh_degree, number // o.sh_every), learning_rates(o, fraction, self.scene.extent),
+        )  # fmt: skip
 
     def _view_of(self, step: int) -> int:
         """Every training view once an epoch, in an order that depends on seed and epoch only."""
@@ -168,18 +164,10 @@ class TrainingLoop:
         if step.number % _RADII_EVERY == 0:
             self._filter.renew()
         self.renderer.render(
-            self.drawn(),
-            step.level.camera(step.view),
-            self.scene.views[step.view].motion,
-            self.rule,
-            self.options.background,
-            step.degree,
-            DEFAULT_UNSCENTED,
-            image,
-            None,
-            None,
+            self.drawn(), step.level.camera(step.view), self.scene.views[step.view].motion,
+            self.rule, self.options.background, step.degree, DEFAULT_UNSCENTED, image, None, None,
             True,
-        )
+        )  # fmt: skip
         self.stopwatch.lap("render")
 
     def _compare(

@@ -27,12 +27,9 @@ def seed_first(scene: Scene, options: TrainOptions) -> Gaussians:
         raise InputError(f"{scene.path} has no points to start from; use --init random")
     if o.init == "random" or len(scene.points) == 0:
         return seed_in_view(
-            [scene.camera(i) for i in scene.train_indices],
-            scene.poses(scene.train_indices),
-            min(o.init_count or _RANDOM_COUNT, o.max_gaussians),
-            near=_RANDOM_NEAR * scene.extent,
-            far=_RANDOM_FAR * scene.extent,
-            **shape,
-        )
+            [scene.camera(i) for i in scene.train_indices], scene.poses(scene.train_indices),
+            min(o.init_count or _RANDOM_COUNT, o.max_gaussians), near=_RANDOM_NEAR * scene.extent,
+            far=_RANDOM_FAR * scene.extent, **shape,
+        )  # fmt: skip
     most = min(o.init_count or len(scene.points), o.max_gaussians)
     return seed_from_points(scene.points, scene.point_colors, max_gaussians=most, **shape)

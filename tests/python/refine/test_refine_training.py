@@ -9,7 +9,6 @@ import pytest
 import gsut
 import tolerances
 from gsut import TrainOptions, _core
-from gsut.bench.refine_disturb import Disturbance, disturbed, disturbed_pose, jittered_points
 from gsut.demo import dataset as demo
 from gsut.demo.views import camera_path
 from gsut.refine.motion import pose_changes, remove_mean_motion, turn_onto
@@ -21,6 +20,7 @@ from gsut.sfm.align import compare_poses
 from gsut.training.trained_run import read_trained
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
 from room_dataset import write_room
+from tests.bench.refine_disturb import Disturbance, disturbed, disturbed_pose, jittered_points
 
 OPTIONS = TrainOptions(
     steps=240, max_gaussians=400, init_opacity=0.8, eval_every=0, checkpoint_every=0, seed=3,

@@ -8,11 +8,11 @@ import pytest
 import gsut
 import tolerances
 from gsut import TrainOptions
-from gsut.bench.refine_disturb import Disturbance, disturbed, disturbed_pose
 from gsut.refine.trust import Halves, select_half, weigh_lens, weigh_poses
 from gsut.sfm.align import compare_poses
 from random_scenes import fisheye, random_pose
 from room_dataset import write_room
+from tests.bench.refine_disturb import Disturbance, disturbed, disturbed_pose
 
 VIEWS = 40
 
