@@ -1,4 +1,4 @@
-"""What the dearest lens costs a render once the rays of its pixels are cached."""
+"""What the most expensive lens costs a render once the rays of its pixels are cached."""
 
 from __future__ import annotations
 

@@ -12,6 +12,8 @@ from gsut import InputError, set_num_threads
 from gsut.lens.camera import Camera, camera_models
 from lens_cases import all_lenses, polar_grid, traits
 
+pytestmark = pytest.mark.quick
+
 OPENCV = ["kannala_brandt", "opencv12", "opencv14", "opencv4", "opencv5", "opencv8", "pinhole"]
 LENSES = all_lenses()
 OPENCV_LENSES = [camera for camera in LENSES if camera.model in OPENCV]
