@@ -13,9 +13,9 @@ from gsut.refine.localization import localize_image
 from gsut.refine.motion import pose_changes
 from gsut.render.pictures import to_uint8
 from gsut.sfm import compare_poses, correspondences, estimate
-from gsut.sfm.features import Features
 from random_scenes import every_lens, gaussians_in_view, pinhole
 from synthetic_rig import pose_of
+from synthetic_walk import observe, shuffled
 from tests.bench.refine_disturb import disturbed_pose
 
 WIDTH, NOISE_PX = 256, 0.1
@@ -29,23 +29,6 @@ RIGHT = pose_of([0.01, -0.03, 0.02], [0.3, 0.02, 0.01])
 def test_lenses_are_all_of_the_build():
     models = {camera.model for _, camera in LENSES}
     assert models | set(WITHOUT_CENTRE) == set(gsut.camera_models())
-
-
-def features_of(rng, camera, pose, points, identity):
-    """What a camera sees of the points, in an order of its own."""
-    pixels, valid = camera.project(points @ pose[:3, :3].T + pose[:3, 3])
-    pixels = pixels + NOISE_PX * rng.standard_normal(pixels.shape)
-    with np.errstate(invalid="ignore"):
-        valid &= (pixels > 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
-    valid[valid] = camera.unproject(pixels[valid])[1]
-    seen = rng.permutation(np.flatnonzero(valid))
-    values = np.sqrt(identity[seen] + 0.01 * rng.random((len(seen), 128)))
-    values /= np.linalg.norm(values, axis=1, keepdims=True)
-    return Features(
-        pixels[seen], np.full(len(seen), 3, np.float32),
-        np.rint(512 * values).clip(0, 255).astype(np.uint8),
-        np.full((len(seen), 3), 128, np.uint8),
-    )  # fmt: skip
 
 
 @pytest.fixture
@@ -67,7 +50,10 @@ def find_poses(rng, tmp_path, monkeypatch):
                 path.parent.mkdir(parents=True, exist_ok=True)
                 cv2.imwrite(str(path), blank)
                 truth[path.resolve()] = mount @ body
-                features.append(features_of(rng, camera, mount @ body, points, identity))
+                pose = mount @ body
+                projected = camera.project(points @ pose[:3, :3].T + pose[:3, 3])
+                _, seen = observe(rng, camera, *projected, NOISE_PX, identity)
+                features.append(shuffled(rng, seen))
 
         def found(paths, cameras, masks, options, on_image):
             assert [path.resolve() for path in paths] == list(truth)

@@ -138,7 +138,7 @@ def _load_keys(values: Any, source: str, text: str, camera_id: int | str | None)
     if is_nerfstudio(values):
         return load_nerfstudio(values, source, text)
     raise CalibrationError(
-        f"{source}: has neither model and params (gsut) nor camera_matrix (OpenCV) nor cam0"
+        f"{source}: has neither camera_matrix (OpenCV) nor model and params (gsut) nor cam0"
         " (Kalibr) nor fl_x (nerfstudio) nor cameras (Project Aria) nor projection_type (OpenSfM)"
         " nor ImageSize (MATLAB); is it a lens file?"
     )
