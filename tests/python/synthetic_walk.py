@@ -40,9 +40,11 @@ def shuffled(rng, features):
 class Synthetic:
     """Points around a walk, seen by features with noise and with descriptors that match."""
 
-    def __init__(self, rng, images=8, points=500, noise=0.2, turn_only=False, readout=None):
+    def __init__(
+        self, rng, images=8, points=500, noise=0.2, turn_only=False, readout=None, camera=None
+    ):
         """readout: of a rolling shutter, top to bottom, over the time between frames, or None."""
-        self.camera = gsut.Camera(
+        self.camera = camera or gsut.Camera(
             "kannala_brandt", [300, 301, 500, 505, 0.02, -0.01, 0.002, -0.0003], 1000, 1010
         )
         self.points = rng.uniform([-4, -4, -3], [4, 4, 5], (points, 3))
