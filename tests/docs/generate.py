@@ -1,4 +1,4 @@
-"""Writes the pages of docs/ that come from the code: lenses.md, cli.md, api.md.
+"""Writes the pages of docs/ that come from the code, and the pictures of lenses that have none.
 
 ./run docs
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import ast
 import inspect
+import itertools
 import json
 import re
 import textwrap
@@ -18,7 +19,7 @@ import numpy as np
 
 import gsut
 from gsut.cli import build_parser
-from lens_pictures import seen_angle, widest_example
+from lens_pictures import FOLDER, draw, seen_angle, widest_example
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "cpp" / "gsut" / "cameras" / "models"
@@ -47,9 +48,11 @@ def comment_blocks(path: Path) -> Iterator[tuple[bool, str]]:
             break
         lines.append(line[2:])
     for block in "\n".join(lines).split("\n\n"):
-        is_formula = all(line.startswith("   ") for line in block.splitlines())
-        text = textwrap.dedent(block)
-        yield is_formula, text if is_formula else " ".join(text.split())
+        for is_formula, part in itertools.groupby(
+            block.splitlines(), lambda r: r.startswith("   ")
+        ):
+            text = "\n".join(part)
+            yield is_formula, textwrap.dedent(text) if is_formula else " ".join(text.split())
 
 
 def capitalised(head: str) -> str:
@@ -70,6 +73,9 @@ def lens_section(model: str) -> str:
     out = [f"## {model}\n", f"{capitalised(head)}\n"]
     out.append(f"![The demo's hall through {model}](lenses/{model}.jpg)\n")
     out.append(f"Picture: {about}.\n")
+    family = re.search(r"families/\w+\.h", str(blocks))
+    if family:  # whose comment has the formula
+        blocks += list(comment_blocks(MODELS.parent / family[0]))[1:]
     for is_formula, text in blocks:
         out.append(f"```text\n{text}\n```\n" if is_formula else f"{text}\n")
     largest = np.degrees(camera.max_angle)
@@ -278,6 +284,7 @@ def page(name: str) -> str:
 
 
 def main() -> None:
+    draw([model for model in gsut.camera_models() if not (FOLDER / f"{model}.jpg").is_file()])
     for name in PAGES:
         (ROOT / "docs" / name).write_text(page(name))
 

@@ -125,17 +125,10 @@ class GaussianOptimizer:
             [getattr(rows, name) for name in FIELDS] for rows in self.arrays
         )
         _core.adam_step(
-            params,
-            gradients,
-            moment1,
-            moment2,
-            [*([getattr(rates, name)] for name in FIELDS[:-1]), sh_rates],
-            self.steps + 1,
-            self.size,
-            mask_bytes(visible),
-            [3, 4, 3, 1, 3 * coefficients],
-            *ADAM,
-        )
+            params, gradients, moment1, moment2,
+            [*([getattr(rates, name)] for name in FIELDS[:-1]), sh_rates], self.steps + 1,
+            self.size, mask_bytes(visible), [3, 4, 3, 1, 3 * coefficients], *ADAM,
+        )  # fmt: skip
         self.steps += 1
 
     def add_regularizer(
@@ -149,13 +142,9 @@ class GaussianOptimizer:
                 the paper's.
         """
         _core.mcmc_regularize(
-            self.arrays[0],
-            self.size,
-            grads.opacity_logits,
-            grads.log_scales,
-            opacity_weight,
+            self.arrays[0], self.size, grads.opacity_logits, grads.log_scales, opacity_weight,
             scale_weight,
-        )
+        )  # fmt: skip
 
     def add_noise(self, rate_means: float, noise_scale: float = 5e5) -> None:
         """Adds MCMC's exploration noise to the means; it matters for opacities below about 0.1.
@@ -178,12 +167,9 @@ class GaussianOptimizer:
         """
         _core.accumulate_density(
             np.ascontiguousarray(grad_means, np.float32),
-            np.ascontiguousarray(distances, np.float32),
-            mask_bytes(visible),
-            self.gradient_max,
-            self.gradient_sum,
-            self.seen,
-        )
+            np.ascontiguousarray(distances, np.float32), mask_bytes(visible), self.gradient_max,
+            self.gradient_sum, self.seen,
+        )  # fmt: skip
 
     def restarted(self, gaussians: Gaussians) -> GaussianOptimizer:
         """An optimizer of other Gaussians, with moments of 0, that goes on counting steps."""

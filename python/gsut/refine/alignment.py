@@ -47,13 +47,9 @@ def evaluate_aligned(
         pose = scene.views[index].camera_from_world
         try:
             found = refine_pose(
-                gaussians,
-                scene.camera(index),
-                pose,
-                scene.image(index),
-                scene.mask(index),
+                gaussians, scene.camera(index), pose, scene.image(index), scene.mask(index),
                 background=background,
-            )
+            )  # fmt: skip
             poses.append(found.camera_from_world)
             converged.append(found.converged)
         except SolveError:

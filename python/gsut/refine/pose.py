@@ -129,15 +129,10 @@ def refine_pose(
             drawn = low_pass(scene, filter_radii(scene.means, [lens], pose[None], _PIXEL_BLUR))
         colors = shrink_image(pixels, *size).reshape(-1, 3)[chosen]
         found = _core.refine_photometric(
-            drawn,
-            [lens],
-            [(0, pose, chosen, np.ascontiguousarray(colors))],
-            BlendRule(),
-            color,
-            gaussians.sh_degree,
-            DEFAULT_UNSCENTED,
+            drawn, [lens], [(0, pose, chosen, np.ascontiguousarray(colors))], BlendRule(), color,
+            gaussians.sh_degree, DEFAULT_UNSCENTED,
             {"with_gain": with_gain, "covariances": level == 0},
-        )
+        )  # fmt: skip
         pose, gain = found["camera_from_world"][0], found["gains"][0]
     return RefinedPose(
         pose, found["covariances"][0], *gain, found["rms_after"], bool(found["converged"])

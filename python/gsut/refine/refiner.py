@@ -152,17 +152,12 @@ class TrainingRefiner:
         self.views.move(after)
         of_lens = self._set_lens(level, lenses) if self.options.refine_lens else {}
         changes = pose_changes(after, before)
-        self.sweeps.append(
-            Sweep(
-                step,
-                float(np.median(changes.degrees)),
-                float(np.median(changes.distances)),
-                float(np.sqrt(np.mean(squares))),
-                float(np.median(self.trust.weights)),
-                *(float(error) for error in self.trust.errors),
-                **of_lens,
-            )
-        )
+        sweep = Sweep(
+            step, float(np.median(changes.degrees)), float(np.median(changes.distances)),
+            float(np.sqrt(np.mean(squares))), float(np.median(self.trust.weights)),
+            *(float(error) for error in self.trust.errors), **of_lens,
+        )  # fmt: skip
+        self.sweeps.append(sweep)
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that later steps depend on."""

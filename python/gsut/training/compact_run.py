@@ -181,15 +181,9 @@ class RunCompactor:
         if self._scores is None:
             self._scores = scores_of(self.gaussians, o.method, self.views, self.on_view)
         result: Compaction = compact(
-            self.gaussians,
-            keep,
-            count=count,
-            method=o.method,
-            views=self.views,
-            seed=o.seed,
-            scores=self._scores,
-            on_view=self.on_view,
-        )
+            self.gaussians, keep, count=count, method=o.method, views=self.views, seed=o.seed,
+            scores=self._scores, on_view=self.on_view,
+        )  # fmt: skip
         self.compact_seconds = time.perf_counter() - started
         self.dropped = result.dropped
         if not o.finetune:
@@ -256,14 +250,10 @@ def write_compacted_run(
     run = RunFolder.create(out, options.resolved(), environment=describe_environment(scene.path))
     before = source.read_json(METRICS) or {}
     _, metrics = measure(
-        gaussians,
-        scene,
-        scene.test_indices or scene.train_indices,
-        options,
-        run,
+        gaussians, scene, scene.test_indices or scene.train_indices, options, run,
         steps=int(before.get("steps") or 0) + o.finetune,
         train_seconds=float(before.get("train_seconds") or 0.0) + compactor.finetune_seconds,
-    )
+    )  # fmt: skip
     metrics["compaction"] = {
         "method": o.method,
         "source": str(Path(source.path).resolve()),
