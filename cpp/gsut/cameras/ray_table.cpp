@@ -46,8 +46,9 @@ void BuildRays(const Camera& camera, RayTable* table) {
     if (kHasOrigins) table->origins.resize(table->rays.size());
     ParallelFor(height, kRowsPerChunk, [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t i = begin * width; i < end * width; ++i) {
-        const double u = static_cast<double>(i % width) + 0.5;
-        const double v = static_cast<double>(i / width) + 0.5;
+        const std::int64_t row = i / width;
+        const double u = static_cast<double>(i - row * width) + 0.5;
+        const double v = static_cast<double>(row) + 0.5;
         double* ray = &table->rays[3 * i];
         double* origin = kHasOrigins ? &table->origins[3 * i] : nullptr;
         table->valid[i] = CheckedRay<decltype(model)>(camera, u, v, origin, ray);

@@ -13,6 +13,7 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/cameras/ray_jacobian.h"
+#include "gsut/sfm/lens_parameters.h"
 #include "gsut/sfm/pose_manifold.h"
 #include "gsut/sfm/solver_log.h"
 
@@ -224,13 +225,7 @@ void Check(const std::vector<Camera>& cameras, const std::vector<PhotometricImag
                        camera.model());
     }
   }
-  if (options.lens_free.empty()) return;
-  bool same = options.lens_free.size() == cameras.size();
-  for (std::size_t c = 0; same && c < cameras.size(); ++c) {
-    same = options.lens_free[c].empty() ||
-           static_cast<int>(options.lens_free[c].size()) == cameras[c].num_params();
-  }
-  if (!same) throw InputError("lens_free must have one flag a parameter of each camera");
+  CheckLensFlags(cameras, options.lens_free);
 }
 
 double Rms(const SceneEvaluation& evaluation, const std::vector<PhotometricImage>& images) {
@@ -350,17 +345,7 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
     if (!problem.HasParameterBlock(lens)) continue;
     // A group of its own: within a group Ceres orders blocks by their addresses.
     ordering->AddElementToGroup(lens, 2 + static_cast<int>(c));
-    std::vector<int> held;
-    for (std::size_t k = 0; k < evaluation.lenses[c].size(); ++k) {
-      if (!options.lens_free[c][k]) held.push_back(static_cast<int>(k));
-    }
-    if (held.size() == evaluation.lenses[c].size()) {
-      problem.SetParameterBlockConstant(lens);
-    } else if (!held.empty()) {
-      lens_manifolds.push_back(std::make_unique<ceres::SubsetManifold>(
-          static_cast<int>(evaluation.lenses[c].size()), held));
-      problem.SetManifold(lens, lens_manifolds.back().get());
-    }
+    HoldLensParameters(options.lens_free[c], lens, &problem, &lens_manifolds);
   }
   ceres::Solver::Options solver;
   solver.linear_solver_type = any_lens ? ceres::DENSE_SCHUR : ceres::DENSE_NORMAL_CHOLESKY;
