@@ -1,4 +1,4 @@
-"""How far two lenses of one camera disagree: odd and even photographs, or two kinds of lens."""
+"""How far two lenses of one camera disagree: of odd and even photographs, or of two models."""
 
 from __future__ import annotations
 

@@ -174,7 +174,7 @@ def main() -> None:
         cameras = [solutions[name] for solutions in found[:2]]
         for camera, side in zip(cameras, ("left", "right"), strict=True):
             for photograph in camera.photographs:
-                photograph.moment = photograph.path.stem.removeprefix(side)
+                photograph.frame = photograph.path.stem.removeprefix(side)
         measure_rig(cameras, _SETS[0][2])
 
 

@@ -1,4 +1,4 @@
-"""Does the truth lie within two standard deviations in 95 % of solves? Many synthetic solves.
+"""Coverage of the stated uncertainty: how often the truth lies within two standard deviations.
 
     PYTHONPATH=python:. python calib/measure_uncertainty.py [SOLVES] [SOLVER] [LENS]
 

@@ -1,4 +1,4 @@
-"""Other kinds of lens for the same boards: how far from the axis they say the same."""
+"""Other models for the same boards: up to which field angle they agree."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a solve of one camera leaves: its lens, its boards' poses, and what does not fit."""
+"""The result of one camera's solve: its lens, its boards' poses, and the residuals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far off a lens may be: the standard deviation of where a distant point is projected."""
+"""The uncertainty of a lens: the standard deviation of where a distant point is projected."""
 
 from __future__ import annotations
 

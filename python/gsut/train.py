@@ -18,18 +18,16 @@ from gsut.run import TrainOptions
 from gsut.training import (
     TrainingLoop,
     TrainingRecord,
-    first_poses,
-    judge,
+    measure_training,
     prepare_scene,
+    refine_first_poses,
     write_results,
 )
-
-_MOST_JUDGED = 8  # training views that are looked at where none is held out
 
 
 @dataclasses.dataclass
 class TrainResult:
-    """What training gives.
+    """The result of `train`: Gaussians, figures and history.
 
     Attributes:
         gaussians: the scene's Gaussians, in the scene's (recentred) coordinates.
@@ -80,19 +78,15 @@ def train(
     record = TrainingRecord(out, o, scene, resume, progress)  # run/: folder, history, checkpoints
     scene = prepare_scene(scene, o)  # data/: size of the images, shutter
     fresh = record.checkpoint is None
-    tracks = first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
-    loop = TrainingLoop(scene if tracks is None else tracks.scene, o, tracks=tracks)  # gaussians/
+    tracks = refine_first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
+    loop = TrainingLoop(scene, o, tracks=tracks)  # gaussians/: the first ones
     with record.follow(loop):
         while loop.step < o.steps:
             # data/ -> render/ -> loss and back -> optimize/ -> training/strategies/ -> refine/
             record.add(loop, loop.advance())
-    gaussians, scene = loop.result().copy(), loop.finished_scene()  # refine/: a last sweep
-    scene, metrics = judge(  # evaluate/
-        gaussians, scene, scene.test_indices or scene.train_indices[:_MOST_JUDGED], o, record.run,
-        steps=loop.step, train_seconds=loop.seconds, align=o.refine_poses,
-    )  # fmt: skip
-    if loop.refiner is not None:
-        metrics["refinement"] = loop.refiner.figures()
+    gaussians = loop.result().copy()  # optimize/: the mean over the last steps
+    scene = loop.finished_scene()  # refine/: poses and lens against the finished Gaussians
+    scene, metrics = measure_training(loop, gaussians, scene, record.run)  # evaluate/
     if record.run is not None:
         write_results(record.run, gaussians, metrics, scene if o.refine_poses else None)  # formats/
     return TrainResult(gaussians, metrics, record.history, scene)

@@ -1,4 +1,4 @@
-"""Writes the pages of docs/ that come from the code: lenses.md, cli.md, api.md.
+"""Writes the pages of docs/ that come from the code, and the pictures of lenses that have none.
 
 ./run docs
 """
@@ -18,7 +18,7 @@ import numpy as np
 
 import gsut
 from gsut.cli import build_parser
-from lens_pictures import seen_angle, widest_example
+from lens_pictures import FOLDER, draw, seen_angle, widest_example
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "cpp" / "gsut" / "cameras" / "models"
@@ -278,6 +278,7 @@ def page(name: str) -> str:
 
 
 def main() -> None:
+    draw([model for model in gsut.camera_models() if not (FOLDER / f"{model}.jpg").is_file()])
     for name in PAGES:
         (ROOT / "docs" / name).write_text(page(name))
 

@@ -76,15 +76,14 @@ def picture(tracer: Tracer, camera: gsut.Camera) -> np.ndarray:
     return gsut.to_uint8(colors.reshape(camera.height, camera.width, 3))
 
 
-def main(names: list[str]) -> None:
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    tracer = Tracer(make_hall(0), SAMPLES**2)
-    for name in names or gsut.camera_models():
-        image = picture(tracer, widest_example(name)[1])
+def draw(models: list[str]) -> None:
+    """Writes the pictures of these lenses."""
+    for name in models:
+        image = picture(Tracer(make_hall(0), SAMPLES**2), widest_example(name)[1])
         path = FOLDER / f"{name}.jpg"
         cv2.imwrite(str(path), image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
         print(f"{path.name}: {image.shape[1]} x {image.shape[0]}, {path.stat().st_size} bytes")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    draw(sys.argv[1:] or gsut.camera_models())

@@ -16,12 +16,10 @@ import gsut
 from generate import PAGES, ROOT, page
 from gsut.cli import build_parser, main
 from gsut.demo import make_demo_scene
+from tests.bench.__main__ import build_parser as bench_parser
 
-PAGE_FILES = [
-    ROOT / "README.md",
-    ROOT / "calib" / "README.md",
-    *sorted((ROOT / "docs").glob("*.md")),
-]
+READMES = [ROOT / folder / "README.md" for folder in (".", "calib", "tests/bench")]
+PAGE_FILES = [*READMES, *sorted((ROOT / "docs").glob("*.md"))]
 NOT_RUN = "<!-- not run:"  # and the reason, on the line before the block
 ONES_OF_RUN = re.findall(r"^    ([a-z]+)( \| [a-z-]+)*\)", (ROOT / "run").read_text(), re.MULTILINE)
 
@@ -98,6 +96,8 @@ def test_commands_of_the_pages_parse(block):
     for name, *words in commands(block):
         if Path(name).name == "gsut":
             parser.parse_args(words)
+        elif [name, *words[:1]] == ["./run", "bench"]:
+            bench_parser().parse_args(words[1:])
         elif name == "./run":
             assert words[0] in [word for match in ONES_OF_RUN for word in match]
         else:
@@ -150,11 +150,19 @@ def test_links_lead_somewhere(path):
     assert broken == []
 
 
+def test_architecture_names_every_folder():
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    parts = [p for folder in ("python/gsut", "cpp/gsut") for p in (ROOT / folder).iterdir()]
+    names = [p.name for p in parts if p.is_dir() or p.suffix == ".py"]
+    names = [name for name in names if not name.startswith("_")]
+    assert len(names) >= 20
+    assert [name for name in names if f"`{name}`" not in text] == []
+
+
 def test_every_lens_has_a_picture_and_every_page_is_linked():
     pictures = {path.stem for path in (ROOT / "docs" / "lenses").glob("*.jpg")}
-    assert pictures == set(gsut.camera_models())  # tests/docs/lens_pictures.py NAME
+    assert pictures == set(gsut.camera_models()), "./run docs draws what lacks"
     readme = (ROOT / "README.md").read_text()
     pages = [path.name for path in PAGE_FILES if path.parent.name == "docs"]
     assert [name for name in pages if f"docs/{name}" not in readme] == []
     assert len(readme.splitlines()) <= 90
-    assert f"{len(pictures)} lens models" in readme

@@ -18,7 +18,7 @@ FLOORS = {
     "refine": 4,
     "training": 5,
     **dict.fromkeys(("train", "blocks", "view"), 6),
-    **dict.fromkeys(("__init__", "torch", "bench"), 7),
+    **dict.fromkeys(("__init__", "torch"), 7),
     "cli": 8,
     "__main__": 9,
 }
@@ -62,11 +62,10 @@ def is_allowed(path: str, target: str) -> bool:
     if source not in FLOORS:
         return False
     if not rest:
-        return FLOORS[source] >= FLOORS["bench"]
+        return FLOORS[source] >= FLOORS["__init__"]
     if rest[0] == source:
         return True
-    door = len(rest) == 1 or rest[0] == "bench"
-    return door and FLOORS.get(rest[0], 99) < FLOORS[source]
+    return len(rest) == 1 and FLOORS.get(rest[0], 99) < FLOORS[source]
 
 
 def forbidden(root: Path) -> list[tuple[str, str]]:

@@ -59,9 +59,7 @@ def test_steps_into_a_forbidden_region_are_shortened():
         r, j = residuals(x)
         return j.T @ r, j.T @ j
 
-    found, _ = minimize_least_squares(
-        np.array([4.0]), cost_of, normal_equations, max_steps=50, first_damping=1e-9
-    )
+    found, _ = minimize_least_squares(np.array([4.0]), cost_of, normal_equations, max_steps=50)
     np.testing.assert_allclose(found, 0.01, rtol=tolerances.LEAST_SQUARES)
 
 

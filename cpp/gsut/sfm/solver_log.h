@@ -5,8 +5,10 @@
 
 namespace gsut {
 
-// While it lives, only errors are logged by this process' glog (which Ceres writes to).
-class QuietSolver {
+// While it lives, only errors are logged by this process' glog (which Ceres writes to). The small
+// logger of a Ceres without glog is set to errors where it is compiled.
+class [[maybe_unused]] QuietSolver {
+#ifdef GOOGLE_STRIP_LOG  // defined by glog alone
  public:
   QuietSolver() : before_(FLAGS_minloglevel) {
     if (before_ < google::GLOG_ERROR) FLAGS_minloglevel = google::GLOG_ERROR;
@@ -17,6 +19,7 @@ class QuietSolver {
 
  private:
   int before_;
+#endif
 };
 
 }  // namespace gsut

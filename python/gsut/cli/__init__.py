@@ -13,7 +13,7 @@ import os
 import pkgutil
 import sys
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from gsut import _core
@@ -24,7 +24,7 @@ EXIT_INTERRUPTED = 130  # as shells report Ctrl-C
 DEBUG_VARIABLE = "GSUT_DEBUG"
 
 
-class _Parser(argparse.ArgumentParser):
+class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one sentence, like all others.
 
     Flags cannot be shortened: a new flag would change what an old command line means.
@@ -38,9 +38,23 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command; returns its exit status.
+    """Runs one command; returns its exit status (see `run_command`)."""
+    names = command_names()
+
+    def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
+        return build_parser(words[:1] if words and words[0] in names else names)
+
+    return run_command(parser_of, arguments)
+
+
+def run_command(
+    parser_of: Callable[[Sequence[str]], argparse.ArgumentParser],
+    arguments: Sequence[str] | None = None,
+) -> int:
+    """Parses, and calls `run` of what was parsed.
 
     Args:
+        parser_of: makes the parser for these words.
         arguments: the words after the program's name; those of the process if None.
 
     Returns:
@@ -49,8 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     words = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        names = command_names()
-        parsed = build_parser(words[:1] if words and words[0] in names else names).parse_args(words)
+        parsed = parser_of(words).parse_args(words)
         return parsed.run(parsed)
     except KeyboardInterrupt as interrupt:
         print(f"\ngsut: {interrupt or 'stopped'}", file=sys.stderr)
@@ -81,16 +94,25 @@ def command_names() -> list[str]:
 
 def build_parser(names: Iterable[str] | None = None) -> argparse.ArgumentParser:
     """The parser of these commands, or all; each sets `run`, the function that carries it out."""
-    parser = _Parser(
+    parser = Parser(
         prog="gsut",
         description="3D Gaussian splatting for any real lens, on any machine, without a GPU.",
         epilog="`gsut COMMAND --help` lists a command's options.",
     )
     parser.add_argument("--version", action="version", version=f"gsut {_core.__version__}")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for name in command_names() if names is None else names:
-        command = importlib.import_module(f"gsut.cli.{name}")
-        added = commands.add_parser(name, help=command.HELP, description=command.DESCRIPTION)
+    wanted = command_names() if names is None else names
+    add_commands(parser, {name: f"gsut.cli.{name}" for name in wanted}, "commands", "COMMAND")
+    return parser
+
+
+def add_commands(
+    parser: argparse.ArgumentParser, modules: Mapping[str, str], title: str, metavar: str
+) -> None:
+    """Adds commands, each from its module, to a parser."""
+    commands = parser.add_subparsers(title=title, metavar=metavar, required=True)
+    for name, module in modules.items():
+        command = importlib.import_module(module)
+        description = getattr(command, "DESCRIPTION", command.HELP)
+        added = commands.add_parser(name, help=command.HELP, description=description)
         added.set_defaults(run=getattr(command, "run", None))
         command.add_flags(added)
-    return parser

@@ -1,17 +1,194 @@
-"""`gsut bench`: speed beside error, on this machine."""
+"""`gsut bench`: speed beside error on this machine, of rendering a run and of training."""
 
 from __future__ import annotations
 
 import argparse
+import sys
+import time
+from typing import Any
 
-from gsut.bench.arguments import add_bench
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError
+from gsut.cli._flags import add_json, add_run, print_json
+from gsut.render import DEFAULT_UNSCENTED
+from gsut.run import PRESETS
 
 HELP = "speed against error, on this machine"
 DESCRIPTION = (
-    "Measures speed and, beside it, error: against a double-precision reference, against the "
-    "truth, never speed alone."
+    "Measures speed and, beside it, error: against a double-precision reference or the held-out "
+    "photographs, never speed alone."
 )
+_IMAGE_RMS_BOUND = 1e-5  # of a right image against the double reference: above, no time is told
+_GRADIENT_BOUND = 1e-4  # relative, of each parameter
+_PIXELS = 256  # drawn at random, at which errors are measured
+# Relative move of the rule's cut-offs that finds pixels where it jumps, which the last bit decides.
+_JUMP = 1e-4
+_BACKGROUND = (0.0, 0.0, 0.0)
+_FORWARD, _BACKWARD = ("project", "records", "bin", "forward"), ("backward", "gradients")
+_TINY = 1e-300
+_PARAMETERS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    add_bench(parser)
+    benchmarks = parser.add_subparsers(title="benchmarks", metavar="BENCHMARK", required=True)
+    added = benchmarks.add_parser(
+        "render",
+        help="forward and backward of a run's view, against the double reference",
+        description="Times the renderer on the first held-out view of a run, beside its errors "
+        "against the double-precision reference. A wrong result (image rms above 1e-5, gradients "
+        "above 1e-4, relative) prints no time.",
+    )
+    add_run(added)
+    added.add_argument(
+        "--repeats", type=int, default=10, metavar="N", help="the shortest counts [default 10]"
+    )
+    added.add_argument("--threads", type=int, default=0, metavar="N", help="0 = all [default 0]")
+    add_json(added)
+    added.set_defaults(run=_render)
+    added = benchmarks.add_parser(
+        "train",
+        help="held-out PSNR against seconds of each preset",
+        description="Trains with each preset and measures held-out PSNR on the way; measuring does "
+        "not count.",
+    )
+    added.add_argument("data", metavar="DATA", help="dataset with held-out views")
+    added.add_argument(
+        "--preset", metavar="A,B", default=",".join(PRESETS), help="presets [default: all]"
+    )
+    added.add_argument("--steps", type=int, metavar="N", help="instead of the preset's")
+    added.add_argument("--threads", type=int, default=0, metavar="N", help="0 = all [default 0]")
+    add_json(added)
+    added.set_defaults(run=_train)
+
+
+def _render(arguments: argparse.Namespace) -> int:
+    from gsut.run import RunFolder
+    from gsut.training import read_trained
+
+    if arguments.repeats < 1:
+        raise InputError(f"--repeats must be at least 1, found {arguments.repeats}")
+    _, scene, gaussians = read_trained(RunFolder.open(arguments.folder), arguments.data)
+    index = (scene.test_indices or scene.train_indices)[0]
+    _core.set_num_threads(arguments.threads)
+    row = {"view": scene.views[index].name, "num_gaussians": len(gaussians)}
+    row |= _measured(gaussians, scene.camera(index), scene.views[index].motion, arguments.repeats)
+    if arguments.json:
+        print_json(row)
+        return 0
+    errors = (
+        f"image rms {row['image_rms_error']:.1e}, gradients {row['gradient_relative_error']:.1e}"
+    )
+    if row["forward_ms"] is None:
+        print(f"no times: {errors} against the double reference are out of bounds")
+        return 0
+    print(
+        f"{row['view']}: {row['width']} x {row['height']}, {len(gaussians):,} Gaussians, "
+        f"{row['isa']}, {row['threads']} threads: forward {row['forward_ms']:.1f} ms, backward "
+        f"{row['backward_ms']:.1f} ms; {errors} against the double reference"
+    )
+    return 0
+
+
+def _measured(gaussians: Any, camera: Any, place: Any, repeats: int) -> dict[str, Any]:
+    """Times and errors of one view, see _render."""
+    rng = np.random.default_rng(0)
+    rule, degree = _core.BlendRule(), gaussians.sh_degree
+    pixels = np.zeros((camera.height, camera.width), np.uint8)
+    seen = np.flatnonzero(np.asarray(camera.rays()[1], bool))
+    pixels.flat[rng.permutation(seen)[:_PIXELS]] = 1
+    exact = gaussians.astype(np.float64)
+
+    def reference(factor: float) -> tuple[np.ndarray, np.ndarray]:
+        moved = _core.BlendRule()
+        for name in ("alpha_min", "transmittance_min", "response_min"):
+            setattr(moved, name, factor * getattr(rule, name))
+        image, _, _, blended = _core.render_reference(
+            exact, camera, place, moved, _BACKGROUND, degree, pixels
+        )
+        return image, blended
+
+    truth, blended = reference(1.0)
+    smooth = pixels.astype(bool)
+    for factor in (1.0 - _JUMP, 1.0 + _JUMP):
+        smooth &= reference(factor)[1] == blended
+    weights = (rng.normal(size=truth.shape) * smooth[..., None]).astype(np.float32)
+    wanted = _zeros_like(exact)
+    _core.render_reference_backward(
+        exact, camera, place, rule, _BACKGROUND, degree, weights.astype(np.float64), None, None,
+        wanted, pixels,
+    )  # fmt: skip
+
+    renderer, image = _core.Renderer(), np.zeros(truth.shape, np.float32)
+    found, touched = _zeros_like(gaussians), np.zeros(len(gaussians), np.uint8)
+    best: dict[str, float] = {}
+    for _ in range(1 + repeats):  # the first warms up
+        renderer.render(
+            gaussians, camera, place, rule, _BACKGROUND, degree, DEFAULT_UNSCENTED, image, None,
+            None, True,
+        )  # fmt: skip
+        renderer.backward(weights, None, None, found, touched, True, False)
+        for stage, (wall, _) in renderer.timings().items():
+            best[stage] = min(wall, best.get(stage, np.inf))
+    rms = float(np.sqrt(np.mean((image - truth)[smooth] ** 2)))
+    sizes = {name: float(np.linalg.norm(getattr(wanted, name))) for name in _PARAMETERS}
+    # Of round Gaussians it vanishes, as a difference of terms as large as the scales' gradient.
+    sizes["quats"] = max(sizes["quats"], sizes["log_scales"])
+    relative = max(
+        float(np.linalg.norm(getattr(found, name) - getattr(wanted, name))) / max(size, _TINY)
+        for name, size in sizes.items()
+    )
+    right = rms <= _IMAGE_RMS_BOUND and relative <= _GRADIENT_BOUND
+    return {
+        "width": camera.width,
+        "height": camera.height,
+        "isa": _core.active_isa(),
+        "threads": _core.num_threads(),
+        "forward_ms": 1e3 * sum(best[stage] for stage in _FORWARD) if right else None,
+        "backward_ms": 1e3 * sum(best[stage] for stage in _BACKWARD) if right else None,
+        "image_rms_error": rms,
+        "gradient_relative_error": relative,
+    }
+
+
+def _zeros_like(gaussians: Any) -> Any:
+    from gsut.gaussians import Gaussians
+
+    return Gaussians(*(np.zeros_like(getattr(gaussians, name)) for name in _PARAMETERS))
+
+
+def _train(arguments: argparse.Namespace) -> int:
+    import gsut
+    from gsut.run import TrainOptions
+
+    steps = {} if arguments.steps is None else {"steps": arguments.steps}
+    asked = [
+        TrainOptions(preset=preset, threads=arguments.threads, **steps).resolved()
+        for preset in arguments.preset.split(",")
+    ]
+    rows = []
+    for options in asked:
+        began = time.process_time()
+        scene = gsut.load_dataset(arguments.data)
+        if not scene.test_indices:
+            raise InputError(f"{arguments.data} has no held-out views to measure PSNR on")
+        result = gsut.train(scene, options, progress=sys.stderr.isatty())
+        keys = ("psnr", "ssim", "num_gaussians", "steps", "train_seconds")
+        row: dict[str, Any] = {"preset": options.preset}
+        row |= {key: result.metrics[key] for key in keys}
+        row["cpu_seconds"] = time.process_time() - began
+        row["curve"] = [point for point in result.history if point.get("psnr") is not None]
+        rows.append(row)
+    if arguments.json:
+        print_json(rows)
+        return 0
+    for row in rows:
+        for point in row["curve"]:
+            print(f"{row['preset']:10} {point['seconds']:9.1f} s {point['psnr']:7.2f} dB")
+        print(
+            f"{row['preset']}: {row['psnr']:.2f} dB in {row['train_seconds']:.1f} s "
+            f"({row['cpu_seconds']:.0f} CPU-s with reading and measuring), "
+            f"{row['num_gaussians']:,} Gaussians"
+        )
+    return 0

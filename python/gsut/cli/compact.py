@@ -32,11 +32,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--target-psnr-drop", type=float, metavar="DB",
-        help="instead: the fewest that lose at most so many dB on the held-out views",
+        help="instead: the fewest Gaussians that lose at most DB on the held-out views",
     )  # fmt: skip
     parser.add_argument(
         "--target-size", metavar="SIZE",
-        help="instead: the most that fit into a PLY file of this size, such as 5MB",
+        help="instead: the most Gaussians that fit into a PLY file of this size, such as 5MB",
     )  # fmt: skip
     parser.add_argument(
         "--method", default="ghap", metavar="METHOD",
@@ -46,13 +46,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--finetune", type=int, default=0, metavar="STEPS",
-        help="train the result so many steps on the photographs; the fewer are kept, the more "
-        "pay: half as many as the run had, or as many [default 0: no photograph is used]",
+        help="train the result STEPS steps on the photographs; the fewer Gaussians are kept, the "
+        "more steps pay, up to as many as the run had [default 0: no photograph is used]",
     )  # fmt: skip
     parser.add_argument(
         "--harmonics-drop", type=float, metavar="DB",
         help="lower each Gaussian's degree of harmonics as far as the held-out views lose at most "
-        "so many dB by it [default: leave them]",
+        "DB by it [default: leave them]",
     )  # fmt: skip
     add_moved_data(parser)
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="[default 0]")
@@ -61,14 +61,14 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.training import CompactOptions, parsed_bytes
+    from gsut.training import CompactOptions, parse_size
 
     size = arguments.target_size
     options = CompactOptions(
         method=arguments.method,
         keep=arguments.keep,
         target_psnr_drop=arguments.target_psnr_drop,
-        target_bytes=None if size is None else parsed_bytes(size),
+        target_bytes=None if size is None else parse_size(size),
         finetune=arguments.finetune,
         harmonics_drop=arguments.harmonics_drop,
         seed=arguments.seed,

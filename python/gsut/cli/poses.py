@@ -59,9 +59,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--photometric",
         action="store_true",
-        help="for a video in the order of names: find each pose by the colours of Gaussians that "
-        "grow image by image, instead of by bundle adjustment, which is more exact where features "
-        "are many (lens known)",
+        help="for a video in the order of its file names, lens known: estimate poses from colours, "
+        "against Gaussians that grow image by image; where there are many features bundle "
+        "adjustment, the default, is more accurate",
     )
     parser.add_argument(
         "--rig",

@@ -67,7 +67,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     import gsut
-    from gsut.gaussians import lighter
+    from gsut.gaussians import pack_harmonics
     from gsut.render import to_uint8, write_png
     from gsut.run import Progress, RunFolder
     from gsut.training import read_trained
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     run = RunFolder.open(arguments.folder)
     options, scene, gaussians = read_trained(run, arguments.data)
     if not arguments.low_pass:
-        gaussians = lighter(gaussians)
+        gaussians = pack_harmonics(gaussians)
     poses, names, cameras = _frames(arguments, scene)
     if size:
         resized = {id(camera): camera.resized(*size) for camera in cameras}

@@ -11,7 +11,7 @@ from gsut.compact.compaction import (
 )
 from gsut.compact.harmonics import drop_harmonics
 from gsut.compact.method import METHODS
-from gsut.compact.scores import SeenView, blend_weights, seen_views, strongest
+from gsut.compact.scores import SeenView, blend_weights, find_strongest, seen_views
 
 __all__ = [
     "METHODS",
@@ -22,9 +22,9 @@ __all__ = [
     "check_method",
     "compact",
     "drop_harmonics",
+    "find_strongest",
     "looks_at_views",
     "scores_of",
     "seen_views",
     "settings_of",
-    "strongest",
 ]

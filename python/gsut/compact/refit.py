@@ -1,4 +1,4 @@
-"""After merging: base colours that give back the whole scene's own pictures through the lenses."""
+"""After merging: fits base colours to renders of the whole model through the training lenses."""
 
 from __future__ import annotations
 

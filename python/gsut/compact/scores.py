@@ -73,11 +73,6 @@ def basis_sums(
 ) -> np.ndarray:
     """Sum over all valid pixels of blend weight times the harmonics' basis in the ray's direction.
 
-    Args:
-        gaussians: N Gaussians with K coefficients.
-        views: at least one.
-        on_view: called after each.
-
     Returns:
         (N, K) float64; column 0 is 0.2821 x `blend_weights`. With coefficients sh,
         sum_k sums_k sh_k / (sum of blend weights) is the mean colour seen of them.
@@ -97,7 +92,7 @@ def _sums(grey: Gaussians, views: Sequence[SeenView], on_view: Callable[[], obje
     return sums
 
 
-def strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np.ndarray]:
+def find_strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np.ndarray]:
     """The Gaussian with the largest blend weight at each pixel of a view.
 
     Args:
@@ -132,18 +127,9 @@ class Passes:
         image = np.zeros((view.camera.height, view.camera.width, 3), np.float32)
         alpha = np.zeros(image.shape[:2], np.float32)
         self._renderer.render(
-            self.gaussians,
-            view.camera,
-            view.camera_from_world,
-            self._rule,
-            (0.0, 0.0, 0.0),
-            self.gaussians.sh_degree,
-            DEFAULT_UNSCENTED,
-            image,
-            alpha,
-            None,
-            keep,
-        )
+            self.gaussians, view.camera, view.camera_from_world, self._rule, (0.0, 0.0, 0.0),
+            self.gaussians.sh_degree, DEFAULT_UNSCENTED, image, alpha, None, keep,
+        )  # fmt: skip
         return image, alpha
 
     def backward(self, dimage: np.ndarray) -> Gaussians:
@@ -163,12 +149,9 @@ class Passes:
 def grey(gaussians: Gaussians, degree: int) -> Gaussians:
     """In mid-grey with harmonics of this degree: no colour is clamped, so no gradient is cut."""
     return Gaussians(
-        gaussians.means,
-        gaussians.quats,
-        gaussians.log_scales,
-        gaussians.opacity_logits,
+        gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.opacity_logits,
         np.zeros((len(gaussians), (degree + 1) ** 2, 3), gaussians.dtype),
-    )
+    )  # fmt: skip
 
 
 def needed_views(views: Sequence[SeenView]) -> Sequence[SeenView]:

@@ -1,4 +1,4 @@
-"""Doctor's best test of poses and lens: do the points' colours agree with the pixels they fall on?
+"""The doctor's best test of poses and lens: do points have the colours of the pixels they fall on?
 
 Points that hide behind others are thinned out: of all that fall into one cell of an image only the
 nearest counts. If the agreement is low, other readings of the poses are tried and the best named.

@@ -1,4 +1,4 @@
-"""Doctor's look at lenses, poses and points, without training."""
+"""The doctor's checks of lenses, poses and points, without training."""
 
 from __future__ import annotations
 

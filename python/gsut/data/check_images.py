@@ -1,4 +1,4 @@
-"""Doctor's look at the pixels: every image decodes; blur, exposure, brightness, repeats."""
+"""The doctor's checks of the pixels: every image decodes; blur, exposure, brightness, repeats."""
 
 from __future__ import annotations
 

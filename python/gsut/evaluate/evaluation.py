@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.gaussians import lighter
+from gsut.gaussians import pack_harmonics
 from gsut.render import (
     RING_EDGES_DEGREES,
     Ring,
@@ -64,7 +64,7 @@ def evaluate(
 
         Renders are clipped to [0, 1] but not rounded to 8 bits before they are compared.
     """
-    gaussians = lighter(gaussians)
+    gaussians = pack_harmonics(gaussians)
     stems = picture_stems([scene.views[index].name for index in indices])
     angles: dict[int, np.ndarray] = {}
     views, ring_rows = [], []

@@ -2,7 +2,7 @@
 
 from gsut.gaussians.arrays import Gaussians
 from gsut.gaussians.low_pass import LowPassFilter, filter_radii, low_pass, low_pass_backward
-from gsut.gaussians.packed_harmonics import MixedGaussians, lighter, mixed
+from gsut.gaussians.packed_harmonics import MixedGaussians, pack_harmonics, to_mixed
 from gsut.gaussians.seeding import seed_from_points, seed_in_view
 
 __all__ = [
@@ -10,10 +10,10 @@ __all__ = [
     "LowPassFilter",
     "MixedGaussians",
     "filter_radii",
-    "lighter",
     "low_pass",
     "low_pass_backward",
-    "mixed",
+    "pack_harmonics",
     "seed_from_points",
     "seed_in_view",
+    "to_mixed",
 ]

@@ -122,7 +122,7 @@ def used_degrees(gaussians: Gaussians) -> np.ndarray:
     return degrees
 
 
-def mixed(gaussians: Gaussians, degrees: np.ndarray | None = None) -> MixedGaussians:
+def to_mixed(gaussians: Gaussians, degrees: np.ndarray | None = None) -> MixedGaussians:
     """Gaussians without the harmonics above each one's degree.
 
     Args:
@@ -151,7 +151,7 @@ def mixed(gaussians: Gaussians, degrees: np.ndarray | None = None) -> MixedGauss
     )  # fmt: skip
 
 
-def lighter(gaussians: Any) -> Any:
+def pack_harmonics(gaussians: Any) -> Any:
     """The same Gaussians as `MixedGaussians` where that saves a tenth of the harmonics or more."""
     if not isinstance(gaussians, Gaussians) or gaussians.sh_degree == 0 or len(gaussians) == 0:
         return gaussians
@@ -160,4 +160,4 @@ def lighter(gaussians: Any) -> Any:
     degrees = used_degrees(gaussians).astype(np.int64)
     if np.sum((degrees + 1) ** 2) > (1 - _WORTH) * len(degrees) * gaussians.sh.shape[1]:
         return gaussians
-    return mixed(gaussians, degrees)
+    return to_mixed(gaussians, degrees)

@@ -1,4 +1,4 @@
-"""Weights of a training image's residuals: less where the lens is uncertain."""
+"""Weights of a training image's residuals: smaller where the lens is uncertain."""
 
 from __future__ import annotations
 

@@ -42,6 +42,11 @@ class Camera(_core.Camera):
         valid_region: (M, 2) polygon of trusted pixels, as carried by a .cameramodel file
             (valid_intrinsics_region); kept for saving, used by nothing here.
 
+    Attributes:
+        model, params, width, height: the arguments; params is (K,) float64, a copy.
+        max_angle: radians from the axis at which the domain ends, pi at most.
+        is_central: whether all rays meet in one point; is_parallel: whether all are parallel.
+
     Raises:
         InputError: unknown model (the known ones are listed), wrong number of parameters, values
             that are no lens, a size that is not positive.

@@ -1,4 +1,4 @@
-"""How far off a lens file says its own projection is: a map of standard deviations in pixels."""
+"""The uncertainty that a lens file states: a map of standard deviations in pixels."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from gsut.gaussians import Gaussians
 FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 
 
-def grown(arrays: Gaussians, size: int, capacity: int) -> Gaussians:
+def copy_rows(arrays: Gaussians, size: int, capacity: int) -> Gaussians:
     """New float32 arrays of `capacity` rows: the first `size` copied, the others 0."""
     rows = []
     for name in FIELDS:
@@ -20,7 +20,7 @@ def grown(arrays: Gaussians, size: int, capacity: int) -> Gaussians:
     return Gaussians(*rows)
 
 
-def mask(visible: np.ndarray | None) -> np.ndarray | None:
+def mask_bytes(visible: np.ndarray | None) -> np.ndarray | None:
     if visible is None:
         return None
     visible = np.ascontiguousarray(visible)

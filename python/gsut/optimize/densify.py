@@ -64,22 +64,12 @@ def densify_mcmc(
         logits = np.clip(optimizer.gaussians.opacity_logits, -_LARGEST_LOGIT, _LARGEST_LOGIT)
         weights = optimizer.gradient_max / (1.0 + np.exp(-logits))
     optimizer.reserve(target_size)
-    counts = McmcCounts(
-        *_core.mcmc_densify(
-            *optimizer.arrays,
-            optimizer.size,
-            target_size,
-            np.ascontiguousarray(weights, np.float32),
-            dead_opacity,
-            max_scale,
-            split,
-            split_power,
-            optimizer.seed,
-            optimizer.steps,
-        )
-    )
-    optimizer.resize(counts.size)
-    return counts
+    counts = _core.mcmc_densify(
+        *optimizer.arrays, optimizer.size, target_size, np.ascontiguousarray(weights, np.float32),
+        dead_opacity, max_scale, split, split_power, optimizer.seed, optimizer.steps,
+    )  # fmt: skip
+    optimizer.resize(counts[0])
+    return McmcCounts(*counts)
 
 
 def densify_adaptive(
@@ -91,7 +81,7 @@ def densify_adaptive(
     max_scale: float = np.inf,
     max_gaussians: int | None = None,
 ) -> AdaptiveCounts:
-    """Clones or splits Gaussians that the loss pulls at, prunes transparent and huge ones.
+    """Clones or splits Gaussians with large gradients, prunes transparent and huge ones.
 
     Args:
         optimizer: changed.
@@ -108,16 +98,10 @@ def densify_adaptive(
     Source: Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023.
     """
     plan = _core.plan_adaptive(
-        optimizer.arrays[0],
-        optimizer.size,
-        optimizer.gradient_sum,
-        optimizer.seen,
-        gradient_threshold,
-        clone_scale,
-        prune_opacity,
-        max_scale,
+        optimizer.arrays[0], optimizer.size, optimizer.gradient_sum, optimizer.seen,
+        gradient_threshold, clone_scale, prune_opacity, max_scale,
         0 if max_gaussians is None else max_gaussians,
-    )
+    )  # fmt: skip
     return _apply(optimizer, plan)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import Gaussians
-from gsut.optimize.arrays import FIELDS, grown, mask
+from gsut.optimize.arrays import FIELDS, copy_rows, mask_bytes
 
 ADAM = (0.9, 0.999, 1e-15)  # beta 1, beta 2 and epsilon of 3DGS
 _GROWTH = 1.5  # of the capacity, when it has to grow
@@ -75,8 +75,8 @@ class GaussianOptimizer:
         if capacity < size:
             raise InputError(f"capacity is {capacity}, but there are {size} Gaussians")
         self.steps, self.seed = 0, seed
-        params = grown(gaussians.astype(np.float32), size, capacity)
-        moments = grown(params, 0, capacity), grown(params, 0, capacity)
+        params = copy_rows(gaussians.astype(np.float32), size, capacity)
+        moments = copy_rows(params, 0, capacity), copy_rows(params, 0, capacity)
         self.arrays: tuple[Gaussians, Gaussians, Gaussians] = (params, *moments)
         self.resize(size)
 
@@ -125,17 +125,10 @@ class GaussianOptimizer:
             [getattr(rows, name) for name in FIELDS] for rows in self.arrays
         )
         _core.adam_step(
-            params,
-            gradients,
-            moment1,
-            moment2,
-            [*([getattr(rates, name)] for name in FIELDS[:-1]), sh_rates],
-            self.steps + 1,
-            self.size,
-            mask(visible),
-            [3, 4, 3, 1, 3 * coefficients],
-            *ADAM,
-        )
+            params, gradients, moment1, moment2,
+            [*([getattr(rates, name)] for name in FIELDS[:-1]), sh_rates], self.steps + 1,
+            self.size, mask_bytes(visible), [3, 4, 3, 1, 3 * coefficients], *ADAM,
+        )  # fmt: skip
         self.steps += 1
 
     def add_regularizer(
@@ -149,13 +142,9 @@ class GaussianOptimizer:
                 the paper's.
         """
         _core.mcmc_regularize(
-            self.arrays[0],
-            self.size,
-            grads.opacity_logits,
-            grads.log_scales,
-            opacity_weight,
+            self.arrays[0], self.size, grads.opacity_logits, grads.log_scales, opacity_weight,
             scale_weight,
-        )
+        )  # fmt: skip
 
     def add_noise(self, rate_means: float, noise_scale: float = 5e5) -> None:
         """Adds MCMC's exploration noise to the means; it matters for opacities below about 0.1.
@@ -178,12 +167,9 @@ class GaussianOptimizer:
         """
         _core.accumulate_density(
             np.ascontiguousarray(grad_means, np.float32),
-            np.ascontiguousarray(distances, np.float32),
-            mask(visible),
-            self.gradient_max,
-            self.gradient_sum,
-            self.seen,
-        )
+            np.ascontiguousarray(distances, np.float32), mask_bytes(visible), self.gradient_max,
+            self.gradient_sum, self.seen,
+        )  # fmt: skip
 
     def restarted(self, gaussians: Gaussians) -> GaussianOptimizer:
         """An optimizer of other Gaussians, with moments of 0, that goes on counting steps."""
@@ -249,5 +235,5 @@ class GaussianOptimizer:
         self.seen = np.zeros(size, np.int32)
 
     def _set_capacity(self, rows: int) -> None:
-        params, moment1, moment2 = (grown(old, self.size, rows) for old in self.arrays)
+        params, moment1, moment2 = (copy_rows(old, self.size, rows) for old in self.arrays)
         self.arrays = params, moment1, moment2

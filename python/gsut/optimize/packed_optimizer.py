@@ -8,7 +8,7 @@ import numpy as np
 
 from gsut import _core
 from gsut.gaussians import Gaussians, MixedGaussians
-from gsut.optimize.arrays import mask
+from gsut.optimize.arrays import mask_bytes
 from gsut.optimize.optimizer import ADAM, GaussianOptimizer, LearningRates
 
 _GEOMETRY = ("means", "quats", "log_scales", "opacity_logits")
@@ -40,7 +40,7 @@ class MixedOptimizer:
     ) -> None:
         """One Adam step in place, as `GaussianOptimizer.step`."""
         self.steps += 1
-        seen = mask(visible)
+        seen = mask_bytes(visible)
         sets = (self.gaussians, grads, *self._moments)
         geometry = [[getattr(arrays, name) for name in _GEOMETRY] for arrays in sets]
         self._adam(geometry, [[getattr(rates, name)] for name in _GEOMETRY], seen, _COLUMNS)

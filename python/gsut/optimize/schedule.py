@@ -31,13 +31,10 @@ def learning_rates(options: TrainOptions, fraction: float, extent: float) -> Lea
     o = options
     decay = o.lr_final_factor**fraction
     return LearningRates(
-        means=o.lr_means * extent * o.lr_means_final_factor**fraction,
-        quats=o.lr_quats * decay,
-        log_scales=o.lr_scales * decay,
-        opacity_logits=o.lr_opacity * decay,
-        sh0=o.lr_sh0 * decay,
+        means=o.lr_means * extent * o.lr_means_final_factor**fraction, quats=o.lr_quats * decay,
+        log_scales=o.lr_scales * decay, opacity_logits=o.lr_opacity * decay, sh0=o.lr_sh0 * decay,
         sh_rest=o.lr_sh_rest * decay,
-    )
+    )  # fmt: skip
 
 
 def grown_count(options: TrainOptions, first: int, fraction: float) -> int:

@@ -4,7 +4,7 @@ from gsut.refine.alignment import evaluate_aligned
 from gsut.refine.localization import Localized, localize_image
 from gsut.refine.motion import pose_changes
 from gsut.refine.pose import RefinedPose, refine_pose
-from gsut.refine.pose_files import with_refined, write_refined
+from gsut.refine.pose_files import read_refined, write_refined
 from gsut.refine.refiner import TrainingRefiner, check_refinable
 from gsut.refine.tracks import TracksResult, refine_by_tracks
 from gsut.refine.trust import lens_distance
@@ -19,8 +19,8 @@ __all__ = [
     "lens_distance",
     "localize_image",
     "pose_changes",
+    "read_refined",
     "refine_by_tracks",
     "refine_pose",
-    "with_refined",
     "write_refined",
 ]

@@ -1,4 +1,4 @@
-"""Test views brought to a refined scene before they are judged, and what that changed."""
+"""Aligns test views with a refined scene before they are judged, and says how far they moved."""
 
 from __future__ import annotations
 
@@ -47,13 +47,9 @@ def evaluate_aligned(
         pose = scene.views[index].camera_from_world
         try:
             found = refine_pose(
-                gaussians,
-                scene.camera(index),
-                pose,
-                scene.image(index),
-                scene.mask(index),
+                gaussians, scene.camera(index), pose, scene.image(index), scene.mask(index),
                 background=background,
-            )
+            )  # fmt: skip
             poses.append(found.camera_from_world)
             converged.append(found.converged)
         except SolveError:

@@ -1,4 +1,4 @@
-"""Small changes of camera poses: how far they moved, alone and all together."""
+"""How far camera poses moved: each by itself, and all of them together."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def pose_changes(after: np.ndarray, before: np.ndarray) -> PoseChanges:
     )
 
 
-def without_mean_motion(after: np.ndarray, before: np.ndarray) -> np.ndarray:
+def remove_mean_motion(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     """Poses (N, 4, 4) less the small similarity of the world that they all share.
 
     The mean turn, the mean shift and the common growth against `before` are taken out, so that a
@@ -53,7 +53,7 @@ def without_mean_motion(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     return _poses(after[:, :3, :3] @ turn, centers)
 
 
-def turned_onto(after: np.ndarray, before: np.ndarray) -> np.ndarray:
+def turn_onto(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     """Poses (N, 4, 4) whose world is turned a little, and moved, onto that of `before`.
 
     A similarity by the centres alone leaves the turn about a path that is nearly a line to chance.
@@ -78,7 +78,7 @@ def turned_onto(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     return _poses(after[:, :3, :3] @ turn.T, spread @ turn.T + start.mean(axis=0))
 
 
-def moved_on(after: np.ndarray, before: np.ndarray, factor: float | np.ndarray) -> np.ndarray:
+def extrapolate(after: np.ndarray, before: np.ndarray, factor: float | np.ndarray) -> np.ndarray:
     """Poses (N, 4, 4) that have gone `factor` (one, or (N,)) times as far from `before`."""
     factors = np.reshape(factor, (-1, 1))
     turns = factors * _turns(after, before)

@@ -119,7 +119,7 @@ def refine_pose(
             continue
         lens = camera if level == 0 else camera.resized(*size)
         seen = shrink_mask(valid, *size) & lens.rays()[1]
-        chosen = chosen_pixels(seen, max_pixels)
+        chosen = choose_pixels(seen, max_pixels)
         if len(chosen) == 0:
             if level > 0:
                 continue
@@ -129,15 +129,10 @@ def refine_pose(
             drawn = low_pass(scene, filter_radii(scene.means, [lens], pose[None], _PIXEL_BLUR))
         colors = shrink_image(pixels, *size).reshape(-1, 3)[chosen]
         found = _core.refine_photometric(
-            drawn,
-            [lens],
-            [(0, pose, chosen, np.ascontiguousarray(colors))],
-            BlendRule(),
-            color,
-            gaussians.sh_degree,
-            DEFAULT_UNSCENTED,
+            drawn, [lens], [(0, pose, chosen, np.ascontiguousarray(colors))], BlendRule(), color,
+            gaussians.sh_degree, DEFAULT_UNSCENTED,
             {"with_gain": with_gain, "covariances": level == 0},
-        )
+        )  # fmt: skip
         pose, gain = found["camera_from_world"][0], found["gains"][0]
     return RefinedPose(
         pose, found["covariances"][0], *gain, found["rms_after"], bool(found["converged"])
@@ -173,7 +168,7 @@ def _photograph(
     return np.where(valid[:, :, None], pixels, np.float32(0)), valid
 
 
-def chosen_pixels(seen: np.ndarray, count: int, seed: Any = 0) -> np.ndarray:
+def choose_pixels(seen: np.ndarray, count: int, seed: Any = 0) -> np.ndarray:
     """Indices (row-major, uint32) of at most `count` of the pixels that are True, by chance.
 
     Args:

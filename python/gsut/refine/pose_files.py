@@ -50,7 +50,7 @@ def write_refined(run: RunFolder, scene: Scene) -> None:
         raise InputError(f"cannot write {run.path / TRANSFORMS}: {error.strerror}") from None
 
 
-def with_refined(run: RunFolder, scene: Scene) -> Scene:
+def read_refined(run: RunFolder, scene: Scene) -> Scene:
     """The scene with the run's refined poses and lenses; as it is where the run has none.
 
     Raises:

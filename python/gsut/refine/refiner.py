@@ -1,4 +1,4 @@
-"""Poses, and asked for the lens, of the training views refined against the Gaussians in training.
+"""Refines poses, and if asked the lens, of the training views against the Gaussians in training.
 
 A sweep holds the Gaussians and moves every training view, by a few steps of Levenberg-Marquardt on
 its colours (see pose.py), until its render fits its photograph better; training goes on with the
@@ -22,10 +22,10 @@ from gsut._core import InputError
 from gsut.data import Level, Scene, TrainingViews
 from gsut.gaussians import Gaussians
 from gsut.lens import refinable_params
-from gsut.refine.motion import moved_on, pose_changes, without_mean_motion
-from gsut.refine.pose import chosen_pixels, inner_pixels
+from gsut.refine.motion import extrapolate, pose_changes, remove_mean_motion
+from gsut.refine.pose import choose_pixels, inner_pixels
 from gsut.refine.tracks import TracksResult
-from gsut.refine.trust import Halves, Trust, half_of, lens_weight, trust_in
+from gsut.refine.trust import Halves, Trust, select_half, weigh_lens, weigh_poses
 from gsut.render import DEFAULT_UNSCENTED
 from gsut.run import TrainOptions
 
@@ -138,29 +138,26 @@ class TrainingRefiner:
             groups = [views] if self.options.refine_lens else [[view] for view in views]
             found = [self._solve(drawn, level, group, sh_degree, iterations) for group in groups]
             poses = np.array([pose for each in found for pose in each["camera_from_world"]])
-            halves.append(without_mean_motion(poses, before))
+            halves.append(remove_mean_motion(poses, before))
             lenses.append(found[0]["lens_params"][0])
             squares += [each["rms_after"] ** 2 for each in found]
         both = Halves(*halves)
-        self.trust = trust_in(both, *(self._start[name] for name in ("poses", "tracked", "sigma")))
+        self.trust = weigh_poses(
+            both, *(self._start[name] for name in ("poses", "tracked", "sigma"))
+        )
         after = both.middle()
         if overshoot:
-            after = without_mean_motion(moved_on(after, before, _OVERSHOOT), before)
-        after = moved_on(after, self._start["poses"], self.trust.weights)
+            after = remove_mean_motion(extrapolate(after, before, _OVERSHOOT), before)
+        after = extrapolate(after, self._start["poses"], self.trust.weights)
         self.views.move(after)
         of_lens = self._set_lens(level, lenses) if self.options.refine_lens else {}
         changes = pose_changes(after, before)
-        self.sweeps.append(
-            Sweep(
-                step,
-                float(np.median(changes.degrees)),
-                float(np.median(changes.distances)),
-                float(np.sqrt(np.mean(squares))),
-                float(np.median(self.trust.weights)),
-                *(float(error) for error in self.trust.errors),
-                **of_lens,
-            )
-        )
+        sweep = Sweep(
+            step, float(np.median(changes.degrees)), float(np.median(changes.distances)),
+            float(np.sqrt(np.mean(squares))), float(np.median(self.trust.weights)),
+            *(float(error) for error in self.trust.errors), **of_lens,
+        )  # fmt: skip
+        self.sweeps.append(sweep)
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that later steps depend on."""
@@ -202,7 +199,7 @@ class TrainingRefiner:
             level.scene.cameras[0].with_params(each).resized(file.width, file.height)
             for each in params
         ]
-        weight, error = lens_weight(found[0], found[1], file.with_params(self._start["lens"]))
+        weight, error = weigh_lens(found[0], found[1], file.with_params(self._start["lens"]))
         middle = np.mean([each.params for each in found], axis=0)
         lens = self._start["lens"] + weight * (middle - self._start["lens"])
         self.views.replace_lenses([file.with_params(lens)])
@@ -214,11 +211,11 @@ class TrainingRefiner:
         """Lens, pose, pixels and colours of a view's half; pixels differ from sweep to sweep."""
         camera = level.camera(index)
         seen = level.scene.mask(index) & camera.rays()[1]
-        seen &= half_of(camera.height, camera.width, half)
+        seen &= select_half(camera.height, camera.width, half)
         if self.options.refine_lens:
             seen &= inner_pixels(camera)
         count = (_PIXELS_JOINT if self.options.refine_lens else _PIXELS) // 2
-        chosen = chosen_pixels(seen, count, (self.options.seed, step, index))
+        chosen = choose_pixels(seen, count, (self.options.seed, step, index))
         colors = level.scene.image(index).reshape(-1, 3)[chosen].astype(np.float32)
         view = level.scene.views[index]
         return view.camera_index, view.camera_from_world, chosen, colors / np.float32(255)

@@ -1,4 +1,4 @@
-"""Poses, and asked for the lens, of the training views by bundle adjustment of features' tracks.
+"""Poses, and if asked the lens, of the training views by bundle adjustment of feature tracks.
 
 What `--refine-poses` begins with: tracks tie far views together, which colours can do only once a
 scene is sharp, and slowly. The poses found are moved by the similarity that fits the given ones
@@ -16,7 +16,7 @@ import numpy as np
 from gsut._core import InputError, SolveError
 from gsut.data import Scene
 from gsut.lens import Camera, refinable_params
-from gsut.refine.motion import pose_changes, turned_onto
+from gsut.refine.motion import pose_changes, turn_onto
 from gsut.run import TrainOptions
 from gsut.sfm import (
     Photographs,
@@ -84,7 +84,7 @@ def refine_by_tracks(
     ]
     given = scene.poses(indices)
     found = np.array(solution.camera_from_world)[np.asarray(solution.registered, bool)]
-    found = turned_onto(_moved(found, compare_poses(found, given).reference_from_world), given)
+    found = turn_onto(_moved(found, compare_poses(found, given).reference_from_world), given)
     changes = pose_changes(found, given)
     refined = scene.with_poses(indices, found)
     if options.refine_lens:

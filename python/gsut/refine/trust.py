@@ -1,4 +1,4 @@
-"""What poses found by colours are worth, by two halves of each photograph that never meet.
+"""How far poses found from colours can be trusted, by two disjoint halves of each photograph.
 
 Both halves are solved alone. Where colours know a pose, both say the same; where texture is poor or
 the scene still wrong, they differ. How much they do is the colours' error (see `Halves`), against
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gsut.lens import Camera
-from gsut.refine.motion import moved_on, pose_changes
+from gsut.refine.motion import extrapolate, pose_changes
 
 # Both halves see the same scene, whose own errors they share. On a demo scene (seed 11) poses were
 # off by 1.4 (young scene) to 2.7 (finished scene) times what half their difference says.
@@ -33,7 +33,7 @@ class Halves:
 
     def middle(self) -> np.ndarray:
         """(n, 4, 4) halfway between both."""
-        return moved_on(self.first, self.second, 0.5)
+        return extrapolate(self.first, self.second, 0.5)
 
     def errors(self) -> np.ndarray:
         """(n, 2) errors of `middle` in degrees and world units, as one view alone shows them."""
@@ -79,7 +79,7 @@ class Trust:
         )
 
 
-def lens_weight(first: Camera, second: Camera, start: Camera) -> tuple[float, float]:
+def weigh_lens(first: Camera, second: Camera, start: Camera) -> tuple[float, float]:
     """What the mean of the lenses that both halves found is worth, and its error in pixels.
 
     As for poses whose start is unknown, by the places that lenses give to rays (`lens_distance`):
@@ -101,14 +101,16 @@ def lens_distance(first: Camera, second: Camera) -> float:
     return float(np.sqrt(np.mean(np.sum((seen - expected)[known] ** 2, axis=1))))
 
 
-def half_of(height: int, width: int, half: int) -> np.ndarray:
+def select_half(height: int, width: int, half: int) -> np.ndarray:
     """(H, W) bool: the white, or the black, blocks of a checkerboard."""
     side = max(1, round(max(height, width) / _BLOCKS))
     rows, columns = np.arange(height) // side, np.arange(width) // side
     return (rows[:, None] + columns[None]) % 2 == half
 
 
-def trust_in(halves: Halves, start: np.ndarray, tracked: np.ndarray, sigma: float | None) -> Trust:
+def weigh_poses(
+    halves: Halves, start: np.ndarray, tracked: np.ndarray, sigma: float | None
+) -> Trust:
     """How far views may go from where they started to where their colours say.
 
     The best mean of two independent poses gives one the share of the other's variance. Over the

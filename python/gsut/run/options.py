@@ -77,11 +77,11 @@ class TrainOptions:
         low=0, high=4096,
     )
     eval_every: int = option(
-        None, "Run", "held-out PSNR is measured every so many steps; 0 = at the end only",
+        None, "Run", "steps between measurements of the held-out PSNR; 0 = at the end only",
         unit="steps", low=0, none="steps / 10",
     )
     checkpoint_every: int = option(
-        250, "Run", "a checkpoint is written every so many steps; 0 = at the end only",
+        250, "Run", "steps between checkpoints; 0 = at the end only",
         unit="steps", low=0, reason="at most some seconds of work are lost",
     )
 
@@ -90,7 +90,7 @@ class TrainOptions:
         low=0.0, high=1.0, low_open=True,
     )
     test_every: int = option(
-        8, "Data", "every so many-th image by name is held out where the data has no split of its "
+        8, "Data", "every N-th image by name is held out where the dataset has no split of its "
         "own; 0 = none", low=0, reason="the split of published results",
     )
     test_names: tuple[str, ...] | None = option(
@@ -125,8 +125,8 @@ class TrainOptions:
     )
 
     max_gaussians: int = option(
-        None, "Gaussians", "at most so many Gaussians; auto: growth ends when it no longer helps "
-        "training views that are set aside for that", low=1, high=100_000_000, words=(AUTO,),
+        None, "Gaussians", "most Gaussians; auto: growth ends when it no longer helps training "
+        "views set aside for this", low=1, high=100_000_000, words=(AUTO,),
         none="fast 50000, balanced 200000, best 300000",
     )
     sh_degree: int = option(
@@ -213,7 +213,7 @@ class TrainOptions:
         "uncertain", none="all pixels count the same",
     )
     sh_every: int = option(
-        None, "Loss", "one more degree of harmonics every so many steps", unit="steps", low=1,
+        None, "Loss", "steps between degrees of harmonics", unit="steps", low=1,
         none="0.6 steps / (degree + 1), at most 1000",
     )
 
@@ -244,8 +244,8 @@ class TrainOptions:
         None, "Densification", "MCMC noise on the centres", none="from 1500 steps on")
 
     compact_at: int | None = option(
-        None, "Compaction", "after so many steps the Gaussians are reduced (see gsut compact), and "
-        "their number stays", unit="steps", low=1, none="never",
+        None, "Compaction", "step at which the Gaussians are compacted (see gsut compact); their "
+        "number then stays", unit="steps", low=1, none="never",
     )
     keep: float = option(
         0.2, "Compaction", "fraction that --compact-at keeps", low=0.0, high=1.0, low_open=True)

@@ -43,55 +43,58 @@ class PosesOptions:
     window: int = option(8, "Pairs", "see --pairs", low=1)
     neighbors: int = option(20, "Pairs", "see --pairs", low=1)
     preview_features: int = option(
-        700, "Pairs", "largest features that decide whether a pair is compared in full", low=10,
+        700, "Pairs", "features, the largest, that decide whether a pair is compared in full",
+        low=10,
     )
     preview_matches: int = option(
         8, "Pairs", "of them that must match; 0: all pairs are compared in full", low=0,
     )
     partners: int = option(
-        24, "Pairs", "most images that an image is compared with in full: those with most matches "
-        "of the largest features", low=2,
+        24, "Pairs", "most images that an image is compared with in full: those with the most "
+        "matches of the largest features", low=2,
     )
     max_ratio: float = option(
-        0.85, "Matches", "ratio of the descriptors' distances, nearest to second nearest",
+        0.85, "Matches", "largest ratio of the descriptors' distances, nearest to second nearest",
         low=0, low_open=True, high=1,
     )
     max_distance: float = option(
-        0.7, "Matches", "distance of matched descriptors of unit length", low=0, low_open=True,
-        high=2,
+        0.7, "Matches", "largest distance of matched descriptors of unit length", low=0,
+        low_open=True, high=2,
     )
     max_two_view_error: float = option(
-        1.2, "Matches", "error of a match against the pose of its two images",
+        1.2, "Matches", "largest error of a match under the relative pose of its two images",
         unit="thousandths of the image's diagonal", low=0, low_open=True, high=100,
     )
-    min_matches: int = option(20, "Matches", "matches that agree, of a pair that is used", low=8)
+    min_matches: int = option(
+        20, "Matches", "fewest verified matches of a pair that is used", low=8,
+    )
     max_error: float = option(
-        1.8, "Mapping", "distance at which a feature no longer sees a point",
+        1.8, "Mapping", "largest reprojection error of an observation",
         unit="thousandths of the image's diagonal", low=0, low_open=True, high=100,
     )
     min_angle: float = option(
-        1.5, "Mapping", "smallest angle under which a point is seen", unit="degrees", low=0,
+        1.5, "Mapping", "smallest triangulation angle of a point", unit="degrees", low=0,
         low_open=True, high=90,
     )
     min_inliers: int = option(
-        15, "Mapping", "points that an image must see to be registered", low=4,
+        15, "Mapping", "fewest inliers of an image that is registered", low=4,
     )
     loss_scale: float = option(
-        1.5, "Mapping", "residuals beyond this many times their median lose weight (Cauchy)",
+        1.5, "Mapping", "scale of the Cauchy loss, in medians of the residuals",
         low=0, low_open=True, high=100,
     )
     extend_rounds: int = option(
-        2, "Mapping", "times that points are looked for, at the end, in images that do not see "
-        "them yet: longer tracks", low=0, high=20,
+        2, "Mapping", "rounds of track extension at the end: points are sought in images that "
+        "do not observe them yet", low=0, high=20,
         reason="chosen on a demo scene (seed 1): rotations 0.016 -> 0.012 degrees there",
     )
     extend_radius: float = option(
-        2.2, "Mapping", "how far from where a point should be its feature is looked for",
+        2.2, "Mapping", "search radius around the predicted pixel of a point",
         unit="thousandths of the image's diagonal", low=0, low_open=True, high=100,
     )
     extend_distance: float = option(
-        0.8, "Mapping", "distance of the feature's descriptor, of unit length, from the mean of "
-        "the point's", low=0, low_open=True, high=2,
+        0.8, "Mapping", "largest distance of a feature's descriptor, of unit length, to the mean "
+        "descriptor of the point", low=0, low_open=True, high=2,
     )
     shutter: str = option(
         "auto", "Shutter", "rolling: the camera moves while an image is read, each image with its "
@@ -108,8 +111,8 @@ class PosesOptions:
         choices=("top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left"),
     )
     rolling_error: float = option(
-        12.0, "Shutter", "rolling: errors may be this many times larger until the velocities are "
-        "known", low=1.0, high=1000,
+        12.0, "Shutter", "rolling: factor on the error thresholds until velocities are estimated",
+        low=1.0, high=1000,
     )
     threads: int = option(0, "Run", "threads; 0 = all processors", low=0, high=4096)
     seed: int = option(0, "Run", "seed of every random number", low=0, high=2**63 - 1)

@@ -1,4 +1,4 @@
-"""Says in words why there is nothing to reconstruct."""
+"""Explains why there is nothing to reconstruct."""
 
 from __future__ import annotations
 

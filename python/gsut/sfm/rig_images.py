@@ -1,4 +1,4 @@
-"""The photographs of a rig: one folder a camera, and which images were taken at one frame."""
+"""The photographs of a rig: one folder a camera, and which images belong to one frame."""
 
 from __future__ import annotations
 

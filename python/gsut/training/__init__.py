@@ -4,14 +4,14 @@ from gsut.training.compact_run import (
     CompactOptions,
     RunCompactor,
     count_for_bytes,
-    parsed_bytes,
+    parse_size,
     write_compacted_run,
 )
 from gsut.training.finetuning import finetune, finetune_options
 from gsut.training.loop import TrainingLoop
 from gsut.training.photometric_poses import grow_poses
 from gsut.training.record import TrainingRecord
-from gsut.training.results import first_poses, judge, prepare_scene, write_results
+from gsut.training.results import measure_training, prepare_scene, refine_first_poses, write_results
 from gsut.training.trained_run import read_trained
 
 __all__ = [
@@ -22,12 +22,12 @@ __all__ = [
     "count_for_bytes",
     "finetune",
     "finetune_options",
-    "first_poses",
     "grow_poses",
-    "judge",
-    "parsed_bytes",
+    "measure_training",
+    "parse_size",
     "prepare_scene",
     "read_trained",
+    "refine_first_poses",
     "write_compacted_run",
     "write_results",
 ]

@@ -26,10 +26,10 @@ from gsut.compact import (
 )
 from gsut.data import Scene
 from gsut.evaluate import mean_psnr
-from gsut.gaussians import Gaussians, MixedGaussians, lighter
+from gsut.gaussians import Gaussians, MixedGaussians, pack_harmonics
 from gsut.run import METRICS, REFINED, RunFolder, TrainOptions, describe_environment
 from gsut.training.finetuning import finetune, finetune_options
-from gsut.training.results import judge, write_results
+from gsut.training.results import measure, write_results
 
 # The search for the smallest number stops when its bounds are this close, as a ratio.
 _SEARCH_RATIO = 1.05
@@ -85,7 +85,7 @@ class CompactOptions:
         check_method(self.method, True)
 
 
-def parsed_bytes(text: str) -> int:
+def parse_size(text: str) -> int:
     """Bytes of a size such as 5MB, 800kB or 123456.
 
     Raises:
@@ -181,22 +181,16 @@ class RunCompactor:
         if self._scores is None:
             self._scores = scores_of(self.gaussians, o.method, self.views, self.on_view)
         result: Compaction = compact(
-            self.gaussians,
-            keep,
-            count=count,
-            method=o.method,
-            views=self.views,
-            seed=o.seed,
-            scores=self._scores,
-            on_view=self.on_view,
-        )
+            self.gaussians, keep, count=count, method=o.method, views=self.views, seed=o.seed,
+            scores=self._scores, on_view=self.on_view,
+        )  # fmt: skip
         self.compact_seconds = time.perf_counter() - started
         self.dropped = result.dropped
         if not o.finetune:
             return result.gaussians
         tuned, self.finetune_seconds = finetune(
             self.scene,
-            lighter(result.gaussians) if self.keep_degrees else result.gaussians,
+            pack_harmonics(result.gaussians) if self.keep_degrees else result.gaussians,
             finetune_options(self.train_options, o.finetune, len(result.gaussians)),
             self.on_step,
         )
@@ -255,15 +249,11 @@ def write_compacted_run(
         options = finetune_options(options, o.finetune, len(gaussians))
     run = RunFolder.create(out, options.resolved(), environment=describe_environment(scene.path))
     before = source.read_json(METRICS) or {}
-    _, metrics = judge(
-        gaussians,
-        scene,
-        scene.test_indices or scene.train_indices,
-        options,
-        run,
+    _, metrics = measure(
+        gaussians, scene, scene.test_indices or scene.train_indices, options, run,
         steps=int(before.get("steps") or 0) + o.finetune,
         train_seconds=float(before.get("train_seconds") or 0.0) + compactor.finetune_seconds,
-    )
+    )  # fmt: skip
     metrics["compaction"] = {
         "method": o.method,
         "source": str(Path(source.path).resolve()),

@@ -24,9 +24,9 @@ from gsut.optimize import (
 from gsut.refine import TracksResult, TrainingRefiner
 from gsut.render import DEFAULT_UNSCENTED
 from gsut.run import Stopwatch, TrainOptions
-from gsut.training.densification import Turn, densification_of
+from gsut.training.densification import DensificationStep, densification_of
 from gsut.training.growth import GrowthLimit
-from gsut.training.start import first_gaussians
+from gsut.training.start import seed_first
 
 # Steps after which the low-pass filter's radii are found again (Mip-Splatting: 100).
 _RADII_EVERY = 100
@@ -56,16 +56,16 @@ class TrainingLoop:
     Args:
         scene: training views, cameras and points, at the resolution to train at.
         options: resolved.
-        start: the first Gaussians; None: `first_gaussians`. Of `MixedGaussians` neither number nor
+        start: the first Gaussians; None: `seed_first`. Of `MixedGaussians` neither number nor
             degrees change.
-        tracks: what made the scene's poses, where tracks of features did.
+        tracks: gives the first poses where they come from tracks of features; None: the scene's.
 
     Attributes:
         views: photographs, poses and lenses; the only owner of the latter.
         optimizer: owner of the Gaussians.
         step: steps made.
         seconds: of the steps alone, without reading images and measuring PSNR.
-        stopwatch: of the steps' stages, for gsut bench train.
+        stopwatch: of the steps' stages, for ./run bench train.
     """
 
     def __init__(
@@ -75,10 +75,11 @@ class TrainingLoop:
         start: Any = None,
         tracks: TracksResult | None = None,
     ) -> None:
+        scene = scene if tracks is None else tracks.scene
         self.limit = GrowthLimit(scene, options)
         self.options = options = dataclasses.replace(options, max_gaussians=self.limit.most)
         self.step, self.seconds = 0, 0.0
-        start = first_gaussians(scene, options) if start is None else start
+        start = seed_first(scene, options) if start is None else start
         self.densification = densification_of(options, len(start))
         self.optimizer = optimizer_of(start, self.densification.capacity(), options.seed)
         self.views = TrainingViews(scene, options.coarse_to_fine)
@@ -140,17 +141,13 @@ class TrainingLoop:
         o, number = self.options, self.step + 1
         fraction = number / o.steps
         return _Step(
-            number,
-            fraction,
-            self._view_of(number),
-            self.views.at(fraction),
-            min(o.sh_degree, number // o.sh_every),
-            learning_rates(o, fraction, self.scene.extent),
-        )
+            number, fraction, self._view_of(number), self.views.at(fraction),
+            min(o.sh_degree, number // o.sh_every), learning_rates(o, fraction, self.scene.extent),
+        )  # fmt: skip
 
     def _view_of(self, step: int) -> int:
         """Every training view once an epoch, in an order that depends on seed and epoch only."""
-        aside = self.limit.aside
+        aside = self.limit.held_aside
         views = [view for view in self.scene.train_indices if view not in aside]
         return view_of_step(views, step, self.options.seed)
 
@@ -167,18 +164,10 @@ class TrainingLoop:
         if step.number % _RADII_EVERY == 0:
             self._filter.renew()
         self.renderer.render(
-            self.drawn(),
-            step.level.camera(step.view),
-            self.scene.views[step.view].motion,
-            self.rule,
-            self.options.background,
-            step.degree,
-            DEFAULT_UNSCENTED,
-            image,
-            None,
-            None,
+            self.drawn(), step.level.camera(step.view), self.scene.views[step.view].motion,
+            self.rule, self.options.background, step.degree, DEFAULT_UNSCENTED, image, None, None,
             True,
-        )
+        )  # fmt: skip
         self.stopwatch.lap("render")
 
     def _compare(
@@ -216,15 +205,17 @@ class TrainingLoop:
         o, scene = self.options, self.scene
         within = o.densify_from <= step.fraction <= o.densify_until
         if within and step.number % o.densify_every == 0:
-            aside = self.limit.aside
+            aside = self.limit.held_aside
             if aside and step.level.scene.cameras[0].width == scene.cameras[0].width:
                 psnr = mean_psnr(scene, self.drawn(), aside, o.background, self.renderer)
                 self.limit.observe(psnr)
             compacted = o.compact_at is not None and step.number >= o.compact_at
             full_grown = compacted or (self.limit.auto and self.limit.ended)
-            turn = Turn(step.number, step.fraction, step.level.scene, scene.extent, full_grown)
-            self.optimizer = self.densification.densify(self.optimizer, turn)
-            self.limit.grown(step.number)
+            now = DensificationStep(
+                step.number, step.fraction, step.level.scene, scene.extent, full_grown
+            )
+            self.optimizer = self.densification.densify(self.optimizer, now)
+            self.limit.end_where_reached(step.number)
             self._begin_anew()
         if step.number == o.compact_at:
             views = seen_views(scene, scene.train_indices)

@@ -17,6 +17,9 @@ from gsut.refine import (
     write_refined,
 )
 from gsut.run import Progress, RunFolder, TrainOptions
+from gsut.training.loop import TrainingLoop
+
+_MOST_MEASURED = 8  # training views that are looked at where none is held out
 
 
 def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
@@ -26,7 +29,7 @@ def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
     return with_shutter(small, o.shutter, o.readout_time, o.readout_direction)
 
 
-def first_poses(scene: Scene, options: TrainOptions, progress: bool) -> TracksResult | None:
+def refine_first_poses(scene: Scene, options: TrainOptions, progress: bool) -> TracksResult | None:
     """The training views' poses refined by tracks of features, with a bar if `progress`.
 
     None where the options do not ask for it.
@@ -38,7 +41,7 @@ def first_poses(scene: Scene, options: TrainOptions, progress: bool) -> TracksRe
         return refine_by_tracks(scene, options, bar.show)
 
 
-def judge(
+def measure(
     gaussians: Gaussians,
     scene: Scene,
     indices: Sequence[int],
@@ -74,6 +77,19 @@ def judge(
         evaluation, gaussians, scene, options, steps=steps, train_seconds=train_seconds
     )
     metrics["evaluated_on"] = "test views" if scene.test_indices else "training views"
+    return scene, metrics
+
+
+def measure_training(
+    loop: TrainingLoop, gaussians: Gaussians, scene: Scene, run: RunFolder | None
+) -> tuple[Scene, dict[str, Any]]:
+    """`measure` of a finished training: the test views, or where there is none some others."""
+    scene, metrics = measure(
+        gaussians, scene, scene.test_indices or scene.train_indices[:_MOST_MEASURED], loop.options,
+        run, steps=loop.step, train_seconds=loop.seconds, align=loop.options.refine_poses,
+    )  # fmt: skip
+    if loop.refiner is not None:
+        metrics["refinement"] = loop.refiner.figures()
     return scene, metrics
 
 

@@ -14,7 +14,7 @@ _RANDOM_NEAR, _RANDOM_FAR = 0.05, 4.0
 _RANDOM_COUNT = 30_000
 
 
-def first_gaussians(scene: Scene, options: TrainOptions) -> Gaussians:
+def seed_first(scene: Scene, options: TrainOptions) -> Gaussians:
     """The Gaussians that training starts from: on the scene's points, or random in view."""
     o = options
     shape: dict[str, Any] = {
@@ -27,12 +27,9 @@ def first_gaussians(scene: Scene, options: TrainOptions) -> Gaussians:
         raise InputError(f"{scene.path} has no points to start from; use --init random")
     if o.init == "random" or len(scene.points) == 0:
         return seed_in_view(
-            [scene.camera(i) for i in scene.train_indices],
-            scene.poses(scene.train_indices),
-            min(o.init_count or _RANDOM_COUNT, o.max_gaussians),
-            near=_RANDOM_NEAR * scene.extent,
-            far=_RANDOM_FAR * scene.extent,
-            **shape,
-        )
+            [scene.camera(i) for i in scene.train_indices], scene.poses(scene.train_indices),
+            min(o.init_count or _RANDOM_COUNT, o.max_gaussians), near=_RANDOM_NEAR * scene.extent,
+            far=_RANDOM_FAR * scene.extent, **shape,
+        )  # fmt: skip
     most = min(o.init_count or len(scene.points), o.max_gaussians)
     return seed_from_points(scene.points, scene.point_colors, max_gaussians=most, **shape)

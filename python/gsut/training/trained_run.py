@@ -8,7 +8,7 @@ from gsut._core import InputError
 from gsut.data import Scene, load_dataset
 from gsut.formats import load_ply
 from gsut.gaussians import Gaussians
-from gsut.refine import with_refined
+from gsut.refine import read_refined
 from gsut.run import ENVIRONMENT, SCENE, RunFolder, TrainOptions
 from gsut.training.results import prepare_scene
 
@@ -25,5 +25,5 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene,
     if not os.path.exists(data):
         raise InputError(f"the dataset {data} is not there any more; say where it is with --data")
     scene = load_dataset(data, test_every=options.test_every, test_names=options.test_names)
-    scene = with_refined(run, prepare_scene(scene, options))
+    scene = read_refined(run, prepare_scene(scene, options))
     return options, scene, load_ply(path)

@@ -1,4 +1,4 @@
-// The Python module gsut_scalar_baseline: the scalar renderer that gsut bench compares with.
+// The Python module gsut_scalar_baseline: the scalar renderer that ./run bench compares with.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -73,7 +73,7 @@ class BoundScalarRenderer {
 PYBIND11_MODULE(gsut_scalar_baseline, m) {
   namespace py = pybind11;
   using gsut::bindings::BoundScalarRenderer;
-  m.doc() = "The plain scalar float renderer, the baseline of gsut bench.";
+  m.doc() = "The plain scalar float renderer, the baseline of ./run bench.";
   // This module has the thread pool of its own copy of gsut/base.
   m.def("set_num_threads", &gsut::SetNumThreads, py::arg("num_threads"));
   py::class_<BoundScalarRenderer>(m, "ScalarRenderer")

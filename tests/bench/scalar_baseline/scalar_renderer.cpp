@@ -1,5 +1,5 @@
 // The scalar float renderer: rays, tile lists, forward. Written to be read and to be fair, not to
-// be fast; nothing but gsut bench uses it.
+// be fast; nothing but ./run bench uses it.
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-// The scalar float renderer that `gsut bench` measures the vectorised one against: what a plain
+// The scalar float renderer that `./run bench` measures the vectorised one against: what a plain
 // C++ implementation of 3DGUT does on a processor.
 #pragma once
 

@@ -1,21 +1,25 @@
-"""gsut bench: rows hold speed with error, files appear whole, wrong words are refused."""
+"""The benchmarks: rows hold speed with error, files appear whole, wrong words are refused."""
 
 import csv
 import json
 import re
 
+import numpy as np
 import pytest
 
 import gsut
+import rendered_dataset
 import small_datasets
 from gsut import _core
-from gsut.bench import measure, render_bench, scale_bench, scenes
-from gsut.bench.knobs import knob_bench, knob_settings
-from gsut.bench.report_rows import RENDER_COLUMNS, table_text, write_csv
-from gsut.bench.train_bench import seconds_to_db
-from gsut.cli import main
+from gsut.cli import main as gsut_main
+from tests.bench import measure, render_bench, scale_bench, scenes
+from tests.bench.__main__ import main
+from tests.bench.knobs import knob_bench, knob_settings
+from tests.bench.render_bench import RENDER_COLUMNS
+from tests.bench.report_rows import table_text, write_csv
+from tests.bench.train_bench import seconds_to_db
 
-# What the rows of gsut bench render hold at least.
+# What the rows of ./run bench render hold at least.
 ROW_KEYS = (
     "name", "isa", "threads", "num_gaussians", "width", "height", "pairs_per_pixel", "forward_ms",
     "backward_ms", "step_ms", "scalar_forward_ms", "scalar_backward_ms", "forward_speedup",
@@ -144,7 +148,7 @@ def test_csv_flattens_dicts_and_leaves_null_empty(tmp_path):
 
 
 def run_bench(capsys, *words):
-    status = main(["bench", *words])
+    status = main(words)
     captured = capsys.readouterr()
     return status, captured.out, captured.err
 
@@ -189,7 +193,7 @@ def test_bench_train_writes_curves(tmp_path, capsys):
         (("nothing",), "render.*train"),
         (("render", "--scenes", "nothing"), "synthetic_100k_640x480"),
         (("render", "--threads", "two"), "--threads takes numbers"),
-        (("render", "--counts", "10k"), "--counts goes with --scale"),
+        (("scale", "--counts", "none"), "number of Gaussians is like"),
         (("render", "--plot", "rows.bmp"), "must end in .svg, .png, .pdf"),
         (("render", "--json", "no_such_folder/rows.json"), "no such folder"),
         (("render", "--repeats", "0"), "at least 1"),
@@ -204,10 +208,10 @@ def test_bench_refuses_in_one_sentence(capsys, words, message):
 
 
 def test_bench_projection_writes_rows_and_a_plot_a_lens(tmp_path, capsys):
-    from gsut.bench.projection_bench import BENCH_METHODS, RINGS, SIZES
+    from tests.bench.projection_bench import BENCH_METHODS, RINGS, SIZES
 
     files = ["--json", str(tmp_path / "p.json"), "--csv", str(tmp_path / "p.csv")]
-    arguments = ["bench", "projection", "--lenses", "kannala_brandt", "--samples", "2"]
+    arguments = ["projection", "--lenses", "kannala_brandt", "--samples", "2"]
     assert main([*arguments, "--no-million", *files, "--plots", str(tmp_path)]) == 0
     rows = json.loads((tmp_path / "p.json").read_text())
     assert len(rows) == len(BENCH_METHODS) * len(SIZES) * len(RINGS)
@@ -221,4 +225,22 @@ def test_bench_projection_writes_rows_and_a_plot_a_lens(tmp_path, capsys):
     assert len(small) > 20
     assert max(r["center_error_px"] for r in small if r["method"] == "gauss_hermite") < 1e-3
     for bad in (["--lenses", "nonesuch"], ["--samples", "0"], ["--plots", "/nonesuch"]):
-        assert main(["bench", "projection", *bad]) != 0
+        assert main(["projection", *bad]) != 0
+
+
+# The two of the product.
+
+
+def test_gsut_bench_tells_times_with_errors(tmp_path, capsys):
+    data = rendered_dataset.write_dataset(tmp_path / "data", np.random.default_rng(3))
+    words = ["bench", "train", str(data), "--preset", "fast", "--steps", "12", "--json"]
+    assert gsut_main(words) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert row["preset"] == "fast" and row["steps"] == 12 and row["psnr"] > 5
+    run = ["train", str(data), "-o", str(tmp_path / "run"), "--steps", "20", "--quiet"]
+    assert gsut_main(run) == 0
+    assert gsut_main(["bench", "render", str(tmp_path / "run"), "--repeats", "1", "--json"]) == 0
+    row = json.loads(capsys.readouterr().out)
+    assert row["image_rms_error"] <= render_bench.IMAGE_RMS_BOUND
+    assert row["gradient_relative_error"] <= render_bench.GRADIENT_RELATIVE_BOUND
+    assert row["forward_ms"] > 0 and row["backward_ms"] > 0

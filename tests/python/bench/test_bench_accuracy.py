@@ -1,4 +1,4 @@
-"""What gsut bench compares with: the scalar baseline, the sampled double reference, the scenes."""
+"""What ./run bench compares with: the scalar baseline, the sampled double reference, the scenes."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut import _core
-from gsut.bench import accuracy, measure, scenes
+from tests.bench import accuracy, measure, scenes
 
 ALL_TILES = 10_000
 # The extents' factor with which the baseline's tiles hold every footprint of the scenes below.

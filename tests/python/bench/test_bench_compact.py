@@ -1,4 +1,4 @@
-"""`gsut bench compact`: rows, files and refusals on a small scene."""
+"""`./run bench compact`: rows, files and refusals on a small scene."""
 
 import json
 
@@ -7,9 +7,9 @@ import pytest
 
 import gsut
 from gsut import InputError, TrainOptions
-from gsut.bench.compact_bench import CompactBenchOptions, compact_bench, num_parts
-from gsut.cli import main
 from rendered_dataset import write_dataset
+from tests.bench.__main__ import main
+from tests.bench.compact_bench import CompactBenchOptions, compact_bench, num_parts
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def test_bench_compact_has_a_row_a_method_and_the_rival_in_each(run, tmp_path, c
     files = [tmp_path / name for name in ("rows.json", "rows.csv", "plot.svg")]
     words = ["--json", str(files[0]), "--csv", str(files[1]), "--plot", str(files[2])]
     words += ["--keep", "0.5,0.25", "--methods", "ghap,lightgaussian", "--finetune", "5"]
-    assert main(["bench", "compact", str(run), *words]) == 0
+    assert main(["compact", str(run), *words]) == 0
     rows = json.loads(files[0].read_text())
     assert [row["method"] for row in rows] == ["whole", *["ghap", "lightgaussian"] * 2]
     for row in rows[1:]:
@@ -88,7 +88,7 @@ def test_bench_compact_trains_its_starts_once(run, tmp_path, capsys):
     words = [str(data), "--start", "mcmc,adc,lean", "--folder", str(tmp_path), "--cap", "150"]
     words += ["--start-steps", "40", "--lean", "60", "--methods", "ghap", "--keep", "0.5"]
     words += ["--finetune", "2", "--no-rival", "--json", str(tmp_path / "rows.json"), "--resume"]
-    assert main(["bench", "compact", *words]) == 0
+    assert main(["compact", *words]) == 0
     rows = json.loads((tmp_path / "rows.json").read_text())
     assert [(row["start"], row["method"]) for row in rows] == [
         (start, method) for start in ("mcmc", "adc", "lean") for method in ("whole", "ghap")
@@ -97,11 +97,11 @@ def test_bench_compact_trains_its_starts_once(run, tmp_path, capsys):
     assert (counts["mcmc"], counts["lean"]) == (150, 60)
     trained = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/scene.ply")}
     assert len(trained) == 3
-    assert main(["bench", "compact", *words]) == 0
+    assert main(["compact", *words]) == 0
     assert trained == {path: path.stat().st_mtime_ns for path in trained}
     assert json.loads((tmp_path / "rows.json").read_text()) == rows
     capsys.readouterr()
-    assert main(["bench", "compact", *words, "--start-steps", "50"]) != 0
+    assert main(["compact", *words, "--start-steps", "50"]) != 0
     assert "other options" in capsys.readouterr().err
 
 

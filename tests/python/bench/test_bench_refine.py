@@ -1,4 +1,4 @@
-"""`gsut bench refine`: its rows, resuming a broken run, and the basin."""
+"""`./run bench refine`: its rows, resuming a broken run, and the basin."""
 
 import json
 import types
@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import gsut
-from gsut.bench import refine_bench as module
-from gsut.bench.refine_basin import colors_row
-from gsut.bench.refine_bench import RefineBenchOptions, refine_bench
-from gsut.bench.refine_disturb import Disturbance, disturbed
-from gsut.cli import main
 from gsut.refine.trust import lens_distance
 from random_scenes import fisheye, gaussians_in_view, random_pose
 from room_dataset import write_room
+from tests.bench import refine_bench as module
+from tests.bench.__main__ import main
+from tests.bench.refine_basin import colors_row
+from tests.bench.refine_bench import RefineBenchOptions, refine_bench
+from tests.bench.refine_disturb import Disturbance, disturbed
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def test_lens_is_judged_by_where_its_rays_go(folder):
 
 def test_command_resumes_prints_and_draws(folder, tmp_path, capsys):
     rows, plot = tmp_path / "rows.json", tmp_path / "basin.svg"
-    command = ["bench", "refine", str(folder), "--steps", "20", "--gaussians", "300"]
+    command = ["refine", str(folder), "--steps", "20", "--gaussians", "300"]
     command += ["--cases", "lens", "--basin", "1,2", "--no-tracks"]
     assert main([*command, "--json", str(rows), "--plot", str(plot)]) == 0
     first = capsys.readouterr().out

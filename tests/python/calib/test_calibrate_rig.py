@@ -64,11 +64,11 @@ def test_rig_boards_seen_upside_down_are_found(rng):
     assert unify_turns(cameras, BOARD) == [right[1], right[5], right[6]]
 
 
-def test_rig_without_common_moment_is_an_error(rng):
+def test_rig_without_common_frame_is_an_error(rng):
     cameras, _ = _rig(rng, BOARD, NOISE_PX)
     for photograph in cameras[1].photographs:
-        photograph.moment += "-later"
-    with pytest.raises(SolveError, match="right has no moment"):
+        photograph.frame += "-later"
+    with pytest.raises(SolveError, match="right has no frame"):
         solve_rig(cameras, BOARD)
 
 
@@ -88,7 +88,7 @@ def test_rig_in_one_solve_recovers_the_pose_and_keeps_the_noise(rng):
 
 
 @needs_mrcal
-def test_rig_in_one_solve_moments_apart_keep_the_lenses(rng):
+def test_rig_in_one_solve_frames_apart_keep_the_lenses(rng):
     """A board that moved between the two exposures: one pose cannot fit, lenses must not bend."""
     cameras, _ = _rig(rng, BOARD, 0.02, solve=_by_mrcal)
     for photograph, shift in zip(

@@ -17,7 +17,7 @@ from gsut.compact import METHODS, compact, scores_of
 from gsut.compact.harmonics import drop_harmonics
 from gsut.compact.methods.lightgaussian import hit_sums, lightgaussian_scores
 from gsut.compact.methods.pup import fisher_matrices, pup_scores
-from gsut.compact.scores import SeenView, basis_sums, blend_weights, strongest
+from gsut.compact.scores import SeenView, basis_sums, blend_weights, find_strongest
 from random_scenes import arrays_of, fisheye, gaussians_in_view, pinhole, random_pose
 
 COUNT = 300
@@ -134,7 +134,7 @@ def test_lightgaussian_scores_are_hits_times_a_power_of_volume(scene, views):
 
 def test_winners_have_the_largest_blend_weight_of_their_pixels(scene, views):
     for view in views:
-        winner, point = strongest(scene, view)
+        winner, point = find_strongest(scene, view)
         alpha, transmittance = blended_by_hand(scene, view)
         weights = alpha * transmittance
         chosen = view.mask & np.asarray(view.camera.rays()[1], bool)

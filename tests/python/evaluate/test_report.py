@@ -10,7 +10,8 @@ import pytest
 
 import run_fakes
 from gsut import InputError
-from gsut.evaluate.report import _chosen_views, duration_text, number_text, write_report
+from gsut.evaluate.report import _chosen_views, write_report
+from gsut.page import duration_text, number_text
 from gsut.run.folder import METRICS, REPORT, RunFolder
 from gsut.run.options import TrainOptions
 

@@ -9,6 +9,8 @@ from gsut import InputError, formats
 from gsut.data.points import load_points_ply
 from random_scenes import assert_same, random_gaussians
 
+pytestmark = pytest.mark.quick
+
 COEFFICIENTS = (1, 4, 9, 16)
 
 

@@ -11,6 +11,8 @@ from gsut import InputError, set_num_threads
 from gsut.lens.camera import Camera, camera_models
 from lens_cases import PANORAMAS, all_lenses, polar_grid
 
+pytestmark = pytest.mark.quick
+
 OPENCV = ["kannala_brandt", "opencv12", "opencv14", "opencv4", "opencv5", "opencv8", "pinhole"]
 MODELS = [
     *OPENCV,

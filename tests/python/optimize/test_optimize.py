@@ -13,6 +13,8 @@ from gsut.optimize.optimizer import LearningRates
 from random_scenes import assert_same, random_gaussians
 from ray_model import covariances
 
+pytestmark = pytest.mark.quick
+
 FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 RATES = LearningRates(
     means=1e-3, quats=2e-3, log_scales=1e-2, opacity_logits=5e-2, sh0=5e-3, sh_rest=1e-4

@@ -8,7 +8,6 @@ import pytest
 import gsut
 import tolerances
 from gsut import TrainOptions
-from gsut.bench.refine_disturb import disturbed_pose
 from gsut.cli import main
 from gsut.refine.localization import localize_image
 from gsut.refine.motion import pose_changes
@@ -16,6 +15,7 @@ from gsut.render.pictures import to_uint8, write_png
 from gsut.run.folder import SCENE
 from random_scenes import fisheye, gaussians_in_view, pinhole
 from rendered_dataset import poses, truth, write_dataset
+from tests.bench.refine_disturb import disturbed_pose
 
 
 @pytest.fixture(scope="module")

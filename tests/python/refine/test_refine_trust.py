@@ -8,11 +8,11 @@ import pytest
 import gsut
 import tolerances
 from gsut import TrainOptions
-from gsut.bench.refine_disturb import Disturbance, disturbed, disturbed_pose
-from gsut.refine.trust import Halves, half_of, lens_weight, trust_in
+from gsut.refine.trust import Halves, select_half, weigh_lens, weigh_poses
 from gsut.sfm.align import compare_poses
 from random_scenes import fisheye, random_pose
 from room_dataset import write_room
+from tests.bench.refine_disturb import Disturbance, disturbed, disturbed_pose
 
 VIEWS = 40
 
@@ -26,7 +26,7 @@ def start_of(rng):
 
 
 def test_halves_share_no_pixel_and_cover_all():
-    first, second = (half_of(70, 113, half) for half in (0, 1))
+    first, second = (select_half(70, 113, half) for half in (0, 1))
     assert not (first & second).any()
     assert (first | second).all()
     assert abs(first.mean() - 0.5) < 0.05
@@ -38,7 +38,7 @@ def test_colours_that_agree_far_away_are_followed(rng):
     start, tracked = start_of(rng)
     true = poses_off(rng, start, 2.0, 0.08)
     halves = Halves(*(poses_off(rng, true, 0.05, 0.002) for _ in range(2)))
-    trust = trust_in(halves, start, tracked, None)
+    trust = weigh_poses(halves, start, tracked, None)
     assert trust.weights.min() > 0.99
     assert trust.rejected([str(view) for view in range(VIEWS)]) == []
     # The halves' errors were 0.05 degrees; what they share is counted, too.
@@ -48,7 +48,7 @@ def test_colours_that_agree_far_away_are_followed(rng):
 def test_colours_that_only_scatter_about_the_start_are_not(rng):
     start, tracked = start_of(rng)
     halves = Halves(*(poses_off(rng, start, 0.2, 0.01) for _ in range(2)))
-    trust = trust_in(halves, start, tracked, None)
+    trust = weigh_poses(halves, start, tracked, None)
     assert trust.weights.max() == 0.0
     assert len(trust.rejected([str(view) for view in range(VIEWS)])) == VIEWS
 
@@ -57,7 +57,7 @@ def test_a_turn_alone_counts_as_much_as_a_move(rng):
     start, tracked = start_of(rng)
     turned = poses_off(rng, start, 2.0, 0.0)
     halves = Halves(*(poses_off(rng, turned, 0.05, 0.002) for _ in range(2)))
-    assert trust_in(halves, start, tracked, None).weights.min() > 0.9
+    assert weigh_poses(halves, start, tracked, None).weights.min() > 0.9
 
 
 def test_a_view_whose_halves_disagree_is_named(rng):
@@ -65,7 +65,7 @@ def test_a_view_whose_halves_disagree_is_named(rng):
     true = poses_off(rng, start, 0.5, 0.02)
     first, second = (poses_off(rng, true, 0.05, 0.002) for _ in range(2))
     first[7] = disturbed_pose(rng, first[7], 5.0, 0.2)
-    trust = trust_in(Halves(first, second), start, tracked, None)
+    trust = weigh_poses(Halves(first, second), start, tracked, None)
     (rejected,) = trust.rejected([f"{view}.png" for view in range(VIEWS)])
     assert rejected["name"] == "7.png"
     assert rejected["weight"] < 0.2
@@ -82,14 +82,14 @@ def test_tracks_and_colours_are_weighed_by_their_variances(rng):
         np.array([gsut.exp_pose([0, 0, 0, np.radians(a), 0, 0]) @ pose for pose in start])
         for a in (0.08, -0.08)
     )
-    trust = trust_in(Halves(first, second), start, tracked, 0.4)
+    trust = weigh_poses(Halves(first, second), start, tracked, 0.4)
     assert trust.errors[0] == pytest.approx(0.2, rel=1e-6)
     np.testing.assert_allclose(trust.weights[1:], 0.8, rtol=1e-6)  # 0.4^2 : 0.2^2
     assert trust.weights[0] == 0.0  # unknown start, colours that only scatter
     # Colours that lead beyond what both can err by are believed less.
     far = np.array([gsut.exp_pose([0, 0, 0, np.radians(2.0), 0, 0]) @ pose for pose in first])
     other = np.array([gsut.exp_pose([0, 0, 0, np.radians(2.0), 0, 0]) @ pose for pose in second])
-    weights = trust_in(Halves(far, other), start, tracked, 0.4).weights
+    weights = weigh_poses(Halves(far, other), start, tracked, 0.4).weights
     np.testing.assert_allclose(weights[1:], (0.4 / 2.0) ** 2, rtol=0.05)
 
 
@@ -102,10 +102,10 @@ def test_lenses_are_weighed_by_where_rays_go():
         changed[:2] *= factor
         return camera.with_params(changed)
 
-    weight, error = lens_weight(longer(1.019), longer(1.021), camera)
+    weight, error = weigh_lens(longer(1.019), longer(1.021), camera)
     assert weight > 0.98
     assert 0.01 < error < 0.2
-    assert lens_weight(longer(0.99), longer(1.01), camera)[0] == 0.0
+    assert weigh_lens(longer(0.99), longer(1.01), camera)[0] == 0.0
 
 
 def test_true_poses_stay_where_colours_alone_would_worsen_them(tmp_path, monkeypatch):
@@ -132,10 +132,10 @@ def test_true_poses_stay_where_colours_alone_would_worsen_them(tmp_path, monkeyp
     from gsut.refine import refiner as refine_training
 
     def believed(*arguments):
-        trust = trust_in(*arguments)
+        trust = weigh_poses(*arguments)
         return dataclasses.replace(trust, weights=np.ones_like(trust.weights))
 
-    monkeypatch.setattr(refine_training, "trust_in", believed)
+    monkeypatch.setattr(refine_training, "weigh_poses", believed)
     free, _ = errors(scene)
     print([np.median(e.rotation_degrees) for e in (guarded, free, back)])
     assert np.median(free.rotation_degrees) > 0.1

@@ -8,6 +8,8 @@ import tolerances
 from gsut import InputError, _core, available_isas, set_isa, set_num_threads
 from gsut.render import metrics
 
+pytestmark = pytest.mark.quick
+
 HEIGHT, WIDTH = 60, 52
 
 

@@ -1,11 +1,11 @@
-"""The truth of `gsut bench projection`: quadrature against a million random samples."""
+"""The truth of `./run bench projection`: quadrature against a million random samples."""
 
 import numpy as np
 import pytest
 
 import tolerances
-from gsut.bench.projection_bench import SIZES, _example_camera, _gaussians
-from gsut.bench.projection_truth import alpha_images, projected_moments, sampled_moments
+from tests.bench.projection_bench import SIZES, _example_camera, _gaussians
+from tests.bench.projection_truth import alpha_images, projected_moments, sampled_moments
 
 SAMPLES = 1_000_000
 LENSES = (

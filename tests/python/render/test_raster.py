@@ -21,6 +21,8 @@ from random_scenes import (
     relative_error,
 )
 
+pytestmark = pytest.mark.quick
+
 LENSES = dict(every_lens(width=24))
 BACKGROUND = (0.2, 0.5, 0.9)
 FIELDS = tuple(field.name for field in dataclasses.fields(gsut.Gaussians))

@@ -11,7 +11,6 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
-from gsut.bench.rig_poses import disturbed
 from gsut.data.poses import inverse
 from gsut.sfm.align import centers_of, compare_poses
 from gsut.sfm.features import no_features
@@ -23,6 +22,7 @@ from gsut.sfm.rig_images import find_rig_photographs
 from gsut.sfm.rig_start import place_rig
 from gsut.sfm.solution import FEATURE_VARIANCE, OnRig, refine
 from synthetic_rig import BACKWARD, STEREO, SyntheticRig, pose_of
+from tests.bench.rig_poses import disturbed
 
 STRETCHED = np.diag([1.0, 2.0, 1.0, 1.0]).tolist()
 RUNS = 12  # of scenes from seeds, where a spread is on trial

@@ -7,12 +7,13 @@ import pytest
 
 import gsut
 import tolerances
-from gsut.bench import rig_poses
-from gsut.bench.poses_bench import errors_against
 from gsut.cli import main
 from gsut.data.poses import inverse
 from gsut.demo import make_demo_rig
 from gsut.demo.rig import right_from_left
+from gsut.sfm import errors_against
+from tests.bench import rig_poses
+from tests.bench.__main__ import main as bench_main
 
 FRAMES, SIZE = 6, 200
 PATH_SHARE = 0.15  # of the demo's path: neighbours see the same
@@ -110,8 +111,8 @@ def test_bench_poses_rig_has_a_row_with_and_without_it(demo, monkeypatch, capsys
     monkeypatch.setattr(rig_poses, "WAYS", (rig_poses.WAYS[0], rig_poses.WAYS[4]))
     truth = demo / "rig_hall"
     rows = demo / "rows.json"
-    words = ["bench", "poses", str(truth), "--rig", str(truth / "rig.json"), "--json", str(rows)]
-    assert main(words) == 0
+    words = ["poses", str(truth), "--rig", str(truth / "rig.json"), "--json", str(rows)]
+    assert bench_main(words) == 0
     assert "scale error [%]" in capsys.readouterr().out
     alone, refined = json.loads(rows.read_text())
     assert alone["scale_error_percent"] is None

@@ -12,7 +12,6 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
-from gsut.bench import poses_bench, pycolmap_poses
 from gsut.cli import main
 from gsut.lens import convert_camera
 from gsut.sfm import correspondences, estimate
@@ -33,6 +32,8 @@ from gsut.sfm.output import quaternion_of
 from gsut.sfm.pairs import choose_pairs, counts_up
 from gsut.sfm.solution import solve
 from synthetic_walk import Synthetic, quiet
+from tests.bench import poses_bench, pycolmap_poses
+from tests.bench.__main__ import main as bench_main
 
 _BESIDE = Path(__file__).resolve().parents[4] / "shared"
 SPONZA = Path(os.environ.get("GSUT_SHARED", _BESIDE)) / "data" / "sponza_fisheye"
@@ -581,8 +582,8 @@ ONE_THREAD = poses_bench.PosesBenchOptions([], threads=1)
 
 
 def test_bench_poses_prints_errors_beside_seconds(some_sponza, solved_sponza, tmp_path, capsys):
-    arguments = ["bench", "poses", str(solved_sponza), "--json", str(tmp_path / "rows.json")]
-    assert main(arguments) == 0
+    arguments = ["poses", str(solved_sponza), "--json", str(tmp_path / "rows.json")]
+    assert bench_main(arguments) == 0
     (row,) = json.loads((tmp_path / "rows.json").read_text())
     assert row["registered"] == row["images"] == IMAGES
     # The same images and lens: the same poses but for the rounding of the lens' file.
@@ -592,7 +593,7 @@ def test_bench_poses_prints_errors_beside_seconds(some_sponza, solved_sponza, tm
     # Once more, with the row changed to know it again: it is kept, not measured.
     row["total_seconds"] = 1234.5
     (tmp_path / "rows.json").write_text(json.dumps([row]))
-    assert main([*arguments, "--resume"]) == 0
+    assert bench_main([*arguments, "--resume"]) == 0
     assert "1234.5" in capsys.readouterr().out
 
 

@@ -10,8 +10,8 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
-from gsut.bench.poses_bench import errors_against
 from gsut.cli import main
+from gsut.sfm import errors_against
 from gsut.sfm.align import compare_poses
 from gsut.sfm.correspondences import match_images
 from gsut.sfm.estimate import estimate_poses

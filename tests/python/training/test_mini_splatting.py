@@ -8,7 +8,7 @@ from gsut import TrainOptions
 from gsut.compact.scores import blend_weights, seen_views
 from gsut.optimize import GaussianOptimizer, split_and_prune
 from gsut.training.loop import TrainingLoop
-from gsut.training.strategies.mini import OVERGROWN, blurred, reinitialised, sampled
+from gsut.training.strategies.mini import OVERGROWN, find_blurred, reinitialize, sample
 from rendered_dataset import write_dataset
 
 SHORT = {"steps": 80, "max_gaussians": 150, "densify_every": 4, "strategy": "mini", "noise": False}
@@ -34,7 +34,7 @@ def test_blurred_are_the_large_ones_in_front(scene, trained):
     wall.means[0] = (np.linalg.inv(camera) @ [0, 0, 0.5, 1])[:3]
     wall.log_scales[0], wall.opacity_logits[0] = np.log(0.2), 4.0
     wall.means[1], wall.opacity_logits[1] = wall.means[0], -9.0  # there, but never the strongest
-    found = blurred(wall, scene, scene.train_indices)
+    found = find_blurred(wall, scene, scene.train_indices)
     assert found[0]
     assert not found[1]
 
@@ -56,9 +56,9 @@ def test_splitting_makes_two_smaller_ones_and_pruning_keeps_the_order(trained):
 
 
 def test_reinitialised_gaussians_lie_where_the_views_see_them_in_their_colours(scene, trained):
-    new = reinitialised(trained, scene, TrainOptions().resolved(), 200, [1])
+    new = reinitialize(trained, scene, TrainOptions().resolved(), 200, [1])
     assert len(new) == 200
-    again = reinitialised(trained, scene, TrainOptions().resolved(), 200, [1])
+    again = reinitialize(trained, scene, TrainOptions().resolved(), 200, [1])
     assert new.means.tobytes() == again.means.tobytes()
     low, high = trained.means.min(axis=0) - 1, trained.means.max(axis=0) + 1
     assert np.all((new.means > low) & (new.means < high))
@@ -72,7 +72,7 @@ def test_sampling_draws_in_proportion_to_blend_weights(scene, trained):
     weights = blend_weights(trained, seen_views(scene, scene.train_indices))
     drawn = np.zeros(len(trained))
     for seed in range(60):
-        kept = sampled(trained, scene, 40, [seed])
+        kept = sample(trained, scene, 40, [seed])
         assert np.count_nonzero(kept) == 40
         drawn += kept
     assert np.all(drawn[weights == 0] == 0)

@@ -15,6 +15,8 @@ from gsut.sfm.features import Features
 from gsut.sfm.matching import PairMatches
 from gsut.sfm.stages import FOLDER
 
+pytestmark = pytest.mark.quick
+
 FRAMES, SIZE, SHARE = 12, 120, 0.0012  # frames, pixels, share of the demo's path a frame
 
 

@@ -16,7 +16,7 @@ import tolerances
 from gsut import InputError, TrainOptions
 from gsut.run.folder import HISTORY, SCENE
 from gsut.training.loop import TrainingLoop
-from gsut.training.start import first_gaussians
+from gsut.training.start import seed_first
 from random_scenes import arrays_of, pinhole
 from rendered_dataset import VIEWS, write_dataset
 
@@ -61,7 +61,7 @@ def psnr_on(scene, gaussians, indices):
 def test_train_300_steps_learns_the_scene(scene):
     options = TrainOptions(steps=300, max_gaussians=300).resolved()
     result = train(scene, options)
-    start = first_gaussians(scene, options)
+    start = seed_first(scene, options)
     views = scene.train_indices
     assert psnr_on(scene, result.gaussians, views) > psnr_on(scene, start, views) + 10
     assert result.metrics["psnr"] > 30
@@ -78,7 +78,7 @@ def test_train_adaptive_strategy_learns_and_keeps_its_cap(scene):
     # Between two opacity resets, which 3DGS makes every tenth of the steps, there must be room.
     options = TrainOptions(steps=400, max_gaussians=400, strategy="adaptive", densify_until=0.6)
     result = train(scene, options)
-    start = first_gaussians(scene, options.resolved())
+    start = seed_first(scene, options.resolved())
     views = scene.train_indices
     assert psnr_on(scene, result.gaussians, views) > psnr_on(scene, start, views) + 5
     counts = [row["num_gaussians"] for row in result.history]
@@ -252,10 +252,10 @@ def test_train_random_init_learns_from_nothing(tmp_path, rng):
     scene = gsut.load_dataset(folder)
     assert len(scene.points) == 0
     options = TrainOptions(steps=300, max_gaussians=500, init_count=400).resolved()
-    assert len(first_gaussians(scene, options)) == 400
+    assert len(seed_first(scene, options)) == 400
     result = train(scene, options)
     assert psnr_on(scene, result.gaussians, scene.train_indices) > (
-        psnr_on(scene, first_gaussians(scene, options), scene.train_indices) + 5
+        psnr_on(scene, seed_first(scene, options), scene.train_indices) + 5
     )
 
 

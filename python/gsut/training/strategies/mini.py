@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from gsut.compact import blend_weights, seen_views, strongest
+from gsut.compact import blend_weights, find_strongest, seen_views
 from gsut.data import Scene
 from gsut.gaussians import Gaussians, seed_from_points
 from gsut.optimize import GaussianOptimizer, densify_adaptive, split_and_prune
 from gsut.run import TrainOptions
-from gsut.training.densification import Densification, Turn
+from gsut.training.densification import Densification, DensificationStep
 from gsut.training.strategies.adaptive import CLONE_SCALE, PRUNE_SCALE
 
 # A Gaussian that is the strongest at more than this fraction of a view's valid pixels is blurred
@@ -24,7 +24,7 @@ REINIT_AT, SAMPLE_AT = 0.25, 0.5
 OVERGROWN = 3
 
 
-def blurred(gaussians: Gaussians, scene: Scene, indices: list[int]) -> np.ndarray:
+def find_blurred(gaussians: Gaussians, scene: Scene, indices: list[int]) -> np.ndarray:
     """(N,) bool: the strongest at more than `BLUR_FRACTION` of some view's valid pixels.
 
     Args:
@@ -34,13 +34,13 @@ def blurred(gaussians: Gaussians, scene: Scene, indices: list[int]) -> np.ndarra
     """
     found = np.zeros(len(gaussians), bool)
     for view in seen_views(scene, indices):
-        winner, _ = strongest(gaussians, view)
+        winner, _ = find_strongest(gaussians, view)
         counts = np.bincount(winner[winner >= 0], minlength=len(gaussians))
         found |= counts > max(1.0, BLUR_FRACTION * np.count_nonzero(view.mask))
     return found
 
 
-def reinitialised(
+def reinitialize(
     gaussians: Gaussians, scene: Scene, options: TrainOptions, count: int, seed: list[int]
 ) -> Gaussians:
     """New Gaussians on the surfaces that the training views see, in their photographs' colours.
@@ -57,7 +57,7 @@ def reinitialised(
     points, colors = [], []
     for number, index in enumerate(views):
         share = (number + 1) * count // len(views) - number * count // len(views)
-        winner, point = strongest(gaussians, seen_views(scene, [index])[0])
+        winner, point = find_strongest(gaussians, seen_views(scene, [index])[0])
         pixels = np.flatnonzero(winner >= 0)
         pixels = np.sort(rng.choice(pixels, min(share, len(pixels)), replace=False))
         points.append(point.reshape(-1, 3)[pixels])
@@ -68,7 +68,7 @@ def reinitialised(
     )  # fmt: skip
 
 
-def sampled(gaussians: Gaussians, scene: Scene, count: int, seed: list[int]) -> np.ndarray:
+def sample(gaussians: Gaussians, scene: Scene, count: int, seed: list[int]) -> np.ndarray:
     """(N,) bool: which Gaussians stay, drawn in proportion to their blend weights.
 
     Only those that are the strongest somewhere are drawn from (intersection preserving).
@@ -82,7 +82,7 @@ def sampled(gaussians: Gaussians, scene: Scene, count: int, seed: list[int]) -> 
     views = seen_views(scene, scene.train_indices)
     strong = np.zeros(len(gaussians), bool)
     for view in views:
-        winner, _ = strongest(gaussians, view)
+        winner, _ = find_strongest(gaussians, view)
         strong[winner[winner >= 0]] = True
     weights = np.where(strong, blend_weights(gaussians, views), 0.0)
     candidates = np.flatnonzero(weights > 0)
@@ -98,30 +98,30 @@ def sampled(gaussians: Gaussians, scene: Scene, count: int, seed: list[int]) -> 
 class Strategy(Densification):
     """Fang and Wang, "Mini-Splatting", ECCV 2024; `max_gaussians` is what sampling leaves."""
 
-    def densify(self, optimizer: GaussianOptimizer, turn: Turn) -> GaussianOptimizer:
+    def densify(self, optimizer: GaussianOptimizer, now: DensificationStep) -> GaussianOptimizer:
         """Clones and splits by gradient and blur, or does what its step brings."""
-        o, step, scene = self.options, turn.step, turn.scene
+        o, step, scene = self.options, now.step, now.scene
         seed = [o.seed, step]
         if self._is_due(SAMPLE_AT, step):
-            kept = sampled(optimizer.gaussians, scene, o.max_gaussians, seed)
+            kept = sample(optimizer.gaussians, scene, o.max_gaussians, seed)
             split_and_prune(optimizer, np.zeros(len(kept), bool), ~kept)
             return optimizer
         if step >= SAMPLE_AT * o.steps:
             return optimizer
         if self._is_due(REINIT_AT, step):
-            new = reinitialised(optimizer.gaussians, scene, o, optimizer.size, seed)
+            new = reinitialize(optimizer.gaussians, scene, o, optimizer.size, seed)
             return optimizer.restarted(new)
         most = OVERGROWN * o.max_gaussians
         densify_adaptive(
             optimizer,
-            clone_scale=CLONE_SCALE * turn.extent,
-            max_scale=PRUNE_SCALE * turn.extent,
+            clone_scale=CLONE_SCALE * now.extent,
+            max_scale=PRUNE_SCALE * now.extent,
             prune_opacity=o.dead_opacity,
             max_gaussians=most,
         )
         views = scene.train_indices
         chosen = np.random.default_rng(seed).permutation(len(views))[:_BLUR_VIEWS]
-        split = blurred(optimizer.gaussians, scene, [views[i] for i in sorted(chosen)])
+        split = find_blurred(optimizer.gaussians, scene, [views[i] for i in sorted(chosen)])
         split &= np.cumsum(split) <= max(0, most - optimizer.size)
         split_and_prune(optimizer, split, np.zeros(len(split), bool))
         return optimizer

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from gsut import _core
-from gsut.bench.accuracy import errors_of, make_truth
-from gsut.bench.measure import (
+from tests.bench.accuracy import errors_of, make_truth
+from tests.bench.measure import (
     BACKWARD_STAGES,
     FORWARD_STAGES,
     SCALAR_FORWARD_STAGES,
@@ -15,7 +15,7 @@ from gsut.bench.measure import (
     ScalarRun,
     best_times,
 )
-from gsut.bench.scenes import BenchScene
+from tests.bench.scenes import BenchScene
 
 # The rule without cut-offs, as far as a picture can tell: what the knobs' errors are measured to.
 _IDEAL_ALPHA_MIN, _IDEAL_TRANSMITTANCE_MIN = 1e-5, 1e-7

@@ -1,7 +1,8 @@
-"""`gsut bench compact`: quality, size and speed of each method, and of training that small."""
+"""`./run bench compact`: quality, size and speed of each method, and of training that small."""
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import hashlib
 import json
@@ -12,13 +13,6 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.bench.compact_starts import (
-    TRAIN_CPU,
-    StartRecipe,
-    ThreadSeconds,
-    check_start,
-    trained_start,
-)
 from gsut.compact import (
     METHODS,
     SeenView,
@@ -33,6 +27,24 @@ from gsut.compact import (
 from gsut.evaluate import evaluate, view_image
 from gsut.run import TrainOptions
 from gsut.training import finetune, finetune_options
+from tests.bench.compact_starts import (
+    TRAIN_CPU,
+    StartRecipe,
+    ThreadSeconds,
+    check_start,
+    trained_start,
+)
+from tests.bench.plots import plot_compact
+from tests.bench.report_rows import (
+    add_files,
+    bar,
+    check_files,
+    numbers,
+    print_and_write,
+    row_writer,
+    rows_to_keep,
+    words,
+)
 
 DEFAULT_KEEPS = (0.05, 0.1, 0.2, 0.5)
 # The rival's pace is measured on a run of so many steps with the same schedule.
@@ -360,3 +372,52 @@ def _render_ms(gaussians: Any, scene: Any, options: TrainOptions) -> float:
 
 def _megabytes(gaussians: Any) -> float:
     return 4 * (_ROW_FLOATS + 3 * gaussians.sh.shape[1]) * len(gaussians) / 1e6
+
+
+# --- the command ----------------------------------------------------------------------------------
+
+HELP = (
+    "quality, size and speed of each method of compaction, with and without fine-tuning, beside a "
+    "model trained that small from the start in the same total time"
+)
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("runs", metavar="RUN", nargs="+", help="finished runs; with --start, datasets")
+    add(
+        "--start", metavar="A,B", default="",
+        help="train these models of the datasets first: mcmc (up to --cap), adc (adaptive density "
+        "control as published, without a cap), lean (up to --lean)",
+    )  # fmt: skip
+    add("--folder", metavar="DIR", help="that holds, or gets, the starts' runs")
+    add("--start-steps", type=int, default=1500, metavar="N", help="[default 1500]")
+    add("--cap", type=int, default=500_000, metavar="N", help="[default 500000]")
+    add("--lean", type=int, default=100_000, metavar="N", help="[default 100000]")
+    add("--scale", type=float, default=1.0, metavar="X", help="of the datasets' images [default 1]")
+    add("--methods", metavar="A,B", help="[default: all of gsut compact]")
+    add("--keep", metavar="X,Y", default="", help="fractions [default 0.05,0.1,0.2,0.5]")
+    add("--finetune", type=int, default=500, metavar="STEPS", help="[default 500]")
+    add("--no-rival", action="store_true", help="train no models that small from the start")
+    add_files(parser, "PSNR against Gaussians and render time", resume=True)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    check_files(arguments)
+    options = CompactBenchOptions(
+        runs=arguments.runs,
+        methods=words(arguments.methods) or METHODS,
+        keeps=numbers(arguments.keep, float, "--keep") or DEFAULT_KEEPS,
+        finetune=arguments.finetune,
+        rival=not arguments.no_rival,
+        starts=words(arguments.start),
+        folder=arguments.folder,
+        recipe=StartRecipe(arguments.start_steps, arguments.cap, arguments.lean, arguments.scale),
+    )
+    done = rows_to_keep(arguments)
+    with bar(num_parts(options)) as advance:
+        rows = compact_bench(options, advance, row_writer(arguments), done)
+    print_and_write(rows, COMPACT_COLUMNS, arguments)
+    if arguments.plot:
+        plot_compact(arguments.plot, rows)
+    return 0

@@ -12,9 +12,9 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.bench.accuracy import empty_gradients
-from gsut.bench.scenes import BenchScene
 from gsut.render import DEFAULT_UNSCENTED
+from tests.bench.accuracy import empty_gradients
+from tests.bench.scenes import BenchScene
 
 try:
     import gsut_scalar_baseline as scalar_baseline
@@ -167,7 +167,7 @@ def step_loop(scene: BenchScene, repeats: int) -> TrainingLoop:
 
     The photograph is the scene's own picture, so the loss' gradient is rounding noise, and the
     learning rates are 0: the work of each step is that of the scene as it is. Sparse Adam, as by
-    default; without MCMC noise and without densification, which `gsut bench train` shows.
+    default; without MCMC noise and without densification, which `./run bench train` shows.
 
     Args:
         scene: copied.

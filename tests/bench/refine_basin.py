@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.bench.refine_disturb import Disturbance, disturbed, disturbed_pose
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
 from gsut.refine import pose_changes, refine_by_tracks, refine_pose
 from gsut.run import TrainOptions
 from gsut.sfm import compare_poses
+from tests.bench.refine_disturb import Disturbance, disturbed, disturbed_pose
 
 BASIN_COLUMNS = (
     ("by", "basin", ""),
@@ -28,7 +28,7 @@ _BACK_DEGREES, _BACK_UNITS = 0.1, 0.01
 
 
 def tracks_row(truth: Scene, degrees: float, seed: int, threads: int) -> dict[str, Any]:
-    """Training views put off by so much, and the share that `refine_by_tracks` brings back.
+    """Training views perturbed by so much, and the share that `refine_by_tracks` brings back.
 
     That is what `gsut train --refine-poses` begins with; errors after the best similarity.
     """
@@ -43,7 +43,7 @@ def tracks_row(truth: Scene, degrees: float, seed: int, threads: int) -> dict[st
 def colors_row(
     gaussians: Gaussians, scene: Scene, degrees: float, seed: int, repeats: int
 ) -> dict[str, Any]:
-    """Test views put off by so much, `repeats` times each, and the share `refine_pose` brings back.
+    """Test views perturbed `repeats` times each, and the share that `refine_pose` brings back.
 
     Args:
         gaussians: a scene trained with `scene`'s poses, which are true.

@@ -1,4 +1,4 @@
-"""Incremental mapping by pycolmap, run by a Python of its own for `gsut bench poses`.
+"""Incremental mapping by pycolmap, run by a Python of its own for `./run bench poses`.
 
 It imports nothing of gsut: `PYTHON pycolmap_poses.py REQUEST.json ANSWER.json`.
 """

@@ -1,4 +1,4 @@
-"""Plots of `gsut bench projection`: time against error, one picture a lens."""
+"""Plots of `./run bench projection`: time against error, one picture a lens."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from gsut.bench.plots import _COLORS, _MARKERS, _MUTED, _save, _style
-from gsut.bench.projection_bench import BENCH_METHODS, SIZES
+from tests.bench.plots import _COLORS, _MARKERS, _MUTED, _save, _style
+from tests.bench.projection_bench import BENCH_METHODS, SIZES
 
 _FLOOR = {"center_error_px": 1e-6, "covariance_relative_error": 1e-6, "alpha_missed": 1e-5}
 _TITLES = {

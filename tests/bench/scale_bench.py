@@ -1,4 +1,4 @@
-"""`gsut bench render --scale`: time and memory from 10 k to 10 M Gaussians, 0.1 to 8 megapixels.
+"""`./run bench scale`: time and memory from 10 k to 10 M Gaussians, 0.1 to 8 megapixels.
 
 Each size is measured in a process of its own (this module run as a script), so that one size's
 memory is not counted to the next, and running out of memory ends one size only.
@@ -6,6 +6,7 @@ memory is not counted to the next, and running out of memory ends one size only.
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import json
 import os
@@ -18,6 +19,11 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.run import peak_rss_mb
+from tests.bench.measure import BACKWARD_STAGES, FORWARD_STAGES, step_loop, step_times
+from tests.bench.plots import plot_scale
+from tests.bench.report_rows import add_files, bar, check_files, numbers, print_and_write, words
+from tests.bench.scenes import dense_sigma_pixels, parsed_count, synthetic_scene
 
 DEFAULT_COUNTS = (10_000, 100_000, 1_000_000)
 DEFAULT_MEGAPIXELS = (0.1, 0.3, 1.0, 2.0, 8.0)
@@ -153,7 +159,7 @@ def _measured_apart(count: int, width: int, height: int, options: ScaleOptions) 
         )
         return row
     command = [
-        sys.executable, "-m", "gsut.bench.scale_bench", str(count), str(width), str(height),
+        sys.executable, "-m", "tests.bench.scale_bench", str(count), str(width), str(height),
         str(options.threads), str(options.steps),
     ]  # fmt: skip
     environment = os.environ | {"GSUT_ISA": _core.active_isa()}
@@ -177,10 +183,6 @@ _MEASURED = (
 
 def _measure(count: int, width: int, height: int, threads: int, steps: int) -> dict[str, Any]:
     """One size, in this process."""
-    from gsut.bench.measure import BACKWARD_STAGES, FORWARD_STAGES, step_loop, step_times
-    from gsut.bench.scenes import dense_sigma_pixels, synthetic_scene
-    from gsut.run import peak_rss_mb
-
     _core.set_num_threads(threads)
     sigma = dense_sigma_pixels(count, width, height)
     loop = step_loop(synthetic_scene(count, width, height, sigma_pixels=sigma), steps)
@@ -200,6 +202,48 @@ def _measure(count: int, width: int, height: int, threads: int, steps: int) -> d
         "bytes_per_gaussian": statistics["buffer_bytes"] / count,
         "stages": times.per_stage_ms(),
     }
+
+
+# --- the command ----------------------------------------------------------------------------------
+
+HELP = "time and memory of forward, backward and step over numbers of Gaussians and image sizes"
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--counts", metavar="N,M", help="Gaussians [default 10k,100k,1m]")
+    add("--megapixels", metavar="X,Y", help="image sizes [default 0.1,0.3,1,2,8]")
+    add("--isa", metavar="NAME", help="instruction set [default: the best]")
+    add("--threads", type=int, default=0, metavar="N", help="0 = all [default 0]")
+    add("--steps", type=int, default=5, metavar="N", help="training steps timed [default 5]")
+    add_files(parser, "time and memory")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    check_files(arguments)
+    options = ScaleOptions(
+        counts=[parsed_count(word) for word in words(arguments.counts)] or DEFAULT_COUNTS,
+        megapixels=numbers(arguments.megapixels, float, "--megapixels") or DEFAULT_MEGAPIXELS,
+        threads=arguments.threads,
+        steps=arguments.steps,
+    )
+    before = _core.active_isa()
+    if arguments.isa:
+        _core.set_isa(arguments.isa)
+    try:
+        with bar(len(options.counts) * len(options.megapixels)) as advance:
+            rows = scale_bench(options, advance)
+    finally:
+        _core.set_isa(before)
+    print_and_write(rows, SCALE_COLUMNS, arguments)
+    per_gaussian, per_pixel = add_linear_fit(rows)
+    print(
+        f"step = {1e6 * per_gaussian:.0f} ns a Gaussian + {1e6 * per_pixel:.0f} ns a pixel "
+        "(processor time / threads)"
+    )
+    if arguments.plot:
+        plot_scale(arguments.plot, rows)
+    return 0
 
 
 if __name__ == "__main__":

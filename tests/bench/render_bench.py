@@ -1,7 +1,8 @@
-"""`gsut bench render`: forward, backward and training step, each with its error."""
+"""`./run bench render`: forward, backward and training step, each with its error."""
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import os
 from collections.abc import Callable, Sequence
@@ -9,8 +10,9 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.bench.accuracy import Errors, Truth, errors_of, make_truth
-from gsut.bench.measure import (
+from tests.bench.accuracy import Errors, Truth, errors_of, make_truth
+from tests.bench.knobs import KNOB_COLUMNS, knob_bench, knob_settings
+from tests.bench.measure import (
     BACKWARD_STAGES,
     FORWARD_STAGES,
     SCALAR_FORWARD_STAGES,
@@ -19,8 +21,39 @@ from gsut.bench.measure import (
     Times,
     best_times,
     measure_step,
+    scalar_baseline,
 )
-from gsut.bench.scenes import KNOWN_SCENES, BenchScene, make_scene
+from tests.bench.plots import plot_knobs
+from tests.bench.report_rows import (
+    add_files,
+    bar,
+    check_files,
+    numbers,
+    print_and_write,
+    table_text,
+    words,
+)
+from tests.bench.scenes import KNOWN_SCENES, BenchScene, make_scene
+
+RENDER_COLUMNS = (
+    ("scene", "name", ""),
+    ("isa", "isa", ""),
+    ("thr", "threads", "d"),
+    ("pairs/px", "pairs_per_pixel", ".1f"),
+    ("forward ms", "forward_ms", ".1f"),
+    ("blend ms", "blend_ms", ".1f"),
+    ("cpu", "blend_cpu_ms", ".1f"),
+    ("x scalar", "blend_cpu_speedup", ".0f"),
+    ("backward ms", "backward_ms", ".1f"),
+    ("tiles ms", "backward_tiles_ms", ".1f"),
+    ("cpu", "backward_tiles_cpu_ms", ".1f"),
+    ("x scalar", "backward_tiles_cpu_speedup", ".0f"),
+    ("step ms", "step_ms", ".1f"),
+    ("cpu", "step_cpu_ms", ".1f"),
+    ("image rms", "image_rms_error", ".1e"),
+    ("gradients", "gradient_relative_error", ".1e"),
+)
+
 
 # Bounds of a right result, against the double reference.
 IMAGE_RMS_BOUND = 1e-5
@@ -192,7 +225,7 @@ def _row(
         "valid": errors.image_rms <= IMAGE_RMS_BOUND
         and errors.gradient_relative is not None
         and errors.gradient_relative <= GRADIENT_RELATIVE_BOUND,
-        # The blend alone and the tiles' backward alone, as the study's "forward" and "backward".
+        # The blend alone and the tiles' backward alone.
         "blend_ms": times.wall_ms("forward"),
         "backward_tiles_ms": times.wall_ms("backward"),
         "blend_speedup": None,
@@ -252,3 +285,83 @@ def _scalar_times(scalar: _Scalar | None) -> dict[str, float | None]:
 def _set_ratio(row: dict[str, Any], key: str, above: str, below: str) -> None:
     if row[above] is not None and row[below]:
         row[key] = row[above] / row[below]
+
+
+# --- the command ----------------------------------------------------------------------------------
+
+HELP = (
+    "forward, backward and training step on scenes made from a seed, beside their errors against "
+    "the double reference and a plain scalar baseline; a wrong result (image rms above 1e-5, "
+    "gradients above 1e-4, relative) prints no time"
+)
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add(
+        "--scenes", metavar="A,B",
+        help=f"{', '.join(KNOWN_SCENES)}, or alike with other numbers "
+        f"[default {','.join(DEFAULT_SCENES)}]",
+    )  # fmt: skip
+    add("--isa", metavar="A,B", help="instruction sets [default: all there are]")
+    add("--threads", default="0", metavar="N,M", help="numbers of threads; 0 = all [default 0]")
+    add(
+        "--repeats",
+        type=int,
+        default=20,
+        metavar="N",
+        help="runs; the shortest counts [20]",
+    )
+    add("--scalar-repeats", type=int, default=2, metavar="N", help="of the baseline; 0: none [2]")
+    add("--steps", type=int, default=10, metavar="N", help="training steps timed; 0: none [10]")
+    add(
+        "--tiles",
+        type=int,
+        default=32,
+        metavar="N",
+        help="random tiles to measure errors on [32]",
+    )
+    add("--ply", metavar="FILE", help="Gaussians of the scene trained")
+    add("--data", metavar="DATA", help="its dataset [default: the demo scene, trained shortly]")
+    add_files(parser, "speed against error of the first scene, one knob turned at a time")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    check_files(arguments)
+    scalar_repeats = arguments.scalar_repeats
+    if scalar_repeats and scalar_baseline is None:
+        print("without the scalar baseline, which only ./run build in a clone makes")
+        scalar_repeats = 0
+    options = RenderBenchOptions(
+        scenes=words(arguments.scenes) or DEFAULT_SCENES,
+        isas=words(arguments.isa),
+        threads=numbers(arguments.threads, int, "--threads"),
+        repeats=arguments.repeats,
+        scalar_repeats=scalar_repeats,
+        steps=arguments.steps,
+        tiles=arguments.tiles,
+        ply=arguments.ply,
+        data=arguments.data,
+    )
+    with bar(num_measurements(options)) as advance:
+        rows = render_bench(options, advance)
+    print_and_write(rows, RENDER_COLUMNS, arguments)
+    for row in rows:
+        if not row["valid"]:
+            print(
+                f"no times for {row['name']} with {row['isa']}: image rms "
+                f"{row['image_rms_error']:.1e}, gradients {row['gradient_relative_error']:.1e} are "
+                "out of bounds"
+            )
+    if arguments.plot:
+        scene = make_scene(options.scenes[0], ply=options.ply, data=options.data)
+        others = len(_core.available_isas()) - 1
+        with bar(1 + len(knob_settings()) + others + 2 * bool(options.scalar_repeats)) as advance:
+            knobs = knob_bench(
+                scene, repeats=options.repeats, tiles=options.tiles,
+                with_scalar=bool(options.scalar_repeats), on_progress=advance,
+            )  # fmt: skip
+        print()
+        print(table_text(knobs, KNOB_COLUMNS))
+        plot_knobs(arguments.plot, knobs)
+    return 0

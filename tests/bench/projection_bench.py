@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.bench.projection_truth import alpha_images, periods, projected_moments
 from gsut.gaussians import Gaussians
 from gsut.render import METHODS
+from tests.bench.projection_truth import alpha_images, periods, projected_moments
+from tests.bench.report_rows import add_files, bar, check_files, print_and_write, words, write_json
 
 # (name, method of the core, alpha beta kappa)
 BENCH_METHODS: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
@@ -217,7 +220,7 @@ def _box_quality(
 
 def million_row(repeats: int = 5) -> dict[str, Any]:
     """Processor seconds of the unscented projection of a million Gaussians, all threads."""
-    from gsut.bench.scenes import make_scene
+    from tests.bench.scenes import make_scene
 
     scene = make_scene("synthetic_1m_1920x1080")
     footprinter = _core.Footprinter(METHODS.index("unscented"), (1.0, 2.0, 0.0), _ALPHA_MIN)
@@ -232,3 +235,52 @@ def million_row(repeats: int = 5) -> dict[str, Any]:
         "isa": _core.active_isa(), "peer_cpu_seconds": PEER_MILLION_CPU_SECONDS,
         "peer_over_gsut": PEER_MILLION_CPU_SECONDS / cpu,
     }  # fmt: skip
+
+
+# --- the command ----------------------------------------------------------------------------------
+
+HELP = (
+    "every lens x method of projection x size x field angle: ns a Gaussian, beside the errors of "
+    "centre and covariance against quadrature in double and the alpha outside the method's box"
+)
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--lenses", metavar="A,B", help="models [default: all]")
+    add("--samples", type=int, default=6, metavar="N", help="Gaussians a cell with errors [6]")
+    add("--no-million", action="store_true", help="leave out the projection of a million Gaussians")
+    add("--plots", metavar="FOLDER", help="draw one picture a lens (svg) there")
+    add_files(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from tests.bench.lens_cost import lens_cost_row
+    from tests.bench.projection_plots import plot_projection
+
+    check_files(arguments)
+    if arguments.plots and not Path(arguments.plots).is_dir():
+        raise InputError(f"--plots {arguments.plots}: there is no such folder; make it first")
+    if arguments.samples < 1:
+        raise InputError(f"--samples must be at least 1, found {arguments.samples}")
+    options = ProjectionBenchOptions(lenses=words(arguments.lenses), samples=arguments.samples)
+    with bar(len(bench_lenses(options.lenses))) as advance:
+        rows = projection_bench(options, advance)
+    print_and_write(rows, PROJECTION_COLUMNS, arguments)
+    if not arguments.no_million:
+        row, cost = million_row(), lens_cost_row()
+        print(
+            f"processor time through a splined lens over a pinhole of the same image: forward and "
+            f"backward {cost['ratio_forward_backward']:.3f}, forward {cost['ratio_forward']:.3f}, "
+            f"projection {cost['ratio_project']:.2f}"
+        )
+        print(
+            f"unscented projection of {row['num_gaussians']} Gaussians: {row['cpu_seconds']:.4f} "
+            f"CPU-s; gsplat's PyTorch reference {row['peer_cpu_seconds']:g} CPU-s, "
+            f"{row['peer_over_gsut']:.0f} times as much"
+        )
+        if arguments.json:
+            write_json(arguments.json, [*rows, row, cost])
+    if arguments.plots:
+        plot_projection(arguments.plots, rows)
+    return 0

@@ -1,4 +1,4 @@
-"""What the dearest lens costs a render once the rays of its pixels are cached."""
+"""What the most expensive lens costs a render once the rays of its pixels are cached."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.bench.measure import BACKWARD_STAGES, FORWARD_STAGES, FastRun, Times, best_times
-from gsut.bench.scenes import make_scene
 from gsut.lens import Camera
+from tests.bench.measure import BACKWARD_STAGES, FORWARD_STAGES, FastRun, Times, best_times
+from tests.bench.scenes import make_scene
 
 # The grid of the splined lens: cubic, ten intervals across the width of the image.
 _ORDER, _COLUMNS, _ROWS, _FOV_DEGREES = 3, 16, 12, 70.0

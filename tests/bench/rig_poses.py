@@ -1,4 +1,4 @@
-"""`gsut bench poses DATA --rig RIG`: poses and scale with and without it, against the truth."""
+"""`./run bench poses DATA --rig RIG`: poses and scale with and without it, against the truth."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""`gsut bench train`: PSNR against seconds of each preset, and where a step's time goes."""
+"""`./run bench train`: PSNR against seconds of each preset, and where a step's time goes."""
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import itertools
 import time
@@ -14,7 +15,9 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.evaluate import mean_psnr
-from gsut.run import PRESETS, TrainOptions
+from gsut.run import PRESETS, Progress, TrainOptions
+from tests.bench.plots import plot_curves
+from tests.bench.report_rows import add_files, check_files, print_and_write, table_text, words
 
 # Whole dB at which the time to quality is told, where a run passes them.
 _MILESTONES_DB = range(20, 45)
@@ -224,3 +227,50 @@ class _PausedClock:
             for begun, start, end in zip(self._begun, self._entered, now, strict=True)
         )
         self._begun = wall, cpu
+
+
+# --- the command ----------------------------------------------------------------------------------
+
+HELP = "held-out PSNR against seconds of each preset, from the reading of the dataset on"
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("data", metavar="DATA", help="dataset with held-out views")
+    add("--preset", metavar="A,B", help="presets [default: fast,balanced,best]", dest="presets")
+    add("--threads", type=int, default=0, metavar="N", help="0 = all [default 0]")
+    add("--scale", type=float, default=1.0, metavar="X", help="of the images [default 1]")
+    add("--steps", type=int, metavar="N", help="training steps instead of the preset's")
+    add("--measurements", type=int, default=12, metavar="N", help="points of each curve [12]")
+    add_files(parser, "PSNR against seconds")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    check_files(arguments)
+    options = TrainBenchOptions(
+        data=arguments.data,
+        presets=words(arguments.presets) or tuple(PRESETS),
+        measurements=arguments.measurements,
+        scale=arguments.scale,
+        threads=arguments.threads,
+        overrides={} if arguments.steps is None else {"steps": arguments.steps},
+    )
+    with Progress() as bars:
+
+        def on_step(state: dict[str, Any]) -> None:
+            figures = state["loss"], state["num_gaussians"], state["psnr"]
+            bars.show_step(state["step"], state["steps"], *figures)
+
+        rows = train_bench(options, on_step)
+    print(table_text([point for row in rows for point in row["curve"]], CURVE_COLUMNS))
+    print()
+    print_and_write(rows, TRAIN_COLUMNS, arguments)
+    print("\nmilliseconds a step by stage (processor time / threads)")
+    columns = (("stage", "stage", ""), *((row["preset"], row["preset"], ".2f") for row in rows))
+    print(table_text(stage_rows(rows), columns))
+    for row in rows:
+        passed = ", ".join(f"{level} dB in {s:.1f} s" for level, s in row["seconds_to_db"].items())
+        print(f"{row['preset']}: {passed or 'no whole dB passed between two measurements'}")
+    if arguments.plot:
+        plot_curves(arguments.plot, {row["preset"]: row["curve"] for row in rows})
+    return 0

@@ -10,7 +10,7 @@ from gsut import InputError, TrainOptions
 from gsut.compact.harmonics import drop_harmonics
 from gsut.compact.methods.pup import fisher_matrices
 from gsut.compact.scores import SeenView, basis_sums
-from gsut.gaussians.packed_harmonics import MixedGaussians, lighter, mixed, used_degrees
+from gsut.gaussians.packed_harmonics import MixedGaussians, pack_harmonics, to_mixed, used_degrees
 from gsut.training.finetuning import finetune, finetune_options
 from random_scenes import every_lens, fisheye, gaussians_in_view, random_pose
 from rendered_dataset import write_dataset
@@ -36,7 +36,7 @@ def scene(rng):
 
 def test_mixed_has_the_same_values_in_falling_order_of_degree(scene):
     g = scene[0]
-    packed, degrees = mixed(g), used_degrees(g)
+    packed, degrees = to_mixed(g), used_degrees(g)
     back = packed.to_gaussians()
     order = np.argsort(-degrees.astype(int), kind="stable")
     for field in dataclasses.fields(g):
@@ -53,7 +53,7 @@ def test_mixed_renders_and_differentiates_to_the_same_bits_on_every_instruction_
     scene, sh_degree
 ):
     g, camera, pose = scene
-    packed = mixed(g)
+    packed = to_mixed(g)
     plain, ran = packed.to_gaussians(), 0
     rng = np.random.default_rng(3)
     for isa in gsut.available_isas():
@@ -82,7 +82,7 @@ def test_mixed_through_lines_and_every_lens_gives_the_same_bits(rng):
     for _, camera in every_lens(width=64):
         pose = random_pose(rng)
         g = gaussians_in_view(rng, camera, pose, 60, sh_degree=2, opacity=1.0)
-        packed = mixed(with_degrees(rng, g, rng.integers(0, 3, 60)))
+        packed = to_mixed(with_degrees(rng, g, rng.integers(0, 3, 60)))
         later = pose.copy()
         later[:3, 3] += 0.05
         for place in (pose, (pose, later)):
@@ -102,7 +102,7 @@ def test_mixed_through_lines_and_every_lens_gives_the_same_bits(rng):
 
 def test_mixed_in_double_is_the_reference_of_the_same_values(scene):
     g, camera, pose = scene
-    packed = mixed(g)
+    packed = to_mixed(g)
     one = gsut.render(packed.to_gaussians(), camera, pose, dtype="float64")
     two = gsut.render(packed, camera, pose, dtype="float64")
     assert one.image.tobytes() == two.image.tobytes()
@@ -110,7 +110,7 @@ def test_mixed_in_double_is_the_reference_of_the_same_values(scene):
 
 def test_mixed_fisher_matrices_and_jacobians_are_the_same(scene):
     g, camera, pose = scene
-    packed = mixed(g)
+    packed = to_mixed(g)
     view = SeenView(camera, pose, np.array(camera.rays()[1], bool))
     np.testing.assert_array_equal(
         fisher_matrices(packed, [view]), fisher_matrices(packed.to_gaussians(), [view])
@@ -122,14 +122,14 @@ def test_mixed_of_few_or_no_gaussians_works(rng, count):
     camera, pose = fisheye(32), random_pose(rng)
     g = gaussians_in_view(rng, camera, pose, 40, sh_degree=3)[:count]
     g = with_degrees(rng, g, rng.integers(0, 4, count))
-    packed = mixed(g)
+    packed = to_mixed(g)
     assert len(packed) == count
     one = gsut.render(packed.to_gaussians(), camera, pose)
     assert one.image.tobytes() == gsut.render(packed, camera, pose).image.tobytes()
 
 
 def test_mixed_that_is_wrong_is_refused(scene):
-    packed, camera, pose = mixed(scene[0]), scene[1], scene[2]
+    packed, camera, pose = to_mixed(scene[0]), scene[1], scene[2]
     with pytest.raises(InputError, match="4 falling numbers"):
         dataclasses.replace(packed, degree_ends=(COUNT, 0, 16, 0))
     with pytest.raises(InputError, match="sh must have shape"):
@@ -151,10 +151,10 @@ def test_mixed_that_is_wrong_is_refused(scene):
 def test_lighter_leaves_alone_what_it_would_not_save(rng, scene):
     g = scene[0]
     full = gaussians_in_view(rng, scene[1], scene[2], 50, sh_degree=1)
-    assert lighter(full) is full
-    assert isinstance(lighter(g), MixedGaussians)
-    packed = mixed(g)
-    assert lighter(packed) is packed
+    assert pack_harmonics(full) is full
+    assert isinstance(pack_harmonics(g), MixedGaussians)
+    packed = to_mixed(g)
+    assert pack_harmonics(packed) is packed
 
 
 def test_finetuning_of_mixed_keeps_degrees_and_takes_the_same_steps(tmp_path, rng):
@@ -163,7 +163,7 @@ def test_finetuning_of_mixed_keeps_degrees_and_takes_the_same_steps(tmp_path, rn
     start = gsut.train(data, options, progress=False).gaussians
     start.sh[:, 1:] += 0.01 * rng.normal(size=start.sh[:, 1:].shape).astype(np.float32)
     start = with_degrees(rng, start, rng.integers(0, 3, len(start)))
-    packed = mixed(start)
+    packed = to_mixed(start)
     tuning = finetune_options(options, 10, len(packed))
     made, _ = finetune(data, packed, tuning)
     assert isinstance(made, MixedGaussians)

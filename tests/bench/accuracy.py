@@ -16,8 +16,8 @@ import dataclasses
 import numpy as np
 
 from gsut import _core
-from gsut.bench.scenes import BenchScene
 from gsut.gaussians import Gaussians
+from tests.bench.scenes import BenchScene
 
 PARAMETERS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 _TILE = 16

@@ -1,7 +1,8 @@
-"""`gsut bench poses`: what `gsut poses`, and pycolmap, take and how far off a dataset they end."""
+"""`./run bench poses`: what `gsut poses`, and pycolmap, take and how far off a dataset they end."""
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import json
 import os
@@ -14,8 +15,6 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError, SolveError
-from gsut.bench import pycolmap_poses
-from gsut.bench.train_bench import TrainBenchOptions, train_bench
 from gsut.lens import format_colmap
 from gsut.sfm import (
     PoseErrors,
@@ -26,6 +25,18 @@ from gsut.sfm import (
     find_photographs,
     poses_by_path,
 )
+from tests.bench import pycolmap_poses
+from tests.bench.report_rows import (
+    add_files,
+    bar,
+    check_files,
+    print_and_write,
+    row_writer,
+    rows_to_keep,
+    words,
+)
+from tests.bench.rig_poses import RIG_COLUMNS, WAYS, RigBenchOptions, rig_bench
+from tests.bench.train_bench import TrainBenchOptions, train_bench
 
 LENSES = ("known", "unknown")
 SHUTTERS = ("auto", "global", "rolling")
@@ -275,3 +286,82 @@ def _errors_of_names(found: dict[str, Any], root: Path, data: Path) -> PoseError
     chosen = [name for name in found if root / name in reference]
     poses = np.array([[*found[name], [0.0, 0.0, 0.0, 1.0]] for name in chosen])
     return compare_poses(poses, np.array([reference[root / name] for name in chosen]))
+
+
+# --- the command ----------------------------------------------------------------------------------
+
+HELP = (
+    "seconds of gsut poses beside its errors against a dataset's own poses, after the best "
+    "similarity (where those are COLMAP's, that is agreement, not truth)"
+)
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("data", metavar="DATA", nargs="+", help="datasets with poses, or folders of images")
+    add(
+        "--lens",
+        metavar="A,B",
+        default="known",
+        dest="lenses",
+        help="known, unknown, both [known]",
+    )
+    add(
+        "--rig", metavar="RIG",
+        help="the true rig of DATA, whose poses are in its unit: scale and poses with it, without "
+        "it, and with it disturbed by 0.5 degrees and 1 %% of its baseline",
+    )  # fmt: skip
+    add(
+        "--shutter", metavar="A,B", default="auto", dest="shutters",
+        help="auto, global or rolling; global beside a rolling data set gets errors let through "
+        "as large as the motion makes them [default auto]",
+    )  # fmt: skip
+    add(
+        "--pycolmap",
+        metavar="PYTHON",
+        help="a Python with pycolmap: its incremental mapping, too",
+    )
+    add(
+        "--programs", metavar="A,B", default="gsut,pycolmap",
+        help="gsut, pycolmap or both [default both, if --pycolmap is given]",
+    )  # fmt: skip
+    add(
+        "--train", type=int, default=0, metavar="STEPS",
+        help="train on the poses found and tell the PSNR of every eighth image, which needs no "
+        "reference [default 0: do not]",
+    )  # fmt: skip
+    add(
+        "--train-scale",
+        type=float,
+        default=0.5,
+        metavar="X",
+        help="of the images of --train [0.5]",
+    )
+    add("--threads", type=int, default=0, metavar="N", help="0 = all [default 0]")
+    add_files(parser, resume=True)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    check_files(arguments)
+    if arguments.rig:
+        if len(arguments.data) != 1:
+            raise InputError(f"--rig goes with one dataset, found {len(arguments.data)}")
+        with bar(len(WAYS)) as advance:
+            options = RigBenchOptions(arguments.data[0], arguments.rig, arguments.threads)
+            rows = rig_bench(options, advance)
+        print_and_write(rows, RIG_COLUMNS, arguments)
+    else:
+        wanted = PosesBenchOptions(
+            data=arguments.data, lenses=words(arguments.lenses), threads=arguments.threads,
+            shutters=words(arguments.shutters), programs=words(arguments.programs),
+            pycolmap=arguments.pycolmap, train_steps=arguments.train,
+            train_scale=arguments.train_scale,
+        )  # fmt: skip
+        with bar(wanted.num_rows) as advance:
+            rows = poses_bench(wanted, advance, row_writer(arguments), rows_to_keep(arguments))
+        print_and_write(rows, POSES_COLUMNS, arguments)
+    for row in rows:
+        if "failure" in row:
+            way = row.get("way") or f"{row['program']}, lens {row['lens']}"
+            print(f"{row['data']}, {way}: {row['failure']}")
+    return 0

@@ -1,4 +1,4 @@
-"""The models that `gsut bench compact` starts from when it is given datasets, and their seconds."""
+"""The models that `./run bench compact` starts from when given datasets, and their seconds."""
 
 from __future__ import annotations
 

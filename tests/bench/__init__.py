@@ -1,0 +1,1 @@
+"""Benchmarks and their rivals: speed with error. `./run bench --help` lists them."""
