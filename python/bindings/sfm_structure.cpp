@@ -245,7 +245,7 @@ py::dict Estimate(const std::vector<const Camera*>& cameras,
                   const py::object& on_progress) {
   Inputs inputs = ReadInputs(cameras, camera_of_image, pixels, verified, settings);
   return Solve(on_progress, [&](const OnProgress& progress) {
-    return EstimatePoses(inputs.lenses, std::move(inputs.images), inputs.pairs, inputs.options,
+    return EstimatePoses(inputs.lenses, inputs.images, inputs.pairs, inputs.options,
                          progress);
   });
 }

@@ -133,6 +133,7 @@ class Reader {
                std::to_string(list.items.size()));
     }
     std::vector<double> numbers;
+    numbers.reserve(list.items.size());
     for (const PythonLiteral& item : list.items) numbers.push_back(Number(key, item));
     return numbers;
   }

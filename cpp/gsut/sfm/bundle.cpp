@@ -109,7 +109,8 @@ class BundleProblem {
         gauge_body_(BodyOf(options.gauge_image)),
         scale_body_(gauge_body_ < 0 ? -1 : BodyOf(options.scale_image)),
         cauchy_(options.loss_scale > 0 ? options.loss_scale : 1.0),
-        scaled_pose_(ScaleAxis()),
+        scaled_pose_(
+            scale_body_ < 0 ? -1 : ScaleAxis(state_.poses[gauge_body_], state_.poses[scale_body_])),
         ordering_(std::make_shared<ceres::ParameterBlockOrdering>()),
         used_body_(state_.num_bodies()),
         fixed_body_(state_.num_bodies()),
@@ -185,17 +186,6 @@ class BundleProblem {
 
  private:
   int BodyOf(int image) const { return image < 0 ? -1 : state_.body_of_image[image]; }
-
-  // The component of the second centre that is farthest from the gauge's; -1 without a scale.
-  int ScaleAxis() const {
-    int axis = -1;
-    if (scale_body_ >= 0) {
-      (CenterOf(state_.poses[scale_body_].data()) - CenterOf(state_.poses[gauge_body_].data()))
-          .cwiseAbs()
-          .maxCoeff(&axis);
-    }
-    return axis;
-  }
 
   void AddObservations() {
     ceres::LossFunction* loss = options_.loss_scale > 0 ? &cauchy_ : nullptr;

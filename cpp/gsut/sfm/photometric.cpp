@@ -75,6 +75,7 @@ class SceneEvaluation : public ceres::EvaluationCallback {
     has_jacobians_ = evaluate_jacobians;
     ++num_evaluations;
     std::vector<std::optional<Camera>> now;
+    now.reserve(cameras_.size());
     for (std::size_t c = 0; c < cameras_.size(); ++c) now.push_back(Lens(static_cast<int>(c)));
     for (std::size_t i = 0; i < states.size(); ++i) {
       const std::optional<Camera>& camera = now[static_cast<std::size_t>(images_[i].camera)];
@@ -375,8 +376,9 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
     summary.covariances.push_back(Covariance(state, image, camera, options));
   }
   std::vector<Camera> refined;
+  refined.reserve(cameras->size());
   for (std::size_t c = 0; c < cameras->size(); ++c) {
-    refined.push_back(*evaluation.Lens(static_cast<int>(c)));
+    refined.push_back(evaluation.Lens(static_cast<int>(c)).value());
   }
   *cameras = std::move(refined);
   return summary;

@@ -114,7 +114,8 @@ struct StructureProgress {
 // Args: pairs: verified matches; on_progress: told after each image, returns false to stop (then
 //   SolveError is thrown); may be empty.
 // Throws InputError for an index out of range.
-Structure EstimatePoses(const std::vector<Camera>& cameras, std::vector<ImageFeatures> images,
+Structure EstimatePoses(const std::vector<Camera>& cameras,
+                        const std::vector<ImageFeatures>& images,
                         std::span<const VerifiedPair> pairs, const StructureOptions& options,
                         const std::function<bool(const StructureProgress&)>& on_progress);
 
