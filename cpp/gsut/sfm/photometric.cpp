@@ -355,16 +355,16 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
   solver.function_tolerance = options.function_tolerance;
   solver.logging_type = ceres::SILENT;
   const QuietSolver quiet;
-  ceres::Solver::Summary words;
-  ceres::Solve(solver, &problem, &words);
-  if (!words.IsSolutionUsable()) {
-    throw SolveError("photometric refinement failed: " + words.message);
+  ceres::Solver::Summary solved;
+  ceres::Solve(solver, &problem, &solved);
+  if (!solved.IsSolutionUsable()) {
+    throw SolveError("photometric refinement failed: " + solved.message);
   }
   evaluation.PrepareForEvaluation(options.covariances, true);
   summary.rms_after = Rms(evaluation, *images);
-  summary.iterations = static_cast<int>(words.iterations.size()) - 1;
+  summary.iterations = static_cast<int>(solved.iterations.size()) - 1;
   summary.evaluations = evaluation.num_evaluations;
-  summary.converged = words.termination_type == ceres::CONVERGENCE;
+  summary.converged = solved.termination_type == ceres::CONVERGENCE;
   for (std::size_t i = 0; i < images->size(); ++i) {
     PhotometricImage& image = (*images)[i];
     const ImageState& state = evaluation.states[i];
