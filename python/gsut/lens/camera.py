@@ -207,10 +207,11 @@ class Camera(_core.Camera):
         Args:
             path: a file; its name chooses the format: *.cameramodel (mrcal), *camchain*.yaml
                 (Kalibr), *.lens.json (gsut, which holds every lens), other *.yaml or *.yml and
-                *.json (OpenCV), transforms*.json (nerfstudio), *aria*.json (Project Aria), *.txt
-                and *.bin (COLMAP cameras.txt, cameras.bin).
-            format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "aria", "colmap" or
-                "colmap-binary", to choose it by hand.
+                *.json (OpenCV), transforms*.json (nerfstudio), *aria*.json (Project Aria),
+                *matlab*.json (MATLAB), camera_models*.json (OpenSfM), *calib_results*.txt
+                (OCamCalib), other *.txt and *.bin (COLMAP), *.xml (Metashape).
+            format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "aria", "matlab", "opensfm",
+                "ocam", "metashape", "colmap" or "colmap-binary", to choose it by hand.
 
         Raises:
             InputError: the format cannot hold this lens, or is unknown.

@@ -8,14 +8,14 @@ from calib import solve_mrcal, solve_opencv
 from calib.board import Board, assign_cameras
 from calib.corners import find_boards
 from calib.errors import SolveError
-from calib.measure_boards import by_stereo_calibrate
 from calib.mrcal_process import have_mrcal
 from calib.rig import SHAKY, rms_of_all, solve_rig, unify_turns
 from calib.rigid import compose, inverse
 from calib.solve_mrcal_rig import solve_rig_together, solve_together
-from calib.synthetic import photographs as see
-from calib.synthetic import random_poses
 from calib_fakes import BOARD, FISHEYE
+from tests.bench.measure_boards import by_stereo_calibrate
+from tests.synthetic_boards import photographs as see
+from tests.synthetic_boards import random_poses
 
 needs_mrcal = pytest.mark.skipif(
     not have_mrcal(), reason="mrcal is not installed: apt-get install mrcal python3-mrcal"

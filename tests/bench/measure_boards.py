@@ -1,6 +1,6 @@
 """Measures the solves of the real board sets: residuals, the rig's pose, agreement of two lenses.
 
-    PYTHONPATH=python:. python calib/measure_boards.py BOARDS
+    .venv/bin/python -m tests.bench.measure_boards BOARDS
 
 BOARDS holds fisheye_stereo/ and ocam_fisheye1/ (see README.md).
 """
