@@ -4,9 +4,11 @@
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <initializer_list>
 #include <string>
+#include <vector>
 
 #include "gsut/base/errors.h"
 #include "gsut/gaussians/gaussians.h"
@@ -130,6 +132,35 @@ GaussiansView<const T> ConstGaussians(const py::handle& gaussians,
         return ConstData<T>(array, name, shape);
       });
 }
+
+// Reads a dictionary of settings into the fields of options.
+class SettingsReader {
+ public:
+  SettingsReader(const py::dict& values, const char* function)
+      : values_(values), function_(function) {}
+
+  // Leaves the field as it is where there is no such setting.
+  template <class T>
+  void Read(const char* name, T* field) {
+    known_.emplace_back(name);
+    if (values_.contains(name)) *field = py::cast<T>(values_[name]);
+  }
+
+  // Throws InputError for a setting that was neither read nor is among `others`.
+  void CheckAllRead(std::initializer_list<const char*> others = {}) {
+    known_.insert(known_.end(), others.begin(), others.end());
+    for (const auto& [key, value] : values_) {
+      const auto name = py::cast<std::string>(key);
+      if (std::find(known_.begin(), known_.end(), name) != known_.end()) continue;
+      throw InputError(std::string(function_) + " has no setting " + name);
+    }
+  }
+
+ private:
+  py::dict values_;
+  const char* function_;
+  std::vector<std::string> known_;
+};
 
 // A new uninitialised array.
 template <class T>

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <numeric>
 #include <optional>
 
@@ -29,7 +30,7 @@ constexpr double kExtendTolerance = 1e-5;
 // Below this share of new observations, completing tracks again changes nothing.
 constexpr double kSettled = 5e-4;
 // Rolling shutters: the largest error while the structure grows, in units of the final one.
-constexpr double kGrowingError = 4.0;
+constexpr int kGrowingError = 4;
 // Images from which lenses are adjusted in full; before, too little holds them.
 constexpr int kLensImages = 5;
 
@@ -53,7 +54,7 @@ class Mapper {
     for (const int pair : InitialPairs(&failure)) {
       if (trials >= options_.initial_trials || restarts > options_.most_restarts) break;
       ++trials;
-      map_.emplace(cameras_, images_, pairs_, options_);
+      map_ = std::make_unique<SceneMap>(cameras_, images_, pairs_, options_);
       tried_at_.assign(images_.size(), -1);
       if (!Start(pairs_[pair])) continue;
       Grow();
@@ -208,8 +209,8 @@ class Mapper {
   Structure Finish() {
     const bool lens_free = !options_.lens_free.empty();
     int observations = 1;
-    for (double looser = kGrowingError / 2; map_->rolling() && looser > 1; looser /= 2) {
-      SetErrorFactor(looser);
+    for (int factor = kGrowingError / 2; map_->rolling() && factor > 1; factor /= 2) {
+      SetErrorFactor(factor);
       map_->Complete(-1);
       map_->AdjustGlobally(kFinalIterations, kGlobalTolerance, lens_free, lens_free);
       map_->Filter(options_.max_error);
@@ -254,7 +255,7 @@ class Mapper {
   const StructureOptions& wanted_;
   StructureOptions options_;  // with the largest error for now; read by the map too
   const std::function<bool(const StructureProgress&)>& on_progress_;
-  std::optional<SceneMap> map_;
+  std::unique_ptr<SceneMap> map_;
   std::vector<int> tried_at_;  // points an image saw when it was last tried
 };
 
@@ -266,7 +267,8 @@ bool HasDescriptors(const std::vector<ImageFeatures>& images) {
   });
 }
 
-Structure EstimatePoses(const std::vector<Camera>& cameras, std::vector<ImageFeatures> images,
+Structure EstimatePoses(const std::vector<Camera>& cameras,
+                        const std::vector<ImageFeatures>& images,
                         std::span<const VerifiedPair> pairs, const StructureOptions& options,
                         const std::function<bool(const StructureProgress&)>& on_progress) {
   for (const ImageFeatures& image : images) {

@@ -51,8 +51,8 @@ struct StructureOptions {
   // Parameters of each camera that are estimated too, one flag each (empty: none).
   std::vector<std::vector<std::uint8_t>> lens_free;
   bool lens_settled = false;  // they are nearly right: it is enough to estimate them at the end
-  // Rolling shutters: how lines are read; each image then has a velocity of its own. Until
-  // velocities are known, observations may be this many times the largest error off.
+  // Rolling shutters: how lines are read; each image then has a velocity of its own. rolling_error:
+  // the largest error, in units of max_error, until velocities are known.
   Shutter shutter;
   double rolling_error = 12.0;
   // When each image was taken, and the readout in units of that time: velocities are then held near
@@ -114,7 +114,8 @@ struct StructureProgress {
 // Args: pairs: verified matches; on_progress: told after each image, returns false to stop (then
 //   SolveError is thrown); may be empty.
 // Throws InputError for an index out of range.
-Structure EstimatePoses(const std::vector<Camera>& cameras, std::vector<ImageFeatures> images,
+Structure EstimatePoses(const std::vector<Camera>& cameras,
+                        const std::vector<ImageFeatures>& images,
                         std::span<const VerifiedPair> pairs, const StructureOptions& options,
                         const std::function<bool(const StructureProgress&)>& on_progress);
 

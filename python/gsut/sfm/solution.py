@@ -312,7 +312,7 @@ def _solution(
         FEATURE_VARIANCE * found["covariances"],
         found["points"], colors, found["point_errors"], observations, pixels, residuals, angles,
         found["initial_pair"], found["restarts"], found["rms"], found["median"],
-        found["held_out"] if found["num_held_out"] else None, found["held_out_sights"],
+        found["held_out"] if found["num_held_out"] else None, found["held_out_observations"],
     )  # fmt: skip
 
 
