@@ -92,7 +92,7 @@ TEST(CutoffTest, TakesTheNearerOfAlphaAndResponse) {
 TEST(ProjectTest, FloatMatchesDoubleOnEveryLensAndInstructionSet) {
   int ran = 0;
   for (const NamedCamera& lens : EveryLens(100)) {
-    Draws draws(1, static_cast<std::uint64_t>(ran));
+    Draws draws(20, testing_scenes::StreamOf(lens.name));
     const Pose pose = RandomPose(&draws);
     const auto g = GaussiansInView(lens.camera, pose, 203, kOrdinary, &draws);
     const auto exact = ToDouble(g);
