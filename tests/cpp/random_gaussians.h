@@ -65,7 +65,8 @@ struct SceneKind {
 // A stream for a name (FNV-1a), so that what one lens draws does not depend on the others.
 inline std::uint64_t StreamOf(const std::string& name) {
   std::uint64_t hash = 14695981039346656037ull;
-  for (const char letter : name) hash = (hash ^ static_cast<unsigned char>(letter)) * 1099511628211ull;
+  for (const char letter : name)
+    hash = (hash ^ static_cast<unsigned char>(letter)) * 1099511628211ull;
   return hash;
 }
 
