@@ -85,7 +85,7 @@ class Photograph:
     """One image file and what was found in it.
 
     Args:
-        path: the file. camera: name of the rig's camera. moment: equal for images taken together.
+        path: the file. camera: name of the rig's camera. frame: equal for images taken together.
         width, height: in pixels.
         corners: (corners, 2) pixels in the order of `Board.points`, or None: no board found.
         reason: why not, in words. detector: which one found them.
@@ -96,7 +96,7 @@ class Photograph:
 
     path: Path
     camera: str
-    moment: str
+    frame: str
     width: int = 0
     height: int = 0
     corners: np.ndarray | None = None
@@ -111,7 +111,7 @@ def assign_cameras(paths: Sequence[Path], cameras: Sequence[str]) -> list[Photog
     """Tells which camera of a rig took each image, and which images were taken together.
 
     The camera's name is looked for in the path, from its end; what is left of the path without it
-    names the moment: left12.jpg and right12.jpg, or cam0/12.png and cam1/12.png.
+    names the frame: left12.jpg and right12.jpg, or cam0/12.png and cam1/12.png.
 
     Args:
         paths: image files.
@@ -137,8 +137,8 @@ def assign_cameras(paths: Sequence[Path], cameras: Sequence[str]) -> list[Photog
             raise BoardError(
                 f"{path}: its name holds none of the cameras' names {', '.join(cameras)}"
             )
-        moment = text[:position] + "*" + text[position + len(name) :]
-        photographs.append(Photograph(path, name, moment))
+        frame = text[:position] + "*" + text[position + len(name) :]
+        photographs.append(Photograph(path, name, frame))
     for name in cameras:
         if not any(photograph.camera == name for photograph in photographs):
             raise BoardError(f"no image of camera {name}: no path holds its name")

@@ -13,16 +13,16 @@ from calib.errors import SolveError
 from calib.rigid import compose, inverse, rotation_angle, rotation_matrix
 from calib.solution import CameraSolution
 
-_SAME_ROTATION = np.radians(10.0)  # between two moments of one rig: board poses are that good
-SHAKY = 1.5  # times the cameras' own residuals: above it the moments were not simultaneous
+_SAME_ROTATION = np.radians(10.0)  # between two frames of one rig: board poses are that good
+SHAKY = 1.5  # times the cameras' own residuals: above it the frames were not simultaneous
 
 
 def unify_turns(cameras: Sequence[CameraSolution], board: Board) -> list[Photograph]:
     """Photographs whose corners must be turned by 180 degrees to agree with the first camera's.
 
     A board whose columns + rows is even looks the same upside down: two cameras may have numbered
-    its corners from opposite ends. The rig's rotation tells: of both readings of every moment, the
-    one that most moments agree on is right.
+    its corners from opposite ends. The rig's rotation tells: of both readings of every frame, the
+    one that most frames agree on is right.
 
     Args:
         cameras: solved alone. board: the chessboard.
@@ -59,16 +59,16 @@ def unify_turns(cameras: Sequence[CameraSolution], board: Board) -> list[Photogr
 
 def shared_moments(first: CameraSolution, second: CameraSolution) -> list[tuple[int, int]]:
     """Indices of the photographs that two cameras took together."""
-    moments = {photograph.moment: i for i, photograph in enumerate(first.photographs)}
+    frames = {photograph.frame: i for i, photograph in enumerate(first.photographs)}
     return [
-        (moments[photograph.moment], j)
+        (frames[photograph.frame], j)
         for j, photograph in enumerate(second.photographs)
-        if photograph.moment in moments
+        if photograph.frame in frames
     ]
 
 
 def solve_rig(cameras: Sequence[CameraSolution], board: Board) -> tuple[float, list[str]]:
-    """Sets every camera's pose to the first, the lenses held, by all corners of shared moments.
+    """Sets every camera's pose to the first, the lenses held, by all corners of shared frames.
 
     The lenses come from each camera alone: photographs that were not quite simultaneous, or a
     board that moved, would otherwise bend them.
@@ -78,10 +78,10 @@ def solve_rig(cameras: Sequence[CameraSolution], board: Board) -> tuple[float, l
         board: the chessboard.
 
     Returns:
-        RMS (2-D, px) over the shared moments with one pose of the rig, and notes.
+        RMS (2-D, px) over the shared frames with one pose of the rig, and notes.
 
     Raises:
-        SolveError: a camera shares no moment with the others.
+        SolveError: a camera shares no frame with the others.
     """
     poses = _starting_poses(cameras)
     reference_from_board: dict[str, np.ndarray] = {}
@@ -89,19 +89,19 @@ def solve_rig(cameras: Sequence[CameraSolution], board: Board) -> tuple[float, l
         for photograph, board_pose in zip(
             camera.photographs, camera.camera_from_board, strict=True
         ):
-            reference_from_board.setdefault(photograph.moment, compose(inverse(pose), board_pose))
-    moments = list(reference_from_board)
+            reference_from_board.setdefault(photograph.frame, compose(inverse(pose), board_pose))
+    frames = list(reference_from_board)
     observations = [
-        Observation(index, moments.index(photograph.moment), photograph.corners[good], points)
+        Observation(index, frames.index(photograph.frame), photograph.corners[good], points)
         for index, camera in enumerate(cameras)
         for photograph, good in zip(camera.photographs, ~camera.outliers, strict=True)
         for points in [board.points(camera.warp)[good]]
     ]
-    starts = np.stack([reference_from_board[moment] for moment in moments])
+    starts = np.stack([reference_from_board[frame] for frame in frames])
     found, boards = fit_poses(cameras, observations, np.stack(poses), starts)
     for camera, pose in zip(cameras, found, strict=True):
         camera.camera_from_reference = pose
-    seen_by = np.bincount([o.board for o in observations], minlength=len(moments))
+    seen_by = np.bincount([o.board for o in observations], minlength=len(frames))
     left = residuals(cameras, observations, found, boards)
     shared = [r for r, o in zip(left, observations, strict=True) if seen_by[o.board] > 1]
     rms = float(np.sqrt(np.mean(np.sum(np.concatenate(shared) ** 2, axis=1))))
@@ -119,13 +119,13 @@ def shaky_note(rms: float, alone: float) -> str:
     """What to say where one pose of the rig does not fit; RMS in pixels."""
     return (
         f"with one pose of the rig the residuals are {rms:.2f} px, each camera alone has "
-        f"{alone:.2f}: the images of one moment were not taken together, or the rig bends; "
+        f"{alone:.2f}: the images of one frame were not taken together, or the rig bends; "
         "the lenses were therefore solved camera by camera"
     )
 
 
 def _starting_poses(cameras: Sequence[CameraSolution]) -> list[np.ndarray]:
-    """Each camera from the first, through cameras already placed: the median moment's."""
+    """Each camera from the first, through cameras already placed: the median frame's."""
     poses: dict[int, np.ndarray] = {0: np.zeros(6)}
     while len(poses) < len(cameras):
         links = [
@@ -137,7 +137,7 @@ def _starting_poses(cameras: Sequence[CameraSolution]) -> list[np.ndarray]:
         count, placed, new = max(links)
         if count == 0:
             raise SolveError(
-                f"the camera {cameras[new].name} has no moment at which another camera saw the "
+                f"the camera {cameras[new].name} has no frame in which another camera saw the "
                 "board too: their pose to each other cannot be known"
             )
         relative = [

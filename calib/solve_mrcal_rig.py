@@ -22,7 +22,7 @@ from calib.solve_mrcal import solve_camera
 def solve_rig_together(
     cameras: Sequence[CameraSolution], board: Board
 ) -> tuple[list[CameraSolution], float, list[str]]:
-    """All cameras and boards in one solve; where the moments were not simultaneous, which would
+    """All cameras and boards in one solve; where the frames were not simultaneous, which would
     bend the lenses, the poses of such a solve with the lenses of each camera alone.
 
     Args:
@@ -32,7 +32,7 @@ def solve_rig_together(
         The cameras, the RMS (2-D, px) with one pose of the rig, and notes.
 
     Raises:
-        SolveError: a camera shares no moment with the others, or mrcal failed.
+        SolveError: a camera shares no frame with the others, or mrcal failed.
     """
     cameras = _of_one_kind(cameras, board)
     solve_rig(cameras, board)
@@ -64,7 +64,7 @@ def solve_together(
 ) -> list[CameraSolution]:
     """One solve for the poses of the rig and of all boards, and for the lenses.
 
-    Photographs of one moment share the board's pose; mrcal throws outliers out by its own rule.
+    Photographs of one frame share the board's pose; mrcal throws outliers out by its own rule.
 
     Args:
         cameras: solved by mrcal alone with one model, and placed (`rig.solve_rig`).
@@ -76,9 +76,9 @@ def solve_together(
     Raises:
         SolveError: mrcal failed.
     """
-    moments = sorted({p.moment for camera in cameras for p in camera.photographs})
+    frames = sorted({p.frame for camera in cameras for p in camera.photographs})
     names = [
-        [f"camera{index}-{moments.index(p.moment):05d}.jpg" for p in camera.photographs]
+        [f"camera{index}-{frames.index(p.frame):05d}.jpg" for p in camera.photographs]
         for index, camera in enumerate(cameras)
     ]
     with tempfile.TemporaryDirectory(prefix="gsut-calib-") as name:
@@ -105,14 +105,14 @@ def solve_together(
     for camera in cameras:
         back = inverse(camera.camera_from_reference)
         for photograph, pose in zip(camera.photographs, camera.camera_from_board, strict=True):
-            boards.setdefault(photograph.moment, compose(back, pose).tolist())
+            boards.setdefault(photograph.frame, compose(back, pose).tolist())
     question = {
         "do": "solve_together",
         "models": [text],
         "params": [camera.params.tolist() for camera in cameras],
         "sizes": [[camera.width, camera.height] for camera in cameras],
         "poses": [camera.camera_from_reference.tolist() for camera in cameras],
-        "boards": [boards[moment] for moment in moments],
+        "boards": [boards[frame] for frame in frames],
         "warp": np.mean([camera.warp for camera in cameras], axis=0).tolist(),
         "hold_lenses": hold_lenses,
     }

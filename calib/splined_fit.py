@@ -6,11 +6,11 @@ import numpy as np
 
 from calib.lens import gsut_camera, projector
 from calib.solution import LENSES, CameraSolution
+from gsut.lens import fit_control_points
 
 _PITCH_DEGREES = 9.0  # between knots: leaves less than a thousandth of a pixel on real fisheyes
 _SAMPLES = 120  # each way over the splined field
 _EDGE = np.radians(0.2)  # kept from the fold
-_RIDGE = 1e-9  # holds control points that no sample touches at 0
 _SPLINE_ORDER = 3
 _FEWEST_KNOTS = 6  # each way: a cubic patch and one more on either side
 _SPLINE_MARGIN = 1.04  # of the field beyond the image's edge
@@ -51,26 +51,9 @@ def _fit(camera: CameraSolution, domain: float, model: str) -> tuple[list[float]
     points = np.concatenate([u / (1 + square), (1 - square) / (1 + square)], axis=1)
     pixels = projector(camera)(camera.params, points)[0]
     target = (pixels - camera.params[2:4]) / camera.params[:2] - u
-    basis = _basis(u[:, 0], columns, knots_per_u), _basis(u[:, 1], rows, knots_per_u)
-    design = np.einsum("ni,nj->nij", basis[1], basis[0]).reshape(len(u), rows * columns)
-    normal = design.T @ design
-    normal[np.diag_indices_from(normal)] += _RIDGE
-    control = np.linalg.solve(normal, design.T @ target)
-    error = np.abs((design @ control - target) * camera.params[:2]).max()
+    control, fitted = fit_control_points(u, target, knots_per_u, (columns, rows), _SPLINE_ORDER)
+    error = np.abs((fitted - target) * camera.params[:2]).max()
     return [*camera.params[:4].tolist(), *control.ravel().tolist()], float(error)
-
-
-def _basis(u: np.ndarray, count: int, knots_per_u: float) -> np.ndarray:
-    """(N, count) weights of a uniform cubic B-spline's control points at coordinates u (N,)."""
-    position = u * knots_per_u + (count - 1) / 2
-    cell = np.clip(np.floor(position).astype(int), 1, count - 3)
-    t = position - cell
-    weights = np.stack(
-        [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3], axis=1
-    )
-    basis = np.zeros((len(u), count))
-    np.put_along_axis(basis, cell[:, None] + np.arange(-1, 3), weights / 6, axis=1)
-    return basis
 
 
 def splined_model(fisheye: CameraSolution, pitch_degrees: float) -> str:

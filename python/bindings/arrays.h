@@ -4,12 +4,15 @@
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <initializer_list>
 #include <string>
+#include <vector>
 
 #include "gsut/base/errors.h"
 #include "gsut/gaussians/gaussians.h"
+#include "gsut/gaussians/harmonics_rows.h"
 
 namespace gsut::bindings {
 
@@ -82,20 +85,26 @@ T* MutableData(const py::handle& object, const char* name,
 
 // View of a gsut.Gaussians (any object with means, quats, log_scales, opacity_logits, sh as
 // C-contiguous arrays). View is GaussiansView<T>, or GaussiansView<const T> to read only, and
-// get(object, name, shape) the checked pointer. The caller keeps the object alive meanwhile.
+// get(object, name, shape) the checked pointer. rows: of harmonics of several degrees, which are
+// one array of floats; null: sh (N, K, 3). The caller keeps the object alive meanwhile.
 template <class View, class Get>
-View GaussiansOf(const py::handle& gaussians, Get&& get) {
+View GaussiansOf(const py::handle& gaussians, const HarmonicsRows* rows, Get&& get) {
   View view;
   const py::object sh = gaussians.attr("sh");
   const py::object means = gaussians.attr("means");
-  const auto sh_array = py::reinterpret_borrow<py::array>(sh);
   view.size = static_cast<std::int64_t>(py::len(means));
-  view.sh_coefficients = sh_array.ndim() == 3 ? static_cast<int>(sh_array.shape(1)) : 0;
   view.means = get(means, "means", {view.size, 3});
   view.quats = get(gaussians.attr("quats"), "quats", {view.size, 4});
   view.log_scales = get(gaussians.attr("log_scales"), "log_scales", {view.size, 3});
   view.opacity_logits = get(gaussians.attr("opacity_logits"), "opacity_logits", {view.size});
-  view.sh = get(sh, "sh", {view.size, view.sh_coefficients, 3});
+  if (rows != nullptr) {
+    view.sh_coefficients = NumShCoefficients(rows->MaxDegree());
+    view.sh = get(sh, "sh", {rows->Offset(view.size)});
+  } else {
+    const auto sh_array = py::reinterpret_borrow<py::array>(sh);
+    view.sh_coefficients = sh_array.ndim() == 3 ? static_cast<int>(sh_array.shape(1)) : 0;
+    view.sh = get(sh, "sh", {view.size, view.sh_coefficients, 3});
+  }
   const int k = view.sh_coefficients;
   if (k != 1 && k != 4 && k != 9 && k != 16) {
     throw InputError("sh must have 1, 4, 9 or 16 coefficients (degree 0 to 3), found " +
@@ -105,21 +114,53 @@ View GaussiansOf(const py::handle& gaussians, Get&& get) {
 }
 
 template <class T>
-GaussiansView<T> MutableGaussians(const py::handle& gaussians) {
-  return GaussiansOf<GaussiansView<T>>(gaussians, [](const py::handle& array, const char* name,
-                                                     std::initializer_list<std::int64_t> shape) {
-    return MutableData<T>(array, name, shape);
-  });
+GaussiansView<T> MutableGaussians(const py::handle& gaussians,
+                                  const HarmonicsRows* rows = nullptr) {
+  return GaussiansOf<GaussiansView<T>>(
+      gaussians, rows,
+      [](const py::handle& array, const char* name, std::initializer_list<std::int64_t> shape) {
+        return MutableData<T>(array, name, shape);
+      });
 }
 
 template <class T>
-GaussiansView<const T> ConstGaussians(const py::handle& gaussians) {
+GaussiansView<const T> ConstGaussians(const py::handle& gaussians,
+                                      const HarmonicsRows* rows = nullptr) {
   return GaussiansOf<GaussiansView<const T>>(
-      gaussians,
+      gaussians, rows,
       [](const py::handle& array, const char* name, std::initializer_list<std::int64_t> shape) {
         return ConstData<T>(array, name, shape);
       });
 }
+
+// Reads a dictionary of settings into the fields of options.
+class SettingsReader {
+ public:
+  SettingsReader(const py::dict& values, const char* function)
+      : values_(values), function_(function) {}
+
+  // Leaves the field as it is where there is no such setting.
+  template <class T>
+  void Read(const char* name, T* field) {
+    known_.emplace_back(name);
+    if (values_.contains(name)) *field = py::cast<T>(values_[name]);
+  }
+
+  // Throws InputError for a setting that was neither read nor is among `others`.
+  void CheckAllRead(std::initializer_list<const char*> others = {}) {
+    known_.insert(known_.end(), others.begin(), others.end());
+    for (const auto& [key, value] : values_) {
+      const auto name = py::cast<std::string>(key);
+      if (std::find(known_.begin(), known_.end(), name) != known_.end()) continue;
+      throw InputError(std::string(function_) + " has no setting " + name);
+    }
+  }
+
+ private:
+  py::dict values_;
+  const char* function_;
+  std::vector<std::string> known_;
+};
 
 // A new uninitialised array.
 template <class T>

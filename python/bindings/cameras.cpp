@@ -12,6 +12,7 @@
 #include "bindings/arrays.h"
 #include "bindings/module.h"
 #include "gsut/cameras/camera.h"
+#include "gsut/cameras/lens_traits.h"
 #include "gsut/formats/camera_model.h"
 
 namespace gsut::bindings {
@@ -177,6 +178,8 @@ void BindCameras(py::module_& m) {
       .def("ray_origins", &RayOrigins, py::arg("pixels"))
       .def_property_readonly("is_central", &Camera::IsCentral)
       .def_property_readonly("is_parallel", &Camera::IsParallel)
+      .def_property_readonly("is_cone",
+                             [](const Camera& camera) { return camera.domain().edge == nullptr; })
       .def_property_readonly("is_panorama",
                              [](const Camera& camera) { return camera.domain().IsPanorama(); })
       .def_property_readonly(
@@ -196,6 +199,31 @@ void BindCameras(py::module_& m) {
   m.def("format_camera_model", &FormatModel, py::arg("camera"), py::arg("extrinsics"),
         py::arg("valid_region"));
   m.def("camera_examples", &Examples, py::arg("model"));
+  py::class_<LensTraits>(m, "LensTraits")
+      .def_readonly("choices", &LensTraits::choices)
+      .def_readonly("fit_held", &LensTraits::fit_held)
+      .def_readonly("fit_near", &LensTraits::fit_near)
+      .def_readonly("has_table", &LensTraits::has_table)
+      .def_readonly("takes_size", &LensTraits::takes_size)
+      .def_readonly("is_central", &LensTraits::is_central)
+      .def_readonly("is_parallel", &LensTraits::is_parallel);
+  m.def(
+      "camera_traits", [](const std::string& model) { return TraitsOf(LensFromName(model)); },
+      py::arg("model"));
+  m.def(
+      "camera_accepts_params",
+      [](const std::string& model, int num_params) {
+        return LensAcceptsParams(LensFromName(model), num_params);
+      },
+      py::arg("model"), py::arg("num_params"));
+  m.def(
+      "camera_fit_starts",
+      [](const std::string& model, const std::array<double, 2>& focal,
+         const std::array<double, 2>& center, double max_angle) {
+        return LensFitStarts(LensFromName(model),
+                             {focal[0], focal[1], center[0], center[1], max_angle});
+      },
+      py::arg("model"), py::arg("focal"), py::arg("center"), py::arg("max_angle"));
 }
 
 }  // namespace gsut::bindings

@@ -5,6 +5,7 @@
 
 #include "bindings/arrays.h"
 #include "bindings/module.h"
+#include "gsut/geometry/camera_chain.h"
 
 namespace gsut::bindings {
 
@@ -137,6 +138,26 @@ Raises:
   m.def(
       "checked_pose", [](const py::handle& matrix) { return WritePose(ReadPose(matrix)); },
       py::arg("matrix"), "The pose with its rotation made orthonormal; InputError if it is none.");
+  m.def(
+      "velocity_between",
+      [](const py::handle& start, const py::handle& end) {
+        auto velocity = NewArray<double>({6});
+        Eigen::Map<Velocity>(velocity.mutable_data()) =
+            VelocityBetween(ReadPose(start), ReadPose(end));
+        return velocity;
+      },
+      py::arg("start"), py::arg("end"),
+      "Shift of the centre in the world and turn in the camera frame from one pose to another.");
+  m.def(
+      "moved_pose",
+      [](const py::handle& middle, const py::handle& velocity, double time) {
+        const auto array = ReadArray<double>(velocity, "velocity", {6});
+        return WritePose(
+            MovedPose(ReadPose(middle), Eigen::Map<const Velocity>(array.data()), time));
+      },
+      py::arg("middle"), py::arg("velocity"), py::arg("time"),
+      "camera_from_world at a time of a rolling readout, -0.5 to 0.5, of a camera that moves by "
+      "velocity (shift of the centre, turn) in the whole of it.");
 }
 
 }  // namespace gsut::bindings

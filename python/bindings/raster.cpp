@@ -86,21 +86,6 @@ std::optional<HarmonicsRows> MixedRows(const py::handle& gaussians) {
   return rows;
 }
 
-// As GaussiansOf in arrays.h, but that harmonics of several degrees are one array of floats.
-template <class View, class Get>
-View MixedView(const py::handle& gaussians, const std::optional<HarmonicsRows>& rows, Get&& get) {
-  if (!rows.has_value()) return GaussiansOf<View>(gaussians, get);
-  View view;
-  view.size = rows->end[0];
-  view.sh_coefficients = NumShCoefficients(rows->MaxDegree());
-  view.means = get(gaussians.attr("means"), "means", {view.size, 3});
-  view.quats = get(gaussians.attr("quats"), "quats", {view.size, 4});
-  view.log_scales = get(gaussians.attr("log_scales"), "log_scales", {view.size, 3});
-  view.opacity_logits = get(gaussians.attr("opacity_logits"), "opacity_logits", {view.size});
-  view.sh = get(gaussians.attr("sh"), "sh", {rows->Offset(view.size)});
-  return view;
-}
-
 // A renderer and what its last image was made from.
 class BoundRenderer {
  public:
@@ -109,11 +94,7 @@ class BoundRenderer {
               const std::array<double, 3>& unscented, const py::object& image,
               const py::object& alpha, const py::object& depth, bool keep) {
     const std::optional<HarmonicsRows> sh_rows = MixedRows(gaussians);
-    const auto view = MixedView<GaussiansView<const float>>(
-        gaussians, sh_rows,
-        [](const py::handle& array, const char* name, std::initializer_list<std::int64_t> shape) {
-          return ConstData<float>(array, name, shape);
-        });
+    const auto view = ConstGaussians<float>(gaussians, sh_rows ? &*sh_rows : nullptr);
     motion_ = ReadMotion(pose);
     camera_ = std::make_unique<Camera>(camera);
     height_ = camera.height();
@@ -147,11 +128,7 @@ class BoundRenderer {
         (sh_rows.has_value() && sh_rows->end != sh_rows_->end)) {
       throw InputError("gradients must have the degrees of harmonics of the rendered Gaussians");
     }
-    const auto view = MixedView<GaussiansView<float>>(
-        gradients, sh_rows,
-        [](const py::handle& array, const char* name, std::initializer_list<std::int64_t> shape) {
-          return MutableData<float>(array, name, shape);
-        });
+    const auto view = MutableGaussians<float>(gradients, sh_rows ? &*sh_rows : nullptr);
     std::uint8_t* touched_data = MutableData<std::uint8_t>(touched, "touched", {view.size});
     double dpose[12] = {};
     has_lens_ = false;

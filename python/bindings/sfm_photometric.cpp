@@ -86,25 +86,16 @@ py::tuple ColorJacobian(const py::object& gaussians, const Camera& camera, const
   return py::make_tuple(colors, by_center, by_ray);
 }
 
-PhotometricOptions ReadOptions(const py::dict& settings) {
+PhotometricOptions ReadOptions(const py::dict& values) {
   PhotometricOptions options;  // one thread of Ceres: its sums differ with their number
-  for (const auto& [key, value] : settings) {
-    const auto name = py::cast<std::string>(key);
-    if (name == "loss_scale")
-      options.loss_scale = py::cast<double>(value);
-    else if (name == "max_iterations")
-      options.max_iterations = py::cast<int>(value);
-    else if (name == "function_tolerance")
-      options.function_tolerance = py::cast<double>(value);
-    else if (name == "with_gain")
-      options.with_gain = py::cast<bool>(value);
-    else if (name == "lens_free")
-      options.lens_free = py::cast<std::vector<std::vector<std::uint8_t>>>(value);
-    else if (name == "covariances")
-      options.covariances = py::cast<bool>(value);
-    else
-      throw InputError("refine_photometric has no setting " + name);
-  }
+  SettingsReader settings(values, "refine_photometric");
+  settings.Read("loss_scale", &options.loss_scale);
+  settings.Read("max_iterations", &options.max_iterations);
+  settings.Read("function_tolerance", &options.function_tolerance);
+  settings.Read("with_gain", &options.with_gain);
+  settings.Read("lens_free", &options.lens_free);
+  settings.Read("covariances", &options.covariances);
+  settings.CheckAllRead();
   return options;
 }
 

@@ -11,7 +11,6 @@
 #include "bindings/geometry.h"
 #include "bindings/module.h"
 #include "bindings/pixels.h"
-#include "gsut/geometry/camera_chain.h"
 #include "gsut/sfm/match.h"
 #include "gsut/sfm/refine_structure.h"
 #include "gsut/sfm/structure.h"
@@ -55,16 +54,17 @@ Rig ReadRig(const py::object& object) {
 }
 
 // (S, 3) int32: point, image, feature.
-py::array WriteSights(const Structure& structure,
-                      std::vector<TrackElement> StructurePoint::*elements) {
-  std::vector<std::int32_t> sights;
+py::array WriteObservations(const Structure& structure,
+                            std::vector<TrackElement> StructurePoint::*elements) {
+  std::vector<std::int32_t> observations;
   for (std::size_t i = 0; i < structure.points.size(); ++i) {
-    for (const TrackElement& sight : structure.points[i].*elements) {
-      sights.insert(sights.end(), {static_cast<std::int32_t>(i), sight.image, sight.feature});
+    for (const TrackElement& observation : structure.points[i].*elements) {
+      observations.insert(observations.end(),
+                          {static_cast<std::int32_t>(i), observation.image, observation.feature});
     }
   }
-  auto array = NewArray<std::int32_t>({static_cast<py::ssize_t>(sights.size() / 3), 3});
-  std::copy(sights.begin(), sights.end(), array.mutable_data());
+  auto array = NewArray<std::int32_t>({static_cast<py::ssize_t>(observations.size() / 3), 3});
+  std::copy(observations.begin(), observations.end(), array.mutable_data());
   return array;
 }
 
@@ -99,8 +99,9 @@ py::dict WriteStructure(const Structure& structure) {
       in_camera.insert(in_camera.end(), p.begin(), p.end());
     }
   }
-  auto sights_in_camera = NewArray<double>({static_cast<py::ssize_t>(in_camera.size() / 3), 3});
-  std::copy(in_camera.begin(), in_camera.end(), sights_in_camera.mutable_data());
+  auto observations_in_camera =
+      NewArray<double>({static_cast<py::ssize_t>(in_camera.size() / 3), 3});
+  std::copy(in_camera.begin(), in_camera.end(), observations_in_camera.mutable_data());
   py::list camera_from_body;
   for (const Pose& pose : structure.camera_from_body) camera_from_body.append(WritePose(pose));
   py::list lens_params;
@@ -113,9 +114,9 @@ py::dict WriteStructure(const Structure& structure) {
   result["camera_from_body"] = camera_from_body;
   result["points"] = positions;
   result["point_errors"] = errors;
-  result["sights"] = WriteSights(structure, &StructurePoint::sights);
-  result["sights_in_camera"] = sights_in_camera;
-  result["held_out_sights"] = WriteSights(structure, &StructurePoint::held_out);
+  result["observations"] = WriteObservations(structure, &StructurePoint::observations);
+  result["observations_in_camera"] = observations_in_camera;
+  result["held_out_observations"] = WriteObservations(structure, &StructurePoint::held_out);
   result["lens_params"] = lens_params;
   result["rms"] = structure.rms;
   result["median"] = structure.median;
@@ -138,7 +139,7 @@ struct Inputs {
 
 Inputs ReadInputs(const std::vector<const Camera*>& cameras,
                   const std::vector<int>& camera_of_image, const py::list& pixels,
-                  const py::list& verified, const py::dict& settings) {
+                  const py::list& verified, const py::dict& values) {
   Inputs inputs;
   for (const Camera* camera : cameras) inputs.lenses.push_back(*camera);
   if (pixels.size() != camera_of_image.size()) {
@@ -149,55 +150,39 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
     inputs.images.push_back({camera_of_image[i], ReadPixels(pixels[i])});
   }
   inputs.pairs = ReadVerified(verified);
-  StructureOptions& options = inputs.options;
-  for (const auto& [key, value] : settings) {
-    const auto name = py::cast<std::string>(key);
-    if (name == "max_error")
-      options.max_error = py::cast<double>(value);
-    else if (name == "min_angle")
-      options.min_angle = py::cast<double>(value);
-    else if (name == "min_inliers")
-      options.min_inliers = py::cast<int>(value);
-    else if (name == "loss_scale")
-      options.loss_scale = py::cast<double>(value);
-    else if (name == "hold_out_every")
-      options.hold_out_every = py::cast<int>(value);
-    else if (name == "covariances")
-      options.covariances = py::cast<bool>(value);
-    else if (name == "seed")
-      options.seed = py::cast<std::uint64_t>(value);
-    else if (name == "extend_radius")
-      options.extend_radius = py::cast<double>(value);
-    else if (name == "extend_distance")
-      options.extend_distance = py::cast<double>(value);
-    else if (name == "lens_settled")
-      options.lens_settled = py::cast<bool>(value);
-    else if (name == "extend_rounds")
-      options.extend_rounds = py::cast<int>(value);
-    else if (name == "descriptors") {
-      const auto arrays = py::cast<py::list>(value);
-      if (arrays.size() != inputs.images.size()) {
-        throw InputError("descriptors must have one array an image");
-      }
-      for (std::size_t i = 0; i < inputs.images.size(); ++i) {
-        const auto count = static_cast<py::ssize_t>(inputs.images[i].pixels.size());
-        inputs.descriptors.push_back(
-            ReadArray<std::uint8_t>(arrays[i], "descriptors", {count, kDescriptorLength}));
-        inputs.images[i].descriptors = inputs.descriptors.back().data();
-      }
-    } else if (name == "shutter")
-      options.shutter = Shutter::Named(py::cast<std::string>(value));
-    else if (name == "rolling_error")
-      options.rolling_error = py::cast<double>(value);
-    else if (name == "frame_times")
-      options.frame_times = py::cast<std::vector<double>>(value);
-    else if (name == "readout_time")
-      options.readout_time = py::cast<double>(value);
-    else if (name == "lens_free")
-      options.lens_free = py::cast<std::vector<std::vector<std::uint8_t>>>(value);
-    else
-      throw InputError("estimate_poses has no setting " + name);
+  if (values.contains("descriptors")) {
+    const auto arrays = py::cast<py::list>(values["descriptors"]);
+    if (arrays.size() != inputs.images.size()) {
+      throw InputError("descriptors must have one array an image");
+    }
+    for (std::size_t i = 0; i < inputs.images.size(); ++i) {
+      const auto count = static_cast<py::ssize_t>(inputs.images[i].pixels.size());
+      inputs.descriptors.push_back(
+          ReadArray<std::uint8_t>(arrays[i], "descriptors", {count, kDescriptorLength}));
+      inputs.images[i].descriptors = inputs.descriptors.back().data();
+    }
   }
+  StructureOptions& options = inputs.options;
+  std::string shutter = "global";
+  SettingsReader settings(values, "estimate_poses");
+  settings.Read("max_error", &options.max_error);
+  settings.Read("min_angle", &options.min_angle);
+  settings.Read("min_inliers", &options.min_inliers);
+  settings.Read("loss_scale", &options.loss_scale);
+  settings.Read("hold_out_every", &options.hold_out_every);
+  settings.Read("covariances", &options.covariances);
+  settings.Read("seed", &options.seed);
+  settings.Read("extend_radius", &options.extend_radius);
+  settings.Read("extend_distance", &options.extend_distance);
+  settings.Read("extend_rounds", &options.extend_rounds);
+  settings.Read("lens_settled", &options.lens_settled);
+  settings.Read("lens_free", &options.lens_free);
+  settings.Read("shutter", &shutter);
+  settings.Read("rolling_error", &options.rolling_error);
+  settings.Read("frame_times", &options.frame_times);
+  settings.Read("readout_time", &options.readout_time);
+  settings.CheckAllRead({"descriptors"});
+  options.shutter = Shutter::Named(shutter);
   return inputs;
 }
 
@@ -243,8 +228,7 @@ py::dict Estimate(const std::vector<const Camera*>& cameras,
                   const py::object& on_progress) {
   Inputs inputs = ReadInputs(cameras, camera_of_image, pixels, verified, settings);
   return Solve(on_progress, [&](const OnProgress& progress) {
-    return EstimatePoses(inputs.lenses, std::move(inputs.images), inputs.pairs, inputs.options,
-                         progress);
+    return EstimatePoses(inputs.lenses, inputs.images, inputs.pairs, inputs.options, progress);
   });
 }
 
@@ -271,26 +255,6 @@ void BindSfmStructure(py::module_& m) {
         py::arg("pixels"), py::arg("verified"), py::arg("camera_from_world"), py::arg("settings"),
         py::arg("on_progress"), py::arg("registered") = std::vector<std::uint8_t>(),
         py::arg("rig") = py::none());
-  m.def(
-      "velocity_between",
-      [](const py::handle& start, const py::handle& end) {
-        auto velocity = NewArray<double>({6});
-        Eigen::Map<Velocity>(velocity.mutable_data()) =
-            VelocityBetween(ReadPose(start), ReadPose(end));
-        return velocity;
-      },
-      py::arg("start"), py::arg("end"),
-      "Shift of the centre in the world and turn in the camera frame from one pose to another.");
-  m.def(
-      "moved_pose",
-      [](const py::handle& middle, const py::handle& velocity, double time) {
-        const auto array = ReadArray<double>(velocity, "velocity", {6});
-        return WritePose(
-            MovedPose(ReadPose(middle), Eigen::Map<const Velocity>(array.data()), time));
-      },
-      py::arg("middle"), py::arg("velocity"), py::arg("time"),
-      "camera_from_world at a time of a rolling readout, -0.5 to 0.5, of a camera that moves by "
-      "velocity (shift of the centre, turn) in the whole of it.");
 }
 
 }  // namespace gsut::bindings

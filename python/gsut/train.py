@@ -27,7 +27,7 @@ from gsut.training import (
 
 @dataclasses.dataclass
 class TrainResult:
-    """What training gives.
+    """The result of `train`: Gaussians, figures and history.
 
     Attributes:
         gaussians: the scene's Gaussians, in the scene's (recentred) coordinates.

@@ -1,4 +1,4 @@
-"""What the dearest lens costs a render once the rays of its pixels are cached."""
+"""What the most expensive lens costs a render once the rays of its pixels are cached."""
 
 from __future__ import annotations
 
@@ -8,46 +8,11 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.lens import Camera
+from gsut.lens import Camera, SplineGrid, convert_camera
 from tests.bench.measure import BACKWARD_STAGES, FORWARD_STAGES, FastRun, Times, best_times
 from tests.bench.scenes import make_scene
 
-# The grid of the splined lens: cubic, ten intervals across the width of the image.
-_ORDER, _COLUMNS, _ROWS, _FOV_DEGREES = 3, 16, 12, 70.0
-_CONFIG = 8  # parameters before the control points
-_SAMPLES = 48  # rays across the image to which it is fitted
-_RIDGE = 1e-9  # keeps control points that no ray depends on at zero
-
-
-def splined_like(camera: Camera) -> Camera:
-    """A splined lens with the same pixels as a camera of up to some 60 degrees across."""
-    empty = Camera(
-        "splined_stereographic",
-        [
-            _ORDER,
-            _COLUMNS,
-            _ROWS,
-            _FOV_DEGREES,
-            *camera.params[:4],
-            *[0.0] * (2 * _COLUMNS * _ROWS),
-        ],
-        camera.width,
-        camera.height,
-    )
-    u, v = np.meshgrid(
-        np.linspace(0, camera.width, _SAMPLES), np.linspace(0, camera.height, _SAMPLES)
-    )
-    pixels = np.stack([u.ravel(), v.ravel()], axis=1)
-    rays, _ = camera.unproject(pixels)
-    # Pixels are linear in the control points.
-    off = (pixels - empty.project(rays)[0]).ravel()
-    slope = empty.project_jacobian(rays)[1][:, :, _CONFIG:].reshape(len(off), -1)
-    normal = slope.T @ slope
-    points = np.linalg.solve(
-        normal + _RIDGE * np.trace(normal) * np.eye(len(normal)), slope.T @ off
-    )
-    params = np.concatenate([empty.params[:_CONFIG], points])
-    return Camera(empty.model, params, camera.width, camera.height)
+_GRID = SplineGrid(order=3, columns=16)
 
 
 def lens_cost_row(repeats: int = 20) -> dict[str, Any]:
@@ -60,7 +25,7 @@ def lens_cost_row(repeats: int = 20) -> dict[str, Any]:
     scene = make_scene("synthetic_100k_640x480")
     width, height = scene.camera.width, scene.camera.height
     pinhole = Camera("pinhole", [width, width, 0.5 * width, 0.5 * height], width, height)
-    splined = splined_like(pinhole)
+    splined = convert_camera(pinhole, "splined_stereographic", grid=_GRID).camera
     rays, valid = pinhole.rays()
     places = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1) + 0.5
     fit = np.abs(splined.project(rays[valid])[0] - places[valid]).max()

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError, SolveError
-from gsut.lens import format_colmap
+from gsut.lens import camera_models, convert_camera, format_colmap
 from gsut.sfm import (
     PoseErrors,
     PosesOptions,
@@ -70,7 +70,8 @@ class PosesBenchOptions:
     Args:
         data: datasets with poses, which are the reference (agreement, where they are COLMAP's), or
             folders of images without.
-        lenses: "known": the dataset's own lens; "unknown": estimated.
+        lenses: "known": the dataset's own lens; "unknown": estimated; a camera model: the lens of
+            that model that is fitted to the dataset's own.
         threads: 0 for all.
         shutters: "auto": as the dataset says; "global": one pose an image, with errors let through
             that are PosesOptions.rolling_error times as large if the dataset has a rolling shutter;
@@ -110,7 +111,7 @@ class PosesBenchOptions:
 
     def __post_init__(self) -> None:
         for flag, found, known in (
-            ("--lens", self.lenses, LENSES),
+            ("--lens", self.lenses, (*LENSES, *camera_models())),
             ("--shutter", self.shutters, SHUTTERS),
             ("--programs", self.programs, PROGRAMS),
         ):
@@ -213,7 +214,10 @@ def _measure(data: Path, lens: str, shutter: str, bench: PosesBenchOptions) -> d
     options = _settings(data, shutter, bench.threads)
     with tempfile.TemporaryDirectory(prefix="gsut-poses-") as folder:
         try:
-            result = estimate_poses(data, folder, unknown_lens=lens == "unknown", options=options)
+            result = estimate_poses(
+                data, folder, unknown_lens=lens == "unknown", options=options,
+                camera=None if lens in LENSES else _fitted_lens(data, lens, Path(folder)),
+            )  # fmt: skip
         except SolveError as error:
             return {**row, "failure": str(error)}
         figures = result.figures
@@ -229,6 +233,13 @@ def _measure(data: Path, lens: str, shutter: str, bench: PosesBenchOptions) -> d
                 row.update(_error_values(errors_against(data, folder)))
             row.update(_psnr(folder, bench))
     return row
+
+
+def _fitted_lens(data: Path, model: str, folder: Path) -> Path:
+    """The file of the lens of a model that is nearest to the dataset's."""
+    (camera,) = set(find_photographs(data, None).lenses)
+    convert_camera(camera, model).camera.save(folder / "fitted.lens.json")
+    return folder / "fitted.lens.json"
 
 
 def _measure_pycolmap(
@@ -304,7 +315,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="A,B",
         default="known",
         dest="lenses",
-        help="known, unknown, both [known]",
+        help="known, unknown, or a camera model: its fit to DATA's own lens is then used [known]",
     )
     add(
         "--rig", metavar="RIG",

@@ -28,7 +28,7 @@ _BACK_DEGREES, _BACK_UNITS = 0.1, 0.01
 
 
 def tracks_row(truth: Scene, degrees: float, seed: int, threads: int) -> dict[str, Any]:
-    """Training views put off by so much, and the share that `refine_by_tracks` brings back.
+    """Training views perturbed by so much, and the share that `refine_by_tracks` brings back.
 
     That is what `gsut train --refine-poses` begins with; errors after the best similarity.
     """
@@ -43,7 +43,7 @@ def tracks_row(truth: Scene, degrees: float, seed: int, threads: int) -> dict[st
 def colors_row(
     gaussians: Gaussians, scene: Scene, degrees: float, seed: int, repeats: int
 ) -> dict[str, Any]:
-    """Test views put off by so much, `repeats` times each, and the share `refine_pose` brings back.
+    """Test views perturbed `repeats` times each, and the share that `refine_pose` brings back.
 
     Args:
         gaussians: a scene trained with `scene`'s poses, which are true.

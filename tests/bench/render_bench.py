@@ -225,7 +225,7 @@ def _row(
         "valid": errors.image_rms <= IMAGE_RMS_BOUND
         and errors.gradient_relative is not None
         and errors.gradient_relative <= GRADIENT_RELATIVE_BOUND,
-        # The blend alone and the tiles' backward alone, as the study's "forward" and "backward".
+        # The blend alone and the tiles' backward alone.
         "blend_ms": times.wall_ms("forward"),
         "backward_tiles_ms": times.wall_ms("backward"),
         "blend_speedup": None,

@@ -38,7 +38,7 @@ _ON_WALL, _FAR, _NEEDLES = 0.6, 0.01, 0.02  # shares
 _FAR_FACTOR = 50.0
 _NEEDLE_SHAPE = (8.0, 0.1, 0.5)  # 80 : 1 before the axes' own spread
 # Standard deviation of a Gaussian in pixels that gives about 50 blended Gaussians a pixel at 100 k
-# Gaussians on 640 x 480 (measured, as the study's).
+# Gaussians on 640 x 480 (measured).
 _SIGMA_PIXELS, _SIGMA_GAUSSIANS, _SIGMA_IMAGE = 1.9, 100_000, 640 * 480
 
 

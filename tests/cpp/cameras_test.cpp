@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <functional>
 #include <limits>
 #include <string>
@@ -393,15 +392,11 @@ TEST(CameraTest, BadInputRaises) {
   EXPECT_THROW(Camera("pinhole", good, 640, 480, std::nan("")), InputError);
 }
 
-TEST(CameraModelTest, FileRoundTripKeepsEverything) {
+TEST(CameraModelTest, RoundTripKeepsEverything) {
   const Camera camera("opencv8", {500.1, 501.2, 320.3, 240.4, .1, -.2, 1e-3, -1e-5, .3, .4, .5, .6},
                       640, 480, 0.7);
   const CameraModelFile file{camera, {1, -2, 3e-7, 4, 5.5, -6}, {{{1.5, 2.5}, {600.5, 3}}}};
-  const std::string path =
-      (std::filesystem::temp_directory_path() / "gsut_cameras_test.cameramodel").string();
-  WriteCameraModel(path, file);
-  const CameraModelFile back = ReadCameraModel(path);
-  std::filesystem::remove(path);
+  const CameraModelFile back = ParseCameraModel(FormatCameraModel(file), "text");
   EXPECT_EQ(back.camera.model(), camera.model());
   EXPECT_EQ(back.camera.valid_field_angle(), camera.valid_field_angle());
   EXPECT_EQ(back.extrinsics, file.extrinsics);
@@ -409,8 +404,6 @@ TEST(CameraModelTest, FileRoundTripKeepsEverything) {
   for (int i = 0; i < camera.num_params(); ++i) {
     EXPECT_NEAR(back.camera.params()[i], camera.params()[i], kPixelTolerance);
   }
-  EXPECT_THROW(ReadCameraModel(path), InputError);
-  EXPECT_THROW(WriteCameraModel("/nonexistent_folder/lens.cameramodel", file), InputError);
 }
 
 }  // namespace

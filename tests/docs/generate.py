@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import ast
 import inspect
+import itertools
 import json
 import re
 import textwrap
@@ -47,9 +48,11 @@ def comment_blocks(path: Path) -> Iterator[tuple[bool, str]]:
             break
         lines.append(line[2:])
     for block in "\n".join(lines).split("\n\n"):
-        is_formula = all(line.startswith("   ") for line in block.splitlines())
-        text = textwrap.dedent(block)
-        yield is_formula, text if is_formula else " ".join(text.split())
+        for is_formula, part in itertools.groupby(
+            block.splitlines(), lambda r: r.startswith("   ")
+        ):
+            text = "\n".join(part)
+            yield is_formula, textwrap.dedent(text) if is_formula else " ".join(text.split())
 
 
 def capitalised(head: str) -> str:
@@ -70,6 +73,9 @@ def lens_section(model: str) -> str:
     out = [f"## {model}\n", f"{capitalised(head)}\n"]
     out.append(f"![The demo's hall through {model}](lenses/{model}.jpg)\n")
     out.append(f"Picture: {about}.\n")
+    family = re.search(r"families/\w+\.h", str(blocks))
+    if family:  # whose comment has the formula
+        blocks += list(comment_blocks(MODELS.parent / family[0]))[1:]
     for is_formula, text in blocks:
         out.append(f"```text\n{text}\n```\n" if is_formula else f"{text}\n")
     largest = np.degrees(camera.max_angle)

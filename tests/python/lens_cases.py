@@ -48,12 +48,6 @@ HARD_LENSES = [
     ("cahvor", [300, 305, 320, 240, 0.2, -0.3, 0.01, -0.1, 0.02], 640, 480),
     ("stereographic", [1e4, 3.0, -50.0, 20.0], 64, 48),
 ]
-# Real ones in the lens files of this version, and the hard ones above.
-NUM_LENSES = 32 + len(HARD_LENSES)
-# These see every direction; their image is no disc around the image of the axis.
-PANORAMAS = ("equirectangular", "latlon", "lonlat")
-# The domain of these ends at another angle in each direction; max_angle is the farthest.
-NO_CONE = ("splined_stereographic",)
 
 
 def all_lenses() -> list[Camera]:
@@ -70,6 +64,11 @@ def real_lenses() -> list[Camera]:
         for _, params, width, height in _core.camera_examples(model):
             cameras.append(Camera(model, params, width, height))
     return cameras
+
+
+def traits(model: str) -> _core.LensTraits:
+    """What the lens' file says of it."""
+    return _core.camera_traits(model)
 
 
 def centre(camera: Camera) -> np.ndarray:

@@ -7,10 +7,10 @@ import numpy as np
 
 import gsut
 from gsut.data.poses import inverse
-from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.matching import PairMatches
 from gsut.sfm.rig_file import Rig
+from synthetic_walk import observe
 
 _FEWEST_SHARED = 25  # points of a pair of images worth a match
 
@@ -88,21 +88,9 @@ class SyntheticRig:
 
     def _add_features(self, rng, pose, lens, noise, identity, most):
         pixels, valid = lens.project(self.points @ pose[:3, :3].T + pose[:3, 3])
-        with np.errstate(invalid="ignore"):
-            pixels = pixels + noise * rng.standard_normal(pixels.shape)
-            valid &= (pixels > 0).all(axis=1) & (pixels < [lens.width, lens.height]).all(axis=1)
-        valid[valid] = lens.unproject(pixels[valid])[1]
-        seen = np.flatnonzero(valid)[:most]
-        values = np.sqrt(identity[seen] + 0.01 * rng.random((len(seen), 128)))
-        values /= np.linalg.norm(values, axis=1, keepdims=True)
+        seen, features = observe(rng, lens, pixels, valid, noise, identity, most)
         self._seen.append(seen)
-        self.features.append(
-            Features(
-                pixels[seen], np.full(len(seen), 3, np.float32),
-                np.rint(512 * values).clip(0, 255).astype(np.uint8),
-                np.full((len(seen), 3), 128, np.uint8),
-            )
-        )  # fmt: skip
+        self.features.append(features)
 
     def _pairs(self):
         pairs = []

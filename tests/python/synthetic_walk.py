@@ -14,12 +14,37 @@ def quiet(*_: object) -> None:
     """Progress that nobody looks at."""
 
 
+def observe(rng, camera, pixels, valid, noise, identity, most=None):
+    """Which points have a feature, and these; the first `most` of those in the image and field."""
+    pixels = pixels + noise * rng.standard_normal(pixels.shape)
+    with np.errstate(invalid="ignore"):
+        valid &= (pixels > 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
+    valid[valid] = camera.unproject(pixels[valid])[1]
+    seen = np.flatnonzero(valid)[:most]
+    values = np.sqrt(identity[seen] + 0.01 * rng.random((len(seen), 128)))
+    values /= np.linalg.norm(values, axis=1, keepdims=True)
+    return seen, Features(
+        pixels[seen], np.full(len(seen), 3, np.float32),
+        np.rint(512 * values).clip(0, 255).astype(np.uint8),
+        np.full((len(seen), 3), 128, np.uint8),
+    )  # fmt: skip
+
+
+def shuffled(rng, features):
+    """The features in an order that says nothing."""
+    order = rng.permutation(len(features))
+    arrays = features.pixels, features.sizes, features.descriptors, features.colors
+    return Features(*(array[order] for array in arrays))
+
+
 class Synthetic:
     """Points around a walk, seen by features with noise and with descriptors that match."""
 
-    def __init__(self, rng, images=8, points=500, noise=0.2, turn_only=False, readout=None):
+    def __init__(
+        self, rng, images=8, points=500, noise=0.2, turn_only=False, readout=None, camera=None
+    ):
         """readout: of a rolling shutter, top to bottom, over the time between frames, or None."""
-        self.camera = gsut.Camera(
+        self.camera = camera or gsut.Camera(
             "kannala_brandt", [300, 301, 500, 505, 0.02, -0.01, 0.002, -0.0003], 1000, 1010
         )
         self.points = rng.uniform([-4, -4, -3], [4, 4, 5], (points, 3))
@@ -35,23 +60,10 @@ class Synthetic:
             if readout is not None:  # as fast as the walk, the sway apart
                 velocity = readout * np.array([0.3, 0.1 * i, 0.0, 0.02, 0.15, 0.01])
             self.velocities.append(velocity)
-            pixels, valid = self._seen(pose, velocity)
-            pixels = pixels + noise * rng.standard_normal(pixels.shape)
-            valid &= (pixels > 0).all(axis=1) & (pixels < [1000, 1010]).all(axis=1)
-            valid[valid] = self.camera.unproject(pixels[valid])[1]
-            values = np.sqrt(identity[valid] + 0.01 * rng.random((valid.sum(), 128)))
-            values /= np.linalg.norm(values, axis=1, keepdims=True)
-            count = int(valid.sum())
-            order = rng.permutation(count)
             self.poses.append(pose)
-            self.features.append(
-                Features(
-                    pixels[valid][order],
-                    np.full(count, 3, np.float32),
-                    np.rint(512 * values[order]).clip(0, 255).astype(np.uint8),
-                    np.full((count, 3), 128, np.uint8),
-                )
-            )
+            projected = self._seen(pose, velocity)
+            _, features = observe(rng, self.camera, *projected, noise, identity)
+            self.features.append(shuffled(rng, features))
 
     def _seen(self, pose, velocity):
         """Pixels of all points, each at the time of its line, and which have one."""

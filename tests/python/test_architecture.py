@@ -149,7 +149,7 @@ def test_cmake_libraries_link_what_the_design_allows():
     text = (ROOT / "CMakeLists.txt").read_text()
     linked = {
         words[0]: set(words[1:])
-        for words in map(str.split, re.findall(r"^gsut_folder\(([\w ]+)\)", text, re.MULTILINE))
+        for words in map(str.split, re.findall(r"^ *gsut_folder\(([\w ]+)\)", text, re.MULTILINE))
     }
     assert linked == CPP_MAY_USE
     assert {p.name for p in (ROOT / "cpp/gsut").iterdir() if p.is_dir()} == set(CPP_MAY_USE)

@@ -27,7 +27,7 @@ LIBRARIES = {"cv2", "gsut_scalar_baseline", "jinja2", "matplotlib", "numpy", "tq
 # commands share; gsut starts it as a process. mrcal is imported in one file, which runs under the
 # system's Python.
 CALIB_LIBRARIES = LIBRARIES | {"calib", "gsut"}
-CALIB_DOORS = {"gsut", "gsut.files", "gsut.page", "gsut.run"}
+CALIB_DOORS = {"gsut", "gsut.files", "gsut.lens", "gsut.page", "gsut.run"}
 CALIB_WITH_MRCAL = {"calib/inside_mrcal.py"}
 
 MAX_FUNCTION, MAX_CLASS, MAX_FILE = 80, 250, 400  # lines

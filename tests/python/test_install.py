@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-COMMANDS = ("demo", "test", "setup", "build", "bench", "docs", "wheel", "neon", "lint", "help")
+COMMANDS = (
+    *("demo", "test", "setup", "build", "bench", "docs", "wheel", "neon", "lint", "sanitize"),
+    "help",
+)
 # What a bare Debian has that `run` calls before the compiler is there.
 BARE = (
     "awk",

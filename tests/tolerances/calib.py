@@ -50,6 +50,7 @@ CONVERT_TARGETS = {
     "thin_prism_fisheye": CONVERT_EXACT,
     "unified": 0.075,
 }
+CONVERT_OTHERS = 0.5  # models that are not listed, of any kind that can hold a fisheye
 CONVERT_SPLINE = 6e-3  # pixels, a fisheye of 200 degrees on 16 control points; worst 2.8e-3
 CONVERT_PUPIL = 1e-3  # pixels, a lens whose pupil moves, at two distances
 UNCERTAINTY_STORED_PX = (

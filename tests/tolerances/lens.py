@@ -75,3 +75,7 @@ HARD_CASES = {
     19: (9.5e-7, 5.8e-6),  # seams and poles; worst 5.0e-7, 3.1e-6
     20: (6.6e-7, 6.2e-5),  # images of 1 x 1 to 17 x 15, of none and of one; worst 3.5e-7, 3.3e-5
 }
+OCAM_RAYS = 1.7e-15  # unit rays against OCamCalib's and MATLAB's formulae; worst 8.4e-16
+# OCamCalib's own inverse polynomial, as published beside a calibration, against the exact inverse
+OCAM_PUBLISHED_INVERSE = 0.29  # pixels; worst 0.146
+OCAM_WRITTEN_INVERSE = 0.01  # pixels, of the inverse polynomial that gsut writes

@@ -27,3 +27,10 @@ REFINED_LENS_SIGMAS = 4.0
 REFINED_SIGMA_RATIO = (0.75, 1.3)
 # Of the noise: the median residual of a fit by Cauchy's loss is too small; found 8 to 13 % low
 REFINED_NOISE_RELATIVE = 0.16
+# Every lens: 300 points, 5 frames 256 pixels wide, 0.1 px of noise; opencv12 and 14 are the worst.
+SFM_EVERY_LENS_ATE_PERCENT = 0.22  # of the path's extent; worst 0.11
+SFM_EVERY_LENS_DEGREES = 0.65  # largest of an image; worst 0.325
+SFM_EVERY_LENS_SCALE_PERCENT = 0.54  # of the lengths that a rig gives; worst 0.271
+# An image 96 pixels wide of 800 Gaussians, in 8 bits; narrow lenses are the worst.
+LOCALIZE_EVERY_LENS_DEGREES = 0.14  # worst 0.0708
+LOCALIZE_EVERY_LENS_UNITS = 2.5e-3  # worst 1.27e-3

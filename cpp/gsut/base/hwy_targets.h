@@ -7,8 +7,15 @@
 #define HWY_BROKEN_EMU128 0
 #endif
 
+// A build that only checks (./run sanitize, ./run lint) has fewer.
+#ifdef GSUT_FEWER_TARGETS
+#define GSUT_MORE_DISABLED_TARGETS (HWY_SSE4 | HWY_AVX3)
+#else
+#define GSUT_MORE_DISABLED_TARGETS 0
+#endif
+
 // Kept: scalar (or its 128-bit emulation), SSE4, AVX2, AVX-512 (HWY_AVX3), NEON. The others would
 // double the build for no gain that we measured.
 #define HWY_DISABLED_TARGETS                                                              \
   ((1LL << 4) | (1LL << 6) | HWY_AVX3_DL | HWY_SSSE3 | (1LL << 14) | HWY_SVE | HWY_SVE2 | \
-   HWY_SVE_256 | HWY_SVE2_128)
+   HWY_SVE_256 | HWY_SVE2_128 | GSUT_MORE_DISABLED_TARGETS)

@@ -114,13 +114,13 @@ void Camera::UnprojectLines(std::int64_t count, const double* pixels, double* or
 void Camera::ProjectJacobian(std::int64_t count, const double* points, double* pixels,
                              std::uint8_t* valid, double* dpixel_dpoint,
                              double* dpixel_dparams) const {
+  Project(count, points, pixels, valid);
   const int k = num_params();
   const auto loop = [&](auto model, std::int64_t begin, std::int64_t end) {
     using T = Dual<kDirections>;
     std::vector<T> dual_params(k);
     for (std::int64_t i = begin; i < end; ++i) {
       const double* point = points + 3 * i;
-      valid[i] = ProjectPoint<decltype(model)>(*this, point, pixels + 2 * i);
       const double scale = SafeScaleFor<decltype(model)>(point);
       const int directions = dpixel_dparams == nullptr ? 3 : 3 + k;
       for (int first = 0; first < directions; first += kDirections) {

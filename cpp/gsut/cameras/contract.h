@@ -53,6 +53,18 @@
 //     // for sums[k] = sum over j < rows of weight[j] params[i + j stride + k], k < columns; rows
 //     // at most 4, columns at most kMaxColumns. Tables in float have kMaxColumns more entries.
 //     static constexpr bool kHasTable = true;
+//     // Optional: indices of parameters that choose the formula, or that must be 0; the
+//     derivatives
+//     // to them say nothing.
+//     static constexpr int kChoices[] = {0, 1};
+//     // Optional, for fits of this lens to another: where to start (several starts: the best
+//     result
+//     // counts). Without it: fx fy cx cy and then zeros.
+//     static std::vector<std::vector<double>> FitStarts(const FitAxis& at);
+//     // Optional: indices of parameters that a fit holds, and of those that it holds unless it
+//     // has points at several distances.
+//     static constexpr int kFitHeld[] = {4};
+//     static constexpr int kFitNear[] = {9, 10, 11};
 //   };
 //
 // Names for T: + - * / unary -, < <= > >= (a mask: bool for scalars), and
@@ -67,9 +79,11 @@
 #include <memory>
 #include <vector>
 
+#include "gsut/cameras/fit_axis.h"
 #include "gsut/cameras/ftheta_map.h"
 #include "gsut/cameras/lens_checks.h"
 #include "gsut/cameras/lens_domain.h"
+#include "gsut/cameras/ocam_map.h"
 #include "gsut/cameras/odd_polynomial.h"
 #include "gsut/cameras/pinhole_map.h"
 #include "gsut/cameras/plane_chart.h"

@@ -8,54 +8,43 @@
 #include "gsut/base/parallel.h"
 #include "gsut/cameras/camera.h"
 #include "gsut/cameras/camera_state.h"
-#include "gsut/cameras/visit_lens.h"
 
 namespace gsut {
 namespace {
 
 // A ray that misses its pixel by more than this (px) is no ray.
 constexpr double kRayTolerance = 1e-6;
-constexpr std::int64_t kRowsPerChunk = 4;
-
-// origin: written by lenses that have origins only.
-template <class Lens>
-bool CheckedRay(const Camera& camera, double u, double v, double* origin, double* ray) {
-  const double* params = camera.params().data();
-  const int num_params = camera.num_params();
-  double point[3];  // the ray at distance 1
-  if constexpr (requires { Lens::kHasOrigins; }) {
-    if (!Lens::UnprojectLine(camera.domain(), params, num_params, u, v, origin, ray)) return false;
-    for (int k = 0; k < 3; ++k) point[k] = origin[k] + ray[k];
-  } else {
-    if (!Lens::Unproject(camera.domain(), params, num_params, u, v, ray)) return false;
-    for (int k = 0; k < 3; ++k) point[k] = ray[k];
-  }
-  double back_u = 0.0, back_v = 0.0;
-  return Lens::Project(camera.domain(), params, num_params, point[0], point[1], point[2], &back_u,
-                       &back_v) &&
-         std::hypot(back_u - u, back_v - v) <= kRayTolerance;
-}
+// Pixels whose rays are found and checked together.
+constexpr std::int64_t kBatch = 512;
 
 void BuildRays(const Camera& camera, RayTable* table) {
-  const std::int64_t width = camera.width();
-  const std::int64_t height = camera.height();
-  table->rays.resize(static_cast<std::size_t>(3 * width * height));
-  table->valid.resize(static_cast<std::size_t>(width * height));
-  VisitLens(camera.lens(), [&](auto model) {
-    constexpr bool kHasOrigins = requires { decltype(model)::kHasOrigins; };
-    if (kHasOrigins) table->origins.resize(table->rays.size());
-    ParallelFor(height, kRowsPerChunk, [&](std::int64_t begin, std::int64_t end) {
-      for (std::int64_t i = begin * width; i < end * width; ++i) {
-        const double u = static_cast<double>(i % width) + 0.5;
-        const double v = static_cast<double>(i / width) + 0.5;
-        double* ray = &table->rays[3 * i];
-        double* origin = kHasOrigins ? &table->origins[3 * i] : nullptr;
-        table->valid[i] = CheckedRay<decltype(model)>(camera, u, v, origin, ray);
-        if (table->valid[i]) continue;
-        std::fill_n(ray, 3, std::numeric_limits<double>::quiet_NaN());
-        if (kHasOrigins) std::fill_n(origin, 3, std::numeric_limits<double>::quiet_NaN());
-      }
-    });
+  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+  const std::int64_t width = camera.width(), size = width * camera.height();
+  table->rays.resize(static_cast<std::size_t>(3 * size));
+  table->valid.resize(static_cast<std::size_t>(size));
+  if (!camera.IsCentral()) table->origins.resize(table->rays.size());
+  ParallelFor(size, kBatch, [&](std::int64_t begin, std::int64_t end) {
+    double pixels[2 * kBatch] = {}, origins[3 * kBatch], points[3 * kBatch] = {}, back[2 * kBatch];
+    std::uint8_t seen[kBatch];
+    const std::int64_t count = end - begin;
+    for (std::int64_t i = 0; i < count; ++i) {
+      pixels[2 * i] = static_cast<double>((begin + i) % width) + 0.5;
+      pixels[2 * i + 1] = static_cast<double>((begin + i) / width) + 0.5;
+    }
+    double* rays = &table->rays[static_cast<std::size_t>(3 * begin)];
+    std::uint8_t* valid = &table->valid[static_cast<std::size_t>(begin)];
+    camera.UnprojectLines(count, pixels, origins, rays, valid);
+    for (std::int64_t k = 0; k < 3 * count; ++k) points[k] = origins[k] + rays[k];
+    camera.Project(count, points, back, seen);
+    for (std::int64_t i = 0; i < count; ++i) {
+      valid[i] = seen[i] && std::hypot(back[2 * i] - pixels[2 * i],
+                                       back[2 * i + 1] - pixels[2 * i + 1]) <= kRayTolerance;
+      if (valid[i]) continue;
+      std::fill_n(rays + 3 * i, 3, kNaN);
+      std::fill_n(origins + 3 * i, 3, kNaN);
+    }
+    if (table->origins.empty()) return;
+    std::copy_n(origins, 3 * count, &table->origins[static_cast<std::size_t>(3 * begin)]);
   });
 }
 

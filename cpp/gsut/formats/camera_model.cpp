@@ -4,8 +4,6 @@
 #include <charconv>
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
-#include <fstream>
 #include <limits>
 #include <sstream>
 #include <system_error>
@@ -135,6 +133,7 @@ class Reader {
                std::to_string(list.items.size()));
     }
     std::vector<double> numbers;
+    numbers.reserve(list.items.size());
     for (const PythonLiteral& item : list.items) numbers.push_back(Number(key, item));
     return numbers;
   }
@@ -277,28 +276,6 @@ std::string FormatCameraModel(const CameraModelFile& file) {
       << "    'extrinsics': " << ListText(file.extrinsics) << ",\n\n"
       << "    'imagersize': [ " << camera.width() << ", " << camera.height() << " ],\n}\n";
   return out.str();
-}
-
-CameraModelFile ReadCameraModel(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  if (!in) throw InputError(path + ": cannot be read; check the path and its permissions");
-  return ParseCameraModel(text.str(), path);
-}
-
-void WriteCameraModel(const std::string& path, const CameraModelFile& file) {
-  const std::string text = FormatCameraModel(file);
-  const std::string temporary = path + ".tmp";
-  std::ofstream out(temporary, std::ios::binary);
-  out << text;
-  out.close();
-  std::error_code error;
-  if (out) std::filesystem::rename(temporary, path, error);
-  if (!out || error) {
-    std::filesystem::remove(temporary, error);
-    throw InputError(path + ": cannot be written; check the folder and its permissions");
-  }
 }
 
 }  // namespace gsut

@@ -1,4 +1,4 @@
-// Reads and writes mrcal's .cameramodel files.
+// Reads and writes the text of mrcal's .cameramodel files.
 #pragma once
 
 #include <array>
@@ -24,16 +24,10 @@ struct CameraModelFile {
 // Models: LENSMODEL_PINHOLE, _OPENCV4, _OPENCV5, _OPENCV8, _OPENCV12, _STEREOGRAPHIC, _LONLAT,
 // _LATLON, _CAHVOR, _CAHVORE, _SPLINED_STEREOGRAPHIC. The key gsut_valid_field_angle (radians),
 // which mrcal does not know, holds Camera::valid_field_angle; mrcal's optimization_inputs are not
-// kept. source: the file's name, for messages. Throws
-// CalibrationError naming source, line and key.
+// kept. source: the file's name, for messages. Throws CalibrationError naming source, line and key.
 CameraModelFile ParseCameraModel(std::string_view text, const std::string& source);
 
 // Throws InputError if mrcal has no such lens. Numbers are written so that they read back exactly.
 std::string FormatCameraModel(const CameraModelFile& file);
-
-// The same with files; InputError if the file cannot be read or written. Written under a temporary
-// name and renamed.
-CameraModelFile ReadCameraModel(const std::string& path);
-void WriteCameraModel(const std::string& path, const CameraModelFile& file);
 
 }  // namespace gsut

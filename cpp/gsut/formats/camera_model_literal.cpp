@@ -92,10 +92,9 @@ class Parser {
     value->kind = Kind::kDict;
     Expect('{');
     while (!TakeIf('}')) {
-      PythonLiteral key = ParseValue(depth + 1);
+      value->items.push_back(ParseValue(depth + 1));
       Expect(':');
-      PythonLiteral entry = ParseValue(depth + 1);
-      value->entries.emplace_back(std::move(key), std::move(entry));
+      value->items.push_back(ParseValue(depth + 1));
       if (!TakeIf(',')) {
         Expect('}');
         return;
@@ -196,8 +195,9 @@ class Parser {
 
 const PythonLiteral* PythonLiteral::Find(std::string_view key) const {
   const PythonLiteral* found = nullptr;
-  for (const auto& [name, value] : entries) {
-    if (name.kind == Kind::kString && name.text == key) found = &value;
+  if (kind != Kind::kDict) return found;
+  for (std::size_t i = 0; i < items.size(); i += 2) {
+    if (items[i].kind == Kind::kString && items[i].text == key) found = &items[i + 1];
   }
   return found;
 }

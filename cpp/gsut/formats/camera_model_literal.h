@@ -3,7 +3,6 @@
 
 #include <string>
 #include <string_view>
-#include <utility>
 #include <vector>
 
 namespace gsut {
@@ -13,10 +12,9 @@ struct PythonLiteral {
   enum class Kind { kNone, kBool, kNumber, kString, kList, kDict };
   Kind kind = Kind::kNone;
   int line = 1;
-  double number = 0.0;  // also 0 or 1 of a bool
-  std::string text;     // of a string, escapes resolved
-  std::vector<PythonLiteral> items;
-  std::vector<std::pair<PythonLiteral, PythonLiteral>> entries;
+  double number = 0.0;               // also 0 or 1 of a bool
+  std::string text;                  // of a string, escapes resolved
+  std::vector<PythonLiteral> items;  // of a list; of a dict its keys and values in turn
 
   // The value of a key; null if this is no dict or lacks the key. The last one counts, as in
   // Python.

@@ -49,9 +49,9 @@ std::size_t FindProperty(const PlyElement& element, const std::string& name,
 // Columns of name0, name1, ... in the file.
 std::vector<std::size_t> FindNumbered(const PlyElement& element, const std::string& name, int count,
                                       const std::string& path) {
-  std::vector<std::size_t> columns;
+  std::vector<std::size_t> columns(static_cast<std::size_t>(count));
   for (int i = 0; i < count; ++i) {
-    columns.push_back(FindProperty(element, name + std::to_string(i), path, "Gaussians"));
+    columns[i] = FindProperty(element, name + std::to_string(i), path, "Gaussians");
   }
   return columns;
 }

@@ -152,7 +152,10 @@ void ReadElement(Values& reader, const PlyElement& element, const std::string& p
       }
       double length = 0.0, entry = 0.0;
       read(property, property.count_type, &length);
-      for (double k = 0.0; k < length; k += 1.0) read(property, property.type, &entry);
+      while (length > 0.0) {  // too long: the file ends first
+        read(property, property.type, &entry);
+        length -= 1.0;
+      }
       values[i] = 0.0;
     }
     if (row_function != nullptr) (*row_function)(values.data());

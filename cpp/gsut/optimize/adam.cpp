@@ -237,6 +237,7 @@ void AdamStep(const std::vector<AdamGroup>& groups, std::int64_t rows, std::int6
   const auto rows_function = HWY_DYNAMIC_DISPATCH(AdamRows);
   for (const AdamGroup& group : groups) {
     std::vector<float> rates;
+    rates.reserve(group.learning_rates.size());
     for (const double rate : group.learning_rates) {
       rates.push_back(static_cast<float>(rate / correction1));
     }

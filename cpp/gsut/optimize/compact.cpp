@@ -25,11 +25,12 @@ int DepthFor(std::int64_t rows, int block_rows) {
 // How many merges each block makes: the `wanted` cheapest of all, a block's merges in their order.
 std::vector<std::int64_t> ShareMerges(const std::vector<std::vector<MergeStep>>& steps,
                                       std::int64_t wanted) {
-  // A merge can be made only after those before it in its block: it costs what the dearest cost.
+  // A merge can be made only after those before it in its block: it costs what the most expensive
+  // of them cost.
   std::vector<double> costs;
   for (const auto& block : steps) {
-    double dearest = 0.0;
-    for (const MergeStep& step : block) costs.push_back(dearest = std::max(dearest, step.cost));
+    double highest = 0.0;
+    for (const MergeStep& step : block) costs.push_back(highest = std::max(highest, step.cost));
   }
   std::vector<std::int64_t> made(steps.size(), 0);
   if (wanted <= 0 || costs.empty()) return made;

@@ -73,6 +73,7 @@ class Herd {
   // `kept` different members at random: those with the smallest random keys.
   void Start(std::int64_t kept, const Rng& rng) {
     std::vector<std::pair<double, std::size_t>> keys;
+    keys.reserve(members_.size());
     for (std::size_t i = 0; i < members_.size(); ++i) keys.emplace_back(rng.Uniform(i), i);
     std::sort(keys.begin(), keys.end());
     for (std::int64_t c = 0; c < kept; ++c) {

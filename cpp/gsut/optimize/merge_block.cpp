@@ -140,6 +140,7 @@ class Planner {
     std::erase(candidates, place);
     if (candidates.empty()) AddNearestAlive(place);
     std::vector<std::pair<double, Place>> costs;
+    costs.reserve(candidates.size());
     for (const Place candidate : candidates) {
       costs.emplace_back(CostOfMerging(clusters_[place], clusters_[candidate], options_),
                          candidate);

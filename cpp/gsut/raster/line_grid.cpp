@@ -289,7 +289,8 @@ std::shared_ptr<const LineGrid> MakeLineGrid(const ViewRays& view, int lanes) {
     }
   });
   for (const LineBundle& bundle : grid->bundles) {
-    grid->too_wide = grid->too_wide || bundle.values[LineBundle::kState] == LineBundle::kWide;
+    grid->tiles.too_wide =
+        grid->tiles.too_wide || bundle.values[LineBundle::kState] == LineBundle::kWide;
   }
   int nodes_x = tiles.tiles_x, nodes_y = tiles.tiles_y, size = kTileSize;
   grid->levels.push_back(MakeLevel(grid->bundles, nodes_x, nodes_y));

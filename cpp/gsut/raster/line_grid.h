@@ -50,7 +50,6 @@ struct LineGrid {
   AlignedVector<float> block_box;    // per tile 8 x block_stride: centres and halves of a b s t
   std::vector<LineLevel> levels;     // tiles first; the last is one group
   bool is_parallel = false;
-  bool too_wide = false;  // as TileGrid::too_wide
   std::int64_t bytes() const;
 };
 

@@ -12,6 +12,7 @@
 #include "gsut/projection/project_kernels.h"
 #include "gsut/raster/bin_tiles.h"
 #include "gsut/raster/central/kernels.h"
+#include "gsut/raster/lines/kernels.h"
 #include "gsut/raster/sharp_records.h"
 #include "gsut/raster/view_rays.h"
 
@@ -31,33 +32,48 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   rendered_ = false;
   settings.rule.Check();
   ActiveIsa();  // applies GSUT_ISA before the first kernel runs
-  lines_ = nullptr;
   timings_.clear();
-  if (!HasOneCenter(camera, motion)) {
-    FillTask(gaussians, motion.Middle(), settings, options);
-    camera_ = std::make_unique<Camera>(camera);
-    motion_ = motion;
-    RenderLines(image, alpha, depth);
-    return;
-  }
-  grid_ = TilesOf(camera, ActiveLanes());
-  if (grid_->too_wide) throw InputError(kTooWide);
+  camera_ = std::make_unique<Camera>(camera);
+  motion_ = motion;
+  lines_ = nullptr;
   Stopwatch watch;
-  FillTask(gaussians, motion.start, settings, options);
-  const FootprintRule footprint = {settings.rule.alpha_min, settings.rule.response_min};
-  Project(gaussians, camera, motion.start, options.unscented, footprint, &splats_);
+  if (HasOneCenter(camera, motion)) {
+    grid_ = TilesOf(camera, ActiveLanes());
+  } else {
+    lines_ = LinesOf(camera, motion, ActiveLanes());
+  }
+  if (tiles().too_wide) throw InputError(kTooWide);
+  FillTask(gaussians, motion.Middle(), settings, options);
+  if (lines_ == nullptr) {
+    const FootprintRule footprint = {settings.rule.alpha_min, settings.rule.response_min};
+    Project(gaussians, camera, motion.start, options.unscented, footprint, &splats_);
+  } else {
+    splats_.Resize(gaussians.size);
+  }
   timings_.push_back(watch.Lap("project"));
-  ResizeFrame(*grid_);
+  ResizeFrame();
   ParallelFor(gaussians.size, kRecordsPart, [&](std::int64_t begin, std::int64_t end) {
     frame_.row_spans[static_cast<std::size_t>(begin / kRecordsPart)].clear();
-    RecordsKernel(task_, *grid_, splats_, begin, end, &frame_);
+    if (lines_ == nullptr) {
+      RecordsKernel(task_, *grid_, splats_, begin, end, &frame_);
+    } else {
+      LineRecordsKernel(task_, *lines_, begin, end, &frame_, &splats_);
+    }
   });
   timings_.push_back(watch.Lap("records"));
-  BinTiles(*grid_, &frame_);
+  BinTiles(tiles(), &frame_);
+  if (task_.keep) {
+    frame_.entries.resize(frame_.pairs.size());
+    frame_.entry_count.resize(static_cast<std::size_t>(tiles().num_tiles()));
+  }
   timings_.push_back(watch.Lap("bin"));
-  ResizePairs(*grid_);
-  ParallelFor(grid_->num_tiles(), 1, [&](std::int64_t tile, std::int64_t) {
-    ForwardKernel(task_, *grid_, static_cast<int>(tile), &frame_, image, alpha, depth);
+  ParallelFor(tiles().num_tiles(), 1, [&](std::int64_t index, std::int64_t) {
+    const int tile = static_cast<int>(index);
+    if (lines_ == nullptr) {
+      ForwardKernel(task_, *grid_, tile, &frame_, image, alpha, depth);
+    } else {
+      LineForwardKernel(task_, *lines_, tile, &frame_, image, alpha, depth);
+    }
   });
   timings_.push_back(watch.Lap("forward"));
   rendered_ = task_.keep;
@@ -94,7 +110,7 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Pose&
   task_.sh_degree = settings.sh_degree < stored_degree ? settings.sh_degree : stored_degree;
 }
 
-void Renderer::ResizeFrame(const TileGrid& grid) {
+void Renderer::ResizeFrame() {
   frame_.size = task_.gaussians.size;
   const std::size_t n = static_cast<std::size_t>(frame_.size);
   frame_.records.resize((n + kPadding) * record::kSize);
@@ -102,16 +118,10 @@ void Renderer::ResizeFrame(const TileGrid& grid) {
   frame_.order_key.resize(n + kPadding);
   frame_.rects.resize(n);
   frame_.row_spans.resize((n + kRecordsPart - 1) / kRecordsPart);
-  const std::size_t pixels = static_cast<std::size_t>(grid.num_tiles()) * kTilePixels;
+  const std::size_t pixels = static_cast<std::size_t>(tiles().num_tiles()) * kTilePixels;
   frame_.transmittance.resize(pixels);
   for (AlignedVector<float>& channel : frame_.color) channel.resize(pixels);
   if (task_.with_depth) frame_.depth.resize(pixels);
-}
-
-void Renderer::ResizePairs(const TileGrid& grid) {
-  if (!task_.keep) return;
-  frame_.entries.resize(frame_.pairs.size());
-  frame_.entry_count.resize(static_cast<std::size_t>(grid.num_tiles()));
 }
 
 std::int64_t Renderer::num_contributing_pairs() const {

@@ -93,23 +93,17 @@ class Renderer {
  private:
   void FillTask(const GaussiansView<const float>& gaussians, const Pose& camera_from_world,
                 const RenderSettings& settings, const TiledOptions& options);
-  void ResizeFrame(const TileGrid& grid);
-  void ResizePairs(const TileGrid& grid);
-  void RenderLines(float* image, float* alpha, float* depth);
-  void BackwardLines(const ImageGradients& image_gradients, bool write_untouched,
-                     const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose,
-                     RayGradients* rays);
+  void ResizeFrame();
+  const TileGrid& tiles() const { return lines_ == nullptr ? *grid_ : lines_->tiles; }
   WalkScene LastScene() const;
-  // From the kernels' gradients to a tile's lines to those of its pixels' rays.
+  // From the kernels' gradients to a tile's lines (or rays) to those of its pixels' rays.
   void ToRays(int tile, const float* to_lines, const float* ddepth, RayGradients* rays) const;
-  // The same for rays that start at one point: to_rays, the gradients to their s and t.
-  void ToCentralRays(int tile, const float* to_rays, const float* ddepth, RayGradients* rays) const;
 
   std::vector<StageTime> timings_;
   RasterTask task_;
   std::shared_ptr<const TileGrid> grid_;
   std::shared_ptr<const LineGrid> lines_;  // null: rays from one point, `grid_` is used
-  std::unique_ptr<Camera> camera_;         // of the last render of lines
+  std::unique_ptr<Camera> camera_;         // of the last render, and how it moved
   CameraMotion motion_;
   AlignedVector<float> shading_slopes_;  // of Jacobian
   Pose reference_;  // camera_from_world of the rays' reference, and the rule, of the last render

@@ -1,18 +1,23 @@
 // The backward pass of a frame: tiles to slots, slots to Gaussians, Gaussians to the pose.
 #include <Eigen/Core>
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 #include "gsut/raster/central/kernels.h"
+#include "gsut/raster/lines/kernels.h"
 #include "gsut/raster/render.h"
 
 namespace gsut {
 namespace {
 
+using Eigen::Map;
+using Eigen::Vector3d;
+
 constexpr std::int64_t kGaussianGrain = 2048;
+// Gradients to a, b, s, t and slide of a tile's lines; to s and t only where they start at a point.
+constexpr std::size_t kLineGradients = 5;
 
 }  // namespace
 
@@ -34,66 +39,91 @@ void Renderer::Backward(const float* dimage, const float* dalpha, const float* d
   frame_.slot_touched.resize(slots);
   std::fill(frame_.slot_touched.begin(), frame_.slot_touched.end(), std::uint8_t{0});
   const ImageGradients image_gradients = {dimage, dalpha, ddepth};
-  if (lines_ != nullptr) {
-    BackwardLines(image_gradients, write_untouched, gradients, touched, dpose, rays);
-    return;
-  }
   Stopwatch watch;
-  if (rays != nullptr) {
-    rays->origins.clear();
-    rays->rays.assign(3 * static_cast<std::size_t>(grid_->width) * grid_->height, 0.0);
-  }
-  ParallelFor(grid_->num_tiles(), 1, [&](std::int64_t tile, std::int64_t) {
-    alignas(64) float to_rays[2 * kTilePixels];
-    BackwardKernel(task_, *grid_, static_cast<int>(tile), image_gradients, &frame_,
-                   rays == nullptr ? nullptr : to_rays);
-    if (rays != nullptr) ToCentralRays(static_cast<int>(tile), to_rays, ddepth, rays);
+  // The gradient to the poses of lines comes through their rays.
+  RayGradients of_image;
+  const bool with_rays = rays != nullptr || (lines_ != nullptr && dpose != nullptr);
+  if (rays == nullptr) rays = &of_image;
+  const std::size_t pixels = static_cast<std::size_t>(tiles().width) * tiles().height;
+  rays->origins.assign(with_rays && lines_ != nullptr ? 3 * pixels : 0, 0.0);
+  rays->rays.assign(with_rays ? 3 * pixels : 0, 0.0);
+  ParallelFor(tiles().num_tiles(), 1, [&](std::int64_t index, std::int64_t) {
+    const int tile = static_cast<int>(index);
+    alignas(64) float buffer[kLineGradients * kTilePixels];
+    float* to_lines = with_rays ? buffer : nullptr;
+    if (lines_ == nullptr) {
+      BackwardKernel(task_, *grid_, tile, image_gradients, &frame_, to_lines);
+    } else {
+      LineBackwardKernel(task_, *lines_, tile, image_gradients, &frame_, to_lines);
+    }
+    if (with_rays) ToRays(tile, to_lines, ddepth, rays);
   });
   timings_.push_back(watch.Lap("backward"));
   const std::int64_t chunks = (gradients.size + kGaussianGrain - 1) / kGaussianGrain;
-  std::vector<std::array<double, 6>> pose(static_cast<std::size_t>(chunks));
+  std::vector<Vector6d> parts(static_cast<std::size_t>(chunks), Vector6d::Zero());
   ParallelFor(gradients.size, kGaussianGrain, [&](std::int64_t begin, std::int64_t end) {
-    std::array<double, 6>& sum = pose[static_cast<std::size_t>(begin / kGaussianGrain)];
-    sum.fill(0.0);
-    GradientsKernel(task_, frame_, begin, end, write_untouched, gradients, touched, sum.data());
+    double* sum = parts[static_cast<std::size_t>(begin / kGaussianGrain)].data();
+    if (lines_ == nullptr) {
+      GradientsKernel(task_, frame_, begin, end, write_untouched, gradients, touched, sum);
+    } else {
+      LineGradientsKernel(task_, lines_->is_parallel, frame_, begin, end, write_untouched,
+                          gradients, touched, sum);
+    }
   });
   timings_.push_back(watch.Lap("gradients"));
   if (dpose == nullptr) return;
-  std::fill_n(dpose, 6, 0.0);
-  for (const std::array<double, 6>& sum : pose) {
-    for (int k = 0; k < 6; ++k) dpose[k] += sum[static_cast<std::size_t>(k)];
+  Vector6d total = Vector6d::Zero();
+  for (const Vector6d& part : parts) total += part;
+  if (lines_ == nullptr) {
+    std::copy_n(total.data(), 6, dpose);
+    return;
   }
+  ChainToPoses(MakeViewRays(*camera_, motion_), *camera_, motion_, *rays,
+               {total.head<3>(), total.tail<3>()}, dpose);
+  timings_.push_back(watch.Lap("poses"));
 }
 
-void Renderer::ToCentralRays(int tile, const float* to_rays, const float* ddepth,
-                             RayGradients* rays) const {
-  const RayBundle& bundle = grid_->bundles[static_cast<std::size_t>(tile)];
-  const auto axis = [&](int k) {
-    return Eigen::Vector3d(
-        Eigen::Map<const Eigen::Vector3f>(&bundle.values[RayBundle::kFrame + 3 * k])
-            .cast<double>());
-  };
-  const Eigen::Vector3d d = axis(0), e1 = axis(1), e2 = axis(2);
-  const int x0 = (tile % grid_->tiles_x) * kTileSize, y0 = (tile / grid_->tiles_x) * kTileSize;
-  for (int y = y0; y < std::min(y0 + kTileSize, grid_->height); ++y) {
-    for (int x = x0; x < std::min(x0 + kTileSize, grid_->width); ++x) {
-      const int offset = grid_->PixelOffset(x - x0, y - y0);
+void Renderer::ToRays(int tile, const float* to_lines, const float* ddepth,
+                      RayGradients* rays) const {
+  const TileGrid& grid = tiles();
+  const float* frame =
+      lines_ == nullptr ? grid.bundles[static_cast<std::size_t>(tile)].values + RayBundle::kFrame
+                        : lines_->bundles[static_cast<std::size_t>(tile)].values + LineBundle::kD;
+  Vector3d axes[3];
+  for (int k = 0; k < 3; ++k) axes[k] = Map<const Eigen::Vector3f>(frame + 3 * k).cast<double>();
+  const auto& [d, e1, e2] = axes;
+  const int x0 = (tile % grid.tiles_x) * kTileSize, y0 = (tile / grid.tiles_x) * kTileSize;
+  for (int y = y0; y < std::min(y0 + kTileSize, grid.height); ++y) {
+    for (int x = x0; x < std::min(x0 + kTileSize, grid.width); ++x) {
+      const int offset = grid.PixelOffset(x - x0, y - y0);
       const std::size_t i =
           static_cast<std::size_t>(tile) * kTilePixels + static_cast<std::size_t>(offset);
-      if (grid_->start[i] == 0.0f) continue;
-      const std::size_t pixel = static_cast<std::size_t>(y) * grid_->width + x;
-      const double s = static_cast<double>(grid_->s[i]), t = static_cast<double>(grid_->t[i]);
+      if (grid.start[i] == 0.0f) continue;
+      const auto to = [&](int k) {
+        return static_cast<double>(to_lines[k * kTilePixels + offset]);
+      };
+      const double s = static_cast<double>(grid.s[i]), t = static_cast<double>(grid.t[i]);
       const double length = std::sqrt(1.0 + s * s + t * t);
-      // Distances along the unit ray are those in units of D + s E1 + t E2 times its length.
+      const std::size_t pixel = static_cast<std::size_t>(y) * grid.width + x;
+      // The distance along the unit ray is that in units of D + s E1 + t E2 (of lines: less the
+      // slide) times its length.
       const double to_length = ddepth == nullptr ? 0.0
                                                  : static_cast<double>(ddepth[pixel]) *
                                                        static_cast<double>(frame_.depth[i]);
-      const double to_s = static_cast<double>(to_rays[offset]) + to_length * s / length;
-      const double to_t =
-          static_cast<double>(to_rays[kTilePixels + offset]) + to_length * t / length;
+      double to_s = to_length * s / length, to_t = to_length * t / length;
+      if (lines_ == nullptr) {
+        to_s += to(0);
+        to_t += to(1);
+      } else {
+        // a = o.E1 - slide s, b = o.E2 - slide t, slide = o.D for the origin o.
+        const double slide = static_cast<double>(lines_->slide[i]);
+        to_s += to(2) - slide * to(0);
+        to_t += to(3) - slide * to(1);
+        const double to_slide = to(4) - s * to(0) - t * to(1);
+        Map<Vector3d>(&rays->origins[3 * pixel]) = to(0) * e1 + to(1) * e2 + to_slide * d;
+      }
       // s = d.E1 / d.D and t = d.E2 / d.D for the unit ray d, where 1 / d.D is the length.
-      Eigen::Map<Eigen::Vector3d>(&rays->rays[3 * pixel]) =
-          length * (to_s * (e1 - s * d) + to_t * (e2 - t * d));
+      Map<Vector3d>(&rays->rays[3 * pixel]) = length * (to_s * (e1 - s * d) + to_t * (e2 - t * d));
     }
   }
 }

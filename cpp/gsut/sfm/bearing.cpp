@@ -36,10 +36,8 @@ Eigen::Vector2d BearingResidual(const Bearing& bearing, const Eigen::Vector3d& p
   const double length = point_in_camera.norm();
   const Eigen::Vector3d q = point_in_camera / length;
   const double scale = 2.0 / (1.0 + bearing.ray.dot(q));
-  const Eigen::Vector2d residual = scale * (bearing.dpixel_dray * q);
-  if (!residual.allFinite()) {
-    return Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
-  }
+  Eigen::Vector2d residual = scale * (bearing.dpixel_dray * q);
+  if (!residual.allFinite()) residual.setConstant(std::numeric_limits<double>::infinity());
   return residual;
 }
 

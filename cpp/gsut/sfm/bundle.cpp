@@ -11,6 +11,7 @@
 #include "gsut/base/errors.h"
 #include "gsut/sfm/bundle_cost.h"
 #include "gsut/sfm/lens_evaluation.h"
+#include "gsut/sfm/lens_parameters.h"
 #include "gsut/sfm/pose_manifold.h"
 #include "gsut/sfm/solver_log.h"
 
@@ -107,178 +108,214 @@ void CheckBundle(const Bundle& bundle, const BundleOptions& options) {
     throw InputError("gauge_image or scale_image is not among the images");
   }
   CheckMotions(bundle, options);
-  if (options.lens_free.empty()) return;
-  if (!options.through_lens) throw InputError("lens_free needs through_lens");
-  bool same = options.lens_free.size() == bundle.cameras.size();
-  for (std::size_t c = 0; same && c < bundle.cameras.size(); ++c) {
-    same = options.lens_free[c].empty() ||
-           static_cast<int>(options.lens_free[c].size()) == bundle.cameras[c].num_params();
+  if (!options.lens_free.empty() && !options.through_lens) {
+    throw InputError("lens_free needs through_lens");
   }
-  if (!same) throw InputError("lens_free must have one flag a parameter of each camera");
+  CheckLensFlags(bundle.cameras, options.lens_free);
 }
 
-double Rms(const Bundle& bundle, const BundleState& state, const LensEvaluation* lenses) {
-  double sum = 0.0;
-  for (std::size_t i = 0; i < bundle.observations.size(); ++i) {
-    const BundleObservation& observation = bundle.observations[i];
-    const LensEvaluation::Row row =
-        lenses != nullptr ? lenses->Get(static_cast<int>(i)) : LensEvaluation::Row{};
-    if (row.valid) {
-      sum += (Eigen::Map<const Eigen::Vector2d>(row.pixel) - observation.pixel).squaredNorm();
-    } else {
-      const Eigen::Vector3d p = state.Chain(observation).Point(state.points[observation.point]);
-      sum += BearingResidual(observation.bearing, p).squaredNorm();
+// Points are eliminated first. Each array is a group of its own: within a group Ceres goes by
+// addresses, which differ from run to run between arrays, and so would the last bits.
+enum Group { kPoints, kPoses, kVelocities, kMounts, kLenses };  // and one more for each lens
+
+// A bundle as a problem for Ceres.
+class BundleProblem {
+ public:
+  // Both are kept by reference.
+  BundleProblem(const Bundle& bundle, const BundleOptions& options)
+      : bundle_(bundle),
+        options_(options),
+        state_(bundle),
+        gauge_body_(BodyOf(options.gauge_image)),
+        scale_body_(gauge_body_ < 0 ? -1 : BodyOf(options.scale_image)),
+        cauchy_(options.loss_scale > 0 ? options.loss_scale : 1.0),
+        scaled_pose_(
+            scale_body_ < 0 ? -1 : ScaleAxis(state_.poses[gauge_body_], state_.poses[scale_body_])),
+        ordering_(std::make_shared<ceres::ParameterBlockOrdering>()),
+        used_body_(state_.num_bodies()),
+        fixed_body_(state_.num_bodies()),
+        used_point_(state_.points.size()),
+        used_lens_(state_.lenses.size()),
+        used_mount_(state_.mounts.size()) {
+    ceres::Problem::Options settings;
+    settings.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    settings.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    if (options.through_lens) {
+      evaluation_ = std::make_unique<LensEvaluation>(bundle, state_, !options.lens_free.empty());
+      settings.evaluation_callback = evaluation_.get();
+    }
+    problem_ = std::make_unique<ceres::Problem>(settings);
+    AddObservations();
+    AddBodies();
+    AddPoints();
+    AddMounts();
+    AddLenses();
+  }
+
+  BundleSummary Solve() {
+    ceres::Solver::Options solver;
+    solver.linear_solver_ordering = ordering_;
+    BundleSummary summary;
+    summary.dense = IsDense(bundle_, state_);
+    solver.linear_solver_type = summary.dense ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
+    solver.max_num_iterations = options_.max_iterations;
+    solver.function_tolerance = options_.function_tolerance;
+    solver.num_threads = std::max(1, options_.num_threads);
+    solver.logging_type = ceres::SILENT;
+    summary.rms_before = Rms();
+    ceres::Solver::Summary found;
+    {
+      const QuietSolver quiet;  // a step that fails is tried again shorter: nothing to tell
+      ceres::Solve(solver, problem_.get(), &found);
+    }
+    if (!found.IsSolutionUsable()) {
+      throw SolveError("bundle adjustment failed: " + found.message);
+    }
+    summary.rms_after = Rms();
+    summary.num_outside = evaluation_ ? evaluation_->NumOutside() : 0;
+    summary.iterations = static_cast<int>(found.iterations.size()) - 1;
+    summary.converged = found.termination_type == ceres::CONVERGENCE;
+    return summary;
+  }
+
+  // Writes what was solved for.
+  void Store(Bundle* bundle) const {
+    for (std::size_t i = 0; i < bundle->camera_from_world.size(); ++i) {
+      const int image = static_cast<int>(i);
+      const int body = BodyOf(image);
+      if (!used_body_[body]) continue;
+      if (!bundle->velocities.empty()) bundle->velocities[i] = state_.velocities[body];
+      // A pose that stayed keeps its digits; other cameras of its body follow it.
+      const bool stays = (body == gauge_body_ || fixed_body_[body]) &&
+                         state_.image_of_body[body] == image && state_.mount_of_image[image] < 0;
+      if (!stays) bundle->camera_from_world[i] = state_.CameraFromWorld(image);
+    }
+    for (std::size_t m = 0; m < state_.mounts.size(); ++m) {
+      if (used_mount_[m] && Flag(options_.mount_free, static_cast<int>(m))) {
+        bundle->camera_from_body[m] = FromBlock(state_.mounts[m]);
+      }
+    }
+    bundle->points = state_.points;
+    for (std::size_t c = 0; c < state_.lenses.size(); ++c) {
+      if (!used_lens_[c]) continue;
+      const Camera& camera = bundle->cameras[c];
+      bundle->cameras[c] = Camera(camera.model(), state_.lenses[c], camera.width(), camera.height(),
+                                  camera.valid_field_angle());
     }
   }
-  return std::sqrt(sum / std::max<std::size_t>(1, bundle.observations.size()));
-}
 
-// The component of the second centre that is farthest from the first's.
-int ScaleAxis(const PoseBlock& first, const PoseBlock& second) {
-  int axis = 0;
-  (CenterOf(second.data()) - CenterOf(first.data())).cwiseAbs().maxCoeff(&axis);
-  return axis;
-}
+ private:
+  int BodyOf(int image) const { return image < 0 ? -1 : state_.body_of_image[image]; }
+
+  void AddObservations() {
+    ceres::LossFunction* loss = options_.loss_scale > 0 ? &cauchy_ : nullptr;
+    for (std::size_t i = 0; i < bundle_.observations.size(); ++i) {
+      const BundleObservation& observation = bundle_.observations[i];
+      const int camera = bundle_.camera_of_image[observation.image];
+      const int mount = state_.mount_of_image[observation.image];
+      const bool lens_free = !options_.lens_free.empty() && !options_.lens_free[camera].empty();
+      auto* cost =
+          new ReprojectionCost(bundle_, state_, static_cast<int>(i), evaluation_.get(), lens_free);
+      problem_->AddResidualBlock(cost, loss, cost->Blocks(&state_));
+      used_lens_[camera] |= lens_free;
+      used_body_[BodyOf(observation.image)] = used_point_[observation.point] = 1;
+      if (mount >= 0) used_mount_[mount] = 1;
+    }
+  }
+
+  void AddBodies() {
+    for (std::size_t image = 0; image < options_.image_fixed.size(); ++image) {
+      if (options_.image_fixed[image]) fixed_body_[BodyOf(static_cast<int>(image))] = 1;
+    }
+    for (int body = 0; body < state_.num_bodies(); ++body) {
+      if (!used_body_[body]) continue;
+      double* pose = state_.poses[body].data();
+      ordering_->AddElementToGroup(pose, kPoses);
+      problem_->SetManifold(pose, body == scale_body_ ? &scaled_pose_ : &free_pose_);
+      if (body == gauge_body_ || fixed_body_[body]) problem_->SetParameterBlockConstant(pose);
+      if (state_.velocities.empty()) continue;
+      double* velocity = state_.velocities[body].data();
+      ordering_->AddElementToGroup(velocity, kVelocities);
+      if (fixed_body_[body]) {
+        problem_->SetParameterBlockConstant(velocity);
+      } else if (!options_.velocity_priors.empty()) {
+        const VelocityPrior& prior = options_.velocity_priors[state_.image_of_body[body]];
+        problem_->AddResidualBlock(new VelocityCost(prior, options_.noise), nullptr, velocity);
+      }
+    }
+  }
+
+  void AddPoints() {
+    for (std::size_t i = 0; i < state_.points.size(); ++i) {
+      if (!used_point_[i]) continue;
+      double* point = state_.points[i].data();
+      ordering_->AddElementToGroup(point, kPoints);
+      if (Flag(options_.point_fixed, static_cast<int>(i))) {
+        problem_->SetParameterBlockConstant(point);
+      }
+    }
+  }
+
+  void AddMounts() {
+    for (std::size_t m = 0; m < state_.mounts.size(); ++m) {
+      if (!used_mount_[m]) continue;
+      double* mount = state_.mounts[m].data();
+      ordering_->AddElementToGroup(mount, kMounts);
+      problem_->SetManifold(mount, &free_pose_);
+      if (!Flag(options_.mount_free, static_cast<int>(m))) {
+        problem_->SetParameterBlockConstant(mount);
+      }
+    }
+  }
+
+  void AddLenses() {
+    for (std::size_t c = 0; c < state_.lenses.size(); ++c) {
+      if (!used_lens_[c]) continue;
+      double* lens = state_.lenses[c].data();
+      ordering_->AddElementToGroup(lens, kLenses + static_cast<int>(c));
+      HoldLensParameters(options_.lens_free[c], lens, problem_.get(), &lens_manifolds_);
+    }
+  }
+
+  // Of the residuals at the current unknowns.
+  double Rms() {
+    if (evaluation_) evaluation_->PrepareForEvaluation(false, true);
+    double sum = 0.0;
+    for (std::size_t i = 0; i < bundle_.observations.size(); ++i) {
+      const BundleObservation& observation = bundle_.observations[i];
+      LensEvaluation::Row row = {};
+      if (evaluation_) row = evaluation_->Get(static_cast<int>(i));
+      if (row.valid) {
+        sum += (Eigen::Map<const Eigen::Vector2d>(row.pixel) - observation.pixel).squaredNorm();
+      } else {
+        const Eigen::Vector3d p = state_.Chain(observation).Point(state_.points[observation.point]);
+        sum += BearingResidual(observation.bearing, p).squaredNorm();
+      }
+    }
+    return std::sqrt(sum / std::max<std::size_t>(1, bundle_.observations.size()));
+  }
+
+  const Bundle& bundle_;
+  const BundleOptions& options_;
+  BundleState state_;
+  int gauge_body_, scale_body_;
+  std::unique_ptr<LensEvaluation> evaluation_;
+  ceres::CauchyLoss cauchy_;
+  PoseManifold free_pose_, scaled_pose_;
+  std::vector<std::unique_ptr<ceres::Manifold>> lens_manifolds_;
+  std::unique_ptr<ceres::Problem> problem_;
+  std::shared_ptr<ceres::ParameterBlockOrdering> ordering_;
+  std::vector<std::uint8_t> used_body_, fixed_body_, used_point_, used_lens_, used_mount_;
+};
 
 }  // namespace
 
 BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
   CheckBundle(*bundle, options);
-  BundleSummary summary;
-  if (bundle->observations.empty()) return summary;
-  BundleState state(*bundle);
-  const bool lenses_free = !options.lens_free.empty();
-  std::unique_ptr<LensEvaluation> evaluation;
-  ceres::Problem::Options problem_options;
-  problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  problem_options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  if (options.through_lens) {
-    evaluation = std::make_unique<LensEvaluation>(*bundle, state, lenses_free);
-    problem_options.evaluation_callback = evaluation.get();
-  }
-  ceres::CauchyLoss cauchy(options.loss_scale > 0 ? options.loss_scale : 1.0);
-  ceres::LossFunction* loss = options.loss_scale > 0 ? &cauchy : nullptr;
-  PoseManifold free_pose;
-  const auto body_of = [&](int image) { return image < 0 ? -1 : state.body_of_image[image]; };
-  const int gauge_body = body_of(options.gauge_image);
-  const int scale_body = gauge_body < 0 ? -1 : body_of(options.scale_image);
-  PoseManifold scaled_pose(
-      scale_body >= 0 ? ScaleAxis(state.poses[gauge_body], state.poses[scale_body]) : -1);
-  std::vector<std::unique_ptr<ceres::Manifold>> lens_manifolds;
-  ceres::Problem problem(problem_options);
-  std::vector<std::uint8_t> used_body(state.num_bodies()), fixed_body(state.num_bodies()),
-      used_point(state.points.size()), used_lens(state.lenses.size()),
-      used_mount(state.mounts.size());
-  for (std::size_t i = 0; i < bundle->observations.size(); ++i) {
-    const BundleObservation& observation = bundle->observations[i];
-    const int camera = bundle->camera_of_image[observation.image];
-    const bool lens_free = lenses_free && !options.lens_free[camera].empty();
-    auto* cost = new SightCost(*bundle, state, static_cast<int>(i), evaluation.get(), lens_free);
-    problem.AddResidualBlock(cost, loss, cost->Blocks(&state));
-    used_lens[camera] |= lens_free;
-    used_body[body_of(observation.image)] = used_point[observation.point] = 1;
-    if (state.mount_of_image[observation.image] >= 0) {
-      used_mount[state.mount_of_image[observation.image]] = 1;
-    }
-  }
-  for (std::size_t image = 0; image < options.image_fixed.size(); ++image) {
-    if (options.image_fixed[image]) fixed_body[body_of(static_cast<int>(image))] = 1;
-  }
-  // Points are eliminated first. Each array is a group of its own: within a group Ceres goes by
-  // addresses, which differ from run to run between arrays, and so would the last bits.
-  enum Group { kPoints, kPoses, kVelocities, kMounts, kLenses };  // and one more for each lens
-  auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-  for (int body = 0; body < state.num_bodies(); ++body) {
-    if (!used_body[body]) continue;
-    double* pose = state.poses[body].data();
-    ordering->AddElementToGroup(pose, kPoses);
-    problem.SetManifold(pose, body == scale_body ? &scaled_pose : &free_pose);
-    if (body == gauge_body || fixed_body[body]) problem.SetParameterBlockConstant(pose);
-    if (state.velocities.empty()) continue;
-    double* velocity = state.velocities[body].data();
-    ordering->AddElementToGroup(velocity, kVelocities);
-    if (fixed_body[body]) {
-      problem.SetParameterBlockConstant(velocity);
-    } else if (!options.velocity_priors.empty()) {
-      const VelocityPrior& prior = options.velocity_priors[state.image_of_body[body]];
-      problem.AddResidualBlock(new VelocityCost(prior, options.noise), nullptr, velocity);
-    }
-  }
-  for (std::size_t i = 0; i < state.points.size(); ++i) {
-    if (!used_point[i]) continue;
-    ordering->AddElementToGroup(state.points[i].data(), kPoints);
-    if (Flag(options.point_fixed, static_cast<int>(i))) {
-      problem.SetParameterBlockConstant(state.points[i].data());
-    }
-  }
-  for (std::size_t m = 0; m < state.mounts.size(); ++m) {
-    if (!used_mount[m]) continue;
-    double* mount = state.mounts[m].data();
-    ordering->AddElementToGroup(mount, kMounts);
-    problem.SetManifold(mount, &free_pose);
-    if (!Flag(options.mount_free, static_cast<int>(m))) problem.SetParameterBlockConstant(mount);
-  }
-  for (std::size_t c = 0; c < state.lenses.size(); ++c) {
-    if (!used_lens[c]) continue;
-    std::vector<double>& lens = state.lenses[c];
-    ordering->AddElementToGroup(lens.data(), kLenses + static_cast<int>(c));
-    std::vector<int> held;
-    for (std::size_t k = 0; k < lens.size(); ++k) {
-      if (!options.lens_free[c][k]) held.push_back(static_cast<int>(k));
-    }
-    if (held.size() == lens.size()) {
-      problem.SetParameterBlockConstant(lens.data());
-    } else if (!held.empty()) {
-      lens_manifolds.push_back(
-          std::make_unique<ceres::SubsetManifold>(static_cast<int>(lens.size()), held));
-      problem.SetManifold(lens.data(), lens_manifolds.back().get());
-    }
-  }
-  ceres::Solver::Options solver;
-  solver.linear_solver_ordering = ordering;
-  summary.dense = IsDense(*bundle, state);
-  solver.linear_solver_type = summary.dense ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
-  solver.max_num_iterations = options.max_iterations;
-  solver.function_tolerance = options.function_tolerance;
-  solver.num_threads = std::max(1, options.num_threads);
-  solver.logging_type = ceres::SILENT;
-  if (evaluation) evaluation->PrepareForEvaluation(false, true);
-  summary.rms_before = Rms(*bundle, state, evaluation.get());
-  ceres::Solver::Summary words;
-  {
-    const QuietSolver quiet;  // a step that fails is tried again shorter: nothing to tell
-    ceres::Solve(solver, &problem, &words);
-  }
-  if (!words.IsSolutionUsable()) {
-    throw SolveError("bundle adjustment failed: " + words.message);
-  }
-  if (evaluation) evaluation->PrepareForEvaluation(false, true);
-  summary.rms_after = Rms(*bundle, state, evaluation.get());
-  summary.num_outside = evaluation ? evaluation->NumOutside() : 0;
-  summary.iterations = static_cast<int>(words.iterations.size()) - 1;
-  summary.converged = words.termination_type == ceres::CONVERGENCE;
-  for (std::size_t i = 0; i < bundle->camera_from_world.size(); ++i) {
-    const int image = static_cast<int>(i);
-    const int body = body_of(image);
-    if (!used_body[body]) continue;
-    if (!bundle->velocities.empty()) bundle->velocities[i] = state.velocities[body];
-    // A pose that stayed keeps its digits; other cameras of its body follow it.
-    const bool stays = (body == gauge_body || fixed_body[body]) &&
-                       state.image_of_body[body] == image && state.mount_of_image[image] < 0;
-    if (!stays) bundle->camera_from_world[i] = state.CameraFromWorld(image);
-  }
-  for (std::size_t m = 0; m < state.mounts.size(); ++m) {
-    if (used_mount[m] && Flag(options.mount_free, static_cast<int>(m))) {
-      bundle->camera_from_body[m] = FromBlock(state.mounts[m]);
-    }
-  }
-  bundle->points = state.points;
-  for (std::size_t c = 0; c < state.lenses.size(); ++c) {
-    if (!used_lens[c]) continue;
-    const Camera& camera = bundle->cameras[c];
-    bundle->cameras[c] = Camera(camera.model(), state.lenses[c], camera.width(), camera.height(),
-                                camera.valid_field_angle());
-  }
+  if (bundle->observations.empty()) return {};
+  BundleProblem problem(*bundle, options);
+  const BundleSummary summary = problem.Solve();
+  problem.Store(bundle);
   return summary;
 }
 

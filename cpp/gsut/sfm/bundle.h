@@ -82,7 +82,7 @@ struct BundleSummary {
 };
 
 // Levenberg-Marquardt by Ceres; changes the bundle in place. Throws InputError for an index out of
-// range, SolveError with the solver's words if it fails.
+// range, SolveError with the solver's message if it fails.
 BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options);
 
 // Per image the covariance (6, 6) of (centre in the world, rotation vector in the camera frame:

@@ -20,8 +20,8 @@ void WritePoseJacobian(const Eigen::Matrix<double, 2, 6>& by_pose, double* out) 
 
 }  // namespace
 
-SightCost::SightCost(const Bundle& bundle, const BundleState& state, int index,
-                     const LensEvaluation* lenses, bool lens_free)
+ReprojectionCost::ReprojectionCost(const Bundle& bundle, const BundleState& state, int index,
+                                   const LensEvaluation* lenses, bool lens_free)
     : observation_(bundle.observations[index]),
       body_(state.body_of_image[observation_.image]),
       mount_(state.mount_of_image[observation_.image]),
@@ -43,7 +43,7 @@ SightCost::SightCost(const Bundle& bundle, const BundleState& state, int index,
   }
 }
 
-std::vector<double*> SightCost::Blocks(BundleState* state) const {
+std::vector<double*> ReprojectionCost::Blocks(BundleState* state) const {
   std::vector<double*> blocks = {state->poses[body_].data(),
                                  state->points[observation_.point].data()};
   if (velocity_place_ >= 0) blocks.push_back(state->velocities[body_].data());
@@ -52,8 +52,8 @@ std::vector<double*> SightCost::Blocks(BundleState* state) const {
   return blocks;
 }
 
-bool SightCost::Evaluate(double const* const* parameters, double* residuals,
-                         double** jacobians) const {
+bool ReprojectionCost::Evaluate(double const* const* parameters, double* residuals,
+                                double** jacobians) const {
   LensEvaluation::Row row = {};
   if (lenses_ != nullptr) row = lenses_->Get(index_);
   if (row.lens_failed) return false;

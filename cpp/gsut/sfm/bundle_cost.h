@@ -11,11 +11,11 @@ namespace gsut {
 
 // One observation: through the lens, or without one (lenses null) the residual of Bearing. Where
 // the point is outside the lens' domain the residual of Bearing stands in.
-class SightCost : public ceres::CostFunction {
+class ReprojectionCost : public ceres::CostFunction {
  public:
   // All are kept by reference; index: of the observation in the bundle.
-  SightCost(const Bundle& bundle, const BundleState& state, int index, const LensEvaluation* lenses,
-            bool lens_free);
+  ReprojectionCost(const Bundle& bundle, const BundleState& state, int index,
+                   const LensEvaluation* lenses, bool lens_free);
 
   // The parameter blocks it takes, in order: the body's pose, the point and, where there are such,
   // the body's velocity, the mount and the free lens.

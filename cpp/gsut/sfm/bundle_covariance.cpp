@@ -15,12 +15,15 @@ namespace {
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 using MatrixX3 = Eigen::Matrix<double, Eigen::Dynamic, 3>;
 
-// A sight's derivatives by its body's pose and, if bodies move, velocity; and by the point.
+// An observation's derivatives by its body's pose and, if bodies move, velocity; and by the point.
 struct Linearized {
   int body;
   Eigen::Matrix<double, 2, Eigen::Dynamic> by_body;
   Eigen::Matrix<double, 2, 3> by_point;
 };
+
+// Pose and, if bodies move, velocity.
+int UnknownsOfBody(const BundleState& state) { return state.velocities.empty() ? 6 : 12; }
 
 // (centre, turn) of an image's camera by those of its body.
 Matrix6 CameraByBody(const BundleState& state, int image) {
@@ -35,15 +38,11 @@ Matrix6 CameraByBody(const BundleState& state, int image) {
   return by;
 }
 
-}  // namespace
-
-std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& options) {
-  const int images = static_cast<int>(bundle.camera_from_world.size());
-  const BundleState state(bundle);
-  const int bodies = state.num_bodies();
-  const int size = state.velocities.empty() ? 6 : 12;  // unknowns of a body
+// Of each point, at the current unknowns and weighted by the loss as in the normal equations of the
+// last step; squares: the sum of the weighted residuals'.
+std::vector<std::vector<Linearized>> Linearize(const Bundle& bundle, const BundleState& state,
+                                               double loss_scale, double* squares) {
   std::vector<std::vector<Linearized>> of_point(bundle.points.size());
-  double sum = 0.0;
   for (const BundleObservation& observation : bundle.observations) {
     const CameraChain chain = state.Chain(observation);
     const Eigen::Vector3d& point = bundle.points[observation.point];
@@ -51,68 +50,93 @@ std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& 
     const Eigen::Vector2d residual =
         BearingResidual(observation.bearing, chain.Point(point), &by_p);
     const double squared = residual.squaredNorm();
-    // The loss' weight, as in the normal equations of the last step.
-    const double s = options.loss_scale;
-    const double weight = s > 0 ? std::sqrt(1.0 / (1.0 + squared / (s * s))) : 1.0;
-    sum += weight * weight * squared;
+    const double weight =
+        loss_scale > 0 ? std::sqrt(1.0 / (1.0 + squared / (loss_scale * loss_scale))) : 1.0;
+    *squares += weight * weight * squared;
     const ChainDerivatives by = Derivatives(chain, point, weight * by_p);
-    Linearized sight = {state.body_of_image[observation.image], {}, by.by_point};
-    sight.by_body.resize(2, size);
-    sight.by_body.leftCols<6>() = by.by_pose;
-    if (size > 6) sight.by_body.rightCols<6>() = by.by_velocity;
-    of_point[observation.point].push_back(std::move(sight));
+    Linearized linear = {state.body_of_image[observation.image], {}, by.by_point};
+    linear.by_body.resize(2, UnknownsOfBody(state));
+    linear.by_body.leftCols<6>() = by.by_pose;
+    if (!state.velocities.empty()) linear.by_body.rightCols<6>() = by.by_velocity;
+    of_point[observation.point].push_back(std::move(linear));
   }
-  Eigen::MatrixXd reduced = Eigen::MatrixXd::Zero(size * bodies, size * bodies);
-  std::int64_t freedom = 2 * static_cast<std::int64_t>(bundle.observations.size());
+  return of_point;
+}
+
+// The normal equations of the bodies, the points eliminated.
+Eigen::MatrixXd ReducedNormal(const std::vector<std::vector<Linearized>>& of_point,
+                              const BundleState& state, const BundleOptions& options) {
+  const int size = UnknownsOfBody(state);
+  Eigen::MatrixXd reduced =
+      Eigen::MatrixXd::Zero(size * state.num_bodies(), size * state.num_bodies());
   std::vector<MatrixX3> cross;
-  for (const auto& sights : of_point) {
-    if (sights.empty()) continue;
-    freedom -= 3;
+  for (const auto& observations : of_point) {
+    if (observations.empty()) continue;
     Eigen::Matrix3d by_point = Eigen::Matrix3d::Zero();
     cross.clear();
-    for (const Linearized& sight : sights) {
-      by_point += sight.by_point.transpose() * sight.by_point;
-      cross.push_back(sight.by_body.transpose() * sight.by_point);
-      reduced.block(size * sight.body, size * sight.body, size, size) +=
-          sight.by_body.transpose() * sight.by_body;
+    for (const Linearized& linear : observations) {
+      by_point += linear.by_point.transpose() * linear.by_point;
+      cross.emplace_back(linear.by_body.transpose() * linear.by_point);
+      reduced.block(size * linear.body, size * linear.body, size, size) +=
+          linear.by_body.transpose() * linear.by_body;
     }
     const Eigen::Matrix3d inverse = by_point.inverse();
     if (!inverse.allFinite()) throw SolveError("a point of the bundle is not determined");
-    for (std::size_t i = 0; i < sights.size(); ++i) {
+    for (std::size_t i = 0; i < observations.size(); ++i) {
       const MatrixX3 scaled = cross[i] * inverse;
-      for (std::size_t j = 0; j < sights.size(); ++j) {
-        reduced.block(size * sights[i].body, size * sights[j].body, size, size) -=
+      for (std::size_t j = 0; j < observations.size(); ++j) {
+        reduced.block(size * observations[i].body, size * observations[j].body, size, size) -=
             scaled * cross[j].transpose();
       }
     }
   }
-  for (std::size_t i = 0; i < options.velocity_priors.size() && size > 6; ++i) {
+  for (std::size_t i = 0; i < options.velocity_priors.size() && !state.velocities.empty(); ++i) {
     const int body = state.body_of_image[i];
     if (state.image_of_body[body] != static_cast<int>(i)) continue;
     const Velocity weight = options.noise * options.velocity_priors[i].sigma.cwiseInverse();
     reduced.diagonal().segment<6>(size * body + 6) += weight.cwiseAbs2();
   }
-  // The unknowns that the gauge leaves.
-  std::vector<int> free;
+  return reduced;
+}
+
+// The unknowns of the bodies that the gauge leaves.
+std::vector<int> FreeUnknowns(const BundleState& state, const BundleOptions& options) {
+  const int size = UnknownsOfBody(state);
   int held = -1, gauge_body = -1, scale_body = -1;
   if (options.gauge_image >= 0) gauge_body = state.body_of_image[options.gauge_image];
   if (gauge_body >= 0 && options.scale_image >= 0) {
     scale_body = state.body_of_image[options.scale_image];
-    (CenterOf(state.poses[scale_body].data()) - CenterOf(state.poses[gauge_body].data()))
-        .cwiseAbs()
-        .maxCoeff(&held);
+    held = ScaleAxis(state.poses[gauge_body], state.poses[scale_body]);
   }
-  std::vector<std::uint8_t> fixed(bodies, 0);
+  std::vector<std::uint8_t> fixed(state.num_bodies(), 0);
   for (std::size_t i = 0; i < options.image_fixed.size(); ++i) {
     if (options.image_fixed[i]) fixed[state.body_of_image[i]] = 1;
   }
-  for (int body = 0; body < bodies; ++body) {
+  std::vector<int> free;
+  for (int body = 0; body < state.num_bodies(); ++body) {
     if (fixed[body]) continue;
     for (int k = body == gauge_body ? 6 : 0; k < size; ++k) {
       if (!(body == scale_body && k == held)) free.push_back(size * body + k);
     }
   }
-  freedom -= static_cast<std::int64_t>(free.size());
+  return free;
+}
+
+}  // namespace
+
+std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& options) {
+  const int images = static_cast<int>(bundle.camera_from_world.size());
+  const BundleState state(bundle);
+  const int size = UnknownsOfBody(state);
+  double squares = 0.0;
+  const auto of_point = Linearize(bundle, state, options.loss_scale, &squares);
+  const Eigen::MatrixXd reduced = ReducedNormal(of_point, state, options);
+  const std::vector<int> free = FreeUnknowns(state, options);
+  const auto points = std::count_if(of_point.begin(), of_point.end(),
+                                    [](const auto& linear) { return !linear.empty(); });
+  const std::int64_t freedom = 2 * static_cast<std::int64_t>(bundle.observations.size()) -
+                               3 * static_cast<std::int64_t>(points) -
+                               static_cast<std::int64_t>(free.size());
   const Eigen::MatrixXd normal = reduced(free, free);
   const Eigen::LLT<Eigen::MatrixXd> cholesky(normal);
   if (cholesky.info() != Eigen::Success) {
@@ -120,8 +144,8 @@ std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& 
   }
   const Eigen::MatrixXd inverse =
       cholesky.solve(Eigen::MatrixXd::Identity(normal.rows(), normal.cols()));
-  const double variance = sum / static_cast<double>(std::max<std::int64_t>(1, freedom));
-  std::vector<int> place(size * bodies, -1);
+  const double variance = squares / static_cast<double>(std::max<std::int64_t>(1, freedom));
+  std::vector<int> place(size * state.num_bodies(), -1);
   for (std::size_t i = 0; i < free.size(); ++i) place[free[i]] = static_cast<int>(i);
   std::vector<Matrix6> covariances(images);
   for (int image = 0; image < images; ++image) {

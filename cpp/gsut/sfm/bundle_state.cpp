@@ -6,6 +6,12 @@
 
 namespace gsut {
 
+int ScaleAxis(const PoseBlock& first, const PoseBlock& second) {
+  int axis = 0;
+  (CenterOf(second.data()) - CenterOf(first.data())).cwiseAbs().maxCoeff(&axis);
+  return axis;
+}
+
 BundleState::BundleState(const Bundle& bundle)
     : points(bundle.points),
       body_of_image(bundle.body_of_image),

@@ -9,6 +9,10 @@
 
 namespace gsut {
 
+// The component of the second pose's centre that is farthest from the first's: held, it sets the
+// scale.
+int ScaleAxis(const PoseBlock& first, const PoseBlock& second);
+
 struct BundleState {
   explicit BundleState(const Bundle& bundle);
 

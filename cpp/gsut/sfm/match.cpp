@@ -24,8 +24,8 @@
 #include "gsut/base/errors.h"
 #include "gsut/sfm/match.h"
 
-#ifndef GSUT_POSES_MATCH_SUMS
-#define GSUT_POSES_MATCH_SUMS
+#ifndef GSUT_SFM_MATCH_DESCRIPTORS
+#define GSUT_SFM_MATCH_DESCRIPTORS
 namespace gsut {
 
 // Columns that are packed and kept in the second-level cache meanwhile: 128 KiB as floats.
@@ -99,9 +99,6 @@ HWY_INLINE void AddLanes(Lanes& lanes, VF value, VF index) {
 }
 
 // Dot products of kRows rows with kVectors vectors of columns, of a packed block.
-#if HWY_TARGET == HWY_AVX3_DL
-// Four dimensions of a descriptor stand side by side. The instruction multiplies bytes without a
-// sign by bytes with one: rows are kept less 128, which the columns' sums make up for.
 class Products {
  public:
   explicit Products(const Descriptors& second)
@@ -109,95 +106,85 @@ class Products {
 
   void SetColumns(int begin) {
     const int count = std::min(kBlockColumns, second_.count - begin);
-    std::fill(columns_.begin(), columns_.end(), 0);
-    for (int j = 0; j < count; ++j) {
-      const std::uint8_t* from = second_.Row(begin + j);
-      for (int k = 0; k < kDescriptorLength; k += 4) {
-        std::memcpy(&columns_[(k / 4 * kBlockColumns + j) * 4], from + k, 4);
-      }
+    std::fill(columns_.begin(), columns_.end(), Column{0});
+    for (int k = 0; k < kDescriptorLength; ++k) {
+      for (int j = 0; j < count; ++j) columns_[PlaceOf(j, k)] = second_.Row(begin + j)[k];
     }
     sums_ = second_.sum.data() + begin;
   }
 
   void SetRow(int r, const std::uint8_t* from) {
     for (int k = 0; k < kDescriptorLength; ++k) {
-      rows_[r * kDescriptorLength + k] = static_cast<std::int8_t>(from[k] - kOffset);
+      rows_[r * kDescriptorLength + k] = static_cast<Row>(from[k] - kOffset);
     }
   }
 
-  HWY_INLINE void Find(int j, VF (&out)[kRows][kVectors]) const {
-    const hn::ScalableTag<std::int32_t> di;
-    constexpr int kLanes = 16;
-    hn::Vec<decltype(di)> sums[kRows][kVectors];
-    for (int r = 0; r < kRows; ++r) {
-      for (int v = 0; v < kVectors; ++v)
-        sums[r][v] = hn::ShiftLeft<kOffsetBits>(hn::Load(di, sums_ + j + v * kLanes));
-    }
-    const auto* column = reinterpret_cast<const std::int32_t*>(columns_.data()) + j;
-    for (int k = 0; k < kDescriptorLength; k += 4, column += kBlockColumns) {
-      for (int r = 0; r < kRows; ++r) {
-        std::int32_t four;
-        std::memcpy(&four, &rows_[r * kDescriptorLength + k], sizeof(four));
-        const auto row = hn::Set(di, four);
-        for (int v = 0; v < kVectors; ++v) {
-          sums[r][v].raw =
-              _mm512_dpbusd_epi32(sums[r][v].raw, hn::Load(di, column + v * kLanes).raw, row.raw);
-        }
-      }
-    }
-    for (int r = 0; r < kRows; ++r) {
-      for (int v = 0; v < kVectors; ++v) out[r][v] = hn::ConvertTo(DF(), sums[r][v]);
-    }
-  }
+  HWY_INLINE void Find(int j, VF (&out)[kRows][kVectors]) const;
 
  private:
+#if HWY_TARGET == HWY_AVX3_DL
+  // Four dimensions of a descriptor stand side by side. The instruction multiplies bytes without a
+  // sign by bytes with one: rows are kept less 128, which the columns' sums make up for.
+  using Row = std::int8_t;
+  using Column = std::uint8_t;
   static constexpr int kOffsetBits = 7;
   static constexpr int kOffset = 1 << kOffsetBits;
+  static int PlaceOf(int j, int k) { return (k / 4 * kBlockColumns + j) * 4 + k % 4; }
+#else
+  using Row = float;
+  using Column = float;
+  static constexpr int kOffset = 0;
+  static int PlaceOf(int j, int k) { return k * kBlockColumns + j; }
+#endif
   const Descriptors& second_;
   const std::int32_t* sums_ = nullptr;  // of the block
-  AlignedVector<std::uint8_t> columns_;
-  std::array<std::int8_t, kRows * kDescriptorLength> rows_;
+  AlignedVector<Column> columns_;
+  std::array<Row, kRows * kDescriptorLength> rows_;
 };
-#else
-class Products {
- public:
-  explicit Products(const Descriptors& second)
-      : second_(second), columns_(kDescriptorLength * kBlockColumns) {}
 
-  void SetColumns(int begin) {
-    const int count = std::min(kBlockColumns, second_.count - begin);
-    std::fill(columns_.begin(), columns_.end(), 0.0F);
-    for (int k = 0; k < kDescriptorLength; ++k) {
-      for (int j = 0; j < count; ++j) columns_[k * kBlockColumns + j] = second_.Row(begin + j)[k];
+#if HWY_TARGET == HWY_AVX3_DL
+HWY_INLINE void Products::Find(int j, VF (&out)[kRows][kVectors]) const {
+  const hn::ScalableTag<std::int32_t> di;
+  constexpr int kLanes = 16;
+  hn::Vec<decltype(di)> sums[kRows][kVectors];
+  for (int r = 0; r < kRows; ++r) {
+    for (int v = 0; v < kVectors; ++v) {
+      sums[r][v] = hn::ShiftLeft<kOffsetBits>(hn::Load(di, sums_ + j + v * kLanes));
     }
   }
-
-  void SetRow(int r, const std::uint8_t* from) {
-    std::copy_n(from, kDescriptorLength, &rows_[r * kDescriptorLength]);
-  }
-
-  HWY_INLINE void Find(int j, VF (&out)[kRows][kVectors]) const {
-    const DF d;
-    const int lanes = static_cast<int>(hn::Lanes(d));
+  const auto* column = reinterpret_cast<const std::int32_t*>(columns_.data()) + j;
+  for (int k = 0; k < kDescriptorLength; k += 4, column += kBlockColumns) {
     for (int r = 0; r < kRows; ++r) {
-      for (int v = 0; v < kVectors; ++v) out[r][v] = hn::Zero(d);
-    }
-    const float* column = columns_.data() + j;
-    for (int k = 0; k < kDescriptorLength; ++k, column += kBlockColumns) {
-      VF columns[kVectors];
-      for (int v = 0; v < kVectors; ++v) columns[v] = hn::Load(d, column + v * lanes);
-      for (int r = 0; r < kRows; ++r) {
-        const VF row = hn::Set(d, rows_[r * kDescriptorLength + k]);
-        for (int v = 0; v < kVectors; ++v) out[r][v] = hn::MulAdd(row, columns[v], out[r][v]);
+      std::int32_t four;
+      std::memcpy(&four, &rows_[r * kDescriptorLength + k], sizeof(four));
+      const auto row = hn::Set(di, four);
+      for (int v = 0; v < kVectors; ++v) {
+        sums[r][v].raw =
+            _mm512_dpbusd_epi32(sums[r][v].raw, hn::Load(di, column + v * kLanes).raw, row.raw);
       }
     }
   }
-
- private:
-  const Descriptors& second_;
-  AlignedVector<float> columns_;
-  std::array<float, kRows * kDescriptorLength> rows_;
-};
+  for (int r = 0; r < kRows; ++r) {
+    for (int v = 0; v < kVectors; ++v) out[r][v] = hn::ConvertTo(DF(), sums[r][v]);
+  }
+}
+#else
+HWY_INLINE void Products::Find(int j, VF (&out)[kRows][kVectors]) const {
+  const DF d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  for (int r = 0; r < kRows; ++r) {
+    for (int v = 0; v < kVectors; ++v) out[r][v] = hn::Zero(d);
+  }
+  const float* column = columns_.data() + j;
+  for (int k = 0; k < kDescriptorLength; ++k, column += kBlockColumns) {
+    VF columns[kVectors];
+    for (int v = 0; v < kVectors; ++v) columns[v] = hn::Load(d, column + v * lanes);
+    for (int r = 0; r < kRows; ++r) {
+      const VF row = hn::Set(d, rows_[r * kDescriptorLength + k]);
+      for (int v = 0; v < kVectors; ++v) out[r][v] = hn::MulAdd(row, columns[v], out[r][v]);
+    }
+  }
+}
 #endif
 
 void FindBest(const Descriptors& first, const Descriptors& second, TwoBest* of_first,
@@ -312,7 +299,7 @@ HWY_EXPORT(Kernel);
 
 namespace {
 
-Descriptors Summed(const std::uint8_t* bytes, int count) {
+Descriptors SumDescriptors(const std::uint8_t* bytes, int count) {
   const int padded = (count + kBlockColumns - 1) / kBlockColumns * kBlockColumns;
   Descriptors all = {bytes, count, AlignedVector<float>(padded, 0.0F),
                      AlignedVector<std::int32_t>(padded, 0)};
@@ -334,7 +321,8 @@ std::vector<FeatureMatch> MatchDescriptors(const std::uint8_t* first, int num_fi
                                            const std::uint8_t* second, int num_second,
                                            const MatchOptions& options) {
   if (num_first < 0 || num_second < 0) throw InputError("a number of descriptors is negative");
-  return HWY_DYNAMIC_DISPATCH(Match)(Summed(first, num_first), Summed(second, num_second), options);
+  return HWY_DYNAMIC_DISPATCH(Match)(SumDescriptors(first, num_first),
+                                     SumDescriptors(second, num_second), options);
 }
 
 const char* MatchKernel() { return HWY_DYNAMIC_DISPATCH(Kernel)(); }

@@ -13,6 +13,7 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/cameras/ray_jacobian.h"
+#include "gsut/sfm/lens_parameters.h"
 #include "gsut/sfm/pose_manifold.h"
 #include "gsut/sfm/solver_log.h"
 
@@ -74,6 +75,7 @@ class SceneEvaluation : public ceres::EvaluationCallback {
     has_jacobians_ = evaluate_jacobians;
     ++num_evaluations;
     std::vector<std::optional<Camera>> now;
+    now.reserve(cameras_.size());
     for (std::size_t c = 0; c < cameras_.size(); ++c) now.push_back(Lens(static_cast<int>(c)));
     for (std::size_t i = 0; i < states.size(); ++i) {
       const std::optional<Camera>& camera = now[static_cast<std::size_t>(images_[i].camera)];
@@ -224,13 +226,7 @@ void Check(const std::vector<Camera>& cameras, const std::vector<PhotometricImag
                        camera.model());
     }
   }
-  if (options.lens_free.empty()) return;
-  bool same = options.lens_free.size() == cameras.size();
-  for (std::size_t c = 0; same && c < cameras.size(); ++c) {
-    same = options.lens_free[c].empty() ||
-           static_cast<int>(options.lens_free[c].size()) == cameras[c].num_params();
-  }
-  if (!same) throw InputError("lens_free must have one flag a parameter of each camera");
+  CheckLensFlags(cameras, options.lens_free);
 }
 
 double Rms(const SceneEvaluation& evaluation, const std::vector<PhotometricImage>& images) {
@@ -350,17 +346,7 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
     if (!problem.HasParameterBlock(lens)) continue;
     // A group of its own: within a group Ceres orders blocks by their addresses.
     ordering->AddElementToGroup(lens, 2 + static_cast<int>(c));
-    std::vector<int> held;
-    for (std::size_t k = 0; k < evaluation.lenses[c].size(); ++k) {
-      if (!options.lens_free[c][k]) held.push_back(static_cast<int>(k));
-    }
-    if (held.size() == evaluation.lenses[c].size()) {
-      problem.SetParameterBlockConstant(lens);
-    } else if (!held.empty()) {
-      lens_manifolds.push_back(std::make_unique<ceres::SubsetManifold>(
-          static_cast<int>(evaluation.lenses[c].size()), held));
-      problem.SetManifold(lens, lens_manifolds.back().get());
-    }
+    HoldLensParameters(options.lens_free[c], lens, &problem, &lens_manifolds);
   }
   ceres::Solver::Options solver;
   solver.linear_solver_type = any_lens ? ceres::DENSE_SCHUR : ceres::DENSE_NORMAL_CHOLESKY;
@@ -369,16 +355,16 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
   solver.function_tolerance = options.function_tolerance;
   solver.logging_type = ceres::SILENT;
   const QuietSolver quiet;
-  ceres::Solver::Summary words;
-  ceres::Solve(solver, &problem, &words);
-  if (!words.IsSolutionUsable()) {
-    throw SolveError("photometric refinement failed: " + words.message);
+  ceres::Solver::Summary solved;
+  ceres::Solve(solver, &problem, &solved);
+  if (!solved.IsSolutionUsable()) {
+    throw SolveError("photometric refinement failed: " + solved.message);
   }
   evaluation.PrepareForEvaluation(options.covariances, true);
   summary.rms_after = Rms(evaluation, *images);
-  summary.iterations = static_cast<int>(words.iterations.size()) - 1;
+  summary.iterations = static_cast<int>(solved.iterations.size()) - 1;
   summary.evaluations = evaluation.num_evaluations;
-  summary.converged = words.termination_type == ceres::CONVERGENCE;
+  summary.converged = solved.termination_type == ceres::CONVERGENCE;
   for (std::size_t i = 0; i < images->size(); ++i) {
     PhotometricImage& image = (*images)[i];
     const ImageState& state = evaluation.states[i];
@@ -390,8 +376,9 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
     summary.covariances.push_back(Covariance(state, image, camera, options));
   }
   std::vector<Camera> refined;
+  refined.reserve(cameras->size());
   for (std::size_t c = 0; c < cameras->size(); ++c) {
-    refined.push_back(*evaluation.Lens(static_cast<int>(c)));
+    refined.push_back(evaluation.Lens(static_cast<int>(c)).value());
   }
   *cameras = std::move(refined);
   return summary;

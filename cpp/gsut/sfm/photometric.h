@@ -56,7 +56,7 @@ struct PhotometricSummary {
 // Levenberg-Marquardt by Ceres over all images at once, the scene fixed; changes cameras and images
 // in place. A step that leaves a pixel without a ray, or that makes the parameters no lens, is
 // refused. Throws InputError for an index out of range or an image without pixels, SolveError with
-// the solver's words if it fails.
+// the solver's message if it fails.
 PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* cameras,
                                      std::vector<PhotometricImage>* images,
                                      const PhotometricOptions& options);

@@ -1,4 +1,4 @@
-// P3P by each image of a body, then one pose of the body to the sights of all of them.
+// P3P by each image of a body, then one pose of the body to the observations of all of them.
 #include "gsut/sfm/place_bodies.h"
 
 #include <algorithm>
@@ -17,7 +17,7 @@ constexpr int kIterations = 20;
 
 struct Placement {
   Pose camera_from_world;  // of the first of the images
-  int agreeing = 0;        // sights of all images
+  int agreeing = 0;        // observations of all images
 };
 
 double Error(const Bearing& bearing, const Pose& pose, const Eigen::Vector3d& point) {

@@ -1,4 +1,4 @@
-// Places a rig at moments that have no pose yet, by all that its cameras see.
+// Places a rig in frames that have no pose yet, by all that its cameras see.
 #pragma once
 
 #include "gsut/sfm/scene_map.h"

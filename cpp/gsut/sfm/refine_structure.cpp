@@ -12,14 +12,14 @@ namespace gsut {
 namespace {
 
 // Largest errors of the first rounds, in units of the final one: a lens that is 2 % off moves
-// sights at its rim by several pixels.
+// observations at its rim by several pixels.
 constexpr double kLooser[] = {8.0, 4.0, 2.0};
 constexpr int kFinalRounds = 4;
 constexpr int kIterations = 30;
 constexpr double kTolerance = 1e-5;
 constexpr int kLastIterations = 50;
 constexpr double kLastTolerance = 1e-9;
-// Below this share of new and dropped sights the rounds end.
+// Below this share of new and dropped observations the rounds end.
 constexpr double kSettled = 5e-4;
 constexpr int kFewestPoints = 30;
 
@@ -106,7 +106,7 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   nothing.registered.assign(images.size(), 0);
   nothing.camera_from_world.resize(images.size());
   nothing.covariances.assign(images.size(), Eigen::Matrix<double, 6, 6>::Zero());
-  // Returns the share of sights that came or went.
+  // Returns the share of observations that came or went.
   const auto round = [&](int iterations, double tolerance) {
     const int added = map.Complete(-1);
     if (map.num_points() < kFewestPoints) return -1.0;

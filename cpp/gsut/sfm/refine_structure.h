@@ -10,8 +10,8 @@
 namespace gsut {
 
 // As EstimatePoses, but from poses of all images: tracks are triangulated and everything is
-// adjusted, first with sights up to eight times options.max_error away, then with ever closer ones;
-// then tracks are extended where images have descriptors and the options say so.
+// adjusted, first with observations up to eight times options.max_error away, then with ever closer
+// ones; then tracks are extended where images have descriptors and the options say so.
 // World: that of the poses, whose first image and one component of the farthest camera's centre are
 // held. Structure::failure says why nothing was found.
 // On a rig (options.rig) the poses must be in its units, which it keeps: one image's pose is held.

@@ -59,12 +59,12 @@ void SceneMap::SetTracks(const std::vector<std::vector<TrackElement>>& tracks) {
   for (const auto& elements : tracks) {
     Track track;
     for (const TrackElement& element : elements) {
-      track.sights.push_back({element.image, element.feature, false, false});
+      track.observations.push_back({element.image, element.feature, false, false});
       tracks_of_image_[element.image].push_back(static_cast<int>(tracks_.size()));
     }
-    if (options_.hold_out_every > 0 && track.sights.size() >= 4 &&
+    if (options_.hold_out_every > 0 && track.observations.size() >= 4 &&
         judged++ % options_.hold_out_every == 0) {
-      track.sights[judged % track.sights.size()].held_out = true;
+      track.observations[judged % track.observations.size()].held_out = true;
     }
     tracks_.push_back(std::move(track));
   }
@@ -101,13 +101,13 @@ void SceneMap::Reset() {
   num_registered_ = 0;
   for (Track& track : tracks_) {
     track.has_point = false;
-    for (Sight& sight : track.sights) sight.used = false;
+    for (Observation& observation : track.observations) observation.used = false;
   }
 }
 
-double SceneMap::Residual(const Track& track, const Sight& sight) const {
-  const Pose& pose = PoseOf(sight);
-  return BearingResidual(bearings_[sight.image][sight.feature],
+double SceneMap::Residual(const Track& track, const Observation& observation) const {
+  const Pose& pose = PoseOf(observation);
+  return BearingResidual(bearings_[observation.image][observation.feature],
                          pose.rotation * track.position + pose.translation)
       .norm();
 }
@@ -117,9 +117,9 @@ SceneMap::Visible SceneMap::VisiblePoints(int image) const {
   for (const int index : tracks_of_image_[image]) {
     const Track& track = tracks_[index];
     if (!track.has_point) continue;
-    for (const Sight& sight : track.sights) {
-      if (sight.image != image || sight.held_out || !HasRay(sight)) continue;
-      visible.bearings.push_back(bearings_[image][sight.feature]);
+    for (const Observation& observation : track.observations) {
+      if (observation.image != image || observation.held_out || !HasRay(observation)) continue;
+      visible.bearings.push_back(bearings_[image][observation.feature]);
       visible.points.push_back(track.position);
       visible.tracks.push_back(index);
     }
@@ -136,10 +136,10 @@ double SceneMap::VisibleScore(int image, int* count) const {
   for (const int index : tracks_of_image_[image]) {
     const Track& track = tracks_[index];
     if (!track.has_point) continue;
-    for (const Sight& sight : track.sights) {
-      if (sight.image != image) continue;
+    for (const Observation& observation : track.observations) {
+      if (observation.image != image) continue;
       ++*count;
-      const Eigen::Vector2d& pixel = images_[image].pixels[sight.feature];
+      const Eigen::Vector2d& pixel = images_[image].pixels[observation.feature];
       for (int level = 0; level < kScoreLevels; ++level) {
         const int side = 2 << level;
         const int x = std::clamp(static_cast<int>(pixel.x() / camera.width() * side), 0, side - 1);
@@ -155,26 +155,28 @@ double SceneMap::VisibleScore(int image, int* count) const {
 
 int SceneMap::CompleteTrack(Track* track) {
   int added = 0;
-  const auto open = [&](const Sight& sight) {
-    return registered_[sight.image] && !sight.held_out && HasRay(sight);
+  const auto open = [&](const Observation& observation) {
+    return registered_[observation.image] && !observation.held_out && HasRay(observation);
   };
   if (track->has_point) {
-    for (Sight& sight : track->sights) {
-      if (sight.used || !open(sight)) continue;
-      sight.used = Residual(*track, sight) < options_.max_error;
-      added += sight.used;
+    for (Observation& observation : track->observations) {
+      if (observation.used || !open(observation)) continue;
+      observation.used = Residual(*track, observation) < options_.max_error;
+      added += observation.used;
     }
     return added;
   }
-  std::vector<gsut::Sight> sights;
-  std::vector<Sight*> from;
-  for (Sight& sight : track->sights) {
-    if (!open(sight)) continue;
-    sights.push_back({&bearings_[sight.image][sight.feature], &PoseOf(sight)});
-    from.push_back(&sight);
+  std::vector<PosedBearing> observations;
+  std::vector<Observation*> from;
+  for (Observation& observation : track->observations) {
+    if (!open(observation)) continue;
+    observations.push_back(
+        {&bearings_[observation.image][observation.feature], &PoseOf(observation)});
+    from.push_back(&observation);
   }
-  if (sights.size() < 2) return 0;
-  const TriangulatedPoint result = Triangulate(sights, {options_.max_error, options_.min_angle});
+  if (observations.size() < 2) return 0;
+  const TriangulatedPoint result =
+      Triangulate(observations, {options_.max_error, options_.min_angle});
   if (result.num_kept < 2) return 0;
   track->has_point = true;
   track->position = result.point;
@@ -200,29 +202,31 @@ int SceneMap::Filter(double max_error) {
   return static_cast<int>(
       ParallelSum(count, kTrackGrain, [&](std::int64_t begin, std::int64_t end) {
         int dropped = 0;
-        std::vector<gsut::Sight> sights;
+        std::vector<PosedBearing> observations;
         for (std::int64_t i = begin; i < end; ++i) {
           Track& track = tracks_[i];
           if (!track.has_point) continue;
-          sights.clear();
+          observations.clear();
           int used = 0;
-          for (Sight& sight : track.sights) {
-            if (!sight.used) continue;
-            if (!HasRay(sight) || !(Residual(track, sight) < max_error)) {
-              sight.used = false;
+          for (Observation& observation : track.observations) {
+            if (!observation.used) continue;
+            if (!HasRay(observation) || !(Residual(track, observation) < max_error)) {
+              observation.used = false;
               ++dropped;
               continue;
             }
             ++used;
-            sights.push_back({&bearings_[sight.image][sight.feature], &PoseOf(sight)});
+            observations.push_back(
+                {&bearings_[observation.image][observation.feature], &PoseOf(observation)});
           }
-          const std::vector<std::uint8_t> all(sights.size(), 1);
-          if (used >= 2 && TriangulationAngle(sights, all, track.position) >= options_.min_angle) {
+          const std::vector<std::uint8_t> all(observations.size(), 1);
+          if (used >= 2 &&
+              TriangulationAngle(observations, all, track.position) >= options_.min_angle) {
             continue;
           }
           dropped += used;
           track.has_point = false;
-          for (Sight& sight : track.sights) sight.used = false;
+          for (Observation& observation : track.observations) observation.used = false;
         }
         return static_cast<double>(dropped);
       }));
@@ -232,7 +236,7 @@ int SceneMap::DropWeakImages() {
   std::vector<int> seen(images_.size(), 0);
   for (const Track& track : tracks_) {
     if (!track.has_point) continue;
-    for (const Sight& sight : track.sights) seen[sight.image] += sight.used;
+    for (const Observation& seen_by : track.observations) seen[seen_by.image] += seen_by.used;
   }
   if (on_rig()) {  // what one camera of a body sees places them all
     std::vector<int> of_body(images_.size(), 0);
@@ -247,8 +251,8 @@ int SceneMap::DropWeakImages() {
     --num_registered_;
     ++dropped;
     for (const int index : tracks_of_image_[image]) {
-      for (Sight& sight : tracks_[index].sights) {
-        if (sight.image == image) sight.used = false;
+      for (Observation& observation : tracks_[index].observations) {
+        if (observation.image == image) observation.used = false;
       }
     }
   }

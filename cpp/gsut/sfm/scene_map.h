@@ -1,4 +1,4 @@
-// The growing structure: which tracks have points, which sights agree, what to adjust.
+// The growing structure: which tracks have points, which observations agree, what to adjust.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,14 +15,14 @@ namespace gsut {
 
 class SceneMap {
  public:
-  struct Sight {
+  struct Observation {
     int image = 0;
     int feature = 0;
     bool used = false;      // agrees with the track's point
     bool held_out = false;  // never used, but judged at the end
   };
   struct Track {
-    std::vector<Sight> sights;
+    std::vector<Observation> observations;
     Eigen::Vector3d position = Eigen::Vector3d::Zero();
     bool has_point = false;
   };
@@ -52,7 +52,7 @@ class SceneMap {
   // Forgets all poses and points.
   void Reset();
 
-  // Sights of points by an image: bearings and positions, and the tracks that they belong to.
+  // Observations of points by an image: bearings and positions, and the tracks that they belong to.
   struct Visible {
     std::vector<Bearing> bearings;
     std::vector<Eigen::Vector3d> points;
@@ -62,14 +62,14 @@ class SceneMap {
   // How many points an image sees and how evenly: occupied cells of finer and finer grids.
   double VisibleScore(int image, int* count) const;
 
-  // New points, and new sights of old points, of the tracks that an image has (-1: of all).
-  // Returns the number of sights that became used.
+  // New points, and new observations of old points, of the tracks that an image has (-1: of all).
+  // Returns the number of observations that became used.
   int Complete(int image);
   // Looks for features where images should see points, see StructureOptions; joins what it finds,
   // and makes all points again. Returns the number of features found.
   int Extend();
-  // Drops sights beyond the largest error and points without two good ones and the smallest angle.
-  // Returns the number of sights dropped. tracks: the ones to look at (null: all).
+  // Drops observations beyond the largest error and points without two good ones and the smallest
+  // angle. Returns the number of observations dropped.
   int Filter(double max_error);
 
   // An image's pose, and velocity, from the points that it sees within this error (pixels), which
@@ -94,14 +94,16 @@ class SceneMap {
   // Cauchy's loss bends at most at this fraction of the largest error.
   static constexpr double kLossShare = 4.0;
 
-  double Residual(const Track& track, const Sight& sight) const;
-  bool HasRay(const Sight& sight) const { return has_ray_[sight.image][sight.feature] != 0; }
-  // camera_from_world when the line of the sight is read, and that time.
-  const Pose& PoseOf(const Sight& sight) const {
-    return rolling() ? moved_[sight.image][sight.feature] : poses_[sight.image];
+  double Residual(const Track& track, const Observation& observation) const;
+  bool HasRay(const Observation& observation) const {
+    return has_ray_[observation.image][observation.feature] != 0;
   }
-  double TimeOf(const Sight& sight) const {
-    return rolling() ? times_[sight.image][sight.feature] : 0.0;
+  // camera_from_world when the line of the observation is read, and that time.
+  const Pose& PoseOf(const Observation& observation) const {
+    return rolling() ? moved_[observation.image][observation.feature] : poses_[observation.image];
+  }
+  double TimeOf(const Observation& observation) const {
+    return rolling() ? times_[observation.image][observation.feature] : 0.0;
   }
   // Time of the line that holds a pixel, -0.5 to 0.5; 0 for a global shutter.
   double TimeAt(const Eigen::Vector2d& pixel, const Camera& camera) const;
@@ -128,8 +130,8 @@ class SceneMap {
   // Gives a rig whose mounts were adjusted its size back, and the world the scale that goes with
   // it.
   void RestoreRigSize(const Bundle& bundle);
-  void TakeBack(const Bundle& bundle, const std::vector<int>& image_of,
-                const std::vector<int>& track_of);
+  void StoreBundle(const Bundle& bundle, const std::vector<int>& image_of,
+                   const std::vector<int>& track_of);
 
   std::vector<Camera> cameras_;
   const std::vector<ImageFeatures>& images_;

@@ -35,8 +35,8 @@ void SceneMap::UpdateLoss() {
   std::vector<double> lengths;
   for (const Track& track : tracks_) {
     if (!track.has_point) continue;
-    for (const Sight& sight : track.sights) {
-      if (sight.used) lengths.push_back(Residual(track, sight));
+    for (const Observation& observation : track.observations) {
+      if (observation.used) lengths.push_back(Residual(track, observation));
     }
   }
   if (lengths.empty()) return;
@@ -61,25 +61,27 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, Bundle
     if (!track.has_point) continue;
     const bool wanted =
         images_free == nullptr ||
-        std::any_of(track.sights.begin(), track.sights.end(), [&](const Sight& sight) {
-          return sight.used && (*images_free)[sight.image] != 0;
-        });
+        std::any_of(track.observations.begin(), track.observations.end(),
+                    [&](const Observation& observation) {
+                      return observation.used && (*images_free)[observation.image] != 0;
+                    });
     if (!wanted) continue;
     const int point = static_cast<int>(bundle.points.size());
     bundle.points.push_back(track.position);
     track_of->push_back(static_cast<int>(t));
-    for (const Sight& sight : track.sights) {
-      if (!sight.used) continue;
-      int& image = place[sight.image];
+    for (const Observation& observation : track.observations) {
+      if (!observation.used) continue;
+      int& image = place[observation.image];
       if (image < 0) {
         image = static_cast<int>(image_of->size());
-        AddImage(sight.image, &bundle, image_of);
+        AddImage(observation.image, &bundle, image_of);
         if (images_free != nullptr) {
-          options->image_fixed.push_back((*images_free)[sight.image] == 0);
+          options->image_fixed.push_back((*images_free)[observation.image] == 0);
         }
       }
-      bundle.observations.push_back({image, point, bearings_[sight.image][sight.feature],
-                                     images_[sight.image].pixels[sight.feature], TimeOf(sight)});
+      bundle.observations.push_back(
+          {image, point, bearings_[observation.image][observation.feature],
+           images_[observation.image].pixels[observation.feature], TimeOf(observation)});
     }
   }
   const auto placed = [&](int image) { return image < 0 ? -1 : place[image]; };
@@ -96,8 +98,8 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, Bundle
   return bundle;
 }
 
-void SceneMap::TakeBack(const Bundle& bundle, const std::vector<int>& image_of,
-                        const std::vector<int>& track_of) {
+void SceneMap::StoreBundle(const Bundle& bundle, const std::vector<int>& image_of,
+                           const std::vector<int>& track_of) {
   for (std::size_t i = 0; i < image_of.size(); ++i) {
     Place(image_of[i], bundle.camera_from_world[i],
           rolling() ? bundle.velocities[i] : Velocity::Zero());
@@ -115,7 +117,7 @@ void SceneMap::AdjustLocally(int image) {
   for (const int index : tracks_of_image_[image]) {
     const Track& track = tracks_[index];
     if (!track.has_point) continue;
-    for (const Sight& sight : track.sights) shared[sight.image] += sight.used;
+    for (const Observation& seen_by : track.observations) shared[seen_by.image] += seen_by.used;
   }
   shared[image] = 0;
   std::vector<int> order(images_.size());
@@ -134,7 +136,7 @@ void SceneMap::AdjustLocally(int image) {
   std::vector<int> image_of, track_of;
   Bundle bundle = MakeBundle(&free, &options, &image_of, &track_of);
   AdjustBundle(&bundle, options);
-  TakeBack(bundle, image_of, track_of);
+  StoreBundle(bundle, image_of, track_of);
 }
 
 BundleSummary SceneMap::AdjustGlobally(int max_iterations, double tolerance, bool through_lens,
@@ -147,7 +149,7 @@ BundleSummary SceneMap::AdjustGlobally(int max_iterations, double tolerance, boo
   std::vector<int> image_of, track_of;
   Bundle bundle = MakeBundle(nullptr, &options, &image_of, &track_of);
   const BundleSummary summary = AdjustBundle(&bundle, options);
-  TakeBack(bundle, image_of, track_of);
+  StoreBundle(bundle, image_of, track_of);
   if (lens_free) {
     cameras_ = bundle.cameras;
     UpdateBearings();
@@ -195,7 +197,7 @@ void SceneMap::SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
 }
 
 void SceneMap::AdjustImage(int image, double max_error) {
-  // Twice: sights that looked wrong while the camera seemed to stand still may be right after all.
+  // More than once: observations that looked wrong for a still camera may be right after all.
   constexpr int kRounds = 3;
   constexpr int kIterations = 20;
   for (int round = 0; round < kRounds; ++round) {
@@ -208,12 +210,12 @@ void SceneMap::AdjustImage(int image, double max_error) {
     for (const int index : tracks_of_image_[image]) {
       const Track& track = tracks_[index];
       if (!track.has_point) continue;
-      for (const Sight& sight : track.sights) {
-        if (sight.image != image || sight.held_out || !HasRay(sight)) continue;
-        if (!(Residual(track, sight) < max_error)) continue;
-        bundle.observations.push_back({0, static_cast<int>(bundle.points.size()),
-                                       bearings_[image][sight.feature],
-                                       images_[image].pixels[sight.feature], TimeOf(sight)});
+      for (const Observation& observation : track.observations) {
+        if (observation.image != image || observation.held_out || !HasRay(observation)) continue;
+        if (!(Residual(track, observation) < max_error)) continue;
+        bundle.observations.push_back(
+            {0, static_cast<int>(bundle.points.size()), bearings_[image][observation.feature],
+             images_[image].pixels[observation.feature], TimeOf(observation)});
         bundle.points.push_back(track.position);
       }
     }
@@ -224,7 +226,7 @@ void SceneMap::AdjustImage(int image, double max_error) {
     if (rolling()) SetPriors(bundle, {image}, &options);
     options.noise = options.loss_scale;
     AdjustBundle(&bundle, options);
-    TakeBack(bundle, {image}, {});
+    StoreBundle(bundle, {image}, {});
     max_error = std::max(options_.max_error, max_error / kLossShare);
   }
 }
@@ -246,21 +248,23 @@ Structure SceneMap::Result(bool covariances) const {
     if (!track.has_point) continue;
     StructurePoint point;
     point.position = track.position;
-    for (const Sight& sight : track.sights) {
-      if (!sight.used && !(sight.held_out && registered_[sight.image] && HasRay(sight))) continue;
-      const double length = Residual(track, sight);
-      if (sight.held_out) {
+    for (const Observation& observation : track.observations) {
+      const bool judged =
+          observation.held_out && registered_[observation.image] && HasRay(observation);
+      if (!observation.used && !judged) continue;
+      const double length = Residual(track, observation);
+      if (observation.held_out) {
         held_out.push_back(length);
-        point.held_out.push_back({sight.image, sight.feature});
+        point.held_out.push_back({observation.image, observation.feature});
         continue;
       }
       lengths.push_back(length);
       point.error += length;
-      point.sights.push_back({sight.image, sight.feature});
-      const Pose& pose = PoseOf(sight);
+      point.observations.push_back({observation.image, observation.feature});
+      const Pose& pose = PoseOf(observation);
       point.in_camera.emplace_back(pose.rotation * track.position + pose.translation);
     }
-    point.error /= static_cast<double>(std::max<std::size_t>(1, point.sights.size()));
+    point.error /= static_cast<double>(std::max<std::size_t>(1, point.observations.size()));
     result.points.push_back(std::move(point));
   }
   for (const double length : lengths) result.rms += length * length;

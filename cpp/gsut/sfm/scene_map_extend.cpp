@@ -65,8 +65,8 @@ std::vector<SceneMap::Candidate> SceneMap::CandidatesIn(int image,
                                                         const Eigen::MatrixXf& descriptors) const {
   std::vector<std::uint8_t> seen(tracks_.size(), 0);
   for (const int index : tracks_of_image_[image]) {
-    for (const Sight& sight : tracks_[index].sights) {
-      if (sight.image == image && sight.used) seen[index] = 1;
+    for (const Observation& observation : tracks_[index].observations) {
+      if (observation.image == image && observation.used) seen[index] = 1;
     }
   }
   const Camera& camera = cameras_[images_[image].camera];
@@ -102,7 +102,7 @@ std::vector<SceneMap::Candidate> SceneMap::CandidatesIn(int image,
 }
 
 int SceneMap::Extend() {
-  // What a point looks like: the mean of its sights.
+  // What a point looks like: the mean of its observations.
   Eigen::MatrixXf descriptors =
       Eigen::MatrixXf::Zero(kDescriptorLength, static_cast<Eigen::Index>(tracks_.size()));
   std::vector<TrackJoin> joins;
@@ -111,13 +111,13 @@ int SceneMap::Extend() {
     if (!tracks_[t].has_point) continue;
     auto column = descriptors.col(static_cast<Eigen::Index>(t));
     bool found = false;
-    for (const Sight& sight : tracks_[t].sights) {
-      if (!sight.used) continue;
-      const TrackElement element = {sight.image, sight.feature};
+    for (const Observation& observation : tracks_[t].observations) {
+      if (!observation.used) continue;
+      const TrackElement element = {observation.image, observation.feature};
       if (found) joins.push_back({first[t], element});
       if (!found) first[t] = element;
       found = true;
-      column += UnitDescriptor(images_[sight.image], sight.feature);
+      column += UnitDescriptor(images_[observation.image], observation.feature);
     }
     column.normalize();
   }
@@ -136,7 +136,7 @@ int SceneMap::Extend() {
   for (int image = 0; image < num_images(); ++image) {
     for (const Candidate& candidate : of_image[image]) {
       const TrackElement& own = first[candidate.track];
-      if (own.image == image) continue;  // its own sight there no longer agrees
+      if (own.image == image) continue;  // its own observation there no longer agrees
       found.push_back({candidate.squared, {own, {image, candidate.feature}}});
     }
   }

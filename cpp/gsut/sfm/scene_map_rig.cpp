@@ -70,7 +70,7 @@ void SceneMap::AddRig(Bundle* bundle, BundleOptions* options, std::vector<int>* 
 
 void SceneMap::RestoreRigSize(const Bundle& bundle) {
   const Rig& rig = options_.rig;
-  // Which mounts were adjusted: those of images with sights. The last entry: the body itself.
+  // Which mounts were adjusted: those of images with observations. The last entry: the body itself.
   const auto mounts = static_cast<int>(rig.camera_from_body.size());
   std::vector<std::uint8_t> used(mounts + 1, 0);
   for (const BundleObservation& observation : bundle.observations) {

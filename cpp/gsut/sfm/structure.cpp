@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <numeric>
 #include <optional>
 
@@ -26,10 +27,10 @@ constexpr int kFinalIterations = 30;
 constexpr double kFinalTolerance = 1e-7;
 constexpr int kFinalRounds = 3;
 constexpr double kExtendTolerance = 1e-5;
-// Below this share of new sights, completing tracks again changes nothing.
+// Below this share of new observations, completing tracks again changes nothing.
 constexpr double kSettled = 5e-4;
-// Rolling shutters: how many times the final error a sight may be off while the structure grows.
-constexpr double kGrowingError = 4.0;
+// Rolling shutters: the largest error while the structure grows, in units of the final one.
+constexpr int kGrowingError = 4;
 // Images from which lenses are adjusted in full; before, too little holds them.
 constexpr int kLensImages = 5;
 
@@ -53,7 +54,7 @@ class Mapper {
     for (const int pair : InitialPairs(&failure)) {
       if (trials >= options_.initial_trials || restarts > options_.most_restarts) break;
       ++trials;
-      map_.emplace(cameras_, images_, pairs_, options_);
+      map_ = std::make_unique<SceneMap>(cameras_, images_, pairs_, options_);
       tried_at_.assign(images_.size(), -1);
       if (!Start(pairs_[pair])) continue;
       Grow();
@@ -108,14 +109,14 @@ class Mapper {
     return order;
   }
 
-  // Rolling shutters: how many times the wanted error a sight may be off now. 1 for global ones.
-  void LoosenBy(double factor) {
+  // Rolling shutters: the largest error now, in units of the wanted one; global ones keep to it.
+  void SetErrorFactor(double factor) {
     const bool rolling = !wanted_.shutter.IsGlobal();
     options_.max_error = wanted_.max_error * (rolling ? factor : 1.0);
   }
 
   bool Start(const VerifiedPair& pair) {
-    LoosenBy(wanted_.rolling_error);
+    SetErrorFactor(wanted_.rolling_error);
     map_->SetGauge(pair.first, pair.second);
     map_->Register(pair.first, Pose());
     map_->Register(pair.second, pair.second_from_first);
@@ -124,8 +125,8 @@ class Mapper {
     map_->AdjustGlobally(kPairIterations, kGlobalTolerance, false, false);
     map_->Filter(options_.max_error);
     if (map_->num_points() < kInitialPoints) return false;
-    LoosenBy(kGrowingError);
-    Tell("first pair");
+    SetErrorFactor(kGrowingError);
+    ReportProgress("first pair");
     return true;
   }
 
@@ -149,7 +150,7 @@ class Mapper {
       map_->Complete(image);
       map_->AdjustLocally(image);
       map_->Filter(options_.max_error);
-      Tell("image");
+      ReportProgress("image");
       if (map_->num_registered() > options_.global_growth * adjusted_images ||
           map_->num_points() > 1.5 * options_.global_growth * std::max(adjusted_points, 1)) {
         AdjustAll();
@@ -202,19 +203,19 @@ class Mapper {
     map_->AdjustGlobally(kGlobalIterations, kGlobalTolerance, lens_free, lens_free);
     map_->Filter(options_.max_error);
     map_->Complete(-1);
-    Tell("adjustment");
+    ReportProgress("adjustment");
   }
 
   Structure Finish() {
     const bool lens_free = !options_.lens_free.empty();
-    int sights = 1;
-    for (double looser = kGrowingError / 2; map_->rolling() && looser > 1; looser /= 2) {
-      LoosenBy(looser);
+    int observations = 1;
+    for (int factor = kGrowingError / 2; map_->rolling() && factor > 1; factor /= 2) {
+      SetErrorFactor(factor);
       map_->Complete(-1);
       map_->AdjustGlobally(kFinalIterations, kGlobalTolerance, lens_free, lens_free);
       map_->Filter(options_.max_error);
     }
-    LoosenBy(1.0);
+    SetErrorFactor(1.0);
     const bool extends = wanted_.extend_rounds > 0 && HasDescriptors(images_);
     for (int round = 0; round < kFinalRounds; ++round) {
       map_->AdjustGlobally(kFinalIterations, extends ? kExtendTolerance : kFinalTolerance,
@@ -222,13 +223,13 @@ class Mapper {
       const int dropped = map_->Filter(options_.max_error);
       const int added = map_->Complete(-1);
       map_->DropWeakImages();
-      sights = std::max(1, map_->num_points());
-      Tell("adjustment");
-      if (dropped + added < kSettled * sights) break;
+      observations = std::max(1, map_->num_points());
+      ReportProgress("adjustment");
+      if (dropped + added < kSettled * observations) break;
     }
     for (int round = 0; extends && round < wanted_.extend_rounds; ++round) {
       map_->Extend();
-      Tell("longer tracks");
+      ReportProgress("longer tracks");
       map_->AdjustGlobally(kFinalIterations, kExtendTolerance, lens_free, lens_free);
       map_->Filter(options_.max_error);
       map_->Complete(-1);
@@ -237,11 +238,11 @@ class Mapper {
     map_->AdjustGlobally(kFinalIterations, kFinalTolerance, true, lens_free);
     map_->Filter(options_.max_error);
     map_->DropWeakImages();
-    Tell("final adjustment");
+    ReportProgress("final adjustment");
     return map_->Result(options_.covariances);
   }
 
-  void Tell(const char* step) const {
+  void ReportProgress(const char* step) const {
     if (!on_progress_) return;
     const StructureProgress progress = {map_->num_registered(), map_->num_images(),
                                         map_->num_points(), step};
@@ -252,9 +253,9 @@ class Mapper {
   const std::vector<ImageFeatures>& images_;
   std::span<const VerifiedPair> pairs_;
   const StructureOptions& wanted_;
-  StructureOptions options_;  // with the largest error of the moment; read by the map too
+  StructureOptions options_;  // with the largest error for now; read by the map too
   const std::function<bool(const StructureProgress&)>& on_progress_;
-  std::optional<SceneMap> map_;
+  std::unique_ptr<SceneMap> map_;
   std::vector<int> tried_at_;  // points an image saw when it was last tried
 };
 
@@ -266,7 +267,8 @@ bool HasDescriptors(const std::vector<ImageFeatures>& images) {
   });
 }
 
-Structure EstimatePoses(const std::vector<Camera>& cameras, std::vector<ImageFeatures> images,
+Structure EstimatePoses(const std::vector<Camera>& cameras,
+                        const std::vector<ImageFeatures>& images,
                         std::span<const VerifiedPair> pairs, const StructureOptions& options,
                         const std::function<bool(const StructureProgress&)>& on_progress) {
   for (const ImageFeatures& image : images) {

@@ -23,8 +23,8 @@ struct ImageFeatures {
   const std::uint8_t* descriptors = nullptr;
 };
 
-// Cameras that are fixed to each other: what is known of them. Of an image the body (the rig at one
-// moment) that its camera is on, from 0 without gaps, and the camera's mount on it (-1: the camera
+// Cameras that are fixed to each other: what is known of them. Of an image the body (the rig in one
+// frame) that its camera is on, from 0 without gaps, and the camera's mount on it (-1: the camera
 // is the body). Empty: each image has a pose of its own.
 struct Rig {
   std::vector<int> body_of_image, mount_of_image;
@@ -38,7 +38,7 @@ struct Rig {
 inline constexpr double kFewestInlierShare = 0.2;
 
 struct StructureOptions {
-  double max_error = 4.0;          // pixels: a sight farther off is an outlier
+  double max_error = 4.0;          // pixels: an observation farther off is an outlier
   double min_angle = 0.026;        // radians (1.5 degrees): smallest angle of a triangulated point
   int min_inliers = 15;            // points that a photograph must see to be registered
   double loss_scale = 1.5;         // of Cauchy's loss, in medians of the residuals' lengths
@@ -51,8 +51,8 @@ struct StructureOptions {
   // Parameters of each camera that are estimated too, one flag each (empty: none).
   std::vector<std::vector<std::uint8_t>> lens_free;
   bool lens_settled = false;  // they are nearly right: it is enough to estimate them at the end
-  // Rolling shutters: how lines are read; each image then has a velocity of its own. Until
-  // velocities are known, sights may be this many times the largest error off.
+  // Rolling shutters: how lines are read; each image then has a velocity of its own. rolling_error:
+  // the largest error, in units of max_error, until velocities are known.
   Shutter shutter;
   double rolling_error = 12.0;
   // When each image was taken, and the readout in units of that time: velocities are then held near
@@ -65,7 +65,7 @@ struct StructureOptions {
   double extend_radius = 5.0;
   double extend_distance = 0.8;
   int extend_rounds = 0;
-  // Every n-th point of at least three sights keeps one out of all adjustments, to judge by; 0: no.
+  // Every n-th point of at least three observations keeps one out of all adjustments; 0: none.
   int hold_out_every = 0;
   Rig rig;  // for RefineStructure
   bool covariances = true;
@@ -74,10 +74,10 @@ struct StructureOptions {
 
 struct StructurePoint {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // in the world
-  std::vector<TrackElement> sights;                    // that agree with it
-  std::vector<Eigen::Vector3d> in_camera;              // the point in the camera of each sight
-  double error = 0.0;                                  // pixels: mean length of their residuals
-  std::vector<TrackElement> held_out;                  // sights that no adjustment used
+  std::vector<TrackElement> observations;              // that agree with it
+  std::vector<Eigen::Vector3d> in_camera;  // the point in the camera of each observation
+  double error = 0.0;                      // pixels: mean length of their residuals
+  std::vector<TrackElement> held_out;      // observations that no adjustment used
 };
 
 struct Structure {
@@ -91,7 +91,7 @@ struct Structure {
   int restarts = 0;
   double rms = 0.0;       // pixels: root of the mean squared length of the residuals
   double median = 0.0;    // pixels: median length
-  double held_out = 0.0;  // pixels: median length at sights that were held out; 0 if none were
+  double held_out = 0.0;  // pixels: median length at held-out observations; 0 if there are none
   int num_held_out = 0;
   // (6, 6) of (centre in the world, turn in the camera frame), see PoseCovariances; 0 where not
   // registered. The first image's pose and one component of the second's centre are held.
@@ -114,7 +114,8 @@ struct StructureProgress {
 // Args: pairs: verified matches; on_progress: told after each image, returns false to stop (then
 //   SolveError is thrown); may be empty.
 // Throws InputError for an index out of range.
-Structure EstimatePoses(const std::vector<Camera>& cameras, std::vector<ImageFeatures> images,
+Structure EstimatePoses(const std::vector<Camera>& cameras,
+                        const std::vector<ImageFeatures>& images,
                         std::span<const VerifiedPair> pairs, const StructureOptions& options,
                         const std::function<bool(const StructureProgress&)>& on_progress);
 

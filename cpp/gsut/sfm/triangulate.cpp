@@ -16,12 +16,12 @@ struct Pair {
   double angle;
 };
 
-Eigen::Vector3d RayInWorld(const Sight& sight) {
-  return sight.camera_from_world->rotation.transpose() * sight.bearing->ray;
+Eigen::Vector3d RayInWorld(const PosedBearing& observation) {
+  return observation.camera_from_world->rotation.transpose() * observation.bearing->ray;
 }
 
 // The midpoint between two rays in the world; false if it lies behind one of them.
-bool Midpoint(const Sight& first, const Sight& second, Eigen::Vector3d* point) {
+bool Midpoint(const PosedBearing& first, const PosedBearing& second, Eigen::Vector3d* point) {
   const Eigen::Vector3d center1 = first.camera_from_world->CenterInSource();
   const Eigen::Vector3d center2 = second.camera_from_world->CenterInSource();
   const Eigen::Vector3d ray1 = RayInWorld(first);
@@ -34,9 +34,10 @@ bool Midpoint(const Sight& first, const Sight& second, Eigen::Vector3d* point) {
   return point->allFinite();
 }
 
-double SquaredResidual(const Sight& sight, const Eigen::Vector3d& point) {
-  const Pose& pose = *sight.camera_from_world;
-  return BearingResidual(*sight.bearing, pose.rotation * point + pose.translation).squaredNorm();
+double SquaredResidual(const PosedBearing& observation, const Eigen::Vector3d& point) {
+  const Pose& pose = *observation.camera_from_world;
+  return BearingResidual(*observation.bearing, pose.rotation * point + pose.translation)
+      .squaredNorm();
 }
 
 }  // namespace
@@ -51,33 +52,34 @@ std::array<double, 2> RayDepths(const Pose& second_from_first, const Eigen::Vect
   return {ray2.cross(t).dot(normal) / squared_sine, a.cross(t).dot(normal) / squared_sine};
 }
 
-double TriangulationAngle(std::span<const Sight> sights, std::span<const std::uint8_t> chosen,
-                          const Eigen::Vector3d& point) {
+double TriangulationAngle(std::span<const PosedBearing> observations,
+                          std::span<const std::uint8_t> chosen, const Eigen::Vector3d& point) {
   double largest = 0.0;
-  for (std::size_t i = 0; i < sights.size(); ++i) {
+  for (std::size_t i = 0; i < observations.size(); ++i) {
     if (!chosen[i]) continue;
-    const Eigen::Vector3d a = point - sights[i].camera_from_world->CenterInSource();
-    for (std::size_t j = i + 1; j < sights.size(); ++j) {
+    const Eigen::Vector3d a = point - observations[i].camera_from_world->CenterInSource();
+    for (std::size_t j = i + 1; j < observations.size(); ++j) {
       if (!chosen[j]) continue;
-      const Eigen::Vector3d b = point - sights[j].camera_from_world->CenterInSource();
+      const Eigen::Vector3d b = point - observations[j].camera_from_world->CenterInSource();
       largest = std::max(largest, std::atan2(a.cross(b).norm(), a.dot(b)));
     }
   }
   return largest;
 }
 
-bool RefinePoint(std::span<const Sight> sights, std::span<const std::uint8_t> chosen,
+bool RefinePoint(std::span<const PosedBearing> observations, std::span<const std::uint8_t> chosen,
                  Eigen::Vector3d* point) {
   for (int step = 0; step < kGaussNewtonSteps; ++step) {
     Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
     Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
     double distance = 0.0;
-    for (std::size_t i = 0; i < sights.size(); ++i) {
+    for (std::size_t i = 0; i < observations.size(); ++i) {
       if (!chosen[i]) continue;
-      const Pose& pose = *sights[i].camera_from_world;
+      const Pose& pose = *observations[i].camera_from_world;
       const Eigen::Vector3d in_camera = pose.rotation * *point + pose.translation;
       Eigen::Matrix<double, 2, 3> by_point;
-      const Eigen::Vector2d residual = BearingResidual(*sights[i].bearing, in_camera, &by_point);
+      const Eigen::Vector2d residual =
+          BearingResidual(*observations[i].bearing, in_camera, &by_point);
       const Eigen::Matrix<double, 2, 3> jacobian = by_point * pose.rotation;
       normal += jacobian.transpose() * jacobian;
       gradient += jacobian.transpose() * residual;
@@ -92,15 +94,16 @@ bool RefinePoint(std::span<const Sight> sights, std::span<const std::uint8_t> ch
   return point->allFinite();
 }
 
-TriangulatedPoint Triangulate(std::span<const Sight> sights, const TriangulationOptions& options) {
+TriangulatedPoint Triangulate(std::span<const PosedBearing> observations,
+                              const TriangulationOptions& options) {
   TriangulatedPoint best;
-  const int count = static_cast<int>(sights.size());
+  const int count = static_cast<int>(observations.size());
   best.kept.assign(count, 0);
   std::vector<Pair> pairs;
   for (int i = 0; i < count; ++i) {
-    const Eigen::Vector3d a = RayInWorld(sights[i]);
+    const Eigen::Vector3d a = RayInWorld(observations[i]);
     for (int j = i + 1; j < count; ++j) {
-      const Eigen::Vector3d b = RayInWorld(sights[j]);
+      const Eigen::Vector3d b = RayInWorld(observations[j]);
       const double angle = std::atan2(a.cross(b).norm(), a.dot(b));
       if (angle >= options.min_angle) pairs.push_back({i, j, angle});
     }
@@ -117,7 +120,7 @@ TriangulatedPoint Triangulate(std::span<const Sight> sights, const Triangulation
     double cost = 0.0;
     int inliers = 0;
     for (int i = 0; i < count; ++i) {
-      const double squared = SquaredResidual(sights[i], point);
+      const double squared = SquaredResidual(observations[i], point);
       kept[i] = squared < max_squared;
       inliers += kept[i];
       cost += kept[i] ? squared : max_squared;
@@ -130,13 +133,13 @@ TriangulatedPoint Triangulate(std::span<const Sight> sights, const Triangulation
   };
   for (const Pair& pair : pairs) {
     Eigen::Vector3d point;
-    if (Midpoint(sights[pair.first], sights[pair.second], &point)) judge(point);
+    if (Midpoint(observations[pair.first], observations[pair.second], &point)) judge(point);
     if (best.num_kept == count) break;
   }
   if (best.num_kept == 0) return best;
   Eigen::Vector3d refined = best.point;
-  if (RefinePoint(sights, best.kept, &refined)) judge(refined);
-  if (!(TriangulationAngle(sights, best.kept, best.point) >= options.min_angle)) {
+  if (RefinePoint(observations, best.kept, &refined)) judge(refined);
+  if (!(TriangulationAngle(observations, best.kept, best.point) >= options.min_angle)) {
     best.num_kept = 0;
     best.kept.assign(count, 0);
   }

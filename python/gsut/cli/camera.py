@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import math
 
+from gsut import _core
 from gsut._core import InputError
 from gsut.cli._flags import add_json, print_json
 
@@ -63,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     limit = None if arguments.max_angle is None else math.radians(arguments.max_angle)
     grid = None
     if arguments.order is not None or arguments.control_points is not None:
-        if arguments.model != "splined_stereographic":
+        if not _core.camera_traits(arguments.model).has_table:
             raise InputError("--order and --control-points are of splined_stereographic only")
         counts = arguments.control_points or [SplineGrid.columns]
         if len(counts) > 2:

@@ -17,7 +17,7 @@ from gsut.gaussians import Gaussians
 
 @dataclasses.dataclass(frozen=True)
 class Compaction:
-    """What compaction gives.
+    """The result of `compact`.
 
     Attributes:
         gaussians: float32, in no particular order.

@@ -23,8 +23,9 @@ class Method:
     Attributes:
         reduce: called with Gaussians, how many to keep, their scores, views, seed and `on_view`
             (see `compact`); returns the Gaussians.
-        score: what is asked of the views, whatever number is kept: called with Gaussians, views and
-            `on_view`, returns (N,) float64. None: the method does not look.
+        score: what is asked of the views, whatever number is kept: called with Gaussians, at least
+            one view and `on_view`, which is called after each view; returns (N,) float64. None: the
+            method does not look.
         needs_views: it cannot do without.
         settings: the constants that it works with, to tell results of other constants apart.
     """

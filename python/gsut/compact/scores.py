@@ -73,11 +73,6 @@ def basis_sums(
 ) -> np.ndarray:
     """Sum over all valid pixels of blend weight times the harmonics' basis in the ray's direction.
 
-    Args:
-        gaussians: N Gaussians with K coefficients.
-        views: at least one.
-        on_view: called after each.
-
     Returns:
         (N, K) float64; column 0 is 0.2821 x `blend_weights`. With coefficients sh,
         sum_k sums_k sh_k / (sum of blend weights) is the mean colour seen of them.

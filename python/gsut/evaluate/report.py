@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
 import importlib.resources
 import math
@@ -13,6 +12,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.evaluate.report_plots import curve_plot, ring_plot
+from gsut.page import duration_text, number_text, picture_address, render_page
 from gsut.run import (
     ENVIRONMENT,
     METRICS,
@@ -27,7 +27,6 @@ from gsut.run import (
 
 _MOST_VIEWS = 12  # with pictures; the table lists all
 _MOST_PIXELS_WIDE = 900  # of an embedded picture
-_JPEG_QUALITY = 88
 _ERROR_FULL = 0.1  # mean absolute difference of the colours, of [0, 1], at the heat map's end
 _DEPTH_PERCENTILES = (1.0, 99.0)  # of all distances shown: the ends of the colour scale
 _LEGEND_STOPS = 12
@@ -50,7 +49,9 @@ def write_report(run: RunFolder) -> Path:
     environment = run.read_json(ENVIRONMENT) or {}
     options = run.read_options()
     history = run.read_history()
-    page = _template().render(
+    source = importlib.resources.files("gsut.evaluate").joinpath("report.html.j2").read_text()
+    page = render_page(
+        source,
         metrics=metrics,
         environment=environment,
         headline=_headline(metrics),
@@ -58,7 +59,7 @@ def write_report(run: RunFolder) -> Path:
         rows=sorted(metrics.get("views", []), key=lambda row: row["name"]),
         curves={
             axis: [
-                _svg(curve_plot(history, key, title, axis, options.resolved()))
+                curve_plot(history, key, title, axis, options.resolved())
                 for key, title in (
                     ("psnr", "Held-out PSNR [dB]"),
                     ("loss", "Training loss"),
@@ -69,42 +70,11 @@ def write_report(run: RunFolder) -> Path:
             for axis in ("step", "seconds")
         },
         rings=metrics.get("rings", []),
-        ring_plot=_svg(ring_plot(metrics["rings"])) if metrics.get("rings") else None,
+        ring_plot=ring_plot(metrics["rings"]) if metrics.get("rings") else None,
         settings=_settings(options),
-        name=metrics.get("dataset") or run.path.name,
+        title=metrics.get("dataset") or run.path.name,
     )
     return run.write_text(REPORT, page)
-
-
-def _template() -> Any:
-    import jinja2
-
-    source = (
-        importlib.resources.files("gsut.evaluate").joinpath("report_template.html.j2").read_text()
-    )
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    environment.filters["number"] = number_text
-    environment.filters["duration"] = duration_text
-    return environment.from_string(source)
-
-
-def number_text(value: float | None, digits: int = 2) -> str:
-    """A number with `digits` decimals and thousands apart by thin spaces; a dash for None."""
-    if value is None:
-        return "–"
-    return f"{value:,.{digits}f}".replace(",", "\u2009")
-
-
-def duration_text(seconds: float | None) -> str:
-    """Seconds as 12.3 s, 4 min 05 s or 1 h 02 min; a dash for None."""
-    if seconds is None:
-        return "–"
-    if seconds < 60:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    if minutes < 60:
-        return f"{minutes} min {rest:02d} s"
-    return f"{minutes // 60} h {minutes % 60:02d} min"
 
 
 def _headline(metrics: dict[str, Any]) -> list[tuple[str, str, str]]:
@@ -143,10 +113,10 @@ def _pictures(rows: list[dict[str, Any]], folder: Path) -> dict[str, Any]:
                 "marks": marks,
                 "width": width,
                 "height": height,
-                "truth": _embedded(truth),
-                "render": _embedded(render),
-                "error": _embedded(_coloured(error / _ERROR_FULL, cv2.COLORMAP_INFERNO)),
-                "depth": _embedded(
+                "truth": _picture(truth),
+                "render": _picture(render),
+                "error": _picture(_coloured(error / _ERROR_FULL, cv2.COLORMAP_INFERNO)),
+                "depth": _picture(
                     _coloured(_log_position(distance, near, far), cv2.COLORMAP_TURBO, distance > 0)
                 ),
             }
@@ -213,22 +183,8 @@ def _read(path: Path) -> np.ndarray:
     return image[..., ::-1] if image.ndim == 3 else image
 
 
-def _embedded(image: np.ndarray) -> str:
-    """An RGB picture as the data address of a JPEG, at most _MOST_PIXELS_WIDE wide."""
-    import cv2
-
-    height, width = image.shape[:2]
-    pixels = np.ascontiguousarray(image[..., ::-1])
-    if width > _MOST_PIXELS_WIDE:
-        size = (_MOST_PIXELS_WIDE, max(1, round(height * _MOST_PIXELS_WIDE / width)))
-        pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
-    _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode()
-
-
-def _svg(text: str) -> str:
-    """An SVG as a data address (as an image, so that two plots cannot share element names)."""
-    return "data:image/svg+xml;base64," + base64.b64encode(text.encode()).decode()
+def _picture(image: np.ndarray) -> str:
+    return picture_address(image, _MOST_PIXELS_WIDE)
 
 
 def _settings(options: TrainOptions) -> list[dict[str, Any]]:

@@ -1,18 +1,16 @@
-"""The report's plots, as SVG text."""
+"""The report's plots, as data addresses of SVG."""
 
 from __future__ import annotations
 
-import io
 from typing import Any
 
 import numpy as np
 
+from gsut.page import GRID, INK, LINE, MUTED, plot_figure, svg_address
 from gsut.run import TrainOptions
 
-# Colours of the page (see report_template.html.j2).
-_INK, _MUTED, _GRID, _LINE, _FAINT = "#1d2733", "#6b7785", "#e3e8ee", "#1668b8", "#a9c9e8"
+_FAINT = "#a9c9e8"
 _SIZE_INCHES = (5.2, 3.0)
-_AXES = (0.115, 0.165, 0.865, 0.725)  # left, bottom, width, height, of the figure
 _MOST_POINTS = 400  # of a curve; more are averaged
 
 
@@ -29,22 +27,22 @@ def curve_plot(
         options: resolved; tell where the resolution changed.
 
     Returns:
-        SVG text.
+        A data address.
     """
     rows = [row for row in history if row.get(key) is not None and row.get(axis) is not None]
     x = np.array([row[axis] for row in rows], float)
     y = np.array([row[key] for row in rows], float)
-    figure, axes = _figure(title)
+    figure, axes = plot_figure(title, *_SIZE_INCHES, frame=False)
     if len(x) > 2 and key == "loss":
         axes.plot(*_thinned(x, y, _MOST_POINTS), color=_FAINT, linewidth=0.8)
-        axes.plot(*_thinned(x, y, 60), color=_LINE, linewidth=1.8)
+        axes.plot(*_thinned(x, y, 60), color=LINE, linewidth=1.8)
         axes.set_yscale("log")
         low, high = np.percentile(y, (0.5, 99.5))
         axes.set_ylim(low / 1.15, high * 1.15)
         _plain_log_ticks(axes)
     else:
         marker = "o" if len(x) <= 40 else None
-        axes.plot(x, y, color=_LINE, linewidth=1.8, marker=marker, markersize=4)
+        axes.plot(x, y, color=LINE, linewidth=1.8, marker=marker, markersize=4)
     if key == "num_gaussians":
         axes.set_ylim(bottom=0)
         axes.yaxis.set_major_formatter(lambda value, _: f"{value:,.0f}".replace(",", " "))
@@ -55,23 +53,23 @@ def curve_plot(
             textcoords="offset points",
             xytext=(-2, -14),
             ha="right",
-            color=_INK,
+            color=INK,
             fontsize=9,
             fontweight="bold",
         )
     axes.set_xlim(left=0)
-    axes.set_xlabel("steps" if axis == "step" else "seconds of training", color=_MUTED)
+    axes.set_xlabel("steps" if axis == "step" else "seconds of training", color=MUTED)
     _mark_resolutions(axes, history, axis, options)
-    return _svg_text(figure)
+    return svg_address(figure)
 
 
 def ring_plot(rings: list[dict[str, Any]]) -> str:
-    """PSNR by ring of field angle as bars; rings without pixels are left out. Returns SVG text."""
+    """PSNR by ring of field angle as bars, a data address; rings without pixels are left out."""
     rings = [ring for ring in rings if ring["psnr"] is not None]
-    figure, axes = _figure("PSNR by field angle [dB]")
+    figure, axes = plot_figure("PSNR by field angle [dB]", *_SIZE_INCHES, frame=False)
     labels = [ring_text(ring) for ring in rings]
     values = [ring["psnr"] for ring in rings]
-    axes.bar(labels, values, color=_LINE, width=0.62)
+    axes.bar(labels, values, color=LINE, width=0.62)
     for place, value in enumerate(values):
         axes.annotate(
             f"{value:.2f}",
@@ -79,7 +77,7 @@ def ring_plot(rings: list[dict[str, Any]]) -> str:
             textcoords="offset points",
             xytext=(0, 4),
             ha="center",
-            color=_INK,
+            color=INK,
             fontsize=9,
             fontweight="bold",
         )
@@ -87,39 +85,14 @@ def ring_plot(rings: list[dict[str, Any]]) -> str:
         # Bars from 0 would hide differences of some dB: they start well below the least.
         axes.set_ylim(max(0.0, min(values) - 8.0), max(values) + 2.0)
         axes.set_xlim(-0.6, max(len(values), 3) - 0.4)
-    axes.set_xlabel("angle to the optical axis", color=_MUTED)
-    return _svg_text(figure)
+    axes.set_xlabel("angle to the optical axis", color=MUTED)
+    return svg_address(figure)
 
 
 def ring_text(ring: dict[str, Any]) -> str:
     """A ring's range in words: 0–30°, beyond 80°."""
     low, high = ring["from_degrees"], ring["to_degrees"]
     return f"beyond {low:g}°" if high >= 180 else f"{low:g}–{high:g}°"
-
-
-def _figure(title: str) -> tuple[Any, Any]:
-    from matplotlib.figure import Figure
-
-    # Fixed margins: finding them takes matplotlib as long as drawing.
-    figure = Figure(figsize=_SIZE_INCHES)
-    axes = figure.add_axes(_AXES)
-    axes.set_title(title, loc="left", color=_INK, fontsize=11, fontweight="bold")
-    axes.grid(axis="y", color=_GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.tick_params(colors=_MUTED, labelsize=9, length=0, which="both")
-    for side, spine in axes.spines.items():
-        spine.set_visible(side == "bottom")
-        spine.set_color(_GRID)
-    return figure, axes
-
-
-def _svg_text(figure: Any) -> str:
-    import matplotlib
-
-    buffer = io.StringIO()
-    with matplotlib.rc_context({"svg.hashsalt": "gsut"}):  # the same page from the same run
-        figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
-    return buffer.getvalue()
 
 
 def _thinned(x: np.ndarray, y: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
@@ -152,13 +125,13 @@ def _mark_resolutions(
     for fraction, text in zip(fractions, ("1/2 size", "full size"), strict=True):
         if 0 < fraction < 1:
             place = np.interp(fraction * options.steps, steps, x)
-            axes.axvline(place, color=_GRID, linewidth=1, zorder=0)
+            axes.axvline(place, color=GRID, linewidth=1, zorder=0)
             axes.annotate(
                 text,
                 (place, 1),
                 xycoords=("data", "axes fraction"),
                 xytext=(3, -9),
                 textcoords="offset points",
-                color=_MUTED,
+                color=MUTED,
                 fontsize=7.5,
             )

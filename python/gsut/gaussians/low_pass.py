@@ -19,7 +19,7 @@ _BORDER = 0.1
 def filter_radii(
     means: np.ndarray, cameras: Sequence[_core.Camera], camera_from_world: Any, pixels: float
 ) -> np.ndarray:
-    """Standard deviation of each Gaussian's filter: some pixels of the camera that sees it best.
+    """Standard deviation of each Gaussian's low-pass filter, from the camera that sees it best.
 
     A pixel's size at a point is through the real lens: 1 / sqrt(s1 s2), s1 and s2 the singular
     values of the pixel's derivative to the point. The smallest over the cameras whose image (and a
@@ -67,7 +67,7 @@ def filter_radii(
 
 
 def low_pass(gaussians: Gaussians, radii: np.ndarray) -> Gaussians:
-    """The Gaussians convolved with round ones of standard deviation `radii`.
+    """The Gaussians convolved with isotropic ones of standard deviation `radii`.
 
     Scales become sqrt(scale^2 + radius^2); opacities are multiplied by the ratio of the areas of
     the shadows before and after (root mean square over all directions), so that the light that

@@ -23,7 +23,7 @@ def seed_from_points(
     max_gaussians: int | None = None,
     seed: int = 0,
 ) -> Gaussians:
-    """One isotropic Gaussian at each point, as large as the distance to its neighbours says.
+    """One isotropic Gaussian at each point, sized by the distance to its neighbours.
 
     Args:
         points: (N, 3) world coordinates.

@@ -13,7 +13,7 @@ from gsut.lens.files.colmap import PARAMETER_COUNTS, format_colmap
 from gsut.lens.files.kalibr import is_camchain
 from gsut.lens.files.nerfstudio import LENS_FILE, format_nerfstudio, frame_lens
 from gsut.lens.files.own import camera_from_values, camera_values
-from gsut.lens.fit import SplineGrid
+from gsut.lens.fit_spline import SplineGrid, fit_control_points
 from gsut.lens.refinable import refinable_params
 from gsut.lens.uncertainty import grid_pixels, save_uncertainty
 
@@ -30,6 +30,7 @@ __all__ = [
     "camera_values",
     "colmap_camera",
     "convert_camera",
+    "fit_control_points",
     "format_colmap",
     "format_conversion",
     "format_nerfstudio",

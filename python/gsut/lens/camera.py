@@ -42,6 +42,11 @@ class Camera(_core.Camera):
         valid_region: (M, 2) polygon of trusted pixels, as carried by a .cameramodel file
             (valid_intrinsics_region); kept for saving, used by nothing here.
 
+    Attributes:
+        model, params, width, height: the arguments; params is (K,) float64, a copy.
+        max_angle: radians from the axis at which the domain ends, pi at most.
+        is_central: whether all rays meet in one point; is_parallel: whether all are parallel.
+
     Raises:
         InputError: unknown model (the known ones are listed), wrong number of parameters, values
             that are no lens, a size that is not positive.
@@ -202,10 +207,11 @@ class Camera(_core.Camera):
         Args:
             path: a file; its name chooses the format: *.cameramodel (mrcal), *camchain*.yaml
                 (Kalibr), *.lens.json (gsut, which holds every lens), other *.yaml or *.yml and
-                *.json (OpenCV), transforms*.json (nerfstudio), *aria*.json (Project Aria), *.txt
-                and *.bin (COLMAP cameras.txt, cameras.bin).
-            format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "aria", "colmap" or
-                "colmap-binary", to choose it by hand.
+                *.json (OpenCV), transforms*.json (nerfstudio), *aria*.json (Project Aria),
+                *matlab*.json (MATLAB), camera_models*.json (OpenSfM), *calib_results*.txt
+                (OCamCalib), other *.txt and *.bin (COLMAP), *.xml (Metashape).
+            format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "aria", "matlab", "opensfm",
+                "ocam", "metashape", "colmap" or "colmap-binary", to choose it by hand.
 
         Raises:
             InputError: the format cannot hold this lens, or is unknown.

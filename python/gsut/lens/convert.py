@@ -8,9 +8,11 @@ import math
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import InputError
 from gsut.lens.camera import Camera
-from gsut.lens.fit import FitTarget, SplineGrid, angles_of, check_model, fit_lens
+from gsut.lens.fit import FitTarget, angles_of, check_model, fit_lens
+from gsut.lens.fit_spline import SplineGrid
 
 # Points along the longer side of the image at which the lenses are compared.
 _SAMPLES = 48
@@ -68,16 +70,15 @@ def convert_camera(
     """The lens of another model that sends the rays of the image to the same pixels.
 
     Minimises the sum of squared pixel distances over a grid of pixels that covers the image: by
-    Levenberg-Marquardt with the lens' exact derivatives, for the control points of
-    splined_stereographic in one linear step. equirectangular has nothing to fit: the image's size
-    is the lens, and only the error is found.
+    Levenberg-Marquardt with the lens' exact derivatives, for control points in one linear step. A
+    lens without parameters has nothing to fit: only the error is found.
 
     Args:
         camera: what to imitate.
         model: the lens to fit; see `camera_models()`.
         max_angle: radians; points farther from the axis are left out. None: all of the image.
-        num_params: of a lens with any number of coefficients (kannala_brandt); None: four of them.
-        grid: the control points of splined_stereographic; None: `SplineGrid()`.
+        num_params: of a lens with any number of coefficients; None: as many as usual.
+        grid: the control points of a splined lens; None: `SplineGrid()`.
         distance: of the points that both lenses are to see alike, in world units, for lenses whose
             rays do not meet. None: far away, which orthographic cannot do.
 
@@ -134,14 +135,14 @@ def _target(
     """Points and pixels of a grid over the image, its edges included."""
     if distance is not None and not (distance > 0 and math.isfinite(distance)):
         raise InputError(f"the distance must be a positive number, found {distance}")
-    parallel = [name for name in {camera.model, model} if name == "orthographic"]
-    if parallel and distance is None:
+    traits = _core.camera_traits(model)
+    if (camera.is_parallel or traits.is_parallel) and distance is None:
         raise InputError(
-            "the rays of 'orthographic' are parallel: it and another lens agree at one distance "
-            "only; give that distance (--distance)"
+            f"the rays of '{model if traits.is_parallel else camera.model}' are parallel: it and "
+            "another lens agree at one distance only; give that distance (--distance)"
         )
     samples = _SAMPLES
-    if model == "splined_stereographic":
+    if traits.has_table:
         samples = max(samples, _SAMPLES_A_POINT * (grid or SplineGrid()).columns)
     step = max(camera.width, camera.height) / samples
     columns = np.linspace(0.5, camera.width - 0.5, max(2, round(camera.width / step)))
@@ -151,7 +152,7 @@ def _target(
     origins, _ = camera.ray_origins(pixels)
     near = distance if distance is not None else 1.0 if camera.is_central else _FAR
     # Two lenses whose rays do not meet are told apart by points at two distances.
-    several = not camera.is_central and distance is not None and model == "cahvore"
+    several = not camera.is_central and distance is not None and bool(traits.fit_near)
     places = (near, _FARTHER * near) if several else (near,)
     points = np.concatenate([origins + place * rays for place in places])
     pixels, valid = (np.concatenate([array] * len(places)) for array in (pixels, valid))

@@ -81,7 +81,7 @@ def densify_adaptive(
     max_scale: float = np.inf,
     max_gaussians: int | None = None,
 ) -> AdaptiveCounts:
-    """Clones or splits Gaussians that the loss pulls at, prunes transparent and huge ones.
+    """Clones or splits Gaussians with large gradients, prunes transparent and huge ones.
 
     Args:
         optimizer: changed.

@@ -19,7 +19,7 @@ from gsut.data import shrink_image, shrink_mask
 from gsut.gaussians import Gaussians, filter_radii, low_pass
 from gsut.refine.pose import RefinedPose, refine_pose
 from gsut.render import render, to_uint8
-from gsut.sfm import Features, PosesOptions, features_in
+from gsut.sfm import Features, PosesOptions, features_in, require_central
 
 _THUMBNAIL = 48  # pixels along the shorter side, at most
 _PIXEL_BLUR = 0.3  # standard deviation of a thumbnail's pixel, in such pixels
@@ -75,8 +75,10 @@ def localize_image(
         The pose, from the start that explains the photograph best.
 
     Raises:
+        InputError: a lens of the photograph whose rays do not meet in one point.
         SolveError: no start led to a pose.
     """
+    require_central([camera])
     show = on_progress or (lambda what, done, total: None)
     order = _most_alike(gaussians, views, camera, pixels, mask, background, show)
     found = _pose_from_matches(gaussians, views, order, camera, pixels, mask, background, show)
@@ -187,6 +189,7 @@ def _rendered_features(
     alpha = result.alpha[row, column].astype(np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = np.where(alpha >= _OPAQUE, result.depth[row, column] / alpha, np.nan)
-    exact, known = camera.unproject(found.pixels)
-    in_camera = np.where(known[:, None], exact, np.nan) * distance[:, None]
+    rays, known = camera.unproject(found.pixels)
+    origins, _ = camera.ray_origins(found.pixels)
+    in_camera = np.where(known[:, None], origins + rays * distance[:, None], np.nan)
     return found, (in_camera - pose[:3, 3]) @ pose[:3, :3]

@@ -14,7 +14,7 @@ _TURN_RADIUS = 0.25
 
 
 def smooth_path(camera_from_world: np.ndarray, num_frames: int, closed: bool = False) -> np.ndarray:
-    """Poses that pass smoothly through key poses, at even speed between them.
+    """Poses that pass smoothly through key poses, at even speed.
 
     Cubic Hermite curves through the camera centres and, alike, through the rotation matrices, each
     then replaced by the nearest rotation (between two poses the great arc that slerp takes); knots
@@ -63,7 +63,7 @@ def smooth_path(camera_from_world: np.ndarray, num_frames: int, closed: bool = F
 
 
 def orbit_path(camera_from_world: np.ndarray, num_frames: int) -> np.ndarray:
-    """One closed round of a scene, from the poses it was photographed with.
+    """One closed orbit of a scene, from the poses it was photographed with.
 
     Where most cameras look at a common point: a circle around it at their mean distance and
     height. Else (a walk, or cameras that look outward): a full turn of the view near their

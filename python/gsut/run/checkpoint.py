@@ -59,7 +59,8 @@ def read_checkpoint(path: str | os.PathLike[str]) -> dict[str, Any]:
         InputError: the file is no checkpoint, was cut off, or is damaged.
     """
     try:
-        with np.load(path, allow_pickle=False) as members:
+        # Opened here: np.load leaves a damaged file open.
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as members:
             layout = json.loads(members[_LAYOUT].tobytes().decode())
             return _put_arrays(layout, members)
     except _DAMAGE as error:

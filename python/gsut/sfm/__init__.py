@@ -6,7 +6,7 @@ from gsut.sfm.correspondences import collect_features, match_images
 from gsut.sfm.dataset_calibration import calibrate_from_dataset
 from gsut.sfm.estimate import PosesResult, estimate_poses, is_finished
 from gsut.sfm.features import Features, features_in
-from gsut.sfm.inputs import Photographs, find_photographs
+from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_refinement import refine_lens
 from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.options import PosesOptions
@@ -43,6 +43,7 @@ __all__ = [
     "refine",
     "refine_lens",
     "relative_changes",
+    "require_central",
     "solve",
     "verify",
     "write_rig",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import html
-import io
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +9,7 @@ import numpy as np
 
 from gsut.files import write_file
 from gsut.lens import Camera, grid_pixels
+from gsut.page import LINE, MUTED, SERIES, html_table, plot_figure, sections_page, svg_text
 from gsut.sfm.lens_refinement import RefinedLens
 
 PAGE = "report.html"
@@ -19,24 +18,7 @@ _MOST_ARROWS = 3000
 _ARROW_PART = 0.05  # of the image's width: length of the arrow of a 99-percentile residual
 _RING_DEGREES = 5.0
 _FEWEST_IN_RING = 10
-_INK, _MUTED, _GRID, _LINE, _BEFORE = "#1d2733", "#6b7785", "#e3e8ee", "#1668b8", "#c2571a"
-_HTML = """<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>
-<style>body{{font:15px/1.5 system-ui,sans-serif;color:#1d2733;max-width:1080px;margin:2em auto;
-padding:0 1em}}h1{{font-size:1.5em}}h2{{font-size:1.1em;margin-top:2em}}table{{border-collapse:
-collapse;font-size:13px}}td,th{{padding:2px 10px;text-align:right;border-bottom:1px solid #e3e8ee}}
-td:first-child,th:first-child{{text-align:left}}svg{{max-width:100%;height:auto}}.pictures{{display:
-flex;flex-wrap:wrap;gap:1em}}.pictures svg{{width:500px}}.note{{background:#fff6e0;
-padding:.5em 1em}}</style>
-<h1>{title}</h1>{notes}<table>{summary}</table>
-<h2>Parameters</h2><table><tr><th>parameter<th>before<th>after<th>sigma<th>change / sigma</tr>
-{params}</table>
-<h2>Pictures</h2><div class="pictures">{pictures}</div>
-<h2>Residuals by region of the image</h2>
-<p>Before: the same points and refined poses through the data set's own lens, turned as well as it
-can be; pixels, root mean square lengths. The mean says where a region is off as a whole.</p>
-<table><tr><th>column, row<th>observations<th>before<th>after<th>mean x, y after<th>sigma of the
-lens</tr>{regions}</table></html>
-"""
+_BEFORE = SERIES[1]
 
 
 def write_page(
@@ -77,16 +59,27 @@ def write_page(
         _map(camera, sigma, "Uncertainty of projection [px, one standard deviation]", "inferno"),
         _map(camera, _change(found.before, camera, turn), "Change of the lens [px]", "viridis"),
     ]
-    page = _HTML.format(
-        title=html.escape(title),
-        notes="".join(f'<p class="note">{html.escape(note)}</p>' for note in values["notes"]),
-        summary="".join(f"<tr><td>{name}<td>{text}</tr>" for name, text in rows.items()),
-        params="".join(map(_param, values["params"])),
-        pictures="".join(pictures),
-        regions=_region_rows(camera, solution.pixels[good], before, after, sigma),
-    )
+    parts = [
+        html_table(rows.items()),
+        "<h2>Parameters</h2>",
+        html_table(
+            map(_param, values["params"]),
+            ("parameter", "before", "after", "sigma", "change / sigma"),
+        ),
+        "<h2>Pictures</h2>",
+        f'<div class="pictures">{"".join(pictures)}</div>',
+        "<h2>Residuals by region of the image</h2>",
+        "<p>Before: the same points and refined poses through the data set's own lens, turned as "
+        "well as it can be; pixels, root mean square lengths. The mean says where a region is off "
+        "as a whole.</p>",
+        html_table(
+            _region_rows(camera, solution.pixels[good], before, after, sigma),
+            ("column, row", "observations", "before", "after", "mean x, y after",
+             "sigma of the lens"),
+        ),
+    ]  # fmt: skip
     path = folder / PAGE
-    write_file(path, page)
+    write_file(path, sections_page(title, values["notes"], parts))
     return path
 
 
@@ -122,7 +115,7 @@ def _change(before: Camera, after: Camera, turn: np.ndarray) -> np.ndarray:
 
 def _region_rows(
     camera: Camera, pixels: np.ndarray, before: np.ndarray, after: np.ndarray, sigma: np.ndarray
-) -> str:
+) -> list[tuple[str, ...]]:
     size = np.array([camera.width, camera.height])
 
     def cell(at: np.ndarray) -> np.ndarray:
@@ -130,18 +123,18 @@ def _region_rows(
         return place[..., 1] * _REGIONS + place[..., 0]
 
     of_observation, of_grid = cell(pixels), cell(grid_pixels(camera.width, camera.height))
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for index in range(_REGIONS**2):
         mine, here = of_observation == index, sigma[of_grid == index]
         mean = after[mine].mean(axis=0) if mine.any() else np.full(2, np.nan)
         here = here[np.isfinite(here)]
         known = _text(float(np.median(here))) if len(here) else "-"
-        rows.append(
-            f"<tr><td>{index % _REGIONS + 1}, {index // _REGIONS + 1}<td>{mine.sum():,}"
-            f"<td>{_text(_rms(before[mine]))}<td>{_text(_rms(after[mine]))}"
-            f"<td>{_text(mean[0])}, {_text(mean[1])}<td>{known}</tr>"
-        )
-    return "".join(rows)
+        rows.append((
+            f"{index % _REGIONS + 1}, {index // _REGIONS + 1}", f"{mine.sum():,}",
+            _text(_rms(before[mine])), _text(_rms(after[mine])),
+            f"{_text(mean[0])}, {_text(mean[1])}", known,
+        ))  # fmt: skip
+    return rows
 
 
 def _rms(residuals: np.ndarray) -> float:
@@ -150,44 +143,20 @@ def _rms(residuals: np.ndarray) -> float:
     return float(np.sqrt(squares.mean())) if len(squares) else float("nan")
 
 
-def _param(row: dict[str, Any]) -> str:
+def _param(row: dict[str, Any]) -> tuple[str, ...]:
     before, after, sigma = row["before"], row["after"], row["sigma"]
     moved = f"{(after - before) / sigma:.1f}" if sigma > 0 else "-"
-    return (
-        f"<tr><td>{html.escape(row['name'])}<td>{before:.8g}<td>{after:.8g}<td>{sigma:.2g}"
-        f"<td>{moved}</tr>"
-    )
+    return row["name"], f"{before:.8g}", f"{after:.8g}", f"{sigma:.2g}", moved
 
 
 def _text(value: float | None) -> str:
     return "-" if value is None or not np.isfinite(value) else f"{value:.3f}"
 
 
-def _figure(title: str, width: float, height: float) -> tuple[Any, Any]:
-    from matplotlib.figure import Figure  # without pyplot: no state, no display
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.add_subplot()
-    axes.set_title(title, color=_INK, fontsize=10)
-    axes.tick_params(colors=_MUTED, labelsize=8)
-    for spine in axes.spines.values():
-        spine.set_color(_GRID)
-    return figure, axes
-
-
-def _svg(figure: Any) -> str:
-    import matplotlib
-
-    buffer = io.StringIO()
-    with matplotlib.rc_context({"svg.hashsalt": "gsut"}):  # the same page from the same run
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]
-
-
 def _over_image(camera: Camera, title: str) -> tuple[Any, Any]:
-    figure, axes = _figure(title, 6.0, 6.0 * camera.height / camera.width + 0.5)
+    figure, axes = plot_figure(title, 6.0, 6.0 * camera.height / camera.width + 0.5)
     axes.set(xlim=(0, camera.width), ylim=(camera.height, 0), aspect="equal")
+    axes.grid(False)
     return figure, axes
 
 
@@ -198,25 +167,24 @@ def _arrows(camera: Camera, pixels: np.ndarray, residuals: np.ndarray) -> str:
     step = max(1, len(pixels) // _MOST_ARROWS)
     at, by = pixels[::step], residuals[::step] * factor
     axes.quiver(
-        *at.T, *by.T, angles="xy", scale_units="xy", scale=1, width=0.0016, color=_LINE,
+        *at.T, *by.T, angles="xy", scale_units="xy", scale=1, width=0.0016, color=LINE,
         rasterized=True,
     )  # fmt: skip
-    return _svg(figure)
+    return svg_text(figure)
 
 
 def _rings(degrees: np.ndarray, before: np.ndarray, after: np.ndarray) -> str:
-    figure, axes = _figure("RMS of residuals [px] by field angle", 6.0, 3.4)
+    figure, axes = plot_figure("RMS of residuals [px] by field angle", 6.0, 3.4)
     ring = np.floor(degrees / _RING_DEGREES).astype(int)
     full = [i for i in np.unique(ring) if np.sum(ring == i) >= _FEWEST_IN_RING]
     middle = [(i + 0.5) * _RING_DEGREES for i in full]
-    for residuals, color, name in ((before, _BEFORE, "before"), (after, _LINE, "after")):
+    for residuals, color, name in ((before, _BEFORE, "before"), (after, LINE, "after")):
         rms = [_rms(residuals[ring == i]) for i in full]
         axes.plot(middle, rms, color=color, marker="o", markersize=4, label=name)
     axes.set_yscale("log")
-    axes.grid(color=_GRID, linewidth=0.6)
-    axes.set_xlabel("degrees from the axis", color=_MUTED)
+    axes.set_xlabel("degrees from the axis", color=MUTED)
     axes.legend(fontsize=8, frameon=False)
-    return _svg(figure)
+    return svg_text(figure)
 
 
 def _map(camera: Camera, values: np.ndarray, title: str, colours: str) -> str:
@@ -228,4 +196,4 @@ def _map(camera: Camera, values: np.ndarray, title: str, colours: str) -> str:
             extent=(0, camera.width, camera.height, 0), interpolation="nearest",
         )  # fmt: skip
         figure.colorbar(shown, ax=axes, shrink=0.75)
-    return _svg(figure)
+    return svg_text(figure)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import InputError, Shutter
 from gsut.data import find_images, find_lens_file, find_mask, read_dataset
 from gsut.lens import Camera, load_camera
@@ -124,7 +125,7 @@ def _lens_of(path: Path) -> Camera:
     return load_camera(file)
 
 
-def require_central(cameras: Iterable[Camera]) -> None:
+def require_central(cameras: Iterable[_core.Camera]) -> None:
     """Refuses lenses whose rays do not meet in one point.
 
     Raises:

@@ -2,35 +2,20 @@
 
 from __future__ import annotations
 
-import html
-import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gsut.files import write_file
+from gsut.page import LINE, MUTED, SERIES, TITLE, html_table, plot_figure, sections_page, svg_text
 from gsut.sfm.align import centers_of
 from gsut.sfm.solution import Solution
 
 REPORT = "report.html"
 _MOST_POINTS = 20000  # drawn
 _SHOWN_PERCENT = 97.0  # of the points, nearest first: far ones would shrink the rest
-_INK, _MUTED, _GRID, _LINE = "#1d2733", "#6b7785", "#e3e8ee", "#1668b8"  # as the training report
-_CAMERAS = (_LINE, "#c8442f", "#2a8f5a", "#8a4fb0", "#b07a12", "#3a8fa0")  # of a rig, in turn
 _BIN_DEGREES = 5.0
-_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>gsut poses: {title}</title>
-<style>body{{font:15px/1.5 system-ui,sans-serif;color:#1d2733;max-width:1000px;margin:2em auto;
-padding:0 1em}}h1{{font-size:1.5em}}h2{{font-size:1.1em;margin-top:2em}}table{{border-collapse:
-collapse;font-size:13px}}td,th{{padding:2px 10px;text-align:right;border-bottom:1px solid #e3e8ee}}
-td:first-child,th:first-child{{text-align:left}}svg{{max-width:100%;height:auto}}.note{{background:
-#fff6e0;padding:.5em 1em}}</style>
-<h1>{title}</h1>{notes}<table>{summary}</table>
-<h2>Cameras and points from above and from the side</h2>{scene}
-<h2>Residuals and tracks</h2>{residuals}{tracks}
-<h2>Images</h2><table><tr><th>image<th>points<th>median error [px]<th>sigma of the turn [degrees]
-</tr>{images}</table></html>
-"""
 
 
 def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
@@ -61,29 +46,28 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
             for i, lens in enumerate(values["lenses"], 1)
         },
     }
-    images = []
-    for row in values["views"]:
-        name = html.escape(row["name"])
-        if not row["registered"]:
-            images.append(f"<tr><td>{name}<td colspan=3>not registered</tr>")
-            continue
-        sigma = [v for v in row["sigma_turn_degrees"] if v is not None]
-        shown = f"{max(sigma):.4f}" if sigma else "unknown"
-        images.append(
-            f"<tr><td>{name}<td>{row['points']}<td>{row['error_px'] or 0:.3f}<td>{shown}</tr>"
-        )
-    page = _PAGE.format(
-        title=html.escape(title),
-        notes="".join(f'<p class="note">{html.escape(n)}</p>' for n in values["notes"]),
-        summary="".join(
-            f"<tr><td>{html.escape(k)}<td>{html.escape(v)}</tr>" for k, v in summary.items()
+    parts = [
+        html_table(summary.items()),
+        "<h2>Cameras and points from above and from the side</h2>",
+        _scene_plot(solution, values.get("rig")),
+        "<h2>Residuals and tracks</h2>",
+        _residual_plot(solution),
+        _track_plot(solution),
+        "<h2>Images</h2>",
+        html_table(
+            map(_image_row, values["views"]),
+            ("image", "points", "median error [px]", "sigma of the turn [degrees]"),
         ),
-        scene=_scene_plot(solution, values.get("rig")),
-        residuals=_residual_plot(solution),
-        tracks=_track_plot(solution),
-        images="".join(images),
-    )
-    write_file(out / REPORT, page)
+    ]
+    write_file(out / REPORT, sections_page(title, values["notes"], parts))
+
+
+def _image_row(row: dict[str, Any]) -> tuple[str, ...]:
+    if not row["registered"]:
+        return row["name"], "not registered", "", ""
+    sigma = [v for v in row["sigma_turn_degrees"] if v is not None]
+    shown = f"{max(sigma):.4f}" if sigma else "unknown"
+    return row["name"], str(row["points"]), f"{row['error_px'] or 0:.3f}", shown
 
 
 def _rig_rows(rig: dict[str, Any]) -> dict[str, str]:
@@ -109,26 +93,6 @@ def _rig_rows(rig: dict[str, Any]) -> dict[str, str]:
     return rows
 
 
-def _figure(columns: int, width: float, height: float) -> tuple[Any, Any]:
-    from matplotlib.figure import Figure  # without pyplot: no state, no display
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(1, columns, squeeze=False)[0]
-    for axis in axes:
-        axis.tick_params(colors=_MUTED, labelsize=8)
-        axis.grid(color=_GRID, linewidth=0.6)
-        for spine in axis.spines.values():
-            spine.set_color(_GRID)
-    return figure, axes
-
-
-def _svg(figure: Any) -> str:
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg")
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]
-
-
 def _scene_plot(solution: Solution, rig: dict[str, Any] | None) -> str:
     """Seen along two principal axes of the camera path; each camera of a rig in a colour."""
     centers = centers_of(solution.camera_from_world[solution.registered])
@@ -146,24 +110,24 @@ def _scene_plot(solution: Solution, rig: dict[str, Any] | None) -> str:
     keep = keep[:: max(1, len(keep) // _MOST_POINTS)]
     points, colors = solution.points[keep] - middle, solution.colors[keep] / 255.0
     cameras, frames = _rig_places(solution, rig)
-    figure, axes = _figure(2, 10, 5)
+    figure, axes = plot_figure("", 10, 5, 2)
     size = 0.03 * max(float(np.ptp(centers @ across)), float(np.ptp(centers @ along)), 1e-9)
     for axis, (x, y) in zip(axes, ((across, along), (across, -down)), strict=True):
         axis.scatter(points @ x, points @ y, s=0.6, c=colors, linewidths=0, rasterized=True)
         c = centers - middle
         for number, (name, rows) in enumerate(cameras.items()):
-            color = _CAMERAS[number % len(_CAMERAS)]
+            color = SERIES[number % len(SERIES)]
             axis.plot(c[rows] @ x, c[rows] @ y, ".", color=color, markersize=4, label=name)
             for center, ray in zip(c[rows], forward[rows], strict=True):
                 end = center + size * ray
                 axis.plot([center @ x, end @ x], [center @ y, end @ y], color=color, linewidth=0.8)
         for rows in frames:
-            axis.plot(c[rows] @ x, c[rows] @ y, color=_MUTED, linewidth=0.8, zorder=1.5)
+            axis.plot(c[rows] @ x, c[rows] @ y, color=MUTED, linewidth=0.8, zorder=1.5)
         axis.set_aspect("equal")
     if rig is not None:
-        axes[0].set_xlabel("in the rig's unit", color=_MUTED)
+        axes[0].set_xlabel("in the rig's unit", color=MUTED)
         axes[0].legend(fontsize=8, frameon=False)
-    return _svg(figure)
+    return svg_text(figure)
 
 
 def _rig_places(
@@ -186,7 +150,7 @@ def _residual_plot(solution: Solution) -> str:
     good = np.isfinite(lengths)
     degrees = np.degrees(solution.field_angles[good])
     lengths = lengths[good]
-    figure, axes = _figure(2, 10, 3)
+    figure, axes = plot_figure("residual [px] by field angle", 10, 3, 2)
     bins = np.floor(degrees / _BIN_DEGREES).astype(int)
     middles, medians, upper = [], [], []
     for index in np.unique(bins):
@@ -196,22 +160,20 @@ def _residual_plot(solution: Solution) -> str:
         middles.append((index + 0.5) * _BIN_DEGREES)
         medians.append(np.median(inside))
         upper.append(np.percentile(inside, 90))
-    axes[0].plot(middles, medians, color=_LINE, marker="o", markersize=4, label="median")
-    axes[0].plot(middles, upper, color=_MUTED, marker=".", label="90 %")
-    axes[0].set_xlabel("degrees from the axis", color=_MUTED)
-    axes[0].set_title("residual [px] by field angle", color=_INK, fontsize=10)
+    axes[0].plot(middles, medians, color=LINE, marker="o", markersize=4, label="median")
+    axes[0].plot(middles, upper, color=MUTED, marker=".", label="90 %")
+    axes[0].set_xlabel("degrees from the axis", color=MUTED)
     axes[0].set_ylim(bottom=0)
     axes[0].legend(fontsize=8, frameon=False)
-    axes[1].hist(lengths, bins=60, range=(0, float(np.percentile(lengths, 99))), color=_LINE)
-    axes[1].set_title("residuals [px]", color=_INK, fontsize=10)
-    return _svg(figure)
+    axes[1].hist(lengths, bins=60, range=(0, float(np.percentile(lengths, 99))), color=LINE)
+    axes[1].set_title("residuals [px]", **TITLE)
+    return svg_text(figure)
 
 
 def _track_plot(solution: Solution) -> str:
     lengths = np.bincount(solution.observations[:, 0])
-    figure, axes = _figure(1, 5, 3)
+    figure, axes = plot_figure("points by track length (images)", 5, 3)
     longest = int(max(lengths.max(initial=2), 3))
-    axes[0].hist(lengths, bins=np.arange(1.5, longest + 1.5), color=_LINE)
-    axes[0].set_yscale("log")
-    axes[0].set_title("points by track length (images)", color=_INK, fontsize=10)
-    return _svg(figure)
+    axes.hist(lengths, bins=np.arange(1.5, longest + 1.5), color=LINE)
+    axes.set_yscale("log")
+    return svg_text(figure)

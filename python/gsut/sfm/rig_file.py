@@ -13,13 +13,14 @@ import numpy as np
 from gsut._core import CalibrationError, InputError
 from gsut.data import DatasetError, inverse, rigid_transform
 from gsut.files import write_file
-from gsut.lens import Camera, format_nerfstudio, is_camchain, load_camera
+from gsut.lens import Camera, is_camchain, load_camera
 from gsut.sfm.align import centers_of
 
 _POSE = "camera_from_reference"
 _LENS = "file"
 _FEWEST_CAMERAS = 2
-_EXACT_SUFFIXES = (".yaml", ".yml", ".json")  # of the lens that a .cameramodel stands in for
+# Of the exact lens beside a .cameramodel, and the model there that stands in for it.
+_EXACT_SUFFIXES, _STAND_IN = (".yaml", ".yml", ".json"), "splined_stereographic"
 _NO_BASELINE = 1e-9  # of the distance to the reference, in units in the last place of a file
 
 
@@ -58,8 +59,8 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
     Either JSON as `gsut calibrate --rig` writes it (report.json): {"cameras": {NAME: {"file": lens
     file, relative to this one, "camera_from_reference": six numbers (Rodrigues rotation,
     translation) or a 4x4 matrix}}}; or a camchain YAML of Kalibr (T_cn_cnm1), whose cameras are
-    cam0, cam1 ... Where transforms.json cannot hold a .cameramodel's lens, the exact one that
-    `gsut calibrate` wrote beside it is taken.
+    cam0, cam1 ... Beside the .cameramodel of a splined lens the exact one that `gsut calibrate`
+    wrote there, of the same name, is taken.
 
     Raises:
         InputError: no such file, not a rig, one camera only, or all cameras in one place: then
@@ -186,7 +187,7 @@ def _lens(file: Path, camera_id: str | None, where: str) -> tuple[Path, Camera]:
     if not file.is_file():
         raise InputError(f"{where}: there is no lens file {file}; put it there")
     camera = load_camera(file, camera_id)
-    if file.suffix.lower() != ".cameramodel" or _storable(camera):
+    if file.suffix.lower() != ".cameramodel" or camera.model != _STAND_IN:
         return file, camera
     for suffix in _EXACT_SUFFIXES:
         exact = file.with_suffix(suffix)
@@ -196,14 +197,6 @@ def _lens(file: Path, camera_id: str | None, where: str) -> tuple[Path, Camera]:
             except (CalibrationError, InputError):
                 continue  # some other file of that name
     return file, camera
-
-
-def _storable(camera: Camera) -> bool:
-    try:
-        format_nerfstudio(camera)
-    except InputError:
-        return False
-    return True
 
 
 def relative_changes(given: Rig, found: np.ndarray) -> list[tuple[float, float]]:

@@ -302,9 +302,9 @@ def _solution(
         for c, p in zip(lenses, found["lens_params"], strict=True)
     ]
     own = [solved[lenses.index(c)] for c in cameras]
-    observations = found["sights"]
+    observations = found["observations"]
     pixels, residuals, angles = evaluate_observations(
-        observations, found["sights_in_camera"], own, features
+        observations, found["observations_in_camera"], own, features
     )
     colors = _mean_colors(observations, len(found["points"]), features)
     return Solution(
@@ -312,7 +312,7 @@ def _solution(
         FEATURE_VARIANCE * found["covariances"],
         found["points"], colors, found["point_errors"], observations, pixels, residuals, angles,
         found["initial_pair"], found["restarts"], found["rms"], found["median"],
-        found["held_out"] if found["num_held_out"] else None, found["held_out_sights"],
+        found["held_out"] if found["num_held_out"] else None, found["held_out_observations"],
     )  # fmt: skip
 
 

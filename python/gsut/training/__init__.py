@@ -11,7 +11,8 @@ from gsut.training.finetuning import finetune, finetune_options
 from gsut.training.loop import TrainingLoop
 from gsut.training.photometric_poses import grow_poses
 from gsut.training.record import TrainingRecord
-from gsut.training.results import measure_training, prepare_scene, refine_first_poses, write_results
+from gsut.training.results import measure_training, write_results
+from gsut.training.start import prepare_scene, refine_first_poses
 from gsut.training.trained_run import read_trained
 
 __all__ = [

@@ -12,7 +12,7 @@ from gsut.run import TrainOptions
 
 
 @dataclasses.dataclass(frozen=True)
-class Turn:
+class DensificationStep:
     """When a densification takes place, and on what.
 
     Attributes:
@@ -50,7 +50,7 @@ class Densification:
     def explore(self, optimizer: Any, rate_means: float) -> None:
         """After Adam's step, with the learning rate of the means in world units."""
 
-    def densify(self, optimizer: GaussianOptimizer, turn: Turn) -> GaussianOptimizer:
+    def densify(self, optimizer: GaussianOptimizer, now: DensificationStep) -> GaussianOptimizer:
         """Adds and removes Gaussians; returns the optimizer to go on with."""
         raise NotImplementedError
 

@@ -47,21 +47,21 @@ class GrowthLimit:
             self.ended, self._aside = True, []
         self._found: list[float] = []
         self._last_step = _last_growth(options)
-        self.grown(0)
+        self.end_where_reached(0)
 
     @property
-    def aside(self) -> list[int]:
+    def held_aside(self) -> list[int]:
         """Views that are measured on and must not be trained on now."""
         return [] if self.ended else self._aside
 
     def observe(self, psnr: float) -> None:
-        """Takes note of the PSNR on `aside` in dB; ends growth if it has stopped to rise."""
+        """Takes note of the PSNR on `held_aside` in dB; ends growth if it has stopped to rise."""
         self._found.append(psnr)
         if len(self._found) > _PATIENCE:
             before, last = self._found[:-_PATIENCE], self._found[-_PATIENCE:]
             self.ended = max(last) < max(before) + _LEAST_GAIN_DB
 
-    def grown(self, step: int) -> None:
+    def end_where_reached(self, step: int) -> None:
         """After each densification, with its step: ends growth where the cap is reached."""
         self.ended = self.ended or step >= self._last_step
 

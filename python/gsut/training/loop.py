@@ -24,7 +24,7 @@ from gsut.optimize import (
 from gsut.refine import TracksResult, TrainingRefiner
 from gsut.render import DEFAULT_UNSCENTED
 from gsut.run import Stopwatch, TrainOptions
-from gsut.training.densification import Turn, densification_of
+from gsut.training.densification import DensificationStep, densification_of
 from gsut.training.growth import GrowthLimit
 from gsut.training.start import seed_first
 
@@ -147,7 +147,7 @@ class TrainingLoop:
 
     def _view_of(self, step: int) -> int:
         """Every training view once an epoch, in an order that depends on seed and epoch only."""
-        aside = self.limit.aside
+        aside = self.limit.held_aside
         views = [view for view in self.scene.train_indices if view not in aside]
         return view_of_step(views, step, self.options.seed)
 
@@ -205,15 +205,17 @@ class TrainingLoop:
         o, scene = self.options, self.scene
         within = o.densify_from <= step.fraction <= o.densify_until
         if within and step.number % o.densify_every == 0:
-            aside = self.limit.aside
+            aside = self.limit.held_aside
             if aside and step.level.scene.cameras[0].width == scene.cameras[0].width:
                 psnr = mean_psnr(scene, self.drawn(), aside, o.background, self.renderer)
                 self.limit.observe(psnr)
             compacted = o.compact_at is not None and step.number >= o.compact_at
             full_grown = compacted or (self.limit.auto and self.limit.ended)
-            turn = Turn(step.number, step.fraction, step.level.scene, scene.extent, full_grown)
-            self.optimizer = self.densification.densify(self.optimizer, turn)
-            self.limit.grown(step.number)
+            now = DensificationStep(
+                step.number, step.fraction, step.level.scene, scene.extent, full_grown
+            )
+            self.optimizer = self.densification.densify(self.optimizer, now)
+            self.limit.end_where_reached(step.number)
             self._begin_anew()
         if step.number == o.compact_at:
             views = seen_views(scene, scene.train_indices)

@@ -1,44 +1,19 @@
-"""What training does before its first step and after its last: first poses, figures, files."""
+"""What a training gives: its figures, and its files."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
-from gsut.data import Scene, with_shutter
+from gsut.data import Scene
 from gsut.evaluate import evaluate, run_metrics, write_report
 from gsut.formats import save_ply
 from gsut.gaussians import Gaussians
-from gsut.refine import (
-    TracksResult,
-    check_refinable,
-    evaluate_aligned,
-    refine_by_tracks,
-    write_refined,
-)
-from gsut.run import Progress, RunFolder, TrainOptions
+from gsut.refine import evaluate_aligned, write_refined
+from gsut.run import RunFolder, TrainOptions
 from gsut.training.loop import TrainingLoop
 
 _MOST_MEASURED = 8  # training views that are looked at where none is held out
-
-
-def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
-    """The scene at the size, and with the shutter, that the options ask for."""
-    o = options
-    small = scene if o.scale == 1.0 else scene.scaled(o.scale)
-    return with_shutter(small, o.shutter, o.readout_time, o.readout_direction)
-
-
-def refine_first_poses(scene: Scene, options: TrainOptions, progress: bool) -> TracksResult | None:
-    """The training views' poses refined by tracks of features, with a bar if `progress`.
-
-    None where the options do not ask for it.
-    """
-    if not (options.refine_poses and options.refine_tracks):
-        return None
-    check_refinable(scene, options)
-    with Progress(progress) as bar:
-        return refine_by_tracks(scene, options, bar.show)
 
 
 def measure(

@@ -1,17 +1,37 @@
-"""The Gaussians that training starts from."""
+"""What training starts from: the scene as it was asked for, first poses, first Gaussians."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from gsut._core import InputError
-from gsut.data import Scene
+from gsut.data import Scene, with_shutter
 from gsut.gaussians import Gaussians, seed_from_points, seed_in_view
-from gsut.run import TrainOptions
+from gsut.refine import TracksResult, check_refinable, refine_by_tracks
+from gsut.run import Progress, TrainOptions
 
 # Random first Gaussians lie between these distances from a camera, in units of the scene's extent.
 _RANDOM_NEAR, _RANDOM_FAR = 0.05, 4.0
 _RANDOM_COUNT = 30_000
+
+
+def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
+    """The scene at the size, and with the shutter, that the options ask for."""
+    o = options
+    small = scene if o.scale == 1.0 else scene.scaled(o.scale)
+    return with_shutter(small, o.shutter, o.readout_time, o.readout_direction)
+
+
+def refine_first_poses(scene: Scene, options: TrainOptions, progress: bool) -> TracksResult | None:
+    """The training views' poses refined by tracks of features, with a bar if `progress`.
+
+    None where the options do not ask for it.
+    """
+    if not (options.refine_poses and options.refine_tracks):
+        return None
+    check_refinable(scene, options)
+    with Progress(progress) as bar:
+        return refine_by_tracks(scene, options, bar.show)
 
 
 def seed_first(scene: Scene, options: TrainOptions) -> Gaussians:

@@ -10,7 +10,7 @@ from gsut.formats import load_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import read_refined
 from gsut.run import ENVIRONMENT, SCENE, RunFolder, TrainOptions
-from gsut.training.results import prepare_scene
+from gsut.training.start import prepare_scene
 
 
 def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene, Gaussians]:

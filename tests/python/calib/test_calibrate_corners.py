@@ -99,7 +99,7 @@ def test_assign_cameras_pairs_by_name():
     paths = [Path(name) for name in ("left1.png", "right1.png", "left2.png")]
     photographs = assign_cameras(paths, ["left", "right"])
     assert [p.camera for p in photographs] == ["left", "right", "left"]
-    assert photographs[0].moment == photographs[1].moment != photographs[2].moment
+    assert photographs[0].frame == photographs[1].frame != photographs[2].frame
 
 
 @pytest.mark.parametrize(

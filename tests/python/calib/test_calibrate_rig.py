@@ -8,14 +8,14 @@ from calib import solve_mrcal, solve_opencv
 from calib.board import Board, assign_cameras
 from calib.corners import find_boards
 from calib.errors import SolveError
-from calib.measure_boards import by_stereo_calibrate
 from calib.mrcal_process import have_mrcal
 from calib.rig import SHAKY, rms_of_all, solve_rig, unify_turns
 from calib.rigid import compose, inverse
 from calib.solve_mrcal_rig import solve_rig_together, solve_together
-from calib.synthetic import photographs as see
-from calib.synthetic import random_poses
 from calib_fakes import BOARD, FISHEYE
+from tests.bench.measure_boards import by_stereo_calibrate
+from tests.synthetic_boards import photographs as see
+from tests.synthetic_boards import random_poses
 
 needs_mrcal = pytest.mark.skipif(
     not have_mrcal(), reason="mrcal is not installed: apt-get install mrcal python3-mrcal"
@@ -64,11 +64,11 @@ def test_rig_boards_seen_upside_down_are_found(rng):
     assert unify_turns(cameras, BOARD) == [right[1], right[5], right[6]]
 
 
-def test_rig_without_common_moment_is_an_error(rng):
+def test_rig_without_common_frame_is_an_error(rng):
     cameras, _ = _rig(rng, BOARD, NOISE_PX)
     for photograph in cameras[1].photographs:
-        photograph.moment += "-later"
-    with pytest.raises(SolveError, match="right has no moment"):
+        photograph.frame += "-later"
+    with pytest.raises(SolveError, match="right has no frame"):
         solve_rig(cameras, BOARD)
 
 
@@ -88,7 +88,7 @@ def test_rig_in_one_solve_recovers_the_pose_and_keeps_the_noise(rng):
 
 
 @needs_mrcal
-def test_rig_in_one_solve_moments_apart_keep_the_lenses(rng):
+def test_rig_in_one_solve_frames_apart_keep_the_lenses(rng):
     """A board that moved between the two exposures: one pose cannot fit, lenses must not bend."""
     cameras, _ = _rig(rng, BOARD, 0.02, solve=_by_mrcal)
     for photograph, shift in zip(

@@ -15,14 +15,14 @@ from calib.errors import MisfitError
 from calib.halves import agreement_angle, best_rotation
 from calib.lens import gsut_camera, rays
 from calib.lens_files import ANGLE_KEY, SIGMA_KEY, write_lens
-from calib.measure_uncertainty import coverage
 from calib.mrcal_process import ask, have_mrcal
 from calib.rigid import compose, inverse, rodrigues_vector, rotation_matrix
-from calib.synthetic import photographs as see
-from calib.synthetic import random_poses
 from calib.trust import judge
 from calib.uncertainty import grid_pixels, uncertainty_map
 from calib_fakes import BOARD, FISHEYE, corner_photographs
+from tests.bench.measure_uncertainty import coverage
+from tests.synthetic_boards import photographs as see
+from tests.synthetic_boards import random_poses
 
 needs_mrcal = pytest.mark.skipif(
     not have_mrcal(), reason="mrcal is not installed: apt-get install mrcal python3-mrcal"

@@ -12,11 +12,11 @@ from calib.halves import AGREEMENT_DEGREES, agreement_angle, compare_lenses
 from calib.lens import rays
 from calib.second_lens import SecondLens, compare_with, cut_where_lenses_differ
 from calib.solution import CameraSolution
-from calib.synthetic import photographs as see
-from calib.synthetic import random_poses
 from calib.trust import Trust, field_angle, judge
 from calib.uncertainty import grid_pixels, uncertainty_map
 from calib_fakes import BOARD, FISHEYE, corner_photographs
+from tests.synthetic_boards import photographs as see
+from tests.synthetic_boards import random_poses
 
 WARP = (0.0008, -0.0003)  # metres, of a board of 18 x 12 cm
 NOISE_PX = 0.05

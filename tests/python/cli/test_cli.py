@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import gsut
-import run_fakes
+import small_run
 from gsut.cli import build_parser, command_names, main
 from gsut.cli.demo import _free_run
 from gsut.run.folder import CHECKPOINT, METRICS, REPORT, SCENE, RunFolder
@@ -28,16 +28,14 @@ HELP_SECONDS = 1.0  # 0.15 to 0.3 on an idle machine; slow imports (cv2, matplot
 
 @pytest.fixture
 def scene(tmp_path, monkeypatch):
-    folder = tmp_path / "data"
-    folder.mkdir()
-    scene = run_fakes.FakeScene(folder)
-    run_fakes.install(monkeypatch, scene)
+    scene = small_run.make_scene(tmp_path / "data")
+    small_run.install(monkeypatch, scene)
     return scene
 
 
 @pytest.fixture
 def run(tmp_path, scene):
-    return run_fakes.finished_run(tmp_path / "run", scene, report=False)
+    return small_run.finished_run(tmp_path / "run", scene, report=False)
 
 
 @pytest.fixture
@@ -48,7 +46,7 @@ def training(monkeypatch, scene):
     def train(scene, options, out, resume=False, progress=None):
         calls.append(SimpleNamespace(options=options, out=out, resume=resume, progress=progress))
         if not RunFolder(out).holds_run():
-            run_fakes.finished_run(Path(out), scene, options, report=False)
+            small_run.finished_run(Path(out), scene, options, report=False)
 
     monkeypatch.setattr(gsut, "train", train, raising=False)
     return calls
@@ -283,7 +281,7 @@ def test_render_along_each_path_writes_its_images(run, tmp_path, monkeypatch):
 
 
 def test_render_with_lens_and_size_uses_both(run, tmp_path, monkeypatch):
-    lens = run_fakes.FakeCamera(width=20, height=10)
+    lens = gsut.Camera("pinhole", [20, 20, 10, 5], 20, 10)
     monkeypatch.setattr(gsut, "load_camera", lambda path: lens, raising=False)
     out = tmp_path / "out"
     words = ["--frames", "1", "--camera", "lens.yml", "--size", "40x24", "-o", str(out)]
@@ -315,7 +313,7 @@ def test_demo_run_of_a_finished_demo_takes_the_next_folder(tmp_path, scene):
     options = TrainOptions(preset="fast", steps=100)
     run, resume = _free_run(tmp_path, options)
     assert (run.path.name, resume) == ("run", False)
-    finished = run_fakes.finished_run(run.path, scene, options, report=False)
+    finished = small_run.finished_run(run.path, scene, options, report=False)
     run, resume = _free_run(tmp_path, options)
     assert (run.path.name, resume) == ("run-2", False)
     (finished.path / REPORT).unlink()

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-import run_fakes
+import gsut
+import small_run
 import tolerances
 from gsut.evaluate.evaluation import evaluate, field_angles, run_metrics
 from gsut.render.metrics import RING_EDGES_DEGREES
@@ -14,18 +15,17 @@ from gsut.render.pictures import picture_stems, to_uint8
 from gsut.run.options import TrainOptions
 
 ERROR = 0.1  # of every colour value that the fake renderer shows
-GAUSSIANS = range(1234)
 
 
 @pytest.fixture
-def scene(monkeypatch):
-    scene = run_fakes.FakeScene()
-    run_fakes.install(monkeypatch, scene, ERROR)
+def scene(tmp_path, monkeypatch):
+    scene = small_run.make_scene(tmp_path / "data")
+    small_run.install(monkeypatch, scene, ERROR)
     return scene
 
 
 def test_evaluate_of_a_constant_error_gives_its_psnr_everywhere(scene):
-    figures = evaluate(GAUSSIANS, scene, scene.test_indices)
+    figures = evaluate(small_run.GAUSSIANS, scene, scene.test_indices)
     expected = -20 * math.log10(ERROR)
     close = {"abs": tolerances.PSNR_OF_CONSTANT_ERROR_DB}
     assert figures["psnr"] == pytest.approx(expected, **close)
@@ -41,15 +41,12 @@ def test_evaluate_of_a_constant_error_gives_its_psnr_everywhere(scene):
     assert figures["render_ms"] > 0
 
 
-def test_evaluate_with_one_bad_view_names_it(scene):
-    scene.mask = lambda index: np.ones((run_fakes.SIZE, run_fakes.SIZE), bool)
-    photograph = scene.image
-
-    def inverted_third(index):
-        return 255 - photograph(index) if index == 3 else photograph(index)
-
-    scene.image = inverted_third
-    figures = evaluate(GAUSSIANS, scene, scene.test_indices)
+def test_evaluate_with_one_bad_view_names_it(tmp_path, monkeypatch):
+    size = small_run.SIZE
+    every_pixel = gsut.Camera("pinhole", [size, size, size / 2, size / 2], size, size)
+    scene = small_run.make_scene(tmp_path / "data", every_pixel, inverted=3)
+    small_run.install(monkeypatch, scene, ERROR)
+    figures = evaluate(small_run.GAUSSIANS, scene, scene.test_indices)
     assert figures["worst_view"] == "images/3.png"
     good, bad = (row["psnr"] for row in figures["views"])
     assert figures["psnr"] == pytest.approx((good + bad) / 2)
@@ -57,34 +54,36 @@ def test_evaluate_with_one_bad_view_names_it(scene):
 
 
 def test_evaluate_of_no_views_has_no_figures(scene):
-    figures = evaluate(GAUSSIANS, scene, [])
+    figures = evaluate(small_run.GAUSSIANS, scene, [])
     assert figures["psnr"] is None
     assert figures["worst_view"] is None
     assert figures["views"] == []
 
 
 def test_evaluate_with_a_folder_writes_pictures_that_tell_color_and_distance(scene, tmp_path):
-    figures = evaluate(GAUSSIANS, scene, scene.test_indices, render_folder=tmp_path)
+    out = tmp_path / "out"
+    out.mkdir()
+    figures = evaluate(small_run.GAUSSIANS, scene, scene.test_indices, render_folder=out)
     count = 0
     for row, index in zip(figures["views"], scene.test_indices, strict=True):
         mask = scene.mask(index)
-        truth = cv2.imread(str(tmp_path / row["truth"]))[..., ::-1]
+        truth = cv2.imread(str(out / row["truth"]))[..., ::-1]
         assert np.array_equal(truth[mask], scene.image(index)[mask])
         assert not truth[~mask].any()
-        depth = cv2.imread(str(tmp_path / row["depth"]), cv2.IMREAD_UNCHANGED)
+        depth = cv2.imread(str(out / row["depth"]), cv2.IMREAD_UNCHANGED)
         assert depth.dtype == np.uint16
         distance = depth * row["depth_unit"]
-        np.testing.assert_allclose(distance[mask], run_fakes.DISTANCE, rtol=1 / 65535)
+        np.testing.assert_allclose(distance[mask], small_run.DISTANCE, rtol=1 / 65535)
         assert not distance[~mask].any()
         count += 1
     assert count == 2
-    assert len(list(tmp_path.iterdir())) == 6
+    assert len(list(out.iterdir())) == 6
 
 
 def test_run_metrics_hold_every_promised_key(scene):
-    figures = evaluate(GAUSSIANS, scene, scene.test_indices)
+    figures = evaluate(small_run.GAUSSIANS, scene, scene.test_indices)
     options = TrainOptions(steps=50, seed=9)
-    metrics = run_metrics(figures, GAUSSIANS, scene, options, steps=50, train_seconds=5.0)
+    metrics = run_metrics(figures, small_run.GAUSSIANS, scene, options, steps=50, train_seconds=5.0)
     promised = [
         "psnr",
         "ssim",
@@ -109,14 +108,14 @@ def test_run_metrics_hold_every_promised_key(scene):
     assert metrics["seconds_per_step"] == 0.1
     assert metrics["num_gaussians"] == 1234
     assert metrics["seed"] == 9
-    assert metrics["camera_model"] == "fake_fisheye"
+    assert metrics["camera_model"] == "kannala_brandt"
     assert metrics["world_offset"] == [10.0, 20.0, 30.0]
 
 
 def test_field_angles_grow_from_the_axis_to_the_rim():
-    angles = np.degrees(field_angles(run_fakes.FakeCamera(width=64, height=64)))
+    angles = np.degrees(field_angles(small_run.FISHEYE.resized(64, 64)))
     assert np.nanmin(angles) < 3
-    assert 90 < np.nanmax(angles) < run_fakes.HALF_FIELD_DEGREES
+    assert 90 < np.nanmax(angles) < small_run.HALF_FIELD_DEGREES
     assert np.isnan(angles[0, 0])
 
 

@@ -8,18 +8,19 @@ import re
 import numpy as np
 import pytest
 
-import run_fakes
+import small_run
 from gsut import InputError
-from gsut.evaluate.report import _chosen_views, duration_text, number_text, write_report
+from gsut.evaluate.report import _chosen_views, write_report
+from gsut.page import duration_text, number_text
 from gsut.run.folder import METRICS, REPORT, RunFolder
 from gsut.run.options import TrainOptions
 
 
 @pytest.fixture
 def run(tmp_path, monkeypatch):
-    scene = run_fakes.FakeScene()
-    run_fakes.install(monkeypatch, scene)
-    return run_fakes.finished_run(tmp_path / "run", scene)
+    scene = small_run.make_scene(tmp_path / "data")
+    small_run.install(monkeypatch, scene)
+    return small_run.finished_run(tmp_path / "run", scene)
 
 
 class Page(html.parser.HTMLParser):
@@ -61,7 +62,7 @@ def test_report_shows_figures_views_options_notes_and_command(run):
     environment = run.read_json("environment.json")
     expected = [
         f"{metrics['psnr']:.2f}", f"{metrics['ssim']:.4f}", "images/0.png", "images/3.png",
-        "beyond 80°", "--max-gaussians", "fake_fisheye", "images/9.png", environment["command"],
+        "beyond 80°", "--max-gaussians", "kannala_brandt", "images/9.png", environment["command"],
         environment["processor"], metrics["version"], 'class="badge best"', 'class="badge worst"',
     ]  # fmt: skip
     assert [word for word in expected if word not in text] == []

@@ -1,6 +1,7 @@
 """Tests gsut.cameras: every lens against OpenCV and the oracle, derivatives, the Python class."""
 
 import pickle
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -9,28 +10,21 @@ import pytest
 import tolerances as tol
 from gsut import InputError, set_num_threads
 from gsut.lens.camera import Camera, camera_models
-from lens_cases import PANORAMAS, all_lenses, polar_grid
+from lens_cases import all_lenses, polar_grid, traits
 
 pytestmark = pytest.mark.quick
 
 OPENCV = ["kannala_brandt", "opencv12", "opencv14", "opencv4", "opencv5", "opencv8", "pinhole"]
-MODELS = [
-    *OPENCV,
-    *("cahvor", "division", "double_sphere", "equirectangular", "extended_unified", "fisheye624"),
-    *("fov", "ftheta", "latlon", "lonlat", "mei", "splined_stereographic", "stereographic"),
-    *("thin_prism_fisheye", "unified"),
-]
 LENSES = all_lenses()
 OPENCV_LENSES = [camera for camera in LENSES if camera.model in OPENCV]
-# Parameters that choose the formula, or that must be 0.
-FIXED = {"ftheta": (2, 3, 9), "splined_stereographic": (0, 1, 2, 3)}
 each_lens = pytest.mark.parametrize("camera", LENSES, ids=lambda c: f"{c.model}-{c.width}")
 # Coordinates below which the comparisons with absolute tolerances are made.
 NEAR_PIXELS = 1e4
 
 
-def test_camera_models_lists_every_lens():
-    assert set(MODELS) <= set(camera_models())
+def test_camera_models_are_the_lens_files_of_the_build():
+    files = Path(__file__).parents[3] / "cpp" / "gsut" / "cameras" / "models"
+    assert set(camera_models()) == {file.stem for file in files.glob("*.h")} >= set(OPENCV)
 
 
 def cv2_pixels(camera: Camera, points: np.ndarray) -> np.ndarray:
@@ -81,7 +75,7 @@ def test_rays_of_oracle_cameras_agree(shared, case):
 @each_lens
 def test_project_jacobian_matches_central_differences(camera, rng):
     # Short of the seam, where a difference would jump.
-    widest = 80 if camera.model in PANORAMAS else 120
+    widest = 80 if camera.is_panorama else 120
     points = polar_grid(0.95 * min(camera.max_angle, np.radians(widest)), 16, 20)
     pixels, valid = camera.project(points)
     points = points[valid & (np.abs(pixels).max(axis=1) < NEAR_PIXELS)]
@@ -93,8 +87,8 @@ def test_project_jacobian_matches_central_differences(camera, rng):
     def difference(plus: np.ndarray, minus: np.ndarray, step: float) -> np.ndarray:
         return (plus - minus) / (2 * step)
 
-    # A jump of the second derivative: of a quadratic spline, or of a square of theta on the axis.
-    jumps = camera.model == "ftheta" or (
+    # A jump of the second derivative: of a quadratic spline, or of a power of theta on the axis.
+    jumps = camera.model in ("ftheta", "ocam") or (
         camera.model == "splined_stereographic" and camera.params[0] == 2
     )
     tolerance = tol.JUMPING_JACOBIAN if jumps else tol.CAMERA_JACOBIAN
@@ -105,19 +99,20 @@ def test_project_jacobian_matches_central_differences(camera, rng):
         check_jacobian(dpixel_dpoint[:, :, axis], difference_of_point, dpixel_dpoint, tolerance)
         compared += 1
     at_bound = 0
+    choices = traits(camera.model).choices
     for k, value in enumerate(camera.params):
-        if k in FIXED.get(camera.model, ()):
+        if k in choices:
             continue
         step = parameter_step(camera.model, k, value)
         one = np.arange(len(camera.params)) == k
         try:
-            lenses = [Camera(camera.model, camera.params + s * step * one, 1, 1) for s in (1, -1)]
+            lenses = [camera.with_params(camera.params + s * step * one) for s in (1, -1)]
         except InputError:
             at_bound += 1  # alpha or xi at the end of its range
             continue
         plus, minus = (lens.project(points)[0] for lens in lenses)
         # Coefficients of any size: per relative change.
-        unit = abs(value) if camera.model == "ftheta" and k < 16 else 1.0
+        unit = abs(value) if in_pixels(camera.model, k) else 1.0
         check_jacobian(
             unit * dpixel_dparams[:, :, k],
             unit * difference(plus, minus, step),
@@ -126,11 +121,16 @@ def test_project_jacobian_matches_central_differences(camera, rng):
         )
         compared += 1
     assert at_bound <= 1
-    assert compared + at_bound + len(FIXED.get(camera.model, ())) == 3 + len(camera.params)
+    assert compared + at_bound + len(choices) == 3 + len(camera.params)
+
+
+def in_pixels(model: str, k: int) -> bool:
+    """Whether the parameter is a coefficient of a polynomial in pixels, of any size."""
+    return (model == "ftheta" and k < 16) or (model == "ocam" and k > 4)
 
 
 def parameter_step(model: str, k: int, value: float) -> float:
-    if model == "ftheta" and k < 16:
+    if in_pixels(model, k):
         return 1e-6 * abs(value)
     # Pixels are linear in the focal lengths.
     focal = (4, 5) if model == "splined_stereographic" else (0, 1)
@@ -238,7 +238,7 @@ def test_camera_params_are_a_copy():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("fish", [1, 1, 0, 0], 4, 4), ["fish", *MODELS]),
+        (("fish", [1, 1, 0, 0], 4, 4), ["fish", *camera_models()]),
         (("pinhole", [1, 1, 0], 4, 4), ["pinhole", "fx fy cx cy", "3"]),
         (("opencv5", [1] * 8, 4, 4), ["opencv5", "k3", "8"]),
         (("pinhole", [0, 1, 0, 0], 4, 4), ["fx", "positive"]),

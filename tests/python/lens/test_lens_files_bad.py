@@ -95,7 +95,7 @@ def test_bad_file_raises_naming_file_line_and_key(name, text, message, tmp_path)
 
 
 def test_unknown_kind_of_file_raises(tmp_path):
-    path = tmp_path / "lens.xml"
+    path = tmp_path / "lens.toml"
     path.write_text("<xml/>")
     with pytest.raises(InputError, match=r"known: \.cameramodel"):
         load_camera(path)

@@ -11,9 +11,11 @@ import gsut
 import tolerances
 from gsut import _core
 from gsut.cli import main
+from gsut.lens import refinable_params
 from gsut.sfm import correspondences
 from gsut.sfm.align import compare_poses
 from gsut.sfm.lens_covariance import lens_covariance
+from gsut.sfm.lens_refinement import _held_note
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.solution import refine
 from small_datasets import OPENGL_FROM_OPENCV, transforms, write_nerfstudio
@@ -85,6 +87,26 @@ def test_from_dataset_lens_comes_back_within_its_own_uncertainty(refined):
     assert np.abs((after - scene.camera.params) / sigma).max() < tolerances.REFINED_LENS_SIGMAS
     assert (sigma[:4] < 0.2).all()  # pixels: says something, too
     assert report["noise_px"] == pytest.approx(NOISE_PX, rel=tolerances.REFINED_NOISE_RELATIVE)
+
+
+def test_refine_of_a_splined_lens_holds_its_surface(rng):
+    _, params, width, height = gsut._core.camera_examples("splined_stereographic")[0]
+    lens = gsut.Camera("splined_stereographic", params, width, height)
+    scene = Synthetic(rng, images=8, points=700, noise=NOISE_PX, camera=lens)
+    start = lens.params.copy()
+    start[4:8] += [2.0, 2.5, 2.0, -1.0]  # fx fy cx cy
+    free = refinable_params(lens)
+    assert np.flatnonzero(free).tolist() == [4, 5, 6, 7]
+    found = refine(
+        [f"{i}" for i in range(8)], [lens.with_params(start)] * 8, scene.features,
+        scene.verified(), scene.poses, PosesOptions(), lambda *_: True, lens_free=free,
+    )  # fmt: skip
+    after = found.cameras[0].params
+    assert np.array_equal(after[~free], lens.params[~free])
+    sigmas = lens_covariance(found, free, PosesOptions().loss_scale).sigmas
+    errors = (after - lens.params)[free] / sigmas[free]
+    assert np.abs(errors).max() < tolerances.REFINED_LENS_SIGMAS
+    assert _held_note(lens, free).startswith("of the splined_stereographic lens fx, fy, cx, cy are")
 
 
 def distant_errors(found: gsut.Camera, truth: gsut.Camera, seen: np.ndarray, pixels: np.ndarray):

@@ -310,7 +310,7 @@ class TestNonCentral:
 
 
 def test_non_central_lenses_are_there():
-    assert {model for model, _ in NON_CENTRAL} == {"orthographic", "cahvore"}
+    assert {model for model, _ in NON_CENTRAL} >= {"orthographic", "cahvore"}
 
 
 def test_orthographic_round_gaussian_is_a_gaussian_of_the_plane():

@@ -26,13 +26,8 @@ def sigma_points(g, camera_from_world, alpha, kappa):
 
 def period_of(camera):
     """(2,) pixels after which a panorama repeats along u and v; infinite for other lenses."""
-    period = np.full(2, np.inf)
-    if camera.model == "equirectangular":
-        period[0] = camera.width
-    elif camera.model in ("lonlat", "latlon"):
-        axis = 0 if camera.model == "lonlat" else 1
-        period[axis] = 2 * np.pi * camera.params[axis]
-    return period
+    period = np.array(camera.period)
+    return np.where(period > 0, period, np.inf)
 
 
 def transform(g, camera, camera_from_world, alpha, beta, kappa):

@@ -10,7 +10,7 @@ import tolerances
 from gsut import InputError
 from gsut.data.camera_path import read_path
 from gsut.render.paths import orbit_path, smooth_path
-from run_fakes import inward_pose
+from small_run import inward_pose
 
 KEYS = np.stack([inward_pose(angle) for angle in np.linspace(0, 4, 9)])
 

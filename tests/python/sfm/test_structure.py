@@ -56,7 +56,7 @@ def test_estimate_poses_synthetic_walk_finds_all_poses_within_noise(rng):
 def test_estimate_poses_sees_beyond_ninety_degrees(rng):
     scene = Synthetic(rng)
     found = scene.solve()
-    observations = found["sights"]
+    observations = found["observations"]
     behind = 0
     for point, image, _ in observations:
         pose = found["camera_from_world"][image]
@@ -632,3 +632,10 @@ def test_bench_poses_compares_what_pycolmap_answers(solved_sponza, tmp_path):
     row = poses_bench._measure_pycolmap(solved_sponza, "known", str(python), ONE_THREAD)
     assert row["registered"] == IMAGES and row["total_seconds"] == 6
     assert row["ate_percent"] < 1e-8 and row["rotation_max_degrees"] < 1e-8
+
+
+def test_bench_poses_fits_a_lens_of_another_model_to_the_datasets_own(some_sponza, tmp_path):
+    folder, _, own = some_sponza
+    fitted = gsut.load_camera(poses_bench._fitted_lens(folder, "kannala_brandt", tmp_path))
+    assert fitted.model == own.model == "kannala_brandt"
+    assert fitted.params == pytest.approx(own.params, rel=tolerances.SFM_FOCAL)

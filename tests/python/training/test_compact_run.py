@@ -186,27 +186,27 @@ def test_compact_at_after_the_end_is_refused():
 def test_auto_ends_growth_where_views_set_aside_no_longer_gain(scene):
     limit = GrowthLimit(scene, TrainOptions(steps=100, max_gaussians="auto").resolved())
     assert limit.auto and not limit.ended
-    assert limit.aside and set(limit.aside) < set(scene.train_indices)
+    assert limit.held_aside and set(limit.held_aside) < set(scene.train_indices)
     for psnr in (20.0, 21.0, 22.0, 22.0, 22.01):
         limit.observe(psnr)
         assert not limit.ended
     limit.observe(22.02)
     assert limit.ended
-    assert limit.aside == []
+    assert limit.held_aside == []
     given = GrowthLimit(scene, TrainOptions(steps=100, max_gaussians=70).resolved())
-    assert (given.most, given.aside, given.auto) == (70, [], False)
+    assert (given.most, given.held_aside, given.auto) == (70, [], False)
 
 
 def test_auto_reaches_its_cap_where_views_set_aside_keep_gaining(scene):
     options = TrainOptions(steps=60, max_gaussians="auto", densify_every=7).resolved()
     loop = TrainingLoop(scene, options)
     loop.limit.observe = lambda psnr: None  # never satisfied
-    aside = loop.limit.aside
+    aside = loop.limit.held_aside
     while loop.step < 42:  # the first densification at 0.7 of the steps
-        assert loop.limit.aside == aside
+        assert loop.limit.held_aside == aside
         loop.advance()
     assert len(loop.gaussians) == loop.limit.most
-    assert loop.limit.ended and loop.limit.aside == []
+    assert loop.limit.ended and loop.limit.held_aside == []
 
 
 def test_auto_decides_at_full_resolution_only(scene, monkeypatch):
@@ -222,7 +222,7 @@ def test_auto_decides_at_full_resolution_only(scene, monkeypatch):
 
 def test_auto_without_densification_sets_nothing_aside(scene):
     options = TrainOptions(steps=20, max_gaussians="auto", densify_every=50).resolved()
-    assert GrowthLimit(scene, options).aside == []
+    assert GrowthLimit(scene, options).held_aside == []
 
 
 def test_auto_trains_and_resumes_to_the_same_bits(scene):

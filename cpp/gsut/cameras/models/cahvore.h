@@ -32,7 +32,13 @@ struct Cahvore {
   };
   static constexpr bool kHasOrigins = true;
 
+  static constexpr int kFitNear[] = {9, 10, 11};  // e0 e1 e2
+
   static bool AcceptsParams(int num_params) { return num_params == 13; }
+
+  static std::vector<std::vector<double>> FitStarts(const FitAxis& at) {
+    return {at.With({0, 0, 0, 0, 0, 0, 0, 0, 0.5}), at.With({0, 0, 0, 0, 0, 0, 0, 0, -0.5})};
+  }
 
   static LensDomain MakeDomain(const double* params, int num_params, double angle_limit = kPi) {
     CheckFocalParams(kName, kParamNames, params, num_params);

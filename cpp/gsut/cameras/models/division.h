@@ -28,6 +28,8 @@ struct Division {
 
   static bool AcceptsParams(int num_params) { return num_params == 5; }
 
+  static std::vector<std::vector<double>> FitStarts(const FitAxis& at) { return {at.With({-0.1})}; }
+
   static LensDomain MakeDomain(const double* params, int num_params, double angle_limit = kPi) {
     CheckFocalParams(kName, kParamNames, params, num_params);
     const double k = params[4];

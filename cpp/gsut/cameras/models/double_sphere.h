@@ -29,6 +29,10 @@ struct DoubleSphere {
 
   static bool AcceptsParams(int num_params) { return num_params == 6; }
 
+  static std::vector<std::vector<double>> FitStarts(const FitAxis& at) {
+    return {at.With({0.0, 0.5})};
+  }
+
   static LensDomain MakeDomain(const double* params, int num_params, double angle_limit = kPi) {
     constexpr double kLargestXi = 0.999;
     CheckFocalParams(kName, kParamNames, params, num_params);

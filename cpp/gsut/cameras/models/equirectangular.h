@@ -19,6 +19,8 @@ struct Equirectangular {
 
   static bool AcceptsParams(int num_params) { return num_params == 0; }
 
+  static std::vector<std::vector<double>> FitStarts(const FitAxis& /*at*/) { return {{}}; }
+
   static LensDomain MakeDomain(const double* /*params*/, int /*num_params*/, double angle_limit,
                                int width, int height) {
     LensDomain domain = Globe::MakeDomain(angle_limit, 1, width, 0.0);

@@ -27,6 +27,10 @@ struct ExtendedUnified {
 
   static bool AcceptsParams(int num_params) { return num_params == 6; }
 
+  static std::vector<std::vector<double>> FitStarts(const FitAxis& at) {
+    return {at.With({0.5, 1.0})};
+  }
+
   static LensDomain MakeDomain(const double* params, int num_params, double angle_limit = kPi) {
     constexpr double kSmallest = 1e-6, kLargest = 1e6;  // of beta; calibrated ones are near 1
     CheckFocalParams(kName, kParamNames, params, num_params);

@@ -21,6 +21,8 @@ struct Fov {
 
   static bool AcceptsParams(int num_params) { return num_params == 5; }
 
+  static std::vector<std::vector<double>> FitStarts(const FitAxis& at) { return {at.With({0.5})}; }
+
   static LensDomain MakeDomain(const double* params, int num_params, double angle_limit = kPi) {
     // Below, the lens is a pinhole to 1e-13; above, its field has shrunk to nothing.
     constexpr double kSmallest = 1e-6, kLargest = kPi - 1e-6;

@@ -38,7 +38,16 @@ struct Ftheta {
   static constexpr int kDegree = 5;
   static constexpr int kSteps = 6;
 
+  static constexpr int kChoices[] = {kReference, kB, kA};
+  static constexpr int kFitHeld[] = {2, 3, 4, 5, 6, 7, 8, 9, 15};  // B only starts the inverse
+  static constexpr double kBeyond = 1e-3;  // radians that a fit leaves beyond the farthest point
+
   static bool AcceptsParams(int num_params) { return num_params == 19; }
+
+  static std::vector<std::vector<double>> FitStarts(const FitAxis& at) {
+    return {{at.cx, at.cy, 1.0, 0.0, 1.0 / at.fy, 0.0, 0.0, 0.0, 0.0, 0.0, at.fy, 0.0, 0.0, 0.0,
+             0.0, std::min(at.max_angle + kBeyond, kPi), at.fx / at.fy, 0.0, 0.0}};
+  }
 
   static LensDomain MakeDomain(const double* params, int num_params, double angle_limit = kPi) {
     CheckParams(params, num_params);

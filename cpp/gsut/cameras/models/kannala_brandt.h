@@ -34,6 +34,10 @@ struct KannalaBrandt {
 
   static bool AcceptsParams(int num_params) { return num_params >= 4; }
 
+  static std::vector<std::vector<double>> FitStarts(const FitAxis& at) {
+    return {at.With({0.0, 0.0, 0.0, 0.0})};
+  }
+
   static LensDomain MakeDomain(const double* params, int num_params, double angle_limit = kPi) {
     CheckFocalParams(kName, kParamNames, params, num_params);
     return OddPolynomialDomain(params, num_params, angle_limit);

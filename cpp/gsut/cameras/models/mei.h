@@ -29,7 +29,13 @@ struct Mei {
        {260.0, 259.0, 318.5, 242.25, 0.35, 0.89, -0.12, 0.021, 0.0007, -0.0004}},
   };
 
+  static constexpr int kFitHeld[] = {4};  // no skew
+
   static bool AcceptsParams(int num_params) { return num_params == 10; }
+
+  static std::vector<std::vector<double>> FitStarts(const FitAxis& at) {
+    return {at.With({0.0, 1.0, 0.0, 0.0, 0.0, 0.0}, 2.0)};
+  }
 
   // The distortion's own lens: fx fy cx cy k1 k2 p1 p2.
   static std::array<double, 8> PlaneParams(const double* params) {

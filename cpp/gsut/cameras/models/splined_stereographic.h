@@ -45,6 +45,7 @@ struct SplinedStereographic {
         -0.06237, -0.06937, -0.08347, -0.17931, -0.14278}},
   };
   static constexpr bool kHasTable = true;
+  static constexpr int kChoices[] = {0, 1, 2, 3};
   static constexpr int kFocal = 4, kPoints = 8;
 
   static bool AcceptsParams(int num_params) { return num_params > kPoints; }

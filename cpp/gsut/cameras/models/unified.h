@@ -26,6 +26,8 @@ struct Unified {
 
   static bool AcceptsParams(int num_params) { return num_params == 5; }
 
+  static std::vector<std::vector<double>> FitStarts(const FitAxis& at) { return {at.With({0.5})}; }
+
   static LensDomain MakeDomain(const double* params, int num_params, double angle_limit = kPi) {
     CheckFocalParams(kName, kParamNames, params, num_params);
     CheckLensParam(kName, "alpha", params[4], 0.0, 1.0);

@@ -40,14 +40,14 @@ enum PixelField {
   kNumFields
 };
 
-// to_rays: 2 x 256 gradients to s and t of the tile's pixels, swizzled; with kRays.
-template <bool kDepth, bool kStopBefore, bool kRays>
-HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
+// to_rays: 2 x 256 gradients to s and t of the tile's pixels, swizzled; with with_rays.
+HWY_INLINE void BackwardTile(bool with_depth, bool stop_before, bool with_rays,
+                             const TileGrid& grid, int tile, float alpha_max,
                              float transmittance_min, const PixelGradients& gradients, Frame* frame,
                              float* to_rays) {
   const FloatTag d;
   const std::uint32_t count = frame->entry_count[tile];
-  if (kRays) __builtin_memset(to_rays, 0, sizeof(float) * 2 * kTilePixels);
+  if (with_rays) __builtin_memset(to_rays, 0, sizeof(float) * 2 * kTilePixels);
   if (count == 0) return;
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
   const TileAxes to_tile = ToTileAxes(grid, tile);
@@ -68,14 +68,14 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
       hn::Store(g, d, field(b, kFieldRed + c));
       behind = hn::MulAdd(g, hn::Load(d, &frame->color[c][o]), behind);
     }
-    if (kDepth) {
+    if (with_depth) {
       const FloatVec g = hn::Load(d, gradients.depth + b * kLanes);
       hn::Store(g, d, field(b, kFieldAlong));
       behind = hn::MulAdd(g, hn::Load(d, &frame->depth[o]), behind);
     }
     hn::Store(hn::Load(d, &grid.start[o]), d, field(b, kFieldTransmittance));
     hn::Store(behind, d, field(b, kFieldBehind));
-    if (kRays) {
+    if (with_rays) {
       hn::Store(hn::Zero(d), d, field(b, kFieldToS));
       hn::Store(hn::Zero(d), d, field(b, kFieldToT));
     }
@@ -162,7 +162,7 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
       FloatVec signed_alpha = hn::IfThenElseZero(open, get(kFieldAlpha));
       FloatVec alpha = hn::Abs(signed_alpha);
       FloatVec weight = hn::Mul(alpha, transmittance);
-      if (kStopBefore) {
+      if (stop_before) {
         const FloatMask ends =
             hn::And(hn::Gt(alpha, hn::Zero(d)), hn::Le(hn::Sub(transmittance, weight), stop));
         weight = hn::IfThenZeroElse(ends, weight);
@@ -185,7 +185,7 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
       const FloatVec z = get(kFieldZ);
       FloatVec to_depth = hn::Zero(d);  // weight x dL/ddepth
       FloatVec unit_depth = hn::Zero(d);
-      if (kDepth) {
+      if (with_depth) {
         const FloatVec along = get(kFieldAlong);
         unit_depth = hn::Mul(z, reciprocal);
         value = hn::MulAdd(hn::Mul(depth_scale, unit_depth), along, value);
@@ -201,7 +201,7 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
       const FloatVec hru = hn::Mul(hr, u);
       FloatVec to_form = hn::NegMulAdd(k, hru, hr);
       FloatVec to_z = hn::Mul(hru, z);
-      if (kDepth) {
+      if (with_depth) {
         const FloatVec scaled = hn::Mul(to_depth, depth_factor);
         const FloatVec second = hn::Mul(scaled, hn::Mul(unit_depth, reciprocal));
         to_form = hn::NegMulAdd(k, second, to_form);
@@ -223,7 +223,7 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
       sums[6] = hn::Add(sums[6], to_z);
       sums[7] = hn::MulAdd(to_z, s, sums[7]);
       sums[8] = hn::MulAdd(to_z, t, sums[8]);
-      if (kRays) {
+      if (with_rays) {
         const FloatVec scale = hn::Mul(hn::Set(d, static_cast<float>(2.0 * kLn2)), kappa);
         const auto to_ray = [&](int field_at, int j) HWY_ATTR {
           const FloatVec sum =
@@ -241,7 +241,7 @@ HWY_INLINE void BackwardTile(const TileGrid& grid, int tile, float alpha_max,
     from_tile.Turn(totals, &frame->slot_gradients[std::size_t{16} * entries[e].slot]);
     frame->slot_touched[entries[e].slot] = 1;
   }
-  if (kRays) {
+  if (with_rays) {
     for (int b = 0; b < kBlocks; ++b) {
       hn::Store(hn::Load(d, field(b, kFieldToS)), d, to_rays + b * kLanes);
       hn::Store(hn::Load(d, field(b, kFieldToT)), d, to_rays + kTilePixels + b * kLanes);

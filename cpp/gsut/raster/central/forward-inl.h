@@ -28,9 +28,8 @@ HWY_INLINE void StoreMissingRecord(float* r) {
 }
 
 // keep: leaves the list of contributing pairs for the backward pass.
-template <bool kDepth, bool kStopBefore>
-HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
-                            float transmittance_min, bool keep, Frame* frame) {
+HWY_INLINE void ForwardTile(bool with_depth, bool stop_before, const TileGrid& grid, int tile,
+                            float alpha_max, float transmittance_min, bool keep, Frame* frame) {
   const FloatTag d;
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
   for (int i = 0; i < kTilePixels; i += kLanes) {
@@ -38,7 +37,7 @@ HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
     for (AlignedVector<float>& channel : frame->color) {
       hn::Store(hn::Zero(d), d, &channel[pixel0 + i]);
     }
-    if (kDepth) hn::Store(hn::Zero(d), d, &frame->depth[pixel0 + i]);
+    if (with_depth) hn::Store(hn::Zero(d), d, &frame->depth[pixel0 + i]);
   }
   const std::uint32_t begin = frame->tile_begin[tile];
   const std::uint32_t end = frame->tile_begin[tile + 1];
@@ -82,7 +81,7 @@ HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
       FloatVec red = hn::Load(d, &frame->color[0][o]);
       FloatVec green = hn::Load(d, &frame->color[1][o]);
       FloatVec blue = hn::Load(d, &frame->color[2][o]);
-      FloatVec depth = kDepth ? hn::Load(d, &frame->depth[o]) : hn::Zero(d);
+      FloatVec depth = with_depth ? hn::Load(d, &frame->depth[o]) : hn::Zero(d);
       // Stopped pixels are below the limit (or negative, see Frame::transmittance).
       FloatMask open = hn::Ge(transmittance, stop);
       do {
@@ -120,7 +119,7 @@ HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
         GSUT_UNROLL for (int i = 0; i < kForwardJam; ++i) {
           alpha[i] = hn::IfThenElseZero(hit[i], hn::Min(alpha[i], alpha_limit));
         }
-        if (BlendGroup<kStopBefore, kForwardJam>(alpha, stop, hit, weight, &transmittance, &open)) {
+        if (BlendGroup<kForwardJam>(stop_before, alpha, stop, hit, weight, &transmittance, &open)) {
           todo = 0;
         }
         GSUT_UNROLL for (int i = 0; i < kForwardJam; ++i) {
@@ -128,7 +127,7 @@ HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
           red = hn::MulAdd(weight[i], hn::Set(d, r[i][record::kColor]), red);
           green = hn::MulAdd(weight[i], hn::Set(d, r[i][record::kColor + 1]), green);
           blue = hn::MulAdd(weight[i], hn::Set(d, r[i][record::kColor + 2]), blue);
-          if (kDepth) {
+          if (with_depth) {
             // A miss may have an infinite reciprocal: its weight 0 must not meet it.
             const FloatVec along = hn::IfThenElseZero(
                 hit[i], hn::Mul(hn::Set(d, r[i][record::kDepth]), hn::Mul(z[i], reciprocal[i])));
@@ -140,7 +139,7 @@ HWY_INLINE void ForwardTile(const TileGrid& grid, int tile, float alpha_max,
       hn::Store(red, d, &frame->color[0][o]);
       hn::Store(green, d, &frame->color[1][o]);
       hn::Store(blue, d, &frame->color[2][o]);
-      if (kDepth) hn::Store(depth, d, &frame->depth[o]);
+      if (with_depth) hn::Store(depth, d, &frame->depth[o]);
       if (hn::AllFalse(d, open)) alive &= ~(std::uint64_t{1} << block);
     }
     if (keep) {

@@ -25,10 +25,9 @@ inline constexpr int kSlopeByLine = 1;                        // its derivatives
 inline constexpr int kSlopeOut = kSlopeByLine + kLineSlopes;  // as TileSlopes
 inline constexpr int kNumSlopeFields = kSlopeOut + TileSlopes::kSize;
 
-template <bool kStopBefore, bool kShading>
-HWY_INLINE void TileJacobian(const RasterTask& task, const TileGrid& grid, int tile,
-                             const Frame& frame, const float* shading, std::uint64_t wanted,
-                             float* slopes) {
+HWY_INLINE void TileJacobian(bool stop_before, bool with_shading, const RasterTask& task,
+                             const TileGrid& grid, int tile, const Frame& frame,
+                             const float* shading, std::uint64_t wanted, float* slopes) {
   const FloatTag d;
   const std::uint32_t count = frame.entry_count[tile];
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
@@ -53,7 +52,7 @@ HWY_INLINE void TileJacobian(const RasterTask& task, const TileGrid& grid, int t
                         hn::MulAdd(hn::Set(d, r[at + 2]), t, hn::Set(d, r[at])));
     };
     const float* of_gaussian =
-        kShading ? shading + std::size_t{kShadingSlopes} * entries[e].gaussian : nullptr;
+        with_shading ? shading + std::size_t{kShadingSlopes} * entries[e].gaussian : nullptr;
     for (std::uint64_t todo = entries[e].blocks & wanted; todo != 0; todo &= todo - 1) {
       const int block = __builtin_ctzll(todo);
       float* at = field(block, 0);
@@ -75,7 +74,7 @@ HWY_INLINE void TileJacobian(const RasterTask& task, const TileGrid& grid, int t
           FastExp2(hn::MulAdd(kappa, hn::Mul(n, reciprocal), hn::Set(d, r[record::kLog2Opacity])));
       FloatVec alpha = hn::IfThenElseZero(hit, hn::Min(raw, limit));
       FloatVec left = hn::NegMulAdd(alpha, transmittance, transmittance);
-      if (kStopBefore) {
+      if (stop_before) {
         const FloatMask ends = hn::And(hit, hn::Le(left, stop));
         hit = hn::AndNot(ends, hit);
         alpha = hn::IfThenElseZero(hit, alpha);
@@ -111,7 +110,7 @@ HWY_INLINE void TileJacobian(const RasterTask& task, const TileGrid& grid, int t
           put(f, hn::MulAdd(of_weight, hn::Set(d, r[record::kColor + c]), get(f)));
         }
       }
-      if (kShading) {
+      if (with_shading) {
         GSUT_UNROLL for (int j = 0; j < kShadingSlopes; ++j) {
           const int f = kSlopeOut + TileSlopes::kShading + j;
           put(f, hn::MulAdd(weight, hn::Set(d, of_gaussian[j]), get(f)));

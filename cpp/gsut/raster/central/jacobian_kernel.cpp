@@ -19,8 +19,7 @@ void Jacobian(const RasterTask& task, const TileGrid& grid, int tile, const Fram
               const float* shading, std::uint64_t wanted, float* slopes) {
   WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
     WithFlag(shading != nullptr, [&](auto with_shading) HWY_ATTR {
-      TileJacobian<stop_before.value, with_shading.value>(task, grid, tile, frame, shading, wanted,
-                                                          slopes);
+      TileJacobian(stop_before, with_shading, task, grid, tile, frame, shading, wanted, slopes);
     });
   });
 }

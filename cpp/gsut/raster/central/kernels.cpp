@@ -124,8 +124,8 @@ void Forward(const RasterTask& task, const TileGrid& grid, int tile, Frame* fram
              float* alpha, float* depth) {
   WithFlag(task.with_depth, [&](auto with_depth) HWY_ATTR {
     WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
-      ForwardTile<with_depth.value, stop_before.value>(grid, tile, task.alpha_max,
-                                                       task.transmittance_min, task.keep, frame);
+      ForwardTile(with_depth, stop_before, grid, tile, task.alpha_max, task.transmittance_min,
+                  task.keep, frame);
     });
   });
   WritePixels(grid, tile, *frame, task.background, task.with_depth, image, alpha, depth);
@@ -138,8 +138,8 @@ void Backward(const RasterTask& task, const TileGrid& grid, int tile,
   WithFlag(gradients.depth != nullptr, [&](auto with_depth) HWY_ATTR {
     WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
       WithFlag(to_rays != nullptr, [&](auto with_rays) HWY_ATTR {
-        BackwardTile<with_depth.value, stop_before.value, with_rays.value>(
-            grid, tile, task.alpha_max, task.transmittance_min, pixels, frame, to_rays);
+        BackwardTile(with_depth, stop_before, with_rays, grid, tile, task.alpha_max,
+                     task.transmittance_min, pixels, frame, to_rays);
       });
     });
   });

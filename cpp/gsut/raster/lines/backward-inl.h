@@ -88,8 +88,8 @@ HWY_INLINE void StoreSlots(const LineChunk& chunk, const float (*sums)[16],
 }
 
 // One pair at one block of pixels; adds to the sums and changes the block's state.
-template <bool kDepth, bool kStopBefore, bool kPoses>
-HWY_INLINE void BackwardBlock(const LineChunk& chunk, int j, float alpha_max,
+HWY_INLINE void BackwardBlock(bool with_depth, bool stop_before, bool with_poses,
+                              const LineChunk& chunk, int j, float alpha_max,
                               float transmittance_min, float* state, FloatVec* sums) {
   using C = LineChunk;
   const FloatTag d;
@@ -107,7 +107,7 @@ HWY_INLINE void BackwardBlock(const LineChunk& chunk, int j, float alpha_max,
   FloatVec alpha = hn::IfThenElseZero(is_hit, hn::Min(raw, limit));
   FloatVec weight = hn::Mul(alpha, transmittance);
   FloatVec left = hn::Sub(transmittance, weight);
-  if (kStopBefore) {
+  if (stop_before) {
     const FloatMask ends = hn::And(is_hit, hn::Le(left, stop));
     is_hit = hn::AndNot(ends, is_hit);
     left = hn::IfThenElse(ends, hn::Neg(transmittance), left);
@@ -123,7 +123,7 @@ HWY_INLINE void BackwardBlock(const LineChunk& chunk, int j, float alpha_max,
       hn::MulAdd(chunk.Get(C::kRed, j), red,
                  hn::MulAdd(chunk.Get(C::kGreen, j), green, hn::Mul(chunk.Get(C::kBlue, j), blue)));
   FloatVec to_x = zero;  // dL/dx
-  if (kDepth) {
+  if (with_depth) {
     const FloatVec along = get(kLineAlong);
     // A miss may be anywhere: its weight 0 must not meet infinity.
     const FloatVec x = hn::IfThenElseZero(is_hit, hn::Sub(hit.x, line.slide));
@@ -141,7 +141,7 @@ HWY_INLINE void BackwardBlock(const LineChunk& chunk, int j, float alpha_max,
   const FloatVec r_z = hn::IfThenElseZero(is_hit, hn::Neg(hit.tau));
   FloatVec q_x = hn::Mul(h, r_x), q_y = hn::Mul(h, r_y), q_z = hn::Mul(h, r_z);
   FloatVec g = zero;
-  if (kDepth) {
+  if (with_depth) {
     // -sd / k = -reach / cut-off, and the cut-off is kappa over -log2(e) / 2.
     constexpr float kHalfLog2E = 0.72134752044448170368f;
     const float scale = kHalfLog2E * chunk.values[C::kReach][j] / chunk.values[C::kKappa][j];
@@ -169,11 +169,11 @@ HWY_INLINE void BackwardBlock(const LineChunk& chunk, int j, float alpha_max,
   sums[kSumK + 4] = hn::MulAdd(q_y, r_z, sums[kSumK + 4]);
   sums[kSumK + 5] = hn::MulAdd(q_z, r_z, sums[kSumK + 5]);
   sums[kSumH] = hn::Add(sums[kSumH], h);
-  if (kPoses) {
+  if (with_poses) {
     // To M times the line's origin and direction: -k q, and k (x q - g reach r); both over k here.
     const FloatVec x = hn::IfThenElseZero(is_hit, hit.x);
     FloatVec turn_x = hn::Mul(x, q_x), turn_y = hn::Mul(x, q_y);
-    if (kDepth) {
+    if (with_depth) {
       const FloatVec reach = hn::Mul(chunk.Get(C::kReach, j), g);
       turn_x = hn::NegMulAdd(reach, r_x, turn_x);
       turn_y = hn::NegMulAdd(reach, r_y, turn_y);
@@ -193,9 +193,10 @@ HWY_INLINE void BackwardBlock(const LineChunk& chunk, int j, float alpha_max,
   }
 }
 
-// to_lines: 5 x 256 gradients to a, b, s, t and slide of the tile's lines, swizzled; with kPoses.
-template <bool kDepth, bool kStopBefore, bool kPoses>
-HWY_INLINE void BackwardLines(const RasterTask& task, const LineGrid& grid, int tile,
+// to_lines: 5 x 256 gradients to a, b, s, t and slide of the tile's lines, swizzled; with
+// with_poses.
+HWY_INLINE void BackwardLines(bool with_depth, bool stop_before, bool with_poses,
+                              const RasterTask& task, const LineGrid& grid, int tile,
                               const PixelGradients& gradients, Frame* frame, float* to_lines) {
   const FloatTag d;
   const std::uint32_t count = frame->entry_count[tile];
@@ -219,7 +220,7 @@ HWY_INLINE void BackwardLines(const RasterTask& task, const LineGrid& grid, int 
       hn::Store(g, d, field(block, kLineRed + c));
       behind = hn::MulAdd(g, hn::Load(d, &frame->color[c][o]), behind);
     }
-    if (kDepth) {
+    if (with_depth) {
       const FloatVec g = hn::Load(d, gradients.depth + block * kLanes);
       hn::Store(g, d, field(block, kLineAlong));
       behind = hn::MulAdd(g, hn::Load(d, &frame->depth[o]), behind);
@@ -242,15 +243,15 @@ HWY_INLINE void BackwardLines(const RasterTask& task, const LineGrid& grid, int 
       for (FloatVec& sum : sums) sum = hn::Zero(d);
       for (std::uint64_t todo = entries[first + static_cast<std::uint32_t>(j)].blocks; todo != 0;
            todo &= todo - 1) {
-        BackwardBlock<kDepth, kStopBefore, kPoses>(chunk, j, task.alpha_max, task.transmittance_min,
-                                                   field(__builtin_ctzll(todo), 0), sums);
+        BackwardBlock(with_depth, stop_before, with_poses, chunk, j, task.alpha_max,
+                      task.transmittance_min, field(__builtin_ctzll(todo), 0), sums);
       }
       SumLanes16(sums, totals);
       for (int k = 0; k < kNumLineSums; ++k) columns[k][j] = totals[k];
     }
     StoreSlots(chunk, columns, entries + first, 0, here, frame);
   }
-  if (kPoses) {
+  if (with_poses) {
     for (int block = 0; block < kBlocks; ++block) {
       for (int k = 0; k < 5; ++k) {
         hn::Store(hn::Load(d, field(block, kLineToA + k)), d,

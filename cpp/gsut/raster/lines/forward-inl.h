@@ -25,9 +25,9 @@ HWY_INLINE LinePixels LoadLines(const LineGrid& grid, std::size_t o) {
           hn::Load(d, &grid.tiles.t[o]), hn::Load(d, &grid.slide[o])};
 }
 
-// kKeep: leaves the list of contributing pairs for the backward pass.
-template <bool kDepth, bool kKeep, bool kStopBefore>
-HWY_INLINE void ForwardLines(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame) {
+// keep: leaves the list of contributing pairs for the backward pass.
+HWY_INLINE void ForwardLines(bool with_depth, bool keep, bool stop_before, const RasterTask& task,
+                             const LineGrid& grid, int tile, Frame* frame) {
   const FloatTag d;
   const TileGrid& tiles = grid.tiles;
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
@@ -36,7 +36,7 @@ HWY_INLINE void ForwardLines(const RasterTask& task, const LineGrid& grid, int t
     for (AlignedVector<float>& channel : frame->color) {
       hn::Store(hn::Zero(d), d, &channel[pixel0 + i]);
     }
-    if (kDepth) hn::Store(hn::Zero(d), d, &frame->depth[pixel0 + i]);
+    if (with_depth) hn::Store(hn::Zero(d), d, &frame->depth[pixel0 + i]);
   }
   const std::uint32_t begin = frame->tile_begin[tile];
   const std::uint32_t end = frame->tile_begin[tile + 1];
@@ -63,7 +63,7 @@ HWY_INLINE void ForwardLines(const RasterTask& task, const LineGrid& grid, int t
                                : 0;
     }
     TransposeMasks(blocks_of, gaussians_of);
-    if (kKeep) {
+    if (keep) {
       for (int j = 0; j < count; ++j) contributed[j] = 0;
     }
     for (std::uint64_t rest = alive; rest != 0; rest &= rest - 1) {
@@ -76,7 +76,7 @@ HWY_INLINE void ForwardLines(const RasterTask& task, const LineGrid& grid, int t
       FloatVec red = hn::Load(d, &frame->color[0][o]);
       FloatVec green = hn::Load(d, &frame->color[1][o]);
       FloatVec blue = hn::Load(d, &frame->color[2][o]);
-      FloatVec depth = kDepth ? hn::Load(d, &frame->depth[o]) : hn::Zero(d);
+      FloatVec depth = with_depth ? hn::Load(d, &frame->depth[o]) : hn::Zero(d);
       // Stopped pixels are below the limit (or negative, see Frame::transmittance).
       FloatMask open = hn::Ge(transmittance, stop);
       do {
@@ -95,17 +95,17 @@ HWY_INLINE void ForwardLines(const RasterTask& task, const LineGrid& grid, int t
                                          chunk.Get(LineChunk::kLog2Opacity, index[i])));
           alpha[i] = hn::IfThenElseZero(hit[i], hn::Min(alpha[i], alpha_limit));
         }
-        if (BlendGroup<kStopBefore, kLineJam>(alpha, stop, hit, weight, &transmittance, &open)) {
+        if (BlendGroup<kLineJam>(stop_before, alpha, stop, hit, weight, &transmittance, &open)) {
           todo = 0;
         }
         GSUT_UNROLL for (int i = 0; i < kLineJam; ++i) {
-          if (kKeep) {
+          if (keep) {
             contributed[index[i]] |= static_cast<std::uint64_t>(!hn::AllFalse(d, hit[i])) << block;
           }
           red = hn::MulAdd(weight[i], chunk.Get(LineChunk::kRed, index[i]), red);
           green = hn::MulAdd(weight[i], chunk.Get(LineChunk::kGreen, index[i]), green);
           blue = hn::MulAdd(weight[i], chunk.Get(LineChunk::kBlue, index[i]), blue);
-          if (kDepth) {
+          if (with_depth) {
             // A miss may be anywhere: its weight 0 must not meet infinity.
             depth = hn::MulAdd(weight[i], hn::IfThenElseZero(hit[i], along[i]), depth);
           }
@@ -115,10 +115,10 @@ HWY_INLINE void ForwardLines(const RasterTask& task, const LineGrid& grid, int t
       hn::Store(red, d, &frame->color[0][o]);
       hn::Store(green, d, &frame->color[1][o]);
       hn::Store(blue, d, &frame->color[2][o]);
-      if (kDepth) hn::Store(depth, d, &frame->depth[o]);
+      if (with_depth) hn::Store(depth, d, &frame->depth[o]);
       if (hn::AllFalse(d, open)) alive &= ~(std::uint64_t{1} << block);
     }
-    if (kKeep) {
+    if (keep) {
       for (int j = 0; j < count; ++j) {
         if (contributed[j] == 0) continue;
         const TilePair& pair = pairs[first + static_cast<std::uint32_t>(j)];
@@ -127,7 +127,7 @@ HWY_INLINE void ForwardLines(const RasterTask& task, const LineGrid& grid, int t
       }
     }
   }
-  if (kKeep) frame->entry_count[tile] = entries;
+  if (keep) frame->entry_count[tile] = entries;
 }
 
 }  // namespace HWY_NAMESPACE

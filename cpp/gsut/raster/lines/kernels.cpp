@@ -86,7 +86,7 @@ void LineForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* 
   WithFlag(task.with_depth, [&](auto with_depth) HWY_ATTR {
     WithFlag(task.keep, [&](auto keep) HWY_ATTR {
       WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
-        ForwardLines<with_depth.value, keep.value, stop_before.value>(task, grid, tile, frame);
+        ForwardLines(with_depth, keep, stop_before, task, grid, tile, frame);
       });
     });
   });
@@ -101,8 +101,8 @@ void LineBackward(const RasterTask& task, const LineGrid& grid, int tile,
   WithFlag(gradients.depth != nullptr, [&](auto with_depth) HWY_ATTR {
     WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
       WithFlag(to_lines != nullptr, [&](auto with_poses) HWY_ATTR {
-        BackwardLines<with_depth.value, stop_before.value, with_poses.value>(
-            task, grid, tile, pixels, frame, to_lines);
+        BackwardLines(with_depth, stop_before, with_poses, task, grid, tile, pixels, frame,
+                      to_lines);
       });
     });
   });

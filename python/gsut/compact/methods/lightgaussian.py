@@ -22,11 +22,6 @@ def hit_sums(
 ) -> np.ndarray:
     """Sum of opacity x transmittance in front over all valid pixels that draw a Gaussian.
 
-    Args:
-        gaussians: N Gaussians.
-        views: at least one.
-        on_view: called after each.
-
     Returns:
         (N,) float64, in pixels; 0 for what no valid pixel sees.
     """
@@ -45,11 +40,6 @@ def lightgaussian_scores(
     on_view: Callable[[], object] = lambda: None,
 ) -> np.ndarray:
     """LightGaussian's global significance: `hit_sums` times (V / V_90%)^0.1.
-
-    Args:
-        gaussians: N Gaussians.
-        views: at least one.
-        on_view: called after each.
 
     Returns:
         (N,) float64 >= 0; the lowest are pruned.

@@ -23,11 +23,6 @@ def fisher_matrices(
 ) -> np.ndarray:
     """Each Gaussian's Fisher matrix over its position and scales: sum of J J^T.
 
-    Args:
-        gaussians: N Gaussians.
-        views: at least one.
-        on_view: called after each.
-
     Returns:
         (N, 6, 6) float64: the sum over valid pixels of all views and their channels, J being the
         channel's derivative to the mean (world axes) and the three scales (world units). Twice it
@@ -51,11 +46,6 @@ def pup_scores(
     on_view: Callable[[], object] = lambda: None,
 ) -> np.ndarray:
     """PUP-3DGS' sensitivity: log det of each Gaussian's Fisher matrix over position and scale.
-
-    Args:
-        gaussians: N Gaussians.
-        views: at least one.
-        on_view: called after each.
 
     Returns:
         (N,) float64; the lowest are pruned; -inf for what no pixel sees.

@@ -23,24 +23,30 @@ from gsut.lens.files.colmap import (
     load_colmap_text,
 )
 from gsut.lens.files.kalibr import format_kalibr, is_camchain, load_kalibr
+from gsut.lens.files.matlab import format_matlab, is_matlab, load_matlab
+from gsut.lens.files.metashape import format_metashape, load_metashape
 from gsut.lens.files.nerfstudio import (
     format_nerfstudio,
     is_nerfstudio,
     load_nerfstudio,
     nerfstudio_camera,
 )
+from gsut.lens.files.ocam import format_ocam, is_ocam_text, load_ocam
 from gsut.lens.files.opencv import (
     format_opencv_json,
     format_opencv_yaml,
     has_camera_matrix,
     load_opencv,
 )
+from gsut.lens.files.opensfm import format_opensfm, is_opensfm, load_opensfm
 from gsut.lens.files.own import camera_from_values, format_own, is_own
 
 __all__ = ["colmap_camera", "load_camera", "nerfstudio_camera", "save_camera"]
 
 _Path = str | os.PathLike[str]
 _YAML = (".yaml", ".yml")
+# What in the name of a .json chooses its format; OpenCV's else.
+_JSON_WORDS = {"aria": "aria", "matlab": "matlab", "opensfm": "camera_models"}
 OWN_SUFFIX = ".lens.json"  # of gsut's own form, which holds every lens
 
 
@@ -48,15 +54,17 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
     """Reads a lens file.
 
     Formats, told apart by name and content: mrcal .cameramodel, OpenCV YAML / JSON (FileStorage or
-    ROS camera_info), Kalibr camchain YAML, COLMAP cameras.txt and cameras.bin, nerfstudio
-    transforms.json, Project Aria calibration JSON, and gsut's own .lens.json. Pixel conventions are
-    converted: mrcal, OpenCV, Kalibr and Aria put the centre of the top-left pixel at (0, 0), gsut,
-    COLMAP and nerfstudio at (0.5, 0.5).
+    ROS camera_info), Open3D's intrinsics JSON, Kalibr camchain YAML, COLMAP cameras.txt and
+    cameras.bin, nerfstudio transforms.json, Project Aria calibration JSON, OCamCalib's
+    calib_results.txt, MATLAB's intrinsics as JSON (jsonencode(toStruct(intrinsics))), Metashape's
+    calibration XML, OpenSfM's camera_models.json, and gsut's own .lens.json. Pixel conventions are
+    converted: the centre of the top-left pixel is (0.5, 0.5) for gsut, COLMAP, nerfstudio and
+    Metashape, (1, 1) for MATLAB, and (0, 0) for the others.
 
     Args:
         path: the file.
-        camera_id: which camera, for a file with several: COLMAP's number, Kalibr's "cam0" or Aria's
-            label.
+        camera_id: which camera, for a file with several: COLMAP's number, Kalibr's "cam0", the
+            label of Aria or Metashape, the name of OpenSfM.
 
     Returns:
         The camera. The valid field angle is set where the file states one.
@@ -78,7 +86,11 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
     except UnicodeDecodeError as error:
         raise CalibrationError(f"{source}: is not text ({error}); give a lens file") from error
     if suffix == ".txt":
+        if is_ocam_text(text):
+            return load_ocam(text, source)
         return load_colmap_text(text, source, camera_id)
+    if suffix == ".xml":
+        return load_metashape(text, source, camera_id)
     if suffix == ".cameramodel":
         return _load_mrcal(text, source)
     if suffix == ".json":
@@ -87,7 +99,8 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
         return _load_keys(_parse_yaml(text, source), source, text, camera_id)
     raise InputError(
         f"{source}: unknown kind of lens file; known: .cameramodel (mrcal), .yaml, .yml and .json"
-        " (gsut, OpenCV, Kalibr, nerfstudio, Project Aria), cameras.txt and cameras.bin (COLMAP)"
+        " (gsut, OpenCV, Kalibr, nerfstudio, Project Aria, OpenSfM, MATLAB), cameras.txt and"
+        " cameras.bin (COLMAP), calib_results.txt (OCamCalib), .xml (Metashape)"
     )
 
 
@@ -116,13 +129,18 @@ def _load_keys(values: Any, source: str, text: str, camera_id: int | str | None)
         return load_kalibr(values, source, text, camera_id)
     if has_camera_matrix(values):
         return load_opencv(values, source, text)
+    if is_matlab(values):
+        return load_matlab(values, source, text)
+    if is_opensfm(values):
+        return load_opensfm(values, source, text, camera_id)
     if is_own(values):
         return camera_from_values(values, source, text)
     if is_nerfstudio(values):
         return load_nerfstudio(values, source, text)
     raise CalibrationError(
-        f"{source}: has neither model and params (gsut) nor camera_matrix (OpenCV) nor cam0"
-        " (Kalibr) nor fl_x (nerfstudio) nor cameras (Project Aria); is it a lens file?"
+        f"{source}: has neither camera_matrix (OpenCV) nor model and params (gsut) nor cam0"
+        " (Kalibr) nor fl_x (nerfstudio) nor cameras (Project Aria) nor projection_type (OpenSfM)"
+        " nor ImageSize (MATLAB); is it a lens file?"
     )
 
 
@@ -176,6 +194,10 @@ _WRITERS: dict[str, Callable[[Camera, Path], str | bytes]] = {
     "colmap-binary": lambda camera, _: format_colmap_binary(camera),
     "aria": lambda camera, _: format_aria(camera),
     "gsut": lambda camera, _: format_own(camera),
+    "matlab": lambda camera, _: format_matlab(camera),
+    "metashape": lambda camera, _: format_metashape(camera),
+    "ocam": lambda camera, _: format_ocam(camera),
+    "opensfm": lambda camera, _: format_opensfm(camera),
 }
 
 
@@ -184,19 +206,21 @@ def _format_of_name(path: Path) -> str:
     if suffix == ".cameramodel":
         return "mrcal"
     if suffix == ".txt":
-        return "colmap"
+        return "ocam" if "calib_results" in name else "colmap"
+    if suffix == ".xml":
+        return "metashape"
     if suffix == ".json":
         if name.endswith(OWN_SUFFIX):
             return "gsut"
         if name.startswith("transforms"):
             return "nerfstudio"
-        return "aria" if "aria" in name else "opencv"
+        return next((kind for kind in _JSON_WORDS if _JSON_WORDS[kind] in name), "opencv")
     if suffix == ".bin":
         return "colmap-binary"
     if suffix in _YAML:
         return "kalibr" if "camchain" in name else "opencv"
     raise InputError(
-        f"{path}: the name chooses no format; use .cameramodel, .yaml, .json, .txt or .bin,"
+        f"{path}: the name chooses no format; use .cameramodel, .yaml, .json, .txt, .bin or .xml,"
         " or give format"
     )
 

@@ -12,6 +12,7 @@ from gsut.lens.files.values import LensValues
 # OpenCV's pixel (0, 0) is gsut's (0.5, 0.5).
 PIXEL_SHIFT = 0.5
 _MATRIX_KEYS = ("camera_matrix", "K", "cameraMatrix", "intrinsic_matrix", "M1")
+_OPEN3D_KEY = "intrinsic_matrix"  # Open3D's PinholeCameraIntrinsic stores it by columns
 _DISTORTION_KEYS = ("distortion_coefficients", "D", "distCoeffs", "dist_coeffs", "D1")
 _FISHEYE_FLAGS = ("fisheye", "fisheye_model")
 _MODEL_KEYS = ("distortion_model", "camera_model", "model")
@@ -35,6 +36,8 @@ def load_opencv(values: dict[str, Any], source: str, text: str) -> Camera:
     reader = LensValues(values, source, text)
     matrix_key = reader.need(*_MATRIX_KEYS)
     matrix = reader.numbers(matrix_key, 9)
+    if matrix_key == _OPEN3D_KEY and matrix[2:6:3] == [0.0, 0.0]:
+        matrix = [matrix[3 * column + row] for row in range(3) for column in range(3)]
     is_omnidir = reader.find(*_XI_KEYS) is not None
     if (matrix[1] != 0.0 and not is_omnidir) or matrix[3:4] + matrix[6:] != [0.0, 0.0, 0.0, 1.0]:
         reader.fail(matrix_key, f"expected fx 0 cx, 0 fy cy, 0 0 1 (no skew), found {matrix}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from gsut.optimize import GaussianOptimizer, densify_mcmc, grown_count
-from gsut.training.densification import Densification, Turn
+from gsut.training.densification import Densification, DensificationStep
 
 
 class Strategy(Densification):
@@ -25,10 +25,10 @@ class Strategy(Densification):
         if self.options.noise:
             optimizer.add_noise(rate_means)
 
-    def densify(self, optimizer: GaussianOptimizer, turn: Turn) -> GaussianOptimizer:
+    def densify(self, optimizer: GaussianOptimizer, now: DensificationStep) -> GaussianOptimizer:
         """Relocates the dead and adds what the schedule asks for."""
         size = optimizer.size
-        if not turn.full_grown:
-            size = grown_count(self.options, self.first_count, turn.fraction)
+        if not now.full_grown:
+            size = grown_count(self.options, self.first_count, now.fraction)
         densify_mcmc(optimizer, size, dead_opacity=self.options.dead_opacity)
         return optimizer

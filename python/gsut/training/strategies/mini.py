@@ -11,7 +11,7 @@ from gsut.data import Scene
 from gsut.gaussians import Gaussians, seed_from_points
 from gsut.optimize import GaussianOptimizer, densify_adaptive, split_and_prune
 from gsut.run import TrainOptions
-from gsut.training.densification import Densification, Turn
+from gsut.training.densification import Densification, DensificationStep
 from gsut.training.strategies.adaptive import CLONE_SCALE, PRUNE_SCALE
 
 # A Gaussian that is the strongest at more than this fraction of a view's valid pixels is blurred
@@ -98,9 +98,9 @@ def sample(gaussians: Gaussians, scene: Scene, count: int, seed: list[int]) -> n
 class Strategy(Densification):
     """Fang and Wang, "Mini-Splatting", ECCV 2024; `max_gaussians` is what sampling leaves."""
 
-    def densify(self, optimizer: GaussianOptimizer, turn: Turn) -> GaussianOptimizer:
+    def densify(self, optimizer: GaussianOptimizer, now: DensificationStep) -> GaussianOptimizer:
         """Clones and splits by gradient and blur, or does what its step brings."""
-        o, step, scene = self.options, turn.step, turn.scene
+        o, step, scene = self.options, now.step, now.scene
         seed = [o.seed, step]
         if self._is_due(SAMPLE_AT, step):
             kept = sample(optimizer.gaussians, scene, o.max_gaussians, seed)
@@ -114,8 +114,8 @@ class Strategy(Densification):
         most = OVERGROWN * o.max_gaussians
         densify_adaptive(
             optimizer,
-            clone_scale=CLONE_SCALE * turn.extent,
-            max_scale=PRUNE_SCALE * turn.extent,
+            clone_scale=CLONE_SCALE * now.extent,
+            max_scale=PRUNE_SCALE * now.extent,
             prune_opacity=o.dead_opacity,
             max_gaussians=most,
         )

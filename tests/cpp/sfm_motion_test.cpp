@@ -197,7 +197,7 @@ Bundle RigBundle(std::uint64_t stream) {
   return bundle;
 }
 
-TEST(SightCost, DerivativesOnARigAgreeWithCentralDifferences) {
+TEST(ReprojectionCost, DerivativesOnARigAgreeWithCentralDifferences) {
   constexpr double kStep = 1e-5;
   constexpr double kBound = 7.6e-11;  // relative to the largest derivative; worst 3.8e-11
   Bundle bundle = RigBundle(47);
@@ -208,7 +208,7 @@ TEST(SightCost, DerivativesOnARigAgreeWithCentralDifferences) {
   for (const bool through_lens : {false, true}) {
     LensEvaluation evaluation(bundle, state, false);
     for (int i = 0; i < static_cast<int>(bundle.observations.size()); i += 37) {
-      const SightCost cost(bundle, state, i, through_lens ? &evaluation : nullptr, false);
+      const ReprojectionCost cost(bundle, state, i, through_lens ? &evaluation : nullptr, false);
       const std::vector<double*> blocks = cost.Blocks(&state);
       mounted += blocks.size() == 3;
       const auto residual = [&](double** jacobians) {

@@ -1,6 +1,6 @@
 """Does --calibration-weights help? Trains with lenses of few boards, measures through the true one.
 
-    PYTHONPATH=python:. python calib/measure_weights.py DATA WORK [OPTION...]
+    .venv/bin/python -m tests.bench.measure_weights DATA WORK [OPTION...]
 
 DATA: a transforms.json data set whose fisheye lens (OPENCV_FISHEYE) is the truth, and its images.
 WORK: a folder for the runs. From OPTION on: options of `gsut train`, such as --steps 500.
@@ -30,9 +30,9 @@ from calib.errors import SolveError
 from calib.halves import best_rotation
 from calib.lens import PIXEL_SHIFT, gsut_camera
 from calib.lens_files import write_lens
-from calib.synthetic import photographs, random_poses
 from calib.trust import Trust, field_angle, judge
 from calib.uncertainty import grid_pixels, uncertainty_map
+from tests.synthetic_boards import photographs, random_poses
 
 _BOARD = Board(8, 6, 0.03)
 _NOISE_PX = 0.3

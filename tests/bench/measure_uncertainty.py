@@ -1,6 +1,6 @@
 """Coverage of the stated uncertainty: how often the truth lies within two standard deviations.
 
-    PYTHONPATH=python:. python calib/measure_uncertainty.py [SOLVES] [SOLVER] [LENS]
+    .venv/bin/python -m tests.bench.measure_uncertainty [SOLVES] [SOLVER] [LENS]
 
 Known lenses, random boards, Gaussian noise on every corner. The splined one has coarse knots near
 the fisheye, and is solved with the same. Counts how often each parameter
@@ -25,8 +25,8 @@ from calib.nearest_splined import known_fisheye
 from calib.rigid import rodrigues_vector, rotation_matrix
 from calib.solution import LENSES, CameraSolution
 from calib.splined_fit import splined_like
-from calib.synthetic import photographs, random_poses
 from calib.uncertainty import parameter_covariance, projection_covariance
+from tests.synthetic_boards import photographs, random_poses
 
 NOISE_PX = 0.2
 _BOARD = Board(8, 6, 0.03)

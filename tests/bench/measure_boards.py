@@ -1,6 +1,6 @@
 """Measures the solves of the real board sets: residuals, the rig's pose, agreement of two lenses.
 
-    PYTHONPATH=python:. python calib/measure_boards.py BOARDS
+    .venv/bin/python -m tests.bench.measure_boards BOARDS
 
 BOARDS holds fisheye_stereo/ and ocam_fisheye1/ (see README.md).
 """
@@ -174,7 +174,7 @@ def main() -> None:
         cameras = [solutions[name] for solutions in found[:2]]
         for camera, side in zip(cameras, ("left", "right"), strict=True):
             for photograph in camera.photographs:
-                photograph.moment = photograph.path.stem.removeprefix(side)
+                photograph.frame = photograph.path.stem.removeprefix(side)
         measure_rig(cameras, _SETS[0][2])
 
 

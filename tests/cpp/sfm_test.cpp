@@ -256,9 +256,9 @@ TEST(Triangulate, FindsPointsBehindTheCameraPlaneAndDropsAWrongSight) {
       if (seen) bearings.push_back(See(camera, i == 3 ? PointInView(&numbers) : p));
     }
     if (!seen) continue;
-    std::vector<Sight> sights;
-    for (int i = 0; i < 4; ++i) sights.push_back({&bearings[i], &poses[i]});
-    const TriangulatedPoint found = Triangulate(sights, {});
+    std::vector<PosedBearing> observations;
+    for (int i = 0; i < 4; ++i) observations.push_back({&bearings[i], &poses[i]});
+    const TriangulatedPoint found = Triangulate(observations, {});
     if (found.num_kept == 0) continue;  // seen along the baseline: no angle
     EXPECT_EQ(found.num_kept, 3);
     EXPECT_FALSE(found.kept[3]);

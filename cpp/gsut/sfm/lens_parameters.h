@@ -1,0 +1,25 @@
+// Which parameters of lenses a solver may change.
+#pragma once
+
+#include <ceres/manifold.h>
+#include <ceres/problem.h>
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "gsut/cameras/camera.h"
+
+namespace gsut {
+
+// lens_free[c]: one flag a parameter of camera c, or none if it is held; empty: all are held.
+// Throws InputError if it does not fit the cameras.
+void CheckLensFlags(const std::vector<Camera>& cameras,
+                    const std::vector<std::vector<std::uint8_t>>& lens_free);
+
+// Holds the parameters of a lens that have no flag. manifolds: keeps what the problem points to.
+void HoldLensParameters(const std::vector<std::uint8_t>& free, double* lens,
+                        ceres::Problem* problem,
+                        std::vector<std::unique_ptr<ceres::Manifold>>* manifolds);
+
+}  // namespace gsut

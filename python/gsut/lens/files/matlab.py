@@ -1,0 +1,91 @@
+"""MATLAB's fisheyeIntrinsics and cameraIntrinsics, as jsonencode(toStruct(intrinsics)) writes them.
+
+A .mat file holds these objects in a form that only MATLAB reads.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from gsut._core import InputError
+from gsut.lens.camera import Camera
+from gsut.lens.files.values import LensValues
+
+# MATLAB's pixel (1, 1) is gsut's (0.5, 0.5).
+_PIXEL_SHIFT = -0.5
+
+
+def is_matlab(values: dict[str, Any]) -> bool:
+    """Whether the keys are those of intrinsics, or of parameters that hold them."""
+    return bool({"MappingCoefficients", "FocalLength"} & set(_intrinsics(values)))
+
+
+def _intrinsics(values: dict[str, Any]) -> dict[str, Any]:
+    inner = values.get("Intrinsics", values)
+    return inner if isinstance(inner, dict) else values
+
+
+def load_matlab(values: dict[str, Any], source: str, text: str) -> Camera:
+    """A fisheye is `ocam`; a camera `opencv5`, or `brown_conrady` where its pixels are skewed."""
+    reader = LensValues(_intrinsics(values), source, text)
+    rows, columns = reader.numbers(reader.need("ImageSize"), 2)
+    sizes = LensValues({"ImageSize": columns, "rows": rows}, source, text)
+    size = sizes.pixels("ImageSize"), sizes.pixels("rows")
+    if "MappingCoefficients" in reader.values:
+        cx, cy = reader.numbers(reader.need("DistortionCenter"), 2)
+        stretch = [1.0, 0.0, 0.0, 1.0]
+        if reader.find("StretchMatrix"):
+            stretch = reader.numbers("StretchMatrix", 4)
+        c, d, e, one = stretch
+        if one != 1.0:
+            reader.fail("StretchMatrix", f"expected [c d; e 1], found {stretch}")
+        poly = reader.numbers("MappingCoefficients", 4)
+        params = [cx + _PIXEL_SHIFT, cy + _PIXEL_SHIFT, c, d, e, *poly]
+        return reader.camera("ocam", params, *size)
+    focal = reader.numbers(reader.need("FocalLength"), 2)
+    center = [value + _PIXEL_SHIFT for value in reader.numbers(reader.need("PrincipalPoint"), 2)]
+    radial = reader.numbers("RadialDistortion") if reader.find("RadialDistortion") else []
+    if len(radial) not in (0, 2, 3):
+        reader.fail("RadialDistortion", f"expected 2 or 3 coefficients, found {len(radial)}")
+    k1, k2, k3 = (*radial, 0.0, 0.0, 0.0)[:3]
+    tangential = [0.0, 0.0]
+    if reader.find("TangentialDistortion"):
+        tangential = reader.numbers("TangentialDistortion", 2)
+    skew = reader.number("Skew", 0.0)
+    if skew != 0.0:
+        brown = [*focal, *center, skew, k1, k2, k3, 0.0, *tangential]
+        return reader.camera("brown_conrady", brown, *size)
+    return reader.camera("opencv5", [*focal, *center, k1, k2, *tangential, k3], *size)
+
+
+def format_matlab(camera: Camera) -> str:
+    """JSON with the arguments of fisheyeIntrinsics or cameraIntrinsics.
+
+    Raises:
+        InputError: MATLAB has no such lens.
+    """
+    p = [float(value) for value in camera.params]
+    values: dict[str, Any] = {"ImageSize": [camera.height, camera.width]}
+    if camera.model == "ocam" and len(p) <= 9:
+        values["MappingCoefficients"] = p[5:] + [0.0] * (9 - len(p))
+        values["DistortionCenter"] = [p[0] - _PIXEL_SHIFT, p[1] - _PIXEL_SHIFT]
+        values["StretchMatrix"] = [[p[2], p[3]], [p[4], 1.0]]
+        return json.dumps(values, indent=1) + "\n"
+    coefficients = {
+        "pinhole": ([0.0, 0.0, 0.0], [0.0, 0.0], 0.0),
+        "opencv4": ([*p[4:6], 0.0], p[6:8], 0.0),
+        "opencv5": ([*p[4:6], *p[8:9]], p[6:8], 0.0),
+        "brown_conrady": (p[5:8], p[9:11], p[4] if len(p) > 4 else 0.0),
+    }
+    known = camera.model in coefficients and not (camera.model == "brown_conrady" and p[8] != 0.0)
+    if not known:
+        raise InputError(
+            f"MATLAB has no camera model for '{camera.model}' with {len(p)} parameters; save a"
+            " *.lens.json file instead"
+        )
+    radial, tangential, skew = coefficients[camera.model]
+    values["FocalLength"] = p[:2]
+    values["PrincipalPoint"] = [value - _PIXEL_SHIFT for value in p[2:4]]
+    values.update(RadialDistortion=radial, TangentialDistortion=tangential, Skew=skew)
+    return json.dumps(values, indent=1) + "\n"

@@ -1,0 +1,106 @@
+"""Metashape's calibration XML: one <calibration>, or the sensors of exported cameras."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+
+from gsut._core import CalibrationError, InputError
+from gsut.lens.camera import Camera
+from gsut.lens.files.values import LensValues
+
+# Lens of each projection; both pixel conventions put the first pixel's centre at (0.5, 0.5), and
+# cx, cy count from the middle of the image. b1 adds to the focal length across, b2 is the skew.
+_LENSES = {"frame": "brown_conrady", "fisheye": "brown_fisheye"}
+_SPHERE = "spherical"
+# Metashape's names of k1 k2 k3 k4 p1 p2: its P1 stands where OpenCV has p2.
+_COEFFICIENTS = ("k1", "k2", "k3", "k4", "p2", "p1")
+
+
+def load_metashape(text: str, source: str, camera_id: int | str | None) -> Camera:
+    """The only calibration, or that of the sensor of this number or label; adjusted ones first."""
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise CalibrationError(f"{source}, line {error.position[0]}: not XML ({error})") from error
+    found = {}
+    for index, sensor in enumerate(root.iter("sensor")):
+        given = sensor.findall("calibration")
+        if given:
+            adjusted = [each for each in given if each.get("class") == "adjusted"]
+            names = sensor.get("id", str(index)), sensor.get("label", "")
+            found[names] = (adjusted or given)[-1]
+    if not found:
+        if root.tag != "calibration":
+            raise CalibrationError(f"{source}: holds no <calibration>; is it Metashape's?")
+        found[("0", "")] = root
+    known = ", ".join(f"{number} ({label})" if label else number for number, label in found)
+    if camera_id is None and len(found) > 1:
+        raise InputError(f"{source}: holds {len(found)} sensors; give camera_id, one of {known}")
+    for names, calibration in found.items():
+        if camera_id is None or str(camera_id) in names:
+            return _camera(calibration, source, text)
+    raise InputError(f"{source}: has no sensor {camera_id}; it holds {known}")
+
+
+def _camera(calibration: ElementTree.Element, source: str, text: str) -> Camera:
+    values: dict[str, object] = {child.tag: child.text for child in calibration}
+    resolution = calibration.find("resolution")
+    if resolution is not None:
+        values.update(resolution.attrib)
+    reader = LensValues(values, source, text)
+    size = reader.pixels(reader.need("width")), reader.pixels(reader.need("height"))
+    projection = str(values.get("projection", calibration.get("type", "frame"))).strip()
+    if projection == _SPHERE:
+        return reader.camera("equirectangular", [], *size)
+    if projection not in _LENSES:
+        known = ", ".join((*_LENSES, _SPHERE))
+        raise CalibrationError(
+            f"{source}: projection '{projection}' is not supported; supported: {known}"
+        )
+    for key in ("p3", "p4"):
+        if reader.number(key, 0.0) != 0.0:
+            reader.fail(key, "is of a lens that newer Metashape no longer has; estimate without it")
+    focal = reader.number(reader.need("f"))
+    center = [0.5 * size[k] + reader.number(key, 0.0) for k, key in enumerate(("cx", "cy"))]
+    coefficients = [reader.number(key, 0.0) for key in _COEFFICIENTS]
+    params = [focal + reader.number("b1", 0.0), focal, *center, reader.number("b2", 0.0)]
+    return reader.camera(_LENSES[projection], params + coefficients, *size)
+
+
+def format_metashape(camera: Camera) -> str:
+    """A <calibration> with this camera.
+
+    Raises:
+        InputError: Metashape has no such lens.
+    """
+    p = [float(value) for value in camera.params]
+    if camera.model == "equirectangular":
+        fields = [("projection", _SPHERE), ("width", camera.width), ("height", camera.height)]
+        return _xml(fields)
+    names = {lens: projection for projection, lens in _LENSES.items()}
+    brown = {
+        "pinhole": ("brown_conrady", [0.0] * 6),
+        "opencv4": ("brown_conrady", [*p[4:6], 0.0, 0.0, *p[6:8]]),
+        "opencv5": ("brown_conrady", [*p[4:6], *p[8:9], 0.0, *p[6:8]]),
+        "kannala_brandt": ("brown_fisheye", [*(p[4:] + [0.0] * 4)[:4], 0.0, 0.0]),
+        "brown_conrady": ("brown_conrady", p[5:]),
+        "brown_fisheye": ("brown_fisheye", p[5:]),
+    }
+    if camera.model not in brown or (camera.model == "kannala_brandt" and len(p) > 8):
+        raise InputError(
+            f"Metashape has no camera model for '{camera.model}' with {len(p)} parameters; save a"
+            " *.lens.json file instead"
+        )
+    lens, coefficients = brown[camera.model]
+    skew = p[4] if camera.model == lens else 0.0
+    fields = [
+        ("projection", names[lens]), ("width", camera.width), ("height", camera.height),
+        ("f", p[1]), ("cx", p[2] - 0.5 * camera.width), ("cy", p[3] - 0.5 * camera.height),
+        ("b1", p[0] - p[1]), ("b2", skew), *zip(_COEFFICIENTS, coefficients, strict=True),
+    ]  # fmt: skip
+    return _xml(fields)
+
+
+def _xml(fields: list[tuple[str, object]]) -> str:
+    lines = "".join(f"  <{name}>{value}</{name}>\n" for name, value in fields)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<calibration>\n{lines}</calibration>\n'

@@ -1,0 +1,96 @@
+"""OpenSfM's camera_models.json: lengths in units of the image's longer side, from its middle."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from gsut._core import InputError
+from gsut.lens.camera import Camera
+from gsut.lens.files.values import LensValues
+
+# gsut's lens and the names of its coefficients, "" for one that is 0, by projection_type.
+_LENSES = {
+    "perspective": ("opencv4", ("k1", "k2", "", "")),
+    "simple_radial": ("opencv4", ("k1", "", "", "")),
+    "radial": ("opencv4", ("k1", "k2", "", "")),
+    "brown": ("opencv5", ("k1", "k2", "p1", "p2", "k3")),
+    "fisheye": ("kannala_brandt", ("k1", "k2")),
+    "fisheye_opencv": ("kannala_brandt", ("k1", "k2", "k3", "k4")),
+    "fisheye62": ("fisheye624", (*(f"k{i}" for i in range(1, 7)), "p1", "p2", "", "", "", "")),
+    "fisheye624": (
+        "fisheye624",
+        (*(f"k{i}" for i in range(1, 7)), "p1", "p2", "s0", "s1", "s2", "s3"),
+    ),
+}
+_SPHERES = ("spherical", "equirectangular")
+# What is written for each of gsut's lenses.
+_WRITTEN = {
+    "opencv5": "brown", "kannala_brandt": "fisheye_opencv", "fisheye624": "fisheye624",
+    "opencv4": "brown", "pinhole": "brown",
+}  # fmt: skip
+_TYPE_KEY = "projection_type"
+
+
+def is_opensfm(values: dict[str, Any]) -> bool:
+    """Whether the values are cameras by name."""
+    return bool(values) and all(
+        isinstance(entry, dict) and _TYPE_KEY in entry for entry in values.values()
+    )
+
+
+def load_opensfm(values: dict[str, Any], source: str, text: str, camera_id: Any) -> Camera:
+    """The only camera, or the one of this name."""
+    known = ", ".join(values)
+    if camera_id is None and len(values) > 1:
+        raise InputError(f"{source}: holds {len(values)} cameras; give camera_id, one of {known}")
+    name = next(iter(values)) if camera_id is None else str(camera_id)
+    if name not in values:
+        raise InputError(f"{source}: has no camera {camera_id}; it holds {known}")
+    start = max(text.find(json.dumps(name)), 0)
+    reader = LensValues(values[name], source, "\n" * text.count("\n", 0, start) + text[start:])
+    kind = str(values[name][_TYPE_KEY])
+    width, height = reader.pixels("width"), reader.pixels("height")
+    if kind in _SPHERES:
+        return reader.camera("equirectangular", [], width, height)
+    if kind not in _LENSES:
+        supported = ", ".join((*_LENSES, *_SPHERES))
+        reader.fail(_TYPE_KEY, f"{kind!r} is not supported; supported: {supported}")
+    lens, keys = _LENSES[kind]
+    unit = max(width, height)
+    focal_x = reader.number(reader.need("focal_x", "focal"))
+    focal_y = reader.number("focal_y", focal_x)
+    center = [
+        0.5 * size + unit * reader.number(key, 0.0)
+        for size, key in ((width, "c_x"), (height, "c_y"))
+    ]
+    coefficients = [reader.number(key, 0.0) if key else 0.0 for key in keys]
+    params = [unit * focal_x, unit * focal_y, *center, *coefficients]
+    return reader.camera(lens, params, width, height)
+
+
+def format_opensfm(camera: Camera) -> str:
+    """A camera_models.json with this camera.
+
+    Raises:
+        InputError: OpenSfM has no such lens.
+    """
+    width, height = camera.width, camera.height
+    entry: dict[str, Any] = {_TYPE_KEY: _SPHERES[0], "width": width, "height": height}
+    if camera.model != "equirectangular":
+        kind = _WRITTEN.get(camera.model, "")
+        keys = _LENSES[kind][1] if kind else ()
+        fx, fy, cx, cy = (float(value) for value in camera.params[:4]) if kind else (0.0,) * 4
+        coefficients = [float(value) for value in camera.params[4:]]
+        if not kind or len(coefficients) > len(keys):
+            raise InputError(
+                f"OpenSfM has no camera model for '{camera.model}' with {len(camera.params)}"
+                " parameters; save a *.lens.json file instead"
+            )
+        coefficients += [0.0] * (len(keys) - len(coefficients))
+        unit = max(width, height)
+        entry[_TYPE_KEY] = kind
+        entry |= {"focal_x": fx / unit, "focal_y": fy / unit}
+        entry |= {"c_x": (cx - 0.5 * width) / unit, "c_y": (cy - 0.5 * height) / unit}
+        entry |= {key: value for key, value in zip(keys, coefficients, strict=True) if key}
+    return json.dumps({"camera": entry}, indent=1) + "\n"
