@@ -36,6 +36,11 @@ def every_lens(width: int = 48) -> list[tuple[str, gsut.Camera]]:
     return [(name, camera) for name, camera in cameras if camera.is_central]
 
 
+def rng_of(name: str) -> np.random.Generator:
+    """Seeded by a name, so that what one lens draws does not depend on the others."""
+    return np.random.default_rng([20260821, *name.encode()])
+
+
 def fisheye(width: int = 48, height: int | None = None, degrees: float = 190.0) -> gsut.Camera:
     """An equidistant fisheye whose circle fills the image's width."""
     height = width if height is None else height

@@ -62,11 +62,11 @@ struct SceneKind {
   double opacity_logit;  // mean; standard deviation 1.5
 };
 
-// A stream of Draws for each name (FNV-1a): a lens that is added changes the numbers of no other.
+// A stream for a name (FNV-1a), so that what one lens draws does not depend on the others.
 inline std::uint64_t StreamOf(const std::string& name) {
-  std::uint64_t hash = 14695981039346656037u;
+  std::uint64_t hash = 14695981039346656037ull;
   for (const char letter : name)
-    hash = (hash ^ static_cast<unsigned char>(letter)) * 1099511628211u;
+    hash = (hash ^ static_cast<unsigned char>(letter)) * 1099511628211ull;
   return hash;
 }
 

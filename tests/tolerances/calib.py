@@ -41,6 +41,7 @@ CONVERT_TARGETS = {
     "latlon": 31,
     "lonlat": 30,
     "mei": 0.00044,
+    "opencv4": 1.1,
     "opencv14": 4.5e-06,
     "opencv12": 4.5e-06,
     "orthographic": 15,

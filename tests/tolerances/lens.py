@@ -79,3 +79,9 @@ OCAM_RAYS = 1.7e-15  # unit rays against OCamCalib's and MATLAB's formulae; wors
 # OCamCalib's own inverse polynomial, as published beside a calibration, against the exact inverse
 OCAM_PUBLISHED_INVERSE = 0.29  # pixels; worst 0.146
 OCAM_WRITTEN_INVERSE = 0.01  # pixels, of the inverse polynomial that gsut writes
+# The matrix of every lens and command: 64 pixels, 60 blobs, 40 steps
+EVERY_LENS_GREY_LEVELS = 0.6  # a photograph of 8 bits against the truth rendered again
+EVERY_LENS_GAIN_DB = 0.94  # least observed 1.88, of equirectangular
+EVERY_LENS_SAME_DB = 0.01
+EVERY_LENS_COMPACT_DB = 0.33  # worst observed 0.17, of opencv5
+EVERY_LENS_CONVERT_PX = 1.4e-4  # worst observed 7.3e-5, of mei

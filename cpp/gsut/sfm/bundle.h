@@ -78,6 +78,7 @@ struct BundleSummary {
   int iterations = 0;
   std::int64_t num_outside = 0;  // observations whose point is outside the lens' domain at the end
   bool converged = false;
+  bool dense = false;  // the system reduced to images was solved as a dense one
 };
 
 // Levenberg-Marquardt by Ceres; changes the bundle in place. Throws InputError for an index out of

@@ -17,6 +17,7 @@ from random_scenes import (
     random_pose,
     random_weights,
     relative_error,
+    rng_of,
 )
 from rendered_dataset import write_dataset
 
@@ -119,11 +120,11 @@ def test_low_pass_extreme_values_stay_finite():
     assert ran == 64
 
 
-def test_filter_radii_are_a_pixel_at_the_nearest_camera_through_every_lens(rng):
+def test_filter_radii_are_a_pixel_at_the_nearest_camera_through_every_lens():
     ran = 0
     for name, camera in every_lens(48):
         rays, valid = camera.rays()
-        directions = rays[valid][rng.integers(int(valid.sum()), size=50)]
+        directions = rays[valid][rng_of(name).integers(int(valid.sum()), size=50)]
         radii = gsut.filter_radii(2 * directions, [camera], np.eye(4)[None], 1.0)
         # A pixel covers the solid angle that four neighbouring rays span; here by differences.
         pixels, _ = camera.project(directions)

@@ -1,0 +1,157 @@
+"""Every lens of the build through every command, on a scene that the lens itself photographed.
+
+A row is a test function with the argument `case`; adding a lens adds no line here. What a command
+cannot do with a lens whose rays do not meet, it must refuse in words; those are stated at the row.
+"""
+
+import dataclasses
+import json
+from functools import cached_property
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import gsut
+import tolerances as tol
+from gsut import _core
+from gsut.cli import main
+from gsut.data import Frame, diagnose, write_transforms
+from gsut.data.write_nerfstudio import points_ply
+from gsut.evaluate import evaluate
+from gsut.lens import Camera, load_camera
+from random_scenes import small_camera
+from rendered_dataset import poses, truth
+
+WIDTH, STEPS = 64, 40
+TEST_VIEW = 2  # of those below
+VIEWS = range(0, 12, 2)  # of the ring of poses
+SH_C0 = 0.28209479
+
+
+class Case:
+    """A small camera of one lens, the scene that it photographed, and what rows share."""
+
+    def __init__(self, model: str, folder: Path) -> None:
+        self.model = model
+        self.folder = folder
+        self.camera: Camera = small_camera(model, 0, WIDTH)
+        self.truth = truth(np.random.default_rng(7)).astype(np.float32)
+        self.poses = [poses()[index] for index in VIEWS]
+
+    def write(self, name: str, lens: Camera, camera_from_world: list[np.ndarray]) -> Path:
+        """The photographs with this lens and these poses, right or not."""
+        path = self.folder / name
+        (path / "images").mkdir(parents=True)
+        frames = []
+        for number, (pose, given) in enumerate(zip(self.poses, camera_from_world, strict=True)):
+            image = gsut.render(self.truth, self.camera, pose).image
+            file = path / "images" / f"{number}.png"
+            cv2.imwrite(str(file), np.round(255 * np.clip(image[..., ::-1], 0, 1)).astype(np.uint8))
+            frames.append(Frame(f"images/{file.name}", file, lens, np.linalg.inv(given)))
+        colors = np.clip(255 * (0.5 + SH_C0 * self.truth.sh[:, 0]), 0, 255).astype(np.uint8)
+        means = self.truth.means + np.random.default_rng(8).normal(0, 0.03, (len(self.truth), 3))
+        (path / "points3D.ply").write_bytes(points_ply(means, colors))
+        test = [f"images/{TEST_VIEW}.png"]
+        write_transforms(path / "transforms.json", frames, points_file="points3D.ply", test=test)
+        return path
+
+    @cached_property
+    def data(self) -> Path:
+        return self.write("data", self.camera, self.poses)
+
+    @cached_property
+    def trained(self) -> gsut.TrainResult:
+        """A short training of the data."""
+        return self.train(self.data, steps=STEPS)
+
+    def train(self, data: Path, **options) -> gsut.TrainResult:
+        settings = gsut.TrainOptions(sh_degree=0, seed=1, max_gaussians=300, **options)
+        return gsut.train(gsut.load_dataset(data), settings, progress=False)
+
+
+_CASES: dict[str, Case] = {}
+
+
+@pytest.fixture(params=gsut.camera_models())
+def case(request, tmp_path_factory) -> Case:
+    model = request.param
+    if model not in _CASES:
+        _CASES[model] = Case(model, tmp_path_factory.mktemp(model))
+    return _CASES[model]
+
+
+def json_of(words: list[str], capsys) -> dict:
+    capsys.readouterr()
+    assert main([*words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_dataset_comes_back_and_the_doctor_finds_no_error(case):
+    scene = gsut.load_dataset(case.data)
+    assert list(scene.cameras) == [case.camera] and list(scene.test_indices) == [TEST_VIEW]
+    errors = [f for f in diagnose(case.data, progress=False) if f.severity == "error"]
+    assert errors == []
+
+
+def test_render_of_the_truth_is_the_photograph(case):
+    scene = gsut.load_dataset(case.data)
+    moved = dataclasses.replace(
+        case.truth, means=(case.truth.means - scene.world_offset).astype(np.float32)
+    )
+    for index in (0, TEST_VIEW):
+        image = gsut.render(moved, scene.camera(index), scene.views[index].motion).image
+        off = np.abs(255 * np.clip(image, 0, 1) - scene.image(index))[scene.mask(index)]
+        assert np.median(off) <= 0.5 and np.mean(off) < tol.EVERY_LENS_GREY_LEVELS
+
+
+def test_train_learns_and_eval_measures_the_same(case):
+    first = case.train(case.data, steps=1).metrics["psnr"]
+    psnr = case.trained.metrics["psnr"]
+    print(case.model, first, "->", psnr, "dB")
+    assert psnr > first + tol.EVERY_LENS_GAIN_DB
+    again = evaluate(case.trained.gaussians, case.trained.scene, [TEST_VIEW])
+    assert again["psnr"] == pytest.approx(psnr, abs=tol.EVERY_LENS_SAME_DB)
+
+
+def test_compact_keeps_most_of_the_picture(case):
+    ply, out = case.folder / "scene.ply", case.folder / "compact.ply"
+    gsut.save_ply(ply, case.trained.gaussians)
+    assert main(["compact", str(ply), "-o", str(out), "--keep", "0.7", "--quiet"]) == 0
+    fewer = gsut.load_ply(out)
+    assert len(fewer) == pytest.approx(0.7 * len(case.trained.gaussians), abs=1)
+    psnr = evaluate(fewer, case.trained.scene, [TEST_VIEW])["psnr"]
+    print(case.model, case.trained.metrics["psnr"], "->", psnr, "dB")
+    assert psnr > case.trained.metrics["psnr"] - tol.EVERY_LENS_COMPACT_DB
+
+
+def test_convert_writes_the_same_lens_anew(case, capsys):
+    lens, out = case.folder / "given.lens.json", case.folder / "found.lens.json"
+    case.camera.save(lens)
+    words = ["camera", "convert", str(lens), case.model, "-o", str(out), "--max-angle", "30"]
+    words += ["--distance", "4"] if case.camera.is_parallel else []
+    worst = json_of(words, capsys)["worst"]
+    print(case.model, worst, "px")
+    assert worst < tol.EVERY_LENS_CONVERT_PX
+    assert load_camera(out).model == case.model
+
+
+def test_refine_moves_poses_and_lens_or_says_why_not(case):
+    rng = np.random.default_rng(9)
+    off = [_core.exp_pose(rng.normal(0, [0.02] * 3 + [0.004] * 3)) @ pose for pose in case.poses]
+    data = case.write("off", case.camera, off)
+    options = {"steps": 10, "refine_lens": True, "refine_tracks": False}
+    if not case.camera.is_central:  # its rays have no derivative to the pose of a centre
+        with pytest.raises(gsut.InputError, match="needs a lens with one centre"):
+            case.train(data, **options)
+        return
+    try:
+        refined = case.train(data, **options)
+    except gsut.InputError as error:  # the smallest picture of the pyramid, through a wide lens
+        rays, valid = case.camera.rays()
+        assert np.arccos(rays[valid][:, 2].min()) > np.radians(85.0)
+        assert "too small for its field of view" in str(error)
+        return
+    assert refined.scene.cameras[0].model == case.model
+    assert np.isfinite(refined.metrics["psnr"]) and refined.metrics["refinement"]
