@@ -156,6 +156,14 @@ def test_cmake_libraries_link_what_the_design_allows():
     assert {p.name for p in (ROOT / "cpp/gsut").iterdir() if p.is_dir()} == set(CPP_MAY_USE)
 
 
+def test_cpp_files_have_one_job():
+    """A file of more than 400 lines usually hides a second one."""
+    checked = files(ROOT, ("cpp", "python/bindings"), ".h", ".cpp", ".inc")
+    assert len(checked) >= 150
+    lengths = {str(p.relative_to(ROOT)): len(p.read_text().splitlines()) for p in checked}
+    assert {path: length for path, length in lengths.items() if length > 400} == {}
+
+
 # --- every file -----------------------------------------------------------------------------------
 
 
