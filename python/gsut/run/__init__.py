@@ -27,6 +27,7 @@ from gsut.run.option_fields import (
 from gsut.run.options import AUTO, PRESETS, TrainOptions
 from gsut.run.progress import Progress
 from gsut.run.stopwatch import Stopwatch
+from gsut.run.verdict import Verdict, worst
 
 __all__ = [
     "AUTO",
@@ -43,6 +44,7 @@ __all__ = [
     "RunFolder",
     "Stopwatch",
     "TrainOptions",
+    "Verdict",
     "add_option_flags",
     "check_options",
     "choices_in",
@@ -55,5 +57,6 @@ __all__ = [
     "option_info",
     "peak_rss_mb",
     "read_checkpoint",
+    "worst",
     "write_checkpoint",
 ]
