@@ -297,6 +297,24 @@ Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const Photometri
   return (inverse * squares * inverse.transpose()).topLeftCorner<6, 6>();
 }
 
+// Rejected steps beyond the iterations asked for: each halves the next step at least, and 2^10 is
+// what an undetermined lens parameter needs.
+constexpr int kMostRejected = 10;
+
+// Ends the solver after so many steps that lowered the cost: Ceres counts rejected ones too, and a
+// lens whose parameters the colours hardly tell begins with several of those.
+class StopAfter : public ceres::IterationCallback {
+ public:
+  explicit StopAfter(int steps) : left_(steps) {}
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary& iteration) override {
+    if (iteration.iteration > 0 && iteration.step_is_successful) --left_;
+    return left_ > 0 ? ceres::SOLVER_CONTINUE : ceres::SOLVER_TERMINATE_SUCCESSFULLY;
+  }
+
+ private:
+  int left_;
+};
+
 }  // namespace
 
 PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* cameras,
@@ -351,7 +369,9 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
   ceres::Solver::Options solver;
   solver.linear_solver_type = any_lens ? ceres::DENSE_SCHUR : ceres::DENSE_NORMAL_CHOLESKY;
   if (any_lens) solver.linear_solver_ordering = ordering;
-  solver.max_num_iterations = options.max_iterations;
+  solver.max_num_iterations = options.max_iterations + kMostRejected;
+  StopAfter stop(options.max_iterations);
+  solver.callbacks.push_back(&stop);
   solver.function_tolerance = options.function_tolerance;
   solver.logging_type = ceres::SILENT;
   const QuietSolver quiet;
