@@ -16,6 +16,7 @@
 #include "gsut/sfm/lens_parameters.h"
 #include "gsut/sfm/pose_manifold.h"
 #include "gsut/sfm/solver_log.h"
+#include "gsut/sfm/stop_after.h"
 
 namespace gsut {
 namespace {
@@ -296,24 +297,6 @@ Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const Photometri
   const Eigen::MatrixXd inverse = scale.asDiagonal() * scaled;
   return (inverse * squares * inverse.transpose()).topLeftCorner<6, 6>();
 }
-
-// Rejected steps beyond the iterations asked for: each halves the next step at least, and 2^10 is
-// what an undetermined lens parameter needs.
-constexpr int kMostRejected = 10;
-
-// Ends the solver after so many steps that lowered the cost: Ceres counts rejected ones too, and a
-// lens whose parameters the colours hardly tell begins with several of those.
-class StopAfter : public ceres::IterationCallback {
- public:
-  explicit StopAfter(int steps) : left_(steps) {}
-  ceres::CallbackReturnType operator()(const ceres::IterationSummary& iteration) override {
-    if (iteration.iteration > 0 && iteration.step_is_successful) --left_;
-    return left_ > 0 ? ceres::SOLVER_CONTINUE : ceres::SOLVER_TERMINATE_SUCCESSFULLY;
-  }
-
- private:
-  int left_;
-};
 
 }  // namespace
 
