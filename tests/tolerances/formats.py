@@ -1,8 +1,8 @@
 """Tolerances of scene files: the largest error of each format, by what it is of."""
 
 # Of tests/python/formats/scene_cases.py: coordinates to 8, harmonics to 0.7, constant ones to 1.7.
-# Opacities of a byte: half a step and rounding to float. Rotations of ten bits: half a step in three
-# components of a quaternion, and twice that for the derived one.
+# Opacities of a byte: half a step and rounding to float. Rotations of ten bits: half a step in
+# three components of a quaternion, and twice that for the derived one.
 FORMAT_ERRORS = {
     "PLY": {
         "position": 0.0,
