@@ -85,3 +85,4 @@ EVERY_LENS_GAIN_DB = 0.94  # least observed 1.88, of equirectangular
 EVERY_LENS_SAME_DB = 0.01
 EVERY_LENS_COMPACT_DB = 0.33  # worst observed 0.17, of opencv5
 EVERY_LENS_CONVERT_PX = 1.4e-4  # worst observed 7.3e-5, of mei
+LENS_DATABASE_DIGITS = 5e-6  # relative: six digits are shipped; worst 4.4e-6
