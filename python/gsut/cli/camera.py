@@ -63,14 +63,9 @@ def _find(arguments: argparse.Namespace) -> int:
         note = f" (doubtful: {', '.join(p.doubts)})" if p.doubts else ""
         size_text = f"{p.width} x {p.height}"
         print(f"{field:>6}° {size_text:>11} {readout:>8} {p.rms:6.2f} px  {p.name}{note}")
-    print(
-        f"{len(shown)} of {len(found)} lenses; the first one serves as --camera {_quoted(arguments)}"
-    )
+    name = shlex.quote(" ".join(arguments.words))
+    print(f"{len(shown)} of {len(found)} lenses; the first one serves as --camera {name}")
     return 0
-
-
-def _quoted(arguments: argparse.Namespace) -> str:
-    return shlex.quote(" ".join(arguments.words))
 
 
 def _add_convert(actions: Any) -> None:

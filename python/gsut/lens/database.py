@@ -1,6 +1,6 @@
 """Calibrated lenses of real cameras by name: first guesses of a lens and of its readout time.
 
-profiles.json.xz beside this file holds 9,810 calibrations that users of Gyroflow gave away (CC0
+profiles.json.xz beside this file holds 9,779 calibrations that users of Gyroflow gave away (CC0
 1.0; https://github.com/gyroflow/lens_profiles, commit 886fc61), packed by
 .ci/pack_lens_profiles.py. They are of other specimens and of uneven quality: starts, not truth.
 """

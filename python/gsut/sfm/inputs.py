@@ -128,8 +128,9 @@ def _with_profile(found: Photographs, name: str) -> Photographs:
             break
     profile = lens_by_name(name, *sizes)
     candidates = tuple(profile.camera(*size) for size in sizes)
-    unknown = [None] * len(found)
-    return dataclasses.replace(found, cameras=unknown, profile=profile, candidates=candidates)
+    return dataclasses.replace(
+        found, cameras=[None] * len(found), profile=profile, candidates=candidates
+    )
 
 
 def _lens_of(path: Path) -> Camera:
