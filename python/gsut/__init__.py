@@ -39,9 +39,11 @@ from gsut.gaussians import (
 from gsut.lens import (
     Camera,
     Conversion,
+    LensProfile,
     SplineGrid,
     camera_models,
     convert_camera,
+    find_lenses,
     load_camera,
 )
 from gsut.optimize import (
@@ -86,6 +88,8 @@ __all__ = [  # noqa: RUF022
     "load_camera",
     "Camera",
     "camera_models",
+    "find_lenses",
+    "LensProfile",
     "convert_camera",
     "Conversion",
     "SplineGrid",
