@@ -77,7 +77,7 @@ def train(
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
     record = TrainingRecord(out, o, scene, resume, progress)  # run/: folder, history, checkpoints
-    scene = prepare_scene(scene.centred, o)  # data/: about the cameras, size of images, shutter
+    given, scene = scene, prepare_scene(scene.centred, o)  # data/: size of the images, shutter
     fresh = record.checkpoint is None
     tracks = refine_first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
     loop = TrainingLoop(scene, o, tracks=tracks)  # gaussians/: the first ones
@@ -91,4 +91,5 @@ def train(
     if record.run is not None:
         write_results(record.run, gaussians, metrics, scene if o.refine_poses else None)  # formats/
     gaussians = gaussians.translated(scene.world_offset)
-    return TrainResult(gaussians, metrics, record.history, scene.about((0.0, 0.0, 0.0)))
+    scene = scene.about((0.0, 0.0, 0.0)) if o.refine_poses else prepare_scene(given, o)
+    return TrainResult(gaussians, metrics, record.history, scene)

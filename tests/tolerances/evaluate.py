@@ -19,3 +19,4 @@ SAME_FRAME_PIXELS = 1e-4  # the same Gaussians projected about two zeros
 COMPACT_IN_PLACE_DB = 3.0  # a tenth of 600 Gaussians is gone, nothing is fine-tuned
 LOCALIZED_ROUGHLY = 0.1  # units, in a scene of 150 steps, 48 x 48 pixels
 REFINED_IN_PLACE = 0.3  # units that 150 steps on 48 x 48 pixels move exact poses
+FORMATS_IN_PLACE = 0.02  # units; the coarsest format has 12 bits behind the point

@@ -21,7 +21,6 @@ class PlyGaussianReader {
 
   std::int64_t size() const { return size_; }
   int sh_coefficients() const { return sh_coefficients_; }
-  const std::vector<std::string>& comments() const { return header_.comments; }
 
   // Fills the five arrays of `out`, which has size() rows and sh_coefficients(); call once. Rows
   // are kept as they are, also those that are not finite; returns how many these are. Only infinite

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import os
-import re
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from gsut import _core
-from gsut._core import InputError
-from gsut.formats.origin import for_file
+from gsut.formats._format import Format, SceneFile, WriteSettings, Written
+from gsut.formats._origin import for_file, origin_comments, origin_in
 from gsut.gaussians import Gaussians
 
-# The comment that says where a file's zero lies in the world; without it, at the world's zero.
-ORIGIN_KEY = "gsut: dataset coordinates = these + "
-_ORIGIN = re.compile(re.escape(ORIGIN_KEY) + r"(\S+) (\S+) (\S+)$")
+# How Brush and Postshot say that a filter of the screen belongs to a file.
+_ANTIALIASED = ("SplatRenderMode: mip", "antialiased 1")
+_HEADER_BYTES = 65536  # read for comments
+PACKED = b"packed_position"  # a property of SuperSplat's compressed files
 
 
 def load_ply(path: str | os.PathLike[str]) -> Gaussians:
@@ -39,8 +40,8 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
         InputError: the file cannot be opened, is no PLY file, misses a property (the message names
             it and what is there), its comment on the origin is damaged, or it is truncated.
     """
-    *arrays, not_finite, comments = _core.read_ply(os.fspath(path))
-    gaussians = Gaussians(*arrays).translated(_origin_of(comments, path))
+    *arrays, not_finite = _core.read_ply(os.fspath(path))
+    gaussians = Gaussians(*arrays).translated(origin_in(comments_of(path), path))
     if not_finite == 0:
         return gaussians
     warnings.warn(
@@ -70,24 +71,41 @@ def save_ply(
         InputError: the file cannot be written, or a comment holds a line break.
     """
     stored = for_file(gaussians)
-    if stored.origin.any():
-        origin = " ".join(f"{value:.17g}" for value in stored.origin)
-        comments = (*comments, ORIGIN_KEY + origin)
-    _core.write_ply(os.fspath(path), stored, list(comments))
+    _core.write_ply(os.fspath(path), stored, [*comments, *origin_comments(stored)])
 
 
-def _origin_of(comments: Sequence[str], path: str | os.PathLike[str]) -> np.ndarray:
-    for comment in comments:
-        if comment.startswith(ORIGIN_KEY):
-            found = _ORIGIN.match(comment)
-            try:
-                origin = np.array([float(word) for word in found.groups()] if found else [])
-            except ValueError:
-                origin = np.zeros(0)
-            if len(origin) != 3 or not np.isfinite(origin).all():
-                raise InputError(
-                    f'{os.fspath(path)}: the comment "{comment}" must end in three numbers: where '
-                    "the file's zero lies in the dataset's coordinates"
-                )
-            return origin
-    return np.zeros(3)
+def comments_of(path: str | os.PathLike[str]) -> list[str]:
+    """The comments in a PLY file's header."""
+    with open(path, "rb") as file:
+        head = file.read(_HEADER_BYTES).split(b"end_header", 1)[0]
+    lines = head.decode("utf-8", "replace").splitlines()
+    return [line.removeprefix("comment").strip() for line in lines if line.startswith("comment ")]
+
+
+def antialiased_comment(antialiased: bool) -> str:
+    """What a header says about filters; plain "default" keeps programs from adding one."""
+    return f"SplatRenderMode: {'mip' if antialiased else 'default'}"
+
+
+def is_antialiased(path: Path) -> bool:
+    """Whether a PLY file's comments say so."""
+    return any(comment in _ANTIALIASED for comment in comments_of(path))
+
+
+def _read(path: Path) -> SceneFile:
+    return SceneFile(load_ply(path), is_antialiased(path))
+
+
+def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
+    save_ply(path, gaussians, ["written by gsut", antialiased_comment(settings.antialiased)])
+    return Written()
+
+
+FORMAT = Format(
+    "PLY",
+    (".ply",),
+    _write,
+    _read,
+    lambda head: head.startswith(b"ply") and PACKED not in head,
+    keeps_origin=True,
+)

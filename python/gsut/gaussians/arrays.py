@@ -45,7 +45,7 @@ class Gaussians:
         origin: dataclasses.InitVar[np.ndarray] = NO_ORIGIN
 
     def __post_init__(self, origin: np.ndarray = NO_ORIGIN) -> None:  # noqa: RUF033
-        self.origin = np.array(origin, np.float64).reshape(3)
+        self.origin = np.array(origin, np.float64)
         means = np.asarray(self.means)
         dtype = np.float64 if means.dtype == np.float64 else np.float32
         for name in _FIELDS:
@@ -62,6 +62,7 @@ class Gaussians:
             "log_scales": (n, 3),
             "opacity_logits": (n,),
             "sh": (n, k, 3),
+            "origin": (3,),
         }
         for name, shape in expected.items():
             found = getattr(self, name).shape

@@ -46,7 +46,7 @@ class MixedGaussians:
         origin: dataclasses.InitVar[np.ndarray] = NO_ORIGIN
 
     def __post_init__(self, origin: np.ndarray = NO_ORIGIN) -> None:  # noqa: RUF033
-        self.origin = np.array(origin, np.float64).reshape(3)
+        self.origin = np.array(origin, np.float64)
         ends = self.degree_ends
         if (
             len(ends) != _MAX_DEGREE + 1

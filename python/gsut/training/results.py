@@ -7,7 +7,7 @@ from typing import Any
 
 from gsut.data import Scene
 from gsut.evaluate import evaluate, run_metrics, write_report
-from gsut.formats import for_file, save_ply
+from gsut.formats import for_file, place_text, save_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import evaluate_aligned, write_refined
 from gsut.run import RunFolder, TrainOptions
@@ -81,11 +81,8 @@ def write_results(
     """
     in_dataset = gaussians.translated(metrics["world_offset"])
     if for_file(in_dataset).origin.any():
-        offset = ", ".join(f"{value:.10g}" for value in in_dataset.origin)
-        metrics["notes"].append(
-            f"scene.ply holds the dataset's coordinates less ({offset}), which float32 cannot hold "
-            "there; its comment says so, and gsut reads it back"
-        )
+        place = place_text(in_dataset.origin)
+        metrics["notes"].append(f"scene.ply holds {place}; its comment says so, gsut reads it back")
     run.write("scene.ply", lambda path: save_ply(path, in_dataset))
     if refined is not None:
         metrics["notes"] += _refinement_notes(metrics)

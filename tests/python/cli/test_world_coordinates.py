@@ -9,6 +9,7 @@ import pytest
 import gsut
 import tolerances
 from gsut.cli import main
+from gsut.formats import formats
 from gsut.render import to_uint8, write_png
 from random_scenes import pinhole
 from rendered_dataset import poses, truth, write_dataset
@@ -195,3 +196,25 @@ def test_about_another_origin_is_the_same_place(rng):
         atol = tolerances.DATA_UTM_POSITION
         np.testing.assert_allclose(moved.means + origin, g.means + NEAR, rtol=0, atol=atol)
         assert g[:3].copy().astype(np.float32).about(origin).origin.tolist() == origin.tolist()
+
+
+def test_every_format_keeps_the_place_or_says_that_it_cannot(case, tmp_path, capsys):
+    offset, _, run = case
+    source = gsut.load_ply(run / "scene.ply")
+    kept = lost = 0
+    for each in formats():
+        if each.read is None:
+            continue
+        out = tmp_path / f"scene{each.suffixes[0]}"
+        assert main(["convert", str(run), str(out), "--json"]) == 0
+        said = " ".join(json.loads(capsys.readouterr().out)["left_out"])
+        found = gsut.load_gaussians(out)
+        away = np.median(found.means, axis=0) - np.median(source.means, axis=0)
+        assert np.linalg.norm(away) < tolerances.FORMATS_IN_PLACE
+        if (found.origin == source.origin).all():
+            kept += 1
+            assert "where the scene lies" not in said
+        else:
+            lost += 1
+            assert "where the scene lies" in said and f"{source.origin[1]:.10g}" in said
+    assert kept >= 2 and (lost == 0 or offset is UTM)
