@@ -11,7 +11,6 @@ from gsut.files import whole_file
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
 from gsut.formats._origin import origin_comments, origin_in
 from gsut.formats._quantize import (
-    SH_C0,
     from_smallest_three,
     logit_of,
     morton_order,
@@ -20,7 +19,7 @@ from gsut.formats._quantize import (
     to_bytes,
 )
 from gsut.formats.ply import PACKED, antialiased_comment, comments_of, is_antialiased
-from gsut.gaussians import Gaussians
+from gsut.gaussians import SH_C0, Gaussians
 
 _CHUNK = 256
 _BOUNDS = [

@@ -11,6 +11,8 @@ from gsut._core import InputError
 
 NO_ORIGIN = np.zeros(3)
 NO_ORIGIN.setflags(write=False)
+# First coefficient of the harmonics' basis: a colour is 0.5 + SH_C0 x sh + ...
+SH_C0 = 0.28209479177387814
 _FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 
 
