@@ -34,8 +34,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera",
         metavar="LENS",
-        help="lens file, or a dataset whose lens is used [default: the one beside the images; if "
-        "there is none the lens is estimated]",
+        help="lens file, or a dataset whose lens is used; or the camera's name, such as 'GoPro "
+        "HERO9 Black, Max Wide' (`gsut camera find`): the lens is then estimated from there "
+        "[default: the one beside the images; if there is none the lens is estimated]",
     )
     parser.add_argument(
         "--unknown-lens",

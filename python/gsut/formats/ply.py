@@ -5,11 +5,18 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from gsut import _core
+from gsut.formats._format import Format, SceneFile, WriteSettings, Written
 from gsut.gaussians import Gaussians
+
+# How Brush and Postshot say that a filter of the screen belongs to a file.
+_ANTIALIASED = ("SplatRenderMode: mip", "antialiased 1")
+_HEADER_BYTES = 65536  # read for comments
+PACKED = b"packed_position"  # a property of SuperSplat's compressed files
 
 
 def load_ply(path: str | os.PathLike[str]) -> Gaussians:
@@ -59,3 +66,35 @@ def save_ply(
         InputError: the file cannot be written, or a comment holds a line break.
     """
     _core.write_ply(os.fspath(path), gaussians.astype(np.float32), list(comments))
+
+
+def comments_of(path: Path) -> list[str]:
+    """The comments in a PLY file's header."""
+    with open(path, "rb") as file:
+        head = file.read(_HEADER_BYTES).split(b"end_header", 1)[0]
+    lines = head.decode("utf-8", "replace").splitlines()
+    return [line.removeprefix("comment").strip() for line in lines if line.startswith("comment ")]
+
+
+def antialiased_comment(antialiased: bool) -> str:
+    """What a header says about filters; plain "default" keeps programs from adding one."""
+    return f"SplatRenderMode: {'mip' if antialiased else 'default'}"
+
+
+def is_antialiased(path: Path) -> bool:
+    """Whether a PLY file's comments say so."""
+    return any(comment in _ANTIALIASED for comment in comments_of(path))
+
+
+def _read(path: Path) -> SceneFile:
+    return SceneFile(load_ply(path), is_antialiased(path))
+
+
+def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
+    save_ply(path, gaussians, ["written by gsut", antialiased_comment(settings.antialiased)])
+    return Written()
+
+
+FORMAT = Format(
+    "PLY", (".ply",), _write, _read, lambda head: head.startswith(b"ply") and PACKED not in head
+)

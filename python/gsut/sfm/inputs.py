@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
@@ -10,8 +11,8 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, Shutter
-from gsut.data import find_images, find_lens_file, find_mask, read_dataset
-from gsut.lens import Camera, load_camera
+from gsut.data import find_images, find_lens_file, find_mask, read_dataset, read_header
+from gsut.lens import Camera, LensProfile, is_lens_name, lens_by_name, load_camera
 
 FEWEST_IMAGES = 2
 
@@ -30,6 +31,8 @@ class Photographs:
         frames: (N,) of a rig: which images were taken together, counted from 0 in order of time.
         rig_cameras: (N,) of a rig: the camera, counted from 0.
         paired_by: of a rig: "name" or "order" of the images.
+        profile: of the database, where the lens was given by name: a start, not known.
+        candidates: lenses that an unknown one may be near.
     """
 
     root: Path
@@ -41,6 +44,8 @@ class Photographs:
     frames: np.ndarray | None = None
     rig_cameras: np.ndarray | None = None
     paired_by: str | None = None
+    profile: LensProfile | None = None
+    candidates: tuple[Camera, ...] = ()
 
     def __len__(self) -> int:
         return len(self.names)
@@ -65,7 +70,7 @@ def find_photographs(images: Path, lens: Path | None) -> Photographs:
             `gsut train` reads them (mask.png, masks/); or a dataset, whose images, masks and lens
             are used and whose poses are not.
         lens: lens file, or a dataset whose lens is used; None: the one beside the images, or
-            unknown.
+            unknown. A name of the database leaves the lens unknown, with a candidate.
 
     Raises:
         InputError: no such folder, fewer than two images, or the lens cannot be read.
@@ -76,7 +81,9 @@ def find_photographs(images: Path, lens: Path | None) -> Photographs:
         found = _of_dataset(images)
     else:
         found = photographs_in(images, with_lens=lens is None)
-    if lens is not None:
+    if lens is not None and is_lens_name(lens):
+        found = _with_profile(found, str(lens))
+    elif lens is not None:
         camera = _lens_of(lens)
         found = dataclasses.replace(found, cameras=[camera] * len(found))
     if len(found) < FEWEST_IMAGES:
@@ -109,6 +116,21 @@ def photographs_in(path: Path, *, with_lens: bool = False) -> Photographs:
     file = find_lens_file(path) if with_lens else None
     camera = load_camera(file) if file is not None else None
     return Photographs(root, names, paths, masks, [camera] * len(paths))
+
+
+def _with_profile(found: Photographs, name: str) -> Photographs:
+    """The photographs with a lens of the database as candidate."""
+    sizes = []
+    for path in found.paths:
+        with contextlib.suppress(InputError):  # unreadable: named when features are sought
+            header = read_header(path)
+            sizes.append((header.width, header.height))
+            break
+    profile = lens_by_name(name, *sizes)
+    candidates = tuple(profile.camera(*size) for size in sizes)
+    return dataclasses.replace(
+        found, cameras=[None] * len(found), profile=profile, candidates=candidates
+    )
 
 
 def _lens_of(path: Path) -> Camera:
