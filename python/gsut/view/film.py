@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -96,5 +97,5 @@ class Film:
             request = dataclasses.replace(
                 self._key, pose=pose, view=None, shutter=None, layers=frozenset(), marks=None
             )
-            yield self._drawing(lambda request=request: self._frames.draw(request)).image
+            yield self._drawing(functools.partial(self._frames.draw, request)).image
             self._done += 1

@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.data import rigid_transform
+from gsut.data import rigid_transform, shrink_image
 from gsut.lens import Camera
 from gsut.render import DEFAULT_UNSCENTED, to_uint8
 from gsut.view.lenses import Lenses
@@ -73,9 +73,9 @@ class FrameRequest:
             # What the page has from a photograph comes back with its bits.
             pose = np.array(values["pose"], np.float64).reshape(4, 4)
             width, height = int(values["width"]), int(values["height"])
-            photographs = [
+            view, shutter = (
                 None if values.get(key) is None else int(values[key]) for key in ("view", "shutter")
-            ]
+            )
             crop = None if not values.get("crop") else np.array(values["crop"], np.float64)
             marks = np.array(values.get("marks") or [], np.float64).reshape(-1, 3)
             quality = values.get("quality", _FULL_QUALITY)
@@ -90,17 +90,14 @@ class FrameRequest:
             raise InputError(f"there is no mode {mode!r}; known: {', '.join(MODES)}")
         if width < 1 or height < 1 or width * height > _MOST_PIXELS:
             raise InputError(f"a frame of {width} x {height} cannot be drawn; at most 33 million")
-        if any(row is not None and not 0 <= row < num_views for row in photographs):
+        if any(row is not None and not 0 <= row < num_views for row in (view, shutter)):
             raise InputError(f"there is no such photograph; there are {num_views}")
         if crop is not None and (crop.shape != (2, 3) or not np.isfinite(crop).all()):
             raise InputError("crop must be two corners of three numbers")
         if not np.isfinite(marks).all():
             raise InputError("marks must be finite")
         layers = frozenset(values.get("layers") or ())
-        return cls(
-            pose, lens, width, height, mode, *photographs, layers=layers, crop=crop, marks=marks,
-            quality=quality,
-        )  # fmt: skip
+        return cls(pose, lens, width, height, mode, view, shutter, layers, crop, marks, quality)
 
 
 @dataclasses.dataclass
@@ -234,9 +231,10 @@ class Frames:
         if gaussians is None or not len(gaussians):
             image[:], alpha[:], depth[:] = self.stage.background, 0, 0
             return image, alpha, depth
+        beside = (alpha, depth) if with_depth else (None, None)
         self._renderer.render(
             gaussians, camera, place, self._rule, self.stage.background, gaussians.sh_degree,
-            DEFAULT_UNSCENTED, image, *((alpha, depth) if with_depth else (None, None)), False,
+            DEFAULT_UNSCENTED, image, beside[0], beside[1], False,
         )  # fmt: skip
         return image, alpha, depth
 
@@ -264,7 +262,7 @@ class Frames:
 
     def _error(self, request: FrameRequest, image: np.ndarray) -> Drawn:
         """The mean absolute difference from the photograph, where it can be compared."""
-        from gsut.data import shrink_image, shrink_mask
+        import cv2
 
         scene = self.stage.scene
         if scene is None or request.view is None:
@@ -272,11 +270,8 @@ class Frames:
         height, width = image.shape[:2]
         truth = shrink_image(scene.image(request.view), width, height)
         mask = scene.mask(request.view)
-        if width <= mask.shape[1] and height <= mask.shape[0]:
-            mask = shrink_mask(mask, width, height)
-        else:
-            rows, columns = (np.arange(n) * m // n for n, m in zip((height, width), mask.shape, strict=True))
-            mask = mask[rows][:, columns]
+        if mask.shape != (height, width):
+            mask = cv2.resize(mask.view(np.uint8), (width, height)) > 0
         off = np.abs(np.clip(image, 0, 1) - truth.astype(np.float32) / 255).mean(axis=2)
         return Drawn(_colored(off / _MOST_ERROR, mask, "INFERNO"), (0.0, _MOST_ERROR))
 
@@ -304,9 +299,7 @@ class Frames:
         lines = np.linspace(-1, 1, 11)
         a = [(x, 0, -1) for x in lines] + [(-1, 0, z) for z in lines]
         b = [(x, 0, 1) for x in lines] + [(1, 0, z) for z in lines]
-        starts, ends = (
-            np.array(side) * self.extent @ self.axes + self.center for side in (a, b)
-        )
+        starts, ends = (np.array(side) * self.extent @ self.axes + self.center for side in (a, b))
         draw_lines(image, camera, pose, starts, ends, [(120, 130, 145)] * len(a))
 
 

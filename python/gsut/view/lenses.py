@@ -139,14 +139,12 @@ def _focal_of(lens: Camera) -> list[int] | None:
 def _reshaped(lens: Camera, width: int, height: int) -> Camera:
     """The lens on a sensor of another shape: as high as before, its centre in the middle."""
     names = lens.param_names.split()
-    if "cx" not in names or lens.model == "equirectangular" or _core.camera_traits(lens.model).has_table:
+    if "cx" not in names or _core.camera_traits(lens.model).has_table:
         return lens
     wide = max(1, round(lens.height * width / height))
     params = np.array(lens.params)
     params[names.index("cx")] += (wide - lens.width) / 2
-    return Camera(
-        lens.model, params, wide, lens.height, valid_field_angle=lens.valid_field_angle
-    )
+    return Camera(lens.model, params, wide, lens.height, valid_field_angle=lens.valid_field_angle)
 
 
 def field_of_view(lens: Camera) -> float | None:
@@ -195,7 +193,8 @@ def with_field_of_view(lens: Camera, degrees: float) -> Camera:
 def _radians_per_pixel(lens: Camera) -> float:
     """Between neighbouring pixels in the middle of the image; 1 / width where they have no rays."""
     middle = np.array([lens.width, lens.height]) / 2
-    rays, valid = lens.unproject(np.stack([middle - [0.5, 0], middle + [0.5, 0]]))
+    half = np.array([0.5, 0.0])
+    rays, valid = lens.unproject(np.stack([middle - half, middle + half]))
     if not valid.all():
         return 1.0 / lens.width
     return float(np.linalg.norm(np.cross(*rays))) or 1.0 / lens.width

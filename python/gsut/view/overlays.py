@@ -120,13 +120,13 @@ def draw_marks(image: np.ndarray, camera: Camera, pose: np.ndarray, marks: np.nd
     pixels, valid = camera.project(marks @ pose[:3, :3].T + pose[:3, 3])
     for pixel in pixels[valid]:
         if np.all(np.abs(pixel) < 1e4):
-            x, y = (int(round(value)) for value in pixel)
+            x, y = (round(value) for value in pixel)
             cv2.circle(image, (x, y), 5, (0, 0, 0), 3, cv2.LINE_AA)
             cv2.circle(image, (x, y), 5, _MARK, 2, cv2.LINE_AA)
 
 
 def draw_box(image: np.ndarray, camera: Camera, pose: np.ndarray, corners: np.ndarray) -> None:
-    """Draws the edges of a box; corners (8, 3), bit k of a corner's number is its side on axis k."""
+    """Draws a box; corners (8, 3): bit k of a corner's number is its side on axis k."""
     starts, ends = (corners[[edge[side] for edge in _BOX_EDGES]] for side in (0, 1))
     draw_lines(image, camera, pose, starts, ends, [_BOX] * len(_BOX_EDGES))
 

@@ -1,4 +1,4 @@
-"""The page's server: the standard library's, on the loopback, with a random token in the address."""
+"""The page's server: of the standard library, on the loopback, behind a random token."""
 
 from __future__ import annotations
 
@@ -61,16 +61,20 @@ class ViewServer:
 
     def __init__(self, routes: dict[str, Route], host: str = LOOPBACK, port: int = 0) -> None:
         self.token = secrets.token_urlsafe(16)
-        handler = type("Handler", (_Handler,), {"routes": routes, "token": self.token})
+
+        class Handler(_Handler):
+            pass
+
+        Handler.routes, Handler.token = routes, self.token
         try:
-            self._server = _Server((host, port), handler)
+            self._server = _Server((host, port), Handler)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
             raise InputError(
                 f"cannot listen on {host}:{port} ({reason}); give another --host or --port"
             ) from None
         self.host, self.port = host, self._server.server_address[1]
-        handler.hosts = None if host != LOOPBACK else _loopback_names(self.port)
+        Handler.hosts = None if host != LOOPBACK else _loopback_names(self.port)
         name = socket.gethostname() if host in ("", "0.0.0.0", "::") else host
         self.address = f"http://{name}:{self.port}/{self.token}/"
         threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True).start()

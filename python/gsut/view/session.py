@@ -156,7 +156,9 @@ class Session:
         """The film that was made."""
         if self._film is None or not self._film.content:
             raise InputError("there is no film yet")
-        name = "".join(c if c.isalnum() else "-" for c in self.stage.name).encode("ascii", "replace")
+        name = "".join(c if c.isalnum() else "-" for c in self.stage.name).encode(
+            "ascii", "replace"
+        )
         saved = f'attachment; filename="{name.decode()}.{self._film.ending}"'
         return Reply(self._film.content, self._film.kind, {"Content-Disposition": saved})
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut._core import CameraMotion, InputError
 from gsut.data import Finding, Scene, inverse, load_dataset
-from gsut.formats import load_ply
+from gsut.formats import load_gaussians
 from gsut.gaussians import pack_harmonics, seed_from_points
 from gsut.lens import Camera
 from gsut.run import METRICS, OPTIONS, RunFolder
@@ -84,18 +84,20 @@ def _place_of_views(scene: Scene) -> dict[str, Any]:
 
 
 def stage_of(path: str | os.PathLike[str], data: str | None = None) -> Stage:
-    """The stage of a finished run, a .ply file or a dataset.
+    """The stage of a finished run, a file of Gaussians or a dataset.
 
     Args:
         path: which of them is told by what is there.
-        data: a run's dataset, if it is not where training read it; photographs beside a .ply file.
+        data: a run's dataset, if it is not where training read it; photographs beside a file.
 
     Raises:
         InputError: there is no such file or folder, or it cannot be read.
     """
     place = Path(path)
     if not place.exists():
-        raise InputError(f"{place}: no such file or folder; give a run, a .ply file or a dataset")
+        raise InputError(
+            f"{place}: no such file or folder; give a run, a file of Gaussians or a dataset"
+        )
     if (place / OPTIONS).is_file():
         run = RunFolder.open(place)
         options, scene, gaussians = read_trained(run, data)
@@ -103,12 +105,10 @@ def stage_of(path: str | os.PathLike[str], data: str | None = None) -> Stage:
         name = "/".join(place.resolve().parts[-2:])
         packed = pack_harmonics(gaussians)
         return Stage(name, "run", packed, scene, options.background, figures=figures)
-    if place.is_file() and place.suffix.lower() == ".ply":
-        packed = pack_harmonics(load_ply(place))
-        scene = None if data is None else load_dataset(data)
-        return Stage(place.name, "file", packed, scene)
     if place.is_file() and place.suffix.lower() != ".json":
-        raise InputError(f"{place}: not a scene; give a run, a .ply file or a dataset")
+        packed = pack_harmonics(load_gaussians(place))
+        photographs = None if data is None else load_dataset(data)
+        return Stage(place.name, "file", packed, photographs)
     return data_stage(load_dataset(place))
 
 
