@@ -10,7 +10,6 @@ from gsut._core import InputError
 from gsut.files import whole_file
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
 from gsut.formats._quantize import (
-    SH_C0,
     from_smallest_three,
     logit_of,
     morton_order,
@@ -19,7 +18,7 @@ from gsut.formats._quantize import (
     to_bytes,
 )
 from gsut.formats.ply import PACKED, antialiased_comment, is_antialiased
-from gsut.gaussians import Gaussians
+from gsut.gaussians import SH_C0, Gaussians
 
 _CHUNK = 256
 _BOUNDS = [

@@ -8,6 +8,8 @@ import numpy as np
 
 from gsut._core import InputError
 
+# First coefficient of the harmonics' basis: a colour is 0.5 + SH_C0 x sh + ...
+SH_C0 = 0.28209479177387814
 _FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 
 
