@@ -6,11 +6,14 @@ import argparse
 import dataclasses
 import functools
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
+from gsut.capture import Capture, extract_frames, is_video
 from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.lens import is_lens_name, lens_by_name
 from gsut.run import Progress, add_option_flags, given_options
 from gsut.sfm import PosesOptions
 
@@ -29,7 +32,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "images",
         metavar="IMAGES",
-        help="folder of photographs, or a dataset (its poses are not looked at)",
+        help="folder of photographs, a video, or a dataset (its poses are not looked at)",
+    )
+    parser.add_argument(
+        "--frames",
+        type=int,
+        metavar="N",
+        help="frames to choose of a video [default: by how far the view moves, 60 to 300]",
     )
     parser.add_argument(
         "--camera",
@@ -98,11 +107,21 @@ def run(arguments: argparse.Namespace) -> int:
         mapper = functools.partial(grow_poses, keep=Path(arguments.out) / FOLDER / "growth.npz")
         if options.pairs == "auto":
             options = dataclasses.replace(options, pairs="sequential")
+    images, camera = arguments.images, arguments.camera
+    if is_video(images):
+        with Progress(not arguments.quiet) as bars:
+            capture = extract_frames(
+                images, Path(arguments.out) / "capture", count=arguments.frames,
+                on_progress=bars.show,
+            )  # fmt: skip
+        for note in capture.notes if not arguments.quiet else ():
+            print(f"gsut: note: {note}", file=sys.stderr)
+        images, options = capture.path, with_readout(options, camera, capture)
     result = estimate_with_bars(
-        arguments.images,
+        images,
         arguments.out,
         enabled=not arguments.quiet,
-        camera=arguments.camera,
+        camera=camera,
         unknown_lens=arguments.unknown_lens,
         fov_degrees=arguments.fov,
         options=options,
@@ -141,6 +160,18 @@ def estimate_with_bars(
 
     with Progress(enabled) as bars:
         return estimate_poses(images, out, on_progress=bars.show, notes_to=bars.note, **settings)
+
+
+def with_readout(options: PosesOptions, camera: str | None, capture: Capture) -> PosesOptions:
+    """The options of a rolling shutter with the readout time of a lens that was given by name."""
+    wanted = options.shutter == "rolling" and options.readout_time is None
+    if not (wanted and camera and is_lens_name(camera)):
+        return options
+    profile = lens_by_name(camera, tuple(capture.figures["size"]))
+    share = profile.readout_share(capture.figures["name_rate"])
+    backwards = (profile.readout_ms or 0) < 0
+    direction = "bottom_to_top" if backwards else options.readout_direction
+    return dataclasses.replace(options, readout_time=share, readout_direction=direction)
 
 
 def _rig_words(rig: dict[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 from gsut.data.assemble import Frame
 from gsut.data.camera_path import read_path
+from gsut.data.capture_file import CAPTURE, capture_state, capture_times, read_capture
 from gsut.data.colmap import find_mask
 from gsut.data.doctor import diagnose, findings_text
 from gsut.data.findings import DatasetError, Finding, some_names
@@ -15,6 +16,7 @@ from gsut.data.training_views import Level, TrainingViews
 from gsut.data.write_nerfstudio import points_ply, write_transforms
 
 __all__ = [
+    "CAPTURE",
     "DatasetError",
     "Finding",
     "Frame",
@@ -22,6 +24,8 @@ __all__ = [
     "Scene",
     "TrainingViews",
     "View",
+    "capture_state",
+    "capture_times",
     "decode_image",
     "decode_mask",
     "diagnose",
@@ -33,6 +37,7 @@ __all__ = [
     "inverse",
     "load_dataset",
     "points_ply",
+    "read_capture",
     "read_dataset",
     "read_header",
     "read_path",

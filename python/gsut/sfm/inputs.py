@@ -11,7 +11,14 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, Shutter
-from gsut.data import find_images, find_lens_file, find_mask, read_dataset, read_header
+from gsut.data import (
+    capture_times,
+    find_images,
+    find_lens_file,
+    find_mask,
+    read_dataset,
+    read_header,
+)
 from gsut.lens import Camera, LensProfile, is_lens_name, lens_by_name, load_camera
 
 FEWEST_IMAGES = 2
@@ -33,6 +40,7 @@ class Photographs:
         paired_by: of a rig: "name" or "order" of the images.
         profile: of the database, where the lens was given by name: a start, not known.
         candidates: lenses that an unknown one may be near.
+        times: seconds by name, of a video's frames.
     """
 
     root: Path
@@ -46,6 +54,7 @@ class Photographs:
     paired_by: str | None = None
     profile: LensProfile | None = None
     candidates: tuple[Camera, ...] = ()
+    times: dict[str, float] = dataclasses.field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -115,7 +124,7 @@ def photographs_in(path: Path, *, with_lens: bool = False) -> Photographs:
     masks = [find_mask(path / "masks", name) or common for name in names]
     file = find_lens_file(path) if with_lens else None
     camera = load_camera(file) if file is not None else None
-    return Photographs(root, names, paths, masks, [camera] * len(paths))
+    return Photographs(root, names, paths, masks, [camera] * len(paths), times=capture_times(path))
 
 
 def _with_profile(found: Photographs, name: str) -> Photographs:

@@ -1,0 +1,34 @@
+"""capture.json beside a folder of frames: when each was taken, and what it was taken from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from gsut.data.nerfstudio import read_json
+
+CAPTURE = "capture.json"
+
+
+def read_capture(folder: Path) -> dict[str, Any] | None:
+    """The content of FOLDER/capture.json; None where there is none.
+
+    "frames" holds one object a picture: name, and where known time (seconds).
+
+    Raises:
+        DatasetError: the file is not JSON.
+    """
+    path = folder / CAPTURE
+    return read_json(path) if path.is_file() else None
+
+
+def capture_times(folder: Path) -> dict[str, float]:
+    """Seconds by the names of the pictures, where capture.json says them."""
+    rows = (read_capture(folder) or {}).get("frames", [])
+    return {row["name"]: row["time"] for row in rows if row.get("time") is not None}
+
+
+def capture_state(paths: Sequence[Path]) -> list[list[Any]]:
+    """What tells whether files are still the same: path, size and time of change of each."""
+    return [[str(p.resolve()), p.stat().st_size, p.stat().st_mtime_ns] for p in paths]
