@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-SH_C0 = 0.28209479177387814  # of 3DGS: colour = 0.5 + SH_C0 * the constant harmonic
 # Stands for the logit of opacities 0 and 1, as in `load_ply`.
 _MOST_LOGIT = 20.0
 _SQRT2 = math.sqrt(2.0)

@@ -13,8 +13,8 @@ from gsut._core import InputError
 from gsut.files import whole_file
 from gsut.formats._axes import half_turned
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written
-from gsut.formats._quantize import SH_C0, logit_of, opacity_of, to_bytes, unit_quats
-from gsut.gaussians import Gaussians
+from gsut.formats._quantize import logit_of, opacity_of, to_bytes, unit_quats
+from gsut.gaussians import SH_C0, Gaussians
 
 _EXTENSION = "KHR_gaussian_splatting"
 _HEAD = struct.Struct("<4sII")

@@ -9,8 +9,8 @@ import numpy as np
 from gsut._core import InputError
 from gsut.files import write_file
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written
-from gsut.formats._quantize import SH_C0, logit_of, opacity_of, to_bytes, unit_quats
-from gsut.gaussians import Gaussians
+from gsut.formats._quantize import logit_of, opacity_of, to_bytes, unit_quats
+from gsut.gaussians import SH_C0, Gaussians
 
 _ROW = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("quat", "u1", 4)])
 # A byte b of a rotation is (b - 128) / 128: -1 to 127 / 128.

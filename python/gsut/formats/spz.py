@@ -34,8 +34,8 @@ _LARGEST = 2**23 - 1  # of a position, in steps
 _MOST_FRACTIONAL_BITS = 24
 _LOG_SCALE_STEPS, _LOG_SCALE_ZERO = 16.0, 10.0  # byte = (log scale + 10) 16
 _COLOR_SCALE = 0.15  # byte = 255 (0.15 harmonic + 0.5)
-# Harmonics lie on every second of the 256 steps from -1 to 1. The format's first writers keep 5 and 4
-# bits, a third smaller files; a trained scene is then 37 dB from itself instead of 53.
+# Harmonics lie on every second of the 256 steps from -1 to 1. The format's first writers keep 5 and
+# 4 bits, which makes a third smaller files; a trained scene is 37 dB from itself then, not 53.
 _SH_STEP = 2
 _ROTATION_STEPS = 511
 _DEFLATE_MOST = 1032  # deflate makes at most so many bytes of one
