@@ -1,4 +1,4 @@
-// Binds gsut/formats: PLY files, palettes.
+// Binds gsut/formats: PLY files.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -6,7 +6,6 @@
 
 #include "bindings/arrays.h"
 #include "bindings/module.h"
-#include "gsut/formats/palette.h"
 #include "gsut/formats/ply.h"
 
 namespace gsut::bindings {
@@ -54,24 +53,6 @@ py::tuple ReadPoints(const std::string& path) {
   return py::make_tuple(positions, colors, points.has_colors);
 }
 
-py::tuple PaletteOf(const py::array& rows, std::int64_t entries, int rounds) {
-  if (rows.ndim() != 2) throw InputError("rows must have shape (N, columns)");
-  const std::int64_t count = rows.shape(0);
-  const int columns = static_cast<int>(rows.shape(1));
-  const float* data = ConstData<float>(rows, "rows", {count, columns});
-  Palette palette;
-  {
-    const py::gil_scoped_release release;
-    palette = MakePalette(data, count, columns, {entries, rounds});
-  }
-  const auto size = static_cast<py::ssize_t>(palette.entries.size()) / columns;
-  auto values = NewArray<float>({size, columns});
-  auto labels = NewArray<std::uint32_t>({static_cast<py::ssize_t>(count)});
-  std::copy(palette.entries.begin(), palette.entries.end(), values.mutable_data());
-  std::copy(palette.labels.begin(), palette.labels.end(), labels.mutable_data());
-  return py::make_tuple(values, labels);
-}
-
 }  // namespace
 
 void BindFormats(pybind11::module_& m) {
@@ -82,10 +63,6 @@ void BindFormats(pybind11::module_& m) {
   m.def("write_ply", &WritePlyFile, py::arg("path"), py::arg("gaussians"),
         py::arg("comments") = std::vector<std::string>(),
         "Writes float32 Gaussians as a binary PLY file, atomically.");
-  m.def(
-      "make_palette", &PaletteOf, py::arg("rows"), py::arg("entries"), py::arg("rounds") = 10,
-      "Entries (M, columns) that stand for rows (N, columns) float32, and each row's (N,) uint32: "
-      "k-means on two levels. M is `entries` at most.");
   m.def(
       "read_ply_points", &ReadPoints, py::arg("path"),
       "Positions (N,3) float64, colours (N,3) uint8 of a PLY point cloud, and whether it has any.");

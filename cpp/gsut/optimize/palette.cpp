@@ -1,6 +1,6 @@
 // k-means on two levels; the search for the nearest entry is a small matrix product.
 #undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "gsut/formats/palette.cpp"
+#define HWY_TARGET_INCLUDE "gsut/optimize/palette.cpp"
 #include "gsut/base/hwy_targets.h"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
@@ -12,10 +12,10 @@
 #include "gsut/base/aligned_vector.h"
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
-#include "gsut/formats/palette.h"
+#include "gsut/optimize/palette.h"
 
-#ifndef GSUT_FORMATS_PALETTE_PACKED
-#define GSUT_FORMATS_PALETTE_PACKED
+#ifndef GSUT_OPTIMIZE_PALETTE_PACKED
+#define GSUT_OPTIMIZE_PALETTE_PACKED
 namespace gsut {
 
 constexpr int kBlock = 16;  // entries that are compared at once: a whole number of any vectors
