@@ -8,13 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json
 
-HELP = "a scene in another format: SPZ, SOG, glTF, USD, PLY ..."
+HELP = "a scene in another format: SPZ, SOG, glTF, USD, PLY, a page for any browser"
 DESCRIPTION = (
     "Writes a run's scene, or a file of Gaussians, in the format that the suffix of OUT says, and "
     "says what that format could not hold. IN is left as it is; an OUT that exists is refused."
 )
+
+
+_PAGE = ".html"
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -31,6 +34,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="of a .spz file: 3 is read everywhere; 4 is a little smaller and needs zstandard "
         "[default 3]",
     )  # fmt: skip
+    add_moved_data(parser)
     add_quiet(parser)
     add_json(parser)
 
@@ -44,8 +48,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"{out} exists; give another name (nothing was overwritten)")
     path = _scene_of(Path(arguments.source))
     found = read_scene_file(path)
-    settings = WriteSettings(antialiased=found.antialiased, spz_version=arguments.spz_version)
     gaussians = _lowered(found.gaussians, arguments.sh_degree)
+    settings = WriteSettings(
+        antialiased=found.antialiased,
+        spz_version=arguments.spz_version,
+        view=_first_view(arguments, out, gaussians),
+    )
     figures = {
         "source": str(path),
         "source_bytes": path.stat().st_size,
@@ -56,11 +64,34 @@ def run(arguments: argparse.Namespace) -> int:
         "antialiased": found.antialiased,
         **_write(out, gaussians, settings),
     }
+    _link_in_report(out)
     if arguments.json:
         print_json(figures)
     elif not arguments.quiet:
         _print_summary(figures)
     return 0
+
+
+def _first_view(arguments: argparse.Namespace, out: Path, gaussians: Any) -> Any:
+    """Where a page of a run begins, None for other formats and for files of Gaussians."""
+    if out.suffix.lower() != _PAGE or not Path(arguments.source).is_dir():
+        return None
+    from gsut.cli._start_view import start_view
+    from gsut.formats import for_file
+    from gsut.run import RunFolder
+    from gsut.training import read_trained
+
+    _, scene, _ = read_trained(RunFolder.open(arguments.source), arguments.data)
+    return start_view(scene, gaussians, for_file(gaussians).origin)
+
+
+def _link_in_report(out: Path) -> None:
+    """A page that stands in a run's folder is linked from its report."""
+    from gsut.evaluate import write_report
+    from gsut.run import PAGE, REPORT, RunFolder
+
+    if out.name == PAGE and (out.parent / REPORT).is_file():
+        write_report(RunFolder.open(out.parent))
 
 
 def _scene_of(source: Path) -> Path:

@@ -4,6 +4,7 @@ from gsut.gaussians.arrays import SH_C0, Gaussians
 from gsut.gaussians.low_pass import LowPassFilter, filter_radii, low_pass, low_pass_backward
 from gsut.gaussians.packed_harmonics import MixedGaussians, pack_harmonics, to_mixed
 from gsut.gaussians.seeding import seed_from_points, seed_in_view
+from gsut.gaussians.similarity import transformed
 
 __all__ = [
     "SH_C0",
@@ -17,4 +18,5 @@ __all__ = [
     "seed_from_points",
     "seed_in_view",
     "to_mixed",
+    "transformed",
 ]
