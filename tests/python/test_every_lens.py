@@ -20,6 +20,7 @@ from gsut.cli import main
 from gsut.data import Frame, TrainingViews, diagnose, write_transforms
 from gsut.data.write_nerfstudio import points_ply
 from gsut.evaluate import evaluate
+from gsut.gaussians import SH_C0
 from gsut.lens import Camera, load_camera
 from gsut.refine import TrainingRefiner
 from random_scenes import small_camera
@@ -28,7 +29,6 @@ from rendered_dataset import poses, truth
 WIDTH, STEPS = 64, 40
 TEST_VIEW = 2  # of those below
 VIEWS = range(0, 12, 2)  # of the ring of poses
-SH_C0 = 0.28209479
 
 
 class Case:

@@ -17,6 +17,7 @@ from gsut.render.metrics import (
     ssim,
     weighted_psnr,
 )
+from gsut.render.motion import place_about
 from gsut.render.paths import orbit_path, smooth_path
 from gsut.render.pictures import picture_stems, to_uint8, write_png, write_video
 from gsut.render.projection import METHODS, Projection, project
@@ -39,6 +40,7 @@ __all__ = [
     "interpolated_gains",
     "orbit_path",
     "picture_stems",
+    "place_about",
     "project",
     "psnr",
     "render",

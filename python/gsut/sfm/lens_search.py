@@ -74,7 +74,8 @@ def guess_lenses(photographs: Photographs, fov_degrees: float | None) -> Photogr
             "the images into one folder a camera"
         )
     ((width, height),) = sizes
-    camera = guess_lens(width, height, fov_degrees or _DEFAULT_FIELD)
+    guess = guess_lens(width, height, fov_degrees or _DEFAULT_FIELD)
+    camera = next(iter(photographs.candidates), guess)
     return dataclasses.replace(photographs, cameras=[camera] * len(photographs))
 
 
@@ -126,14 +127,16 @@ def search_lens(
     assert first is not None
     size = first.width, first.height
     fields = (fov_degrees,) if fov_degrees is not None else _FIELDS
+    guesses = [guess_lens(*size, field) for field in fields]
+    starts = [*photographs.candidates, *([] if photographs.profile else guesses)]
     trials = _Trials(
         photographs.names, features, options, show, shutter,
-        planned=len(fields) + len(_models(guess_lens(*size, fields[0]))),
+        planned=len(starts) + len(_models(starts[0])),
     )  # fmt: skip
     candidates = []
     few = keep_most_distinct(choose_connected_pairs(pairs, _FIELD_IMAGES), _FIELD_MATCHES)
-    for field in fields:
-        found = trials.solve(guess_lens(*size, field), _START, few)
+    for start in starts:
+        found = trials.solve(start, _START, few)
         trials.done += 1
         if found is not None:
             candidates.append(found)

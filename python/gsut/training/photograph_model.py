@@ -9,6 +9,7 @@ zero, exactly.
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -29,13 +30,14 @@ _LOOKS = (_DECIDED_AT, _FALLOFF_AT)
 # photographs differ. Fox 0.07; nothing is left of sponza_fisheye and helmet, which do not differ.
 _DIFFER = 0.02
 _DISAGREE = 3.0  # standard errors that errors of the scene may explain
-_FALLOFF_DIFFERS = 0.02  # of rings from their mean, below which a lens has no falloff
+_FALLOFF_DIFFERS = 0.05  # of rings from their mean, below which a lens has no falloff
 _FEWEST_SHOWN = 0.01  # of all that a camera shows, below which a ring is not judged
 _RINGS, _QUADRANTS = 8, 4  # parts of a photograph: field angle, and quarter of the picture
 _STRONGEST = 0.7  # largest logarithm of a gain that is believed: a factor of two
 _FEWEST_WEIGHT = 1e-3  # of a part's share in its photograph
 _PRIOR = 1e-4  # weight of a ring's prior; those of what is seen add up to 1
-_DARKEST, _CHECKED = 0.1, 65  # least falloff that is believed, and at how many angles it is checked
+_DARKEST, _BRIGHTEST = 0.1, 1.05  # falloffs that are believed: lenses darken towards the rim
+_CHECKED = 65  # angles at which a falloff is checked
 
 
 class PhotographModel:
@@ -60,7 +62,7 @@ class PhotographModel:
         self._falloffs: list[Falloff | None] = [None] * len(scene.cameras)
         self._looked = (0, 0)  # how often for gains, for falloffs
         angles = [field_angles(camera) for camera in scene.cameras]
-        self._angles = [float(np.nanmax(each)) for each in angles]
+        self._angles = [_widest(each) for each in angles]
         self._bases = [_mean_basis(each) for each in angles]
         if light is not None:
             self._log_gains = np.log(light.gains)
@@ -105,9 +107,7 @@ class PhotographModel:
             self._planes = {k: v for k, v in self._planes.items() if k[0] != key[0]}
             inverse = 1.0 / falloff.at(field_angles(camera))
             self._planes[key] = _core.FalloffPlane(inverse.astype(np.float32))
-        if self._gains_used or falloff is not None:
-            gain = self._used_gains()[view]
-            target.set_light(np.exp(-gain), self._planes.get(key))
+        target.set_light(np.exp(-self._used_gains()[view]), self._planes.get(key))
 
     def spread(self) -> float:
         """Standard deviation of log-gains beyond what errors of the scene explain."""
@@ -178,19 +178,19 @@ class PhotographModel:
                 continue
             found = _fit_falloff(angle, self._bases[camera], tc.sum(axis=0), cc.sum(axis=0))
             values = found.at(np.linspace(0.0, angle, _CHECKED))
-            believed = values.min() > _DARKEST and values.max() < 1.0 / _DARKEST
+            believed = values.min() > _DARKEST and values.max() < _BRIGHTEST
             self._falloffs[camera] = found if believed and _differs(tc, cc) else None
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that later steps depend on."""
-        return {name: getattr(self, name) for name in _STATE} | {
+        return {name: copy.copy(getattr(self, name)) for name in _STATE} | {
             "falloffs": [None if each is None else each.as_dict() for each in self._falloffs]
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Goes on exactly where `state_dict` was taken."""
         for name in _STATE:
-            setattr(self, name, state[name])
+            setattr(self, name, copy.copy(state[name]))
         self._falloffs = [Falloff.from_dict(each) for each in state["falloffs"]]
 
 
@@ -204,16 +204,21 @@ def _parts(camera: _core.Camera) -> np.ndarray:
     return (_rings(field_angles(camera)) * _QUADRANTS + 2 * lower + right).astype(np.uint8)
 
 
+def _widest(angles: np.ndarray) -> float:
+    """The largest of field angles (...) in radians; above zero even of a single pixel."""
+    return float(np.nanmax(angles, initial=np.finfo(float).tiny))
+
+
 def _rings(angles: np.ndarray) -> np.ndarray:
     """The ring of each field angle (...); of NaN the last one."""
-    widest = float(np.nanmax(angles))
+    widest = _widest(angles)
     return np.minimum(_RINGS * np.nan_to_num(angles, nan=widest) / widest, _RINGS - 1).astype(int)
 
 
 def _mean_basis(angles: np.ndarray) -> np.ndarray:
     """(rings, ORDERS) means of the falloff's even powers over the pixels of each ring."""
     known = angles[~np.isnan(angles)]
-    ring, basis = _rings(known), falloff_basis(known / known.max())
+    ring, basis = _rings(known), falloff_basis(known / _widest(angles))
     counts = np.maximum(1, np.bincount(ring, minlength=_RINGS))
     sums = [np.bincount(ring, column, minlength=_RINGS) for column in basis.T]
     return np.stack(sums, axis=1) / counts[:, None]
@@ -229,7 +234,8 @@ def _fit_falloff(angle: float, basis: np.ndarray, tc: np.ndarray, cc: np.ndarray
         # Rings that show nothing stay at the mean.
         weight = cc[:, channel] / of_all + _PRIOR
         right = basis.T @ (tc[:, channel] / of_all + _PRIOR * mean)
-        coefficients[channel] = np.linalg.solve(basis.T @ (weight[:, None] * basis), right)
+        normal = basis.T @ (weight[:, None] * basis)  # singular where all is on the axis
+        coefficients[channel] = np.linalg.lstsq(normal, right, rcond=None)[0]
     return Falloff(angle, coefficients[:, 1:] / coefficients[:, :1])
 
 

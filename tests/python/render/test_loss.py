@@ -221,11 +221,11 @@ def test_loss_of_a_photograph_in_its_light_matches_reference(
     falloff = rng.uniform(0.8, 1.6, photograph.shape).astype(np.float32)
     light = gain * falloff if with_falloff else gain
     reference, expected = _core.photometric_loss_reference(photograph / 255.0 * light, image, mask)
-    plain, _ = _core.photometric_loss(_core.PhotometricTarget(photograph, mask), image)
     ran = 0
     for isa in available_isas():
         set_isa(isa)
         target = _core.PhotometricTarget(photograph, mask, "partial", keep_statistics)
+        plain, _ = _core.photometric_loss(target, image)
         target.set_light(gain, _core.FalloffPlane(falloff) if with_falloff else None)
         loss, gradient = _core.photometric_loss(target, image)
         assert loss == pytest.approx(reference, rel=tolerances.LOSS_RELATIVE)
@@ -260,7 +260,7 @@ def test_light_that_is_none_is_refused(pair):
         target.set_light([1.0, 0.0, 1.0])
     with pytest.raises(InputError, match="give three for each of"):
         target.set_light([1.0, 1.0, 1.0], _core.FalloffPlane(np.ones((3, 4, 3), np.float32)))
-    with pytest.raises(InputError, match="num_bins, which is 2"):
+    with pytest.raises(InputError, match="from num_bins on, which is 2"):
         target.light_sums(image, np.full(image.shape[:2], 2, np.uint8), 2)
 
 
