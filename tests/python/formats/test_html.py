@@ -1,4 +1,4 @@
-"""Tests the page for any browser: whole, offline, upright, and begun where a photograph was taken."""
+"""Tests the page for any browser: offline, upright, and begun where a photograph was taken."""
 
 import base64
 import json
