@@ -26,6 +26,12 @@ PRESETS: dict[str, dict[str, Any]] = {
     "best": {"steps": 7000, "max_gaussians": 300_000, "sh_degree": 2},
 }
 
+# What `gsut train --help` lists; the rest is for `--help all`.
+COMMON_OPTIONS = (
+    "preset", "steps", "seed", "threads", "scale", "test_every", "shutter", "refine_poses",
+    "refine_lens", "max_gaussians", "sh_degree", "strategy",
+)  # fmt: skip
+
 # "The rate of the means times the number of steps is what matters": 1.6e-3 at 500 steps, 8e-4 at
 # 1000; from 1667 steps on the rate stays at the value measured as best for 2000 and more.
 _MEANS_LR_TIMES_STEPS = 0.8
