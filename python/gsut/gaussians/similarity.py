@@ -9,6 +9,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians.arrays import Gaussians
+from gsut.gaussians.quaternions import quaternion_of, quaternion_products
 
 _DIRECTIONS = 64  # at which harmonics are compared; 16 would do
 _ORTHOGONAL = 1e-6
@@ -42,7 +43,7 @@ def transformed(
     return dataclasses.replace(
         g,
         means=(scale * (g.means.astype(np.float64) @ r.T)).astype(g.dtype),
-        quats=_products(_quaternion(r), g.quats.astype(np.float64)).astype(g.dtype),
+        quats=quaternion_products(quaternion_of(r), g.quats.astype(np.float64)).astype(g.dtype),
         log_scales=(g.log_scales + np.log(scale)).astype(g.dtype),
         sh=np.einsum("ij,njc->nic", turned_harmonics(g.sh_degree, r), g.sh).astype(g.dtype),
         origin=scale * (r @ g.origin) + np.asarray(translation, np.float64),
@@ -61,21 +62,3 @@ def turned_harmonics(degree: int, rotation: np.ndarray) -> np.ndarray:
     after = _core.harmonics_basis(degree, directions)
     before = _core.harmonics_basis(degree, directions @ rotation)
     return np.linalg.lstsq(after, before, rcond=None)[0]
-
-
-def _quaternion(r: np.ndarray) -> np.ndarray:
-    """w, x, y, z of a rotation: the eigenvector of Bar-Itzhack's symmetric matrix."""
-    k = np.array([
-        [r[0, 0] + r[1, 1] + r[2, 2], r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]],
-        [0, r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]],
-        [0, 0, r[1, 1] - r[0, 0] - r[2, 2], r[1, 2] + r[2, 1]],
-        [0, 0, 0, r[2, 2] - r[0, 0] - r[1, 1]],
-    ])  # fmt: skip
-    return np.linalg.eigh(k, "U")[1][:, -1]
-
-
-def _products(q: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(N, 4) Hamilton products of one quaternion with many."""
-    w, x, y, z = q
-    left = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
-    return others @ left.T
