@@ -27,11 +27,13 @@ class TrainingRecord:
         scene: the dataset.
         resume: go on with the run that the folder holds.
         progress: True shows a bar; a function gets each row of the history.
+        watch: sees the loop and the row after each step, and says whether to go on.
 
     Attributes:
         run: the folder, or None.
         checkpoint: the state that `follow` goes on from, or None.
         history: one dict a row: step, seconds, loss, num_gaussians, and where measured psnr.
+        goes_on: until `watch` ends the training.
 
     Raises:
         InputError: the folder holds a run, or with `resume` one of other options.
@@ -44,8 +46,10 @@ class TrainingRecord:
         scene: Scene,
         resume: bool,
         progress: bool | Callable[[dict[str, Any]], None],
+        watch: Callable[[TrainingLoop, dict[str, Any]], bool] | None = None,
     ) -> None:
-        self._options, self._progress = options, progress
+        self._options, self._progress, self._watch = options, progress, watch
+        self.goes_on = True
         self._bar = Progress(progress is True)
         self.run: RunFolder | None = None
         self.checkpoint: dict[str, Any] | None = None
@@ -80,6 +84,8 @@ class TrainingRecord:
         every = self._options.checkpoint_every
         if every and loop.step % every == 0:
             self._save(loop)
+        if self._watch is not None:
+            self.goes_on = self._watch(loop, row)
 
     def _row(self, loop: TrainingLoop, loss: float) -> dict[str, Any]:
         """The row of this step, with the held-out PSNR when it is due; empty between rows."""
