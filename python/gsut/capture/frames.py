@@ -13,7 +13,7 @@ import numpy as np
 from gsut._core import InputError, __version__
 from gsut.capture.choose import Candidate, CandidateSearch, blurred, choose_frames
 from gsut.capture.strip import write_strip
-from gsut.capture.video import Video
+from gsut.capture.video import Video, camera_in
 from gsut.data import CAPTURE, capture_state, read_capture
 from gsut.files import whole_file, write_json
 
@@ -100,11 +100,11 @@ def extract_frames(
         )
     figures: dict[str, Any] = {
         "kind": "video", "key": key, "inputs": [str(path)], "size": size, "frame_rate": rate,
-        "name_rate": name_rate,
+        "name_rate": name_rate, "camera": camera_in(path),
         "frames_seen": seen, "seconds": candidates[-1].time, "notes": notes,
         "frames": [
-            {"name": name, "number": c.number, "time": c.time, "sharpness": c.sharpness,
-             "blurred": bool(b)}
+            {"name": name, "path": f"{IMAGES}/{name}", "number": c.number, "time": c.time,
+             "sharpness": c.sharpness, "blurred": bool(b)}
             for name, c, b in zip(names, chosen, unsharp, strict=True)
         ],
     }  # fmt: skip
@@ -118,7 +118,7 @@ def finished_capture(folder: Path, key: dict[str, Any]) -> Capture | None:
     figures = read_capture(folder)
     if figures is None or figures.get("key") != key:
         return None
-    whole = all((folder / IMAGES / row["name"]).is_file() for row in figures["frames"])
+    whole = all((folder / row["path"]).is_file() for row in figures["frames"])
     return Capture(folder, figures) if whole else None
 
 

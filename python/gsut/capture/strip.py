@@ -21,13 +21,13 @@ def write_strip(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
     """Writes strip.jpg: the pictures in order, with their times; blurred ones framed in red.
 
     Args:
-        folder: of a capture, with images/.
+        folder: of a capture.
         rows: "frames" of capture.json.
     """
     import cv2
 
     shown = [rows[i] for i in np.unique(np.linspace(0, len(rows) - 1, _MOST).round().astype(int))]
-    tiles = [_tile(folder / "images" / row["name"], row) for row in shown]
+    tiles = [_tile(folder / row["path"], row) for row in shown]
     width = max(tile.shape[1] for tile in tiles)
     lines = []
     for start in range(0, len(tiles), _COLUMNS):

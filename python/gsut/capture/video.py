@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +19,12 @@ import numpy as np
 from gsut._core import InputError
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".360", ".insv")
+# GoPro's firmware names since HERO9; before, HD8 is HERO8.
+_GOPRO = {
+    "HD9": "HERO9", "H19": "Max", "H21": "HERO10", "H22": "HERO11", "H23": "HERO12",
+    "H24": "HERO13",
+}  # fmt: skip
+_METADATA_BYTES = 4_000_000
 _CONVERT = "convert it: ffmpeg -i IN -c:v libx264 -crf 16 OUT.mp4"
 
 
@@ -97,6 +104,22 @@ def _opened(path: Path) -> Any:
         f"{path}: cannot be decoded as a video: it is damaged, or its codec is not known here; "
         + _CONVERT
     )
+
+
+def camera_in(path: Path) -> str:
+    """The camera's name for `find_lenses`, where the metadata of an MP4 or MOV has one; else ""."""
+    size = path.stat().st_size
+    with open(path, "rb") as file:  # the index stands at the beginning or at the end
+        data = file.read(_METADATA_BYTES)
+        if size > len(data):
+            file.seek(max(len(data), size - _METADATA_BYTES))
+            data += file.read()
+    firmware = re.search(rb"FIRM(HD\d+|H\d\d)\.", data)
+    if firmware:
+        code = firmware[1].decode()
+        return f"GoPro {_GOPRO.get(code, code.replace('HD', 'HERO'))}"
+    apple = re.search(rb"(iPhone|iPad) ?[A-Za-z0-9 ]{0,16}", data)
+    return f"Apple {apple[0].decode().strip()}" if apple else ""
 
 
 @contextlib.contextmanager

@@ -6,13 +6,14 @@ import argparse
 import dataclasses
 import functools
 import os
-import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
-from gsut.capture import Capture, extract_frames, is_video
+from gsut.capture import Capture, capture, is_video
 from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.data import find_lens_file
 from gsut.lens import is_lens_name, lens_by_name
 from gsut.run import Progress, add_option_flags, given_options
 from gsut.sfm import PosesOptions
@@ -20,6 +21,7 @@ from gsut.sfm import PosesOptions
 if TYPE_CHECKING:
     from gsut.sfm import PosesResult
 
+CAPTURED = "capture"  # folder of the pictures, in the output folder
 
 HELP = "camera poses and points of photographs, without COLMAP"
 DESCRIPTION = (
@@ -108,15 +110,9 @@ def run(arguments: argparse.Namespace) -> int:
         if options.pairs == "auto":
             options = dataclasses.replace(options, pairs="sequential")
     images, camera = arguments.images, arguments.camera
-    if is_video(images):
-        with Progress(not arguments.quiet) as bars:
-            capture = extract_frames(
-                images, Path(arguments.out) / "capture", count=arguments.frames,
-                on_progress=bars.show,
-            )  # fmt: skip
-        for note in capture.notes if not arguments.quiet else ():
-            print(f"gsut: note: {note}", file=sys.stderr)
-        images, options = capture.path, with_readout(options, camera, capture)
+    if arguments.rig is None and needs_capture(images, camera, arguments.unknown_lens):
+        taken = capture_with_bars([images], Path(arguments.out) / CAPTURED, arguments)
+        images, options = taken.path, with_readout(options, camera, taken)
     result = estimate_with_bars(
         images,
         arguments.out,
@@ -162,13 +158,34 @@ def estimate_with_bars(
         return estimate_poses(images, out, on_progress=bars.show, notes_to=bars.note, **settings)
 
 
-def with_readout(options: PosesOptions, camera: str | None, capture: Capture) -> PosesOptions:
+def needs_capture(images: str, camera: str | None, unknown_lens: bool) -> bool:
+    """Whether pictures are to be chosen, or to be asked for their lens, before poses are sought."""
+    path = Path(images)
+    if is_video(path):
+        return True
+    if not path.is_dir() or (path / "transforms.json").is_file():
+        return False
+    if camera is not None:
+        return is_lens_name(camera)
+    return unknown_lens or find_lens_file(path) is None
+
+
+def capture_with_bars(inputs: Sequence[str], out: Path, arguments: argparse.Namespace) -> Capture:
+    """`capture` with a progress bar and its notes, unless --quiet."""
+    with Progress(not arguments.quiet) as bars:
+        taken = capture(inputs, out, count=arguments.frames, on_progress=bars.show)
+        for note in taken.notes:
+            bars.note(note)
+    return taken
+
+
+def with_readout(options: PosesOptions, camera: str | None, taken: Capture) -> PosesOptions:
     """The options of a rolling shutter with the readout time of a lens that was given by name."""
     wanted = options.shutter == "rolling" and options.readout_time is None
     if not (wanted and camera and is_lens_name(camera)):
         return options
-    profile = lens_by_name(camera, tuple(capture.figures["size"]))
-    share = profile.readout_share(capture.figures["name_rate"])
+    profile = lens_by_name(camera, tuple(taken.figures["size"]))
+    share = profile.readout_share(taken.figures["name_rate"])
     backwards = (profile.readout_ms or 0) < 0
     direction = "bottom_to_top" if backwards else options.readout_direction
     return dataclasses.replace(options, readout_time=share, readout_direction=direction)

@@ -2,12 +2,19 @@
 
 from gsut.data.assemble import Frame
 from gsut.data.camera_path import read_path
-from gsut.data.capture_file import CAPTURE, capture_state, capture_times, read_capture
+from gsut.data.capture_file import CAPTURE, capture_state, read_capture
 from gsut.data.colmap import find_mask
 from gsut.data.doctor import diagnose, findings_text
 from gsut.data.findings import DatasetError, Finding, some_names
 from gsut.data.folder import find_images, find_lens_file
-from gsut.data.images import decode_image, decode_mask, read_header, shrink_image, shrink_mask
+from gsut.data.images import (
+    IMAGE_SUFFIXES,
+    decode_image,
+    decode_mask,
+    read_header,
+    shrink_image,
+    shrink_mask,
+)
 from gsut.data.load import load_dataset, read_dataset
 from gsut.data.poses import inverse, rigid_transform
 from gsut.data.scene import Scene, View
@@ -17,6 +24,7 @@ from gsut.data.write_nerfstudio import points_ply, write_transforms
 
 __all__ = [
     "CAPTURE",
+    "IMAGE_SUFFIXES",
     "DatasetError",
     "Finding",
     "Frame",
@@ -25,7 +33,6 @@ __all__ = [
     "TrainingViews",
     "View",
     "capture_state",
-    "capture_times",
     "decode_image",
     "decode_mask",
     "diagnose",

@@ -14,19 +14,15 @@ CAPTURE = "capture.json"
 def read_capture(folder: Path) -> dict[str, Any] | None:
     """The content of FOLDER/capture.json; None where there is none.
 
-    "frames" holds one object a picture: name, and where known time (seconds).
+    "frames" holds one object a picture: name, path (from FOLDER), and where known time (seconds)
+    and mask (a path, too); "focal_px" the focal length that the pictures name, "camera" who took
+    them, and "notes" what the user should know.
 
     Raises:
         DatasetError: the file is not JSON.
     """
     path = folder / CAPTURE
     return read_json(path) if path.is_file() else None
-
-
-def capture_times(folder: Path) -> dict[str, float]:
-    """Seconds by the names of the pictures, where capture.json says them."""
-    rows = (read_capture(folder) or {}).get("frames", [])
-    return {row["name"]: row["time"] for row in rows if row.get("time") is not None}
 
 
 def capture_state(paths: Sequence[Path]) -> list[list[Any]]:
