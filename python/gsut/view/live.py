@@ -126,6 +126,6 @@ class LiveTraining:
         last = self._history[-1] if self._history else {}
         state = "stopping" if self._stopped and self._state != "finished" else self._state
         return Reply({
-            "state": state, "step": self._step, "steps": self._steps, "history": list(self._history),
-            "num_gaussians": last.get("num_gaussians", 0),
+            "state": state, "step": self._step, "steps": self._steps,
+            "history": list(self._history), "num_gaussians": last.get("num_gaussians", 0),
         })  # fmt: skip

@@ -339,7 +339,7 @@ function choosePhotograph(index) {
   const view = index === null ? null : scene.views[index];
   $("photo-name").textContent = view ? view.name + (view.held_out ? " (held out)" : "") : "none chosen";
   const error = document.querySelector("input[name=modes][value=error]");
-  if (error) error.disabled = !view || !scene.num_gaussians;
+  if (error) error.disabled = !view;
   $("photo").hidden = $("wipe").hidden = true;
   if (!view) return clearInterval(flicker);
   const photo = $("photo"), width = Math.round(size()[0] * devicePixelRatio);

@@ -10,7 +10,7 @@ import gsut
 import rendered_dataset
 from gsut.view import LiveTraining
 
-STEPS = 30
+STEPS = 24
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def scene(tmp_path_factory):
 
 
 def options(**changes):
-    return gsut.TrainOptions(steps=STEPS, eval_every=15, init_count=500, **changes)
+    return gsut.TrainOptions(steps=STEPS, eval_every=12, init_count=500, **changes)
 
 
 def request(scene, **changes):
@@ -55,6 +55,8 @@ def test_training_that_is_looked_at_has_the_same_bits(scene, changes):
             for mode in ("color", "distance", "centers", "error"):
                 seen.append(pixels(live.session.frame(request(scene, mode=mode))))
 
+            over.wait(0.01)
+
     looker = threading.Thread(target=look)
     looker.start()
     watched = gsut.train(scene, options(**changes), progress=False, watch=live.watch)
@@ -80,7 +82,7 @@ def test_training_pauses_goes_on_and_stops_with_what_there_is(scene, tmp_path):
         if loop.step == 10:
             told(action="pause")
             threading.Thread(target=drawn_and_resumed, args=(loop,)).start()
-        if loop.step == 25:
+        if loop.step == 16:
             told(action="stop")
         return live.watch(loop, row)
 
@@ -94,12 +96,12 @@ def test_training_pauses_goes_on_and_stops_with_what_there_is(scene, tmp_path):
 
     result = gsut.train(scene, options(), out=tmp_path / "run", progress=False, watch=watch)
     live.finish(result.gaussians)
-    assert steps == list(range(1, 26))
+    assert steps == list(range(1, 17))
     assert paused["step"] == 10
     assert paused["told"]["state"] == "paused"
     assert paused["told"]["history"][-1]["step"] == 10
     assert paused["first"].any()
-    assert result.metrics["steps"] == 25
+    assert result.metrics["steps"] == 16
     assert (tmp_path / "run/scene.ply").is_file()
     assert (tmp_path / "run/report.html").is_file()
     assert told()["state"] == "finished"
