@@ -386,6 +386,9 @@ def render_lines_reference_backward(
 
 # --- loss -----------------------------------------------------------------------------------------
 
+class FalloffPlane:
+    def __init__(self, values: NDArray[Any]) -> None: ...
+
 class PhotometricTarget:
     def __init__(
         self,
@@ -406,6 +409,12 @@ class PhotometricTarget:
     def window_rule(self) -> str: ...
     @property
     def nbytes(self) -> int: ...
+    def set_light(
+        self, inverse_gain: Sequence[float], inverse_falloff: FalloffPlane | None = None
+    ) -> None: ...
+    def light_sums(
+        self, image: NDArray[np.float32], bins: NDArray[np.uint8] | None = None, num_bins: int = 1
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
     def value(
         self, image: NDArray[np.float32], ssim_weight: float = 0.2
     ) -> tuple[float, float, float]: ...

@@ -14,6 +14,7 @@ from typing import Any
 from gsut.cli._flags import add_json, add_quiet, print_json
 from gsut.cli.view import add_view_flags, announce, wait_for_end
 from gsut.run import (
+    COMMON_OPTIONS,
     METRICS,
     OPTIONS,
     REPORT,
@@ -52,7 +53,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "training or stop it and keep what there is; it stays until Ctrl-C",
     )
     add_view_flags(parser)
-    add_option_flags(parser, TrainOptions)
+    add_option_flags(parser, TrainOptions, COMMON_OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -20,7 +20,9 @@ def scene(tmp_path_factory):
 
 
 def options(**changes):
-    return gsut.TrainOptions(steps=STEPS, eval_every=12, init_count=500, **changes)
+    return gsut.TrainOptions(
+        steps=STEPS, eval_every=12, init_count=500, max_gaussians=600, **changes
+    )
 
 
 def request(scene, **changes):
