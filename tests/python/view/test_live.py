@@ -9,6 +9,7 @@ import pytest
 import gsut
 import rendered_dataset
 from gsut.view import LiveTraining
+from gsut.view.frames import MODES
 
 STEPS = 24
 
@@ -50,24 +51,25 @@ def poses(scene):
 def test_training_that_is_looked_at_has_the_same_bits(scene, changes):
     alone = gsut.train(scene, options(**changes), progress=False)
     live = LiveTraining(scene, options(**changes))
-    over, seen = threading.Event(), []
+    seen = []
 
-    def look():
-        while not over.is_set():
-            for mode in ("color", "distance", "centers", "error"):
-                seen.append(pixels(live.session.frame(request(scene, mode=mode))))
+    def look(mode):
+        seen.append(pixels(live.session.frame(request(scene, mode=mode))))
 
-            over.wait(0.01)
+    def watch(loop, row):
+        live.watch(loop, {})  # from here on frames are drawn between steps
+        looker = threading.Thread(target=look, args=(MODES[loop.step % len(MODES)],))
+        looker.start()
+        while looker.is_alive():
+            assert live.watch(loop, {})
+        looker.join()
+        return live.watch(loop, row)
 
-    looker = threading.Thread(target=look)
-    looker.start()
-    watched = gsut.train(scene, options(**changes), progress=False, watch=live.watch)
+    watched = gsut.train(scene, options(**changes), progress=False, watch=watch)
     live.finish(watched.gaussians)
-    over.set()
-    looker.join()
-    assert len(seen) > 10
+    assert len(seen) == STEPS
     assert bits(watched) == bits(alone)
-    assert len({picture.tobytes() for picture in seen[::4]}) > 2  # it was drawn on the way
+    assert len({picture.tobytes() for picture in seen}) == STEPS
     truth = gsut.render(watched.gaussians, scene.cameras[0], scene.views[0].camera_from_world)
     last = pixels(live.session.frame(request(scene)))
     np.testing.assert_array_equal(last, gsut.to_uint8(truth.image))
