@@ -132,6 +132,8 @@ class Scene:
         notes: what was left out or changed on loading, one sentence each.
         file_cameras: the cameras at the size of the image files, if `cameras` are smaller.
         larger: the same scene at a larger size, whose images are shrunk in place of the files'.
+        decodes_small: JPEG files of twice the scene's size and more are decoded at a part of
+            their size: see `decode_image`.
 
     Any sequences are taken and kept as tuples, arrays are read-only; `replace` makes another scene.
     """
@@ -147,6 +149,7 @@ class Scene:
     notes: tuple[str, ...] = ()
     file_cameras: tuple[Camera, ...] = ()
     larger: Scene | None = None
+    decodes_small: bool = False
     _images: _LruCache = dataclasses.field(init=False)
     _masks: _LruCache = dataclasses.field(init=False)
 
@@ -228,7 +231,9 @@ class Scene:
         ]  # fmt: skip
         return self.replace(cameras=cameras, file_cameras=file_cameras)
 
-    def scaled(self, factor: float, *, keep_larger: bool = False) -> Scene:
+    def scaled(
+        self, factor: float, *, keep_larger: bool = False, decodes_small: bool = False
+    ) -> Scene:
         """The same scene with images of `factor` (0 to 1] times the size.
 
         Images are averaged over areas; intrinsics scale about the pixel corner.
@@ -237,6 +242,8 @@ class Scene:
             factor: of the size.
             keep_larger: shrink this scene's own images and keep them, in place of the files'; for
                 when both sizes are needed: each file is decoded once.
+            decodes_small: JPEG files are decoded at a part of their size where that is enough:
+                faster, and other bits than by areas of the whole.
         """
         if not 0 < factor <= 1:
             raise InputError(f"scale must be above 0 and at most 1, found {factor}; use e.g. 0.5")
@@ -246,9 +253,13 @@ class Scene:
         ]
         # Images of other pixels: nothing that is decoded can be shared.
         scene = dataclasses.replace(
-            self, cameras=tuple(cameras), larger=self if keep_larger else None
+            self, cameras=tuple(cameras), larger=self if keep_larger else None,
+            decodes_small=decodes_small or self.decodes_small,
+        )  # fmt: skip
+        scene._keep_centred(
+            self,
+            lambda near: near.scaled(factor, keep_larger=keep_larger, decodes_small=decodes_small),
         )
-        scene._keep_centred(self, lambda near: near.scaled(factor, keep_larger=keep_larger))
         return scene
 
     def __len__(self) -> int:
@@ -328,9 +339,11 @@ class Scene:
             if valid is not None:
                 valid = shrink_mask(valid, camera.width, camera.height)
             return shrink_image(pixels, camera.width, camera.height), valid
-        pixels, valid = decode_image(view.image_path)
         full = self.file_cameras[view.camera_index]
-        if pixels.shape[:2] != (full.height, full.width):
+        part = self._reduction(camera, full) if self.decodes_small else 1
+        pixels, valid = decode_image(view.image_path, part)
+        sizes = [(-(-full.height // by), -(-full.width // by)) for by in (1, part)]
+        if pixels.shape[:2] not in sizes:
             raise DatasetError(
                 view.image_path,
                 f"the image is {pixels.shape[1]} x {pixels.shape[0]},"
@@ -340,6 +353,12 @@ class Scene:
         if valid is not None:
             valid = None if valid.all() else shrink_mask(valid, camera.width, camera.height)
         return shrink_image(pixels, camera.width, camera.height), valid
+
+    @staticmethod
+    def _reduction(camera: Camera, full: Camera) -> int:
+        """The largest part of a file's size that is not smaller than the scene's."""
+        least = min(full.width / camera.width, full.height / camera.height)
+        return next(part for part in (8, 4, 2, 1) if part <= max(1.0, least))
 
     def _make_mask(self, view: View) -> np.ndarray:
         camera = self.cameras[view.camera_index]
