@@ -109,6 +109,38 @@ def decode_image(path: Path, reduction: int = 1) -> tuple[np.ndarray, np.ndarray
     )
 
 
+def decode_scaled(
+    path: Path, full: tuple[int, int], size: tuple[int, int], *, in_parts: bool
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Decodes an image and shrinks it by areas.
+
+    Args:
+        path: the file.
+        full: width and height that the file must have.
+        size: width and height wanted, not larger.
+        in_parts: a JPEG may be decoded at a part of its size that is not smaller than `size`:
+            faster, and other bits than by areas of the whole.
+
+    Returns:
+        See `decode_image`; the second is None where all is valid.
+
+    Raises:
+        DatasetError: cannot be decoded, or has another size.
+    """
+    least = max(1.0, min(full[0] / size[0], full[1] / size[1]))
+    part = next(part for part in (8, 4, 2, 1) if part <= least) if in_parts else 1
+    pixels, valid = decode_image(path, part)
+    if pixels.shape[:2] not in [(-(-full[1] // by), -(-full[0] // by)) for by in (1, part)]:
+        raise DatasetError(
+            path,
+            f"the image is {pixels.shape[1]} x {pixels.shape[0]}, expected {full[0]} x {full[1]}",
+            "the file changed after the dataset was loaded: load it again",
+        )
+    if valid is not None:
+        valid = None if valid.all() else shrink_mask(valid, *size)
+    return shrink_image(pixels, *size), valid
+
+
 def _decode(path: Path, reduction: int = 1) -> np.ndarray:
     import cv2
 

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError, Shutter
-from gsut.data.findings import DatasetError
-from gsut.data.images import decode_image, shrink_image, shrink_mask
+from gsut.data.images import decode_scaled, shrink_image, shrink_mask
 from gsut.data.masks import lens_mask, read_mask
 from gsut.lens import Camera
 
@@ -132,8 +131,7 @@ class Scene:
         notes: what was left out or changed on loading, one sentence each.
         file_cameras: the cameras at the size of the image files, if `cameras` are smaller.
         larger: the same scene at a larger size, whose images are shrunk in place of the files'.
-        decodes_small: JPEG files of twice the scene's size and more are decoded at a part of
-            their size: see `decode_image`.
+        decodes_small: JPEG files are decoded at a part of their size: see `decode_scaled`.
 
     Any sequences are taken and kept as tuples, arrays are read-only; `replace` makes another scene.
     """
@@ -242,8 +240,7 @@ class Scene:
             factor: of the size.
             keep_larger: shrink this scene's own images and keep them, in place of the files'; for
                 when both sizes are needed: each file is decoded once.
-            decodes_small: JPEG files are decoded at a part of their size where that is enough:
-                faster, and other bits than by areas of the whole.
+            decodes_small: see the attribute.
         """
         if not 0 < factor <= 1:
             raise InputError(f"scale must be above 0 and at most 1, found {factor}; use e.g. 0.5")
@@ -340,25 +337,8 @@ class Scene:
                 valid = shrink_mask(valid, camera.width, camera.height)
             return shrink_image(pixels, camera.width, camera.height), valid
         full = self.file_cameras[view.camera_index]
-        part = self._reduction(camera, full) if self.decodes_small else 1
-        pixels, valid = decode_image(view.image_path, part)
-        sizes = [(-(-full.height // by), -(-full.width // by)) for by in (1, part)]
-        if pixels.shape[:2] not in sizes:
-            raise DatasetError(
-                view.image_path,
-                f"the image is {pixels.shape[1]} x {pixels.shape[0]},"
-                f" expected {full.width} x {full.height}",
-                "the file changed after the dataset was loaded: load it again",
-            )
-        if valid is not None:
-            valid = None if valid.all() else shrink_mask(valid, camera.width, camera.height)
-        return shrink_image(pixels, camera.width, camera.height), valid
-
-    @staticmethod
-    def _reduction(camera: Camera, full: Camera) -> int:
-        """The largest part of a file's size that is not smaller than the scene's."""
-        least = min(full.width / camera.width, full.height / camera.height)
-        return next(part for part in (8, 4, 2, 1) if part <= max(1.0, least))
+        sizes = (full.width, full.height), (camera.width, camera.height)
+        return decode_scaled(view.image_path, *sizes, in_parts=self.decodes_small)
 
     def _make_mask(self, view: View) -> np.ndarray:
         camera = self.cameras[view.camera_index]
