@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import re
 import shlex
 from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 
 import gsut
+import tolerances
 from generate import PAGES, ROOT, page
 from gsut.cli import build_parser, main
 from gsut.demo import make_demo_scene
@@ -81,6 +84,21 @@ def test_python_of_the_pages_runs(block, data, monkeypatch):
     monkeypatch.chdir(data)
     with contextlib.redirect_stdout(io.StringIO()):
         exec(compile(block.text, label(block), "exec"), {"__name__": "__main__"})
+
+
+def test_the_readmes_snippet_gives_the_psnr_that_eval_gives(data, monkeypatch, capsys):
+    monkeypatch.chdir(data)
+    found: dict = {}
+    snippet = next(b for b in of("python", runs=True) if 'load_ply("RUN/scene.ply")' in b.text)
+    assert snippet.page == "README.md"
+    exec(snippet.text, found)
+    scene = found["scene"]
+    photograph = scene.image(0).astype(np.float32) / 255
+    psnr = gsut.psnr(np.clip(found["rendered"].image, 0, 1), photograph, scene.mask(0))
+    assert main(["eval", "RUN", "--split", "all", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["views"]
+    wanted = next(row["psnr"] for row in rows if row["name"] == scene.views[0].name)
+    assert abs(psnr - wanted) < tolerances.SAME_FRAME_DB
 
 
 @pytest.mark.parametrize("block", of("python", runs=False), ids=label)

@@ -76,25 +76,24 @@ def _scene_of(source: Path) -> Path:
 
 
 def _lowered(gaussians: Any, degree: int) -> Any:
-    from gsut.gaussians import Gaussians
+    import dataclasses
 
-    g = gaussians
-    if g.sh_degree <= degree:
-        return g
-    kept = g.sh[:, : (degree + 1) ** 2]
-    return Gaussians(g.means, g.quats, g.log_scales, g.opacity_logits, kept)
+    if gaussians.sh_degree <= degree:
+        return gaussians
+    return dataclasses.replace(gaussians, sh=gaussians.sh[:, : (degree + 1) ** 2])
 
 
 def _write(out: Path, gaussians: Any, settings: Any) -> dict[str, Any]:
     """Writes, and reads again what was written: the errors are those of the file."""
-    from gsut.formats import format_of, largest_errors, load_gaussians, save_gaussians
+    from gsut.formats import for_file, format_of, largest_errors, load_gaussians, save_gaussians
 
     started = time.perf_counter()
     written = save_gaussians(out, gaussians, settings)
     seconds = time.perf_counter() - started
     errors = None
     if format_of(out).read is not None:
-        errors = largest_errors(gaussians[written.rows], load_gaussians(out))
+        stored: Any = for_file(gaussians)
+        errors = largest_errors(stored[written.rows], load_gaussians(out))
     return {
         "bytes": out.stat().st_size,
         "write_seconds": seconds,

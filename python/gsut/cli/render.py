@@ -124,9 +124,11 @@ def _low_passed(
     gaussians: Any, camera: Any, place: np.ndarray | CameraMotion, pixels: float
 ) -> Any:
     from gsut.gaussians import filter_radii, low_pass
+    from gsut.render import place_about
 
     if not pixels:
         return gaussians
+    place = place_about(place, gaussians.origin)
     poses = [place.start, place.end] if isinstance(place, CameraMotion) else [place]
     radii = filter_radii(gaussians.means, [camera] * len(poses), np.stack(poses), pixels)
     return low_pass(gaussians, radii)

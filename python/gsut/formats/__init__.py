@@ -18,6 +18,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.formats._errors import largest_errors
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written
+from gsut.formats._origin import for_file, place_text
 from gsut.formats.ply import load_ply, save_ply
 from gsut.gaussians import Gaussians
 
@@ -27,11 +28,13 @@ __all__ = [
     "WriteSettings",
     "Written",
     "drawable",
+    "for_file",
     "format_of",
     "formats",
     "largest_errors",
     "load_gaussians",
     "load_ply",
+    "place_text",
     "read_scene_file",
     "save_gaussians",
     "save_ply",
@@ -129,8 +132,8 @@ def save_gaussians(
 
     Args:
         path: the file, written whole or not at all; what was there before is replaced.
-        gaussians: float64 is rounded to float32. Those that cannot be drawn (see `drawable`) are
-            left out, but for `PLY`, which keeps every row.
+        gaussians: written in world coordinates, in float32 (see `for_file`). Those that cannot be
+            drawn (see `drawable`) are left out, but for `PLY`, which keeps every row.
         settings: where a format leaves a choice.
 
     Returns:
@@ -142,14 +145,17 @@ def save_gaussians(
     """
     path = Path(path)
     chosen = format_of(path)
-    g = gaussians.astype(np.float32)
+    g = for_file(gaussians)
     good = drawable(g)
     if not good.any():
         raise InputError(f"{path}: there is no Gaussian to write")
     kept = np.flatnonzero(good)
     written = chosen.write(path, g if good.all() else g[good], settings or WriteSettings())
     rows = kept if written.rows is None else kept[written.rows]
-    return Written(rows, {k: v for k, v in written.clipped.items() if v}, written.left_out)
+    left_out = written.left_out
+    if g.origin.any() and not chosen.keeps_origin:
+        left_out += (f"where the scene lies: the file holds {place_text(g.origin)}",)
+    return Written(rows, {k: v for k, v in written.clipped.items() if v}, left_out)
 
 
 def drawable(gaussians: Gaussians) -> np.ndarray:

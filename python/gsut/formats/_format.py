@@ -73,6 +73,8 @@ class Format:
         read: path -> SceneFile; None: gsut only writes this format.
         holds: whether a file that begins with these bytes may be of this format; of formats with
             one suffix, the one that says yes reads.
+        keeps_origin: the file says where its zero lies in the world, and `read` gives it back as
+            `Gaussians.origin`; without it the zero of a scene far from the world's is lost.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Format:
     write: Callable[[Path, Gaussians, WriteSettings], Written]
     read: Callable[[Path], SceneFile] | None
     holds: Callable[[bytes], bool]
+    keeps_origin: bool = False
 
 
 def check_claim(path: Path, count: int, size: int, what: str = "Gaussians") -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.files import whole_file
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
+from gsut.formats._origin import origin_comments, origin_in
 from gsut.formats._quantize import (
     from_smallest_three,
     logit_of,
@@ -17,7 +18,7 @@ from gsut.formats._quantize import (
     smallest_three,
     to_bytes,
 )
-from gsut.formats.ply import PACKED, antialiased_comment, is_antialiased
+from gsut.formats.ply import PACKED, antialiased_comment, comments_of, is_antialiased
 from gsut.gaussians import SH_C0, Gaussians
 
 _CHUNK = 256
@@ -51,7 +52,8 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     sh, clipped = to_bytes((rest / _SH_RANGE + 0.5) * 256 - 0.5)
     chunks = np.concatenate([position_bounds, scale_bounds, color_bounds], axis=1).astype("<f4")
     with whole_file(path) as temporary, open(temporary, "wb") as file:
-        file.write(_header(len(g), rest.shape[1], antialiased_comment(settings.antialiased)))
+        comments = [antialiased_comment(settings.antialiased), *origin_comments(gaussians)]
+        file.write(_header(len(g), rest.shape[1], comments))
         for array in (chunks, vertices, sh):
             file.write(array.tobytes())
     counts = {
@@ -61,9 +63,10 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     return Written(order, counts)
 
 
-def _header(count: int, harmonics: int, comment: str) -> bytes:
-    lines = ["ply", "format binary_little_endian 1.0", "comment written by gsut"]
-    lines += [f"comment {comment}", f"element chunk {-(-count // _CHUNK)}"]
+def _header(count: int, harmonics: int, comments: list[str]) -> bytes:
+    lines = ["ply", "format binary_little_endian 1.0"]
+    lines += [f"comment {comment}" for comment in ("written by gsut", *comments)]
+    lines += [f"element chunk {-(-count // _CHUNK)}"]
     lines += [f"property float {name}" for name in _BOUNDS]
     lines += [f"element vertex {count}", *(f"property uint {name}" for name in _PACKED)]
     if harmonics:
@@ -141,7 +144,7 @@ def _read(path: Path) -> SceneFile:
             between(6, _unpack(words[:, 2], _THREE_BITS)),
             logit_of(rgba[:, 3]),
             np.concatenate([constant[:, None], rest.transpose(0, 2, 1)], axis=1),
-        ),
+        ).translated(origin_in(comments_of(path), path)),
         is_antialiased(path),
     )
 
@@ -186,4 +189,5 @@ FORMAT = Format(
     _write,
     _read,
     lambda head: head.startswith(b"ply") and PACKED in head,
+    keeps_origin=True,
 )

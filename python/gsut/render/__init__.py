@@ -1,14 +1,23 @@
 """Rendering and projection, metrics, camera paths, pictures and videos."""
 
+from gsut.render.light import (
+    Falloff,
+    Light,
+    falloff_basis,
+    field_angles,
+    interpolated_gains,
+)
 from gsut.render.metrics import (
     RING_EDGES_DEGREES,
     Ring,
     color_corrected_psnr,
+    half_image_psnr,
     psnr,
     ring_psnr,
     ssim,
     weighted_psnr,
 )
+from gsut.render.motion import place_about
 from gsut.render.paths import orbit_path, smooth_path
 from gsut.render.pictures import picture_stems, to_uint8, write_png, write_video
 from gsut.render.projection import METHODS, Projection, project
@@ -18,13 +27,20 @@ __all__ = [
     "DEFAULT_UNSCENTED",
     "METHODS",
     "RING_EDGES_DEGREES",
+    "Falloff",
     "Gradients",
+    "Light",
     "Projection",
     "Render",
     "Ring",
     "color_corrected_psnr",
+    "falloff_basis",
+    "field_angles",
+    "half_image_psnr",
+    "interpolated_gains",
     "orbit_path",
     "picture_stems",
+    "place_about",
     "project",
     "psnr",
     "render",

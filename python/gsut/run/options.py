@@ -199,6 +199,10 @@ class TrainOptions:
         0.2, "Loss", "loss = (1 - w) L1 + w (1 - SSIM)", low=0.0, high=1.0,
         reason="published; 0 costs 0.66 dB PSNR",
     )
+    exposure: str = option(
+        "auto", "Loss", "exposure and white balance of each photograph are found and taken out: "
+        "on, off, or auto: where photographs differ", choices=("auto", "on", "off"),
+    )
     opacity_regularizer: float = option(
         0.01, "Loss", "weight of the mean opacity", low=0.0, high=100.0, reason="published (MCMC)")
     scale_regularizer: float = option(

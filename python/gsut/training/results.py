@@ -7,9 +7,10 @@ from typing import Any
 
 from gsut.data import Scene
 from gsut.evaluate import evaluate, run_metrics, write_report
-from gsut.formats import save_ply
+from gsut.formats import for_file, place_text, save_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import evaluate_aligned, write_refined
+from gsut.render import Light
 from gsut.run import RunFolder, TrainOptions
 from gsut.training.loop import TrainingLoop
 
@@ -26,6 +27,7 @@ def measure(
     steps: int,
     train_seconds: float,
     align: bool = False,
+    light: Light | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
     """The content of metrics.json; with `align` test views are aligned with the Gaussians first.
 
@@ -36,12 +38,14 @@ def measure(
         run: gets pictures of these views.
         steps, train_seconds: see `run_metrics`.
         align: for a scene whose training views' poses have moved.
+        light: exposure of the views and falloff of the cameras, if they were found.
 
     Returns:
         The scene, with the aligned poses, and the figures.
     """
     settings: dict[str, Any] = {
         "background": options.background,
+        "light": light,
         "render_folder": None if run is None else run.renders,
     }
     if align and scene.test_indices:
@@ -51,6 +55,9 @@ def measure(
     metrics = run_metrics(
         evaluation, gaussians, scene, options, steps=steps, train_seconds=train_seconds
     )
+    if light is not None:
+        metrics["light"] = light.as_dict([view.name for view in scene.views])
+        metrics["notes"].append(light.note())
     metrics["evaluated_on"] = "test views" if scene.test_indices else "training views"
     return scene, metrics
 
@@ -62,6 +69,7 @@ def measure_training(
     scene, metrics = measure(
         gaussians, scene, scene.test_indices or scene.train_indices[:_MOST_MEASURED], loop.options,
         run, steps=loop.step, train_seconds=loop.seconds, align=loop.options.refine_poses,
+        light=loop.photographs.light(),
     )  # fmt: skip
     if loop.refiner is not None:
         metrics["refinement"] = loop.refiner.figures()
@@ -75,13 +83,15 @@ def write_results(
 
     Args:
         run: the folder.
-        gaussians: of the scene; MixedGaussians do, too.
+        gaussians: in the coordinates whose zero lies at the metrics' world_offset.
         metrics: see `run_metrics`; what could not be written is added to its notes.
         refined: the scene with refined poses, or None.
     """
-    offset = " ".join(f"{value:.17g}" for value in metrics["world_offset"])
-    comment = f"gsut: dataset coordinates = these + {offset}"
-    run.write("scene.ply", lambda path: save_ply(path, gaussians, comments=(comment,)))
+    in_dataset = gaussians.translated(metrics["world_offset"])
+    if for_file(in_dataset).origin.any():
+        place = place_text(in_dataset.origin)
+        metrics["notes"].append(f"scene.ply holds {place}; its comment says so, gsut reads it back")
+    run.write("scene.ply", lambda path: save_ply(path, in_dataset))
     if refined is not None:
         metrics["notes"] += _refinement_notes(metrics)
         write_refined(run, refined)

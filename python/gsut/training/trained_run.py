@@ -9,12 +9,16 @@ from gsut.data import Scene, load_dataset
 from gsut.formats import load_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import read_refined
-from gsut.run import ENVIRONMENT, SCENE, RunFolder, TrainOptions
+from gsut.render import Light
+from gsut.run import ENVIRONMENT, METRICS, SCENE, RunFolder, TrainOptions
 from gsut.training.start import prepare_scene
 
 
 def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene, Gaussians]:
-    """Options, scene with the poses that the run refined (if it did), and Gaussians of a run."""
+    """Options, scene with the poses that the run refined (if it did), and Gaussians of a run.
+
+    Scene and Gaussians are in the dataset's coordinates.
+    """
     path = run.path / SCENE
     if not path.is_file():
         raise InputError(f"{path} is absent: the run is not finished; resume it")
@@ -27,3 +31,9 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene,
     scene = load_dataset(data, test_every=options.test_every, test_names=options.test_names)
     scene = read_refined(run, prepare_scene(scene, options))
     return options, scene, load_ply(path)
+
+
+def read_light(run: RunFolder, scene: Scene) -> Light | None:
+    """The light that the run found of the scene's photographs; None where it looked for none."""
+    found = (run.read_json(METRICS) or {}).get("light")
+    return None if found is None else Light.from_dict(found, [view.name for view in scene.views])
