@@ -10,6 +10,7 @@ from typing import Any
 
 from gsut.cli._flags import add_json, add_quiet, print_json
 from gsut.run import (
+    COMMON_OPTIONS,
     METRICS,
     OPTIONS,
     REPORT,
@@ -41,7 +42,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     add_quiet(parser)
     add_json(parser)
-    add_option_flags(parser, TrainOptions)
+    add_option_flags(parser, TrainOptions, COMMON_OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -70,7 +71,9 @@ def train_into(
 
     scene = gsut.load_dataset(data, test_every=options.test_every, test_names=options.test_names)
     if not quiet:
-        for note in scene.notes:
+        from gsut.training import size_note
+
+        for note in filter(None, (*scene.notes, size_note(scene, options))):
             print(f"gsut: note: {note}", file=sys.stderr)
     try:
         gsut.train(scene, options, out=run.path, resume=resume, progress=not quiet)
