@@ -125,20 +125,7 @@ def _begin(folder: RunFolder, arguments: argparse.Namespace) -> dict[str, Any]:
     """
     key = {
         "inputs": [str(Path(name).resolve()) for name in arguments.inputs],
-        **{
-            name: getattr(arguments, name)
-            for name in (
-                "preset",
-                "steps",
-                "camera",
-                "fov",
-                "frames",
-                "nadir_cap",
-                "zenith_cap",
-                "shutter",
-                "seed",
-            )
-        },
+        **{name: getattr(arguments, name) for name in _SETTINGS},
     }
     state = folder.read_json(STATE)
     if state is None:
