@@ -46,9 +46,11 @@ struct StructureOptions {
   int local_images = 6;            // adjusted when one is registered, with those that see the most
                                    // of its points
   int initial_trials = 10;         // pairs tried as the first one
-  double enough_registered = 0.6;  // share of the images; with fewer, it starts from another pair
+  // Share of the images with matches; with fewer, it starts from another pair.
+  double enough_registered = 0.6;
   int most_restarts = 3;
-  // Parameters of each camera that are estimated too, one flag each (empty: none).
+  // Parameters of each camera that are estimated too, one flag each (empty: none), see
+  // lens_parameters.h.
   std::vector<std::vector<std::uint8_t>> lens_free;
   bool lens_settled = false;  // they are nearly right: it is enough to estimate them at the end
   // Rolling shutters: how lines are read; each image then has a velocity of its own. rolling_error:

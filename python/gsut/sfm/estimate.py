@@ -19,7 +19,8 @@ from gsut.run import Stopwatch
 from gsut.sfm.correspondences import OnProgress, collect_features, match_images
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs, find_photographs, require_central
-from gsut.sfm.lens_search import guess_lenses, search_lens
+from gsut.sfm.lens_candidates import guess_lenses
+from gsut.sfm.lens_search import search_lens
 from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import FIGURES, TRANSFORMS, figures, write_dataset
@@ -149,7 +150,7 @@ def estimate_poses(
             solution = run(photographs, features, pairs, options, log.on_images("mapping"))
         else:
             search = search_lens(
-                photographs, features, pairs, raw, options, fov_degrees, log.show, shutter
+                photographs, features, raw, options, fov_degrees, log.show, shutter
             )
             solution, pairs, extra["lens_search"] = search.solution, search.pairs, search.rows
         log.watch.lap("mapping")
