@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 import gsut
+from gsut.gaussians import SH_C0
 from random_scenes import pinhole
 
 VIEWS = 12
@@ -90,7 +91,7 @@ def write_dataset(
     }  # fmt: skip
     if with_points:
         points = g.means + 0.02 * rng.normal(size=g.means.shape)
-        colors = 255 * np.clip(0.5 + g.sh[:, 0] * 0.28209479, 0, 1)
+        colors = 255 * np.clip(0.5 + g.sh[:, 0] * SH_C0, 0, 1)
         _write_points(path / "points3D.ply", points, colors)
         content["ply_file_path"] = "points3D.ply"
     (path / "transforms.json").write_text(json.dumps(content))

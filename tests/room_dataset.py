@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 import gsut
+from gsut.gaussians import SH_C0
 from gsut.refine.pose_files import write_refined
 from gsut.run.folder import TRANSFORMS, RunFolder
 from random_scenes import fisheye
@@ -61,6 +62,6 @@ def write_room(path: Path, rng: np.random.Generator, width: int = 64) -> Path:
     write_refined(RunFolder(path), scene)
     content = json.loads((path / TRANSFORMS).read_text())
     points = g.means + 0.02 * rng.normal(size=g.means.shape)
-    _write_points(path / "points3D.ply", points, 255 * np.clip(0.5 + g.sh[:, 0] * 0.28209479, 0, 1))
+    _write_points(path / "points3D.ply", points, 255 * np.clip(0.5 + g.sh[:, 0] * SH_C0, 0, 1))
     (path / TRANSFORMS).write_text(json.dumps({**content, "ply_file_path": "points3D.ply"}))
     return path

@@ -107,15 +107,11 @@ GaussiansView<float> Rows(const py::object& params, std::int64_t size) {
 
 py::tuple Densify(const py::object& params, const py::object& moment1, const py::object& moment2,
                   std::int64_t size, std::int64_t target_size, const py::object& weights,
-                  double dead_opacity, double max_scale, bool split, double split_power,
-                  std::uint64_t seed, std::int64_t step) {
+                  double dead_opacity, std::uint64_t seed, std::int64_t step) {
   const TrainingState state = State(params, moment1, moment2, size);
   const float* weight_data = ConstData<float>(weights, "weights", {size});
   McmcOptions options;
   options.dead_opacity = dead_opacity;
-  options.max_scale = max_scale;
-  options.placement = split ? McmcPlacement::kSplit : McmcPlacement::kSamePlace;
-  options.split_power = split_power;
   options.seed = seed;
   options.step = step;
   McmcCounts counts;
@@ -140,16 +136,6 @@ void Regularize(const py::object& params, std::int64_t size, const py::object& g
   float* log_scales = MutableData<float>(grad_log_scales, "log-scale gradients", {size, 3});
   const py::gil_scoped_release release;
   AddMcmcRegularizer(view.AsConst(), size, opacity_weight, scale_weight, logits, log_scales);
-}
-
-py::tuple SamePlace(double opacity, int n) {
-  if (!(opacity > 0.0 && opacity < 1.0) || n < 1 || n > kMcmcMaxCopies) {
-    throw InputError("mcmc_same_place needs 0 < opacity < 1 and 1 <= n <= 51, found " +
-                     std::to_string(opacity) + " and " + std::to_string(n));
-  }
-  double copy_opacity = 0.0, scale_factor = 0.0;
-  McmcSamePlace(opacity, n, &copy_opacity, &scale_factor);
-  return py::make_tuple(copy_opacity, scale_factor);
 }
 
 AdaptivePlan Plan(const py::object& params, std::int64_t size, const py::object& sums,
@@ -219,16 +205,14 @@ void BindOptimize(pybind11::module_& m) {
         "learning_rates: for each array a list of one rate or one an active column.");
   m.def("mcmc_densify", &Densify, py::arg("params"), py::arg("moment1"), py::arg("moment2"),
         py::arg("size"), py::arg("target_size"), py::arg("weights"), py::arg("dead_opacity"),
-        py::arg("max_scale"), py::arg("split"), py::arg("split_power"), py::arg("seed"),
-        py::arg("step"), "Relocates dead rows and adds rows; returns (size, relocated, added).");
+        py::arg("seed"), py::arg("step"),
+        "Relocates dead rows and adds rows; returns (size, relocated, added).");
   m.def("mcmc_noise", &Noise, py::arg("params"), py::arg("size"), py::arg("learning_rate"),
         py::arg("noise_scale"), py::arg("seed"), py::arg("step"),
         "Adds the exploration noise of MCMC to the means.");
   m.def("mcmc_regularize", &Regularize, py::arg("params"), py::arg("size"), py::arg("grad_logits"),
         py::arg("grad_log_scales"), py::arg("opacity_weight"), py::arg("scale_weight"),
         "Adds the gradient of the mean opacity and mean scale to the gradients.");
-  m.def("mcmc_same_place", &SamePlace, py::arg("opacity"), py::arg("n"),
-        "Opacity and scale factor of n copies at the same place.");
   py::class_<AdaptivePlan>(m, "AdaptivePlan", "What adaptive densification is going to do.")
       .def(py::init(&PlanOf), py::arg("actions"))
       .def_readonly("pruned", &AdaptivePlan::pruned)

@@ -3,8 +3,8 @@
 By task: `load_dataset`, `load_camera`, `diagnose` read; `estimate_poses`, `refine_pose`,
 `localize_image` find poses; `train` trains, and `render`, `photometric_loss`, `render_backward` and
 `GaussianOptimizer` make a training loop of your own; `render`, `project`, `orbit_path`,
-`write_video` draw; `evaluate`, `psnr`, `ssim` judge; `compact` reduces; `save_ply` and
-`Camera.save` write. docs/api.md lists all of it.
+`write_video` draw; `evaluate`, `psnr`, `ssim` judge; `compact` reduces; `save_gaussians`
+and `Camera.save` write. docs/api.md lists all of it.
 """
 
 from gsut._core import (
@@ -27,7 +27,7 @@ from gsut._core import (
 from gsut.compact import Compaction, SeenView, compact, seen_views
 from gsut.data import DatasetError, Finding, Scene, View, diagnose, load_dataset
 from gsut.evaluate import evaluate
-from gsut.formats import load_ply, save_ply
+from gsut.formats import load_gaussians, load_ply, save_gaussians, save_ply
 from gsut.gaussians import (
     Gaussians,
     filter_radii,
@@ -39,9 +39,11 @@ from gsut.gaussians import (
 from gsut.lens import (
     Camera,
     Conversion,
+    LensProfile,
     SplineGrid,
     camera_models,
     convert_camera,
+    find_lenses,
     load_camera,
 )
 from gsut.optimize import (
@@ -86,6 +88,8 @@ __all__ = [  # noqa: RUF022
     "load_camera",
     "Camera",
     "camera_models",
+    "find_lenses",
+    "LensProfile",
     "convert_camera",
     "Conversion",
     "SplineGrid",
@@ -147,6 +151,8 @@ __all__ = [  # noqa: RUF022
     "seen_views",
     "SeenView",
     # Save
+    "save_gaussians",
+    "load_gaussians",
     "save_ply",
     "load_ply",
     # Machine

@@ -452,9 +452,6 @@ def mcmc_densify(
     target_size: int,
     weights: NDArray[np.float32],
     dead_opacity: float,
-    max_scale: float,
-    split: bool,
-    split_power: float,
     seed: int,
     step: int,
 ) -> tuple[int, int, int]: ...
@@ -474,7 +471,6 @@ def mcmc_regularize(
     opacity_weight: float,
     scale_weight: float,
 ) -> None: ...
-def mcmc_same_place(opacity: float, n: int) -> tuple[float, float]: ...
 
 class AdaptivePlan:
     def __init__(self, actions: NDArray[np.uint8]) -> None: ...

@@ -30,7 +30,8 @@ class TrainResult:
     """The result of `train`: Gaussians, figures and history.
 
     Attributes:
-        gaussians: the scene's Gaussians, in the scene's (recentred) coordinates.
+        gaussians: the scene's Gaussians, in the dataset's coordinates; their `origin` is where
+            training worked.
         metrics: the content of metrics.json.
         history: one dict a logged step: step, seconds, loss, num_gaussians, psnr.
         scene: at the size trained at, with the poses and lens as they were refined (if asked for).
@@ -76,7 +77,7 @@ def train(
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
     record = TrainingRecord(out, o, scene, resume, progress)  # run/: folder, history, checkpoints
-    scene = prepare_scene(scene, o)  # data/: size of the images, shutter
+    given, scene = scene, prepare_scene(scene.centred, o)  # data/: size of the images, shutter
     fresh = record.checkpoint is None
     tracks = refine_first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
     loop = TrainingLoop(scene, o, tracks=tracks)  # gaussians/: the first ones
@@ -89,4 +90,6 @@ def train(
     scene, metrics = measure_training(loop, gaussians, scene, record.run)  # evaluate/
     if record.run is not None:
         write_results(record.run, gaussians, metrics, scene if o.refine_poses else None)  # formats/
+    gaussians = gaussians.translated(scene.world_offset)
+    scene = scene.about((0.0, 0.0, 0.0)) if o.refine_poses else prepare_scene(given, o)
     return TrainResult(gaussians, metrics, record.history, scene)

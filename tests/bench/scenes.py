@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError, Shutter, exp_pose
-from gsut.gaussians import Gaussians
+from gsut.gaussians import SH_C0, Gaussians
 from gsut.lens import Camera
 
 KNOWN_SCENES = (
@@ -28,7 +28,6 @@ _ROLLING = re.compile(r"rolling_shutter_(\d+(?:\.\d+)?[km]?)_(\d+)x(\d+)")
 # 4 degrees in one frame, in a room of 5 to 10 m.
 _ROLLING_TWIST = (0.02, 0.01, -0.03, 0.03, 0.02, -0.01)
 _PEER = re.compile(r"peer_(\d+(?:\.\d+)?[km]?)_(\d+)x(\d+)")
-_SH_C0 = 0.28209479177387814
 _BLOCK = 1 << 17  # Gaussians made at a time: bounds the memory of a scene of millions
 
 # The room: half sizes in x and y, distance of the wall ahead and behind. Units are arbitrary.
@@ -157,7 +156,7 @@ def peer_scene(count: int, width: int, height: int, *, name: str = "peer") -> Be
     rgb = rng.uniform(0.0, 1.0, (count, 3))
     g = Gaussians(
         means.astype(np.float32), quats, np.log(scales), np.log(opacity / (1 - opacity)),
-        ((rgb - 0.5) / _SH_C0)[:, None],
+        ((rgb - 0.5) / SH_C0)[:, None],
     )  # fmt: skip
     focal = 0.9 * width
     camera = Camera("pinhole", [focal, focal, width / 2, height / 2], width, height)
@@ -216,7 +215,7 @@ def _fill_room(g: Gaussians, rng: np.random.Generator, radians: float) -> None:
     g.quats[:] = np.where(on_wall[:, None], flat, normal(4))
     g.log_scales[:] = np.log(scales)
     g.opacity_logits[:] = 1.6 * normal() - 1.6
-    g.sh[:, 0] = (uniform(3) - 0.5) / _SH_C0
+    g.sh[:, 0] = (uniform(3) - 0.5) / SH_C0
     for k in range(1, g.sh.shape[1]):  # one after the other: less memory
         g.sh[:, k] = 0.05 * normal(3)
 

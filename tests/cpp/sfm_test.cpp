@@ -292,6 +292,27 @@ TEST(AdjustBundle, FindsExactDataAgainInBothResiduals) {
   EXPECT_EQ(cases, 2);
 }
 
+// Half of the pixels lie a period away from where the lens puts them, as at a panorama's seam.
+TEST(AdjustBundle, MeasuresAPanoramaTheShortWayRoundItsSeam) {
+  const Bundle truth = MakeBundle(Camera("equirectangular", {}, 1000, 500), 5, 150, 10);
+  Bundle bundle = truth;
+  for (std::size_t i = 0; i < bundle.observations.size(); i += 2) {
+    bundle.observations[i].pixel.x() += i % 4 == 0 ? 1000.0 : -1000.0;
+  }
+  Disturb(&bundle, 11);
+  BundleOptions options;
+  options.gauge_image = 0;
+  options.through_lens = true;
+  options.image_fixed = {1, 1, 0, 0, 0};  // the scale too
+  bundle.camera_from_world[1] = truth.camera_from_world[1];
+  options.function_tolerance = 1e-14;
+  EXPECT_LT(AdjustBundle(&bundle, options).rms_after, kExact);
+  for (int i = 0; i < 5; ++i) {
+    EXPECT_LT((bundle.camera_from_world[i].Matrix() - truth.camera_from_world[i].Matrix()).norm(),
+              kExact);
+  }
+}
+
 // Images at a few places, which see all points, or those alone whose number is near their own.
 TEST(AdjustBundle, SolvesManyImagesDenselyOnlyIfTheyShareTheirPoints) {
   constexpr int kPlaces = 5, kImages = 160, kPointsAnImage = 2, kWindow = 8;

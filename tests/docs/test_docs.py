@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import re
 import shlex
 from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 
 import gsut
+import tolerances
 from generate import PAGES, ROOT, page
 from gsut.cli import build_parser, main
 from gsut.demo import make_demo_scene
@@ -81,6 +84,21 @@ def test_python_of_the_pages_runs(block, data, monkeypatch):
     monkeypatch.chdir(data)
     with contextlib.redirect_stdout(io.StringIO()):
         exec(compile(block.text, label(block), "exec"), {"__name__": "__main__"})
+
+
+def test_the_readmes_snippet_gives_the_psnr_that_eval_gives(data, monkeypatch, capsys):
+    monkeypatch.chdir(data)
+    found: dict = {}
+    snippet = next(b for b in of("python", runs=True) if 'load_ply("RUN/scene.ply")' in b.text)
+    assert snippet.page == "README.md"
+    exec(snippet.text, found)
+    scene = found["scene"]
+    photograph = scene.image(0).astype(np.float32) / 255
+    psnr = gsut.psnr(np.clip(found["rendered"].image, 0, 1), photograph, scene.mask(0))
+    assert main(["eval", "RUN", "--split", "all", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["views"]
+    wanted = next(row["psnr"] for row in rows if row["name"] == scene.views[0].name)
+    assert abs(psnr - wanted) < tolerances.SAME_FRAME_DB
 
 
 @pytest.mark.parametrize("block", of("python", runs=False), ids=label)
@@ -162,7 +180,18 @@ def test_architecture_names_every_folder():
 def test_every_lens_has_a_picture_and_every_page_is_linked():
     pictures = {path.stem for path in (ROOT / "docs" / "lenses").glob("*.jpg")}
     assert set(gsut.camera_models()) <= pictures, "./run docs draws them"
-    readme = (ROOT / "README.md").read_text()
+    readme = READMES[0].read_text()
     pages = [path.name for path in PAGE_FILES if path.parent.name == "docs"]
     assert [name for name in pages if f"docs/{name}" not in readme] == []
     assert len(readme.splitlines()) <= 90
+
+
+def test_table_of_lenses_in_the_readme_names_all_with_the_errors_that_tests_hold():
+    rows = re.findall(
+        r"^\|(.*)\|(.*)\|(.*)\|$", READMES[0].read_text().split("\n## ")[3], re.MULTILINE
+    )[2:]
+    named = {word for lenses, _, _ in rows for word in re.findall(r"\w+", lenses)}
+    assert set(gsut.camera_models()) <= named
+    held = (ROOT / "tests" / "tolerances" / "lens.py").read_text()
+    errors = [number for row in rows for number in re.findall(r"\d[\d.]*e-\d+", row[2])]
+    assert len(errors) == len(rows) and [number for number in errors if number not in held] == []

@@ -5,6 +5,8 @@ import numpy as np
 from gsut import _core
 from gsut.lens.camera import Camera, camera_models
 
+# Lenses that OpenCV has too.
+OPENCV = ["kannala_brandt", "opencv12", "opencv14", "opencv4", "opencv5", "opencv8", "pinhole"]
 _RATIONAL = (0.12, -0.05, 3e-3, -2e-3, 0.01, 0.08, -0.02, 5e-3)
 _BARREL = (-0.2, 0.05, 1e-3, 2e-3, 0.01, 0.02, -0.01, 0.005)
 # Beside the real lenses that each model's file carries: folds, poles, strong terms.

@@ -6,6 +6,9 @@ from typing import NamedTuple
 
 import pytest
 
+from gsut.lens import camera_models
+from lens_cases import OPENCV
+
 ROOT = Path(__file__).resolve().parents[2]
 
 # C++ folder -> folders that it may include, besides itself; CMakeLists.txt links the same. A folder
@@ -154,6 +157,11 @@ def test_cmake_libraries_link_what_the_design_allows():
     }
     assert linked == CPP_MAY_USE
     assert {p.name for p in (ROOT / "cpp/gsut").iterdir() if p.is_dir()} == set(CPP_MAY_USE)
+
+
+def test_camera_models_are_the_lens_files_of_the_build():
+    files = {file.stem for file in (ROOT / "cpp/gsut/cameras/models").glob("*.h")}
+    assert set(camera_models()) == files >= set(OPENCV)
 
 
 def test_cpp_files_have_one_job():

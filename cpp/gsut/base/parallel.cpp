@@ -38,7 +38,8 @@ struct Threads {
 };
 
 std::mutex threads_mutex;
-std::shared_ptr<Threads> threads;
+// Never destroyed: a statically linked oneTBB is gone before the end of the process comes here.
+std::shared_ptr<Threads>& threads = *new std::shared_ptr<Threads>;
 
 std::shared_ptr<Threads> CurrentThreads() {
   const std::lock_guard<std::mutex> lock(threads_mutex);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <memory>
 #include <vector>
 
@@ -25,6 +26,13 @@ struct LensDomain {
   int pole_axis = kNoPole;
 
   bool IsPanorama() const { return pole_axis != kNoPole; }
+
+  // Moves a pixel by whole periods to its copy nearest to another, so that their difference is the
+  // short way round.
+  void MoveNear(const double* target, double* pixel) const {
+    if (period_u > 0.0) pixel[0] -= period_u * std::round((pixel[0] - target[0]) / period_u);
+    if (period_v > 0.0) pixel[1] -= period_v * std::round((pixel[1] - target[1]) / period_v);
+  }
 };
 
 inline constexpr int kMaxExampleParams = 80;

@@ -26,7 +26,8 @@ constexpr TypeName kTypes[] = {
     {"float", "float32", PlyType::kFloat32, 4}, {"double", "float64", PlyType::kFloat64, 8},
 };
 
-// One header line without its end; stops early on a line that no header has (binary rubbish).
+// One header line without its end; stops early on a line that no header has (binary rubbish). Bytes
+// beyond ASCII become "?": lines are quoted in messages, which have to be text.
 bool GetLine(std::istream& stream, std::string* line) {
   line->clear();
   int c;
@@ -36,7 +37,7 @@ bool GetLine(std::istream& stream, std::string* line) {
       return true;
     }
     if (line->size() == kMaxLineBytes) return false;
-    line->push_back(static_cast<char>(c));
+    line->push_back(c < 0x80 ? static_cast<char>(c) : '?');
   }
   return false;
 }

@@ -20,15 +20,11 @@ constexpr double kMaxOpacity = 1.0 - 1e-6;
 
 std::vector<std::uint8_t> FindAlive(const TrainingState& state, const McmcOptions& options) {
   std::vector<std::uint8_t> alive(static_cast<std::size_t>(state.size));
-  const double max_log_scale = std::log(options.max_scale);
   ParallelFor(state.size, kChunkRows, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t row = begin; row < end; ++row) {
-      const float* s = state.params.log_scales + 3 * row;
       const double opacity = Sigmoid(static_cast<double>(state.params.opacity_logits[row]));
-      const double log_scale = std::max(s[0], std::max(s[1], s[2]));
-      alive[static_cast<std::size_t>(row)] = RowIsFinite(state.params, row) &&
-                                             opacity > options.dead_opacity &&
-                                             log_scale <= max_log_scale;
+      alive[static_cast<std::size_t>(row)] =
+          RowIsFinite(state.params, row) && opacity > options.dead_opacity;
     }
   });
   return alive;
@@ -95,14 +91,9 @@ void Replace(const TrainingState& state, std::int64_t source, int n,
   const GaussiansView<float>& params = state.params;
   const double opacity =
       std::min(Sigmoid(static_cast<double>(params.opacity_logits[source])), kMaxOpacity);
-  double copy_opacity = opacity, factor = 1.0;
-  if (options.placement == McmcPlacement::kSamePlace) {
-    McmcSamePlace(opacity, n, &copy_opacity, &factor);
-  } else {
-    copy_opacity = -std::expm1(std::log1p(-opacity) * std::pow(n, -options.split_power));
-    factor = std::pow(n, -1.0 / 3.0);
-  }
-  copy_opacity = std::min(std::max(copy_opacity, options.dead_opacity), kMaxOpacity);
+  const double factor = std::pow(n, -1.0 / 3.0);
+  const double copy_opacity = std::min(
+      std::max(-std::expm1(std::log1p(-opacity) * factor), options.dead_opacity), kMaxOpacity);
   double deviations[3];
   for (int axis = 0; axis < 3; ++axis) {
     float& log_scale = params.log_scales[3 * source + axis];
@@ -120,7 +111,6 @@ void Replace(const TrainingState& state, std::int64_t source, int n,
     CopyParams(params, source, destinations[i]);
     ZeroMoments(state, destinations[i]);
   }
-  if (options.placement == McmcPlacement::kSamePlace) return;
   double offsets[3 * kMcmcMaxCopies];
   DrawOffsets(n, place, source, offsets);
   double rotation[9];
@@ -141,18 +131,6 @@ void Replace(const TrainingState& state, std::int64_t source, int n,
 
 }  // namespace
 
-void McmcSamePlace(double opacity, int n, double* copy_opacity, double* scale_factor) {
-  const double o = -std::expm1(std::log1p(-opacity) / n);
-  // sum_{i<=n} sum_{k<i} C(i-1,k) (-1)^k o^(k+1) / sqrt(k+1): the sum over i is C(n, k+1).
-  double denominator = 0.0, term = 1.0;  // term = C(n, k) (-1)^(k+1) o^k with its sign
-  for (int k = 1; k <= n; ++k) {
-    term *= (k == 1 ? 1.0 : -1.0) * o * (n - k + 1) / k;
-    denominator += term / std::sqrt(static_cast<double>(k));
-  }
-  *copy_opacity = o;
-  *scale_factor = opacity / denominator;
-}
-
 McmcCounts McmcDensify(const TrainingState& state, std::int64_t target_size, const float* weights,
                        const McmcOptions& options) {
   CheckState(state);
@@ -160,10 +138,6 @@ McmcCounts McmcDensify(const TrainingState& state, std::int64_t target_size, con
   if (!(options.dead_opacity > 0.0 && options.dead_opacity < 1.0)) {
     throw InputError("dead_opacity is " + std::to_string(options.dead_opacity) +
                      "; give a value between 0 and 1, both excluded");
-  }
-  if (!(options.max_scale > 0.0)) {
-    throw InputError("max_scale is " + std::to_string(options.max_scale) +
-                     "; give a positive value");
   }
   const std::vector<std::uint8_t> alive = FindAlive(state, options);
   const std::size_t rows = alive.size();

@@ -64,6 +64,10 @@ void LensEvaluation::Evaluate(int camera_index, bool jacobians) {
     batch.failed = true;
     std::fill(batch.valid.begin(), batch.valid.end(), 0);
   }
+  for (std::int64_t i = 0; i < count; ++i) {
+    start.domain().MoveNear(bundle_.observations[batch.observations[i]].pixel.data(),
+                            &batch.pixels[2 * i]);
+  }
 }
 
 LensEvaluation::Row LensEvaluation::Get(int observation) const {

@@ -22,7 +22,7 @@ class LensEvaluation : public ceres::EvaluationCallback {
   void PrepareForEvaluation(bool evaluate_jacobians, bool new_evaluation_point) override;
 
   struct Row {
-    const double* pixel;           // (2), NaN outside the lens' domain
+    const double* pixel;  // (2), NaN outside the lens' domain; the copy nearest to that seen
     const double* dpixel_dpoint;   // (2, 3) row-major
     const double* dpixel_dparams;  // (2, K) row-major, if lenses are free
     bool valid;                    // inside the lens' domain

@@ -16,6 +16,7 @@
 #include "gsut/sfm/lens_parameters.h"
 #include "gsut/sfm/pose_manifold.h"
 #include "gsut/sfm/solver_log.h"
+#include "gsut/sfm/stop_after.h"
 
 namespace gsut {
 namespace {
@@ -351,7 +352,9 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
   ceres::Solver::Options solver;
   solver.linear_solver_type = any_lens ? ceres::DENSE_SCHUR : ceres::DENSE_NORMAL_CHOLESKY;
   if (any_lens) solver.linear_solver_ordering = ordering;
-  solver.max_num_iterations = options.max_iterations;
+  solver.max_num_iterations = options.max_iterations + kMostRejected;
+  StopAfter stop(options.max_iterations);
+  solver.callbacks.push_back(&stop);
   solver.function_tolerance = options.function_tolerance;
   solver.logging_type = ceres::SILENT;
   const QuietSolver quiet;

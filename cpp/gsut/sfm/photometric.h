@@ -34,7 +34,7 @@ struct PhotometricImage {
 
 struct PhotometricOptions {
   double loss_scale = 0.1;  // colour difference beyond which a pixel counts less (Huber); 0: never
-  int max_iterations = 20;
+  int max_iterations = 20;  // steps that lower the cost
   double function_tolerance = 1e-5;  // relative decrease of the cost at which it stops
   bool with_gain = true;             // estimate gain and bias of each image
   // lens_free[c]: which parameters of camera c are estimated, one flag each; empty: none.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from gsut._core import InputError
 from gsut.files import json_text
 
 
@@ -28,6 +29,18 @@ def add_moved_data(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--data", metavar="DATA", help="the dataset, if it is not where training read it"
     )
+
+
+def parsed_size(text: str) -> tuple[int, int]:
+    """Width and height of --size.
+
+    Raises:
+        InputError: not like 1280x720.
+    """
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
+        raise InputError(f"--size must be like 1280x720, found {text!r}")
+    return int(width), int(height)
 
 
 def print_json(figures: Any) -> None:

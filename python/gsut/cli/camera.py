@@ -1,21 +1,74 @@
-"""`gsut camera convert`: fits one lens model by another and tells the error by field angle."""
+"""`gsut camera`: converts a lens into another model, and finds calibrated lenses by name."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
 import math
+import shlex
+from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.cli._flags import add_json, print_json
+from gsut.cli._flags import add_json, parsed_size, print_json
 
-HELP = "convert a lens into another model"
-DESCRIPTION = "Works on lens files."
+HELP = "convert a lens into another model, find one by the camera's name"
+DESCRIPTION = "Works on lens files and on a database of calibrated lenses."
+_LINES = 20  # of the table of lenses found
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(metavar="ACTION", required=True)
+    _add_convert(actions)
+    find = actions.add_parser(
+        "find",
+        help="find calibrated lenses by name",
+        description="Lists lenses of real cameras, calibrated by others (Gyroflow's lens profiles, "
+        "CC0), whose names hold all WORDS, the best first. Their names serve as --camera: starts "
+        "of a search, not truth.",
+    )
+    find.add_argument("words", metavar="WORDS", nargs="+", help="such as: hero9 max wide")
+    find.add_argument("--size", metavar="WxH", help="of your pictures: such lenses come first")
+    find.add_argument(
+        "--lines", type=int, default=_LINES, metavar="N", help="most lines [default: %(default)s]"
+    )
+    add_json(find)
+    find.set_defaults(action=_find)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    return arguments.action(arguments)
+
+
+def _find(arguments: argparse.Namespace) -> int:
+    from gsut.lens import find_lenses, lens_by_name
+
+    size = None if arguments.size is None else parsed_size(arguments.size)
+    found = find_lenses(arguments.words, size=size)
+    if not found:
+        lens_by_name(" ".join(arguments.words))  # says which word is to blame
+    shown = found[: max(1, arguments.lines)]
+    if arguments.json:
+        rows = [
+            {**dataclasses.asdict(p), "name": p.name, "fov_degrees": p.fov_degrees,
+             "doubts": p.doubts}
+            for p in shown
+        ]  # fmt: skip
+        print_json(rows)
+        return 0
+    print(f"{'field':>7} {'size':>11} {'readout':>8} {'residual':>9}  name")
+    for p in shown:
+        field = "-" if p.fov_degrees is None else f"{p.fov_degrees:.1f}"
+        readout = f"{p.readout_ms:.1f} ms" if p.readout_ms else "-"
+        note = f" (doubtful: {', '.join(p.doubts)})" if p.doubts else ""
+        size_text = f"{p.width} x {p.height}"
+        print(f"{field:>6}° {size_text:>11} {readout:>8} {p.rms:6.2f} px  {p.name}{note}")
+    name = shlex.quote(" ".join(arguments.words))
+    print(f"{len(shown)} of {len(found)} lenses; the first one serves as --camera {name}")
+    return 0
+
+
+def _add_convert(actions: Any) -> None:
     convert = actions.add_parser(
         "convert",
         help="fit one lens model by another",
@@ -55,9 +108,10 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="where both lenses are to agree, if the rays of one do not meet [default: far away]",
     )
     add_json(convert)
+    convert.set_defaults(action=_convert)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def _convert(arguments: argparse.Namespace) -> int:
     from gsut.lens import SplineGrid, convert_camera, format_conversion, load_camera
 
     camera = load_camera(arguments.lens, camera_id=arguments.camera_id)

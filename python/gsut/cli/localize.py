@@ -23,7 +23,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("image", metavar="IMAGE", help="the photograph")
     parser.add_argument("--run", metavar="RUN", required=True, dest="folder", help="a finished run")
     parser.add_argument(
-        "--camera", metavar="LENS", help="lens file of IMAGE [default: the run's only camera]"
+        "--camera",
+        metavar="LENS",
+        help="lens file of IMAGE, or name (`gsut camera find`) [default: the run's only camera]",
     )
     parser.add_argument("--mask", metavar="FILE", help="image: black where IMAGE does not count")
     add_moved_data(parser)
@@ -73,10 +75,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _camera_of(path: Path, pixels: np.ndarray, scene: Any, lens_file: str | None) -> Any:
     """The photograph's lens at the photograph's size, or at the training images' if smaller."""
-    import gsut
+    from gsut.lens import load_lens
 
     if lens_file is not None:
-        camera, source = gsut.load_camera(lens_file), lens_file
+        camera, source = load_lens(lens_file, (pixels.shape[1], pixels.shape[0])), lens_file
     elif len(scene.cameras) == 1:
         camera, source = scene.cameras[0], str(scene.path)
     else:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
-from gsut.cli._flags import add_json, add_run, print_json
+from gsut.cli._flags import add_json, add_run, parsed_size, print_json
 
 HELP = "images or a video through any lens along any path"
 DESCRIPTION = "Renders a run's scene through any lens along a camera path."
@@ -21,7 +21,9 @@ _VIDEO_SUFFIX = ".mp4"
 def add_flags(parser: argparse.ArgumentParser) -> None:
     add_run(parser)
     parser.add_argument(
-        "--camera", metavar="LENS", help="lens file [default: the dataset's first camera]"
+        "--camera",
+        metavar="LENS",
+        help="lens file, or name (`gsut camera find`) [default: the dataset's first camera]",
     )
     parser.add_argument(
         "--size", metavar="WxH", help="size of the images in pixels; the lens is scaled to it"
@@ -74,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     if arguments.frames < 1 or not arguments.fps > 0:
         raise InputError("--frames must be >= 1 and --fps > 0")
-    size = _parsed_size(arguments.size) if arguments.size else None
+    size = parsed_size(arguments.size) if arguments.size else None
     run = RunFolder.open(arguments.folder)
     options, scene, gaussians = read_trained(run, arguments.data)
     if not arguments.low_pass:
@@ -122,9 +124,11 @@ def _low_passed(
     gaussians: Any, camera: Any, place: np.ndarray | CameraMotion, pixels: float
 ) -> Any:
     from gsut.gaussians import filter_radii, low_pass
+    from gsut.render import place_about
 
     if not pixels:
         return gaussians
+    place = place_about(place, gaussians.origin)
     poses = [place.start, place.end] if isinstance(place, CameraMotion) else [place]
     radii = filter_radii(gaussians.means, [camera] * len(poses), np.stack(poses), pixels)
     return low_pass(gaussians, radii)
@@ -137,11 +141,11 @@ def _frames(
 
     A held-out view keeps its rolling shutter; along a path the camera stands still for each image.
     """
-    import gsut
     from gsut.data import read_path
+    from gsut.lens import load_lens
     from gsut.render import orbit_path, picture_stems, smooth_path
 
-    lens = gsut.load_camera(arguments.camera) if arguments.camera else None
+    lens = load_lens(arguments.camera) if arguments.camera else None
     if arguments.path == "test":
         views = [scene.views[index] for index in scene.test_indices]
         if not views:
@@ -169,10 +173,3 @@ def _write_video(
     if len({(camera.width, camera.height) for camera in cameras}) > 1:
         raise InputError("the images of a video must have one size; give --size")
     write_video(path, images, frames_per_second)
-
-
-def _parsed_size(text: str) -> tuple[int, int]:
-    width, _, height = text.lower().partition("x")
-    if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
-        raise InputError(f"--size must be like 1280x720, found {text!r}")
-    return int(width), int(height)

@@ -13,6 +13,7 @@ from gsut._core import InputError
 from gsut.compact.method import method_of
 from gsut.compact.scores import SeenView
 from gsut.gaussians import Gaussians
+from gsut.render import place_about
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,17 +69,18 @@ def compact(
         CVPR 2025.
     """
     check_method(method, bool(views))
-    g = _finite(gaussians)
+    origin = gaussians.origin
+    g, views = _finite(gaussians).translated(-origin), about(views, origin)
     dropped = len(gaussians) - len(g)
     target = _target(len(g), keep, count)
     if target == len(g):
-        return Compaction(g.copy(), dropped)
+        return Compaction(g.copy().translated(origin), dropped)
     if scores is None:
         scores = scores_of(g, method, views, on_view)
     if scores is not None and len(scores) != len(g):
         raise InputError(f"scores must be one a finite Gaussian, {len(g)}, found {len(scores)}")
     reduced = method_of(method).reduce(g, target, scores, views, seed, on_view)
-    return Compaction(reduced, dropped)
+    return Compaction(reduced.translated(origin), dropped)
 
 
 def scores_of(
@@ -97,7 +99,20 @@ def scores_of(
         scores for lightgaussian and pup; None for a method that does not look, or without views.
     """
     score = method_of(method).score
-    return None if score is None or not views else score(_finite(gaussians), views, on_view)
+    if score is None or not views:
+        return None
+    g, origin = _finite(gaussians), gaussians.origin
+    return score(g.translated(-origin), about(views, origin), on_view)
+
+
+def about(views: Sequence[SeenView], origin: np.ndarray) -> Sequence[SeenView]:
+    """The views in coordinates whose zero lies at `origin` (3,)."""
+    if not origin.any():
+        return views
+    return [
+        dataclasses.replace(view, camera_from_world=place_about(view.camera_from_world, origin))
+        for view in views
+    ]
 
 
 def _finite(gaussians: Gaussians) -> Gaussians:

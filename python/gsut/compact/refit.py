@@ -7,10 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gsut.compact.scores import Passes, SeenView, needed_views
-from gsut.gaussians import Gaussians
+from gsut.gaussians import SH_C0, Gaussians
 
-# First coefficient of the harmonics' basis: a colour is 0.5 + _SH0 x sh + ...
-_SH0 = 0.28209479177387814
 # Pixels of blend weight that speak for the colour as it is: what is hardly seen, behind others or
 # in a hole, would else take any colour to make up for a little. Chosen on the whole models' own
 # pictures between the training views, at 10 %: 0, 0.3, 1, 3, 10: fox 31.35, 33.96, 33.95, 33.91,
@@ -58,5 +56,5 @@ def refit_colors(
                 weights = np.repeat(alpha[..., None] * mask, 3, axis=2)
                 seen += passes.backward(weights).sh[:, 0]
             on_view()
-        made.sh[:, 0] += (change / (_SH0 * (seen + _SH0 * DAMPING))).astype(np.float32)
+        made.sh[:, 0] += (change / (SH_C0 * (seen + SH_C0 * DAMPING))).astype(np.float32)
     return made

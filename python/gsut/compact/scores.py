@@ -10,11 +10,8 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.gaussians import Gaussians
+from gsut.gaussians import SH_C0, Gaussians
 from gsut.render import DEFAULT_UNSCENTED
-
-# First coefficient of the harmonics' basis: a colour is 0.5 + _SH0 x sh + ...
-_SH0 = 0.28209479177387814
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +60,7 @@ def blend_weights(
     Returns:
         (N,) float64, in pixels; 0 for what no valid pixel sees.
     """
-    return np.maximum(_sums(grey(gaussians, 0), views, on_view)[:, 0] / _SH0, 0.0)
+    return np.maximum(_sums(grey(gaussians, 0), views, on_view)[:, 0] / SH_C0, 0.0)
 
 
 def basis_sums(

@@ -2,11 +2,19 @@
 
 from gsut.data.assemble import Frame
 from gsut.data.camera_path import read_path
+from gsut.data.capture_file import CAPTURE, capture_state, read_capture
 from gsut.data.colmap import find_mask
 from gsut.data.doctor import diagnose, findings_text
 from gsut.data.findings import DatasetError, Finding, some_names
 from gsut.data.folder import find_images, find_lens_file
-from gsut.data.images import decode_image, decode_mask, read_header, shrink_image, shrink_mask
+from gsut.data.images import (
+    IMAGE_SUFFIXES,
+    decode_image,
+    decode_mask,
+    read_header,
+    shrink_image,
+    shrink_mask,
+)
 from gsut.data.load import load_dataset, read_dataset
 from gsut.data.poses import inverse, rigid_transform
 from gsut.data.scene import Scene, View
@@ -15,6 +23,8 @@ from gsut.data.training_views import Level, TrainingViews
 from gsut.data.write_nerfstudio import points_ply, write_transforms
 
 __all__ = [
+    "CAPTURE",
+    "IMAGE_SUFFIXES",
     "DatasetError",
     "Finding",
     "Frame",
@@ -22,6 +32,7 @@ __all__ = [
     "Scene",
     "TrainingViews",
     "View",
+    "capture_state",
     "decode_image",
     "decode_mask",
     "diagnose",
@@ -33,6 +44,7 @@ __all__ = [
     "inverse",
     "load_dataset",
     "points_ply",
+    "read_capture",
     "read_dataset",
     "read_header",
     "read_path",

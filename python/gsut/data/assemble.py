@@ -1,4 +1,4 @@
-"""From what a reader found in a dataset's files to a Scene: sizes, recentring, split."""
+"""From what a reader found in a dataset's files to a Scene: sizes, centring, split."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ class Frame:
     mask_path: Path | None = None
     depth_path: Path | None = None
     shutter: Shutter | None = None
+    time: float | None = None  # seconds, of a video's frame
 
 
 @dataclasses.dataclass
@@ -62,7 +63,7 @@ def assemble(
     test_names: Sequence[str] | None = None,
     on_error: OnError = stop,
 ) -> Scene:
-    """Checks images against cameras, moves the world's origin and splits the views.
+    """Checks images against cameras and splits the views.
 
     Args:
         listing: of one of the readers.
@@ -108,11 +109,13 @@ def assemble(
     )
     offset = np.mean([frame.world_from_camera[:3, 3] for frame in frames], axis=0)
     cameras, views = _views(frames, offset)
-    return Scene(
+    centred = Scene(
         listing.path, tuple(cameras), tuple(views), listing.points[finite] - offset,
         listing.point_colors[finite], tuple(train), tuple(test),
         offset, (*notes, *split_notes),
     )  # fmt: skip
+    centred.__dict__["centred"] = centred
+    return centred.about((0.0, 0.0, 0.0))
 
 
 def _nothing_left(listing: Listing, total: int) -> DatasetError:

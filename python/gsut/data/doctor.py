@@ -42,7 +42,7 @@ def diagnose(
 
     try:
         listing = read_dataset(Path(path), on_error=collect)
-        scene = assemble(listing, test_every=test_every, on_error=collect)
+        scene = assemble(listing, test_every=test_every, on_error=collect).centred
     except InputError as error:
         collect(error)
         return _sorted(findings)

@@ -15,10 +15,12 @@ import numpy as np
 
 from gsut._core import CameraMotion, InputError, Shutter
 from gsut.data.findings import DatasetError
-from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mask
+from gsut.data.images import decode_image, shrink_image, shrink_mask
+from gsut.data.masks import lens_mask, read_mask
 from gsut.lens import Camera
 
 IMAGE_CACHE_BYTES = 1 << 30  # decoded pixels kept by one scene (preload() keeps all)
+_IN_WORLD = {"views", "points", "world_offset"}  # what a scene has in world coordinates
 EXTENT_MARGIN = 1.1  # of 3DGS: the scene's extent over the cameras' radius
 
 
@@ -30,7 +32,7 @@ class View:
         name: as in the dataset, often with a folder.
         image_path: the file.
         camera_index: into `Scene.cameras`.
-        camera_from_world: (4, 4) float64, OpenCV axes, recentred world; with a rolling shutter
+        camera_from_world: (4, 4) float64, OpenCV axes, the dataset's world; with a rolling shutter
             the pose of the middle row.
         camera_from_world_start, camera_from_world_end: poses of the first and the last edge of a
             rolling shutter, or None.
@@ -69,7 +71,7 @@ class View:
 
     @property
     def camera_center(self) -> np.ndarray:
-        """(3,) position of the camera in the recentred world."""
+        """(3,) position of the camera in the world."""
         pose = self.camera_from_world
         return -pose[:3, :3].T @ pose[:3, 3]
 
@@ -115,8 +117,8 @@ def _read_only(values: np.typing.ArrayLike, dtype: np.typing.DTypeLike) -> np.nd
 class Scene:
     """Cameras, views, points and the split into training and test views; immutable.
 
-    Its images are read when they are asked for. The world is the dataset's, moved so that the mean
-    of the camera centres is the origin: dataset coordinates = scene coordinates + `world_offset`.
+    Its images are read when they are asked for. The world is the dataset's. Training works in
+    `centred`, the same scene about the mean of the camera centres, where float32 suffices.
 
     Args:
         path: the dataset.
@@ -125,7 +127,8 @@ class Scene:
         points: (N, 3) float64, may be empty.
         point_colors: (N, 3) uint8.
         train_indices, test_indices: of int into `views`.
-        world_offset: (3,) float64.
+        world_offset: (3,) float64: dataset coordinates = this scene's + world_offset; zero but in
+            a scene that was moved by `about`.
         notes: what was left out or changed on loading, one sentence each.
         file_cameras: the cameras at the size of the image files, if `cameras` are smaller.
         larger: the same scene at a larger size, whose images are shrunk in place of the files'.
@@ -168,7 +171,42 @@ class Scene:
         object.__setattr__(scene, "_images", self._images)
         if not changes.keys() & {"cameras", "file_cameras"}:  # a mask depends on the lens
             object.__setattr__(scene, "_masks", self._masks)
+        if not changes.keys() & _IN_WORLD:
+            scene._keep_centred(self, lambda near: near.replace(**changes))
         return scene
+
+    @functools.cached_property
+    def centred(self) -> Scene:
+        """The scene with the mean of its camera centres as origin; itself if it was moved."""
+        if self.world_offset.any() or not self.views:
+            return self
+        return self.about(np.mean([view.camera_center for view in self.views], axis=0))
+
+    def about(self, origin: np.typing.ArrayLike) -> Scene:
+        """The same scene in coordinates whose zero lies at `origin` (3,) of the dataset's.
+
+        `about((0, 0, 0))` is in the dataset's coordinates.
+        """
+        origin = np.array(origin, np.float64)
+        shift = origin - self.world_offset
+        if not shift.any():
+            return self
+        names = ("camera_from_world", "camera_from_world_start", "camera_from_world_end")
+        views = []
+        for view in self.views:
+            poses = ((name, getattr(view, name)) for name in names)
+            near: Any = {name: _moved(pose, shift) for name, pose in poses if pose is not None}
+            views.append(dataclasses.replace(view, **near))
+        scene = self.replace(views=views, points=self.points - shift, world_offset=origin)
+        if not origin.any():
+            scene.__dict__["centred"] = self  # exactly this one, when it is asked for
+        return scene
+
+    def _keep_centred(self, old: Scene, change: Callable[[Scene], Scene]) -> None:
+        """Takes over the centred scene that another one has made, changed likewise."""
+        near = old.__dict__.get("centred")
+        if near is not None and near is not old:
+            self.__dict__["centred"] = change(near)
 
     def with_poses(self, indices: Sequence[int], camera_from_world: Iterable[np.ndarray]) -> Scene:
         """The scene with other poses (n, 4, 4) of n views."""
@@ -207,9 +245,11 @@ class Scene:
             for c in self.cameras
         ]
         # Images of other pixels: nothing that is decoded can be shared.
-        return dataclasses.replace(
+        scene = dataclasses.replace(
             self, cameras=tuple(cameras), larger=self if keep_larger else None
         )
+        scene._keep_centred(self, lambda near: near.scaled(factor, keep_larger=keep_larger))
+        return scene
 
     def __len__(self) -> int:
         return len(self.views)
@@ -231,15 +271,11 @@ class Scene:
 
     def in_dataset(self, camera_from_world: np.ndarray) -> np.ndarray:
         """(4, 4) the pose in the dataset's coordinates."""
-        pose = np.array(camera_from_world)
-        pose[:3, 3] -= pose[:3, :3] @ self.world_offset
-        return pose
+        return _moved(camera_from_world, -self.world_offset)
 
     def from_dataset(self, camera_from_world: np.ndarray) -> np.ndarray:
         """(4, 4) a pose in the dataset's coordinates, in the scene's."""
-        pose = np.array(camera_from_world)
-        pose[:3, 3] += pose[:3, :3] @ self.world_offset
-        return pose
+        return _moved(camera_from_world, self.world_offset)
 
     @functools.cached_property
     def extent(self) -> float:
@@ -329,52 +365,11 @@ class Scene:
         return self._masks.get(("lens", camera_index), make)[0]
 
 
-def lens_mask(camera: Camera, full: Camera) -> np.ndarray:
-    """(H, W) bool: pixels of `camera` that have a ray, all of whose source pixels have one too.
-
-    A lens' domain has no holes of a pixel: where all neighbours have rays, the source pixels
-    between them are taken to have them. Only those at the domain's edge and at the image's border
-    are asked one by one, which saves the rays of a large photograph.
-
-    Args:
-        camera: of the scene's image.
-        full: the same lens on the file's image.
-    """
-    import cv2
-
-    valid = np.array(camera.rays()[1], bool)
-    if (camera.width, camera.height) == (full.width, full.height):
-        return valid
-    inner = cv2.erode(
-        valid.view(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT,
-        borderValue=0,
-    ).view(bool)  # fmt: skip
-    asked = cv2.resize(
-        (valid & ~inner).view(np.uint8), (full.width, full.height), interpolation=cv2.INTER_NEAREST
-    )
-    rows, columns = np.nonzero(cv2.dilate(asked, np.ones((3, 3), np.uint8)))
-    source = np.ones((full.height, full.width), bool)
-    source[rows, columns] = full.unproject(np.stack([columns, rows], axis=-1) + 0.5)[1]
-    return valid & shrink_mask(source, camera.width, camera.height)
-
-
-def read_mask(path: Path, full: Camera, width: int, height: int) -> np.ndarray:
-    """A mask file of an image of the size of camera `full`, shrunk to `width` x `height`.
-
-    Raises:
-        DatasetError: unreadable, or neither of the image's size nor a larger copy of it.
-    """
-    valid = decode_mask(path)
-    found_height, found_width = valid.shape
-    ratio = found_width / full.width
-    larger = found_width >= full.width and found_height >= full.height
-    if not larger or abs(full.height * ratio - found_height) > max(1, 0.5 * ratio):
-        raise DatasetError(
-            path,
-            f"the mask is {found_width} x {found_height}, the image {full.width} x {full.height}",
-            "make the mask at the image's size",
-        )
-    return shrink_mask(valid, width, height)
+def _moved(camera_from_world: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """(4, 4) the pose in coordinates whose zero lies at `origin` of its own."""
+    pose = np.array(camera_from_world)
+    pose[:3, 3] += pose[:3, :3] @ origin
+    return pose
 
 
 def _radius(points: np.ndarray, reduce: Callable[[np.ndarray], float]) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from gsut import _core
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
-from gsut.render import DEFAULT_UNSCENTED, psnr
+from gsut.render import DEFAULT_UNSCENTED, place_about, psnr
 
 
 def mean_psnr(
@@ -59,7 +59,7 @@ def view_image(
     renderer.render(
         gaussians,
         camera,
-        scene.views[index].motion,
+        place_about(scene.views[index].motion, gaussians.origin),
         _core.BlendRule(),
         background,
         gaussians.sh_degree,

@@ -1,8 +1,167 @@
-"""Files of Gaussian scenes, one module a format."""
+"""Files of Gaussian scenes in and out, one module a format.
 
+A format is a module with a `FORMAT`; the files whose names begin with "_" are none.
+`load_gaussians` and `save_gaussians` choose by the name's suffix and, reading, the first bytes.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import os
+import pkgutil
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.formats._errors import largest_errors
+from gsut.formats._format import Format, SceneFile, WriteSettings, Written
+from gsut.formats._origin import for_file, place_text
 from gsut.formats.ply import load_ply, save_ply
+from gsut.gaussians import Gaussians
 
 __all__ = [
+    "Format",
+    "SceneFile",
+    "WriteSettings",
+    "Written",
+    "drawable",
+    "for_file",
+    "format_of",
+    "formats",
+    "largest_errors",
+    "load_gaussians",
     "load_ply",
+    "place_text",
+    "read_scene_file",
+    "save_gaussians",
     "save_ply",
 ]
+_SNIFFED_BYTES = 4096
+
+
+@functools.cache
+def formats() -> tuple[Format, ...]:
+    """All formats there are, by name."""
+    names = [module.name for module in pkgutil.iter_modules(__path__)]
+    modules = [
+        importlib.import_module(f"{__name__}.{name}")
+        for name in sorted(names)
+        if not name.startswith("_")
+    ]
+    return tuple(module.FORMAT for module in modules)
+
+
+def format_of(path: str | os.PathLike[str]) -> Format:
+    """The format that a file of this name is written in.
+
+    Raises:
+        InputError: no format has this suffix; the message lists those that there are.
+    """
+    return _named(Path(path), "write")[0]
+
+
+def _named(path: Path, verb: str) -> list[Format]:
+    """The formats with a suffix of this name; the longest first, then whose own it is."""
+    name = path.name.lower()
+    fitting = [
+        (-len(suffix), place, each)
+        for each in formats()
+        for place, suffix in enumerate(each.suffixes)
+        if name.endswith(suffix)
+    ]
+    if not fitting:
+        known = [suffix for each in formats() for suffix in each.suffixes[:1]]
+        raise InputError(
+            f"{path}: no format to {verb} has this suffix; known: {', '.join(sorted(known))}"
+        )
+    return [each for *_, each in sorted(fitting, key=lambda found: found[:2])]
+
+
+def load_gaussians(path: str | os.PathLike[str]) -> Gaussians:
+    """Reads Gaussians from a file of any of the formats.
+
+    Args:
+        path: the file, .ply, .spz, .sog, .glb, .splat, .usd...; its suffix and its first bytes say
+            the format.
+
+    Returns:
+        float32 Gaussians in the file's coordinates. Those with values that are not finite, or with
+        a rotation of norm 0, are left out, and a warning says how many.
+
+    Raises:
+        InputError: the file cannot be opened, is of no known format, is truncated or damaged.
+    """
+    return read_scene_file(path).gaussians
+
+
+def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
+    """As `load_gaussians`, with what else the file says."""
+    path = Path(path)
+    candidates = _named(path, "read")
+    try:
+        with open(path, "rb") as file:
+            head = file.read(_SNIFFED_BYTES)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be opened: {error.strerror}") from None
+    readers = [each.read for each in candidates if each.read is not None and each.holds(head)]
+    if not readers:
+        names = " or ".join(each.name for each in candidates)
+        why = "does not look like one" if any(f.read for f in candidates) else "gsut only writes it"
+        raise InputError(f"{path}: by its name {names}, but {why}")
+    found = readers[0](path)
+    good = drawable(found.gaussians)
+    if not good.all():
+        warnings.warn(
+            f"{path}: {np.count_nonzero(~good)} of {len(good)} Gaussians have values that are not "
+            "finite and were left out",
+            stacklevel=2,
+        )
+        found = SceneFile(found.gaussians[good], found.antialiased)
+    return found
+
+
+def save_gaussians(
+    path: str | os.PathLike[str],
+    gaussians: Gaussians,
+    settings: WriteSettings | None = None,
+) -> Written:
+    """Writes Gaussians in the format that the name's suffix says.
+
+    Args:
+        path: the file, written whole or not at all; what was there before is replaced.
+        gaussians: written in world coordinates, in float32 (see `for_file`). Those that cannot be
+            drawn (see `drawable`) are left out, but for `PLY`, which keeps every row.
+        settings: where a format leaves a choice.
+
+    Returns:
+        Which rows were written, in which order, and what the format could not hold.
+
+    Raises:
+        InputError: no format has this suffix, a library is missing, there is nothing to write, or
+            the file cannot be written.
+    """
+    path = Path(path)
+    chosen = format_of(path)
+    g = for_file(gaussians)
+    good = drawable(g)
+    if not good.any():
+        raise InputError(f"{path}: there is no Gaussian to write")
+    kept = np.flatnonzero(good)
+    written = chosen.write(path, g if good.all() else g[good], settings or WriteSettings())
+    rows = kept if written.rows is None else kept[written.rows]
+    left_out = written.left_out
+    if g.origin.any() and not chosen.keeps_origin:
+        left_out += (f"where the scene lies: the file holds {place_text(g.origin)}",)
+    return Written(rows, {k: v for k, v in written.clipped.items() if v}, left_out)
+
+
+def drawable(gaussians: Gaussians) -> np.ndarray:
+    """(N,) bool: all values are finite and the rotation has a direction."""
+    g = gaussians
+    finite = np.isfinite(g.opacity_logits)
+    for array in (g.means, g.quats, g.log_scales, g.sh):
+        finite &= np.isfinite(array.reshape(len(g), -1)).all(axis=1)
+    return finite & (np.abs(g.quats).max(axis=1, initial=0.0) > 0)

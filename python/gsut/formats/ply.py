@@ -5,11 +5,19 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from gsut import _core
+from gsut.formats._format import Format, SceneFile, WriteSettings, Written
+from gsut.formats._origin import for_file, origin_comments, origin_in
 from gsut.gaussians import Gaussians
+
+# How Brush and Postshot say that a filter of the screen belongs to a file.
+_ANTIALIASED = ("SplatRenderMode: mip", "antialiased 1")
+_HEADER_BYTES = 65536  # read for comments
+PACKED = b"packed_position"  # a property of SuperSplat's compressed files
 
 
 def load_ply(path: str | os.PathLike[str]) -> Gaussians:
@@ -18,20 +26,22 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
     Args:
         path: ascii or binary of either byte order; properties x y z, f_dc_0..2, f_rest_* (0, 9, 24
             or 45 of them, channel-major), opacity (logit), scale_0..2 (logarithm), rot_0..3 (w, x,
-            y, z, any norm) in any order and numeric type. Others are ignored.
+            y, z, any norm) in any order and numeric type. Others are ignored. A comment "gsut:
+            dataset coordinates = these + X Y Z" is where the file's zero lies in the world.
 
     Returns:
-        float32 Gaussians; the degree of the harmonics follows from the number of f_rest properties.
+        float32 Gaussians in world coordinates, with the comment's `origin`; the degree of the
+        harmonics follows from the number of f_rest properties.
         Bits of float32 files are kept, but infinite opacity logits, which some writers use for
         opacities of exactly 0 and 1, become -20 and 20. Rows with other values that are not finite
         are left out, and a warning says how many.
 
     Raises:
         InputError: the file cannot be opened, is no PLY file, misses a property (the message names
-            it and what is there) or is truncated.
+            it and what is there), its comment on the origin is damaged, or it is truncated.
     """
     *arrays, not_finite = _core.read_ply(os.fspath(path))
-    gaussians = Gaussians(*arrays)
+    gaussians = Gaussians(*arrays).translated(origin_in(comments_of(path), path))
     if not_finite == 0:
         return gaussians
     warnings.warn(
@@ -52,10 +62,50 @@ def save_ply(
 
     Args:
         path: the file; written as PATH.partial first and then renamed, so it is never half a file.
-        gaussians: float32 bits are kept; float64 is rounded to float32.
+        gaussians: written in world coordinates, in float32. Where that would round them by more
+            than 1e-5 of the scene's extent (UTM coordinates), about their `origin`, which
+            a comment names and `load_ply` reads back.
         comments: lines of text for the header, none with a line break.
 
     Raises:
         InputError: the file cannot be written, or a comment holds a line break.
     """
-    _core.write_ply(os.fspath(path), gaussians.astype(np.float32), list(comments))
+    stored = for_file(gaussians)
+    _core.write_ply(os.fspath(path), stored, [*comments, *origin_comments(stored)])
+
+
+def comments_of(path: str | os.PathLike[str]) -> list[str]:
+    """The comments in a PLY file's header."""
+    with open(path, "rb") as file:
+        head = file.read(_HEADER_BYTES).split(b"end_header", 1)[0]
+    lines = head.decode("utf-8", "replace").splitlines()
+    return [line.removeprefix("comment").strip() for line in lines if line.startswith("comment ")]
+
+
+def antialiased_comment(antialiased: bool) -> str:
+    """What a header says about filters; plain "default" keeps programs from adding one."""
+    return f"SplatRenderMode: {'mip' if antialiased else 'default'}"
+
+
+def is_antialiased(path: Path) -> bool:
+    """Whether a PLY file's comments say so."""
+    return any(comment in _ANTIALIASED for comment in comments_of(path))
+
+
+def _read(path: Path) -> SceneFile:
+    return SceneFile(load_ply(path), is_antialiased(path))
+
+
+def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
+    save_ply(path, gaussians, ["written by gsut", antialiased_comment(settings.antialiased)])
+    return Written()
+
+
+FORMAT = Format(
+    "PLY",
+    (".ply",),
+    _write,
+    _read,
+    lambda head: head.startswith(b"ply") and PACKED not in head,
+    keeps_origin=True,
+)

@@ -1,11 +1,12 @@
 """The scene's parameters: arrays, packed harmonics, seeding, the low-pass filter."""
 
-from gsut.gaussians.arrays import Gaussians
+from gsut.gaussians.arrays import SH_C0, Gaussians
 from gsut.gaussians.low_pass import LowPassFilter, filter_radii, low_pass, low_pass_backward
 from gsut.gaussians.packed_harmonics import MixedGaussians, pack_harmonics, to_mixed
 from gsut.gaussians.seeding import seed_from_points, seed_in_view
 
 __all__ = [
+    "SH_C0",
     "Gaussians",
     "LowPassFilter",
     "MixedGaussians",

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gsut._core import InputError
 
+NO_ORIGIN = np.zeros(3)
+NO_ORIGIN.setflags(write=False)
+# First coefficient of the harmonics' basis: a colour is 0.5 + SH_C0 x sh + ...
+SH_C0 = 0.28209479177387814
 _FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 
 
@@ -16,12 +21,14 @@ class Gaussians:
     """N anisotropic 3D Gaussians as a structure of arrays.
 
     Args:
-        means: (N, 3) centres in world coordinates.
+        means: (N, 3) centres: world coordinates = origin + means.
         quats: (N, 4) rotations w, x, y, z of any norm > 0; normalised where used.
         log_scales: (N, 3) natural logarithm of the standard deviations along the rotated axes.
         opacity_logits: (N,) opacity = 1 / (1 + exp(-logit)).
         sh: (N, K, 3) spherical harmonics of degree 0 to 3 (K = 1, 4, 9, 16);
             colour = 0.5 + sum of basis times sh, clamped at 0 from below.
+        origin: (3,) float64, where the means' zero lies in the world, for scenes so far from the
+            world's zero that float32 cannot hold them there; nothing else depends on it.
 
     Arrays are kept as float64 if `means` is float64, as float32 otherwise, C-contiguous.
 
@@ -34,8 +41,13 @@ class Gaussians:
     log_scales: np.ndarray
     opacity_logits: np.ndarray
     sh: np.ndarray
+    if TYPE_CHECKING:
+        origin: np.ndarray = NO_ORIGIN
+    else:  # not one of the fields, which are arrays of N rows; `dataclasses.replace` keeps it
+        origin: dataclasses.InitVar[np.ndarray] = NO_ORIGIN
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, origin: np.ndarray = NO_ORIGIN) -> None:  # noqa: RUF033
+        self.origin = np.array(origin, np.float64)
         means = np.asarray(self.means)
         dtype = np.float64 if means.dtype == np.float64 else np.float32
         for name in _FIELDS:
@@ -52,6 +64,7 @@ class Gaussians:
             "log_scales": (n, 3),
             "opacity_logits": (n,),
             "sh": (n, k, 3),
+            "origin": (3,),
         }
         for name, shape in expected.items():
             found = getattr(self, name).shape
@@ -79,17 +92,34 @@ class Gaussians:
         """The same Gaussians in float32 or float64; a copy only if the dtype differs."""
         if np.dtype(dtype) == self.dtype:
             return self
-        means = self.means.astype(dtype)
-        return Gaussians(means, *(getattr(self, name).astype(dtype) for name in _FIELDS[1:]))
+        return self._with({name: getattr(self, name).astype(dtype) for name in _FIELDS})
 
     def __getitem__(self, rows: slice | np.ndarray) -> Gaussians:
         """The Gaussians of a slice (views, no copy) or of an index or boolean array."""
-        return Gaussians(*(getattr(self, name)[rows] for name in _FIELDS))
+        return self._with({name: getattr(self, name)[rows] for name in _FIELDS})
 
     def zeros_like(self) -> Gaussians:
         """The same shapes, all values 0: for gradients."""
         return Gaussians(*(np.zeros_like(getattr(self, name)) for name in _FIELDS))
 
+    def translated(self, by: np.typing.ArrayLike) -> Gaussians:
+        """The Gaussians moved by a vector (3,) in world units: exact, only the origin changes."""
+        return dataclasses.replace(self, origin=self.origin + np.asarray(by, np.float64))
+
+    def about(self, origin: np.typing.ArrayLike) -> Gaussians:
+        """The same Gaussians with their means' zero at `origin` (3,), world coordinates.
+
+        `about((0, 0, 0)).means` are world coordinates, rounded to the arrays' dtype.
+        """
+        origin = np.asarray(origin, np.float64)
+        if np.array_equal(origin, self.origin):
+            return self
+        means = (self.means + (self.origin - origin)).astype(self.dtype)
+        return dataclasses.replace(self, means=means, origin=origin)
+
     def copy(self) -> Gaussians:
         """A deep copy."""
-        return Gaussians(*(getattr(self, name).copy() for name in _FIELDS))
+        return self._with({name: getattr(self, name).copy() for name in _FIELDS})
+
+    def _with(self, arrays: dict[str, Any]) -> Gaussians:
+        return dataclasses.replace(self, **arrays)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gsut._core import InputError
-from gsut.gaussians.arrays import Gaussians
+from gsut.gaussians.arrays import NO_ORIGIN, Gaussians
 
 # Degrees change at multiples of so many rows, so that the core's vectors have one degree each.
 _ROWS_TOGETHER = 16
@@ -28,6 +28,7 @@ class MixedGaussians:
         sh: (S,) float32, one Gaussian's (degree + 1)^2 coefficients of three channels after
             another's.
         degree_ends: entry d: the Gaussians before this row have degree d or more; entry 0 is N.
+        origin: as in `Gaussians`.
 
     Raises:
         InputError: shapes disagree.
@@ -39,8 +40,13 @@ class MixedGaussians:
     opacity_logits: np.ndarray
     sh: np.ndarray
     degree_ends: tuple[int, ...]
+    if TYPE_CHECKING:
+        origin: np.ndarray = NO_ORIGIN
+    else:
+        origin: dataclasses.InitVar[np.ndarray] = NO_ORIGIN
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, origin: np.ndarray = NO_ORIGIN) -> None:  # noqa: RUF033
+        self.origin = np.array(origin, np.float64)
         ends = self.degree_ends
         if (
             len(ends) != _MAX_DEGREE + 1
@@ -107,7 +113,8 @@ class MixedGaussians:
         sh = np.zeros((len(self), (self.sh_degree + 1) ** 2, 3), np.float32)
         for rows, band in self.bands():
             sh[rows, : band.shape[1]] = band
-        return Gaussians(self.means, self.quats, self.log_scales, self.opacity_logits, sh)
+        arrays = (self.means, self.quats, self.log_scales, self.opacity_logits, sh)
+        return Gaussians(*arrays, self.origin)
 
 
 _GEOMETRY = ("means", "quats", "log_scales", "opacity_logits")
@@ -147,7 +154,7 @@ def to_mixed(gaussians: Gaussians, degrees: np.ndarray | None = None) -> MixedGa
         begin = max(begin, ends[degree])
     return MixedGaussians(
         g.means[order], g.quats[order], g.log_scales[order], g.opacity_logits[order],
-        np.concatenate(pieces), tuple(ends),
+        np.concatenate(pieces), tuple(ends), g.origin,
     )  # fmt: skip
 
 

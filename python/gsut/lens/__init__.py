@@ -3,6 +3,14 @@
 from gsut.lens.calibration_weights import CalibrationWeights
 from gsut.lens.camera import Camera, camera_models
 from gsut.lens.convert import Conversion, convert_camera, format_conversion
+from gsut.lens.database import (
+    LensProfile,
+    find_lenses,
+    horizontal_fov,
+    is_lens_name,
+    lens_by_name,
+    load_lens,
+)
 from gsut.lens.files import (
     OWN_SUFFIX,
     colmap_camera,
@@ -24,20 +32,26 @@ __all__ = [
     "CalibrationWeights",
     "Camera",
     "Conversion",
+    "LensProfile",
     "SplineGrid",
     "camera_from_values",
     "camera_models",
     "camera_values",
     "colmap_camera",
     "convert_camera",
+    "find_lenses",
     "fit_control_points",
     "format_colmap",
     "format_conversion",
     "format_nerfstudio",
     "frame_lens",
     "grid_pixels",
+    "horizontal_fov",
     "is_camchain",
+    "is_lens_name",
+    "lens_by_name",
     "load_camera",
+    "load_lens",
     "nerfstudio_camera",
     "refinable_params",
     "save_uncertainty",

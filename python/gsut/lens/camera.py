@@ -150,6 +150,21 @@ class Camera(_core.Camera):
         """
         return super().project_jacobian(points_in_camera)
 
+    def pixel_difference(self, pixels: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """`pixels - others`, through a panorama the short way round its seam.
+
+        Args:
+            pixels, others: (N, 2) pixels.
+
+        Returns:
+            (N, 2) pixels.
+        """
+        difference = pixels - others
+        for axis, period in enumerate(self.period):
+            if period > 0:
+                difference[..., axis] -= period * np.round(difference[..., axis] / period)
+        return difference
+
     def rays(self) -> tuple[np.ndarray, np.ndarray]:
         """The rays of all pixel centres, computed once and kept.
 

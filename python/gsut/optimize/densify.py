@@ -36,11 +36,11 @@ def densify_mcmc(
     weights: np.ndarray | None = None,
     *,
     dead_opacity: float = 0.005,
-    max_scale: float = np.inf,
-    split: bool = True,
-    split_power: float = 1 / 3,
 ) -> McmcCounts:
     """Relocates dead Gaussians onto living ones and adds new ones the same way.
+
+    The paper puts n copies of a Gaussian at the same place; here they are spread over its volume:
+    scales times n^(-1/3), opacities 1 - (1 - o)^(n^(-1/3)), which keeps the optical thickness.
 
     Args:
         optimizer: changed.
@@ -49,11 +49,6 @@ def densify_mcmc(
             |dL/dmean| x distance since the last densification.
         dead_opacity: at or below, a Gaussian is dead (as is one with a value that is not
             finite).
-        max_scale: world units; a Gaussian with a larger standard deviation is dead.
-        split: True spreads the n copies over their parent, scales times n^(-1/3); False puts
-            them at the same place with the paper's opacities and scales.
-        split_power: with split, a copy's opacity is 1 - (1 - o)^(n^-split_power); 1/3 keeps the
-            optical thickness, 1 is the paper's rule.
 
     Returns:
         Counts; fewer are relocated or added if the living would be copied over 50 times.
@@ -66,7 +61,7 @@ def densify_mcmc(
     optimizer.reserve(target_size)
     counts = _core.mcmc_densify(
         *optimizer.arrays, optimizer.size, target_size, np.ascontiguousarray(weights, np.float32),
-        dead_opacity, max_scale, split, split_power, optimizer.seed, optimizer.steps,
+        dead_opacity, optimizer.seed, optimizer.steps,
     )  # fmt: skip
     optimizer.resize(counts[0])
     return McmcCounts(*counts)

@@ -18,7 +18,7 @@ from gsut._core import SolveError
 from gsut.data import shrink_image, shrink_mask
 from gsut.gaussians import Gaussians, filter_radii, low_pass
 from gsut.refine.pose import RefinedPose, refine_pose
-from gsut.render import render, to_uint8
+from gsut.render import place_about, render, to_uint8
 from gsut.sfm import Features, PosesOptions, features_in, require_central
 
 _THUMBNAIL = 48  # pixels along the shorter side, at most
@@ -79,6 +79,10 @@ def localize_image(
         SolveError: no start led to a pose.
     """
     require_central([camera])
+    if gaussians.origin.any():
+        return _localize_far(
+            gaussians, views, camera, pixels, mask, background=background, on_progress=on_progress
+        )
     show = on_progress or (lambda what, done, total: None)
     order = _most_alike(gaussians, views, camera, pixels, mask, background, show)
     found = _pose_from_matches(gaussians, views, order, camera, pixels, mask, background, show)
@@ -101,6 +105,20 @@ def localize_image(
             "scene"
         )
     return best
+
+
+def _localize_far(
+    gaussians: Gaussians,
+    views: Sequence[tuple[_core.Camera, np.ndarray]],
+    *photograph: Any,
+    **settings: Any,
+) -> Localized:
+    """`localize_image` about the Gaussians' origin, and back into the world."""
+    origin = gaussians.origin
+    near: Any = [(camera, place_about(pose, origin)) for camera, pose in views]
+    found = localize_image(gaussians.translated(-origin), near, *photograph, **settings)
+    pose: Any = place_about(found.pose.camera_from_world, -origin)
+    return dataclasses.replace(found, pose=dataclasses.replace(found.pose, camera_from_world=pose))
 
 
 def _most_alike(

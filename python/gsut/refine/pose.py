@@ -12,7 +12,7 @@ from gsut import _core
 from gsut._core import BlendRule, InputError
 from gsut.data import shrink_image, shrink_mask
 from gsut.gaussians import Gaussians, filter_radii, low_pass
-from gsut.render import DEFAULT_UNSCENTED
+from gsut.render import DEFAULT_UNSCENTED, place_about
 
 # The coarsest image has at least this many pixels along its shorter side.
 _SMALLEST_SIDE = 24
@@ -28,7 +28,7 @@ class RefinedPose:
 
     Attributes:
         camera_from_world: (4, 4) rigid transform.
-        covariance: (6, 6) of the camera's centre (world axes, scene units) and then of a rotation
+        covariance: (6, 6) of the camera's centre (world axes and units) and then of a rotation
             vector w (camera axes, radians; R <- exp(w) R), from the differences that remain and
             what pixels within a sixteenth of the image err together (clustered covariance: Liang
             and Zeger 1986). What the whole scene errs by is not in it: on a demo scene errors are
@@ -103,7 +103,7 @@ def refine_pose(
         InputError: shapes differ, no pixel counts, a rolling shutter, or a lens without one centre.
         SolveError: the photograph does not determine its pose.
     """
-    pose = _one_pose(camera_from_world)
+    pose: Any = place_about(_one_pose(camera_from_world), gaussians.origin)
     pixels, valid = _photograph(camera, image, mask)
     if levels < 1 or max_pixels < 3:
         raise InputError("levels must be at least 1 and max_pixels at least 3")
@@ -134,6 +134,7 @@ def refine_pose(
             {"with_gain": with_gain, "covariances": level == 0},
         )  # fmt: skip
         pose, gain = found["camera_from_world"][0], found["gains"][0]
+    pose = place_about(pose, -gaussians.origin)
     return RefinedPose(
         pose, found["covariances"][0], *gain, found["rms_after"], bool(found["converged"])
     )

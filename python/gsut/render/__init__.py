@@ -9,6 +9,7 @@ from gsut.render.metrics import (
     ssim,
     weighted_psnr,
 )
+from gsut.render.motion import place_about
 from gsut.render.paths import orbit_path, smooth_path
 from gsut.render.pictures import picture_stems, to_uint8, write_png, write_video
 from gsut.render.projection import METHODS, Projection, project
@@ -25,6 +26,7 @@ __all__ = [
     "color_corrected_psnr",
     "orbit_path",
     "picture_stems",
+    "place_about",
     "project",
     "psnr",
     "render",

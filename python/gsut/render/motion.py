@@ -52,6 +52,25 @@ def camera_motion(
     return _core.CameraMotion(start, end, shutter)
 
 
+def place_about(
+    place: np.ndarray | _core.CameraMotion, origin: np.ndarray
+) -> np.ndarray | _core.CameraMotion:
+    """A camera's place in coordinates whose zero lies at `origin` (3,), as Gaussians' means are.
+
+    Args:
+        place: from `camera_motion`, in world coordinates.
+        origin: (3,) float64; with -origin the place comes back.
+    """
+    if not origin.any():
+        return place
+    if isinstance(place, _core.CameraMotion):
+        start, end = (np.asarray(place_about(pose, origin)) for pose in (place.start, place.end))
+        return _core.CameraMotion(start, end, place.shutter)
+    moved = np.array(place, np.float64)
+    moved[:3, 3] += moved[:3, :3] @ origin
+    return moved
+
+
 def _is_pair(camera_from_world: Any) -> bool:
     if isinstance(camera_from_world, np.ndarray):
         return camera_from_world.ndim == 3 and len(camera_from_world) == 2

@@ -11,7 +11,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import Gaussians
-from gsut.render.motion import camera_motion
+from gsut.render.motion import camera_motion, place_about
 
 # In the order of the core's enumeration.
 METHODS = ("ewa", "unscented", "simplex", "cubature", "gauss_hermite", "silhouette")
@@ -91,7 +91,7 @@ def project(
     if dtype not in ("float32", "float64"):
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     weights = tuple(float(x) for x in unscented)
-    place = camera_motion(camera_from_world, shutter)
+    place = place_about(camera_motion(camera_from_world, shutter), gaussians.origin)
     if isinstance(place, _core.CameraMotion):
         if method != "unscented":
             raise InputError(

@@ -11,7 +11,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import BlendRule, InputError
 from gsut.gaussians import Gaussians
-from gsut.render.motion import camera_motion
+from gsut.render.motion import camera_motion, place_about
 from gsut.render.projection import DEFAULT_UNSCENTED
 
 
@@ -23,7 +23,7 @@ class Render:
         image: (H, W, 3) colour, background blended in; 0 where the pixel has no ray. Not clipped.
         alpha: (H, W) 1 - remaining transmittance.
         depth: (H, W) sum of weight times distance along the ray; divide by alpha for the expected
-            distance. In scene units.
+            distance. In world units.
         gaussians, camera, camera_from_world, rule, background, sh_degree: what was rendered.
     """
 
@@ -98,8 +98,9 @@ def render(
     Args:
         gaussians: the scene.
         camera: lens and image size.
-        camera_from_world: (4, 4) rigid transform, or an object with such a `matrix`. With a
-            rolling shutter the pair of them at the start and at the end of the exposure.
+        camera_from_world: (4, 4) rigid transform, or an object with such a `matrix`; of the
+            Gaussians' world, which is the dataset's. With a rolling shutter the pair of them at
+            the start and at the end of the exposure.
         shutter: the `Shutter` of a pair of poses, or its direction: "top_to_bottom",
             "bottom_to_top", "left_to_right" or "right_to_left". Each line of the image is then
             seen from its own pose; Gaussians are ordered and shaded from the middle one.
@@ -123,10 +124,11 @@ def render(
     if len(color) != 3:
         raise InputError(f"background must be 3 numbers, found {len(color)}")
     pose = camera_motion(camera_from_world, shutter)
+    place = place_about(pose, gaussians.origin)
     degree = min(int(sh_degree), gaussians.sh_degree)
     if dtype == "float64":
         g = gaussians.astype(np.float64)
-        exact = _core.render_reference(g, camera, pose, rule, color, degree)
+        exact = _core.render_reference(g, camera, place, rule, color, degree)
         return Render(*exact[:3], g, camera, pose, rule, color, degree, None)
     if dtype != "float32":
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
@@ -137,7 +139,7 @@ def render(
     depth = np.zeros(shape, np.float32)
     renderer = _core.Renderer()
     renderer.render(
-        g, camera, pose, rule, color, degree, tuple(unscented), image, alpha, depth, True
+        g, camera, place, rule, color, degree, tuple(unscented), image, alpha, depth, True
     )
     return Render(image, alpha, depth, g, camera, pose, rule, color, degree, renderer)
 
@@ -179,7 +181,7 @@ def render_backward(
         pose, of_lens = _core.render_reference_backward(
             g,
             result.camera,
-            result.camera_from_world,
+            place_about(result.camera_from_world, g.origin),
             result.rule,
             result.background,
             result.sh_degree,

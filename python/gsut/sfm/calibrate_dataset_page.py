@@ -101,7 +101,8 @@ def _residuals_before(found: RefinedLens, turn: np.ndarray) -> np.ndarray:
     points = solution.points[solution.observations[:, 0]]
     directions = np.einsum("nij,nj->ni", pose[:, :3, :3], points) + pose[:, :3, 3]
     pixels, valid = found.before.project(directions @ turn.T)
-    return np.where(valid[:, None], pixels, np.nan) - solution.pixels
+    difference = found.before.pixel_difference(pixels, solution.pixels)
+    return np.where(valid[:, None], difference, np.nan)
 
 
 def _change(before: Camera, after: Camera, turn: np.ndarray) -> np.ndarray:
@@ -109,7 +110,8 @@ def _change(before: Camera, after: Camera, turn: np.ndarray) -> np.ndarray:
     pixels = grid_pixels(after.width, after.height)
     rays, _ = after.unproject(pixels.reshape(-1, 2))
     old, valid = before.project(rays @ turn.T)
-    distance = np.linalg.norm(np.where(valid[:, None], old, np.nan) - pixels.reshape(-1, 2), axis=1)
+    difference = before.pixel_difference(old, pixels.reshape(-1, 2))
+    distance = np.linalg.norm(np.where(valid[:, None], difference, np.nan), axis=1)
     return distance.reshape(pixels.shape[:2])
 
 

@@ -21,6 +21,7 @@ from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_candidates import guess_lenses
 from gsut.sfm.lens_search import search_lens
+from gsut.sfm.lens_start import compare_with_profile, contradiction, start_words
 from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import FIGURES, TRANSFORMS, figures, write_dataset
@@ -97,6 +98,8 @@ def estimate_poses(
             report.html. Images stay where they are.
         camera: lens file, or a dataset whose lens is used; None: the lens file beside the images,
             or the dataset's own; if there is none the lens is estimated. A known lens is held.
+            Else the name of a lens of the database (see `find_lenses`), which is estimated from
+            there; how far it ended from it is in the notes and in poses.json ("lens_start").
         unknown_lens: estimate the lens even where one lies beside the images.
         fov_degrees: rough horizontal field of view, for an unknown lens; None: several are tried.
         options: every setting of the search; None: the defaults.
@@ -133,11 +136,13 @@ def estimate_poses(
         raw = match_images(
             photographs.names, features, options, log.show, photographs.frames, stages
         )
-        pairs = verify(
-            features, photographs.lenses, raw, options, log.on_pairs("verifying"), shutter
-        )
+        pairs: list[PairMatches] = []
+        if known:
+            pairs = verify(
+                features, photographs.lenses, raw, options, log.on_pairs("verifying"), shutter
+            )
+            require_overlap(photographs.names, features, pairs)
         log.watch.lap("matching")
-        require_overlap(photographs.names, features, pairs)
         extra: dict[str, Any] = {"lens": "known" if known else "estimated"}
         fit: RigFit | None = None
         if on_rig is not None:
@@ -156,6 +161,14 @@ def estimate_poses(
         log.watch.lap("mapping")
     agreeing = None if mapper else matches_in_points(solution, pairs)
     extra |= {"matches_in_points": agreeing, **_shutter_figures(photographs, solution, options)}
+    if not known and photographs.said_focal_px is not None:
+        for text in contradiction(photographs.said_focal_px, solution.cameras[0]):
+            log.note(text)
+    if photographs.profile is not None:
+        extra["lens_start"] = compare_with_profile(
+            photographs.profile, solution.cameras[0], extra.get("readout"), options
+        )
+        log.note(start_words(extra["lens_start"]))
     for text in _solution_notes(solution, agreeing, fit, known=known):
         log.note(text)
     values = _write(folder, solution, photographs, fit, extra, log)
@@ -220,7 +233,9 @@ def _inputs(
         photographs = find_rig_photographs(images, on_rig)
         require_central(photographs.lenses)
         return photographs, on_rig
-    photographs = find_photographs(images, None if camera is None else Path(camera))
+    photographs = find_photographs(
+        images, None if camera is None else Path(camera), with_lens=not unknown_lens
+    )
     if unknown_lens:
         photographs = dataclasses.replace(photographs, cameras=[None] * len(photographs))
     require_central([camera for camera in photographs.cameras if camera is not None])

@@ -13,7 +13,7 @@ from gsut._core import InputError
 from gsut.data import read_header
 from gsut.lens import Camera
 from gsut.sfm.features import Features
-from gsut.sfm.inputs import Photographs
+from gsut.sfm.inputs import TANGENT, Photographs
 
 _FISHEYE_FROM = 110.0  # degrees: wider guesses are fisheyes from the start
 _WIDEST_PERSPECTIVE = 130.0  # degrees
@@ -33,9 +33,6 @@ _LEAST_FOCAL, _MOST_FOCAL = 0.12, 6.0
 _MOST_STRETCH = 0.03
 _MOST_OFF_CENTER = 0.08
 _LEAST_SEEN = 0.95
-# tan(x) / x = 1 + x^2/3 + 2 x^4/15 + 17 x^6/315 + 62 x^8/2835: Kannala-Brandt coefficients of
-# r = f tan(b theta) / b, exact to 1 % at 55 degrees from the axis for b = 1.
-_TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
 
 
 def guess_lenses(photographs: Photographs, fov_degrees: float | None) -> Photographs:
@@ -60,7 +57,8 @@ def guess_lenses(photographs: Photographs, fov_degrees: float | None) -> Photogr
             "the images into one folder a camera"
         )
     ((width, height),) = sizes
-    camera = guess_lens(width, height, fov_degrees or _DEFAULT_FIELD)
+    guess = guess_lens(width, height, fov_degrees or _DEFAULT_FIELD)
+    camera = next(iter(photographs.candidates), guess)
     return dataclasses.replace(photographs, cameras=[camera] * len(photographs))
 
 
@@ -123,7 +121,7 @@ def _radius(fov_degrees: float, bend: float) -> float:
 
 
 def _kannala_brandt(width: int, height: int, focal: float, bend: float) -> Camera:
-    ks = [factor * bend ** (2 * k) for k, factor in enumerate(_TANGENT, 1)]
+    ks = [factor * bend ** (2 * k) for k, factor in enumerate(TANGENT, 1)]
     return Camera("kannala_brandt", [focal, focal, width / 2, height / 2, *ks], width, height)
 
 

@@ -19,6 +19,7 @@ _PAIRS_OF_AN_IMAGE = 2
 _MATCHES = 250  # of a pair, the most distinct
 # Of a first look at all lenses; so many of them get a closer one.
 _QUICK_PAIRS, _QUICK_MATCHES, _CLOSER = 10, 100, 6
+_FAVOUR = 1.02  # on the share of a lens that the database or EXIF speaks for
 # Matches of a pair beyond which more do not count, and the spread of their displacements beyond
 # which more is no better (of the diagonal): pairs that move say more than pairs with many matches.
 _ENOUGH_MATCHES = 300
@@ -86,14 +87,19 @@ class LensRanking:
         return float(np.mean(shares)) if shares else 0.0
 
     def best(
-        self, candidates: Sequence[Camera], on_lens: Callable[[int, int], None]
+        self,
+        likely: Sequence[Camera],
+        others: Sequence[Camera],
+        on_lens: Callable[[int, int], None],
     ) -> list[RankedLens]:
-        """The candidates, best first; the best one is improved by small steps before.
+        """The lenses, best first; the best one is improved by small steps before.
 
         Args:
-            candidates: lenses to begin with.
+            likely: lenses that something speaks for: a little worse, they are still preferred.
+            others: lenses to begin with.
             on_lens: told (lenses done, lenses in all).
         """
+        candidates = [*likely, *others]
         total = len(candidates) + _CLOSER + 4 * len(_STEPS)
         done = 0
 
@@ -104,7 +110,8 @@ class LensRanking:
                 ranked.append(RankedLens(camera, self.share(camera, pairs, most)))
                 done += 1
                 on_lens(done, total)
-            return sorted(ranked, key=lambda lens: -lens.share)
+            favour = {camera: _FAVOUR for camera in likely}
+            return sorted(ranked, key=lambda lens: -lens.share * favour.get(lens.camera, 1.0))
 
         quick = rank(candidates, _QUICK_PAIRS, _QUICK_MATCHES)[:_CLOSER]
         ranked = rank([lens.camera for lens in quick], _PAIRS, _MATCHES)

@@ -181,7 +181,8 @@ def _held_out_error(
     used = solution.observations[np.isin(solution.observations[:, 0], held[:, 0])]
     points = fitted_points(solution.points, used, _pixels(features, used), camera, np.array(poses))
     p = in_cameras(points, held, np.array(poses))
-    distance = np.linalg.norm(camera.project(p)[0] - _pixels(features, held), axis=1)
+    residuals = camera.pixel_difference(camera.project(p)[0], _pixels(features, held))
+    distance = np.linalg.norm(residuals, axis=1)
     return float(np.median(np.where(np.isfinite(distance), distance, np.inf)))
 
 
@@ -210,7 +211,7 @@ def fitted_points(
 
     def residuals(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         p = in_cameras(points, observations, poses)
-        return p, camera.project(p)[0] - pixels
+        return p, camera.pixel_difference(camera.project(p)[0], pixels)
 
     def cost_of(points: np.ndarray) -> np.ndarray:
         squared = np.sum(residuals(points)[1] ** 2, axis=1)

@@ -17,6 +17,7 @@ from gsut.sfm.lens_candidates import implausible, lens_ladder
 from gsut.sfm.lens_ranking import LensRanking, RankedLens
 from gsut.sfm.matching import PairMatches, RawMatches, verify
 from gsut.sfm.options import PosesOptions
+from gsut.sfm.overlap import require_overlap
 from gsut.sfm.solution import Solution, refine, solve
 
 _HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare an observation
@@ -77,11 +78,11 @@ def search_lens(
     fov_degrees: float | None,
     show: Callable[[str, int, int, str], None],
     shutter: Shutter | None = None,
-    candidates: Sequence[Camera] = (),
 ) -> LensSearch:
     """Estimates poses and lens together.
 
-    First lenses (the candidates given and a ladder of fields of view and kinds) are ranked by the
+    First lenses (the photographs' candidates, of the database or EXIF, and a ladder of fields of
+    view and kinds) are ranked by the
     matches of some pairs that agree through them. With the best of them the focal length and the
     first coefficient are estimated on a few images; then models, and which of their parameters, on
     more images, each from the poses of the first; at last everything with the lens chosen. Pixels
@@ -95,7 +96,6 @@ def search_lens(
         fov_degrees: rough horizontal field of view, or None.
         show: told (stage, done, total, text): of "lens" the trials, then of "mapping" the images.
         shutter: rolling, or None.
-        candidates: lenses that the camera may have, from a database or from EXIF.
 
     Raises:
         SolveError: nothing could be reconstructed with any lens.
@@ -106,9 +106,11 @@ def search_lens(
     ranking = LensRanking(features, raw, options, 1.0 if shutter is None else _ROLLING_PAIRS)
     ladder = lens_ladder(first.width, first.height, fov_degrees)
     ranked = ranking.best(
-        [*candidates, *ladder], lambda done, total: trials.tell("first lenses", 0.3 * done / total)
-    )
+        photographs.candidates, ladder,
+        lambda done, total: trials.tell("first lenses", 0.3 * done / total),
+    )  # fmt: skip
     pairs = trials.verified(ranked[0].camera, raw)
+    require_overlap(photographs.names, features, pairs)
     best = _first_solution(trials, raw, pairs, ranked)
     if abs(best.cameras[0].params[0] / ranked[0].camera.params[0] - 1) > _VERIFY_AGAIN:
         pairs = trials.verified(best.cameras[0], raw)

@@ -347,7 +347,9 @@ def evaluate_observations(
     for image in np.unique(observations[:, 1]):
         rows = observations[:, 1] == image
         pixels[rows] = features[image].pixels[observations[rows, 2]]
-        residuals[rows] = cameras[image].project(in_camera[rows])[0] - pixels[rows]
+        camera = cameras[image]
+        found, _ = camera.project(in_camera[rows])
+        residuals[rows] = camera.pixel_difference(found, pixels[rows])
     angles = np.arctan2(np.hypot(in_camera[:, 0], in_camera[:, 1]), in_camera[:, 2])
     return pixels, residuals, angles
 

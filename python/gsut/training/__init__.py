@@ -12,7 +12,7 @@ from gsut.training.loop import TrainingLoop
 from gsut.training.photometric_poses import grow_poses
 from gsut.training.record import TrainingRecord
 from gsut.training.results import measure_training, write_results
-from gsut.training.start import prepare_scene, refine_first_poses
+from gsut.training.start import about_cameras, prepare_scene, refine_first_poses
 from gsut.training.trained_run import read_trained
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "RunCompactor",
     "TrainingLoop",
     "TrainingRecord",
+    "about_cameras",
     "count_for_bytes",
     "finetune",
     "finetune_options",

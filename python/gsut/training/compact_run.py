@@ -30,6 +30,7 @@ from gsut.gaussians import Gaussians, MixedGaussians, pack_harmonics
 from gsut.run import METRICS, REFINED, RunFolder, TrainOptions, describe_environment
 from gsut.training.finetuning import finetune, finetune_options
 from gsut.training.results import measure, write_results
+from gsut.training.start import about_cameras
 
 # The search for the smallest number stops when its bounds are this close, as a ratio.
 _SEARCH_RATIO = 1.05
@@ -123,7 +124,7 @@ class RunCompactor:
 
     Args:
         scene: the run's dataset at the resolution that it was trained at.
-        gaussians: the run's.
+        gaussians: the run's, in the scene's world.
         train_options: the run's.
         options: what to make.
         keep_degrees: fine-tuning leaves each Gaussian's degree of harmonics, which was chosen.
@@ -144,12 +145,12 @@ class RunCompactor:
         on_step: Callable[[Any, float], object] = lambda loop, loss: None,
         on_try: Callable[[int, float], object] = lambda count, psnr: None,
     ) -> None:
-        self.scene, self.gaussians = scene, gaussians
+        self.scene, self.gaussians = about_cameras(scene, gaussians)
         self.train_options, self.options = train_options, options
         self.keep_degrees = keep_degrees
         self.on_view, self.on_step, self.on_try = on_view, on_step, on_try
         self.views: Sequence[SeenView] = (
-            seen_views(scene, scene.train_indices) if looks_at_views(options.method) else ()
+            seen_views(self.scene, scene.train_indices) if looks_at_views(options.method) else ()
         )
         self._scores: np.ndarray | None = None  # the same for all tries
         self.compact_seconds = 0.0
@@ -158,7 +159,7 @@ class RunCompactor:
         self.degrees: list[int] | None = None  # how many Gaussians have harmonics of degree 0, 1 ..
 
     def make(self) -> Gaussians:
-        """The compacted (and fine-tuned) Gaussians."""
+        """The compacted (and fine-tuned) Gaussians, in the coordinates of `scene.centred`."""
         small, drop = self._fewer(), self.options.harmonics_drop
         if drop is None:
             return small

@@ -7,7 +7,7 @@ from typing import Any
 
 from gsut.data import Scene
 from gsut.evaluate import evaluate, run_metrics, write_report
-from gsut.formats import save_ply
+from gsut.formats import for_file, place_text, save_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import evaluate_aligned, write_refined
 from gsut.run import RunFolder, TrainOptions
@@ -75,13 +75,15 @@ def write_results(
 
     Args:
         run: the folder.
-        gaussians: of the scene; MixedGaussians do, too.
+        gaussians: in the coordinates whose zero lies at the metrics' world_offset.
         metrics: see `run_metrics`; what could not be written is added to its notes.
         refined: the scene with refined poses, or None.
     """
-    offset = " ".join(f"{value:.17g}" for value in metrics["world_offset"])
-    comment = f"gsut: dataset coordinates = these + {offset}"
-    run.write("scene.ply", lambda path: save_ply(path, gaussians, comments=(comment,)))
+    in_dataset = gaussians.translated(metrics["world_offset"])
+    if for_file(in_dataset).origin.any():
+        place = place_text(in_dataset.origin)
+        metrics["notes"].append(f"scene.ply holds {place}; its comment says so, gsut reads it back")
+    run.write("scene.ply", lambda path: save_ply(path, in_dataset))
     if refined is not None:
         metrics["notes"] += _refinement_notes(metrics)
         write_refined(run, refined)

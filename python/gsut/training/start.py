@@ -16,10 +16,17 @@ _RANDOM_COUNT = 30_000
 
 
 def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
-    """The scene at the size, and with the shutter, that the options ask for."""
+    """The scene at the size, and with the shutter, that the options ask for, where it stands."""
     o = options
     small = scene if o.scale == 1.0 else scene.scaled(o.scale)
     return with_shutter(small, o.shutter, o.readout_time, o.readout_direction)
+
+
+def about_cameras(scene: Scene, gaussians: Gaussians) -> tuple[Scene, Gaussians]:
+    """`Scene.centred`, and Gaussians of the scene's world in the same coordinates."""
+    near = scene.centred
+    shift = near.world_offset - scene.world_offset
+    return near, gaussians.translated(-shift).about((0.0, 0.0, 0.0))
 
 
 def refine_first_poses(scene: Scene, options: TrainOptions, progress: bool) -> TracksResult | None:

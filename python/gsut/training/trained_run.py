@@ -14,7 +14,10 @@ from gsut.training.start import prepare_scene
 
 
 def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene, Gaussians]:
-    """Options, scene with the poses that the run refined (if it did), and Gaussians of a run."""
+    """Options, scene with the poses that the run refined (if it did), and Gaussians of a run.
+
+    Scene and Gaussians are in the dataset's coordinates.
+    """
     path = run.path / SCENE
     if not path.is_file():
         raise InputError(f"{path} is absent: the run is not finished; resume it")

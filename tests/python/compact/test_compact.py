@@ -18,6 +18,7 @@ from gsut.compact.harmonics import drop_harmonics
 from gsut.compact.methods.lightgaussian import hit_sums, lightgaussian_scores
 from gsut.compact.methods.pup import fisher_matrices, pup_scores
 from gsut.compact.scores import SeenView, basis_sums, blend_weights, find_strongest
+from gsut.gaussians import SH_C0
 from random_scenes import arrays_of, fisheye, gaussians_in_view, pinhole, random_pose
 
 COUNT = 300
@@ -51,7 +52,7 @@ def double_weights(g, views):
         dimage = np.zeros_like(result.image)
         dimage[..., 0] = view.mask
         sums += gsut.render_backward(result, dimage).gaussians.sh[:, 0, 0]
-    return sums / 0.28209479177387814
+    return sums / SH_C0
 
 
 def test_blend_weights_agree_with_the_double_reference(scene, views):
@@ -440,7 +441,7 @@ def test_basis_sums_give_the_mean_colour_seen(scene, views):
     weights = blend_weights(bright, views)
     found = 0.5 * weights.sum() + np.einsum("nk,nkc->c", sums, bright.sh)
     np.testing.assert_allclose(found, expected, rtol=tolerances.COMPACT_SUMS)
-    np.testing.assert_allclose(sums[:, 0], weights * 0.28209479177387814, atol=1e-9)
+    np.testing.assert_allclose(sums[:, 0], weights * SH_C0, atol=1e-9)
 
 
 def test_drop_harmonics_keeps_within_the_drop_and_the_mean_colour(scene, views):

@@ -5,8 +5,9 @@ import pytest
 
 import gsut
 from gsut.compact.compaction import compact
-from gsut.compact.refit import _SH0, refit_colors
+from gsut.compact.refit import refit_colors
 from gsut.compact.scores import SeenView, blend_weights
+from gsut.gaussians import SH_C0
 from random_scenes import arrays_of, fisheye, gaussians_in_view, random_pose
 
 
@@ -75,7 +76,7 @@ def test_refit_moves_what_is_hardly_seen_by_no_more_than_it_is_seen(rng):
     assert 0.01 < weight < 0.5  # pixels
     moved = refit_colors(faint, wall, views, 1).sh - faint.sh
     assert np.all(moved > 0)
-    assert _SH0 * moved.max() < weight
+    assert SH_C0 * moved.max() < weight
 
 
 def test_refit_leaves_what_no_view_sees(scene, views):

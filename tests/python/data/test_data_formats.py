@@ -45,7 +45,9 @@ def test_load_each_format_gives_the_same_scene(kind, tmp_path):
     centers = np.array([pose[:3, 3] for pose in truth])
     np.testing.assert_allclose(dataset_centers(scene), centers, atol=tolerances.DATA_POSE)
     np.testing.assert_allclose(
-        np.mean([v.camera_center for v in scene.views], axis=0), 0, atol=tolerances.DATA_POSE
+        np.mean([v.camera_center for v in scene.centred.views], axis=0),
+        0,
+        atol=tolerances.DATA_POSE,
     )
     xyz, rgb = small.points()
     np.testing.assert_allclose(
@@ -178,7 +180,7 @@ def test_load_utm_coordinates_keep_their_digits(tmp_path):
         centers - centers[0], truth - truth[0], atol=tolerances.DATA_UTM_POSITION
     )
     np.testing.assert_allclose(
-        scene.world_offset, offset + truth.mean(axis=0), rtol=tolerances.DATA_ROUNDING
+        scene.centred.world_offset, offset + truth.mean(axis=0), rtol=tolerances.DATA_ROUNDING
     )
 
 

@@ -1,7 +1,6 @@
 """Tests gsut.cameras: every lens against OpenCV and the oracle, derivatives, the Python class."""
 
 import pickle
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,21 +9,15 @@ import pytest
 import tolerances as tol
 from gsut import InputError, set_num_threads
 from gsut.lens.camera import Camera, camera_models
-from lens_cases import all_lenses, polar_grid, traits
+from lens_cases import OPENCV, all_lenses, polar_grid, traits
 
 pytestmark = pytest.mark.quick
 
-OPENCV = ["kannala_brandt", "opencv12", "opencv14", "opencv4", "opencv5", "opencv8", "pinhole"]
 LENSES = all_lenses()
 OPENCV_LENSES = [camera for camera in LENSES if camera.model in OPENCV]
 each_lens = pytest.mark.parametrize("camera", LENSES, ids=lambda c: f"{c.model}-{c.width}")
 # Coordinates below which the comparisons with absolute tolerances are made.
 NEAR_PIXELS = 1e4
-
-
-def test_camera_models_are_the_lens_files_of_the_build():
-    files = Path(__file__).parents[3] / "cpp" / "gsut" / "cameras" / "models"
-    assert set(camera_models()) == {file.stem for file in files.glob("*.h")} >= set(OPENCV)
 
 
 def cv2_pixels(camera: Camera, points: np.ndarray) -> np.ndarray:

@@ -87,6 +87,16 @@ def test_double_sphere_agrees_with_long_double(camera):
     assert error.max() < tol.LENS_ORACLE_PIXELS
 
 
+@pytest.mark.parametrize("camera", examples("orthographic"))
+def test_orthographic_agrees_with_long_double(camera):
+    points = np.random.default_rng(5).normal([0, 0, 7.0], 2.0, (500, 3))
+    pixels, valid = camera.project(points)
+    expected = scaled(points[:, :2].astype(Real), camera.params.astype(Real))
+    assert valid.sum() > 400
+    error = np.abs(pixels - expected.astype(float))[valid]
+    assert error.max() < tol.LENS_ORACLE_PIXELS
+
+
 @pytest.mark.parametrize("camera", examples("ftheta"), ids=["angle-to-pixel", "pixel-to-angle"])
 def test_ftheta_agrees_with_long_double(camera):
     points = polar_grid(0.999 * camera.max_angle, 48, 60)

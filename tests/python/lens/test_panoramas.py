@@ -102,3 +102,12 @@ def test_valid_field_angle_cuts_a_cone_out_of_the_sphere(camera):
     np.testing.assert_array_equal(cut.project(points)[1], [True, False, True, False, False])
     pixels, _ = camera.project(points)
     np.testing.assert_array_equal(cut.unproject(pixels)[1], [True, False, True, False, False])
+
+
+@each
+def test_pixel_difference_goes_the_short_way_round(camera, rng):
+    pixels = rng.uniform(0, [camera.width, camera.height], (200, 2))
+    small = rng.normal(0, 3.0, pixels.shape)
+    copies = rng.integers(-1, 2, pixels.shape) * np.array(camera.period)
+    difference = camera.pixel_difference(pixels + small + copies, pixels)
+    np.testing.assert_allclose(difference, small, rtol=0, atol=tol.LENS_FILE_PARAMS)

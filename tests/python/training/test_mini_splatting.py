@@ -6,6 +6,7 @@ import pytest
 import gsut
 from gsut import TrainOptions
 from gsut.compact.scores import blend_weights, seen_views
+from gsut.gaussians import SH_C0
 from gsut.optimize import GaussianOptimizer, split_and_prune
 from gsut.training.loop import TrainingLoop
 from gsut.training.strategies.mini import OVERGROWN, find_blurred, reinitialize, sample
@@ -64,7 +65,7 @@ def test_reinitialised_gaussians_lie_where_the_views_see_them_in_their_colours(s
     assert np.all((new.means > low) & (new.means < high))
     images = [scene.image(index).reshape(-1, 3) for index in scene.train_indices]
     known = {tuple(color) for color in np.concatenate(images)}
-    colors = np.rint(255 * (0.5 + 0.28209479177387814 * new.sh[:, 0])).astype(int)
+    colors = np.rint(255 * (0.5 + SH_C0 * new.sh[:, 0])).astype(int)
     assert all(tuple(color) in known for color in colors)
 
 

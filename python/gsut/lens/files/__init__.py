@@ -45,6 +45,7 @@ __all__ = ["colmap_camera", "load_camera", "nerfstudio_camera", "save_camera"]
 
 _Path = str | os.PathLike[str]
 _YAML = (".yaml", ".yml")
+LENS_SUFFIXES = (".bin", ".cameramodel", ".json", ".txt", ".xml", *_YAML)
 # What in the name of a .json chooses its format; OpenCV's else.
 _JSON_WORDS = {"aria": "aria", "matlab": "matlab", "opensfm": "camera_models"}
 OWN_SUFFIX = ".lens.json"  # of gsut's own form, which holds every lens

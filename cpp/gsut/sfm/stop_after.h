@@ -1,0 +1,26 @@
+// Stops a solver after a number of steps that lowered the cost.
+#pragma once
+
+#include <ceres/iteration_callback.h>
+
+namespace gsut {
+
+// Rejected steps beyond the iterations asked for: each halves the next step at least, and 2^10 is
+// what an undetermined lens parameter needs.
+inline constexpr int kMostRejected = 10;
+
+// Ends the solver after so many steps that lowered the cost: Ceres counts rejected ones too, and a
+// lens whose parameters the colours hardly tell begins with several of those.
+class StopAfter : public ceres::IterationCallback {
+ public:
+  explicit StopAfter(int steps) : left_(steps) {}
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary& iteration) override {
+    if (iteration.iteration > 0 && iteration.step_is_successful) --left_;
+    return left_ > 0 ? ceres::SOLVER_CONTINUE : ceres::SOLVER_TERMINATE_SUCCESSFULLY;
+  }
+
+ private:
+  int left_;
+};
+
+}  // namespace gsut

@@ -1,0 +1,126 @@
+"""`gsut convert`: a scene in another format."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+from gsut._core import InputError
+from gsut.cli._flags import add_json, add_quiet, print_json
+
+HELP = "a scene in another format: SPZ, SOG, glTF, USD, PLY ..."
+DESCRIPTION = (
+    "Writes a run's scene, or a file of Gaussians, in the format that the suffix of OUT says, and "
+    "says what that format could not hold. IN is left as it is; an OUT that exists is refused."
+)
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "source", metavar="IN", help="a finished run, or a file of Gaussians of any known format"
+    )
+    parser.add_argument("out", metavar="OUT", help="the file to write; its suffix says the format")
+    parser.add_argument(
+        "--sh-degree", type=int, choices=(0, 1, 2, 3), default=3, metavar="{0,1,2,3}",
+        help="leave harmonics above this degree out, which makes files smaller [default 3: none]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--spz-version", type=int, choices=(3, 4), default=3, metavar="{3,4}",
+        help="of a .spz file: 3 is read everywhere; 4 is a little smaller and needs zstandard "
+        "[default 3]",
+    )  # fmt: skip
+    add_quiet(parser)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from gsut.formats import WriteSettings, format_of, read_scene_file
+
+    out = Path(arguments.out)
+    chosen = format_of(out)
+    if out.exists():
+        raise InputError(f"{out} exists; give another name (nothing was overwritten)")
+    path = _scene_of(Path(arguments.source))
+    found = read_scene_file(path)
+    settings = WriteSettings(antialiased=found.antialiased, spz_version=arguments.spz_version)
+    gaussians = _lowered(found.gaussians, arguments.sh_degree)
+    figures = {
+        "source": str(path),
+        "source_bytes": path.stat().st_size,
+        "out": str(out),
+        "format": chosen.name,
+        "num_gaussians": len(gaussians),
+        "sh_degree": gaussians.sh_degree,
+        "antialiased": found.antialiased,
+        **_write(out, gaussians, settings),
+    }
+    if arguments.json:
+        print_json(figures)
+    elif not arguments.quiet:
+        _print_summary(figures)
+    return 0
+
+
+def _scene_of(source: Path) -> Path:
+    """The file of a run, or the file itself."""
+    from gsut.run import SCENE, RunFolder
+
+    if not source.is_dir():
+        return source
+    path = RunFolder.open(source).path / SCENE
+    if not path.is_file():
+        raise InputError(f"{path} is absent: the run is not finished; resume it")
+    return path
+
+
+def _lowered(gaussians: Any, degree: int) -> Any:
+    import dataclasses
+
+    if gaussians.sh_degree <= degree:
+        return gaussians
+    return dataclasses.replace(gaussians, sh=gaussians.sh[:, : (degree + 1) ** 2])
+
+
+def _write(out: Path, gaussians: Any, settings: Any) -> dict[str, Any]:
+    """Writes, and reads again what was written: the errors are those of the file."""
+    from gsut.formats import for_file, format_of, largest_errors, load_gaussians, save_gaussians
+
+    started = time.perf_counter()
+    written = save_gaussians(out, gaussians, settings)
+    seconds = time.perf_counter() - started
+    errors = None
+    if format_of(out).read is not None:
+        stored: Any = for_file(gaussians)
+        errors = largest_errors(stored[written.rows], load_gaussians(out))
+    return {
+        "bytes": out.stat().st_size,
+        "write_seconds": seconds,
+        "errors": errors,
+        "clipped": written.clipped,
+        "left_out": list(written.left_out),
+    }
+
+
+def _print_summary(figures: dict[str, Any]) -> None:
+    before, after = figures["source_bytes"] / 1e6, figures["bytes"] / 1e6
+    print(
+        f"{figures['num_gaussians']:,} Gaussians, {before:.1f} -> {after:.1f} MB in "
+        f"{figures['write_seconds']:.1f} s: {figures['out']} ({figures['format']})"
+    )
+    errors = figures["errors"]
+    if errors is not None:
+        print(
+            f"read back: positions within {errors['position']:.2g}, scales "
+            f"{errors['log_scale']:.1%}, rotations {errors['rotation_degrees']:.2g} degrees, "
+            f"opacities {errors['opacity']:.2g}, colours {errors['color']:.2g}, harmonics "
+            f"{errors['harmonics']:.2g}"
+        )
+    for name, count in figures["clipped"].items():
+        print(
+            f"{count:,} values of {name} lay beyond what {figures['format']} holds and were "
+            "brought to its edge"
+        )
+    for sentence in figures["left_out"]:
+        print(sentence)

@@ -1,0 +1,40 @@
+"""How far Gaussians are from what was written."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsut.formats._quantize import opacity_of, unit_quats
+from gsut.gaussians import Gaussians
+
+
+def largest_errors(before: Gaussians, after: Gaussians) -> dict[str, float]:
+    """The largest differences between Gaussians, row by row.
+
+    Args:
+        before, after: N Gaussians each; harmonics that one of them lacks count as 0.
+
+    Returns:
+        position: of a coordinate, in the scene's units; log_scale: of a natural logarithm;
+        rotation_degrees; opacity: between 0 and 1; color: of the constant harmonic; harmonics: of
+        the others.
+    """
+    most = max(before.sh.shape[1], after.sh.shape[1])
+    sh = [np.zeros((len(g), most, 3)) for g in (before, after)]
+    for padded, g in zip(sh, (before, after), strict=True):
+        padded[:, : g.sh.shape[1]] = g.sh
+    a, b = unit_quats(before.quats), unit_quats(after.quats)
+    # Half the angle by its sine, which is exact for small ones.
+    half = np.minimum(np.linalg.norm(a - b, axis=1), np.linalg.norm(a + b, axis=1)) / 2
+    return {
+        "position": _largest(before.means, after.means),
+        "log_scale": _largest(before.log_scales, after.log_scales),
+        "rotation_degrees": float(np.degrees(4 * np.arcsin(np.max(half, initial=0.0)))),
+        "opacity": _largest(opacity_of(before.opacity_logits), opacity_of(after.opacity_logits)),
+        "color": _largest(sh[0][:, 0], sh[1][:, 0]),
+        "harmonics": _largest(sh[0][:, 1:], sh[1][:, 1:]),
+    }
+
+
+def _largest(before: np.ndarray, after: np.ndarray) -> float:
+    return float(np.max(np.abs(before.astype(np.float64) - after), initial=0.0))

@@ -1,0 +1,94 @@
+"""What a format of scene files is: how it is recognised, read and written."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.gaussians import Gaussians
+
+# A file may claim this many Gaussians whatever its size; more only at a byte each or more. The
+# densest real files hold one in eight bytes, so this stops only bombs.
+_FREE_CLAIM = 65536
+
+
+@dataclasses.dataclass(frozen=True)
+class SceneFile:
+    """What a scene file holds.
+
+    Attributes:
+        gaussians: float32, in the file's coordinates (the dataset's, if gsut wrote it).
+        antialiased: the file says that a filter of the screen belongs to it (Mip-Splatting): views
+            widen small Gaussians and lower their opacity in turn.
+    """
+
+    gaussians: Gaussians
+    antialiased: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class WriteSettings:
+    """How to write, where a format leaves a choice.
+
+    Attributes:
+        antialiased: see `SceneFile`; kept where the format has a place for it.
+        spz_version: 3, which every reader of SPZ knows, or 4.
+    """
+
+    antialiased: bool = False
+    spz_version: int = 3
+
+
+@dataclasses.dataclass(frozen=True)
+class Written:
+    """What became of the Gaussians in a file.
+
+    Attributes:
+        rows: (M,) the rows of the Gaussians that were written, in the file's order; None: all, in
+            theirs.
+        clipped: name of a quantity -> how many of its values lay beyond what the format holds and
+            were brought to its edge.
+        left_out: sentences about what the format has no place for.
+    """
+
+    rows: np.ndarray | None = None
+    clipped: dict[str, int] = dataclasses.field(default_factory=dict)
+    left_out: tuple[str, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Format:
+    """A format of scene files; a module of this folder has one as its `FORMAT`.
+
+    Attributes:
+        name: for people.
+        suffixes: ends of file names, lower case; a longer one wins over a shorter one, and files
+            are written by the format that has the suffix first in its own list.
+        write: (path, float32 Gaussians that can be drawn, settings) -> Written; the path ends in
+            one of the suffixes and becomes the file only once it is whole.
+        read: path -> SceneFile; None: gsut only writes this format.
+        holds: whether a file that begins with these bytes may be of this format; of formats with
+            one suffix, the one that says yes reads.
+        keeps_origin: the file says where its zero lies in the world, and `read` gives it back as
+            `Gaussians.origin`; without it the zero of a scene far from the world's is lost.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    write: Callable[[Path, Gaussians, WriteSettings], Written]
+    read: Callable[[Path], SceneFile] | None
+    holds: Callable[[bytes], bool]
+    keeps_origin: bool = False
+
+
+def check_claim(path: Path, count: int, size: int, what: str = "Gaussians") -> None:
+    """Raises InputError, before memory is asked for, if so many cannot be in `size` bytes."""
+    if not 0 <= count <= max(size, _FREE_CLAIM):
+        raise InputError(
+            f"{path}: claims {count:,} {what} in {size:,} bytes, which cannot be; the file is "
+            "damaged"
+        )

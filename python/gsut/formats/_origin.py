@@ -1,0 +1,74 @@
+"""Where a file's zero lies in the world: at the world's own, but for scenes too far from it."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.gaussians import Gaussians
+
+# The comment that says where a PLY file's zero lies in the world; without it, at the world's zero.
+_KEY = "gsut: dataset coordinates = these + "
+_ORIGIN = re.compile(re.escape(_KEY) + r"(\S+) (\S+) (\S+)$")
+
+# Files hold float32. Where it rounds world coordinates by more than this fraction of the scene's
+# extent (a hundredth of a pixel), they are written about the Gaussians' origin.
+ROUNDING = 1e-5
+
+
+def for_file(gaussians: Gaussians) -> Gaussians:
+    """The Gaussians in float32 as a file shall hold them.
+
+    Returns:
+        In world coordinates (origin 0) where float32 rounds them by at most `ROUNDING` of the
+        extent (median distance from the median), or where they have no origin; else as they are. A
+        format keeps the `origin` of what it gets here, and its reader gives it back.
+    """
+    if not gaussians.origin.any() or len(gaussians) == 0:
+        return gaussians.astype(np.float32)
+    middle = np.median(gaussians.means, axis=0)
+    extent = np.median(np.linalg.norm(gaussians.means - middle, axis=1))
+    rounding = np.spacing(np.float32(np.abs(gaussians.origin + middle).max())) / 2
+    if rounding > ROUNDING * extent:
+        return gaussians.astype(np.float32)
+    return gaussians.about((0.0, 0.0, 0.0)).astype(np.float32)
+
+
+def place_text(origin: np.ndarray) -> str:
+    """What a file holds whose zero lies at `origin`, in words."""
+    values = ", ".join(f"{value:.10g}" for value in origin)
+    return f"the dataset's coordinates less ({values}), as float32 cannot hold them there"
+
+
+def origin_comments(gaussians: Gaussians) -> list[str]:
+    """The comments of a PLY file of these Gaussians: none with the zero at the world's."""
+    if not gaussians.origin.any():
+        return []
+    return [_KEY + " ".join(f"{value:.17g}" for value in gaussians.origin)]
+
+
+def origin_in(comments: Sequence[str], path: str | os.PathLike[str]) -> np.ndarray:
+    """(3,) the origin that a PLY file's comments name; zero if none does.
+
+    Raises:
+        InputError: the comment is damaged.
+    """
+    for comment in comments:
+        if not comment.startswith(_KEY):
+            continue
+        found = _ORIGIN.match(comment)
+        try:
+            origin = np.array([float(word) for word in found.groups()] if found else [])
+        except ValueError:
+            origin = np.zeros(0)
+        if len(origin) != 3 or not np.isfinite(origin).all():
+            raise InputError(
+                f'{os.fspath(path)}: the comment "{comment}" must end in three numbers: where the '
+                "file's zero lies in the dataset's coordinates"
+            )
+        return origin
+    return np.zeros(3)

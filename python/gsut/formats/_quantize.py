@@ -1,0 +1,126 @@
+"""Numbers as compressed formats keep them: bytes, small rotations, codebooks, an order in space."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+# Stands for the logit of opacities 0 and 1, as in `load_ply`.
+_MOST_LOGIT = 20.0
+_SQRT2 = math.sqrt(2.0)
+# The components beside the largest one, whichever that is.
+_OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+
+
+def opacity_of(logits: np.ndarray) -> np.ndarray:
+    """float32 opacities in [0, 1]."""
+    return (1.0 / (1.0 + np.exp(-logits.astype(np.float64)))).astype(np.float32)
+
+
+def logit_of(opacities: np.ndarray) -> np.ndarray:
+    """float32 logits, at most 20 in size."""
+    values = np.clip(opacities.astype(np.float64), 0.0, 1.0)
+    with np.errstate(divide="ignore"):
+        logits = np.log(values) - np.log1p(-values)
+    return np.clip(logits, -_MOST_LOGIT, _MOST_LOGIT).astype(np.float32)
+
+
+def to_bytes(values: np.ndarray) -> tuple[np.ndarray, int]:
+    """Values on a scale of 0 to 255 as uint8, and how many lay beyond it by half a step or more."""
+    rounded = np.rint(values)
+    beyond = int(np.count_nonzero((rounded < 0) | (rounded > 255)))
+    return np.clip(rounded, 0, 255).astype(np.uint8), beyond
+
+
+def unit_quats(quats: np.ndarray) -> np.ndarray:
+    """(N, 4) of norm 1, w >= 0."""
+    q = quats.astype(np.float64)
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    return np.where(q[:, :1] < 0, -q, q)
+
+
+def smallest_three(quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A rotation by the place of its largest component and the other three, times sqrt 2.
+
+    Args:
+        quats: (N, 4) in any order of the components, any norm > 0.
+
+    Returns:
+        (N,) the place, 0 to 3; (N, 3) the others in their order, in [-1, 1], for the sign that
+        makes the largest one positive.
+    """
+    q = unit_quats(quats)
+    largest = np.argmax(np.abs(q), axis=1)
+    rows = np.arange(len(q))
+    q *= np.where(q[rows, largest] < 0, -1.0, 1.0)[:, None]
+    return largest, np.clip(q[rows[:, None], _OTHERS[largest]] * _SQRT2, -1.0, 1.0)
+
+
+def from_smallest_three(largest: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(N, 4) float32 unit quaternions, the inverse of `smallest_three`."""
+    q = np.empty((len(others), 4))
+    rest = others / _SQRT2
+    rows = np.arange(len(q))
+    q[rows[:, None], _OTHERS[largest]] = rest
+    q[rows, largest] = np.sqrt(np.maximum(0.0, 1.0 - np.sum(rest * rest, axis=1)))
+    return q.astype(np.float32)
+
+
+def morton_order(points: np.ndarray) -> np.ndarray:
+    """(N,) rows in the order of a Z curve of 2^21 steps an axis: neighbours stand together."""
+    low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+    steps = (2**21 - 1) / np.maximum(high - low, 1e-300)
+    cells = ((points - low) * steps).astype(np.uint64)
+    code = np.zeros(len(points), np.uint64)
+    for axis in range(3):
+        code |= _spread(cells[:, axis]) << np.uint64(axis)
+    return np.argsort(code, kind="stable")
+
+
+def _spread(values: np.ndarray) -> np.ndarray:
+    """Two zero bits behind each of 21 bits."""
+    x = values
+    for shift, mask in (
+        (32, 0x1F00000000FFFF),
+        (16, 0x1F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    ):
+        x = (x | (x << np.uint64(shift))) & np.uint64(mask)
+    return x
+
+
+def codebook(values: np.ndarray, entries: int = 256, rounds: int = 20) -> np.ndarray:
+    """The best few values to stand for many (Lloyd's algorithm in one dimension).
+
+    Args:
+        values: of any shape, at least one.
+        entries: how many to return.
+        rounds: at most.
+
+    Returns:
+        (entries,) float32, rising; starts from equal shares of values and of their range by turns.
+    """
+    data = np.sort(values.astype(np.float64), axis=None)
+    shares = data[np.linspace(0, len(data) - 1, entries // 2).astype(np.int64)]
+    ranges = np.linspace(data[0], data[-1], entries - len(shares))
+    centers = np.sort(np.concatenate([shares, ranges]))
+    sums = np.concatenate([[0.0], np.cumsum(data)])
+    for _ in range(rounds):
+        ends = np.searchsorted(data, 0.5 * (centers[1:] + centers[:-1]))
+        bounds = np.concatenate([[0], ends, [len(data)]])
+        counts = np.diff(bounds)
+        means = np.diff(sums[bounds]) / np.maximum(counts, 1)
+        moved = np.where(counts > 0, means, centers)
+        if np.array_equal(moved, centers):
+            break
+        centers = np.sort(moved)
+    return centers.astype(np.float32)
+
+
+def nearest_entries(values: np.ndarray, book: np.ndarray) -> np.ndarray:
+    """Index of the entry of a rising codebook that is nearest to each value, uint8."""
+    middles = 0.5 * (book[1:].astype(np.float64) + book[:-1])
+    return np.searchsorted(middles, values.astype(np.float64)).astype(np.uint8)

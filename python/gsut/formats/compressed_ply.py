@@ -1,0 +1,193 @@
+"""SuperSplat's compressed PLY: 16 bytes a Gaussian and a byte a harmonic, in chunks of 256."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.files import whole_file
+from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
+from gsut.formats._origin import origin_comments, origin_in
+from gsut.formats._quantize import (
+    from_smallest_three,
+    logit_of,
+    morton_order,
+    opacity_of,
+    smallest_three,
+    to_bytes,
+)
+from gsut.formats.ply import PACKED, antialiased_comment, comments_of, is_antialiased
+from gsut.gaussians import SH_C0, Gaussians
+
+_CHUNK = 256
+_BOUNDS = [
+    f"{end}_{name}"
+    for group in (("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b"))
+    for end in ("min", "max")
+    for name in group
+]
+_PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
+_THREE_BITS = (11, 10, 11)  # of x, y, z in one number
+_LEAST_LOG_SCALE, _MOST_LOG_SCALE = -20.0, 20.0
+_SH_RANGE = 8.0  # a byte spans -4 to 4
+_HEADER_BYTES = 65536
+
+
+def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
+    order = morton_order(gaussians.means)
+    g = gaussians[order]
+    log_scales = np.clip(g.log_scales, _LEAST_LOG_SCALE, _MOST_LOG_SCALE)
+    position_bounds, position = _in_chunks(g.means)
+    scale_bounds, scale = _in_chunks(log_scales)
+    color_bounds, color = _in_chunks(0.5 + SH_C0 * g.sh[:, 0])
+    rgba = np.concatenate([color, opacity_of(g.opacity_logits)[:, None]], axis=1)
+    vertices = np.empty((len(g), 4), "<u4")
+    vertices[:, 0] = _pack(position, _THREE_BITS)
+    vertices[:, 1] = _pack_rotations(g.quats)
+    vertices[:, 2] = _pack(scale, _THREE_BITS)
+    vertices[:, 3] = _pack(rgba, (8, 8, 8, 8))
+    rest = g.sh[:, 1:].transpose(0, 2, 1).reshape(len(g), -1)  # channel-major
+    sh, clipped = to_bytes((rest / _SH_RANGE + 0.5) * 256 - 0.5)
+    chunks = np.concatenate([position_bounds, scale_bounds, color_bounds], axis=1).astype("<f4")
+    with whole_file(path) as temporary, open(temporary, "wb") as file:
+        comments = [antialiased_comment(settings.antialiased), *origin_comments(gaussians)]
+        file.write(_header(len(g), rest.shape[1], comments))
+        for array in (chunks, vertices, sh):
+            file.write(array.tobytes())
+    counts = {
+        "scale": int(np.count_nonzero(log_scales != g.log_scales)),
+        "harmonics": clipped,
+    }
+    return Written(order, counts)
+
+
+def _header(count: int, harmonics: int, comments: list[str]) -> bytes:
+    lines = ["ply", "format binary_little_endian 1.0"]
+    lines += [f"comment {comment}" for comment in ("written by gsut", *comments)]
+    lines += [f"element chunk {-(-count // _CHUNK)}"]
+    lines += [f"property float {name}" for name in _BOUNDS]
+    lines += [f"element vertex {count}", *(f"property uint {name}" for name in _PACKED)]
+    if harmonics:
+        lines += [f"element sh {count}"]
+        lines += [f"property uchar f_rest_{i}" for i in range(harmonics)]
+    return ("\n".join([*lines, "end_header"]) + "\n").encode()
+
+
+def _in_chunks(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(C, 6) the least and the most of each chunk; (N, 3) where values are between them, 0 to 1."""
+    starts = np.arange(0, len(values), _CHUNK)
+    values = values.astype(np.float32)
+    low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+    chunk = np.arange(len(values)) // _CHUNK
+    width = np.maximum(high.astype(np.float64) - low, 1e-30)
+    return np.concatenate([low, high], axis=1), (values - low[chunk]) / width[chunk]
+
+
+def _pack(values: np.ndarray, bits: tuple[int, ...]) -> np.ndarray:
+    """Values in [0, 1] as one number each row, the first in the highest bits."""
+    packed = np.zeros(len(values), np.uint32)
+    for column, width in zip(values.T, bits, strict=True):
+        packed = (packed << np.uint32(width)) | np.rint(column * (2**width - 1)).astype(np.uint32)
+    return packed
+
+
+def _unpack(packed: np.ndarray, bits: tuple[int, ...]) -> np.ndarray:
+    columns, shift = [], 32
+    for width in bits:
+        shift -= width
+        columns.append(((packed >> np.uint32(shift)) & np.uint32(2**width - 1)) / (2**width - 1))
+    return np.stack(columns, axis=1)
+
+
+def _pack_rotations(quats: np.ndarray) -> np.ndarray:
+    largest, others = smallest_three(quats)
+    values = np.concatenate([largest[:, None] / 3, 0.5 + 0.5 * others], axis=1)
+    return _pack(values, (2, 10, 10, 10))
+
+
+def _read(path: Path) -> SceneFile:
+    with open(path, "rb") as file:
+        elements, begin = _parse_header(path, file.read(_HEADER_BYTES))
+    vertices, chunks = elements["vertex"], elements["chunk"]
+    count, harmonics = vertices[0], len(elements["sh"][1]) if "sh" in elements else 0
+    size = path.stat().st_size
+    check_claim(path, count, size)
+    needed = begin + 4 * len(_BOUNDS) * chunks[0] + (16 + harmonics) * count
+    if chunks[0] != -(-count // _CHUNK) or size < needed:
+        raise InputError(
+            f"{path}: truncated: the header announces {count:,} Gaussians in {chunks[0]:,} chunks, "
+            f"{needed:,} bytes; {size:,} are there"
+        )
+    data = np.fromfile(path, np.uint8, needed - begin, offset=begin)
+    bounds, packed, sh = np.split(
+        data, [4 * len(_BOUNDS) * chunks[0], 4 * len(_BOUNDS) * chunks[0] + 16 * count]
+    )
+    limits = bounds.view("<f4").reshape(-1, len(_BOUNDS))
+    words = packed.view("<u4").reshape(-1, 4)
+    chunk = np.arange(count) // _CHUNK
+
+    def between(first: int, values: np.ndarray) -> np.ndarray:
+        low = limits[:, first : first + 3].astype(np.float64)
+        return low[chunk] + values * (limits[:, first + 3 : first + 6] - low)[chunk]
+
+    rotation = _unpack(words[:, 1], (2, 10, 10, 10))
+    rgba = _unpack(words[:, 3], (8, 8, 8, 8))
+    means = between(0, _unpack(words[:, 0], _THREE_BITS))
+    constant = (between(12, rgba[:, :3]) - 0.5) / SH_C0
+    rest = ((sh.reshape(count, 3, -1) + 0.5) / 256 - 0.5) * _SH_RANGE
+    return SceneFile(
+        Gaussians(
+            means.astype(np.float32),
+            from_smallest_three(np.rint(3 * rotation[:, 0]).astype(int), 2 * rotation[:, 1:] - 1),
+            between(6, _unpack(words[:, 2], _THREE_BITS)),
+            logit_of(rgba[:, 3]),
+            np.concatenate([constant[:, None], rest.transpose(0, 2, 1)], axis=1),
+        ).translated(origin_in(comments_of(path), path)),
+        is_antialiased(path),
+    )
+
+
+def _parse_header(path: Path, head: bytes) -> tuple[dict[str, tuple[int, list[str]]], int]:
+    """Element -> count and its properties "TYPE NAME"; and where the data begins."""
+    text, found, _ = head.partition(b"end_header\n")
+    elements: dict[str, tuple[int, list[str]]] = {}
+    last = ""
+    for line in text.decode("ascii", "replace").splitlines():
+        words = line.split()
+        if len(words) == 3 and words[0] == "element" and words[2].isdecimal():
+            last = words[1]
+            elements[last] = (int(words[2]), [])
+        elif len(words) == 3 and words[0] == "property" and last:
+            elements[last][1].append(" ".join(words[1:]))
+    harmonics = [f"uchar f_rest_{i}" for i in range(len(elements.get("sh", (0, []))[1]))]
+    wanted = {
+        "chunk": [f"float {name}" for name in _BOUNDS],
+        "vertex": [f"uint {name}" for name in _PACKED],
+        **({"sh": harmonics} if "sh" in elements else {}),
+    }
+    counts = {elements[name][0] for name in ("vertex", "sh") if name in elements}
+    layout = {name: properties for name, (_, properties) in elements.items()}
+    little = b"binary_little_endian" in text
+    if not (found and little) or list(layout.items()) != [*wanted.items()]:
+        raise InputError(
+            f"{path}: no compressed PLY file of SuperSplat's present layout (elements chunk with "
+            "18 bounds, vertex with 4 packed numbers, and sh)"
+        )
+    if len(counts) != 1 or len(harmonics) not in (0, 9, 24, 45):
+        raise InputError(
+            f"{path}: the element sh has {len(harmonics)} properties and the elements these "
+            f"counts: {sorted(counts)}; 9, 24 or 45 and one count are needed"
+        )
+    return elements, len(text) + len(found)
+
+
+FORMAT = Format(
+    "compressed PLY",
+    (".compressed.ply", ".ply"),
+    _write,
+    _read,
+    lambda head: head.startswith(b"ply") and PACKED in head,
+    keeps_origin=True,
+)

@@ -1,0 +1,227 @@
+"""glTF binary files with the extension KHR_gaussian_splatting: every value in float32."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.files import whole_file
+from gsut.formats._format import Format, SceneFile, WriteSettings, Written
+from gsut.formats._quantize import logit_of, opacity_of, to_bytes, unit_quats
+from gsut.gaussians import SH_C0, Gaussians
+
+_EXTENSION = "KHR_gaussian_splatting"
+_HEAD = struct.Struct("<4sII")
+_CHUNK = struct.Struct("<I4s")
+_FLOAT, _BYTE = 5126, 5121
+_POINTS = 0
+_WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
+_MOST_JSON = 1 << 24  # bytes of what describes a file
+# glTF's y is up and OpenCV's is down: half a turn about z between them, which is exact.
+_HALF_TURN = np.array([-1.0, -1.0, 1.0], np.float32)
+
+
+def _half_turned(gaussians: Gaussians) -> Gaussians:
+    """Turned by 180 degrees about z; twice is nothing. Harmonics of odd order change sign."""
+    q = gaussians.quats
+    turned = np.stack([-q[:, 3], -q[:, 2], q[:, 1], q[:, 0]], axis=1)
+    orders = np.concatenate([np.arange(-degree, degree + 1) for degree in range(4)])
+    signs = np.where(orders % 2 == 0, 1, -1)[: gaussians.sh.shape[1]].astype(np.float32)
+    return Gaussians(
+        gaussians.means * _HALF_TURN,
+        turned,
+        gaussians.log_scales,
+        gaussians.opacity_logits,
+        gaussians.sh * signs[:, None],
+    )
+
+
+def _harmonic_names(degree: int) -> list[str]:
+    return [
+        f"{_EXTENSION}:SH_DEGREE_{each}_COEF_{order}"
+        for each in range(degree + 1)
+        for order in range(2 * each + 1)
+    ]
+
+
+def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
+    g = _half_turned(gaussians)
+    opacity = opacity_of(g.opacity_logits)
+    # For programs that do not know the extension: coloured points, in linear light.
+    shown = np.clip(0.5 + SH_C0 * g.sh[:, 0].astype(np.float64), 0.0, 1.0)
+    linear = np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
+    fallback, _ = to_bytes(255 * np.concatenate([linear, opacity[:, None]], axis=1))
+    arrays = {
+        "POSITION": g.means,
+        "COLOR_0": fallback,
+        f"{_EXTENSION}:ROTATION": unit_quats(g.quats)[:, [1, 2, 3, 0]].astype(np.float32),
+        f"{_EXTENSION}:SCALE": np.exp(g.log_scales.astype(np.float64)).astype(np.float32),
+        f"{_EXTENSION}:OPACITY": opacity,
+        **{name: g.sh[:, k] for k, name in enumerate(_harmonic_names(g.sh_degree))},
+    }
+    document = _document(arrays)
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    size = document["buffers"][0]["byteLength"]
+    total = _HEAD.size + 2 * _CHUNK.size + len(text) + size
+    if total >= 2**32:
+        raise InputError(f"{path}: {total:,} bytes are more than a .glb file can have (4 GiB)")
+    with whole_file(path) as temporary, open(temporary, "wb") as file:
+        file.write(_HEAD.pack(b"glTF", 2, total))
+        file.write(_CHUNK.pack(len(text), b"JSON") + text + _CHUNK.pack(size, b"BIN\0"))
+        for array in arrays.values():
+            file.write(np.ascontiguousarray(array).tobytes())
+    left_out = ("glTF cannot say that a scene is antialiased",) if settings.antialiased else ()
+    return Written(None, {}, left_out)
+
+
+def _document(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    views: list[dict[str, Any]] = []
+    accessors: list[dict[str, Any]] = []
+    begin = 0
+    for array in arrays.values():
+        kind = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}[array.shape[1] if array.ndim == 2 else 1]
+        views.append({"buffer": 0, "byteOffset": begin, "byteLength": array.nbytes})
+        accessor = {
+            "bufferView": len(accessors),
+            "componentType": _BYTE if array.dtype == np.uint8 else _FLOAT,
+            "count": len(array),
+            "type": kind,
+        }
+        if array.dtype == np.uint8:
+            accessor["normalized"] = True
+        accessors.append(accessor)
+        begin += array.nbytes
+    positions = arrays["POSITION"]
+    accessors[0] |= {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
+    primitive = {
+        "mode": _POINTS,
+        "attributes": {name: index for index, name in enumerate(arrays)},
+        "extensions": {
+            _EXTENSION: {
+                "kernel": "ellipse",
+                "colorSpace": "srgb_rec709_display",
+                "projection": "perspective",
+                "sortingMethod": "cameraDistance",
+            }
+        },
+    }
+    return {
+        "asset": {"version": "2.0", "generator": "gsut"},
+        "extensionsUsed": [_EXTENSION],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive]}],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": begin}],
+    }
+
+
+def _read(path: Path) -> SceneFile:
+    document, begin, size = _parse(path)
+    try:
+        attributes = _attributes_of(path, document)
+        arrays = {
+            name: _array(path, document, index, begin, size)
+            for name, index in attributes.items()
+            if name == "POSITION" or name.startswith(_EXTENSION)
+        }
+        return SceneFile(_half_turned(_gaussians_of(arrays)))
+    except (KeyError, IndexError, TypeError, AttributeError) as error:
+        raise InputError(
+            f"{path}: no glTF file of Gaussians: {type(error).__name__} at {error}"
+        ) from None
+
+
+def _parse(path: Path) -> tuple[dict[str, Any], int, int]:
+    """The description, and where the binary chunk begins and how long it is."""
+    size = path.stat().st_size
+    with open(path, "rb") as file:
+        head = file.read(_HEAD.size + _CHUNK.size)
+        if len(head) < _HEAD.size + _CHUNK.size or head[:4] != b"glTF":
+            raise InputError(f"{path}: no binary glTF file (it does not begin with glTF)")
+        version = _HEAD.unpack_from(head)[1]
+        length, kind = _CHUNK.unpack_from(head, _HEAD.size)
+        if version != 2 or kind != b"JSON" or not length <= min(size, _MOST_JSON):
+            raise InputError(f"{path}: glTF version {version}, {length:,} bytes of {kind!r} first")
+        text = file.read(length)
+        rest = file.read(_CHUNK.size)
+    try:
+        document = json.loads(text)
+    except ValueError as error:
+        raise InputError(f"{path}: its description is no JSON ({error})") from None
+    begin = len(head) + len(text) + len(rest)
+    there = size - begin
+    if len(rest) < _CHUNK.size or rest[4:] != b"BIN\0" or _CHUNK.unpack(rest)[0] > there:
+        raise InputError(f"{path}: truncated, or its data is in another file; give one .glb file")
+    return document, begin, there
+
+
+def _attributes_of(path: Path, document: dict[str, Any]) -> dict[str, int]:
+    """The attributes of the one primitive that has Gaussians."""
+    found = [
+        primitive
+        for mesh in document["meshes"]
+        for primitive in mesh["primitives"]
+        if _EXTENSION in primitive.get("extensions", {})
+    ]
+    if len(found) != 1:
+        raise InputError(f"{path}: {len(found)} meshes with {_EXTENSION}; gsut reads one")
+    inner = found[0]["extensions"][_EXTENSION].get("extensions", {})
+    if inner:
+        raise InputError(f"{path}: compressed by {', '.join(inner)}, which gsut does not read")
+    for node in document.get("nodes", []):
+        moved = {"matrix", "rotation", "translation", "scale"} & set(node)
+        if moved:
+            raise InputError(
+                f"{path}: a node has a {moved.pop()}; gsut reads files whose nodes have none"
+            )
+    return found[0]["attributes"]
+
+
+def _array(path: Path, document: dict[str, Any], index: int, begin: int, size: int) -> np.ndarray:
+    accessor = document["accessors"][index]
+    view = document["bufferViews"][accessor["bufferView"]]
+    width, count = _WIDTHS[accessor["type"]], int(accessor["count"])
+    offset = int(view.get("byteOffset", 0)) + int(accessor.get("byteOffset", 0))
+    stride = int(view.get("byteStride", 4 * width))
+    if accessor["componentType"] != _FLOAT:
+        raise InputError(
+            f"{path}: component type {accessor['componentType']}; gsut reads float32 (5126)"
+        )
+    needed = (count - 1) * stride + 4 * width if count else 0
+    if offset < 0 or count < 0 or stride < 4 * width or offset + needed > size:
+        raise InputError(
+            f"{path}: {count:,} values at byte {offset:,} of the data, which has {size:,} bytes; "
+            "it is truncated"
+        )
+    data = np.memmap(path, np.uint8, "r", begin + offset, (needed,)) if count else b""
+    rows = np.lib.stride_tricks.as_strided(
+        np.frombuffer(data, np.uint8), (count, 4 * width), (stride, 1)
+    )
+    return np.ascontiguousarray(rows).view("<f4")
+
+
+def _gaussians_of(arrays: dict[str, np.ndarray]) -> Gaussians:
+    degree = 0
+    while degree < 3 and _harmonic_names(degree + 1)[-1] in arrays:
+        degree += 1
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log_scales = np.log(arrays[f"{_EXTENSION}:SCALE"])
+    return Gaussians(
+        arrays["POSITION"],
+        arrays[f"{_EXTENSION}:ROTATION"][:, [3, 0, 1, 2]],
+        log_scales,
+        logit_of(arrays[f"{_EXTENSION}:OPACITY"][:, 0]),
+        np.stack([arrays[name] for name in _harmonic_names(degree)], axis=1),
+    )
+
+
+FORMAT = Format("glTF", (".glb",), _write, _read, lambda head: head.startswith(b"glTF"))

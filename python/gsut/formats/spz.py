@@ -1,0 +1,256 @@
+"""SPZ files, versions 2 to 4: fixed-point numbers in planes, compressed by gzip or zstd."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.files import write_file
+from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
+from gsut.formats._quantize import (
+    from_smallest_three,
+    logit_of,
+    opacity_of,
+    smallest_three,
+    to_bytes,
+)
+from gsut.gaussians import Gaussians
+
+_MAGIC = 0x5053474E
+_HEADER = struct.Struct("<IIIBBBB")
+_HEADER_4 = struct.Struct("<IIIBBBBI12x")
+_ENTRY = struct.Struct("<QQ")  # of version 4's table: bytes compressed and not
+_GZIP = b"\x1f\x8b"
+_ANTIALIASED = 1  # a bit of the flags
+_LARGEST = 2**23 - 1  # of a position, in steps
+_MOST_FRACTIONAL_BITS = 24
+_LOG_SCALE_STEPS, _LOG_SCALE_ZERO = 16.0, 10.0  # byte = (log scale + 10) 16
+_COLOR_SCALE = 0.15  # byte = 255 (0.15 harmonic + 0.5)
+# Harmonics lie on multiples of these sixteenth and eighth parts of the range -1 to 1: 5 and 4 bits.
+_SH_STEPS = (8, 16, 16)  # of 256, by degree from 1
+_ROTATION_STEPS = 511
+_DEFLATE_MOST = 1032  # deflate makes at most so many bytes of one
+
+
+@dataclasses.dataclass(frozen=True)
+class _Layout:
+    """What a header says."""
+
+    version: int
+    count: int
+    degree: int
+    fractional_bits: int
+    flags: int
+
+    def sizes(self) -> list[int]:
+        """Bytes of positions, opacities, colours, scales, rotations, harmonics."""
+        harmonics = 3 * ((self.degree + 1) ** 2 - 1)
+        rotation = 3 if self.version == 2 else 4
+        return [self.count * each for each in (9, 1, 3, 3, rotation, harmonics)]
+
+
+def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
+    g = gaussians
+    extent = float(np.max(np.abs(g.means), initial=0.0))
+    bits = _fractional_bits(path, extent)
+    clipped = {}
+    steps = np.rint(g.means.astype(np.float64) * 2.0**bits).astype("<i4")
+    positions = steps.reshape(-1, 1).view(np.uint8)[:, :3]
+    alphas, _ = to_bytes(255 * opacity_of(g.opacity_logits))
+    colors, clipped["color"] = to_bytes(255 * (_COLOR_SCALE * g.sh[:, 0].astype(np.float64) + 0.5))
+    scales, clipped["scale"] = to_bytes(_LOG_SCALE_STEPS * (g.log_scales + _LOG_SCALE_ZERO))
+    rotations = _pack_rotations(g.quats)
+    harmonics, clipped["harmonics"] = _pack_harmonics(g.sh[:, 1:])
+    planes = [
+        array.tobytes() for array in (positions, alphas, colors, scales, rotations, harmonics)
+    ]
+    flags = _ANTIALIASED if settings.antialiased else 0
+    head = (_MAGIC, settings.spz_version, len(g), g.sh_degree, bits, flags)
+    if settings.spz_version == 3:
+        write_file(path, _gzip(_HEADER.pack(*head, 0) + b"".join(planes)))
+    elif settings.spz_version == 4:
+        write_file(path, _streams(head, [plane for plane in planes if plane]))
+    else:
+        raise InputError(f"SPZ version {settings.spz_version} is not written; 3 and 4 are")
+    return Written(None, clipped)
+
+
+def _fractional_bits(path: Path, extent: float) -> int:
+    """As many as leave room for the largest coordinate."""
+    bits = _MOST_FRACTIONAL_BITS
+    if extent > 0:
+        bits = min(bits, math.floor(math.log2((_LARGEST - 0.5) / extent)))
+    if bits < 0:
+        raise InputError(
+            f"{path}: coordinates up to {extent:.4g} do not fit into SPZ, which holds whole units "
+            f"up to {_LARGEST:,} at the coarsest; recentre or scale the scene (gsut edit), or "
+            "choose another format"
+        )
+    return bits
+
+
+def _pack_rotations(quats: np.ndarray) -> np.ndarray:
+    """10 bits each of the three smallest, sign and size, of x, y, z, w."""
+    largest, others = smallest_three(quats[:, [1, 2, 3, 0]])
+    packed = largest.astype("<u4")
+    for column in others.T:
+        size = np.rint(np.abs(column) * _ROTATION_STEPS).astype(np.uint32)
+        packed = (packed << 10) | (np.where(column < 0, 512, 0).astype(np.uint32) | size)
+    return packed.astype("<u4")
+
+
+def _pack_harmonics(sh: np.ndarray) -> tuple[np.ndarray, int]:
+    bands = [np.full(2 * degree + 1, step) for degree, step in enumerate(_SH_STEPS, 1)]
+    steps = np.concatenate(bands)[: sh.shape[1], None]
+    # The zero of a byte is 128; the last multiple of a step below 256 is the edge.
+    wanted = np.rint(128 * sh / steps) * steps + 128
+    most = 256 - steps
+    beyond = int(np.count_nonzero((wanted < 0) | (wanted > most)))
+    return np.clip(wanted, 0, most).astype(np.uint8), beyond
+
+
+def _gzip(data: bytes) -> bytes:
+    compressor = zlib.compressobj(6, zlib.DEFLATED, 16 + zlib.MAX_WBITS)
+    return compressor.compress(data) + compressor.flush()
+
+
+def _zstandard() -> Any:
+    try:
+        import zstandard
+    except ImportError:
+        raise InputError(
+            "SPZ version 4 is compressed by zstd, which Python lacks here: pip install zstandard "
+            "(or write version 3, which needs nothing)"
+        ) from None
+    return zstandard
+
+
+def _streams(head: tuple[int, ...], planes: list[bytes]) -> bytes:
+    compressor = _zstandard().ZstdCompressor(level=12)
+    packed = [compressor.compress(plane) for plane in planes]
+    table = [
+        _ENTRY.pack(len(small), len(plane)) for small, plane in zip(packed, planes, strict=True)
+    ]
+    return b"".join([_HEADER_4.pack(*head, len(planes), _HEADER_4.size), *table, *packed])
+
+
+def _read(path: Path) -> SceneFile:
+    data = path.read_bytes()
+    layout, planes = _gunzipped(path, data) if data[:2] == _GZIP else _decompressed(path, data)
+    bytes_of = [np.frombuffer(plane, np.uint8) for plane in planes]
+    positions, alphas, colors, scales, rotations, harmonics = bytes_of
+    n = layout.count
+    wide = np.zeros((3 * n, 4), np.uint8)
+    wide[:, 1:] = positions.reshape(-1, 3)
+    means = (wide.view("<i4") >> 8).astype(np.float64).reshape(n, 3) * 2.0**-layout.fractional_bits
+    constant = (colors.reshape(n, 1, 3) / 255 - 0.5) / _COLOR_SCALE
+    rest = (harmonics.reshape(n, -1, 3).astype(np.float32) - 128) / 128
+    gaussians = Gaussians(
+        means.astype(np.float32),
+        _unpack_rotations(rotations, layout.version),
+        scales.reshape(n, 3) / _LOG_SCALE_STEPS - _LOG_SCALE_ZERO,
+        logit_of(alphas / 255),
+        np.concatenate([constant, rest], axis=1),
+    )
+    return SceneFile(gaussians, bool(layout.flags & _ANTIALIASED))
+
+
+def _unpack_rotations(data: np.ndarray, version: int) -> np.ndarray:
+    if version == 2:
+        xyz = data.reshape(-1, 3) / 127.5 - 1
+        w = np.sqrt(np.maximum(0.0, 1.0 - np.sum(xyz * xyz, axis=1)))
+        return np.concatenate([w[:, None], xyz], axis=1)
+    packed = np.ascontiguousarray(data).view("<u4")
+    others = np.empty((len(packed), 3))
+    for column, shift in enumerate((20, 10, 0)):
+        value = packed >> np.uint32(shift)
+        size = (value & 511) / _ROTATION_STEPS
+        others[:, column] = np.where(value & 512, -size, size)
+    return from_smallest_three((packed >> 30).astype(int), others)[:, [3, 0, 1, 2]]
+
+
+def _checked(path: Path, size: int, head: tuple[int, ...], versions: tuple[int, ...]) -> _Layout:
+    magic, *values = head
+    layout = _Layout(*values[:5])
+    if magic != _MAGIC:
+        raise InputError(f"{path}: no SPZ file (it begins otherwise)")
+    if layout.version not in versions:
+        raise InputError(f"{path}: SPZ version {layout.version}; gsut reads 2, 3 and 4")
+    if layout.degree > 3:
+        raise InputError(f"{path}: harmonics of degree {layout.degree}; gsut has 0 to 3")
+    check_claim(path, layout.count, size)
+    return layout
+
+
+def _gunzipped(path: Path, data: bytes) -> tuple[_Layout, list[bytes]]:
+    stream = zlib.decompressobj(16 + zlib.MAX_WBITS)
+    try:
+        head = stream.decompress(data, _HEADER.size)
+        if len(head) < _HEADER.size:
+            raise InputError(f"{path}: truncated in the header")
+        layout = _checked(path, len(data), _HEADER.unpack(head), (2, 3))
+        sizes = layout.sizes()
+        if sum(sizes) > _DEFLATE_MOST * len(data):
+            raise InputError(
+                f"{path}: claims {layout.count:,} Gaussians, more than {len(data):,} bytes of gzip "
+                "can hold"
+            )
+        body = stream.decompress(stream.unconsumed_tail, sum(sizes) + 1)
+    except zlib.error as error:
+        raise InputError(f"{path}: damaged: {error}") from None
+    if len(body) != sum(sizes) or not stream.eof:
+        raise InputError(
+            f"{path}: {layout.count:,} Gaussians need {sum(sizes):,} bytes, {len(body):,} or more "
+            "are there; it is truncated or damaged"
+        )
+    return layout, [body[a:b] for a, b in itertools.pairwise(np.cumsum([0, *sizes]))]
+
+
+def _decompressed(path: Path, data: bytes) -> tuple[_Layout, list[bytes]]:
+    if len(data) < _HEADER_4.size:
+        raise InputError(f"{path}: no SPZ file, or truncated in the header")
+    *head, streams, table = _HEADER_4.unpack_from(data)
+    layout = _checked(path, len(data), tuple(head), (4,))
+    sizes = layout.sizes()
+    wanted = [size for size in sizes if size]
+    begin = table + _ENTRY.size * streams
+    if streams != len(wanted) or table < _HEADER_4.size or begin > len(data):
+        raise InputError(
+            f"{path}: {streams} streams listed at byte {table}; {len(wanted)} are needed"
+        )
+    planes, decompressor = [], _zstandard().ZstdDecompressor()
+    for number, size in enumerate(wanted):
+        small, large = _ENTRY.unpack_from(data, table + number * _ENTRY.size)
+        piece = data[begin : begin + small]
+        begin += small
+        if large != size or len(piece) != small:
+            raise InputError(
+                f"{path}: stream {number} is to have {size:,} bytes and says {large:,}, of which "
+                f"{len(piece):,} of {small:,} compressed ones are there"
+            )
+        try:
+            with decompressor.stream_reader(piece) as reader:
+                planes.append(reader.read(size + 1))
+        except _zstandard().ZstdError as error:
+            raise InputError(f"{path}: stream {number} is damaged: {error}") from None
+        if len(planes[-1]) != size:
+            raise InputError(f"{path}: stream {number} has not the {size:,} bytes that it says")
+    planes += [b""] * (len(sizes) - len(planes))
+    return layout, planes
+
+
+FORMAT = Format(
+    "SPZ",
+    (".spz",),
+    _write,
+    _read,
+    lambda head: head.startswith(_GZIP) or head.startswith(struct.pack("<I", _MAGIC)),
+)

@@ -1,0 +1,63 @@
+"""Tests `gsut convert`: what it writes, prints and refuses."""
+
+import json
+
+import numpy as np
+import pytest
+
+import gsut
+import small_run
+from formats.scene_cases import plain_scene
+from gsut.cli import main
+
+
+@pytest.fixture
+def ply(tmp_path, rng):
+    path = tmp_path / "in.ply"
+    gsut.save_ply(path, plain_scene(rng, 200, 16))
+    return path
+
+
+def test_convert_writes_the_format_of_the_suffix_and_prints_what_it_cost(ply, tmp_path, capsys):
+    assert main(["convert", str(ply), str(tmp_path / "out.spz")]) == 0
+    assert len(gsut.load_gaussians(tmp_path / "out.spz")) == 200
+    said = capsys.readouterr().out
+    assert "200 Gaussians" in said and "(SPZ)" in said and "positions within" in said
+
+
+def test_convert_json_has_the_errors_of_the_file(ply, tmp_path, capsys):
+    out = tmp_path / "out.glb"
+    assert main(["convert", str(ply), str(out), "--sh-degree", "1", "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["format"] == "glTF" and figures["sh_degree"] == 1
+    assert figures["bytes"] == out.stat().st_size
+    assert figures["errors"]["position"] == 0.0
+    before, after = gsut.load_gaussians(ply), gsut.load_gaussians(out)
+    np.testing.assert_array_equal(after.sh, before.sh[:, :4])
+
+
+def test_convert_takes_the_folder_of_a_run(tmp_path, monkeypatch, capsys):
+    scene = small_run.make_scene(tmp_path / "data")
+    small_run.install(monkeypatch, scene)
+    run = small_run.finished_run(tmp_path / "run", scene, report=False)
+    assert main(["convert", str(run.path), str(tmp_path / "out.splat"), "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+    assert len(gsut.load_gaussians(tmp_path / "out.splat")) == len(small_run.GAUSSIANS)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["in.ply", "out.obj"], "no format to write has this suffix; known: "),
+        (["in.ply", "in.ply"], "exists; give another name (nothing was overwritten)"),
+        (["nowhere.ply", "out.spz"], "nowhere.ply: cannot be opened"),
+        ([".", "out.spz"], "holds no run"),
+    ],
+)
+def test_convert_refuses_in_one_sentence(words, said, ply, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    before = ply.read_bytes()
+    assert main(["convert", *words]) == 2
+    assert said in capsys.readouterr().err
+    assert ply.read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in.ply"]

@@ -1,0 +1,220 @@
+"""Outputs of every command lie in the dataset's coordinates, near its zero and far from it."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+import gsut
+import tolerances
+from gsut.cli import main
+from gsut.formats import formats
+from gsut.render import to_uint8, write_png
+from random_scenes import pinhole
+from rendered_dataset import poses, truth, write_dataset
+
+UTM = np.array([691_234.5, 5_334_567.25, 519.125])
+NEAR = np.array([3.0, -2.0, 1.5])
+WORDS = ["--steps", "150", "--max-gaussians", "600", "--sh-degree", "0", "--quiet"]
+
+
+def write_moved(folder, offset, rng):
+    """The rendered dataset with poses and points moved by `offset`; the points in double."""
+    write_dataset(folder, rng)
+    file = folder / "transforms.json"
+    points = gsut.load_dataset(folder).points
+    values = json.loads(file.read_text())
+    for frame in values["frames"]:
+        for row, by in zip(frame["transform_matrix"], offset, strict=False):
+            row[3] += by
+    file.write_text(json.dumps(values))
+    header = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n"
+    header += "".join(f"property double {axis}\n" for axis in "xyz") + "end_header\n"
+    rows = "".join("{:.17g} {:.17g} {:.17g}\n".format(*(point + offset)) for point in points)
+    (folder / "points3D.ply").write_text(header + rows)
+    return folder
+
+
+@pytest.fixture(scope="module", params=[NEAR, UTM], ids=["near", "utm"])
+def case(request, tmp_path_factory):
+    """Offset, dataset and run."""
+    folder = tmp_path_factory.mktemp("world")
+    data = write_moved(folder / "data", request.param, np.random.default_rng(20260821))
+    assert main(["train", str(data), "-o", str(folder / "run"), *WORDS]) == 0
+    return request.param, data, folder / "run"
+
+
+def moved_by(pose, offset):
+    moved = pose.copy()
+    moved[:3, 3] -= pose[:3, :3] @ offset
+    return moved
+
+
+def psnr_of(gaussians, data):
+    """What the README's snippet gives: a file, the dataset's poses, `render`."""
+    scene = gsut.load_dataset(data)
+    found = []
+    for index in scene.test_indices:
+        image = gsut.render(gaussians, scene.camera(index), scene.views[index].motion).image
+        photograph = scene.image(index).astype(np.float32) / 255
+        found.append(gsut.psnr(np.clip(image, 0, 1), photograph, scene.mask(index)))
+    return np.mean(found)
+
+
+def test_scene_and_views_are_in_the_datasets_coordinates(case):
+    offset, data, _ = case
+    scene = gsut.load_dataset(data)
+    assert not scene.world_offset.any()
+    for view, pose in zip(scene.views, poses(), strict=True):
+        atol = tolerances.DATA_UTM_POSITION
+        np.testing.assert_allclose(view.camera_from_world, moved_by(pose, offset), atol=atol)
+        center = -pose[:3, :3].T @ pose[:3, 3] + offset
+        np.testing.assert_allclose(view.camera_center, center, atol=atol)
+    assert np.linalg.norm(scene.points.mean(axis=0) - offset) < 1
+    near = scene.centred
+    np.testing.assert_allclose(near.points + near.world_offset, scene.points, rtol=1e-15)
+    assert near.centred is near and near.about((0, 0, 0)).centred is near
+    half = scene.scaled(0.5).replace(notes=())
+    np.testing.assert_array_equal(
+        half.centred.views[3].camera_from_world, near.views[3].camera_from_world
+    )
+    assert half.centred.cameras == half.cameras
+
+
+def test_scene_file_with_the_datasets_poses_gives_the_psnr_of_the_run(case):
+    offset, data, run = case
+    metrics = json.loads((run / "metrics.json").read_text())
+    gaussians = gsut.load_ply(run / "scene.ply")
+    assert abs(psnr_of(gaussians, data) - metrics["psnr"]) < tolerances.SAME_FRAME_DB
+    middle = np.median(gaussians.means, axis=0) + gaussians.origin
+    assert np.linalg.norm(middle - offset) < 1
+    far = offset is UTM
+    assert gaussians.origin.any() == far
+    assert any("float32 cannot hold" in note for note in metrics["notes"]) == far
+    header = (run / "scene.ply").read_bytes()[:2000]
+    assert (b"comment gsut: dataset coordinates = these + " in header) == far
+
+
+def test_eval_of_the_run_measures_the_same(case, capsys):
+    _, _, run = case
+    metrics = json.loads((run / "metrics.json").read_text())
+    assert main(["eval", str(run), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert abs(found["psnr"] - metrics["psnr"]) < tolerances.SAME_FRAME_DB
+
+
+def test_render_along_a_path_of_the_datasets_poses_shows_these_views(case, tmp_path):
+    _, data, run = case
+    scene = gsut.load_dataset(data)
+    pose = scene.views[3].camera_from_world
+    (tmp_path / "path.json").write_text(json.dumps({"camera_from_world": [pose.tolist()]}))
+    words = ["--path", str(tmp_path / "path.json"), "-o", str(tmp_path / "out")]
+    assert main(["render", str(run), *words, "--low-pass", "0.01"]) == 0
+    found = cv2.imread(str(tmp_path / "out" / "00000.png"))[..., ::-1]
+    wanted = gsut.render(gsut.load_ply(run / "scene.ply"), scene.camera(3), pose).image
+    assert np.abs(found.astype(int) - to_uint8(wanted)).max() <= 2
+
+
+def test_compacted_run_and_file_stay_in_place(case, tmp_path):
+    _, data, run = case
+    before = json.loads((run / "metrics.json").read_text())["psnr"]
+    for source, out in ((run, tmp_path / "fewer"), (run / "scene.ply", tmp_path / "fewer.ply")):
+        assert main(["compact", str(source), "-o", str(out), "--keep", "0.9", "--quiet"]) == 0
+        file = out if out.is_file() else out / "scene.ply"
+        assert psnr_of(gsut.load_ply(file), data) > before - tolerances.COMPACT_IN_PLACE_DB
+
+
+def test_localize_gives_the_datasets_pose(case, tmp_path, capsys):
+    offset, _, run = case
+    pose = gsut.exp_pose([0.1, -0.05, 0.1, 0.03, -0.05, 0.02]) @ poses()[4]
+    g = truth(np.random.default_rng(20260821))
+    image = tmp_path / "photo.png"
+    write_png(image, to_uint8(gsut.render(g, pinhole(48), pose).image))
+    assert main(["localize", str(image), "--run", str(run), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    center = offset - pose[:3, :3].T @ pose[:3, 3]
+    assert np.linalg.norm(found["center"] - center) < tolerances.LOCALIZED_ROUGHLY
+    matrix = np.array(found["camera_from_world"])
+    np.testing.assert_allclose(-matrix[:3, :3].T @ matrix[:3, 3], found["center"], atol=1e-8)
+
+
+def test_refined_poses_lie_beside_the_given_ones(case, tmp_path):
+    offset, data, _ = case
+    run = tmp_path / "run"
+    assert main(["train", str(data), "-o", str(run), *WORDS, "--refine-poses"]) == 0
+    scene = gsut.load_dataset(run / "transforms.json")
+    rows = json.loads((run / "refined.json").read_text())["views"]
+    for view, row, pose in zip(scene.views, rows, poses(), strict=True):
+        center = offset - pose[:3, :3].T @ pose[:3, 3]
+        assert np.linalg.norm(view.camera_center - center) < tolerances.REFINED_IN_PLACE
+        matrix = np.array(row["camera_from_world"])
+        np.testing.assert_allclose(matrix, view.camera_from_world, atol=1e-8)
+    metrics = json.loads((run / "metrics.json").read_text())
+    found = gsut.evaluate(gsut.load_ply(run / "scene.ply"), scene, scene.test_indices)
+    assert abs(found["psnr"] - metrics["psnr"]) < tolerances.SAME_FRAME_DB
+
+
+def test_result_of_train_is_in_the_datasets_coordinates(case):
+    _, data, _ = case
+    scene = gsut.load_dataset(data)
+    options = gsut.TrainOptions(steps=40, max_gaussians=100, sh_degree=0)
+    result = gsut.train(scene, options, progress=False)
+    g, camera, pose = result.gaussians, scene.camera(0), scene.views[0].camera_from_world
+    np.testing.assert_array_equal(g.origin, scene.centred.world_offset)
+    assert not result.scene.world_offset.any()
+    found = gsut.evaluate(g, scene, scene.test_indices)["psnr"]
+    assert abs(found - result.metrics["psnr"]) < tolerances.SAME_FRAME_DB
+    both = [gsut.render(g, camera, pose, dtype=dtype) for dtype in ("float32", "float64")]
+    assert np.abs(both[0].image - both[1].image).max() < tolerances.SAME_FRAME_IMAGE
+    slopes = [gsut.render_backward(each, np.ones_like(each.image)).pose for each in both]
+    worst = np.abs(slopes[0] - slopes[1]).max() / np.abs(slopes[1]).max()
+    assert worst < tolerances.SAME_FRAME_SLOPE
+    near = scene.centred.views[0].camera_from_world
+    places = [
+        gsut.project(each, camera, place).centers
+        for each, place in ((g, pose), (g.translated(-g.origin), near))
+    ]
+    np.testing.assert_allclose(*places, atol=tolerances.SAME_FRAME_PIXELS)
+
+
+def test_origin_of_a_file_comes_back_and_a_damaged_one_is_refused(tmp_path, rng):
+    g = truth(rng).translated(UTM)
+    file = tmp_path / "scene.ply"
+    gsut.save_ply(file, g)
+    np.testing.assert_array_equal(gsut.load_ply(file).origin, UTM)
+    np.testing.assert_array_equal(gsut.load_ply(file).means, g.means)
+    file.write_bytes(file.read_bytes().replace(b"691234.5 ", b"east "))
+    with pytest.raises(gsut.InputError, match="must end in three numbers"):
+        gsut.load_ply(file)
+
+
+def test_about_another_origin_is_the_same_place(rng):
+    g = truth(rng).astype(np.float64).translated(NEAR)
+    for origin in (np.zeros(3), UTM):
+        moved = g.about(origin)
+        atol = tolerances.DATA_UTM_POSITION
+        np.testing.assert_allclose(moved.means + origin, g.means + NEAR, rtol=0, atol=atol)
+        assert g[:3].copy().astype(np.float32).about(origin).origin.tolist() == origin.tolist()
+
+
+def test_every_format_keeps_the_place_or_says_that_it_cannot(case, tmp_path, capsys):
+    offset, _, run = case
+    source = gsut.load_ply(run / "scene.ply")
+    kept = lost = 0
+    for each in formats():
+        if each.read is None:
+            continue
+        out = tmp_path / f"scene{each.suffixes[0]}"
+        assert main(["convert", str(run), str(out), "--json"]) == 0
+        said = " ".join(json.loads(capsys.readouterr().out)["left_out"])
+        found = gsut.load_gaussians(out)
+        away = np.median(found.means, axis=0) - np.median(source.means, axis=0)
+        assert np.linalg.norm(away) < tolerances.FORMATS_IN_PLACE
+        if (found.origin == source.origin).all():
+            kept += 1
+            assert "where the scene lies" not in said
+        else:
+            lost += 1
+            assert "where the scene lies" in said and f"{source.origin[1]:.10g}" in said
+    assert kept >= 2 and (lost == 0 or offset is UTM)

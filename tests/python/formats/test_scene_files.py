@@ -1,0 +1,198 @@
+"""Tests every format of scene files: round trips within their bounds, and files that are wrong."""
+
+import struct
+import warnings
+import zlib
+
+import numpy as np
+import pytest
+
+from formats.scene_cases import plain_scene
+from gsut import InputError, formats
+from gsut.formats import WriteSettings
+from tolerances import FORMAT_ERRORS
+
+ALL = {each.name: each for each in formats.formats()}
+READ = [each for each in ALL.values() if each.read is not None]
+
+
+def file_of(folder, chosen, name="scene"):
+    return folder / f"{name}{chosen.suffixes[0]}"
+
+
+@pytest.fixture
+def written(tmp_path, rng):
+    """name of a format -> file with a small scene."""
+
+    def write(chosen, count=300, **settings):
+        path = file_of(tmp_path, chosen)
+        formats.save_gaussians(path, plain_scene(rng, count), WriteSettings(**settings))
+        return path
+
+    return write
+
+
+def read_quietly(path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return formats.load_gaussians(path)
+
+
+def test_every_format_has_bounds():
+    assert {each.name for each in READ} == set(FORMAT_ERRORS)
+
+
+@pytest.mark.parametrize("chosen", READ, ids=lambda each: each.name)
+@pytest.mark.parametrize("coefficients", [1, 4, 9, 16])
+def test_round_trip_is_within_the_bounds_of_the_format(tmp_path, rng, chosen, coefficients):
+    g = plain_scene(rng, 2000, coefficients)
+    path = file_of(tmp_path, chosen)
+    written = formats.save_gaussians(path, g)
+    found = formats.load_gaussians(path)
+    assert written.clipped == {}
+    assert sorted(written.rows) == list(range(2000))
+    assert found.sh_degree == (0 if chosen.name == "splat" else g.sh_degree)
+    errors = formats.largest_errors(g[written.rows], found)
+    bounds = FORMAT_ERRORS[chosen.name]
+    assert {name: error for name, error in errors.items() if not error <= bounds[name]} == {}
+
+
+@pytest.mark.parametrize("chosen", ALL.values(), ids=lambda each: each.name)
+def test_writing_leaves_out_what_cannot_be_drawn_and_says_which(tmp_path, rng, chosen):
+    g = plain_scene(rng, 20)
+    g.means[3, 1] = np.nan
+    g.quats[7] = 0
+    g.sh[11, 5, 2] = np.inf
+    path = file_of(tmp_path, chosen)
+    written = formats.save_gaussians(path, g)
+    assert sorted(written.rows) == sorted(set(range(20)) - {3, 7, 11})
+    if chosen.read is not None:
+        assert len(formats.load_gaussians(path)) == 17
+    with pytest.raises(InputError, match="no Gaussian to write"):
+        formats.save_gaussians(path, g[3:4])
+
+
+@pytest.mark.parametrize("name", ["PLY", "compressed PLY", "SPZ"])
+@pytest.mark.parametrize("antialiased", [False, True])
+def test_antialiasing_is_kept_where_a_format_has_a_place_for_it(written, name, antialiased):
+    path = written(ALL[name], antialiased=antialiased)
+    assert formats.read_scene_file(path).antialiased == antialiased
+
+
+@pytest.mark.parametrize("comment", ["antialiased 1", "SplatRenderMode: mip"])
+def test_antialiasing_is_read_from_the_comments_of_other_programs(tmp_path, rng, comment):
+    formats.save_ply(tmp_path / "a.ply", plain_scene(rng, 2), [comment])
+    assert formats.read_scene_file(tmp_path / "a.ply").antialiased
+
+
+@pytest.mark.parametrize("chosen", READ, ids=lambda each: each.name)
+def test_truncated_file_is_refused(written, tmp_path, chosen):
+    whole = written(chosen).read_bytes()
+    path, tried = file_of(tmp_path, chosen, "short"), 0
+    for length in np.linspace(0, len(whole) - 1, 40).astype(int):
+        if chosen.name == "splat" and length % 32 == 0:
+            continue  # has no header: a whole file of fewer Gaussians
+        path.write_bytes(whole[:length])
+        with pytest.raises(InputError, match="short"):
+            formats.load_gaussians(path)
+        tried += 1
+    assert tried >= 30
+
+
+@pytest.mark.parametrize("chosen", READ, ids=lambda each: each.name)
+def test_damaged_file_is_read_or_refused_in_a_sentence(written, tmp_path, rng, chosen):
+    whole = np.frombuffer(written(chosen).read_bytes(), np.uint8)
+    path, outcomes = file_of(tmp_path, chosen, "damaged"), []
+    for _ in range(60):
+        data = whole.copy()
+        places = rng.integers(0, min(len(data), 700), 4)
+        data[places] = rng.integers(0, 256, 4)
+        path.write_bytes(data.tobytes())
+        try:
+            read_quietly(path)
+            outcomes.append("read")
+        except InputError as error:
+            assert "damaged" in str(error)
+            outcomes.append("refused")
+    assert len(outcomes) == 60
+
+
+def spz(count, body=b"", version=3, degree=0, bits=12, magic=0x5053474E):
+    data = struct.pack("<IIIBBBB", magic, version, count, degree, bits, 0, 0) + body
+    compressor = zlib.compressobj(9, zlib.DEFLATED, 31)
+    return compressor.compress(data) + compressor.flush()
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (spz(4_000_000_000), "claims 4,000,000,000"),
+        (spz(60_000), "more than .* bytes of gzip can hold"),
+        (spz(1, bytes(19)), "need 20 bytes, 19"),
+        (spz(1, bytes(10_000_000)), "need 20 bytes, 21 or more"),  # a bomb is not unpacked
+        (spz(1, bytes(20), version=1), "SPZ version 1"),
+        (spz(1, bytes(20), degree=4), "degree 4"),
+        (spz(1, bytes(20), magic=1), "no SPZ file"),
+        (b"PK\3\4", "does not look like one"),
+    ],
+)
+def test_wrong_spz_file_is_refused_before_memory_is_asked_for(tmp_path, data, message):
+    (tmp_path / "a.spz").write_bytes(data)
+    with pytest.raises(InputError, match=message):
+        formats.load_gaussians(tmp_path / "a.spz")
+
+
+def test_spz_of_version_2_is_read(tmp_path):
+    body = np.array([1 << 12, 0, -(1 << 11)], "<i4").view(np.uint8).reshape(3, 4)[:, :3].tobytes()
+    body += bytes([128, 255, 0, 128, 160, 144, 128, 255, 128, 128])
+    (tmp_path / "a.spz").write_bytes(spz(1, body, version=2))
+    found = formats.load_gaussians(tmp_path / "a.spz")
+    np.testing.assert_array_equal(found.means, [[1.0, 0.0, -0.5]])
+    np.testing.assert_allclose(found.quats, [[0, 1, 0, 0]], atol=5e-3)
+    np.testing.assert_array_equal(found.log_scales, [[0.0, -1.0, -2.0]])
+
+
+def test_spz_bits_follow_the_extent_and_what_cannot_fit_is_refused(tmp_path, rng):
+    for extent, bound in ((1e-3, 2.0**-25), (8.0, 2.0**-20), (1e6, 0.0626)):
+        g = plain_scene(rng, 100)
+        g.means *= extent / np.abs(g.means).max()
+        formats.save_gaussians(tmp_path / "a.spz", g)
+        found = formats.load_gaussians(tmp_path / "a.spz")
+        assert np.abs(found.means - g.means).max() <= bound
+    g.means *= 100
+    with pytest.raises(InputError, match="do not fit into SPZ"):
+        formats.save_gaussians(tmp_path / "a.spz", g)
+
+
+def test_values_beyond_a_format_are_brought_to_its_edge_and_counted(tmp_path, rng):
+    g = plain_scene(rng, 50)
+    g.log_scales[2, 1] = 9.0
+    g.sh[4, 3, :2] = [-3.0, 5.0]
+    g.sh[6, 0, 0] = 9.0
+    clipped = {name: formats.save_gaussians(tmp_path / f"a.{name}", g).clipped for name in ("spz",)}
+    assert clipped["spz"] == {"scale": 1, "harmonics": 2, "color": 1}
+
+
+def test_gltf_is_half_a_turn_about_z_away(tmp_path, rng):
+    """The colour that a direction sees stays with the direction."""
+    import json
+
+    from gsut import _core  # noqa: F401
+
+    g = plain_scene(rng, 3, 16)
+    formats.save_gaussians(tmp_path / "a.glb", g)
+    data = (tmp_path / "a.glb").read_bytes()
+    length = struct.unpack_from("<I", data, 12)[0]
+    document = json.loads(data[20 : 20 + length])
+    view = document["bufferViews"][0]
+    means = np.frombuffer(data, "<f4", 9, 28 + length + view["byteOffset"]).reshape(3, 3)
+    np.testing.assert_array_equal(means, g.means * [-1, -1, 1])
+
+
+def test_unknown_suffix_is_refused_with_the_known_ones(tmp_path, rng):
+    g = plain_scene(rng, 2)
+    with pytest.raises(InputError, match=r"suffix; known: .*\.glb.*\.ply.*\.spz"):
+        formats.save_gaussians(tmp_path / "a.obj", g)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(InputError, match="cannot be opened"):
+        formats.load_gaussians(tmp_path / "a.spz")

@@ -1,0 +1,50 @@
+"""Tolerances of scene files: the largest error of each format, by what it is of."""
+
+# Of tests/python/formats/scene_cases.py: coordinates to 8, harmonics to 0.7, constant ones to 1.7.
+# Opacities of a byte: half a step and rounding to float. Rotations of ten bits: half a step in
+# three components of a quaternion, and twice that for the derived one.
+FORMAT_ERRORS = {
+    "PLY": {
+        "position": 0.0,
+        "log_scale": 0.0,
+        "rotation_degrees": 0.0,
+        "opacity": 0.0,
+        "color": 0.0,
+        "harmonics": 0.0,
+    },
+    # Values between the least and the most of 256 neighbours, half a step of 10 and 8 bits.
+    "compressed PLY": {
+        "position": 0.5 * 16 / 1023 + 1e-6,
+        "log_scale": 0.5 * 7 / 1023 + 1e-6,
+        "rotation_degrees": 0.28,
+        "opacity": 0.5 / 255 + 1e-6,
+        "color": 0.5 * 3.4 / 255 + 1e-6,
+        "harmonics": 0.5 * 8 / 256 + 1e-6,
+    },
+    # Rotations and colours in bytes; harmonics, which it has no place for, are as large as that.
+    "splat": {
+        "position": 0.0,
+        "log_scale": 1e-6,
+        "rotation_degrees": 0.9,
+        "opacity": 0.5 / 255 + 1e-6,
+        "color": 0.5 / 255 / 0.28209 + 1e-6,
+        "harmonics": 0.7,
+    },
+    "SPZ": {
+        "position": 0.5 * 2.0**-19 + 1e-6,  # 24 bits for -8 to 8, and float32
+        "log_scale": 1 / 32 + 1e-6,
+        "rotation_degrees": 0.28,
+        "opacity": 0.5 / 255 + 1e-6,
+        "color": 0.5 / 255 / 0.15 + 1e-6,
+        "harmonics": 8 / 128 + 1e-6,
+    },
+    # Float32; exp and log of scales, logistic function and logit of opacities
+    "glTF": {
+        "position": 0.0,
+        "log_scale": 2e-6,
+        "rotation_degrees": 1e-4,
+        "opacity": 1e-6,
+        "color": 0.0,
+        "harmonics": 0.0,
+    },
+}
