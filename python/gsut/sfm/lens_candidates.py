@@ -26,9 +26,9 @@ _LADDER = {
     0.5: (75.0, 90.0, 110.0, 140.0, 180.0),
     0.0: (75.0, 90.0, 110.0, 135.0, 165.0, 200.0),
 }
-# What no camera's lens goes beyond: focal length over the image's longer side (a fisheye's circle of
-# 220 degrees; a field of view of 10 degrees), stretch of the pixels, distance of the principal point
-# from the centre over the diagonal, and the share of features that it must have rays for.
+# What no camera's lens goes beyond: focal length over the image's longer side (a fisheye's circle
+# of 220 degrees; a field of view of 10 degrees), stretch of the pixels, distance of the principal
+# point from the centre over the diagonal, and the share of features that it must have rays for.
 _LEAST_FOCAL, _MOST_FOCAL = 0.12, 6.0
 _MOST_STRETCH = 0.03
 _MOST_OFF_CENTER = 0.08
@@ -105,7 +105,7 @@ def with_scaled_focal(lens: Camera, factor: float) -> Camera:
 def with_added_bend(lens: Camera, change: float) -> Camera:
     """A Kannala-Brandt lens with more or less k1, its edge of the image at the same angle."""
     params = lens.params.copy()
-    rays, valid = lens.unproject([[0.0, lens.height / 2], [lens.width / 2, 0.0]])
+    rays, valid = lens.unproject(np.array([[0.0, lens.height / 2], [lens.width / 2, 0.0]]))
     theta = float(np.max(np.arctan2(np.hypot(rays[valid, 0], rays[valid, 1]), rays[valid, 2])))
     powers = theta ** np.array([2, 4, 6, 8])
     before = 1 + float(params[4:] @ powers)

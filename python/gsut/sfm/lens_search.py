@@ -175,12 +175,15 @@ def _best_model(
     start = trials.solve(best.cameras[0], _START, more) or best
     chosen: tuple[Solution, np.ndarray] = (start, _START)
     models = _models(start)
+    freeings = [((2, 3), _BETTER_CENTER), ((0, 1), _BETTER_ASPECT)]
+    if trials.rolling:  # each trial begins from nothing: the fewest
+        models, freeings = models[-1:], freeings[:1]
     for number, (flags, model) in enumerate(models, 1):
         found = trials.refine(start, model(start.cameras[0]), flags, more)
         trials.tell("models", 0.6 + 0.3 * number / len(models))
         if found is not None and _is_better(found, chosen[0], _BETTER):
             chosen = found, flags
-    for freed, share in (((2, 3), _BETTER_CENTER), ((0, 1), _BETTER_ASPECT)):
+    for freed, share in freeings:
         flags = chosen[1].copy()
         flags[list(freed)] = _FREE
         found = trials.refine(start, chosen[0].cameras[0], flags, more)
@@ -200,7 +203,7 @@ def _rank(solution: Solution) -> tuple[int, float]:
     return -solution.num_registered, solution.held_out or math.inf
 
 
-def _models(start: Solution) -> list[tuple[np.ndarray, Callable[[Camera], Camera]]]:
+def _models(start: Solution) -> Sequence[tuple[np.ndarray, Callable[[Camera], Camera]]]:
     """What is estimated of each model to choose from, and the model made of a lens near it."""
     radial = np.array([_TIED, _TIED, 0, 0, 1, 1, 1, 1], np.uint8)
     fisheye = [(np.where(np.arange(8) < 6, radial, 0).astype(np.uint8), _same), (radial, _same)]
@@ -292,6 +295,11 @@ class _Trials:
         self._shutter = shutter
         self._share = 0.0
 
+    @property
+    def rolling(self) -> bool:
+        """Whether images were read line by line."""
+        return self._shutter is not None
+
     def tell(self, text: str, share: float) -> None:
         """Of the search so much is done."""
         self._share = max(share, self._share)
@@ -325,7 +333,7 @@ class _Trials:
 
         Velocities of a rolling shutter are not known to `refine`: from nothing then.
         """
-        if self._shutter is not None:
+        if self.rolling:
             return self.solve(lens, flags, pairs)
         chosen = [int(image) for image in np.flatnonzero(start.registered)]
         place = {image: index for index, image in enumerate(chosen)}

@@ -97,9 +97,7 @@ def test_search_lens_finds_a_rolling_fisheye_with_the_poses(walk, tmp_path):
     )
     options = PosesOptions()
     raw = match_images(names, walk.features, options, quiet)
-    search = search_lens(
-        photographs, walk.features, raw, options, 180.0, lambda *_: None, SHUTTER
-    )
+    search = search_lens(photographs, walk.features, raw, options, 180.0, lambda *_: None, SHUTTER)
     found = search.solution
     assert found.registered.all() and found.velocities is not None
     errors = compare_poses(found.camera_from_world, np.array(walk.poses))
