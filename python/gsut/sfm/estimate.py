@@ -367,6 +367,11 @@ def _shutter(
     return shutter
 
 
+def read_figures(out: Path) -> dict[str, Any]:
+    """The content of poses.json of a finished run."""
+    return json.loads((out / FIGURES).read_text())
+
+
 def is_finished(out: Path) -> bool:
     """Whether a folder holds the result of a finished run."""
     return (out / FIGURES).is_file() and (out / TRANSFORMS).is_file() and (out / REPORT).is_file()
