@@ -21,7 +21,8 @@ inline constexpr std::uint8_t kLensFree = 1;
 void CheckLensFlags(const std::vector<Camera>& cameras,
                     const std::vector<std::vector<std::uint8_t>>& lens_free);
 
-// Holds the parameters of a lens that have no flag, and ties those of one flag. manifolds: keeps what the problem points to.
+// Holds the parameters of a lens that have no flag, and ties those of one flag. manifolds: keeps
+// what the problem points to.
 void HoldLensParameters(const std::vector<std::uint8_t>& free, double* lens,
                         ceres::Problem* problem,
                         std::vector<std::unique_ptr<ceres::Manifold>>* manifolds);

@@ -231,7 +231,7 @@ class Mapper {
       const int added = map_->Complete(-1);
       map_->DropWeakImages();
       observations = std::max(1, map_->num_points());
-      ReportProgress("adjustment");
+      ReportProgress("settling");
       if (dropped + added < kSettled * observations) break;
     }
     for (int round = 0; extends && round < wanted_.extend_rounds; ++round) {

@@ -18,6 +18,7 @@ from gsut.sfm.lens_ranking import LensRanking, RankedLens
 from gsut.sfm.matching import PairMatches, RawMatches, verify
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.overlap import require_overlap
+from gsut.sfm.poses_log import PosesLog
 from gsut.sfm.solution import Solution, refine, solve
 
 _HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare an observation
@@ -76,7 +77,7 @@ def search_lens(
     raw: RawMatches,
     options: PosesOptions,
     fov_degrees: float | None,
-    show: Callable[[str, int, int, str], None],
+    log: PosesLog,
     shutter: Shutter | None = None,
 ) -> LensSearch:
     """Estimates poses and lens together.
@@ -94,7 +95,7 @@ def search_lens(
         features: of the photographs. raw: their matches.
         options: see PosesOptions.
         fov_degrees: rough horizontal field of view, or None.
-        show: told (stage, done, total, text): of "lens" the trials, then of "mapping" the images.
+        log: shown the stage "lens", the trials, then "mapping".
         shutter: rolling, or None.
 
     Raises:
@@ -102,7 +103,7 @@ def search_lens(
     """
     first = photographs.cameras[0]
     assert first is not None
-    trials = _Trials(photographs.names, features, options, show, shutter)
+    trials = _Trials(photographs.names, features, options, log.show, shutter)
     ranking = LensRanking(features, raw, options, 1.0 if shutter is None else _ROLLING_PAIRS)
     ladder = lens_ladder(first.width, first.height, fov_degrees)
     ranked = ranking.best(
@@ -118,7 +119,7 @@ def search_lens(
     lens = chosen.cameras[0]
     final = solve(
         photographs.names, [lens] * len(photographs), features, pairs, options,
-        lambda done, total, points, step: show("mapping", done, total, f"{points:,} points"),
+        log.on_images("mapping"),
         lens_free=flags, lens_settled=True, shutter=shutter,
     )  # fmt: skip
     return LensSearch(final, trials.rows, pairs, flags)

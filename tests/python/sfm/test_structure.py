@@ -25,6 +25,7 @@ from gsut.sfm.lens_search import choose_connected_pairs, keep_most_distinct, sea
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import quaternion_of
 from gsut.sfm.pairs import choose_pairs, counts_up
+from gsut.sfm.poses_log import PosesLog
 from gsut.sfm.solution import solve
 from synthetic_walk import Synthetic, quiet
 from tests.bench import poses_bench, pycolmap_poses
@@ -540,7 +541,7 @@ def test_search_lens_finds_the_fisheye_of_a_synthetic_walk(rng, tmp_path):
     )
     options = PosesOptions(max_two_view_error=4.0, max_error=5.0)
     raw = match_images(names, scene.features, options, quiet)
-    found = search_lens(photographs, scene.features, raw, options, 180.0, lambda *_: None)
+    found = search_lens(photographs, scene.features, raw, options, 180.0, PosesLog())
     assert found.solution.num_registered == count
     lens = found.solution.cameras[0]
     assert lens.model == "kannala_brandt"
