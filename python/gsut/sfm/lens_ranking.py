@@ -59,7 +59,8 @@ class LensRanking:
         images = sorted({int(image) for i in chosen for image in raw.pairs[i]})
         place = {image: index for index, image in enumerate(images)}
         self._features = [features[image] for image in images]
-        self._pairs = np.array([[place[int(a)], place[int(b)]] for a, b in raw.pairs[chosen]])
+        of_chosen = [[place[int(a)], place[int(b)]] for a, b in raw.pairs[chosen]]
+        self._pairs = np.array(of_chosen, np.int64).reshape(-1, 2)
         self._matches = [raw.matches[i][:_MATCHES] for i in chosen]
         self._error = error_factor * options.max_two_view_error / 1000
         self._seed = options.seed

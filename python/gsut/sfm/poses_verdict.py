@@ -21,7 +21,9 @@ from gsut.sfm.solution import FEATURE_VARIANCE, Solution
 _REGISTERED = (0.95, 0.6)
 _IMAGES = (20, 6)
 _OBSERVATIONS = (100, 30)  # of an image, in the tenth part that sees fewest points
-_AGREEING = (0.8, 0.5)  # share of the matches that end in points
+# Share of the matches that end in points: 0.54 for a good flight with a rolling shutter, 0.3 to
+# 0.4 with a wrong lens.
+_AGREEING = (0.5, 0.25)
 # Above the first usable at most, above the second poor: two standard deviations of the focal
 # length over it, and the median residual over the image's diagonal.
 _FOCAL = (0.02, 0.1)
@@ -52,12 +54,19 @@ class LensDoubt:
         if 2 * self.focal_sigma <= _FOCAL[0] and self.motion is None:
             return None
         share = (
-            f"only to {200 * self.focal_sigma:.1f} %"
+            f"to {200 * self.focal_sigma:.1f} %"
             if math.isfinite(self.focal_sigma) and self.focal_sigma < 1
             else "not at all"
         )
-        why = f"; {self.motion}" if self.motion else "; give --camera or --fov if you know the lens"
-        return f"these images determine the focal length {share} (two standard deviations){why}"
+        if self.motion:
+            return (
+                f"{self.motion}; by the errors of the features alone the focal length is known "
+                f"{share} (two standard deviations)"
+            )
+        return (
+            f"these images determine the focal length {share} (two standard deviations); give "
+            "--camera or --fov if you know the lens"
+        )
 
 
 def lens_doubt(
@@ -116,7 +125,9 @@ def poses_verdict(
         (
             _below(1.0 if agreeing is None else agreeing, _AGREEING),
             f"only {100 * (agreeing or 0):.0f} % of the matches agree in all images together",
-            "check the lens: drop --camera, or give --shutter rolling for a moving camera",
+            "give --shutter rolling if the camera moved fast"
+            if doubt is not None
+            else "let the lens be estimated: --unknown-lens",
         ),
         (
             _above(sigma, _FOCAL),
