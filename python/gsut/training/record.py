@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -16,6 +17,7 @@ from gsut.training.loop import TrainingLoop
 # Held-out views that the curve of PSNR is measured on: a few, spread evenly.
 _CURVE_VIEWS = 8
 _MOST_ROWS = 200  # of the history, about
+_CHECKPOINT_SECONDS = 60.0  # after which a checkpoint is due, whatever the step
 
 
 class TrainingRecord:
@@ -27,11 +29,13 @@ class TrainingRecord:
         scene: the dataset.
         resume: go on with the run that the folder holds.
         progress: True shows a bar; a function gets each row of the history.
+        watch: sees the loop and the row after each step, and says whether to go on.
 
     Attributes:
         run: the folder, or None.
         checkpoint: the state that `follow` goes on from, or None.
         history: one dict a row: step, seconds, loss, num_gaussians, and where measured psnr.
+        goes_on: until `watch` ends the training.
 
     Raises:
         InputError: the folder holds a run, or with `resume` one of other options.
@@ -44,9 +48,12 @@ class TrainingRecord:
         scene: Scene,
         resume: bool,
         progress: bool | Callable[[dict[str, Any]], None],
+        watch: Callable[[TrainingLoop, dict[str, Any]], bool] | None = None,
     ) -> None:
-        self._options, self._progress = options, progress
+        self._options, self._progress, self._watch = options, progress, watch
+        self.goes_on = True
         self._bar = Progress(progress is True)
+        self._saved = time.monotonic()
         self.run: RunFolder | None = None
         self.checkpoint: dict[str, Any] | None = None
         self.history: list[dict[str, Any]] = []
@@ -78,8 +85,11 @@ class TrainingRecord:
             if callable(self._progress):
                 self._progress(row)
         every = self._options.checkpoint_every
-        if every and loop.step % every == 0:
+        late = time.monotonic() - self._saved > _CHECKPOINT_SECONDS
+        if every and (loop.step % every == 0 or late):
             self._save(loop)
+        if self._watch is not None:
+            self.goes_on = self._watch(loop, row)
 
     def _row(self, loop: TrainingLoop, loss: float) -> dict[str, Any]:
         """The row of this step, with the held-out PSNR when it is due; empty between rows."""
@@ -103,5 +113,6 @@ class TrainingRecord:
         return row
 
     def _save(self, loop: TrainingLoop) -> None:
+        self._saved = time.monotonic()
         if self.run is not None:
             self.run.save_checkpoint(loop.step, loop.state_dict())
