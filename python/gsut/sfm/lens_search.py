@@ -172,19 +172,19 @@ def _best_model(
     trials: _Trials, pairs: Sequence[PairMatches], best: Solution
 ) -> tuple[Solution, np.ndarray]:
     """The lens that predicts held-out observations of more images best, and its flags."""
-    more = keep_most_distinct(choose_connected_pairs(pairs, _MODEL_IMAGES), _MODEL_MATCHES)
-    start = trials.solve(best.cameras[0], _START, more) or best
+    images = _FIRST_IMAGES if trials.rolling else _MODEL_IMAGES
+    more = keep_most_distinct(choose_connected_pairs(pairs, images), _MODEL_MATCHES)
+    start = best if trials.rolling else trials.solve(best.cameras[0], _START, more) or best
     chosen: tuple[Solution, np.ndarray] = (start, _START)
     models = _models(start)
-    freeings = [((2, 3), _BETTER_CENTER), ((0, 1), _BETTER_ASPECT)]
     if trials.rolling:  # each trial begins from nothing: the fewest
-        models, freeings = models[-1:], freeings[:1]
+        models = models[-1:]
     for number, (flags, model) in enumerate(models, 1):
         found = trials.refine(start, model(start.cameras[0]), flags, more)
         trials.tell("models", 0.6 + 0.3 * number / len(models))
         if found is not None and _is_better(found, chosen[0], _BETTER):
             chosen = found, flags
-    for freed, share in freeings:
+    for freed, share in (((2, 3), _BETTER_CENTER), ((0, 1), _BETTER_ASPECT)):
         flags = chosen[1].copy()
         flags[list(freed)] = _FREE
         found = trials.refine(start, chosen[0].cameras[0], flags, more)
