@@ -1,5 +1,6 @@
 """Rendering and projection, metrics, camera paths, pictures and videos."""
 
+from gsut.render.ewa import EwaSplats, render_ewa, viewer_rule
 from gsut.render.films import FILM_SUFFIXES, is_film, write_video
 from gsut.render.light import (
     Falloff,
@@ -30,6 +31,7 @@ __all__ = [
     "FILM_SUFFIXES",
     "METHODS",
     "RING_EDGES_DEGREES",
+    "EwaSplats",
     "Falloff",
     "Gradients",
     "Light",
@@ -50,11 +52,13 @@ __all__ = [
     "psnr",
     "render",
     "render_backward",
+    "render_ewa",
     "ring_psnr",
     "smooth_path",
     "ssim",
     "to_uint8",
     "turn_path",
+    "viewer_rule",
     "weighted_psnr",
     "write_png",
     "write_video",
