@@ -182,6 +182,7 @@ def _make(
                 "verdict": verdict.as_dict(),
             }
             _write_page(folder, state, taken.notes)
+        seconds["report"] = bars.seconds["report"]
         folder.write_json(STATE, state)
     return state
 
