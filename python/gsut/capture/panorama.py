@@ -84,7 +84,7 @@ def _looked_at(paths: Sequence[Path]) -> tuple[np.ndarray, bool]:
     """The brightest grey level of each pixel, and whether left and right edge join."""
     import cv2
 
-    brightest = np.zeros(0, np.uint8)
+    brightest: np.ndarray = np.zeros(0, np.uint8)
     ratios = []
     for path in paths:
         grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -137,7 +137,7 @@ def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: flo
         circle = circles[number]
         corner = round(circle.x - side / 2), round(circle.y - side / 2)
         for row in taken.figures["frames"]:
-            pixels = cv2.imread(str(taken.path / row["path"]))
+            pixels = np.asarray(cv2.imread(str(taken.path / row["path"])))
             part = _cut(pixels[:, number * half : (number + 1) * half], *corner, side)
             target = folder / IMAGES / name / (Path(row["name"]).stem + ".jpg")
             with whole_file(target) as temporary:
