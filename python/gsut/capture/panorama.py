@@ -84,7 +84,7 @@ def _looked_at(paths: Sequence[Path]) -> tuple[np.ndarray, bool]:
     """The brightest grey level of each pixel, and whether left and right edge join."""
     import cv2
 
-    brightest = np.zeros(0, np.uint8)
+    brightest: np.ndarray = np.zeros(0, np.uint8)
     ratios = []
     for path in paths:
         grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -132,13 +132,13 @@ def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: flo
     half = taken.figures["size"][0] // 2
     side = 2 * round(max(circle.radius for circle in circles))
     rows = []
-    for lens, name in enumerate(LENSES):
+    for number, name in enumerate(LENSES):
         (folder / IMAGES / name).mkdir(parents=True, exist_ok=True)
-        circle = circles[lens]
+        circle = circles[number]
         corner = round(circle.x - side / 2), round(circle.y - side / 2)
         for row in taken.figures["frames"]:
-            pixels = cv2.imread(str(taken.path / row["path"]))
-            part = _cut(pixels[:, lens * half : (lens + 1) * half], *corner, side)
+            pixels = np.asarray(cv2.imread(str(taken.path / row["path"])))
+            part = _cut(pixels[:, number * half : (number + 1) * half], *corner, side)
             target = folder / IMAGES / name / (Path(row["name"]).stem + ".jpg")
             with whole_file(target) as temporary:
                 cv2.imwrite(str(temporary), part, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
@@ -152,7 +152,7 @@ def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: flo
         "focal_px": None, "fisheye": camera_values(lens),
         "notes": [
             *taken.notes,
-            f"each picture holds two circles, of two lenses: {len(rows)} pictures of {side} x {side}",
+            f"each picture holds the circles of two lenses, which become {len(rows)} pictures",
         ],
     }  # fmt: skip
     write_json(folder / CAPTURE, figures)

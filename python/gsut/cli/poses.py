@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
 from gsut.capture import Capture, capture, is_video
-from gsut.cli._flags import add_capture, add_json, add_quiet, print_json
+from gsut.cli._flags import add_capture, add_json, add_quiet, folder_name, print_json
 from gsut.data import find_lens_file
 from gsut.lens import is_lens_name, lens_by_name
 from gsut.run import Progress, add_option_flags, given_options
@@ -58,6 +58,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--out",
+        type=folder_name,
         metavar="DATA",
         required=True,
         help="folder for transforms.json, points3D.ply, sparse/0 (COLMAP), poses.json and "

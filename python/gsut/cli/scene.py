@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import add_capture, add_json, add_quiet, print_json
+from gsut.cli._flags import add_capture, add_json, add_quiet, folder_name, print_json
 from gsut.cli.poses import CAPTURED, with_readout
 from gsut.run import (
     METRICS,
@@ -62,7 +62,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="videos, photographs and folders of photographs, all of one camera",
     )
     parser.add_argument(
-        "-o", "--out", metavar="RUN", required=True, help="folder of the scene and all its stages"
+        "-o",
+        "--out",
+        metavar="RUN",
+        required=True,
+        type=folder_name,
+        help="folder of the scene and all its stages",
     )
     parser.add_argument(
         "--preset",
@@ -125,26 +130,13 @@ def _begin(folder: RunFolder, arguments: argparse.Namespace) -> dict[str, Any]:
     """
     key = {
         "inputs": [str(Path(name).resolve()) for name in arguments.inputs],
-        **{
-            name: getattr(arguments, name)
-            for name in (
-                "preset",
-                "steps",
-                "camera",
-                "fov",
-                "frames",
-                "nadir_cap",
-                "zenith_cap",
-                "shutter",
-                "seed",
-            )
-        },
+        **{name: getattr(arguments, name) for name in _SETTINGS},
     }
     state = folder.read_json(STATE)
     if state is None:
         folder.refuse_run()
         return {"key": key}
-    different = [name for name in key if state["key"].get(name) != key[name]]
+    different = [name for name in key if state["key"].get(name, key[name]) != key[name]]
     if different:
         name = different[0]
         what = name if name == "inputs" else flag_name(name)
@@ -181,16 +173,21 @@ def _make(
         metrics = _train(folder, options, bars)
         with bars.stage("report"):
             bars.show(0.5)
+            seconds = dict(bars.seconds)
+            # Of a stage that was done by an earlier call.
+            seconds["poses"] = seconds["poses"] or poses["seconds"]["total"]
+            seconds["training"] = seconds["training"] or metrics["train_seconds"]
             verdict = worst([_capture_verdict(taken.figures), *_said([poses, metrics])])
             state = {
                 **state,
-                "seconds": bars.seconds,
+                "seconds": seconds,
                 "pictures": len(taken.figures["frames"]),
                 "registered": poses["registered"],
                 **{key: metrics.get(key) for key in ("psnr", "ssim", "num_gaussians", "steps")},
                 "verdict": verdict.as_dict(),
             }
             _write_page(folder, state, taken.notes)
+        seconds["report"] = bars.seconds["report"]
         folder.write_json(STATE, state)
     return state
 

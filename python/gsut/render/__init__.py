@@ -1,5 +1,7 @@
 """Rendering and projection, metrics, camera paths, pictures and videos."""
 
+from gsut.render.ewa import EwaSplats, render_ewa, viewer_rule
+from gsut.render.films import FILM_SUFFIXES, is_film, write_video
 from gsut.render.light import (
     Falloff,
     Light,
@@ -18,26 +20,31 @@ from gsut.render.metrics import (
     weighted_psnr,
 )
 from gsut.render.motion import place_about
-from gsut.render.paths import orbit_path, smooth_path
-from gsut.render.pictures import picture_stems, to_uint8, write_png, write_video
+from gsut.render.paths import orbit_path, smooth_path, turn_path
+from gsut.render.pictures import picture_stems, to_uint8, write_png
 from gsut.render.projection import METHODS, Projection, project
 from gsut.render.renderer import DEFAULT_UNSCENTED, Gradients, Render, render, render_backward
+from gsut.render.tour import auto_path
 
 __all__ = [
     "DEFAULT_UNSCENTED",
+    "FILM_SUFFIXES",
     "METHODS",
     "RING_EDGES_DEGREES",
+    "EwaSplats",
     "Falloff",
     "Gradients",
     "Light",
     "Projection",
     "Render",
     "Ring",
+    "auto_path",
     "color_corrected_psnr",
     "falloff_basis",
     "field_angles",
     "half_image_psnr",
     "interpolated_gains",
+    "is_film",
     "orbit_path",
     "picture_stems",
     "place_about",
@@ -45,10 +52,13 @@ __all__ = [
     "psnr",
     "render",
     "render_backward",
+    "render_ewa",
     "ring_psnr",
     "smooth_path",
     "ssim",
     "to_uint8",
+    "turn_path",
+    "viewer_rule",
     "weighted_psnr",
     "write_png",
     "write_video",
