@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_run, print_json
+from gsut.cli._flags import add_json, add_run, folder_name, print_json
 
 HELP = "figures on the held-out images"
 DESCRIPTION = (
@@ -27,6 +27,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--out",
+        type=folder_name,
         metavar="FOLDER",
         help="new folder for the pictures (truth, render, 16-bit distance) and metrics.json",
     )

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.cli._flags import add_json, add_quiet, folder_name, print_json
 from gsut.cli.view import add_view_flags, announce, wait_for_end
 from gsut.run import (
     COMMON_OPTIONS,
@@ -37,7 +37,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="DATA",
         help="COLMAP or nerfstudio dataset, or a folder of images with a lens file and poses",
     )
-    parser.add_argument("-o", "--out", metavar="RUN", required=True, help="folder of the run")
+    parser.add_argument(
+        "-o", "--out", metavar="RUN", required=True, type=folder_name, help="folder of the run"
+    )
     parser.add_argument(
         "--resume",
         action="store_true",

@@ -1,7 +1,7 @@
 """Datasets: scene and views, readers and writers (one module a format), splits, checks."""
 
 from gsut.data.assemble import Frame
-from gsut.data.camera_path import read_path
+from gsut.data.camera_path import lens_of_path, read_path
 from gsut.data.capture_file import CAPTURE, capture_state, read_capture
 from gsut.data.colmap import find_mask
 from gsut.data.doctor import diagnose, findings_text
@@ -42,6 +42,7 @@ __all__ = [
     "findings_text",
     "frame_times",
     "inverse",
+    "lens_of_path",
     "load_dataset",
     "points_ply",
     "read_capture",

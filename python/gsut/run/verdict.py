@@ -33,6 +33,11 @@ class Verdict:
         advice = f" Next: {self.advice}" if self.advice else ""
         return f"{self.level}: {self.what}{why}.{advice}"
 
+    @classmethod
+    def of(cls, values: dict[str, Any]) -> Verdict:
+        """From the values that `as_dict` gave."""
+        return cls(**{**values, "reasons": tuple(values["reasons"])})
+
     def as_dict(self) -> dict[str, Any]:
         """For metrics.json, poses.json and `--json`."""
         return dataclasses.asdict(self)
