@@ -300,8 +300,6 @@ def _shutter(
 ) -> Shutter | None:
     """The rolling shutter of the images, or None."""
     if options.shutter == "global":
-        if options.readout_time is not None:
-            raise InputError("--shutter global and --readout-time contradict each other: drop one")
         return None
     shutter = photographs.shutter
     if shutter is None and (options.shutter == "rolling" or options.readout_time is not None):
