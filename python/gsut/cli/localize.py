@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_moved_data, print_json
+from gsut.cli._flags import add_force, add_json, add_moved_data, check_first, print_json
 
 HELP = "where a photograph of a trained scene was taken"
 DESCRIPTION = (
@@ -29,6 +29,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--mask", metavar="FILE", help="image: black where IMAGE does not count")
     add_moved_data(parser)
+    add_force(parser)
     add_json(parser)
 
 
@@ -41,6 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     path = Path(arguments.image)
     pixels, alpha = decode_image(path)
     options, scene, gaussians = read_trained(RunFolder.open(arguments.folder), arguments.data)
+    check_first(scene, arguments.force, arguments.json)
     mask = np.ones(pixels.shape[:2], bool) if alpha is None else np.asarray(alpha, bool)
     if arguments.mask:
         drawn = decode_mask(Path(arguments.mask))

@@ -8,7 +8,7 @@ import shlex
 import sys
 from typing import Any
 
-from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.cli._flags import add_force, add_json, add_quiet, check_first, print_json
 from gsut.run import (
     METRICS,
     OPTIONS,
@@ -39,6 +39,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="go on with the run in RUN from its last checkpoint, with its own options; the result "
         "has the same bits as an unbroken run",
     )
+    add_force(parser)
     add_quiet(parser)
     add_json(parser)
     add_option_flags(parser, TrainOptions)
@@ -53,7 +54,9 @@ def run(arguments: argparse.Namespace) -> int:
         options = TrainOptions(**given)
         if not arguments.resume:
             run.refuse_run()  # before the data is read: that may take a while
-    metrics = train_into(run, arguments.data, options, arguments.resume, arguments.quiet)
+    metrics = train_into(
+        run, arguments.data, options, arguments.resume, arguments.quiet, arguments.force
+    )
     if arguments.json:
         print_json(metrics)
     elif not arguments.quiet:
@@ -63,15 +66,22 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def train_into(
-    run: RunFolder, data: str, options: TrainOptions, resume: bool, quiet: bool
+    run: RunFolder,
+    data: str,
+    options: TrainOptions,
+    resume: bool,
+    quiet: bool,
+    force: bool = False,
 ) -> dict[str, Any]:
-    """Loads, trains, and returns the content of metrics.json."""
+    """Loads, checks, trains, and returns the content of metrics.json."""
     import gsut
 
     scene = gsut.load_dataset(data, test_every=options.test_every, test_names=options.test_names)
     if not quiet:
         for note in scene.notes:
             print(f"gsut: note: {note}", file=sys.stderr)
+    if not (resume and run.holds_run()):
+        check_first(scene, force, quiet)
     try:
         gsut.train(scene, options, out=run.path, resume=resume, progress=not quiet)
     except KeyboardInterrupt:
