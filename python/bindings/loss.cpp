@@ -1,14 +1,20 @@
 // Binds gsut/loss.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 
+#include <algorithm>
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "bindings/arrays.h"
 #include "bindings/module.h"
+#include "gsut/loss/light.h"
 #include "gsut/loss/metrics.h"
 #include "gsut/loss/photometric.h"
 #include "gsut/loss/reference.h"
@@ -140,9 +146,59 @@ double SsimOfArrays(const py::object& a, const py::object& b, const py::object& 
   return Ssim(x.data(), y.data(), mask_array.data(), height, width, rule);
 }
 
+// (H, W, 3) floats that several targets share.
+struct FalloffPlane {
+  std::shared_ptr<const std::vector<float>> values;
+};
+
+void SetLight(PhotometricTarget& target, const std::array<float, 3>& inverse_gain,
+              const py::object& inverse_falloff) {
+  std::shared_ptr<const std::vector<float>> plane;
+  if (!inverse_falloff.is_none()) plane = inverse_falloff.cast<const FalloffPlane&>().values;
+  const py::gil_scoped_release release;
+  target.SetLight(inverse_gain, std::move(plane));
+}
+
+py::tuple LightSumsOf(const PhotometricTarget& target, const py::object& image,
+                      const py::object& bins, int num_bins) {
+  const float* pixels = ConstData<float>(image, "image", {target.height(), target.width(), 3});
+  const std::uint8_t* of_pixels = nullptr;
+  if (!bins.is_none()) {
+    of_pixels = ConstData<std::uint8_t>(bins, "bins", {target.height(), target.width()});
+    const std::int64_t count = target.height() * target.width();
+    if (num_bins < 1 || *std::max_element(of_pixels, of_pixels + count) >= num_bins) {
+      throw InputError("bins holds numbers from num_bins on, which is " + std::to_string(num_bins));
+    }
+  }
+  std::vector<LightSums> sums(static_cast<std::size_t>(num_bins));
+  {
+    const py::gil_scoped_release release;
+    SumLight(target, pixels, of_pixels, num_bins, sums.data());
+  }
+  py::array_t<double> tc = NewArray<double>({num_bins, 3}), cc = NewArray<double>({num_bins, 3});
+  for (std::size_t b = 0; b < sums.size(); ++b) {
+    std::copy_n(sums[b].tc, 3, tc.mutable_data() + 3 * b);
+    std::copy_n(sums[b].cc, 3, cc.mutable_data() + 3 * b);
+  }
+  return py::make_tuple(tc, cc);
+}
+
 }  // namespace
 
 void BindLoss(py::module_& m) {
+  py::class_<FalloffPlane>(m, "FalloffPlane", R"doc(
+Factors of a photograph's pixels, shared by the targets of one camera.
+
+Args:
+    values: (H, W, 3) float32, positive.
+)doc")
+      .def(py::init([](const py::object& values) {
+             const auto plane = ReadArray<float>(values, "values", {kAny, kAny, 3});
+             const float* data = plane.data();
+             return FalloffPlane{
+                 std::make_shared<const std::vector<float>>(data, data + plane.size())};
+           }),
+           py::arg("values"));
   py::class_<PhotometricTarget>(m, "PhotometricTarget", R"doc(
 One training image, with all of the photometric loss that does not depend on the rendered image.
 
@@ -173,6 +229,36 @@ Raises:
           "window_rule", [](const PhotometricTarget& t) { return WindowRuleName(t.window_rule()); },
           "The rule in use, after the fallback.")
       .def_property_readonly("nbytes", &PhotometricTarget::bytes, "Memory held, in bytes.")
+      .def("set_light", &SetLight, py::arg("inverse_gain"), py::arg("inverse_falloff") = py::none(),
+           R"doc(
+States the light that the photograph was taken in, which images then know nothing of.
+
+The loss compares the image with the photograph's values times these.
+
+Args:
+    inverse_gain: 3 factors, one a channel.
+    inverse_falloff: a FalloffPlane of the photograph's size; None: 1 everywhere.
+
+Raises:
+    InputError: values that are not positive and finite, a plane of another size.
+)doc")
+      .def("light_sums", &LightSumsOf, py::arg("image"), py::arg("bins") = py::none(),
+           py::arg("num_bins") = 1, R"doc(
+Sums that tell the photograph's gain against an image: tc / cc is the least-squares gain.
+
+Over unmasked pixels of every fourth row where the photograph is neither black nor saturated.
+
+Args:
+    image: (H, W, 3) float32, C-contiguous.
+    bins: (H, W) uint8 below num_bins, such as rings of field angle; None: all 0.
+    num_bins: number of bins B.
+
+Returns:
+    tc, cc: (B, 3) sums of photograph (without `set_light`) times image, and of image squared.
+
+Raises:
+    InputError: wrong shapes or dtypes, a bin that is not there.
+)doc")
       .def("value", &Value, py::arg("image"), py::arg("ssim_weight") = kDefaultSsimWeight, R"doc(
 Value of the loss without its gradient.
 

@@ -1,9 +1,10 @@
-// Binds gsut/optimize's compaction: reduced copies of float32 Gaussians.
+// Binds gsut/optimize's compaction: reduced copies of float32 Gaussians, palettes.
 #include <pybind11/pybind11.h>
 
 #include "bindings/arrays.h"
 #include "bindings/module.h"
 #include "gsut/optimize/compact.h"
+#include "gsut/optimize/palette.h"
 
 namespace gsut::bindings {
 namespace {
@@ -59,6 +60,24 @@ py::tuple Merge(const py::object& gaussians, std::int64_t target, const py::obje
   return Arrays(reduced);
 }
 
+py::tuple PaletteOf(const py::array& rows, std::int64_t entries, int rounds) {
+  if (rows.ndim() != 2) throw InputError("rows must have shape (N, columns)");
+  const std::int64_t count = rows.shape(0);
+  const int columns = static_cast<int>(rows.shape(1));
+  const float* data = ConstData<float>(rows, "rows", {count, columns});
+  Palette palette;
+  {
+    const py::gil_scoped_release release;
+    palette = MakePalette(data, count, columns, {entries, rounds});
+  }
+  const auto size = static_cast<py::ssize_t>(palette.entries.size()) / columns;
+  auto values = NewArray<float>({size, columns});
+  auto labels = NewArray<std::uint32_t>({static_cast<py::ssize_t>(count)});
+  std::copy(palette.entries.begin(), palette.entries.end(), values.mutable_data());
+  std::copy(palette.labels.begin(), palette.labels.end(), labels.mutable_data());
+  return py::make_tuple(values, labels);
+}
+
 }  // namespace
 
 void BindOptimizeCompact(py::module_& m) {
@@ -70,6 +89,10 @@ void BindOptimizeCompact(py::module_& m) {
         py::arg("weights") = py::none(), py::arg("divergence_weight") = 0.0,
         py::arg("field_weight") = 0.1, py::arg("neighbors") = 10, py::arg("block_rows") = 1024,
         "Merges the cheapest pairs; means, quats, log_scales, opacity_logits, sh of the reduced.");
+  m.def(
+      "make_palette", &PaletteOf, py::arg("rows"), py::arg("entries"), py::arg("rounds") = 10,
+      "Entries (M, columns) that stand for rows (N, columns) float32, and each row's (N,) uint32: "
+      "k-means on two levels. M is `entries` at most.");
 }
 
 }  // namespace gsut::bindings

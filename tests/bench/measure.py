@@ -228,7 +228,7 @@ def _one_view_scene(scene: BenchScene) -> Any:
     valid = np.asarray(camera.rays()[1], bool)
     return SimpleNamespace(
         path="bench", cameras=[camera], train_indices=[0], test_indices=[], extent=1.0,
-        views=[SimpleNamespace(motion=scene.camera_from_world, camera_index=0)],
+        views=[SimpleNamespace(name="0", motion=scene.camera_from_world, camera_index=0)],
         points=np.eye(_SEEDS, 3), point_colors=np.zeros((_SEEDS, 3), np.uint8),
         camera=lambda index: camera, image=lambda index: pixels, mask=lambda index: valid,
     )  # fmt: skip

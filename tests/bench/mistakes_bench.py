@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,11 +45,14 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def judge(data: Path, work: Path, only: str = "") -> list[dict[str, Any]]:
+def judge(
+    data: Path, work: Path, only: str = "", points: Sequence[bool] = (True, False)
+) -> list[dict[str, Any]]:
     """One row a mistake, with and without points; and one of the dataset as it is.
 
     Args:
         data: a good nerfstudio dataset. work: a folder for copies. only: of the mistakes' names.
+        points: whether those that need no points are made with points, or without, or both.
     """
     rows = []
     good = gsut.load_dataset(data)
@@ -65,8 +69,8 @@ def judge(data: Path, work: Path, only: str = "") -> list[dict[str, Any]]:
     for number, mistake in enumerate(MISTAKES):
         if only not in mistake.name:
             continue
-        for with_points in (True, False):
-            if mistake.needs_points and (not with_points or not len(good.points)):
+        for with_points in (len(good.points) > 0,) if mistake.needs_points else points:
+            if mistake.needs_points and not with_points:
                 continue
             folder = work / f"{number}{with_points}"
             values = copy_of(data, folder)

@@ -19,6 +19,7 @@ import numpy as np
 
 import gsut
 from gsut.cli import build_parser
+from gsut.run import show_every_option
 from lens_pictures import FOLDER, draw, seen_angle, widest_example
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -118,6 +119,7 @@ def flag_row(action: argparse.Action) -> str:
 
 
 def command_section(name: str, parser: argparse.ArgumentParser, level: str = "##") -> str:
+    show_every_option(parser)
     out = [f"{level} gsut {name}\n", f"{parser.description or ''}\n"]
     for group in parser._action_groups:
         actions = [

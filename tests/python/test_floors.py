@@ -22,7 +22,10 @@ FLOORS = {
     "cli": 8,
     "__main__": 9,
 }
-LIBRARIES = {"cv2", "gsut_scalar_baseline", "jinja2", "matplotlib", "numpy", "tqdm", "yaml"}
+LIBRARIES = {
+    *("cv2", "gsut_scalar_baseline", "jinja2", "matplotlib", "numpy", "PIL", "tqdm", "yaml"),
+    *("pillow_heif", "rawpy"),  # optional
+}
 LIBRARIES |= {"pxr", "zstandard"}  # optional: one format of scene files each
 # calib/ is a program beside gsut: it calls gsut's public names like anybody, and the doors that all
 # commands share; gsut starts it as a process. mrcal is imported in one file, which runs under the

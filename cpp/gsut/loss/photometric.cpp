@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
@@ -89,7 +90,10 @@ void PhotometricTarget::Prepare(const std::uint8_t* mask, const PhotometricOptio
   scale_plane_ = Rounded<float>(scale.plane);
   scale_rows_ = Rounded<float>(scale.rows);
   scale_columns_ = Rounded<float>(scale.columns);
-  if (!options.keep_statistics) return;
+  if (options.keep_statistics) ComputeStatistics();
+}
+
+void PhotometricTarget::ComputeStatistics() {
   std::vector<float> mean(static_cast<std::size_t>(height_ * width_ * 3));
   std::vector<float> variance(mean.size());
   const BlockGrid grid(height_, width_);
@@ -100,6 +104,28 @@ void PhotometricTarget::Prepare(const std::uint8_t* mask, const PhotometricOptio
   });
   mean_ = std::move(mean);
   variance_ = std::move(variance);
+}
+
+void PhotometricTarget::SetLight(const std::array<float, 3>& inverse_gain,
+                                 std::shared_ptr<const std::vector<float>> inverse_falloff) {
+  const auto check = [](float value, const char* name) {
+    if (value > 0.0f && std::isfinite(value)) return;
+    throw InputError(std::string(name) + " holds " + std::to_string(value) +
+                     "; give positive, finite values");
+  };
+  for (const float value : inverse_gain) check(value, "inverse_gain");
+  inverse_gain_ = inverse_gain;
+  if (inverse_falloff == inverse_falloff_) return;
+  if (inverse_falloff != nullptr) {
+    if (static_cast<std::int64_t>(inverse_falloff->size()) != height_ * width_ * 3) {
+      throw InputError("inverse_falloff has " + std::to_string(inverse_falloff->size()) +
+                       " values; give three for each of " + std::to_string(height_ * width_) +
+                       " pixels");
+    }
+    for (const float value : *inverse_falloff) check(value, "inverse_falloff");
+  }
+  inverse_falloff_ = std::move(inverse_falloff);
+  if (!mean_.empty()) ComputeStatistics();
 }
 
 std::int64_t PhotometricTarget::bytes() const {

@@ -1,7 +1,9 @@
 // The photometric training loss (1 - w) L1 + w (1 - SSIM) and its gradient to the image.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "gsut/loss/ssim_window.h"
@@ -33,6 +35,14 @@ class PhotometricTarget {
   PhotometricTarget(const std::uint8_t* image, std::int64_t height, std::int64_t width,
                     const std::uint8_t* mask = nullptr, const PhotometricOptions& options = {});
 
+  // The light that the photograph was taken in: the loss compares the image with the photograph's
+  // values times `inverse_gain` of their channel times `inverse_falloff` of their pixel, so that
+  // images know of neither. inverse_falloff: (H, W, 3), shared by the targets of a camera; null: 1.
+  // Statistics are computed anew if the falloff is another object.
+  // Throws InputError: values that are not positive and finite, a plane of another size.
+  void SetLight(const std::array<float, 3>& inverse_gain,
+                std::shared_ptr<const std::vector<float>> inverse_falloff);
+
   std::int64_t height() const { return height_; }
   std::int64_t width() const { return width_; }
   std::int64_t pixels() const { return pixels_; }            // L1 is averaged over
@@ -49,11 +59,18 @@ class PhotometricTarget {
   const float* scale_plane() const { return scale_plane_.empty() ? nullptr : scale_plane_.data(); }
   const float* scale_rows() const { return scale_rows_.data(); }
   const float* scale_columns() const { return scale_columns_.data(); }
+  const std::array<float, 3>& inverse_gain() const { return inverse_gain_; }
+  bool has_gain() const { return inverse_gain_ != std::array<float, 3>{1.0f, 1.0f, 1.0f}; }
+  const float* inverse_falloff() const {
+    return inverse_falloff_ == nullptr ? nullptr : inverse_falloff_->data();
+  }
+  // Without the gain, with the falloff.
   const float* mean() const { return mean_.empty() ? nullptr : mean_.data(); }
   const float* variance() const { return variance_.empty() ? nullptr : variance_.data(); }
 
  private:
   void Prepare(const std::uint8_t* mask, const PhotometricOptions& options);
+  void ComputeStatistics();
 
   std::int64_t height_ = 0, width_ = 0, pixels_ = 0, ssim_pixels_ = 0;
   WindowRule window_rule_ = WindowRule::kPartial;
@@ -61,6 +78,8 @@ class PhotometricTarget {
   std::vector<std::uint8_t> byte_image_;
   std::vector<std::uint8_t> mask_;
   std::vector<float> scale_plane_, scale_rows_, scale_columns_;
+  std::array<float, 3> inverse_gain_ = {1.0f, 1.0f, 1.0f};
+  std::shared_ptr<const std::vector<float>> inverse_falloff_;
   std::vector<float> mean_, variance_;  // (H, W, 3) of the image minus 0.5, in the SSIM window
 };
 

@@ -96,6 +96,7 @@ class BlockLoss {
     float* const image = lines_.Image(row - first_);
     float* const difference = lines_.Difference(row - first_);
     LoadTargetRow(target_, lines_, row, target);
+    if (target_.has_gain()) MultiplyLine(lines_, lines_.Line(Lines::kGain), target);
     LoadMaskRow(target_, lines_, row, mask);
     CopyRow(lines_, image_, target_.width(), row, image);
     CentreImage(lines_, mask, target, image, difference);
@@ -133,6 +134,7 @@ class BlockLoss {
     if (!kComputeTarget) {
       CopyRow(lines_, target_.mean(), target_.width(), row, means);
       CopyRow(lines_, target_.variance(), target_.width(), row, variances);
+      if (target_.has_gain()) ApplyGainToStatistics(lines_, means, variances);
     }
     float* const dssims = lines_.Line(Lines::kDssim);
     float* const coefficients[Lines::kCoefficients] = {lines_.Line(Lines::kCoefficient0),

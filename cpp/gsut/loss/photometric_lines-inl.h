@@ -73,7 +73,17 @@ class Lines {
   float* Difference(std::int64_t row) const { return base_ + (row % kRing) * stride_; }
   float* Image(std::int64_t row) const { return base_ + (kRing + row % kRing) * stride_; }
   float* Mask(std::int64_t row) const { return base_ + (2 * kRing + row % kRing) * stride_; }
-  enum Single { kTarget, kScale, kMean, kVariance, kDssim, kGradient, kCoefficient0 };
+  enum Single {
+    kTarget,
+    kScale,
+    kMean,
+    kVariance,
+    kDssim,
+    kGradient,
+    kGain,
+    kLight,
+    kCoefficient0
+  };
   float* Line(int single) const { return base_ + (3 * kRing + single) * stride_; }
   // Horizontally blurred lines: vectors of the quantities take turns.
   float* BlurredSignals(std::int64_t row) const {
@@ -111,8 +121,8 @@ HWY_INLINE void CopyRow(const Lines& lines, const float* plane, std::int64_t wid
               static_cast<std::size_t>(lines.inside_count * kChannels) * sizeof(float));
 }
 
-void LoadTargetRow(const PhotometricTarget& target, const Lines& lines, std::int64_t row,
-                   float* line) {
+void LoadPhotographRow(const PhotometricTarget& target, const Lines& lines, std::int64_t row,
+                       float* line) {
   if (target.byte_image() == nullptr) {
     CopyRow(lines, target.float_image(), target.width(), row, line);
     return;
@@ -158,6 +168,39 @@ HWY_INLINE void ExpandMask(const std::uint8_t* mask, std::int64_t count, float* 
   }
 }
 
+// line *= factors, in the whole line.
+HWY_INLINE void MultiplyLine(const Lines& lines, const float* HWY_RESTRICT factors,
+                             float* HWY_RESTRICT line) {
+  const DF d;
+  for (std::int64_t i = 0; i < lines.length; i += Lanes()) {
+    hn::Store(hn::Mul(hn::Load(d, line + i), hn::Load(d, factors + i)), d, line + i);
+  }
+}
+
+// A row of the photograph, each pixel over its falloff.
+void LoadTargetRow(const PhotometricTarget& target, const Lines& lines, std::int64_t row,
+                   float* line) {
+  LoadPhotographRow(target, lines, row, line);
+  if (target.inverse_falloff() == nullptr) return;
+  float* const light = lines.Line(Lines::kLight);
+  CopyRow(lines, target.inverse_falloff(), target.width(), row, light);
+  MultiplyLine(lines, light, line);
+}
+
+// The kept statistics of a photograph (minus 0.5) become those of the photograph times its gain.
+void ApplyGainToStatistics(const Lines& lines, float* HWY_RESTRICT mean,
+                           float* HWY_RESTRICT variance) {
+  const DF d;
+  const VF centre = hn::Set(d, kCentre);
+  const float* HWY_RESTRICT gains = lines.Line(Lines::kGain);
+  for (std::int64_t i = 0; i < lines.length; i += Lanes()) {
+    const VF gain = hn::Load(d, gains + i);
+    const VF full = hn::Mul(gain, hn::Add(hn::Load(d, mean + i), centre));
+    hn::Store(hn::Sub(full, centre), d, mean + i);
+    hn::Store(hn::Mul(hn::Mul(gain, gain), hn::Load(d, variance + i)), d, variance + i);
+  }
+}
+
 // Prepares what stays the same over the block: zeros outside the image, the scale of the columns.
 void PrepareLines(const PhotometricTarget& target, const Lines& lines) {
   for (std::int64_t row = 0; row < kRing; ++row) {
@@ -165,6 +208,9 @@ void PrepareLines(const PhotometricTarget& target, const Lines& lines) {
     if (target.mask() == nullptr) {
       std::fill_n(lines.Mask(row) + lines.inside, lines.inside_count * kChannels, 1.0f);
     }
+  }
+  for (std::int64_t i = 0; target.has_gain() && i < lines.length; ++i) {
+    lines.Line(Lines::kGain)[i] = target.inverse_gain()[static_cast<std::size_t>(i % kChannels)];
   }
   std::fill_n(lines.Line(Lines::kScale), lines.length, 0.0f);
   if (target.scale_plane() == nullptr) {

@@ -127,7 +127,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
 
 def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     from gsut.run import METRICS, SCENE, Progress, RunFolder
-    from gsut.training import RunCompactor, read_trained, write_compacted_run
+    from gsut.training import RunCompactor, read_light, read_trained, write_compacted_run
 
     source, target = RunFolder.open(arguments.source), RunFolder(arguments.out)
     target.refuse_run()  # before anything that takes long
@@ -141,7 +141,7 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     done, views = itertools.count(), len(scene.train_indices)
     with Progress(not arguments.quiet) as bars:
         compactor = RunCompactor(
-            scene, gaussians, train_options, options,
+            scene, gaussians, train_options, options, light=read_light(source, scene),
             keep_degrees=earlier.get("harmonics_degrees") is not None,
             on_view=lambda: bars.show("views", next(done) % views + 1, views),
             on_step=lambda loop, loss: bars.show_step(

@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
             print(_pose_text(poses["poses"], data))
         print_figures(metrics)
         print(f"report: {report}")
-    if not arguments.no_open and _has_display():
+    if not arguments.no_open and has_display():
         webbrowser.open(report.resolve().as_uri())
     return 0
 
@@ -113,7 +113,7 @@ def _free_run(folder: Path, options: TrainOptions, name: str = "run") -> tuple[R
         number += 1
 
 
-def _has_display() -> bool:
+def has_display() -> bool:
     """Whether a browser could be seen."""
     if sys.platform in ("win32", "darwin"):
         return True

@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.cli.train import print_figures
     from gsut.evaluate import evaluate
     from gsut.run import METRICS, Progress, RunFolder
-    from gsut.training import read_trained
+    from gsut.training import read_light, read_trained
 
     run = RunFolder.open(arguments.folder)
     options, scene, gaussians = read_trained(run, arguments.data)
@@ -60,6 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
             scene,
             indices,
             background=options.background,
+            light=read_light(run, scene),
             render_folder=out,
             on_view=lambda done, total: bars.show("views", done, total),
         )

@@ -6,17 +6,22 @@ import argparse
 import dataclasses
 import functools
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
+from gsut.capture import Capture, capture, is_video
 from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.data import find_lens_file
+from gsut.lens import is_lens_name, lens_by_name
 from gsut.run import Progress, add_option_flags, given_options
 from gsut.sfm import PosesOptions
 
 if TYPE_CHECKING:
     from gsut.sfm import PosesResult
 
+CAPTURED = "capture"  # folder of the pictures, in the output folder
 
 HELP = "camera poses and points of photographs, without COLMAP"
 DESCRIPTION = (
@@ -29,7 +34,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "images",
         metavar="IMAGES",
-        help="folder of photographs, or a dataset (its poses are not looked at)",
+        help="folder of photographs, a video, or a dataset (its poses are not looked at)",
+    )
+    parser.add_argument(
+        "--frames",
+        type=int,
+        metavar="N",
+        help="frames to choose of a video [default: by how far the view moves, 60 to 300]",
     )
     parser.add_argument(
         "--camera",
@@ -98,11 +109,15 @@ def run(arguments: argparse.Namespace) -> int:
         mapper = functools.partial(grow_poses, keep=Path(arguments.out) / FOLDER / "growth.npz")
         if options.pairs == "auto":
             options = dataclasses.replace(options, pairs="sequential")
+    images, camera = arguments.images, arguments.camera
+    if arguments.rig is None and needs_capture(images, camera, arguments.unknown_lens):
+        taken = capture_with_bars([images], Path(arguments.out) / CAPTURED, arguments)
+        images, options = taken.path, with_readout(options, camera, taken)
     result = estimate_with_bars(
-        arguments.images,
+        images,
         arguments.out,
         enabled=not arguments.quiet,
-        camera=arguments.camera,
+        camera=camera,
         unknown_lens=arguments.unknown_lens,
         fov_degrees=arguments.fov,
         options=options,
@@ -141,6 +156,39 @@ def estimate_with_bars(
 
     with Progress(enabled) as bars:
         return estimate_poses(images, out, on_progress=bars.show, notes_to=bars.note, **settings)
+
+
+def needs_capture(images: str, camera: str | None, unknown_lens: bool) -> bool:
+    """Whether pictures are to be chosen, or to be asked for their lens, before poses are sought."""
+    path = Path(images)
+    if is_video(path):
+        return True
+    if not path.is_dir() or (path / "transforms.json").is_file():
+        return False
+    if camera is not None:
+        return is_lens_name(camera)
+    return unknown_lens or find_lens_file(path) is None
+
+
+def capture_with_bars(inputs: Sequence[str], out: Path, arguments: argparse.Namespace) -> Capture:
+    """`capture` with a progress bar and its notes, unless --quiet."""
+    with Progress(not arguments.quiet) as bars:
+        taken = capture(inputs, out, count=arguments.frames, on_progress=bars.show)
+        for note in taken.notes:
+            bars.note(note)
+    return taken
+
+
+def with_readout(options: PosesOptions, camera: str | None, taken: Capture) -> PosesOptions:
+    """The options of a rolling shutter with the readout time of a lens that was given by name."""
+    wanted = options.shutter == "rolling" and options.readout_time is None
+    if not (wanted and camera and is_lens_name(camera)):
+        return options
+    profile = lens_by_name(camera, tuple(taken.figures["size"]))
+    share = profile.readout_share(taken.figures["name_rate"])
+    backwards = (profile.readout_ms or 0) < 0
+    direction = "bottom_to_top" if backwards else options.readout_direction
+    return dataclasses.replace(options, readout_time=share, readout_direction=direction)
 
 
 def _rig_words(rig: dict[str, Any]) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 from gsut.cli._flags import add_force, add_json, add_quiet, check_first, print_json
 from gsut.run import (
+    COMMON_OPTIONS,
     METRICS,
     OPTIONS,
     REPORT,
@@ -42,7 +43,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_force(parser)
     add_quiet(parser)
     add_json(parser)
-    add_option_flags(parser, TrainOptions)
+    add_option_flags(parser, TrainOptions, COMMON_OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> int:

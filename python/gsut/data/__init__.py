@@ -2,13 +2,21 @@
 
 from gsut.data.assemble import Frame
 from gsut.data.camera_path import read_path
+from gsut.data.capture_file import CAPTURE, capture_state, read_capture
 from gsut.data.check_colors import check_colors, view_agreement
 from gsut.data.check_geometry import check_lenses, check_points, check_poses
 from gsut.data.colmap import find_mask
 from gsut.data.doctor import diagnose, findings_text
 from gsut.data.findings import SEVERITIES, DatasetError, Finding, some_names
 from gsut.data.folder import find_images, find_lens_file
-from gsut.data.images import decode_image, decode_mask, read_header, shrink_image, shrink_mask
+from gsut.data.images import (
+    IMAGE_SUFFIXES,
+    decode_image,
+    decode_mask,
+    read_header,
+    shrink_image,
+    shrink_mask,
+)
 from gsut.data.load import load_dataset, read_dataset
 from gsut.data.poses import OPENGL_FROM_OPENCV, inverse, rigid_transform
 from gsut.data.scene import Scene, View
@@ -18,6 +26,8 @@ from gsut.data.training_views import Level, TrainingViews
 from gsut.data.write_nerfstudio import points_ply, write_transforms
 
 __all__ = [
+    "CAPTURE",
+    "IMAGE_SUFFIXES",
     "OPENGL_FROM_OPENCV",
     "SEVERITIES",
     "TEST_EVERY",
@@ -28,6 +38,7 @@ __all__ = [
     "Scene",
     "TrainingViews",
     "View",
+    "capture_state",
     "check_colors",
     "check_lenses",
     "check_points",
@@ -43,6 +54,7 @@ __all__ = [
     "inverse",
     "load_dataset",
     "points_ply",
+    "read_capture",
     "read_dataset",
     "read_header",
     "read_path",

@@ -33,6 +33,7 @@ class Frame:
     mask_path: Path | None = None
     depth_path: Path | None = None
     shutter: Shutter | None = None
+    time: float | None = None  # seconds, of a video's frame
 
 
 @dataclasses.dataclass

@@ -30,8 +30,8 @@ LENS_PATTERNS = (
 POSE_FILES = ("poses.txt", "poses.json")
 POINT_FILES = ("points3D.ply", "points.ply")
 _POSE_ADVICE = (
-    "write poses.txt with lines 'name tx ty tz qx qy qz qw' (camera-to-world, OpenCV axes),"
-    " or run `gsut poses` on the images"
+    "`gsut scene` makes a scene of photographs, `gsut poses` finds their poses alone; or write "
+    "poses.txt with lines 'name tx ty tz qx qy qz qw' (camera-to-world, OpenCV axes)"
 )
 
 
@@ -72,7 +72,8 @@ def read_folder(path: Path, *, on_error: OnError = stop) -> Listing:
         raise DatasetError(
             path,
             f"there is no lens file ({', '.join(LENS_PATTERNS)})",
-            "calibrate with `gsut calibrate` and put the file beside the images",
+            f"`gsut scene {path} -o RUN` makes a scene of photographs, `gsut poses` finds lens and "
+            "poses alone; a lens file of `gsut calibrate` beside them is used",
         )
     camera = load_camera(lens_path)
     pose_path = next((path / n for n in POSE_FILES if (path / n).is_file()), None)

@@ -53,7 +53,9 @@ def read_dataset(path: Path, *, on_error: OnError = stop) -> Listing:
         if path.suffix.lower() == ".json":
             return read_nerfstudio(path, on_error=on_error)
         raise DatasetError(
-            path, "a file that is not a transforms.json", "give the dataset's folder"
+            path,
+            "a file that is not a transforms.json",
+            f"give the dataset's folder; of a video `gsut scene {path} -o RUN` makes a scene",
         )
     if not path.is_dir():
         raise DatasetError(path, "the folder does not exist", "check the path")
@@ -67,5 +69,6 @@ def read_dataset(path: Path, *, on_error: OnError = stop) -> Listing:
         path,
         f"no dataset found: looked for {FILE_NAME} (nerfstudio), cameras and images (.bin or .txt)"
         " in sparse/0, sparse and the folder (COLMAP), and images beside a lens file and poses",
-        "give a folder in one of these formats",
+        "give a folder in one of these formats, or let `gsut scene` make a scene of videos and "
+        "photographs",
     )

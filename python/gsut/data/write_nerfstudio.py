@@ -116,6 +116,8 @@ def points_ply(points: np.ndarray, colors: np.ndarray) -> bytes:
 
 def _frame_values(frame: Frame, folder: Path) -> dict[str, Any]:
     values: dict[str, Any] = {"file_path": _relative(frame.image_path, folder)}
+    if frame.time is not None:
+        values["timestamp"] = frame.time
     for ending in ("", "_start", "_end"):
         pose = getattr(frame, f"world_from_camera{ending}")
         if pose is not None:

@@ -15,8 +15,11 @@ from gsut import _core
 from gsut.gaussians import pack_harmonics
 from gsut.render import (
     RING_EDGES_DEGREES,
+    Light,
     Ring,
     color_corrected_psnr,
+    field_angles,
+    half_image_psnr,
     picture_stems,
     psnr,
     render,
@@ -27,6 +30,8 @@ from gsut.render import (
 )
 from gsut.run import TrainOptions, peak_rss_mb
 
+# Of a view, and their means over the views.
+FIGURES = ("psnr", "ssim", "psnr_unit_gain", "psnr_color_corrected", "psnr_half_image")
 _DEPTH_LEVELS = 65535  # of a 16-bit picture
 _OPAQUE = 0.5  # pixels with less alpha have no depth in the picture
 
@@ -37,6 +42,7 @@ def evaluate(
     indices: Sequence[int],
     *,
     background: Sequence[float] = (0.0, 0.0, 0.0),
+    light: Light | None = None,
     render_folder: Path | None = None,
     on_view: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
@@ -47,6 +53,8 @@ def evaluate(
         scene: a dataset, from `load_dataset`.
         indices: which of `scene.views`.
         background: colour behind the Gaussians, 3 values in [0, 1].
+        light: exposure of the views and falloff of the cameras, by which renders are multiplied
+            before they are compared; None: 1.
         render_folder: an existing folder that gets NAME_truth.png and NAME_render.png (8 bit,
             masked pixels black) and NAME_depth.png (16 bit; distance = value x `depth_unit` of the
             view's row, 0 = less than half opaque); None writes nothing.
@@ -54,12 +62,15 @@ def evaluate(
 
     Returns:
         dict, ready for JSON:
-            psnr, ssim, psnr_color_corrected: means over the views (PSNR in dB); None if no view.
+            psnr, ssim: means over the views (PSNR in dB); None if no view.
+            psnr_unit_gain: PSNR of the renders as they are, without `light`.
+            psnr_color_corrected: PSNR after the affine map of colours that fits best.
+            psnr_half_image: PSNR of the right half after gains that fit the left half best.
             psnr_min, worst_view: the least PSNR and its view's name.
             render_ms: median time of one render in milliseconds.
             rings: list of dict from_degrees, to_degrees, psnr (mean over the views that have
                 pixels there; None if none has), pixels (of all views).
-            views: list of dict name, psnr, ssim, psnr_color_corrected, render_ms, pixels, and with
+            views: list of dict name, the figures above, render_ms, pixels, and with
                 `render_folder` truth, render, depth (file names) and depth_unit.
 
         Renders are clipped to [0, 1] but not rounded to 8 bits before they are compared.
@@ -74,12 +85,17 @@ def evaluate(
         started = time.perf_counter()
         rendered = render(gaussians, camera, view.motion, background=tuple(background))
         milliseconds = 1e3 * (time.perf_counter() - started)
-        image = np.clip(rendered.image, 0.0, 1.0)
+        plain = image = np.clip(rendered.image, 0.0, 1.0)
+        if light is not None:
+            lit = rendered.image * light.on(camera, index, view.camera_index)
+            image = np.clip(lit, 0.0, 1.0)
         row = {
             "name": view.name,
             "psnr": psnr(image, truth, mask),
             "ssim": ssim(image, truth, mask),
-            "psnr_color_corrected": color_corrected_psnr(image, truth, mask),
+            "psnr_unit_gain": psnr(plain, truth, mask),
+            "psnr_color_corrected": color_corrected_psnr(plain, truth, mask),
+            "psnr_half_image": half_image_psnr(plain, truth, mask),
             "render_ms": milliseconds,
             "pixels": int(np.count_nonzero(mask)),
         }
@@ -93,9 +109,7 @@ def evaluate(
             on_view(done, len(stems))
     worst = min(views, key=lambda row: row["psnr"], default=None)
     return {
-        "psnr": _mean(row["psnr"] for row in views),
-        "ssim": _mean(row["ssim"] for row in views),
-        "psnr_color_corrected": _mean(row["psnr_color_corrected"] for row in views),
+        **{name: _mean(row[name] for row in views) for name in FIGURES},
         "psnr_min": worst["psnr"] if worst else None,
         "worst_view": worst["name"] if worst else None,
         "render_ms": statistics.median(row["render_ms"] for row in views) if views else None,
@@ -147,14 +161,6 @@ def run_metrics(
     }
 
 
-def field_angles(camera: Any) -> np.ndarray:
-    """(H, W) angle of each pixel's ray to the optical axis in radians; NaN without a ray."""
-    rays, valid = camera.rays()
-    rays = np.asarray(rays, np.float64)
-    angles = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])
-    return np.where(valid, angles, np.nan)
-
-
 def _write_pictures(
     folder: Path, stem: str, truth: np.ndarray, image: np.ndarray, mask: np.ndarray, rendered: Any
 ) -> dict[str, Any]:
@@ -195,5 +201,5 @@ def _join_rings(of_views: list[list[Ring]]) -> list[dict[str, Any]]:
 
 
 def _mean(values: Any) -> float | None:
-    values = list(values)
-    return float(np.mean(values)) if values else None
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None

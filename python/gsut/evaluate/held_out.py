@@ -10,7 +10,7 @@ import numpy as np
 from gsut import _core
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
-from gsut.render import DEFAULT_UNSCENTED, place_about, psnr
+from gsut.render import DEFAULT_UNSCENTED, Light, place_about, psnr
 
 
 def mean_psnr(
@@ -19,6 +19,7 @@ def mean_psnr(
     indices: Sequence[int],
     background: tuple[float, float, float],
     renderer: Any = None,
+    light: Light | None = None,
 ) -> float:
     """Mean PSNR in dB over views, inside their masks.
 
@@ -28,11 +29,14 @@ def mean_psnr(
         indices: of the views, at least one.
         background: colour behind everything.
         renderer: a `_core.Renderer` whose buffers are used; None: a new one.
+        light: by which images are multiplied; None: 1.
     """
     renderer = _core.Renderer() if renderer is None else renderer
     values = []
     for index in indices:
         image = view_image(scene, gaussians, index, background, renderer)
+        if light is not None:
+            image *= light.on(scene.camera(index), index, scene.views[index].camera_index)
         truth = scene.image(index).astype(np.float32) / np.float32(255)
         values.append(psnr(np.clip(image, 0.0, 1.0), truth, scene.mask(index)))
     return float(np.mean(values))

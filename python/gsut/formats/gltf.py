@@ -11,6 +11,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.files import whole_file
+from gsut.formats._axes import half_turned
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written
 from gsut.formats._quantize import logit_of, opacity_of, to_bytes, unit_quats
 from gsut.gaussians import SH_C0, Gaussians
@@ -22,23 +23,6 @@ _FLOAT, _BYTE = 5126, 5121
 _POINTS = 0
 _WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 _MOST_JSON = 1 << 24  # bytes of what describes a file
-# glTF's y is up and OpenCV's is down: half a turn about z between them, which is exact.
-_HALF_TURN = np.array([-1.0, -1.0, 1.0], np.float32)
-
-
-def _half_turned(gaussians: Gaussians) -> Gaussians:
-    """Turned by 180 degrees about z; twice is nothing. Harmonics of odd order change sign."""
-    q = gaussians.quats
-    turned = np.stack([-q[:, 3], -q[:, 2], q[:, 1], q[:, 0]], axis=1)
-    orders = np.concatenate([np.arange(-degree, degree + 1) for degree in range(4)])
-    signs = np.where(orders % 2 == 0, 1, -1)[: gaussians.sh.shape[1]].astype(np.float32)
-    return Gaussians(
-        gaussians.means * _HALF_TURN,
-        turned,
-        gaussians.log_scales,
-        gaussians.opacity_logits,
-        gaussians.sh * signs[:, None],
-    )
 
 
 def _harmonic_names(degree: int) -> list[str]:
@@ -50,7 +34,7 @@ def _harmonic_names(degree: int) -> list[str]:
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
-    g = _half_turned(gaussians)
+    g = half_turned(gaussians)
     opacity = opacity_of(g.opacity_logits)
     # For programs that do not know the extension: coloured points, in linear light.
     shown = np.clip(0.5 + SH_C0 * g.sh[:, 0].astype(np.float64), 0.0, 1.0)
@@ -133,7 +117,7 @@ def _read(path: Path) -> SceneFile:
             for name, index in attributes.items()
             if name == "POSITION" or name.startswith(_EXTENSION)
         }
-        return SceneFile(_half_turned(_gaussians_of(arrays)))
+        return SceneFile(half_turned(_gaussians_of(arrays)))
     except (KeyError, IndexError, TypeError, AttributeError) as error:
         raise InputError(
             f"{path}: no glTF file of Gaussians: {type(error).__name__} at {error}"

@@ -34,8 +34,9 @@ _LARGEST = 2**23 - 1  # of a position, in steps
 _MOST_FRACTIONAL_BITS = 24
 _LOG_SCALE_STEPS, _LOG_SCALE_ZERO = 16.0, 10.0  # byte = (log scale + 10) 16
 _COLOR_SCALE = 0.15  # byte = 255 (0.15 harmonic + 0.5)
-# Harmonics lie on multiples of these sixteenth and eighth parts of the range -1 to 1: 5 and 4 bits.
-_SH_STEPS = (8, 16, 16)  # of 256, by degree from 1
+# Harmonics lie on every second of the 256 steps from -1 to 1. The format's first writers keep 5 and
+# 4 bits, which makes a third smaller files; a trained scene is 37 dB from itself then, not 53.
+_SH_STEP = 2
 _ROTATION_STEPS = 511
 _DEFLATE_MOST = 1032  # deflate makes at most so many bytes of one
 
@@ -108,11 +109,9 @@ def _pack_rotations(quats: np.ndarray) -> np.ndarray:
 
 
 def _pack_harmonics(sh: np.ndarray) -> tuple[np.ndarray, int]:
-    bands = [np.full(2 * degree + 1, step) for degree, step in enumerate(_SH_STEPS, 1)]
-    steps = np.concatenate(bands)[: sh.shape[1], None]
     # The zero of a byte is 128; the last multiple of a step below 256 is the edge.
-    wanted = np.rint(128 * sh / steps) * steps + 128
-    most = 256 - steps
+    wanted = np.rint(128 / _SH_STEP * sh) * _SH_STEP + 128
+    most = 256 - _SH_STEP
     beyond = int(np.count_nonzero((wanted < 0) | (wanted > most)))
     return np.clip(wanted, 0, most).astype(np.uint8), beyond
 

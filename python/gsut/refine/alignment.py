@@ -12,6 +12,7 @@ from gsut.evaluate import evaluate
 from gsut.gaussians import Gaussians
 from gsut.refine.motion import pose_changes
 from gsut.refine.pose import refine_pose
+from gsut.render import Light
 
 NOTE = (
     "Poses were refined, so the given poses of the held-out views no longer fit the scene: each "
@@ -26,6 +27,7 @@ def evaluate_aligned(
     indices: Sequence[int],
     *,
     background: Sequence[float] = (0.0, 0.0, 0.0),
+    light: Light | None = None,
     render_folder: Path | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
     """`evaluate`, of views whose poses are first refined on their own photographs.
@@ -34,14 +36,14 @@ def evaluate_aligned(
     are then left out), as is usual where training moved the poses.
 
     Args:
-        gaussians, scene, indices, background, render_folder: see `evaluate`.
+        gaussians, scene, indices, background, light, render_folder: see `evaluate`.
 
     Returns:
         The scene with the aligned poses, and the evaluation with `alignment`: psnr_before,
         psnr_after (means), and of each view name, psnr_before, psnr_after, turned_degrees, moved
         (scene units) and converged. A view that its photograph does not place keeps its pose.
     """
-    before = evaluate(gaussians, scene, indices, background=background)
+    before = evaluate(gaussians, scene, indices, background=background, light=light)
     poses, converged = [], []
     for index in indices:
         pose = scene.views[index].camera_from_world
@@ -57,7 +59,12 @@ def evaluate_aligned(
             converged.append(False)
     aligned = scene.with_poses(indices, poses)
     evaluation = evaluate(
-        gaussians, aligned, indices, background=background, render_folder=render_folder
+        gaussians,
+        aligned,
+        indices,
+        background=background,
+        light=light,
+        render_folder=render_folder,
     )
     changes = pose_changes(aligned.poses(indices), scene.poses(indices))
     evaluation["alignment"] = {

@@ -1,9 +1,17 @@
 """Rendering and projection, metrics, camera paths, pictures and videos."""
 
+from gsut.render.light import (
+    Falloff,
+    Light,
+    falloff_basis,
+    field_angles,
+    interpolated_gains,
+)
 from gsut.render.metrics import (
     RING_EDGES_DEGREES,
     Ring,
     color_corrected_psnr,
+    half_image_psnr,
     psnr,
     ring_psnr,
     ssim,
@@ -19,11 +27,17 @@ __all__ = [
     "DEFAULT_UNSCENTED",
     "METHODS",
     "RING_EDGES_DEGREES",
+    "Falloff",
     "Gradients",
+    "Light",
     "Projection",
     "Render",
     "Ring",
     "color_corrected_psnr",
+    "falloff_basis",
+    "field_angles",
+    "half_image_psnr",
+    "interpolated_gains",
     "orbit_path",
     "picture_stems",
     "place_about",

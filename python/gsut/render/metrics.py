@@ -208,3 +208,29 @@ def color_corrected_psnr(
     x = _image(image, "image")
     corrected = np.clip(x @ transform[:, :3].T + transform[:, 3], 0.0, 1.0)
     return psnr(corrected, truth, mask)
+
+
+def half_image_psnr(
+    image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None
+) -> float | None:
+    """PSNR of the right half of an image after the gains, one a channel, that fit the left half.
+
+    Args:
+        image: (H, W, 3) the image that is multiplied.
+        truth: (H, W, 3).
+        mask: (H, W), non-zero where a pixel counts; None: all count.
+
+    Returns:
+        PSNR in dB; None where one half has no pixel that counts.
+
+    Source: Martin-Brualla et al., "NeRF in the Wild", 2021, section 5.
+    """
+    x, y = _image(image, "image"), _image(truth, "truth")
+    counts = np.ones(x.shape[:2], bool) if mask is None else np.asarray(mask) != 0
+    left = np.arange(x.shape[1]) < x.shape[1] // 2
+    fitted, judged = counts & left, counts & ~left
+    if not fitted.any() or not judged.any():
+        return None
+    squares = np.sum(x[fitted] ** 2, axis=0)
+    gain = np.sum(x[fitted] * y[fitted], axis=0) / np.where(squares > 0, squares, 1.0)
+    return psnr(np.clip(gain * x, 0.0, 1.0), y, judged)

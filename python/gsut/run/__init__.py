@@ -23,14 +23,17 @@ from gsut.run.option_fields import (
     given_options,
     option,
     option_info,
+    show_every_option,
 )
-from gsut.run.options import AUTO, PRESETS, TrainOptions
+from gsut.run.options import AUTO, COMMON_OPTIONS, PRESETS, TrainOptions
 from gsut.run.progress import Progress
+from gsut.run.staged_progress import StagedProgress
 from gsut.run.stopwatch import Stopwatch
 from gsut.run.verdict import Verdict, worst
 
 __all__ = [
     "AUTO",
+    "COMMON_OPTIONS",
     "ENVIRONMENT",
     "METRICS",
     "OPTIONS",
@@ -42,6 +45,7 @@ __all__ = [
     "TRANSFORMS",
     "Progress",
     "RunFolder",
+    "StagedProgress",
     "Stopwatch",
     "TrainOptions",
     "Verdict",
@@ -57,6 +61,7 @@ __all__ = [
     "option_info",
     "peak_rss_mb",
     "read_checkpoint",
+    "show_every_option",
     "worst",
     "write_checkpoint",
 ]

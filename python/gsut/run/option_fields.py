@@ -8,6 +8,7 @@ import math
 import operator
 import pkgutil
 import typing
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -181,12 +182,41 @@ def _kind_text(kind: Any, info: OptionInfo) -> str:
     return names[kind] + words
 
 
-def add_option_flags(parser: argparse.ArgumentParser, options: type) -> None:
+class _Help(argparse.Action):
+    """`--help` shows the common options, `--help all` every one."""
+
+    def __call__(self, parser: argparse.ArgumentParser, _: Any, values: Any, *__: Any) -> None:
+        if values == "all":
+            show_every_option(parser)
+        parser.print_help()
+        parser.exit()
+
+
+def show_every_option(parser: argparse.ArgumentParser) -> None:
+    """Lets the parser's help list the options that `add_option_flags` hid, too."""
+    for action in parser._actions:
+        action.help = getattr(action, "full_help", action.help)
+
+
+def add_option_flags(
+    parser: argparse.ArgumentParser, options: type, common: Sequence[str] | None = None
+) -> None:
     """Adds one flag for each field of an options dataclass, grouped, with units and defaults.
 
     Flags that are not given leave nothing in the namespace, so that `given_options` can tell a
     given value from a default.
+
+    Args:
+        parser: gets the flags.
+        options: the dataclass.
+        common: fields that `--help` lists; the others are listed by `--help all`. None: all.
     """
+    if common is not None:
+        # Another --help takes the place of argparse's own.
+        parser.add_argument_group("Help", conflict_handler="resolve").add_argument(
+            "-h", "--help", action=_Help, nargs="?", metavar="all", default=argparse.SUPPRESS,
+            help="show these options; with the word 'all' every option there is",
+        )  # fmt: skip
     kinds = typing.get_type_hints(options)
     groups: dict[str, Any] = {}
     for field in dataclasses.fields(options):
@@ -201,7 +231,10 @@ def add_option_flags(parser: argparse.ArgumentParser, options: type) -> None:
         else:
             settings["type"] = _reader(plain, info)
             settings["metavar"] = _metavar(plain, info)
-        groups[info.group].add_argument(flag_name(field.name), dest=field.name, **settings)
+        name = flag_name(field.name)
+        action = groups[info.group].add_argument(name, dest=field.name, **settings)
+        if common is not None and field.name not in common:
+            action.full_help, action.help = action.help, argparse.SUPPRESS
 
 
 def given_options(options: type, namespace: argparse.Namespace) -> dict[str, Any]:

@@ -26,6 +26,12 @@ PRESETS: dict[str, dict[str, Any]] = {
     "best": {"steps": 7000, "max_gaussians": 300_000, "sh_degree": 2},
 }
 
+# What `gsut train --help` lists; the rest is for `--help all`.
+COMMON_OPTIONS = (
+    "preset", "steps", "seed", "threads", "scale", "test_every", "shutter", "refine_poses",
+    "refine_lens", "max_gaussians", "sh_degree", "strategy",
+)  # fmt: skip
+
 # "The rate of the means times the number of steps is what matters": 1.6e-3 at 500 steps, 8e-4 at
 # 1000; from 1667 steps on the rate stays at the value measured as best for 2000 and more.
 _MEANS_LR_TIMES_STEPS = 0.8
@@ -198,6 +204,10 @@ class TrainOptions:
     ssim_weight: float = option(
         0.2, "Loss", "loss = (1 - w) L1 + w (1 - SSIM)", low=0.0, high=1.0,
         reason="published; 0 costs 0.66 dB PSNR",
+    )
+    exposure: str = option(
+        "auto", "Loss", "exposure and white balance of each photograph are found and taken out: "
+        "on, off, or auto: where photographs differ", choices=("auto", "on", "off"),
     )
     opacity_regularizer: float = option(
         0.01, "Loss", "weight of the mean opacity", low=0.0, high=100.0, reason="published (MCMC)")

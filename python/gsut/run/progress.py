@@ -13,6 +13,8 @@ _LOG_INTERVAL = 15.0
 _SMOOTHING = 0.1
 _COUNTS = "{n_fmt}/{total_fmt}, {remaining} left, {rate_fmt}"
 _FORMAT = "{desc:<9}{percentage:3.0f}% {bar:20} " + _COUNTS + "{postfix}"
+_SHARES = 1000  # parts of a bar of shares
+_SHARE_FORMAT = "{percentage:3.0f}% {bar:20} {elapsed}{postfix}"
 _Item = TypeVar("_Item")
 
 
@@ -57,6 +59,29 @@ class Progress:
         self._bar.set_postfix_str(text, refresh=False)
         self._bar.total = total
         self._bar.update(done - self._bar.n)
+
+    def show_share(self, share: float, seconds_left: float, text: str) -> None:
+        """Moves the one bar of a command whose time left is known otherwise than by its pace.
+
+        Args:
+            share: of the whole, 0 to 1.
+            seconds_left: of the whole.
+            text: the state, shown behind the bar.
+        """
+        if not self._enabled:
+            return
+        from tqdm import tqdm
+
+        file = self._file or sys.stderr
+        if self._bar is None:
+            interval = _TERMINAL_INTERVAL if file.isatty() else _LOG_INTERVAL
+            self._bar = tqdm(
+                total=_SHARES, bar_format=_SHARE_FORMAT, file=file, dynamic_ncols=True,
+                mininterval=interval, maxinterval=interval, miniters=0,
+            )  # fmt: skip
+        left = tqdm.format_interval(seconds_left)
+        self._bar.set_postfix_str(f"about {left} left, {text}", refresh=False)
+        self._bar.update(int(share * _SHARES) - self._bar.n)
 
     def show_step(
         self, step: int, total: int, loss: float, num_gaussians: int, psnr: float | None = None

@@ -4,7 +4,7 @@ from gsut.sfm.align import PoseErrors, centers_of, compare_poses, errors_against
 from gsut.sfm.bearing_points import BearingPoints
 from gsut.sfm.correspondences import collect_features, match_images
 from gsut.sfm.dataset_calibration import calibrate_from_dataset
-from gsut.sfm.estimate import PosesResult, estimate_poses, is_finished
+from gsut.sfm.estimate import PosesResult, estimate_poses, is_finished, read_figures
 from gsut.sfm.features import Features, features_in
 from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_refinement import refine_lens
@@ -39,6 +39,7 @@ __all__ = [
     "is_finished",
     "match_images",
     "poses_by_path",
+    "read_figures",
     "read_rig",
     "refine",
     "refine_lens",

@@ -20,7 +20,7 @@ from gsut.sfm.correspondences import OnProgress, collect_features, match_images
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_search import guess_lenses, search_lens
-from gsut.sfm.lens_start import compare_with_profile, start_words
+from gsut.sfm.lens_start import compare_with_profile, contradiction, start_words
 from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import FIGURES, TRANSFORMS, figures, write_dataset
@@ -158,6 +158,9 @@ def estimate_poses(
         log.watch.lap("mapping")
     agreeing = None if mapper else matches_in_points(solution, pairs)
     extra |= {"matches_in_points": agreeing, **_shutter_figures(photographs, solution, options)}
+    if not known and photographs.said_focal_px is not None:
+        for text in contradiction(photographs.said_focal_px, solution.cameras[0]):
+            log.note(text)
     if photographs.profile is not None:
         extra["lens_start"] = compare_with_profile(
             photographs.profile, solution.cameras[0], extra.get("readout"), options
@@ -227,7 +230,9 @@ def _inputs(
         photographs = find_rig_photographs(images, on_rig)
         require_central(photographs.lenses)
         return photographs, on_rig
-    photographs = find_photographs(images, None if camera is None else Path(camera))
+    photographs = find_photographs(
+        images, None if camera is None else Path(camera), with_lens=not unknown_lens
+    )
     if unknown_lens:
         photographs = dataclasses.replace(photographs, cameras=[None] * len(photographs))
     require_central([camera for camera in photographs.cameras if camera is not None])
@@ -357,6 +362,11 @@ def _shutter(
             "leave it out, or give --shutter global"
         )
     return shutter
+
+
+def read_figures(out: Path) -> dict[str, Any]:
+    """The content of poses.json of a finished run."""
+    return json.loads((out / FIGURES).read_text())
 
 
 def is_finished(out: Path) -> bool:

@@ -6,15 +6,27 @@ import contextlib
 import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, Shutter
-from gsut.data import find_images, find_lens_file, find_mask, read_dataset, read_header
-from gsut.lens import Camera, LensProfile, is_lens_name, lens_by_name, load_camera
+from gsut.data import (
+    find_images,
+    find_lens_file,
+    find_mask,
+    read_capture,
+    read_dataset,
+    read_header,
+)
+from gsut.lens import Camera, LensProfile, find_lenses, is_lens_name, lens_by_name, load_camera
 
 FEWEST_IMAGES = 2
+# Kannala-Brandt coefficients of a perspective lens: tan(x) / x = 1 + x^2/3 + 2 x^4/15 + ...
+_TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
+_MOST_CANDIDATES = 3  # of the database
+_SAME_LENS = 0.05  # share by which focal lengths of candidates differ, at least
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +45,8 @@ class Photographs:
         paired_by: of a rig: "name" or "order" of the images.
         profile: of the database, where the lens was given by name: a start, not known.
         candidates: lenses that an unknown one may be near.
+        times: seconds by name, of a video's frames.
+        said_focal_px: focal length that the images' EXIF names, in pixels.
     """
 
     root: Path
@@ -46,6 +60,8 @@ class Photographs:
     paired_by: str | None = None
     profile: LensProfile | None = None
     candidates: tuple[Camera, ...] = ()
+    times: dict[str, float] = dataclasses.field(default_factory=dict)
+    said_focal_px: float | None = None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -62,7 +78,7 @@ class Photographs:
         return [camera for camera in self.cameras if camera is not None]
 
 
-def find_photographs(images: Path, lens: Path | None) -> Photographs:
+def find_photographs(images: Path, lens: Path | None, *, with_lens: bool = True) -> Photographs:
     """Finds images and lens.
 
     Args:
@@ -71,6 +87,7 @@ def find_photographs(images: Path, lens: Path | None) -> Photographs:
             are used and whose poses are not.
         lens: lens file, or a dataset whose lens is used; None: the one beside the images, or
             unknown. A name of the database leaves the lens unknown, with a candidate.
+        with_lens: whether a lens file beside plain images is read.
 
     Raises:
         InputError: no such folder, fewer than two images, or the lens cannot be read.
@@ -80,7 +97,7 @@ def find_photographs(images: Path, lens: Path | None) -> Photographs:
     if (images / "transforms.json").is_file():
         found = _of_dataset(images)
     else:
-        found = photographs_in(images, with_lens=lens is None)
+        found = photographs_in(images, with_lens=with_lens and lens is None)
     if lens is not None and is_lens_name(lens):
         found = _with_profile(found, str(lens))
     elif lens is not None:
@@ -108,6 +125,9 @@ def _of_dataset(path: Path) -> Photographs:
 
 def photographs_in(path: Path, *, with_lens: bool = False) -> Photographs:
     """The images and masks of a plain folder, and, if asked for, the lens beside them."""
+    captured = read_capture(path)
+    if captured is not None:
+        return _of_capture(path, captured)
     paths = find_images(path)
     root = path / "images" if (path / "images").is_dir() else path
     names = [p.relative_to(root).as_posix() for p in paths]
@@ -116,6 +136,41 @@ def photographs_in(path: Path, *, with_lens: bool = False) -> Photographs:
     file = find_lens_file(path) if with_lens else None
     camera = load_camera(file) if file is not None else None
     return Photographs(root, names, paths, masks, [camera] * len(paths))
+
+
+def _of_capture(path: Path, captured: dict[str, Any]) -> Photographs:
+    """The pictures that capture.json lists, and what they say of their lens."""
+    rows = sorted(captured["frames"], key=lambda row: row["name"])
+    masks = [row.get("mask") for row in rows]
+    return Photographs(
+        path,
+        [row["name"] for row in rows],
+        [path / row["path"] for row in rows],
+        [None if mask is None else path / mask for mask in masks],
+        [None] * len(rows),
+        candidates=_candidates(captured),
+        times={row["name"]: row["time"] for row in rows if row.get("time") is not None},
+        said_focal_px=captured.get("focal_px"),
+    )
+
+
+def _candidates(captured: dict[str, Any]) -> tuple[Camera, ...]:
+    """Lenses that what the pictures say of their camera speaks for: EXIF's, and the database's."""
+    width, height = captured["size"]
+    found = []
+    focal = captured.get("focal_px")
+    if focal:
+        params = [focal, focal, width / 2, height / 2, *_TANGENT]
+        found.append(Camera("kannala_brandt", params, width, height))
+    name = captured.get("camera")
+    for profile in find_lenses(name, size=(width, height)) if name else ():
+        if len(found) > _MOST_CANDIDATES:
+            break
+        lens = profile.camera(width, height)
+        near = any(abs(lens.params[0] / c.params[0] - 1) < _SAME_LENS for c in found)
+        if not (profile.doubts or near):
+            found.append(lens)
+    return tuple(found)
 
 
 def _with_profile(found: Photographs, name: str) -> Photographs:

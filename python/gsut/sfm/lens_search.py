@@ -127,7 +127,8 @@ def search_lens(
     assert first is not None
     size = first.width, first.height
     fields = (fov_degrees,) if fov_degrees is not None else _FIELDS
-    starts = photographs.candidates or [guess_lens(*size, field) for field in fields]
+    guesses = [guess_lens(*size, field) for field in fields]
+    starts = [*photographs.candidates, *([] if photographs.profile else guesses)]
     trials = _Trials(
         photographs.names, features, options, show, shutter,
         planned=len(starts) + len(_models(starts[0])),

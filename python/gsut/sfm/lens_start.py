@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from gsut.lens import Camera, LensProfile, horizontal_fov
 from gsut.sfm.options import PosesOptions
+
+_CONTRADICTS = 0.1  # share by which focal lengths differ
 
 
 def compare_with_profile(
@@ -51,3 +54,19 @@ def start_words(values: dict[str, Any]) -> str:
     if values["doubts"]:
         text += f"; that calibration is doubtful: {', '.join(values['doubts'])}"
     return text
+
+
+def contradiction(said_focal_px: float, lens: Camera) -> list[str]:
+    """A sentence if the lens found is far from the focal length that EXIF names."""
+    found = float(lens.params[0])
+    if abs(found / said_focal_px - 1) <= _CONTRADICTS:
+        return []
+    said = 2 * math.degrees(math.atan(lens.width / 2 / said_focal_px))
+    field = horizontal_fov(lens)
+    seen = "" if field is None else f", {field:.0f} degrees across"
+    return [
+        f"EXIF says a focal length of {said_focal_px:.0f} px ({said:.0f} degrees across as a "
+        f"perspective lens), but {found:.0f} px were found{seen}: the photographs were cropped or "
+        "corrected in the camera, or the lens found is wrong; if renders look bent, give the field "
+        "of view by --fov or a lens by --camera"
+    ]

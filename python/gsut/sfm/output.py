@@ -51,7 +51,10 @@ def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> li
 
 def _frames(solution: Solution, photographs: Photographs) -> list[Frame]:
     frames = [
-        Frame(name, path, camera, inverse(pose), mask_path=mask, shutter=solution.shutter)
+        Frame(
+            name, path, camera, inverse(pose), mask_path=mask, shutter=solution.shutter,
+            time=photographs.times.get(name),
+        )
         for name, path, camera, pose, mask in zip(
             solution.names, photographs.paths, solution.cameras, solution.camera_from_world,
             photographs.masks, strict=True,

@@ -13,7 +13,7 @@ from gsut.training.photometric_poses import grow_poses
 from gsut.training.record import TrainingRecord
 from gsut.training.results import measure_training, write_results
 from gsut.training.start import about_cameras, prepare_scene, refine_first_poses
-from gsut.training.trained_run import read_trained
+from gsut.training.trained_run import read_light, read_trained
 
 __all__ = [
     "CompactOptions",
@@ -28,6 +28,7 @@ __all__ = [
     "measure_training",
     "parse_size",
     "prepare_scene",
+    "read_light",
     "read_trained",
     "refine_first_poses",
     "write_compacted_run",

@@ -27,6 +27,7 @@ from gsut.compact import (
 from gsut.data import Scene
 from gsut.evaluate import mean_psnr
 from gsut.gaussians import Gaussians, MixedGaussians, pack_harmonics
+from gsut.render import Light
 from gsut.run import METRICS, REFINED, RunFolder, TrainOptions, describe_environment
 from gsut.training.finetuning import finetune, finetune_options
 from gsut.training.results import measure, write_results
@@ -127,6 +128,7 @@ class RunCompactor:
         gaussians: the run's, in the scene's world.
         train_options: the run's.
         options: what to make.
+        light: of the photographs, if the run has found it.
         keep_degrees: fine-tuning leaves each Gaussian's degree of harmonics, which was chosen.
         on_view: called after each view that is looked at for scores.
         on_step: called after each step of fine-tuning with the loop and the loss.
@@ -141,13 +143,14 @@ class RunCompactor:
         options: CompactOptions,
         *,
         keep_degrees: bool = False,
+        light: Light | None = None,
         on_view: Callable[[], object] = lambda: None,
         on_step: Callable[[Any, float], object] = lambda loop, loss: None,
         on_try: Callable[[int, float], object] = lambda count, psnr: None,
     ) -> None:
         self.scene, self.gaussians = about_cameras(scene, gaussians)
         self.train_options, self.options = train_options, options
-        self.keep_degrees = keep_degrees
+        self.keep_degrees, self.light = keep_degrees, light
         self.on_view, self.on_step, self.on_try = on_view, on_step, on_try
         self.views: Sequence[SeenView] = (
             seen_views(self.scene, scene.train_indices) if looks_at_views(options.method) else ()
@@ -194,6 +197,7 @@ class RunCompactor:
             pack_harmonics(result.gaussians) if self.keep_degrees else result.gaussians,
             finetune_options(self.train_options, o.finetune, len(result.gaussians)),
             self.on_step,
+            self.light,
         )
         return tuned.to_gaussians() if isinstance(tuned, MixedGaussians) else tuned
 
@@ -220,7 +224,9 @@ class RunCompactor:
 
     def _psnr(self, gaussians: Gaussians) -> float:
         indices = self.scene.test_indices or self.scene.train_indices
-        return mean_psnr(self.scene, gaussians, indices, self.train_options.background)
+        return mean_psnr(
+            self.scene, gaussians, indices, self.train_options.background, light=self.light
+        )
 
 
 def write_compacted_run(
@@ -254,6 +260,7 @@ def write_compacted_run(
         gaussians, scene, scene.test_indices or scene.train_indices, options, run,
         steps=int(before.get("steps") or 0) + o.finetune,
         train_seconds=float(before.get("train_seconds") or 0.0) + compactor.finetune_seconds,
+        light=compactor.light,
     )  # fmt: skip
     metrics["compaction"] = {
         "method": o.method,

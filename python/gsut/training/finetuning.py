@@ -8,6 +8,7 @@ from typing import Any
 
 from gsut import _core
 from gsut.data import Scene
+from gsut.render import Light
 from gsut.run import TrainOptions
 from gsut.training.loop import TrainingLoop
 
@@ -66,6 +67,7 @@ def finetune(
     gaussians: Any,
     options: TrainOptions,
     on_step: Callable[[TrainingLoop, float], object] = lambda loop, loss: None,
+    light: Light | None = None,
 ) -> tuple[Any, float]:
     """Trains Gaussians on with fresh Adam moments; their number stays.
 
@@ -74,13 +76,15 @@ def finetune(
         gaussians: the start; of `MixedGaussians` each keeps its degree of harmonics.
         options: from `finetune_options`.
         on_step: called after each step with the loop and the step's loss.
+        light: of the photographs, if the run has found it.
 
     Returns:
         The Gaussians, of the same kind, and the seconds of the steps. The same bits on any number
         of threads.
     """
     _core.set_num_threads(options.threads)
-    loop = TrainingLoop(scene, options, gaussians)
+    options = dataclasses.replace(options, exposure="off" if light is None else "on")
+    loop = TrainingLoop(scene, options, gaussians, light=light)
     while loop.step < options.steps:
         on_step(loop, loop.advance())
     return loop.result().copy(), loop.seconds

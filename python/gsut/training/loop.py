@@ -22,10 +22,11 @@ from gsut.optimize import (
     view_of_step,
 )
 from gsut.refine import TracksResult, TrainingRefiner
-from gsut.render import DEFAULT_UNSCENTED
+from gsut.render import DEFAULT_UNSCENTED, Light
 from gsut.run import Stopwatch, TrainOptions
 from gsut.training.densification import DensificationStep, densification_of
 from gsut.training.growth import GrowthLimit
+from gsut.training.photograph_model import PhotographModel
 from gsut.training.start import seed_first
 
 # Steps after which the low-pass filter's radii are found again (Mip-Splatting: 100).
@@ -59,9 +60,11 @@ class TrainingLoop:
         start: the first Gaussians; None: `seed_first`. Of `MixedGaussians` neither number nor
             degrees change.
         tracks: gives the first poses where they come from tracks of features; None: the scene's.
+        light: of the photographs, where a run before has found it.
 
     Attributes:
         views: photographs, poses and lenses; the only owner of the latter.
+        photographs: their exposure, white balance and falloff.
         optimizer: owner of the Gaussians.
         step: steps made.
         seconds: of the steps alone, without reading images and measuring PSNR.
@@ -74,6 +77,7 @@ class TrainingLoop:
         options: TrainOptions,
         start: Any = None,
         tracks: TracksResult | None = None,
+        light: Light | None = None,
     ) -> None:
         scene = scene if tracks is None else tracks.scene
         self.limit = GrowthLimit(scene, options)
@@ -92,6 +96,7 @@ class TrainingLoop:
         self.stopwatch = Stopwatch()
         self._gradients = self.optimizer.gaussians.zeros_like()
         self._touched = np.zeros(len(start), np.uint8)
+        self.photographs = PhotographModel(scene, options, light)
         self._filter = LowPassFilter(options.low_pass, self._training_cameras)
         self._mean = TrajectoryMean(options.average_from)
 
@@ -127,6 +132,7 @@ class TrainingLoop:
         began = time.perf_counter()
         self.stopwatch.start()
         self._render(step, image)
+        self.photographs.observe(step.fraction, step.level, step.view, target, image)
         loss = self._compare(target, image, dimage)
         self._backpropagate(dimage)
         self._optimize(step)
@@ -207,7 +213,8 @@ class TrainingLoop:
         if within and step.number % o.densify_every == 0:
             aside = self.limit.held_aside
             if aside and step.level.scene.cameras[0].width == scene.cameras[0].width:
-                psnr = mean_psnr(scene, self.drawn(), aside, o.background, self.renderer)
+                light = self.photographs.light()
+                psnr = mean_psnr(scene, self.drawn(), aside, o.background, self.renderer, light)
                 self.limit.observe(psnr)
             compacted = o.compact_at is not None and step.number >= o.compact_at
             full_grown = compacted or (self.limit.auto and self.limit.ended)
@@ -251,6 +258,7 @@ class TrainingLoop:
             "limit": self.limit.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "mean": self._mean.state_dict(),
+            "photographs": self.photographs.state_dict(),
             **({} if self.refiner is None else {"refiner": self.refiner.state_dict()}),
             **self._filter.state_dict(),
         }
@@ -263,6 +271,7 @@ class TrainingLoop:
         self.limit.load_state_dict(state["limit"])
         self.optimizer.load_state_dict(state["optimizer"])
         self._mean.load_state_dict(state["mean"])
+        self.photographs.load_state_dict(state["photographs"])
         if self.refiner is not None:
             self.refiner.load_state_dict(state["refiner"])
         self._filter.load_state_dict(state)

@@ -96,7 +96,10 @@ class TrainingRecord:
         test = loop.scene.test_indices
         if measure and test:
             chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
-            row["psnr"] = mean_psnr(loop.scene, loop.result(), chosen, o.background, loop.renderer)
+            light = loop.photographs.light()
+            row["psnr"] = mean_psnr(
+                loop.scene, loop.result(), chosen, o.background, loop.renderer, light
+            )
         return row
 
     def _save(self, loop: TrainingLoop) -> None:

@@ -10,6 +10,7 @@ from gsut.evaluate import evaluate, run_metrics, write_report
 from gsut.formats import for_file, place_text, save_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import evaluate_aligned, write_refined
+from gsut.render import Light
 from gsut.run import RunFolder, TrainOptions
 from gsut.training.loop import TrainingLoop
 
@@ -26,6 +27,7 @@ def measure(
     steps: int,
     train_seconds: float,
     align: bool = False,
+    light: Light | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
     """The content of metrics.json; with `align` test views are aligned with the Gaussians first.
 
@@ -36,12 +38,14 @@ def measure(
         run: gets pictures of these views.
         steps, train_seconds: see `run_metrics`.
         align: for a scene whose training views' poses have moved.
+        light: exposure of the views and falloff of the cameras, if they were found.
 
     Returns:
         The scene, with the aligned poses, and the figures.
     """
     settings: dict[str, Any] = {
         "background": options.background,
+        "light": light,
         "render_folder": None if run is None else run.renders,
     }
     if align and scene.test_indices:
@@ -51,6 +55,9 @@ def measure(
     metrics = run_metrics(
         evaluation, gaussians, scene, options, steps=steps, train_seconds=train_seconds
     )
+    if light is not None:
+        metrics["light"] = light.as_dict([view.name for view in scene.views])
+        metrics["notes"].append(light.note())
     metrics["evaluated_on"] = "test views" if scene.test_indices else "training views"
     return scene, metrics
 
@@ -62,6 +69,7 @@ def measure_training(
     scene, metrics = measure(
         gaussians, scene, scene.test_indices or scene.train_indices[:_MOST_MEASURED], loop.options,
         run, steps=loop.step, train_seconds=loop.seconds, align=loop.options.refine_poses,
+        light=loop.photographs.light(),
     )  # fmt: skip
     if loop.refiner is not None:
         metrics["refinement"] = loop.refiner.figures()

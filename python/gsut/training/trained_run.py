@@ -9,7 +9,8 @@ from gsut.data import Scene, load_dataset
 from gsut.formats import load_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import read_refined
-from gsut.run import ENVIRONMENT, SCENE, RunFolder, TrainOptions
+from gsut.render import Light
+from gsut.run import ENVIRONMENT, METRICS, SCENE, RunFolder, TrainOptions
 from gsut.training.start import prepare_scene
 
 
@@ -30,3 +31,9 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene,
     scene = load_dataset(data, test_every=options.test_every, test_names=options.test_names)
     scene = read_refined(run, prepare_scene(scene, options))
     return options, scene, load_ply(path)
+
+
+def read_light(run: RunFolder, scene: Scene) -> Light | None:
+    """The light that the run found of the scene's photographs; None where it looked for none."""
+    found = (run.read_json(METRICS) or {}).get("light")
+    return None if found is None else Light.from_dict(found, [view.name for view in scene.views])

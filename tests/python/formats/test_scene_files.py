@@ -17,6 +17,8 @@ READ = [each for each in ALL.values() if each.read is not None]
 
 
 def file_of(folder, chosen, name="scene"):
+    if chosen.name == "USD":
+        pytest.importorskip("pxr", reason="usd-core reads and writes USD")
     return folder / f"{name}{chosen.suffixes[0]}"
 
 
@@ -72,7 +74,7 @@ def test_writing_leaves_out_what_cannot_be_drawn_and_says_which(tmp_path, rng, c
         formats.save_gaussians(path, g[3:4])
 
 
-@pytest.mark.parametrize("name", ["PLY", "compressed PLY", "SPZ"])
+@pytest.mark.parametrize("name", ["PLY", "compressed PLY", "SPZ", "SOG"])
 @pytest.mark.parametrize("antialiased", [False, True])
 def test_antialiasing_is_kept_where_a_format_has_a_place_for_it(written, name, antialiased):
     path = written(ALL[name], antialiased=antialiased)
@@ -99,7 +101,10 @@ def test_truncated_file_is_refused(written, tmp_path, chosen):
     assert tried >= 30
 
 
-@pytest.mark.parametrize("chosen", READ, ids=lambda each: each.name)
+# But for USD, whose damaged files Pixar's library may take minutes over.
+@pytest.mark.parametrize(
+    "chosen", [each for each in READ if each.name != "USD"], ids=lambda each: each.name
+)
 def test_damaged_file_is_read_or_refused_in_a_sentence(written, tmp_path, rng, chosen):
     whole = np.frombuffer(written(chosen).read_bytes(), np.uint8)
     path, outcomes = file_of(tmp_path, chosen, "damaged"), []
@@ -187,6 +192,24 @@ def test_gltf_is_half_a_turn_about_z_away(tmp_path, rng):
     view = document["bufferViews"][0]
     means = np.frombuffer(data, "<f4", 9, 28 + length + view["byteOffset"]).reshape(3, 3)
     np.testing.assert_array_equal(means, g.means * [-1, -1, 1])
+
+
+def test_usd_is_valid_and_has_w_x_y_z_of_a_turned_scene(tmp_path, rng):
+    usd = pytest.importorskip("pxr.Usd", reason="usd-core reads USD")
+    validation = pytest.importorskip("pxr.UsdValidation")
+    g = plain_scene(rng, 3, 16)
+    formats.save_gaussians(tmp_path / "a.usda", g)
+    stage = usd.Stage.Open(str(tmp_path / "a.usda"))
+    validators = validation.ValidationRegistry().GetOrLoadAllValidators()
+    assert len(validators) >= 20
+    assert validation.ValidationContext(validators).Validate(stage) == []
+    prim = stage.GetDefaultPrim()
+    np.testing.assert_array_equal(prim.GetAttribute("positions").Get(), g.means * [-1, -1, 1])
+    found = prim.GetAttribute("orientations").Get()[1]
+    w, x, y, z = g.quats[1] / np.linalg.norm(g.quats[1])
+    turned = np.array([-z, -y, x, w])
+    wxyz = np.array([found.GetReal(), *found.GetImaginary()])
+    np.testing.assert_allclose(wxyz * np.sign(wxyz @ turned), turned, atol=1e-6)
 
 
 def test_unknown_suffix_is_refused_with_the_known_ones(tmp_path, rng):

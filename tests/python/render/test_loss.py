@@ -208,3 +208,66 @@ def test_fit_color_transform_flat_image_changes_least():
     flat = np.full((8, 8, 3), 0.5)
     transform = metrics.fit_color_transform(flat, flat)
     np.testing.assert_array_equal(transform, np.eye(3, 4))
+
+
+@pytest.mark.parametrize("keep_statistics", [False, True])
+@pytest.mark.parametrize("with_falloff", [False, True])
+def test_loss_of_a_photograph_in_its_light_matches_reference(
+    pair, rng, keep_statistics, with_falloff
+):
+    photograph, image = pair
+    mask = circle()
+    gain = np.array([1.3, 0.8, 1.05], np.float32)
+    falloff = rng.uniform(0.8, 1.6, photograph.shape).astype(np.float32)
+    light = gain * falloff if with_falloff else gain
+    reference, expected = _core.photometric_loss_reference(photograph / 255.0 * light, image, mask)
+    ran = 0
+    for isa in available_isas():
+        set_isa(isa)
+        target = _core.PhotometricTarget(photograph, mask, "partial", keep_statistics)
+        plain, _ = _core.photometric_loss(target, image)
+        target.set_light(gain, _core.FalloffPlane(falloff) if with_falloff else None)
+        loss, gradient = _core.photometric_loss(target, image)
+        assert loss == pytest.approx(reference, rel=tolerances.LOSS_RELATIVE)
+        error = np.linalg.norm(gradient - expected) / np.linalg.norm(expected)
+        assert error < tolerances.LOSS_GRADIENT_RELATIVE
+        target.set_light([1.0, 1.0, 1.0])  # and back
+        assert _core.photometric_loss(target, image)[0] == plain
+        ran += 1
+    assert ran == len(available_isas()) >= 1
+
+
+def test_light_sums_give_the_gain_of_what_is_neither_black_nor_saturated(pair, rng):
+    _, image = pair
+    image = np.clip(image, 0.01, 1.0)
+    gain = np.array([0.7, 0.5, 0.6], np.float32)
+    photograph = (image * gain).astype(np.float32)
+    bins = rng.integers(0, 5, image.shape[:2]).astype(np.uint8)
+    tc, cc = _core.PhotometricTarget(photograph, circle()).light_sums(image, bins, 5)
+    rows = np.zeros(image.shape[:2], bool)
+    rows[::4] = True
+    used = circle() & rows & (photograph > 0.02).all(axis=2) & (photograph < 0.96).all(axis=2)
+    for b in range(5):
+        chosen = image[used & (bins == b)].astype(np.float64)
+        np.testing.assert_allclose(cc[b], (chosen**2).sum(axis=0), rtol=tolerances.LIGHT_SUMS)
+        np.testing.assert_allclose(tc[b] / cc[b], gain, rtol=tolerances.LIGHT_SUMS)
+
+
+def test_light_that_is_none_is_refused(pair):
+    photograph, image = pair
+    target = _core.PhotometricTarget(photograph)
+    with pytest.raises(InputError, match="inverse_gain holds 0"):
+        target.set_light([1.0, 0.0, 1.0])
+    with pytest.raises(InputError, match="give three for each of"):
+        target.set_light([1.0, 1.0, 1.0], _core.FalloffPlane(np.ones((3, 4, 3), np.float32)))
+    with pytest.raises(InputError, match="from num_bins on, which is 2"):
+        target.light_sums(image, np.full(image.shape[:2], 2, np.uint8), 2)
+
+
+def test_half_image_psnr_judges_what_it_did_not_fit(pair):
+    truth = pair[0] / 255.0
+    assert metrics.half_image_psnr(0.5 * truth, truth) > 100
+    other = truth.copy()
+    other[:, WIDTH // 2 :] *= 0.5
+    assert metrics.half_image_psnr(other, truth) < 20
+    assert metrics.half_image_psnr(truth, truth, np.arange(WIDTH) < np.full((HEIGHT, 1), 5)) is None

@@ -2,13 +2,14 @@
 
 import argparse
 import dataclasses
+import re
 
 import numpy as np
 import pytest
 
 from gsut import InputError
 from gsut.run.option_fields import add_option_flags, flag_name, given_options, option_info
-from gsut.run.options import PRESETS, TrainOptions
+from gsut.run.options import COMMON_OPTIONS, PRESETS, TrainOptions
 
 FIELDS = dataclasses.fields(TrainOptions)
 
@@ -153,6 +154,24 @@ def test_flags_that_are_absent_leave_the_defaults():
 def test_flags_that_are_no_numbers_are_refused_in_the_same_words(words):
     with pytest.raises(InputError, match=f"^{words[0]} must be"):
         parse(*words)
+
+
+def test_help_lists_a_dozen_options_and_help_all_the_rest(capsys):
+    from gsut.cli import main
+
+    with pytest.raises(SystemExit):
+        main(["train", "--help"])
+    short = capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["train", "--help", "all"])
+    everything = capsys.readouterr().out
+    flags = [flag_name(field.name) for field in dataclasses.fields(TrainOptions)]
+    listed = re.findall(r"^  (--[a-z-]+)", short, flags=re.MULTILINE)
+    assert set(listed) & set(flags) == {flag_name(name) for name in COMMON_OPTIONS}
+    assert len(COMMON_OPTIONS) <= 13
+    assert all(flag in everything for flag in flags)
+    assert main(["train", "DATA", "-o", "RUN", "--dead-opacity", "2"]) == 2  # hidden, not gone
+    assert "--dead-opacity must be" in capsys.readouterr().err
 
 
 def test_help_names_every_option_with_its_default():

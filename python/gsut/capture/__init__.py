@@ -1,0 +1,14 @@
+"""What people hold, in: videos and photographs become a folder of pictures worth keeping."""
+
+from gsut.capture.frames import Capture, extract_frames
+from gsut.capture.inputs import capture
+from gsut.capture.photographs import collect_photographs
+from gsut.capture.video import is_video
+
+__all__ = [
+    "Capture",
+    "capture",
+    "collect_photographs",
+    "extract_frames",
+    "is_video",
+]

@@ -1,0 +1,177 @@
+"""Chooses frames of a video by how far the view moved and by sharpness, never every n-th.
+
+Corners are tracked (Lucas-Kanade, in pyramids) on small grey frames. A first pass finds candidates
+a short step of the view apart, each the sharpest of the frames about there; frames are then chosen
+among them, evenly by the way that the view has gone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+# Of the picture's diagonal: how far its median corner moves between candidates, at least and most.
+_LEAST_STEP, _MOST_STEP = 0.004, 0.008
+_LOST_STEP = 0.15  # where most corners are lost: a cut, or a sudden turn
+_CHOSEN_STEP = 0.05  # between chosen frames, where their number allows it
+# Frames that are chosen at least, if there are candidates, and at most: fewer make a poor scene,
+# more take long and add little.
+_FEWEST, _MOST = 60, 300
+_CORNERS = 200
+_FEWEST_CORNERS = 12  # fewer say nothing: a blank wall, darkness
+_BLANK_SECONDS = 0.5  # then a candidate so often at least
+_TRACKED_SIDE = 320  # longer side of the frames that corners are tracked in, pixels
+_JUDGED_SIDE = 800  # ... that sharpness is judged in
+_MIDDLE = 0.5  # share of the way between two chosen frames in which the sharpest is sought
+_BLURRED = 0.4  # sharpness, of the median of the frames around, below which a frame is blurred
+_NEIGHBOURS = 5  # on each side
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """A frame that may be chosen.
+
+    Args:
+        number: of the frame, from 0 in the order of the file.
+        time: seconds from the video's start.
+        sharpness: variance of the Laplacian, in grey levels squared.
+        moved: how far the view moved since the candidate before, of the picture's diagonal.
+    """
+
+    number: int
+    time: float
+    sharpness: float
+    moved: float
+
+
+class CandidateSearch:
+    """Takes a video's frames one by one; `candidates` grows."""
+
+    def __init__(self) -> None:
+        self.candidates: list[Candidate] = []
+        self._corners: np.ndarray | None = None  # (N, 2) where those of the last candidate are now
+        self._start: np.ndarray = np.zeros((0, 2), np.float32)  # where they were in it
+        self._before: np.ndarray | None = None  # the frame before
+        self._best: tuple[Candidate, np.ndarray] | None = None  # since the last candidate
+
+    def add(self, number: int, time: float, grey: np.ndarray) -> None:
+        """Takes the next frame, (H, W) uint8 of any size."""
+        frame = Candidate(number, time, _sharpness(_shrunk(grey, _JUDGED_SIDE)), 0.0)
+        small = _shrunk(grey, _TRACKED_SIDE)
+        if self._before is None:
+            self._commit(frame, small)
+            self._before = small
+            return
+        self._corners = _tracked(self._before, small, self._corners)
+        self._before = small
+        moved = self._moved(time, small)
+        if moved < _LEAST_STEP:
+            return
+        frame = dataclasses.replace(frame, moved=moved)
+        if moved <= _MOST_STEP:
+            if self._best is None or frame.sharpness > self._best[0].sharpness:
+                self._best = frame, small
+            return
+        if self._best is None:
+            self._commit(frame, small)
+            return
+        self._commit(*self._best)
+        self._corners = _tracked(self._best_picture, small, self._corners)
+        moved = self._moved(time, small)
+        if moved >= _LEAST_STEP:
+            self._best = dataclasses.replace(frame, moved=moved), small
+
+    def finish(self) -> list[Candidate]:
+        """All candidates, once every frame is in."""
+        if self._best is not None:
+            self._commit(*self._best)
+        return self.candidates
+
+    def _commit(self, frame: Candidate, small: np.ndarray) -> None:
+        import cv2
+
+        self.candidates.append(frame)
+        found = cv2.goodFeaturesToTrack(small, _CORNERS, 0.01, 0.02 * max(small.shape))
+        self._start = np.zeros((0, 2), np.float32) if found is None else found.reshape(-1, 2)
+        self._corners = self._start
+        self._best, self._best_picture = None, small
+
+    def _moved(self, time: float, small: np.ndarray) -> float:
+        """The median corner's way since the last candidate; a lost one went far."""
+        if len(self._start) < _FEWEST_CORNERS:
+            return _MOST_STEP * (time - self.candidates[-1].time) / _BLANK_SECONDS
+        assert self._corners is not None
+        way = np.linalg.norm(self._corners - self._start, axis=1)
+        median = float(np.median(np.where(np.isfinite(way), way, np.inf)))
+        return min(median / float(np.hypot(*small.shape)), _LOST_STEP)
+
+
+def choose_frames(candidates: Sequence[Candidate], count: int | None = None) -> list[int]:
+    """Indices of the candidates to keep, in order.
+
+    Args:
+        candidates: of one video.
+        count: how many; None: by how far the view moved, 60 to 300 where there are so many.
+    """
+    way = np.cumsum([c.moved for c in candidates])
+    if count is None:
+        count = int(np.clip(round(way[-1] / _CHOSEN_STEP) + 1, _FEWEST, _MOST))
+    if count >= len(candidates):
+        return list(range(len(candidates)))
+    sharp = np.array([c.sharpness for c in candidates])
+    step = way[-1] / max(1, count - 1)
+    chosen: list[int] = []
+    for place in range(count):
+        first = chosen[-1] + 1 if chosen else 0
+        last = len(candidates) - (count - place)  # those to come need one each
+        away = np.abs(way[first : last + 1] - place * step)
+        near = first + np.flatnonzero(away <= max(_MIDDLE / 2 * step, away.min()))
+        chosen.append(int(near[np.argmax(sharp[near])]))
+    return chosen
+
+
+def blurred(candidates: Sequence[Candidate]) -> np.ndarray:
+    """(N,) bool: frames far less sharp than those around them."""
+    sharp = np.array([c.sharpness for c in candidates])
+    around = [
+        np.median(sharp[max(0, i - _NEIGHBOURS) : i + _NEIGHBOURS + 1]) for i in range(len(sharp))
+    ]
+    return sharp < _BLURRED * np.array(around)
+
+
+def _shrunk(grey: np.ndarray, longer: int) -> np.ndarray:
+    import cv2
+
+    scale = longer / max(grey.shape)
+    if scale >= 1:
+        return grey
+    size = max(1, round(grey.shape[1] * scale)), max(1, round(grey.shape[0] * scale))
+    return cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+
+
+def _sharpness(grey: np.ndarray) -> float:
+    import cv2
+
+    return float(cv2.Laplacian(grey, cv2.CV_32F).var())
+
+
+def _tracked(before: np.ndarray, after: np.ndarray, corners: np.ndarray | None) -> np.ndarray:
+    """Where corners (N, 2) of one frame are in the other; NaN where lost."""
+    import cv2
+
+    corners = np.zeros((0, 2), np.float32) if corners is None else corners
+    found = corners.copy()
+    alive = np.isfinite(corners).all(axis=1)
+    found[~alive] = np.nan
+    if not alive.any():
+        return found
+    moved, status, _ = cv2.calcOpticalFlowPyrLK(
+        before, after, corners[alive].reshape(-1, 1, 2), np.empty(0), winSize=(15, 15), maxLevel=3
+    )
+    moved = moved.reshape(-1, 2)
+    height, width = after.shape
+    inside = (moved >= 0).all(axis=1) & (moved < (width, height)).all(axis=1)
+    found[alive] = np.where((inside & (status.ravel() == 1))[:, None], moved, np.nan)
+    return found

@@ -1,0 +1,210 @@
+"""A video in, a folder of chosen frames out."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError, __version__
+from gsut.capture.choose import Candidate, CandidateSearch, blurred, choose_frames
+from gsut.capture.strip import write_strip
+from gsut.capture.video import Video, camera_in
+from gsut.data import CAPTURE, capture_state, read_capture
+from gsut.files import whole_file, write_json
+
+OnProgress = Callable[[str, int, int, str], None]
+IMAGES = "images"  # folder of the frames, beside capture.json
+FEWEST_FRAMES = 8  # from which a scene can be made at all
+_STILL = 0.01  # way of the view, of the diagonal, below which it is one still picture
+_CUT_OFF = 0.98  # of the frames that the file announces: fewer are a file that was cut off
+_MANY_BLURRED = 0.25  # share of the chosen frames
+_JPEG_QUALITY = 97
+_MOST_PER_SECOND = 35.0  # frames looked at
+
+
+@dataclasses.dataclass(frozen=True)
+class Capture:
+    """A folder of pictures that poses can be found for.
+
+    Attributes:
+        path: holds images/, capture.json and strip.jpg.
+        figures: the content of capture.json: kind, inputs, notes, size, and "frames", one row a
+            picture with its name and, of a video, number, time (seconds) and sharpness;
+            "name_rate" is how many numbers of the names a second has.
+    """
+
+    path: Path
+    figures: dict[str, Any]
+
+    @property
+    def notes(self) -> list[str]:
+        """What the user should know, one sentence each."""
+        return self.figures["notes"]
+
+    def __repr__(self) -> str:
+        return f"Capture({str(self.path)!r}, {len(self.figures['frames'])} pictures)"
+
+
+def extract_frames(
+    video: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    count: int | None = None,
+    on_progress: OnProgress | None = None,
+) -> Capture:
+    """Chooses frames of a video by sharpness and by how far the view moved, and writes them.
+
+    Twice through the video: the first time small, to choose; the second time to write. A finished
+    folder of the same video and count is returned as it is.
+
+    Args:
+        video: any that FFmpeg decodes (H.264, HEVC, VP9, AV1, ...), of any frame rate; turned
+            upright as the file says.
+        out: folder that gets images/f00123.jpg (the number counts frames at the video's frame
+            rate, so that it tells the time), capture.json and strip.jpg.
+        count: frames to choose; None: by how far the view moved, 60 to 300 where there are so many.
+        on_progress: told (stage, done, total, text).
+
+    Returns:
+        The folder, with the frames' names, time stamps and sharpness.
+
+    Raises:
+        InputError: no video, a codec that cannot be decoded, fewer than 8 frames, or a view that
+            never moves; says what to do.
+    """
+    path, folder = Path(video), Path(out)
+    told = on_progress or (lambda *_: None)
+    with Video(path) as source:
+        announced, rate = source.frame_count, source.frame_rate
+        size = source.width, source.height
+    key = {"version": __version__, "inputs": capture_state([path]), "count": count}
+    done = finished_capture(folder, key)
+    if done is not None:
+        return done
+    candidates, seen = _candidates(path, told)
+    notes = _judge(path, candidates, seen, announced, rate)
+    chosen = [candidates[index] for index in choose_frames(candidates, count)]
+    names, name_rate = _names(chosen, rate)
+    (folder / IMAGES).mkdir(parents=True, exist_ok=True)
+    _write(path, chosen, names, folder / IMAGES, told)
+    unsharp = blurred(chosen)
+    if unsharp.mean() > _MANY_BLURRED:
+        notes.append(
+            f"{unsharp.sum()} of the {len(chosen)} frames chosen are blurred: move more slowly, or "
+            "film with more light or a shorter shutter time"
+        )
+    figures: dict[str, Any] = {
+        "kind": "video", "key": key, "inputs": [str(path)], "size": size, "frame_rate": rate,
+        "name_rate": name_rate, "camera": camera_in(path),
+        "frames_seen": seen, "seconds": candidates[-1].time, "notes": notes,
+        "frames": [
+            {"name": name, "path": f"{IMAGES}/{name}", "number": c.number, "time": c.time,
+             "sharpness": c.sharpness, "blurred": bool(b)}
+            for name, c, b in zip(names, chosen, unsharp, strict=True)
+        ],
+    }  # fmt: skip
+    write_strip(folder, figures["frames"])
+    write_json(folder / CAPTURE, figures)
+    return Capture(folder, figures)
+
+
+def finished_capture(folder: Path, key: dict[str, Any]) -> Capture | None:
+    """The capture that a folder holds, if it is whole and of the same inputs and settings."""
+    figures = read_capture(folder)
+    if figures is None or figures.get("key") != key:
+        return None
+    whole = all((folder / row["path"]).is_file() for row in figures["frames"])
+    return Capture(folder, figures) if whole else None
+
+
+def _candidates(path: Path, told: OnProgress) -> tuple[list[Candidate], int]:
+    """The frames that may be chosen, and how many there were."""
+    import cv2
+
+    search = CandidateSearch()
+    seen = 0
+    with Video(path) as source:
+        every = max(1, round(source.frame_rate / _MOST_PER_SECOND))
+        for number, time, picture in source.frames():
+            seen = number + 1
+            pixels = picture() if number % every == 0 else None
+            if pixels is not None:
+                search.add(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
+            text = f"{len(search.candidates)} candidates"
+            told("looking", seen, max(seen, source.frame_count), text)
+    return search.finish(), seen
+
+
+def _judge(
+    path: Path, candidates: Sequence[Candidate], seen: int, announced: int, rate: float
+) -> list[str]:
+    """Notes on the video.
+
+    Raises:
+        InputError: nothing can be made of it.
+    """
+    if seen == 0:
+        raise InputError(
+            f"{path}: no frame of the video can be decoded: it is damaged, or its codec is not "
+            "known here; convert it: ffmpeg -i IN -c:v libx264 -crf 16 OUT.mp4"
+        )
+    if seen < FEWEST_FRAMES:
+        raise InputError(
+            f"{path}: the video has {seen} frames; film for ten seconds or more, walking around "
+            "or past what you want to see"
+        )
+    way = sum(c.moved for c in candidates)
+    if way < _STILL:
+        raise InputError(
+            f"{path}: the video shows one still picture: in {seen / rate:.0f} s the view moves by "
+            f"{100 * way:.1f} % of its diagonal; walk with the camera, so that things are seen "
+            "from several sides"
+        )
+    if seen < _CUT_OFF * announced:
+        return [
+            f"{path.name} ends after {seen} of {announced} frames ({candidates[-1].time:.1f} s): "
+            "it was cut off or is damaged; what is there is used"
+        ]
+    return []
+
+
+def _names(chosen: Sequence[Candidate], rate: float) -> tuple[list[str], float]:
+    """Names whose numbers tell the time: at a constant frame rate, the frames' own numbers.
+
+    Returns:
+        The names, and how many numbers a second has.
+    """
+    times = np.array([c.time for c in chosen])
+    steady = max((abs(c.time * rate - c.number) for c in chosen), default=0) < 0.5
+    numbers = [c.number for c in chosen] if steady else [round(t) for t in times * rate]
+    while len(set(numbers)) < len(numbers):  # frames nearer than the mean: count in finer steps
+        rate *= 2
+        numbers = [round(t) for t in times * rate]
+    return [f"f{number:05d}.jpg" for number in numbers], rate
+
+
+def _write(
+    path: Path, chosen: Sequence[Candidate], names: Sequence[str], folder: Path, told: OnProgress
+) -> None:
+    import cv2
+
+    wanted = dict(zip((c.number for c in chosen), names, strict=True))
+    for stale in set(folder.glob("f*.jpg")) - {folder / name for name in names}:
+        stale.unlink()
+    with Video(path) as source:
+        for number, _, picture in source.frames():
+            if number not in wanted:
+                continue
+            pixels, target = picture(), folder / wanted.pop(number)
+            if pixels is None:
+                raise InputError(f"{path}: frame {number} cannot be decoded twice; copy it again")
+            with whole_file(target) as temporary:
+                cv2.imwrite(str(temporary), pixels, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+            told("frames", len(names) - len(wanted), len(names), target.name)
+            if not wanted:
+                break

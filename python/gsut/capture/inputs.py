@@ -1,0 +1,84 @@
+"""Whatever people hold - videos, photographs, folders of them - as one folder of pictures."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from gsut._core import InputError
+from gsut.capture.frames import Capture, OnProgress, extract_frames
+from gsut.capture.photographs import collect_photographs
+from gsut.capture.strip import write_strip
+from gsut.capture.video import is_video
+from gsut.data import CAPTURE
+from gsut.files import write_json
+
+
+def capture(
+    inputs: Sequence[str | os.PathLike[str]],
+    out: str | os.PathLike[str],
+    *,
+    count: int | None = None,
+    on_progress: OnProgress | None = None,
+) -> Capture:
+    """Makes one folder of pictures of videos and photographs of one camera.
+
+    Args:
+        inputs: videos, photographs and folders of photographs, in any number.
+        out: the folder; what is finished in it is not done again.
+        count: frames to choose of each video; None: by how far its view moves.
+        on_progress: told (stage, done, total, text).
+
+    Raises:
+        InputError: see `extract_frames` and `collect_photographs`; or pictures of several sizes.
+    """
+    videos = [path for path in map(Path, inputs) if is_video(path)]
+    others = [path for path in map(Path, inputs) if not is_video(path)]
+    if not others and len(videos) == 1:
+        return extract_frames(videos[0], out, count=count, on_progress=on_progress)
+    if not videos:
+        return collect_photographs(others, out, on_progress=on_progress)
+    folder = Path(out)
+    parts = [
+        extract_frames(
+            video, folder / f"{number}-{video.stem}", count=count, on_progress=on_progress
+        )
+        for number, video in enumerate(videos, 1)
+    ]
+    if others:
+        parts.append(collect_photographs(others, folder / "photographs", on_progress=on_progress))
+    return _joined(parts, folder)
+
+
+def _joined(parts: Sequence[Capture], folder: Path) -> Capture:
+    """One capture of several.
+
+    Raises:
+        InputError: they have different sizes.
+    """
+    sizes = {tuple(part.figures["size"]): part.figures["inputs"][0] for part in parts}
+    if len(sizes) > 1:
+        found = ", ".join(f"{name} {w} x {h}" for (w, h), name in sizes.items())
+        raise InputError(
+            f"the inputs have pictures of different sizes ({found}): give those of one camera and "
+            "one setting at a time"
+        )
+    rows: list[dict[str, Any]] = []
+    for part in parts:
+        inner = os.path.relpath(part.path.resolve(), folder.resolve())
+        for row in part.figures["frames"]:
+            path = os.path.normpath(os.path.join(inner, row["path"]))
+            # Times of several videos do not compare.
+            rows.append({**row, "name": f"{inner}/{row['name']}", "path": path, "time": None})
+    first = parts[0].figures
+    figures = {
+        **first,
+        "inputs": [name for part in parts for name in part.figures["inputs"]],
+        "notes": [note for part in parts for note in part.figures["notes"]],
+        "frames": rows,
+    }
+    write_strip(folder, rows)
+    write_json(folder / CAPTURE, figures)
+    return Capture(folder, figures)

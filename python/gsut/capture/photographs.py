@@ -1,0 +1,295 @@
+"""Folders of photographs in: one camera's pictures at one size, what others need said in words.
+
+Ordinary photographs stay where they are, their pixels as stored: a phone held upright stores what
+its sensor saw, so that all of its photographs share one lens. Only what cannot be used like that is
+written anew: other formats, photographs of the same camera that were turned or made smaller.
+"""
+
+from __future__ import annotations
+
+import collections
+import concurrent.futures
+import dataclasses
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError, __version__
+from gsut.capture.exif import RAW_SUFFIXES, PhotographFacts, read_facts
+from gsut.capture.frames import IMAGES, Capture, OnProgress, finished_capture
+from gsut.capture.strip import write_strip
+from gsut.data import CAPTURE, IMAGE_SUFFIXES, capture_state, find_mask, some_names
+from gsut.files import whole_file, write_json
+
+HEIF_SUFFIXES = (".heic", ".heif")
+PHOTOGRAPH_SUFFIXES = (*IMAGE_SUFFIXES, *HEIF_SUFFIXES, *RAW_SUFFIXES)
+_AS_STORED = ("RGB", "RGBA", "L", "LA", "P", "I;16", "I;16B", "1", "I")
+_SAME_FOCAL = 0.03  # share by which focal lengths of one setting differ, at most
+_SAME_SHAPE = 0.01
+_JPEG_QUALITY = 97
+
+
+@dataclasses.dataclass(frozen=True)
+class _Plan:
+    """What happens to one photograph: turned by a quarter, resized to a size, or nothing."""
+
+    facts: PhotographFacts
+    name: str  # as in the dataset
+    turned: bool = False
+    size: tuple[int, int] | None = None  # None: as it is
+
+    @property
+    def is_written(self) -> bool:
+        suffix = self.facts.path.suffix.lower()
+        strange = suffix not in IMAGE_SUFFIXES or self.facts.mode not in _AS_STORED
+        return strange or self.turned or self.size is not None
+
+
+def collect_photographs(
+    inputs: Sequence[str | os.PathLike[str]],
+    out: str | os.PathLike[str],
+    *,
+    on_progress: OnProgress | None = None,
+) -> Capture:
+    """Finds photographs, reads what they say of themselves, and makes them fit for one lens.
+
+    Args:
+        inputs: folders, or photographs, of one camera.
+        out: folder that gets capture.json, strip.jpg and, of the photographs that cannot be used
+            as they are, copies in images/.
+        on_progress: told (stage, done, total, text).
+
+    Returns:
+        The folder. "frames" has a row a photograph: name, path, and where the file says so time
+        (seconds since the first), orientation and place; "focal_px" is the focal length that the
+        photographs name, "camera" who took them.
+
+    Raises:
+        InputError: no photographs, or a format that needs a library which is not installed.
+    """
+    told = on_progress or (lambda *_: None)
+    files = find_photograph_files(inputs)
+    folder = Path(out)
+    key = {"version": __version__, "inputs": capture_state(list(files.values()))}
+    done = finished_capture(folder, key)
+    if done is not None:
+        return done
+    _require_readers(list(files.values()))
+    notes: list[str] = []
+    facts = _all_facts(files, notes, told)
+    if not facts:
+        raise InputError(f"none of the {len(files)} photographs can be read: {notes[0]}")
+    plans, left_out = _plans(facts)
+    notes += left_out
+    (folder / IMAGES).mkdir(parents=True, exist_ok=True)
+    rows = _write(plans, folder, told)
+    first = min((p.facts.time for p in plans if p.facts.time is not None), default=0.0)
+    for row, plan in zip(rows, plans, strict=True):
+        f = plan.facts
+        row["time"] = None if f.time is None else f.time - first
+        row["orientation"], row["place"] = f.orientation, f.place
+        mask = None if plan.is_written else _mask_of(f.path, plan.name)
+        row["mask"] = None if mask is None else os.path.relpath(mask, folder.resolve())
+    focal = [_scaled_focal(plan) for plan in plans if plan.facts.focal_px is not None]
+    figures: dict[str, Any] = {
+        "kind": "photographs", "key": key, "inputs": [str(i) for i in inputs], "notes": notes,
+        "size": _size(plans[0]),
+        "camera": collections.Counter(p.facts.camera for p in plans).most_common(1)[0][0],
+        "focal_px": float(np.median(focal)) if focal else None,
+        "frames": rows,
+    }  # fmt: skip
+    write_strip(folder, rows)
+    write_json(folder / CAPTURE, figures)
+    return Capture(folder, figures)
+
+
+def find_photograph_files(inputs: Sequence[str | os.PathLike[str]]) -> dict[str, Path]:
+    """The photographs by name: in each folder, or in its folder images, sorted.
+
+    Raises:
+        InputError: an input that does not exist, or no photograph at all.
+    """
+    found: dict[str, Path] = {}
+    for given in map(Path, inputs):
+        if given.is_dir():
+            inner = given / "images"
+            root = inner if inner.is_dir() else given
+            paths = sorted(root.rglob("*") if inner.is_dir() else root.glob("*"))
+        elif given.is_file():
+            root, paths = given.parent, [given]
+        else:
+            raise InputError(f"{given}: no such file or folder; give a video or photographs")
+        for path in paths:
+            if path.suffix.lower() not in PHOTOGRAPH_SUFFIXES or path == given / "mask.png":
+                continue
+            name = path.relative_to(root).as_posix()
+            found[name if name not in found else f"{given.name}/{name}"] = path
+    if not found:
+        raise InputError(
+            f"{', '.join(map(str, inputs))}: there are no photographs here ("
+            f"{', '.join(PHOTOGRAPH_SUFFIXES)}); give a folder of them, or a video"
+        )
+    return found
+
+
+def _require_readers(paths: Sequence[Path]) -> None:
+    """Loads the libraries that some formats need.
+
+    Raises:
+        InputError: one is not installed; says how to install it.
+    """
+    suffixes = {path.suffix.lower() for path in paths}
+    if suffixes & set(HEIF_SUFFIXES):
+        try:
+            import pillow_heif
+        except ImportError:
+            raise _lacks("HEIC", "pillow-heif", suffixes & set(HEIF_SUFFIXES)) from None
+        pillow_heif.register_heif_opener()
+    if suffixes & set(RAW_SUFFIXES):
+        try:
+            import rawpy  # noqa: F401
+        except ImportError:
+            raise _lacks("raw", "rawpy", suffixes & set(RAW_SUFFIXES)) from None
+
+
+def _lacks(kind: str, library: str, suffixes: set[str]) -> InputError:
+    return InputError(
+        f"{kind} photographs ({', '.join(sorted(suffixes))}) need the library {library}: pip "
+        f"install {library}; or export the photographs as JPEG"
+    )
+
+
+def _all_facts(
+    files: dict[str, Path], notes: list[str], told: OnProgress
+) -> dict[str, PhotographFacts]:
+    facts = {}
+    for done, (name, path) in enumerate(files.items(), 1):
+        try:
+            facts[name] = read_facts(path)
+        except InputError as error:
+            notes.append(f"left out: {error}")
+        told("photographs", done, 2 * len(files), name)
+    return facts
+
+
+def _plans(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], list[str]]:
+    """What to do with each photograph of the camera that took most, and what is left out.
+
+    Raises:
+        InputError: one that does not name its camera has another size.
+    """
+    groups: dict[tuple[str, float], list[str]] = {}
+    for name, f in facts.items():
+        focal = 0.0 if f.focal_px is None else f.focal_px / math.hypot(f.width, f.height)
+        key = next(
+            (k for k in groups if k[0] == f.camera and abs(k[1] - focal) <= _SAME_FOCAL * focal),
+            (f.camera, focal),
+        )
+        groups.setdefault(key, []).append(name)
+    most = max(groups.values(), key=len)
+    sizes = collections.Counter((facts[n].width, facts[n].height) for n in most)
+    size = sizes.most_common(1)[0][0]
+    plans, others = [], []
+    for name, f in facts.items():
+        if not f.camera and sorted((f.width, f.height)) != sorted(size):
+            raise InputError(
+                f"the photographs have different sizes and do not say which camera took them: "
+                f"{name} is {f.width} x {f.height}, most are {size[0]} x {size[1]}; sort them into "
+                "one folder a camera, or give lens files in a dataset"
+            )
+        plan = _fitted(f, name, size) if name in most or not f.camera else None
+        if plan is None:
+            others.append(name)
+        else:
+            plans.append(plan)
+    if not others:
+        return plans, []
+    kinds = {f"{facts[n].camera or 'unknown camera'}, {facts[n].width} x {facts[n].height}"
+             for n in others}  # fmt: skip
+    return plans, [
+        f"{len(others)} of {len(facts)} photographs are of another camera, zoom or shape than the "
+        f"{len(plans)} of {facts[most[0]].camera or 'one camera'} at {size[0]} x {size[1]} and are "
+        f"left out ({'; '.join(sorted(kinds))}): {some_names(others)}. To use them too, find "
+        "their poses in a folder of their own, or give lens files in a dataset"
+    ]
+
+
+def _fitted(f: PhotographFacts, name: str, size: tuple[int, int]) -> _Plan | None:
+    """How a photograph comes to this size; None: it has another shape."""
+    if (f.width, f.height) == size:
+        return _Plan(f, name)
+    turned = (f.width < f.height) != (size[0] < size[1])
+    width, height = (f.height, f.width) if turned else (f.width, f.height)
+    if abs(width / height * size[1] / size[0] - 1) > _SAME_SHAPE:
+        return None
+    return _Plan(f, name, turned, None if (width, height) == size else size)
+
+
+def _size(plan: _Plan) -> tuple[int, int]:
+    f = plan.facts
+    return plan.size or ((f.height, f.width) if plan.turned else (f.width, f.height))
+
+
+def _scaled_focal(plan: _Plan) -> float:
+    f = plan.facts
+    assert f.focal_px is not None
+    return f.focal_px * math.hypot(*_size(plan)) / math.hypot(f.width, f.height)
+
+
+def _write(plans: Sequence[_Plan], folder: Path, told: OnProgress) -> list[dict[str, Any]]:
+    """The rows of the photographs, and copies of those that cannot be used as they are."""
+    rows: list[dict[str, Any]] = []
+    with concurrent.futures.ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        jobs = [pool.submit(_copy, plan, folder) if plan.is_written else None for plan in plans]
+        for done, (plan, job) in enumerate(zip(plans, jobs, strict=True), 1):
+            target = plan.facts.path.resolve() if job is None else job.result()
+            path = os.path.relpath(target, folder.resolve())
+            rows.append({"name": plan.name if job is None else target.name, "path": path})
+            told("photographs", len(plans) + done, 2 * len(plans), plan.name)
+    return rows
+
+
+def _mask_of(path: Path, name: str) -> Path | None:
+    """The mask of a photograph, as `gsut train` finds it: masks/NAME.png or mask.png."""
+    roots = dict.fromkeys((path.parent, path.parent.parent))
+    common = (root / "mask.png" for root in roots)
+    found = (find_mask(root / "masks", each) for root in roots for each in (name, path.name))
+    masks = (mask for mask in (*found, *common) if mask is not None and mask.is_file())
+    return next((mask.resolve() for mask in masks), None)
+
+
+def _copy(plan: _Plan, folder: Path) -> Path:
+    """Writes a photograph anew as JPEG; returns the file."""
+    import cv2
+
+    pixels = _decoded(plan.facts.path)
+    if plan.turned:
+        pixels = np.rot90(pixels)
+    if plan.size is not None:
+        pixels = cv2.resize(pixels, plan.size, interpolation=cv2.INTER_AREA)
+    stem = plan.name.replace("/", "-").rsplit(".", 1)[0]
+    target = folder / IMAGES / f"{stem}-{plan.facts.path.suffix[1:].lower()}.jpg"
+    with whole_file(target) as temporary:
+        bgr = np.ascontiguousarray(pixels[:, :, ::-1])
+        cv2.imwrite(str(temporary), bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    return target
+
+
+def _decoded(path: Path) -> np.ndarray:
+    """(H, W, 3) uint8 RGB of the stored pixels."""
+    if path.suffix.lower() in RAW_SUFFIXES:
+        import rawpy
+
+        with rawpy.imread(str(path)) as raw:
+            return raw.postprocess(use_camera_wb=True, user_flip=0)
+    from PIL import Image
+
+    with Image.open(path) as image:
+        if image.mode.startswith("I"):
+            grey = np.asarray(image).astype(np.float64) / 257
+            return np.repeat(grey.round().clip(0, 255).astype(np.uint8)[:, :, None], 3, axis=2)
+        return np.asarray(image.convert("RGB"))

@@ -1,0 +1,57 @@
+"""The chosen pictures as one strip, to see at a glance what a scene is made from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut.files import whole_file
+
+STRIP = "strip.jpg"
+_HEIGHT = 96  # of a picture, pixels
+_COLUMNS = 10
+_MOST = 60  # pictures; of more, some evenly
+_BLURRED_COLOR = (40, 40, 220)  # blue, green, red
+
+
+def write_strip(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Writes strip.jpg: the pictures in order, with their times; blurred ones framed in red.
+
+    Args:
+        folder: of a capture.
+        rows: "frames" of capture.json.
+    """
+    import cv2
+
+    shown = [rows[i] for i in np.unique(np.linspace(0, len(rows) - 1, _MOST).round().astype(int))]
+    tiles = [_tile(folder / row["path"], row) for row in shown]
+    width = max(tile.shape[1] for tile in tiles)
+    lines = []
+    for start in range(0, len(tiles), _COLUMNS):
+        line = np.full((_HEIGHT + 4, _COLUMNS * (width + 4), 3), 255, np.uint8)
+        for place, tile in enumerate(tiles[start : start + _COLUMNS]):
+            left = place * (width + 4)
+            line[: tile.shape[0], left : left + tile.shape[1]] = tile
+        lines.append(line)
+    with whole_file(folder / STRIP) as temporary:
+        cv2.imwrite(str(temporary), np.concatenate(lines))
+
+
+def _tile(path: Path, row: dict[str, Any]) -> np.ndarray:
+    import cv2
+
+    pixels = cv2.imread(str(path), cv2.IMREAD_REDUCED_COLOR_2)
+    if pixels is None:
+        return np.full((_HEIGHT, _HEIGHT, 3), 200, np.uint8)
+    width = max(1, round(pixels.shape[1] * _HEIGHT / pixels.shape[0]))
+    tile = cv2.resize(pixels, (width, _HEIGHT), interpolation=cv2.INTER_AREA)
+    if row.get("time") is not None:
+        text = f"{row['time']:.1f} s"
+        for color, thick in (((0, 0, 0), 3), ((255, 255, 255), 1)):
+            cv2.putText(tile, text, (4, 14), cv2.FONT_HERSHEY_SIMPLEX, 0.42, color, thick)
+    if row.get("blurred"):
+        cv2.rectangle(tile, (0, 0), (width - 1, _HEIGHT - 1), _BLURRED_COLOR, 3)
+    return tile

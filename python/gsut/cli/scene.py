@@ -1,0 +1,318 @@
+"""`gsut scene`: videos or photographs in, a scene out: capture, poses, training and report.
+
+Each stage is an existing function and leaves its files in RUN; the same command goes on where it
+was stopped, and has nothing to do when all is done.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from gsut._core import InputError
+from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.cli.poses import CAPTURED, with_readout
+from gsut.run import (
+    METRICS,
+    OPTIONS,
+    PRESETS,
+    REPORT,
+    RunFolder,
+    StagedProgress,
+    TrainOptions,
+    Verdict,
+    worst,
+)
+from gsut.sfm import PosesOptions
+
+HELP = "a scene from a video or photographs, in one command"
+DESCRIPTION = (
+    "Makes a scene of what a camera took: chooses frames of a video, finds the lens and where each "
+    "picture was taken, trains, and writes a report. The same command goes on where it was stopped."
+)
+POSES = "poses"  # folder of the pictures and poses, in the run's folder
+STATE = "scene.json"  # inputs and settings; seconds and verdict once all is done
+PAGE = "scene.html"
+# Seconds on one core, for the time left before anything is measured: of a picture's features,
+# matches and mapping with a known lens; of a training step on a megapixel at full resolution.
+_POSES_SECONDS, _STEP_SECONDS = 1.6, 0.35
+_UNKNOWN_LENS = 2.0  # factor on the poses' seconds
+_CAPTURE_SECONDS = 15.0
+_FEW_PICTURES = 20  # make a poor scene
+_POSE_SHARES = {
+    "features": 0.15, "preview": 0.02, "matching": 0.2, "verifying": 0.03, "lens": 0.3,
+    "mapping": 0.3,
+}  # fmt: skip
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "inputs",
+        metavar="INPUT",
+        nargs="+",
+        help="videos, photographs and folders of photographs, all of one camera",
+    )
+    parser.add_argument(
+        "-o", "--out", metavar="RUN", required=True, help="folder of the scene and all its stages"
+    )
+    parser.add_argument(
+        "--preset",
+        choices=tuple(PRESETS),
+        default="balanced",
+        help="how long to train: see `gsut train --help` [default: %(default)s]",
+    )
+    parser.add_argument(
+        "--steps", type=int, metavar="N", help="training steps, one picture each [default: preset]"
+    )
+    parser.add_argument(
+        "--camera",
+        metavar="LENS",
+        help="lens file, or the camera's name, such as 'GoPro HERO9 Black, Max Wide' (`gsut camera "
+        "find`) [default: what the pictures say of their camera, else the lens is estimated]",
+    )
+    parser.add_argument(
+        "--fov", type=float, metavar="DEGREES", help="rough horizontal field of view"
+    )
+    parser.add_argument(
+        "--frames",
+        type=int,
+        metavar="N",
+        help="frames to choose of a video [default: by how far the view moves, 60 to 300]",
+    )
+    parser.add_argument(
+        "--shutter",
+        choices=("auto", "global", "rolling"),
+        default="auto",
+        help="see `gsut poses --help` [default: %(default)s]",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of every random number")
+    parser.add_argument("--threads", type=int, default=0, help="threads; 0 = all processors")
+    add_quiet(parser)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    folder = RunFolder(arguments.out)
+    state = _begin(folder, arguments)
+    if "verdict" not in state:
+        try:
+            state = _make(folder, arguments, state)
+        except KeyboardInterrupt:
+            words = shlex.join(["gsut", "scene", *arguments.inputs, "-o", arguments.out])
+            raise KeyboardInterrupt(
+                f"stopped; what was finished is kept in {folder.path}, and the same command goes "
+                f"on from there: {words} ..."
+            ) from None
+    elif not arguments.quiet and not arguments.json:
+        print(f"done already: {folder.path}")
+    if arguments.json:
+        print_json(state)
+    elif not arguments.quiet:
+        print(_verdict(state["verdict"]))
+        print(f"report: {folder.path / PAGE}")
+    return 0
+
+
+def _begin(folder: RunFolder, arguments: argparse.Namespace) -> dict[str, Any]:
+    """The state that the folder holds, or a new one.
+
+    Raises:
+        InputError: it holds a scene of other inputs or settings, or a run of another command.
+    """
+    key = {
+        "inputs": [str(Path(name).resolve()) for name in arguments.inputs],
+        **{
+            name: getattr(arguments, name)
+            for name in ("preset", "steps", "camera", "fov", "frames", "shutter", "seed")
+        },
+    }
+    state = folder.read_json(STATE)
+    if state is None:
+        folder.refuse_run()
+        return {"key": key}
+    different = [name for name in key if state["key"].get(name) != key[name]]
+    if different:
+        name = different[0]
+        what = name if name == "inputs" else f"--{name}"
+        raise InputError(
+            f"{folder.path} holds a scene with other {what} ({state['key'].get(name)}, now "
+            f"{key[name]}); give another folder by -o (nothing was overwritten)"
+        )
+    return state
+
+
+def _make(
+    folder: RunFolder, arguments: argparse.Namespace, state: dict[str, Any]
+) -> dict[str, Any]:
+    """All stages that are not done; returns the final state."""
+    from gsut.capture import capture
+
+    expected = {"capture": _CAPTURE_SECONDS, "poses": 100.0, "training": 200.0, "report": 10.0}
+    with StagedProgress(expected, not arguments.quiet) as bars:
+        with bars.stage("capture"):
+            taken = capture(
+                arguments.inputs, folder.path / POSES / CAPTURED, count=arguments.frames,
+                on_progress=_evenly(bars, {"looking": 0.7, "frames": 0.3, "photographs": 1.0}),
+            )  # fmt: skip
+            for note in taken.notes:
+                bars.note(note)
+        folder.write_json(STATE, state)
+        options = TrainOptions(
+            preset=arguments.preset, steps=arguments.steps, seed=arguments.seed,
+            threads=arguments.threads,
+        )  # fmt: skip
+        _expect(bars, taken.figures, options, arguments.camera)
+        poses = _find_poses(folder, arguments, taken, bars)
+        metrics = _train(folder, options, bars)
+        with bars.stage("report"):
+            bars.show(0.5)
+            verdict = worst([_capture_verdict(taken.figures), *_said([poses, metrics])])
+            state = {
+                **state,
+                "seconds": bars.seconds,
+                "pictures": len(taken.figures["frames"]),
+                "registered": poses["registered"],
+                **{key: metrics.get(key) for key in ("psnr", "ssim", "num_gaussians", "steps")},
+                "verdict": verdict.as_dict(),
+            }
+            _write_page(folder, state, taken.notes)
+        folder.write_json(STATE, state)
+    return state
+
+
+def _find_poses(
+    folder: RunFolder, arguments: argparse.Namespace, taken: Any, bars: StagedProgress
+) -> dict[str, Any]:
+    """The content of poses.json."""
+    from gsut.sfm import estimate_poses, is_finished, read_figures
+
+    out = folder.path / POSES
+    if is_finished(out):
+        bars.skip("poses")
+        return read_figures(out)
+    options = PosesOptions(
+        shutter=arguments.shutter, seed=arguments.seed, threads=arguments.threads
+    )
+    with bars.stage("poses"):
+        return estimate_poses(
+            taken.path, out, camera=arguments.camera, fov_degrees=arguments.fov,
+            options=with_readout(options, arguments.camera, taken),
+            on_progress=_evenly(bars, _POSE_SHARES), notes_to=bars.note,
+        ).figures  # fmt: skip
+
+
+def _train(folder: RunFolder, options: TrainOptions, bars: StagedProgress) -> dict[str, Any]:
+    """The content of metrics.json."""
+    import gsut
+
+    if folder.read_json(METRICS) is not None and (folder.path / REPORT).is_file():
+        bars.skip("training")
+        return folder.read_json(METRICS)
+    scene = gsut.load_dataset(folder.path / POSES, test_every=options.test_every)
+    if (folder.path / OPTIONS).is_file():
+        options = folder.read_options()
+    work = _work(options)
+
+    def show(row: dict[str, Any]) -> None:
+        bars.show(work(row["step"] / options.steps), f"step {row['step']} of {options.steps}")
+
+    with bars.stage("training"):
+        result = gsut.train(scene, options, out=folder.path, resume=True, progress=show)
+    return result.metrics
+
+
+def _work(options: TrainOptions) -> Callable[[float], float]:
+    """Share of the training's time by the share of its steps: small pictures come first."""
+    quarter, half = options.resolved().coarse_to_fine
+    ends = [(0.0, 0.0), (quarter, 0.15), (half, 0.35), (1.0, 1.0)]
+    costs = [0.0]
+    for (start, _), (end, cost) in itertools.pairwise(ends):
+        costs.append(costs[-1] + cost * (end - start))
+
+    def share(steps: float) -> float:
+        import numpy as np
+
+        return float(np.interp(steps, [end for end, _ in ends], costs) / costs[-1])
+
+    return share
+
+
+def _evenly(bars: StagedProgress, shares: dict[str, float]) -> Callable[[str, int, int, str], None]:
+    """Shows sub-stages one after the other, each with its share of the stage."""
+
+    def show(name: str, done: int, total: int, text: str) -> None:
+        before = 0.0
+        for other, share in shares.items():
+            if other == name:
+                bars.show(before + share * done / max(1, total), f"{name} {text}")
+                return
+            before += share
+        bars.show(0.0, f"{name} {text}")
+
+    return show
+
+
+def _expect(
+    bars: StagedProgress, figures: dict[str, Any], options: TrainOptions, camera: str | None
+) -> None:
+    """Corrects the seconds that poses and training will take, now that the pictures are known."""
+    from gsut import _core
+    from gsut.lens import is_lens_name
+
+    threads = options.threads or _core.num_threads()
+    width, height = figures["size"]
+    known = camera is not None and not is_lens_name(camera)
+    poses = _POSES_SECONDS * len(figures["frames"]) * (1.0 if known else _UNKNOWN_LENS)
+    steps = options.steps * _STEP_SECONDS * min(width * height / 1e6, 1.44)
+    bars.expect("poses", poses * 2 / threads)
+    bars.expect("training", 10 + steps * 2 / threads)
+
+
+def _capture_verdict(figures: dict[str, Any]) -> Verdict:
+    """Of the pictures themselves."""
+    rows = figures["frames"]
+    unsharp = sum(bool(row.get("blurred")) for row in rows)
+    what = f"{len(rows)} pictures of {figures['size'][0]} x {figures['size'][1]}"
+    if len(rows) < _FEW_PICTURES:
+        return Verdict(
+            "usable", what, (f"only {len(rows)} pictures",),
+            "take 60 or more, walking around what you want to see",
+        )  # fmt: skip
+    if unsharp > len(rows) / 4:
+        return Verdict(
+            "usable", what, (f"{unsharp} of them blurred",),
+            "film more slowly, or with more light",
+        )  # fmt: skip
+    return Verdict("good", what)
+
+
+def _said(figures: list[dict[str, Any]]) -> list[Verdict]:
+    """The verdicts of stages that gave one."""
+    return [_verdict(row["verdict"]) for row in figures if row.get("verdict")]
+
+
+def _verdict(values: dict[str, Any]) -> Verdict:
+    return Verdict(**{**values, "reasons": tuple(values["reasons"])})
+
+
+def _write_page(folder: RunFolder, state: dict[str, Any], notes: list[str]) -> None:
+    """scene.html: the verdict, the pictures chosen, the seconds, and links to both reports."""
+    from gsut.page import bytes_address, duration_text, html_table, sections_page
+
+    strip = bytes_address((folder.path / POSES / CAPTURED / "strip.jpg").read_bytes(), "image/jpeg")
+    rows = [(name, duration_text(seconds)) for name, seconds in state["seconds"].items()]
+    parts = [
+        f"<p><b>{_verdict(state['verdict'])}</b></p>",
+        f'<p><a href="{REPORT}">Report of the training</a>: held-out views beside photographs. '
+        f'<a href="{POSES}/report.html">Report of the poses</a>: where the camera went, and its '
+        "lens.</p>",
+        "<h2>Pictures</h2>",
+        f'<img src="{strip}" alt="the pictures chosen" style="width: 100%">',
+        "<h2>Time taken</h2>",
+        html_table(rows),
+    ]
+    folder.write_text(PAGE, sections_page(folder.path.name, notes, parts))

@@ -1,0 +1,30 @@
+"""capture.json beside a folder of frames: when each was taken, and what it was taken from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from gsut.data.nerfstudio import read_json
+
+CAPTURE = "capture.json"
+
+
+def read_capture(folder: Path) -> dict[str, Any] | None:
+    """The content of FOLDER/capture.json; None where there is none.
+
+    "frames" holds one object a picture: name, path (from FOLDER), and where known time (seconds)
+    and mask (a path, too); "focal_px" the focal length that the pictures name, "camera" who took
+    them, and "notes" what the user should know.
+
+    Raises:
+        DatasetError: the file is not JSON.
+    """
+    path = folder / CAPTURE
+    return read_json(path) if path.is_file() else None
+
+
+def capture_state(paths: Sequence[Path]) -> list[list[Any]]:
+    """What tells whether files are still the same: path, size and time of change of each."""
+    return [[str(p.resolve()), p.stat().st_size, p.stat().st_mtime_ns] for p in paths]

@@ -1,0 +1,280 @@
+"""SOG files, version 2: lossless WebP images of codebook entries in a zip archive."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import math
+import zipfile
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError
+from gsut.files import whole_file
+from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
+from gsut.formats._quantize import (
+    codebook,
+    from_smallest_three,
+    logit_of,
+    morton_order,
+    nearest_entries,
+    opacity_of,
+    smallest_three,
+)
+from gsut.gaussians import Gaussians
+
+_META = "meta.json"
+_MOST_META = 1 << 20  # bytes; real ones have 16 thousand
+_LOSSLESS = [cv2.IMWRITE_WEBP_QUALITY, 101]  # what OpenCV takes for: lossless
+_MOST_SIDE = 16383  # pixels of a WebP image
+_LARGEST_BEGIN = 252  # of a rotation's alpha: plus the place of its largest component
+_PALETTE_COLUMNS = 64  # entries in a row of the image of a palette
+_MOST_ENTRIES = 65536  # that a label of 16 bits can name
+# Gaussians that share an entry of the palette of harmonics, on the average.
+_SHARING = 4
+
+
+def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
+    # WebP keeps no colour where alpha is 0.
+    seen = np.flatnonzero(np.rint(255 * opacity_of(gaussians.opacity_logits)) > 0)
+    if not len(seen):
+        raise InputError(f"{path}: all Gaussians are of opacity 0; there is nothing to write")
+    order = seen[morton_order(gaussians.means[seen])]
+    g = gaussians[order]
+    images, meta = _images_of(g)
+    if settings.antialiased:
+        meta |= {"antialias": True, "model": "antialiased"}
+    with whole_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        for name, pixels in images.items():
+            archive.writestr(_entry(name), _encoded(path, pixels))
+        archive.writestr(_entry(_META), json.dumps(meta, separators=(",", ":")))
+    unseen = len(gaussians) - len(seen)
+    said = f"{unseen:,} Gaussians of opacity below 1/510, which nobody sees, were left out"
+    return Written(order, {}, (said,) if unseen else ())
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    """Of the same time in every archive, so that the same scene makes the same bytes."""
+    return zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+
+
+def _images_of(g: Gaussians) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Image name -> (H, W, 3 or 4) uint8, RGB(A); and the description."""
+    logs = np.sign(g.means) * np.log1p(np.abs(g.means.astype(np.float64)))
+    low, high = logs.min(axis=0), logs.max(axis=0)
+    steps = np.rint((logs - low) / np.maximum(high - low, 1e-300) * 65535).astype(np.uint16)
+    largest, others = smallest_three(g.quats)
+    rotation = np.rint(127.5 + 127.5 * others).astype(np.uint8)
+    alpha = np.rint(255 * opacity_of(g.opacity_logits)).astype(np.uint8)[:, None]
+    scales, colors = codebook(g.log_scales), codebook(g.sh[:, 0])
+    color = np.concatenate([nearest_entries(g.sh[:, 0], colors), alpha], axis=1)
+    kind = (_LARGEST_BEGIN + largest[:, None]).astype(np.uint8)
+    images = {
+        "means_l.webp": _image(steps.astype(np.uint8)),
+        "means_u.webp": _image((steps >> 8).astype(np.uint8)),
+        "quats.webp": _image(np.concatenate([rotation, kind], axis=1)),
+        "scales.webp": _image(nearest_entries(g.log_scales, scales)),
+        "sh0.webp": _image(color),
+    }
+    meta = {
+        "version": 2,
+        "asset": {"generator": "gsut"},
+        "count": len(g),
+        "antialias": False,
+        "means": {
+            "mins": low.tolist(),
+            "maxs": high.tolist(),
+            "files": ["means_l.webp", "means_u.webp"],
+        },
+        "scales": {"codebook": scales.tolist(), "files": ["scales.webp"]},
+        "quats": {"files": ["quats.webp"]},
+        "sh0": {"codebook": colors.tolist(), "files": ["sh0.webp"]},
+    }
+    if g.sh_degree:
+        centroids, labels, meta["shN"] = _palette_of(g)
+        images |= {"shN_centroids.webp": centroids, "shN_labels.webp": labels}
+    return images, meta
+
+
+def _palette_of(g: Gaussians) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
+    """The harmonics above the constant one: images of entries and labels, and the description."""
+    coefficients = g.sh.shape[1] - 1
+    rows = np.ascontiguousarray(g.sh[:, 1:].reshape(len(g), -1), np.float32)
+    wanted = min(_MOST_ENTRIES, max(1024, len(g) // _SHARING))
+    entries, labels = _core.make_palette(rows, wanted)
+    book = codebook(entries)
+    lines = -(-len(entries) // _PALETTE_COLUMNS)
+    pixels = np.zeros((lines * _PALETTE_COLUMNS, coefficients, 3), np.uint8)
+    pixels[: len(entries)] = nearest_entries(entries, book).reshape(-1, coefficients, 3)
+    two = np.stack([labels & 255, labels >> 8, np.zeros_like(labels)], axis=1).astype(np.uint8)
+    described = {
+        "count": len(entries),
+        "bands": g.sh_degree,
+        "codebook": book.tolist(),
+        "files": ["shN_centroids.webp", "shN_labels.webp"],
+    }
+    return pixels.reshape(lines, _PALETTE_COLUMNS * coefficients, 3), _image(two), described
+
+
+def _image(rows: np.ndarray) -> np.ndarray:
+    """One pixel a Gaussian, row by row, as square as sides of whole fours allow."""
+    width = 4 * math.ceil(math.sqrt(len(rows)) / 4)
+    height = 4 * math.ceil(len(rows) / width / 4)
+    pixels = np.zeros((height * width, rows.shape[1]), np.uint8)
+    pixels[: len(rows)] = rows
+    return pixels.reshape(height, width, -1)
+
+
+def _encoded(path: Path, pixels: np.ndarray) -> bytes:
+    if max(pixels.shape) > _MOST_SIDE:
+        raise InputError(
+            f"{path}: an image of {pixels.shape[1]} x {pixels.shape[0]} pixels is needed, and WebP "
+            f"has {_MOST_SIDE} at most; write fewer Gaussians"
+        )
+    swap = cv2.COLOR_RGBA2BGRA if pixels.shape[2] == 4 else cv2.COLOR_RGB2BGR
+    return cv2.imencode(".webp", cv2.cvtColor(pixels, swap), _LOSSLESS)[1].tobytes()
+
+
+def _read(path: Path) -> SceneFile:
+    size = path.stat().st_size
+    with _archive(path) as archive:
+        try:
+            meta = json.loads(_member(path, archive, _META, _MOST_META))
+            if meta["version"] != 2:
+                raise InputError(f"{path}: SOG version {meta['version']}; gsut reads 2")
+            count = int(meta["count"])
+            check_claim(path, count, size)
+            gaussians = _gaussians_of(_Images(path, archive), meta, count)
+            antialiased = bool(meta.get("antialias")) or meta.get("model") == "antialiased"
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(
+                f"{path}: damaged: {_META} lacks what SOG needs ({type(error).__name__}: {error})"
+            ) from None
+    return SceneFile(gaussians, antialiased)
+
+
+@contextlib.contextmanager
+def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            yield archive
+    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError) as error:
+        raise InputError(f"{path}: truncated or damaged archive: {error}") from None
+
+
+def _member(path: Path, archive: zipfile.ZipFile, name: str, most: int) -> bytes:
+    """A file of the archive, unpacked no further than it may be large."""
+    if name not in archive.namelist():
+        raise InputError(f"{path}: no SOG file: {name} is missing")
+    with archive.open(name) as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise InputError(f"{path}: {name} has more than {most:,} bytes; it is damaged")
+    return data
+
+
+class _Images:
+    """The images of an archive; none is decoded that is not of the size it has to be."""
+
+    def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
+        self.path, self.archive = path, archive
+
+    def rows(self, name: str, count: int, channels: int, width: int | None = None) -> np.ndarray:
+        """(count, channels): the first pixels, row by row.
+
+        Args:
+            name: of the file.
+            count: pixels wanted.
+            channels: 3 or 4.
+            width: that the image must have; None: any.
+        """
+        # A lossless pixel takes 4 bytes and the tables of an image some thousands, at most.
+        data = _member(self.path, self.archive, name, 5 * count + (1 << 16))
+        found = _webp_size(data)
+        if found is None:
+            raise InputError(f"{self.path}: {name} is no lossless WebP image")
+        wide, high = found
+        spare = wide * (_PALETTE_COLUMNS if width is None else 1)
+        if not count <= wide * high <= count + spare or wide != (width or wide):
+            raise InputError(
+                f"{self.path}: {name} has {wide} x {high} pixels, and {count:,} are needed"
+            )
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        if pixels is None or pixels.shape[:2] != (high, wide) or pixels.shape[2] < channels:
+            raise InputError(f"{self.path}: {name} is damaged")
+        order = [2, 1, 0, 3][:channels]
+        return pixels.reshape(wide * high, -1)[:count, order]
+
+
+def _webp_size(data: bytes) -> tuple[int, int] | None:
+    """Width and height in a lossless WebP file's header, None if it is none."""
+    bits = io.BytesIO(data)
+    if bits.read(4) != b"RIFF" or bits.read(8)[4:] != b"WEBP":
+        return None
+    kind, length = bits.read(4), int.from_bytes(bits.read(4), "little")
+    if kind == b"VP8X":  # an envelope with a size of its own; the image follows
+        bits.seek(length, io.SEEK_CUR)
+        kind = bits.read(4)
+        bits.read(4)
+    head = bits.read(5)
+    if kind != b"VP8L" or len(head) < 5 or head[0] != 0x2F:
+        return None
+    sides = int.from_bytes(head[1:], "little")
+    return (sides & 0x3FFF) + 1, (sides >> 14 & 0x3FFF) + 1
+
+
+def _gaussians_of(images: _Images, meta: dict[str, Any], count: int) -> Gaussians:
+    fine, coarse = (images.rows(name, count, 3) for name in meta["means"]["files"])
+    low, high = (np.array(meta["means"][end], np.float64) for end in ("mins", "maxs"))
+    logs = low + (coarse * 256.0 + fine) / 65535 * (high - low)
+    rotation = images.rows(meta["quats"]["files"][0], count, 4)
+    largest = np.clip(rotation[:, 3].astype(int) - _LARGEST_BEGIN, 0, 3)
+    scales = _book(meta["scales"])[images.rows(meta["scales"]["files"][0], count, 3)]
+    color = images.rows(meta["sh0"]["files"][0], count, 4)
+    sh = _book(meta["sh0"])[color[:, :3]][:, None]
+    if "shN" in meta:
+        sh = np.concatenate([sh, _harmonics_of(images, meta["shN"], count)], axis=1)
+    return Gaussians(
+        (np.sign(logs) * np.expm1(np.abs(logs))).astype(np.float32),
+        from_smallest_three(largest, rotation[:, :3] / 127.5 - 1),
+        scales,
+        logit_of(color[:, 3] / 255),
+        sh,
+    )
+
+
+def _book(described: dict[str, Any]) -> np.ndarray:
+    book = np.zeros(256, np.float32)
+    values = np.array(described["codebook"], np.float32)
+    book[: len(values)] = values
+    return book
+
+
+def _harmonics_of(images: _Images, described: dict[str, Any], count: int) -> np.ndarray:
+    coefficients = (int(described["bands"]) + 1) ** 2 - 1
+    size = int(described["count"])
+    if coefficients not in (3, 8, 15) or not 1 <= size <= _MOST_ENTRIES:
+        raise InputError(
+            f"{images.path}: a palette of {size} entries of {coefficients} harmonics; 1 to "
+            f"{_MOST_ENTRIES} of 3, 8 or 15 are possible"
+        )
+    lines = -(-size // _PALETTE_COLUMNS)
+    width = _PALETTE_COLUMNS * coefficients
+    entries = images.rows(described["files"][0], lines * width, 3, width)
+    labels = images.rows(described["files"][1], count, 3).astype(np.int64)
+    numbers = labels[:, 0] + 256 * labels[:, 1]
+    if numbers.max(initial=0) >= lines * _PALETTE_COLUMNS:
+        raise InputError(f"{images.path}: damaged: a label is beyond the palette")
+    return _book(described)[entries.reshape(-1, coefficients, 3)[numbers]]
+
+
+FORMAT = Format("SOG", (".sog",), _write, _read, lambda head: head.startswith(b"PK"))

@@ -1,0 +1,151 @@
+"""The light that photographs were taken in: exposure and white balance of each, falloff of a lens.
+
+A photograph shows the scene times a gain of its own, one a channel, times the falloff of its lens,
+a function of the field angle. Gaussians hold the scene at the mean gain and without falloff.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+ORDERS = 3  # coefficients of a channel's falloff: of t^2, t^4, t^6
+
+
+@dataclasses.dataclass(frozen=True)
+class Falloff:
+    """Falloff of one lens: f(t) = 1 + a t^2 + b t^4 + c t^6, with t = field angle / `max_angle`.
+
+    Args:
+        max_angle: radians, of the widest pixel.
+        coefficients: (3, ORDERS) a row a channel.
+    """
+
+    max_angle: float
+    coefficients: np.ndarray
+
+    def at(self, angles: np.ndarray) -> np.ndarray:
+        """(..., 3) factors at field angles (...) in radians; 1 where the angle is NaN."""
+        basis = falloff_basis(angles / self.max_angle)
+        return np.where(np.isnan(angles)[..., None], 1.0, 1.0 + basis @ self.coefficients.T)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For metrics.json and checkpoints."""
+        return {"max_angle": self.max_angle, "coefficients": self.coefficients.tolist()}
+
+    @staticmethod
+    def from_dict(values: dict[str, Any] | None) -> Falloff | None:
+        """What `as_dict` gave; None where there is none."""
+        if values is None:
+            return None
+        return Falloff(float(values["max_angle"]), np.array(values["coefficients"], float))
+
+
+@dataclasses.dataclass(frozen=True)
+class Light:
+    """Gains of a scene's views and falloffs of its cameras.
+
+    Args:
+        gains: (V, 3), one row a view of the scene.
+        falloffs: one a camera of the scene, or None where the lens has none.
+    """
+
+    gains: np.ndarray
+    falloffs: tuple[Falloff | None, ...]
+
+    def on(self, camera: Any, view: int, camera_index: int) -> np.ndarray:
+        """What a render of a view is multiplied by to look like its photograph.
+
+        Returns:
+            (3,) float32, or (H, W, 3) where the lens has a falloff.
+        """
+        falloff = self.falloffs[camera_index]
+        gain = self.gains[view].astype(np.float32)
+        return gain if falloff is None else gain * falloff.at(field_angles(camera)).astype("f4")
+
+    def as_dict(self, names: Sequence[str]) -> dict[str, Any]:
+        """For metrics.json: gains by the views' names."""
+        return {
+            "gains": dict(zip(names, self.gains.tolist(), strict=True)),
+            "falloffs": [None if each is None else each.as_dict() for each in self.falloffs],
+        }
+
+    def note(self) -> str:
+        """What was found, in a sentence for the report."""
+        logs = np.log(self.gains)
+        brightness = logs.mean(axis=1)
+        balance = logs - brightness[:, None]
+        words = (
+            f"The photographs differ in exposure by {100 * brightness.std():.1f} % and in white "
+            f"balance by {100 * balance.std():.1f} % (standard deviation). Gaussians show the "
+            "scene at the mean of both; renders are compared at the photograph's own, which for "
+            "held-out views is their neighbours' (--exposure off leaves both in the scene)."
+        )
+        for falloff in self.falloffs:
+            if falloff is not None:
+                rim = float(falloff.at(np.array([falloff.max_angle])).mean())
+                words += f" The lens passes {100 * rim:.0f} % of the light at its rim."
+        return words
+
+    @staticmethod
+    def from_dict(values: dict[str, Any], names: Sequence[str]) -> Light:
+        """What `as_dict` gave, for views of these names; a view that is new has a gain of 1."""
+        gains = [values["gains"].get(name, [1.0, 1.0, 1.0]) for name in names]
+        return Light(np.array(gains), tuple(Falloff.from_dict(f) for f in values["falloffs"]))
+
+
+def falloff_basis(t: np.ndarray) -> np.ndarray:
+    """(..., ORDERS) even powers of t (...)."""
+    return np.stack([t ** (2 * k) for k in range(1, ORDERS + 1)], axis=-1)
+
+
+def field_angles(camera: Any) -> np.ndarray:
+    """(H, W) angle of each pixel's ray to the optical axis in radians; NaN without a ray."""
+    rays, valid = camera.rays()
+    rays = np.asarray(rays, np.float64)
+    angles = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])
+    return np.where(valid, angles, np.nan)
+
+
+def interpolated_gains(
+    log_gains: np.ndarray, known: Sequence[int], names: Sequence[str], groups: Sequence[int]
+) -> np.ndarray:
+    """Log-gains of all views: unknown ones lie between their neighbours in time.
+
+    Args:
+        log_gains: (V, 3); rows of `known` count.
+        known: views.
+        names: of the V views, whose numbers tell their order in time.
+        groups: (V,) the camera of each view: only views of one camera are neighbours. A view
+            without any has a gain of 1.
+
+    Returns:
+        (V, 3).
+    """
+    out = np.zeros_like(log_gains)
+    cameras = np.asarray(groups)
+    for camera in np.unique(cameras):
+        rows = np.flatnonzero(cameras == camera)
+        sources = np.array([view for view in known if cameras[view] == camera], int)
+        if not len(sources):
+            continue
+        place = np.zeros(len(names))
+        place[rows] = _places([names[int(row)] for row in rows])
+        sources = sources[np.argsort(place[sources])]
+        for channel in range(log_gains.shape[1]):
+            out[rows, channel] = np.interp(place[rows], place[sources], log_gains[sources, channel])
+    return out
+
+
+def _places(names: Sequence[str]) -> np.ndarray:
+    """(V,) places in time: by the number at the end of each name's stem, if all have one."""
+    numbers = [re.search(r"(\d+)\D*$", name.rsplit("/", 1)[-1].rsplit(".", 1)[0]) for name in names]
+    keys = [(int(found[1]) if found else 0) if all(numbers) else 0 for found in numbers]
+    place = np.zeros(len(names))
+    for rank, view in enumerate(sorted(range(len(names)), key=lambda v: (keys[v], names[v]))):
+        place[view] = rank
+    return place

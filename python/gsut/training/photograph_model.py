@@ -1,0 +1,251 @@
+"""Exposure, white balance and falloff of the photographs, found while a scene is trained.
+
+Each step compares its image with its photograph, and least squares give the photograph's gain, one
+a channel (`PhotometricTarget.light_sums`); there is nothing to optimise. The photograph is divided
+by its light, not the image multiplied: Gaussians learn the scene at the mean gain and without
+falloff, and the backward pass knows of neither. The mean log-gain of the training views is held at
+zero, exactly.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut.data import Level, Scene
+from gsut.render import Falloff, Light, falloff_basis, field_angles, interpolated_gains
+from gsut.run import TrainOptions
+
+# Fractions of the steps: before the first the scene says little of the photographs; at the next
+# "auto" looks whether they differ; at the last falloffs are found, which need a scene whose rim
+# is as sharp as its centre (young ones of sponza_fisheye show 3 % of falloff where there is none).
+_FROM = 0.05
+_DECIDED_AT = (0.25, 0.4, 0.6)
+_FALLOFF_AT = (0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.93)
+_LOOKS = (_DECIDED_AT, _FALLOFF_AT)
+# Standard deviation of log-gains, beyond what parts of a photograph disagree by, from which
+# photographs differ. Fox 0.07; nothing is left of sponza_fisheye and helmet, which do not differ.
+_DIFFER = 0.02
+_DISAGREE = 3.0  # standard errors that errors of the scene may explain
+_FALLOFF_DIFFERS = 0.05  # of rings from their mean, below which a lens has no falloff
+_FEWEST_SHOWN = 0.01  # of all that a camera shows, below which a ring is not judged
+_RINGS, _QUADRANTS = 8, 4  # parts of a photograph: field angle, and quarter of the picture
+_STRONGEST = 0.7  # largest logarithm of a gain that is believed: a factor of two
+_FEWEST_WEIGHT = 1e-3  # of a part's share in its photograph
+_PRIOR = 1e-4  # weight of a ring's prior; those of what is seen add up to 1
+_DARKEST, _BRIGHTEST = 0.1, 1.05  # falloffs that are believed: lenses darken towards the rim
+_CHECKED = 65  # angles at which a falloff is checked
+
+
+class PhotographModel:
+    """Gains of the training views and falloffs of their cameras.
+
+    Args:
+        scene: at any resolution.
+        options: resolved; `exposure` says whether the model is used.
+        light: what is known already, such as of the run that is fine-tuned; None: nothing.
+    """
+
+    def __init__(self, scene: Scene, options: TrainOptions, light: Light | None = None) -> None:
+        self._mode = options.exposure
+        self._gains_used = self._mode == "on"
+        self._scene = scene
+        self._camera_of = [view.camera_index for view in scene.views]
+        self._names = [view.name for view in scene.views]
+        count = len(scene.views)
+        self._log_gains, self._known = np.zeros((count, 3)), np.zeros(count, bool)
+        # The last sums of each view: (V, 2, rings x quadrants, 3) of T C and of C^2.
+        self._sums = np.zeros((count, 2, _RINGS * _QUADRANTS, 3))
+        self._falloffs: list[Falloff | None] = [None] * len(scene.cameras)
+        self._looked = (0, 0)  # how often for gains, for falloffs
+        angles = [field_angles(camera) for camera in scene.cameras]
+        self._angles = [_widest(each) for each in angles]
+        self._bases = [_mean_basis(each) for each in angles]
+        if light is not None:
+            self._log_gains = np.log(light.gains)
+            self._known[list(scene.train_indices)] = True
+            self._falloffs = list(light.falloffs)
+        self._planes: dict[tuple[int, int, int], Any] = {}  # of one level's cameras
+        self._parts: dict[tuple[int, int, int], np.ndarray] = {}
+
+    def observe(
+        self,
+        fraction: float,
+        level: Level,
+        view: int,
+        target: _core.PhotometricTarget,
+        image: np.ndarray,
+    ) -> None:
+        """Learns the light of a view's photograph from its image, and tells it to the target.
+
+        Args:
+            fraction: of the steps that are done.
+            level: whose view it is.
+            view: whose photograph `target` is.
+            image: (H, W, 3) float32, the view as it is rendered now.
+        """
+        if self._mode == "off" or fraction < _FROM:
+            return
+        camera = level.camera(view)
+        key = (self._camera_of[view], camera.width, camera.height)
+        if key not in self._parts:
+            self._parts = {k: v for k, v in self._parts.items() if k[0] != key[0]}
+            self._parts[key] = _parts(camera)
+        self._sums[view] = target.light_sums(image, self._parts[key], _RINGS * _QUADRANTS)
+        self._learn_gain(view)
+        decided, found = (sum(fraction >= at for at in fractions) for fractions in _LOOKS)
+        if decided > self._looked[0]:
+            self._gains_used = self._gains_used or self.spread() > _DIFFER
+        if found > self._looked[1]:
+            self._find_falloffs()
+        self._looked = (decided, found)
+        falloff = self._falloffs[key[0]]
+        if falloff is not None and key not in self._planes:
+            self._planes = {k: v for k, v in self._planes.items() if k[0] != key[0]}
+            inverse = 1.0 / falloff.at(field_angles(camera))
+            self._planes[key] = _core.FalloffPlane(inverse.astype(np.float32))
+        target.set_light(np.exp(-self._used_gains()[view]), self._planes.get(key))
+
+    def spread(self) -> float:
+        """Standard deviation of log-gains beyond what errors of the scene explain."""
+        known = np.flatnonzero(self._known)
+        if len(known) < 2:
+            return 0.0
+        tc, cc = self._sums[known].sum(axis=3).transpose(1, 0, 2)  # (2, known, parts)
+        tc = tc / np.repeat(self._mean_of_rings(tc, cc), _QUADRANTS)  # a falloff is no disagreement
+        gain = tc.sum(axis=1) / cc.sum(axis=1)
+        share = cc / cc.sum(axis=1, keepdims=True)
+        apart = np.where(cc > 0, tc / np.where(cc > 0, cc, 1.0), 0.0) / gain[:, None] - 1.0
+        parts = np.maximum(2, np.count_nonzero(share > _FEWEST_WEIGHT, axis=1))
+        errors = np.sum((share * apart) ** 2, axis=1) * parts / (parts - 1)
+        beyond = np.log(gain).var() - _DISAGREE**2 * errors.mean()
+        return float(np.sqrt(max(0.0, beyond)))
+
+    @staticmethod
+    def _mean_of_rings(tc: np.ndarray, cc: np.ndarray) -> np.ndarray:
+        """(rings,) T over C of all photographs (n, parts) together; 1 where nothing is seen."""
+        tc, cc = (each.reshape(-1, _RINGS, _QUADRANTS).sum(axis=(0, 2)) for each in (tc, cc))
+        seen = (tc > 0) & (cc > 0)
+        return np.where(seen, tc, 1.0) / np.where(seen, cc, 1.0)
+
+    def light(self) -> Light | None:
+        """What all views were taken in; views that were not trained on as their neighbours."""
+        if not self._gains_used and not any(self._falloffs):
+            return None
+        known = np.flatnonzero(self._known)
+        gains = np.exp(
+            interpolated_gains(self._used_gains(), known.tolist(), self._names, self._camera_of)
+        )
+        return Light(gains, tuple(self._falloffs))
+
+    def _learn_gain(self, view: int) -> None:
+        """Halfway from what was known to what the last image says."""
+        tc, cc = self._sums[view].reshape(2, _RINGS, _QUADRANTS, 3).sum(axis=2)
+        light = self._light_of_rings(self._camera_of[view])
+        tc, cc = (light * tc).sum(axis=0), (light**2 * cc).sum(axis=0)
+        if not (tc > 0).all() or not (cc > 0).all():
+            return
+        found = np.clip(np.log(tc / cc), -_STRONGEST, _STRONGEST)
+        before = self._log_gains[view] if self._known[view] else found
+        self._log_gains[view] = 0.5 * (before + found)
+        self._known[view] = True
+
+    def _used_gains(self) -> np.ndarray:
+        """(V, 3) log-gains whose mean over the known views is zero; all zero if unused."""
+        if not self._gains_used:
+            return np.zeros_like(self._log_gains)
+        return self._log_gains - self._log_gains[self._known].mean(axis=0)
+
+    def _light_of_rings(self, camera: int) -> np.ndarray:
+        """(rings, 3) the mean falloff of each ring."""
+        falloff = self._falloffs[camera]
+        if falloff is None:
+            return np.ones((_RINGS, 3))
+        return 1.0 + self._bases[camera] @ falloff.coefficients.T
+
+    def _find_falloffs(self) -> None:
+        """Least squares over the rings of all photographs of a camera, gains held."""
+        self._planes = {}
+        for camera, angle in enumerate(self._angles):
+            views = [v for v in np.flatnonzero(self._known) if self._camera_of[v] == camera]
+            rings = self._sums[views].reshape(-1, 2, _RINGS, _QUADRANTS, 3).sum(axis=3)
+            gains = np.exp(self._log_gains[views])[:, None]
+            tc, cc = gains * rings[:, 0], gains**2 * rings[:, 1]  # (views, rings, 3)
+            if not (cc.sum(axis=(0, 1)) > 0).all():
+                continue
+            found = _fit_falloff(angle, self._bases[camera], tc.sum(axis=0), cc.sum(axis=0))
+            values = found.at(np.linspace(0.0, angle, _CHECKED))
+            believed = values.min() > _DARKEST and values.max() < _BRIGHTEST
+            self._falloffs[camera] = found if believed and _differs(tc, cc) else None
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that later steps depend on."""
+        return {name: copy.copy(getattr(self, name)) for name in _STATE} | {
+            "falloffs": [None if each is None else each.as_dict() for each in self._falloffs]
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Goes on exactly where `state_dict` was taken."""
+        for name in _STATE:
+            setattr(self, name, copy.copy(state[name]))
+        self._falloffs = [Falloff.from_dict(each) for each in state["falloffs"]]
+
+
+_STATE = ("_mode", "_gains_used", "_log_gains", "_known", "_sums", "_looked")
+
+
+def _parts(camera: _core.Camera) -> np.ndarray:
+    """(H, W) uint8 part of a photograph each pixel lies in: ring x quadrants + quadrant."""
+    lower = np.arange(camera.height)[:, None] >= camera.height / 2
+    right = np.arange(camera.width)[None] >= camera.width / 2
+    return (_rings(field_angles(camera)) * _QUADRANTS + 2 * lower + right).astype(np.uint8)
+
+
+def _widest(angles: np.ndarray) -> float:
+    """The largest of field angles (...) in radians; above zero even of a single pixel."""
+    return float(np.nanmax(angles, initial=np.finfo(float).tiny))
+
+
+def _rings(angles: np.ndarray) -> np.ndarray:
+    """The ring of each field angle (...); of NaN the last one."""
+    widest = _widest(angles)
+    return np.minimum(_RINGS * np.nan_to_num(angles, nan=widest) / widest, _RINGS - 1).astype(int)
+
+
+def _mean_basis(angles: np.ndarray) -> np.ndarray:
+    """(rings, ORDERS) means of the falloff's even powers over the pixels of each ring."""
+    known = angles[~np.isnan(angles)]
+    ring, basis = _rings(known), falloff_basis(known / _widest(angles))
+    counts = np.maximum(1, np.bincount(ring, minlength=_RINGS))
+    sums = [np.bincount(ring, column, minlength=_RINGS) for column in basis.T]
+    return np.stack(sums, axis=1) / counts[:, None]
+
+
+def _fit_falloff(angle: float, basis: np.ndarray, tc: np.ndarray, cc: np.ndarray) -> Falloff:
+    """The falloff of mean `basis` that fits sums of T C and C^2 of rings (rings, 3) best."""
+    basis = np.concatenate([np.ones((_RINGS, 1)), basis], axis=1)
+    coefficients = np.zeros((3, basis.shape[1]))
+    for channel in range(3):
+        of_all = cc[:, channel].sum()
+        mean = tc[:, channel].sum() / of_all
+        # Rings that show nothing stay at the mean.
+        weight = cc[:, channel] / of_all + _PRIOR
+        right = basis.T @ (tc[:, channel] / of_all + _PRIOR * mean)
+        normal = basis.T @ (weight[:, None] * basis)  # singular where all is on the axis
+        coefficients[channel] = np.linalg.lstsq(normal, right, rcond=None)[0]
+    return Falloff(angle, coefficients[:, 1:] / coefficients[:, :1])
+
+
+def _differs(tc: np.ndarray, cc: np.ndarray) -> bool:
+    """Whether rings differ from each other by more than photographs (views, rings, 3) disagree."""
+    tc, cc = tc.sum(axis=2), cc.sum(axis=2)
+    of_ring = np.maximum(cc.sum(axis=0), np.finfo(float).tiny)
+    level = tc.sum(axis=0) / of_ring
+    errors = np.sqrt(np.sum((tc - level * cc) ** 2, axis=0)) / of_ring
+    mean = tc.sum() / cc.sum()
+    seen = of_ring > _FEWEST_SHOWN * of_ring.sum()
+    apart = np.abs(level / mean - 1.0)
+    return bool((seen & (apart > np.maximum(_FALLOFF_DIFFERS, _DISAGREE * errors / mean))).any())

@@ -1,0 +1,7 @@
+"""A page in the browser that walks through a scene: frames from gsut's own renderer."""
+
+from gsut.view.server import LOOPBACK, ViewServer
+from gsut.view.session import Session
+from gsut.view.stage import Stage, data_stage, stage_of
+
+__all__ = ["LOOPBACK", "Session", "Stage", "ViewServer", "data_stage", "stage_of"]

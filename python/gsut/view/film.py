@@ -1,0 +1,101 @@
+"""A film of keyframes, made in the background while the page stays usable."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.render import smooth_path, write_video
+
+if TYPE_CHECKING:
+    from gsut.view.frames import FrameRequest, Frames
+
+_KINDS = {"mp4": "video/mp4", "webm": "video/webm", "gif": "image/gif"}
+_MOST_SECONDS, _MOST_RATE = 600.0, 120.0
+
+
+class _Stopped(Exception):
+    """Somebody does not want the film any more."""
+
+
+class Film:
+    """One film; begins at once.
+
+    Args:
+        frames: draws.
+        drawing: when.
+        keys: the keyframes, alike but for their poses.
+        settings: "seconds", "rate" in frames a second, "ending" mp4, webm or gif, and "closed" to
+            come back to the first keyframe.
+
+    Attributes:
+        content: of the file, once it is whole.
+        ending, kind: of the file.
+
+    Raises:
+        InputError: fewer than two keyframes, or a setting out of range.
+    """
+
+    def __init__(
+        self,
+        frames: Frames,
+        drawing: Callable[[Callable[[], Any]], Any],
+        keys: Sequence[FrameRequest],
+        settings: dict[str, Any],
+    ) -> None:
+        if len(keys) < 2:
+            raise InputError("a film needs two keyframes or more")
+        seconds, rate = float(settings.get("seconds", 8)), float(settings.get("rate", 30))
+        if not (0 < seconds <= _MOST_SECONDS and 0 < rate <= _MOST_RATE):
+            raise InputError("a film lasts at most 600 s, at 120 frames a second")
+        self.ending = str(settings.get("ending", "mp4"))
+        if self.ending not in _KINDS:
+            raise InputError(f"a film is {', '.join(_KINDS)}, not {self.ending!r}")
+        self.kind = _KINDS[self.ending]
+        self.content = b""
+        self._frames, self._drawing, self._key, self._rate = frames, drawing, keys[0], rate
+        poses = np.stack([key.pose for key in keys])
+        count = max(2, round(seconds * rate))
+        self._poses = smooth_path(poses, count, closed=bool(settings.get("closed")))
+        self._done, self._failure, self._stop = 0, "", threading.Event()
+        threading.Thread(target=self._make, daemon=True).start()
+
+    def state(self) -> dict[str, Any]:
+        """How far it is."""
+        return {
+            "done": self._done, "of": len(self._poses), "ready": bool(self.content),
+            "failure": self._failure,
+        }  # fmt: skip
+
+    def stop(self) -> None:
+        """Makes no further frame."""
+        self._stop.set()
+
+    def _make(self) -> None:
+        try:
+            with tempfile.TemporaryDirectory(prefix="gsut-film-") as folder:
+                path = Path(folder) / f"film.{self.ending}"
+                write_video(path, self._images(), self._rate)
+                self.content = path.read_bytes()
+        except _Stopped:
+            self._failure = "stopped"
+        except InputError as error:
+            self._failure = str(error)
+
+    def _images(self) -> Iterator[np.ndarray]:
+        for pose in self._poses:
+            if self._stop.is_set():
+                raise _Stopped
+            request = dataclasses.replace(
+                self._key, pose=pose, view=None, shutter=None, layers=frozenset(), marks=None
+            )
+            yield self._drawing(functools.partial(self._frames.draw, request)).image
+            self._done += 1

@@ -1,0 +1,225 @@
+"""The lenses of a session: the dataset's, those of files, and those made with sliders."""
+
+from __future__ import annotations
+
+import collections
+import math
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError
+from gsut.lens import Camera, camera_values, load_camera
+
+_KEPT = 12  # cameras at a size, whose rays are kept
+_MOST_SLIDERS = 24  # parameters with a slider
+_MODELS_OF_TABLES = ("control_points",)  # parameters without sliders: a table of them
+_SEARCH_STEPS = 60  # bisections of the focal length
+
+
+class Lenses:
+    """Lenses by number, and each at the sizes it is drawn at.
+
+    Args:
+        cameras: the dataset's; they are numbers 0, 1 ...
+    """
+
+    def __init__(self, cameras: Sequence[Camera]) -> None:
+        self._lenses = list(cameras)
+        self._numbers = {lens: number for number, lens in enumerate(self._lenses)}
+        self._resized: collections.OrderedDict[tuple[int, int, int], Camera] = (
+            collections.OrderedDict()
+        )
+
+    def add(self, camera: Camera) -> int:
+        """The number of a lens, new or known."""
+        if camera not in self._numbers:
+            self._lenses.append(camera)
+            self._numbers[camera] = len(self._lenses) - 1
+        return self._numbers[camera]
+
+    def replace(self, cameras: Sequence[Camera]) -> None:
+        """The dataset's lenses have moved."""
+        for number, camera in enumerate(cameras):
+            if self._lenses[number] != camera:
+                self._lenses[number] = camera
+                for key in [key for key in self._resized if key[0] == number]:
+                    del self._resized[key]
+
+    def at(self, number: int, width: int, height: int) -> Camera:
+        """A lens scaled to an image of this size.
+
+        Raises:
+            InputError: there is no such lens.
+        """
+        if not 0 <= number < len(self._lenses):
+            raise InputError(f"there is no lens {number}; reload the page")
+        lens = self._lenses[number]
+        if (lens.width, lens.height) == (width, height):
+            return lens
+        key = (number, width, height)
+        if key not in self._resized:
+            self._resized[key] = lens.resized(width, height)
+            if len(self._resized) > _KEPT:
+                self._resized.popitem(last=False)
+        self._resized.move_to_end(key)
+        return self._resized[key]
+
+    def describe(self, number: int) -> dict[str, Any]:
+        """What the page knows of a lens: its values, its sliders and its field."""
+        lens = self.at(number, self._lenses[number].width, self._lenses[number].height)
+        values = camera_values(lens)
+        across = field_of_view(lens)
+        return {
+            "id": number, **values, "params": values["params"][:_MOST_SLIDERS],
+            "sliders": _sliders(lens), "field_of_view": across,
+            "max_angle": math.degrees(lens.max_angle), "can_zoom": _focal_of(lens) is not None,
+            "radians_per_pixel": _radians_per_pixel(lens),
+        }  # fmt: skip
+
+    def make(self, wanted: dict[str, Any]) -> int:
+        """The number of a lens that the page asks for.
+
+        Args:
+            wanted: one of "path" of a lens file; "name" and "text" of one; "model" with "params"
+                (none: an example of it); "id" of a lens. Then, if given, "params" replace its
+                first parameters, "fit" [width, height] gives it that shape of image, and
+                "field_of_view" in degrees, across the image, scales its focal lengths.
+
+        Raises:
+            InputError, CalibrationError: no such lens; the sentence says why.
+        """
+        if wanted.get("path"):
+            path = Path(str(wanted["path"])).expanduser()
+            if not path.is_file():
+                raise InputError(f"{path}: no such lens file")
+            lens = load_camera(path)
+        elif wanted.get("name"):
+            lens = _uploaded(str(wanted["name"]), str(wanted.get("text", "")))
+        elif wanted.get("model"):
+            lens = _example(str(wanted["model"]))
+        else:
+            lens = self._lenses[int(wanted.get("id", 0))]
+        if wanted.get("params") is not None:
+            given = [float(value) for value in wanted["params"]]
+            lens = lens.with_params([*given, *lens.params[len(given) :]])
+        if wanted.get("fit"):
+            lens = _reshaped(lens, *(int(side) for side in wanted["fit"]))
+        if wanted.get("field_of_view"):
+            lens = with_field_of_view(lens, float(wanted["field_of_view"]))
+        return self.add(lens)
+
+
+def _uploaded(name: str, text: str) -> Camera:
+    """The lens of a file's text; its name chooses the format."""
+    with tempfile.TemporaryDirectory(prefix="gsut-lens-") as folder:
+        path = Path(folder) / Path(name).name
+        path.write_text(text)
+        return load_camera(path)
+
+
+def _example(model: str) -> Camera:
+    if model not in _core.camera_models():
+        known = ", ".join(_core.camera_models())
+        raise InputError(f"there is no lens model {model!r}; known: {known}")
+    _, params, width, height = _core.camera_examples(model)[0]
+    return Camera(model, params, width, height)
+
+
+def _focal_of(lens: Camera) -> list[int] | None:
+    """Where fx and fy stand among the parameters; None where the lens has none."""
+    names = lens.param_names.split()
+    return [names.index(name) for name in ("fx", "fy")] if "fx" in names else None
+
+
+def _reshaped(lens: Camera, width: int, height: int) -> Camera:
+    """The lens on a sensor of another shape: as high as before, its centre in the middle."""
+    names = lens.param_names.split()
+    if "cx" not in names or _core.camera_traits(lens.model).has_table:
+        return lens
+    wide = max(1, round(lens.height * width / height))
+    params = np.array(lens.params)
+    params[names.index("cx")] += (wide - lens.width) / 2
+    return Camera(lens.model, params, wide, lens.height, valid_field_angle=lens.valid_field_angle)
+
+
+def field_of_view(lens: Camera) -> float | None:
+    """Degrees across the middle row, from the leftmost to the rightmost pixel with a ray.
+
+    None where no pixel of that row has one.
+    """
+    columns = np.linspace(0.0, lens.width, 129)
+    pixels = np.column_stack([columns, np.full(len(columns), lens.height / 2)])
+    rays, valid = lens.unproject(pixels)
+    if valid.sum() < 2:
+        return None
+    seen = rays[valid]
+    cosines = np.clip(np.sum(seen[1:] * seen[:-1], axis=1), -1.0, 1.0)
+    return float(np.degrees(np.arccos(cosines).sum()))
+
+
+def with_field_of_view(lens: Camera, degrees: float) -> Camera:
+    """The lens with its focal lengths scaled so that the image spans this field across.
+
+    Raises:
+        InputError: the lens has no focal length, or cannot span that.
+    """
+    focal = _focal_of(lens)
+    if focal is None:
+        raise InputError(f"{lens.model} has no focal length: its image's size is its field")
+
+    def scaled(factor: float) -> Camera:
+        params = np.array(lens.params)
+        params[focal] *= factor
+        return lens.with_params(params)
+
+    low, high = math.log(1e-3), math.log(1e3)
+    for _ in range(_SEARCH_STEPS):
+        middle = (low + high) / 2
+        across = field_of_view(scaled(math.exp(middle)))
+        low, high = (low, middle) if across is None or across < degrees else (middle, high)
+    found = scaled(math.exp((low + high) / 2))
+    across = field_of_view(found)
+    if across is None or abs(across - degrees) > 0.01 * degrees + 0.1:
+        most = "" if across is None else f"; the nearest is {across:.0f}"
+        raise InputError(f"a {lens.model} lens cannot span {degrees:.0f} degrees{most}")
+    return found
+
+
+def _radians_per_pixel(lens: Camera) -> float:
+    """Between neighbouring pixels in the middle of the image; 1 / width where they have no rays."""
+    middle = np.array([lens.width, lens.height]) / 2
+    half = np.array([0.5, 0.0])
+    rays, valid = lens.unproject(np.stack([middle - half, middle + half]))
+    if not valid.all():
+        return 1.0 / lens.width
+    return float(np.linalg.norm(np.cross(*rays))) or 1.0 / lens.width
+
+
+def _sliders(lens: Camera) -> list[dict[str, Any]]:
+    """Name and range of each parameter that is a number on its own."""
+    names = lens.param_names.split() if len(lens.params) else []
+    rows = []
+    for index, value in enumerate(lens.params[:_MOST_SLIDERS]):
+        name = names[index] if index < len(names) else "..."
+        if name in _MODELS_OF_TABLES:
+            break
+        if name == "...":
+            name = f"coefficient {index + 1}"
+        low, high = _range_of(name, float(value), lens)
+        rows.append({"name": name, "value": float(value), "low": low, "high": high})
+    return rows
+
+
+def _range_of(name: str, value: float, lens: Camera) -> tuple[float, float]:
+    if name in ("fx", "fy"):
+        return value / 4, value * 4
+    if name in ("cx", "cy"):
+        side = lens.width if name == "cx" else lens.height
+        return 0.0, float(side)
+    most = max(3 * abs(value), 0.05)
+    return -most, most

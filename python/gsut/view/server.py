@@ -1,0 +1,176 @@
+"""The page's server: of the standard library, on the loopback, behind a random token."""
+
+from __future__ import annotations
+
+import dataclasses
+import http.server
+import importlib.resources
+import json
+import secrets
+import socket
+import threading
+from collections.abc import Callable
+from typing import Any
+from urllib.parse import parse_qsl, urlsplit
+
+from gsut._core import CalibrationError, InputError, SolveError
+from gsut.files import json_text
+
+LOOPBACK = "127.0.0.1"
+_MOST_BYTES = 8 << 20  # of what the page sends: a lens file with a table of control points
+_KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
+# Nothing but this server is asked for anything, whatever the page says.
+_POLICY = "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'; base-uri 'none'"
+
+
+@dataclasses.dataclass
+class Reply:
+    """What a route answers with: bytes of a kind, or a value that becomes JSON.
+
+    Attributes:
+        content: the bytes, or a JSON value.
+        kind: of the bytes; "" for JSON.
+        headers: more of them.
+        keep: whether the browser may keep it.
+    """
+
+    content: Any
+    kind: str = ""
+    headers: dict[str, str] = dataclasses.field(default_factory=dict)
+    keep: bool = False
+
+
+# A route takes the request's values: the JSON object of a POST, the query of a GET.
+Route = Callable[[dict[str, Any]], Reply]
+
+
+class ViewServer:
+    """Serves the page and its routes until `close`.
+
+    Args:
+        routes: by name, as it follows the token in the address.
+        host: whose requests are answered; the loopback unless told.
+        port: 0 for a free one.
+
+    Attributes:
+        address: to be opened in a browser.
+
+    Raises:
+        InputError: host and port cannot be listened on.
+    """
+
+    def __init__(self, routes: dict[str, Route], host: str = LOOPBACK, port: int = 0) -> None:
+        self.token = secrets.token_urlsafe(16)
+
+        class Handler(_Handler):
+            pass
+
+        Handler.routes, Handler.token = routes, self.token
+        try:
+            self._server = _Server((host, port), Handler)
+        except (OSError, OverflowError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(
+                f"cannot listen on {host}:{port} ({reason}); give another --host or --port"
+            ) from None
+        self.host, self.port = host, self._server.server_address[1]
+        Handler.hosts = None if host != LOOPBACK else _loopback_names(self.port)
+        name = socket.gethostname() if host in ("", "0.0.0.0", "::") else host
+        self.address = f"http://{name}:{self.port}/{self.token}/"
+        threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True).start()
+
+    def close(self) -> None:
+        """Ends; requests under way are left to themselves."""
+        self._server.shutdown()
+        self._server.server_close()
+
+    def __enter__(self) -> ViewServer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _loopback_names(port: int) -> frozenset[str]:
+    return frozenset(f"{name}:{port}" for name in (LOOPBACK, "localhost"))
+
+
+class _Server(http.server.ThreadingHTTPServer):
+    daemon_threads = True
+    block_on_close = False
+
+    def handle_error(self, *_: object) -> None:
+        """A browser that leaves in the middle of a frame is no error."""
+
+
+class _Handler(http.server.BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"  # one connection for all frames
+    disable_nagle_algorithm = True
+    routes: dict[str, Route] = {}  # noqa: RUF012  # of the server's own subclass
+    token = ""
+    hosts: frozenset[str] | None = None
+
+    def do_GET(self) -> None:
+        self._answer(dict(parse_qsl(urlsplit(self.path).query)))
+
+    def do_POST(self) -> None:
+        length = int(self.headers.get("Content-Length") or 0)
+        if length > _MOST_BYTES:
+            self.close_connection = True
+            return self._refuse(413, f"more than {_MOST_BYTES >> 20} MiB at once are not taken")
+        try:
+            values = json.loads(self.rfile.read(length) or b"{}")
+            assert isinstance(values, dict)
+        except (ValueError, AssertionError):
+            return self._refuse(400, "the request is no JSON object")
+        self._answer(values)
+
+    def _answer(self, values: dict[str, Any]) -> None:
+        _, token, *rest = [*urlsplit(self.path).path.split("/"), ""][:3]
+        if not secrets.compare_digest(token.encode(), self.token.encode()):
+            return self._refuse(403, "wrong token: open the address that gsut view printed")
+        # A foreign page whose name was made to lead here does not know the token either.
+        if self.hosts is not None and self.headers.get("Host") not in self.hosts:
+            return self._refuse(403, "gsut view answers on the loopback only; see --host")
+        name = rest[0] if rest else ""
+        try:
+            if name in self.routes:
+                return self._send(200, self.routes[name](values))
+            return self._send(200, _page_file(name or "view.html"))
+        except FileNotFoundError:
+            return self._refuse(404, f"there is no {name!r} here")
+        except (InputError, CalibrationError, SolveError) as error:
+            return self._refuse(400, " ".join(str(error).split()))
+        except (KeyError, TypeError, ValueError) as error:
+            return self._refuse(400, f"{name}: the request is not whole: {error!r}")
+
+    def _refuse(self, status: int, sentence: str) -> None:
+        self._send(status, Reply({"error": sentence}))
+
+    def _send(self, status: int, reply: Reply) -> None:
+        content, kind = reply.content, reply.kind
+        if not kind:
+            content, kind = json_text(content).encode(), "application/json"
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Cache-Control", "max-age=3600" if reply.keep else "no-store")
+        self.send_header("Content-Security-Policy", _POLICY)
+        self.send_header("Referrer-Policy", "no-referrer")
+        self.send_header("X-Content-Type-Options", "nosniff")
+        for key, value in reply.headers.items():
+            self.send_header(key, value)
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, *_: object) -> None:
+        """Frames are not worth a line each."""
+
+
+def _page_file(name: str) -> Reply:
+    """A file of the page, shipped beside this one."""
+    stem, _, ending = name.partition(".")
+    if stem != "view" or ending not in _KINDS:
+        raise FileNotFoundError(name)
+    content = importlib.resources.files("gsut.view").joinpath(name).read_bytes()
+    return Reply(content, f"{_KINDS[ending]}; charset=utf-8")

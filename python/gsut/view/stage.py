@@ -1,0 +1,139 @@
+"""What is looked at: a trained run, a file of Gaussians, or a dataset before training."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import CameraMotion, InputError
+from gsut.data import Finding, Scene, inverse, load_dataset
+from gsut.formats import load_gaussians
+from gsut.gaussians import pack_harmonics, seed_from_points
+from gsut.lens import Camera
+from gsut.run import METRICS, OPTIONS, RunFolder
+from gsut.training import read_trained
+
+# Points of a dataset are drawn as small, nearly opaque Gaussians: of this size over the distance
+# to their neighbours, and at most so many.
+_POINT_SCALE, _POINT_OPACITY, _MOST_POINTS = 0.25, 0.95, 300_000
+# A file of Gaussians has no cameras: the middle share of them says where the scene is, and the
+# first look is from this many of its radii away, through a lens of this field.
+_MIDDLE_PERCENT = (10.0, 90.0)
+_FIRST_DISTANCE = 2.5
+_FIRST_SIZE, _FIRST_FOCAL = (1280, 960), 800.0
+
+
+@dataclasses.dataclass
+class Stage:
+    """What is looked at.
+
+    Attributes:
+        name: for people.
+        kind: "run", "file", "data" or "training".
+        gaussians: what is drawn; None before training has begun.
+        scene: photographs, poses and points; None for a file of Gaussians.
+        background: colour behind everything.
+        findings: of the doctor, before training.
+        figures: the content of metrics.json, or {}.
+    """
+
+    name: str
+    kind: str
+    gaussians: Any = None
+    scene: Scene | None = None
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    findings: Sequence[Finding] = ()
+    figures: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The dataset's lenses; a plain one for a file of Gaussians."""
+        if self.scene is not None:
+            return self.scene.cameras
+        width, height = _FIRST_SIZE
+        params = [_FIRST_FOCAL, _FIRST_FOCAL, width / 2, height / 2]
+        return (Camera("pinhole", params, width, height),)
+
+    def place(self) -> dict[str, Any]:
+        """Where the scene is: up (3,), center (3,), extent, and the first pose (4, 4)."""
+        if self.scene is not None and len(self.scene):
+            return _place_of_views(self.scene)
+        means = np.zeros((1, 3)) if self.gaussians is None else self.gaussians.means
+        means = means if len(means) else np.zeros((1, 3))
+        low, high = np.percentile(means.astype(np.float64), _MIDDLE_PERCENT, axis=0)
+        center, extent = (low + high) / 2, float(np.linalg.norm(high - low) / 2) or 1.0
+        pose = np.eye(4)
+        pose[:3, 3] = -center + [0, 0, _FIRST_DISTANCE * extent]
+        return {"up": np.array([0.0, -1.0, 0.0]), "center": center, "extent": extent, "pose": pose}
+
+
+def _place_of_views(scene: Scene) -> dict[str, Any]:
+    rows = list(scene.train_indices or range(len(scene)))
+    poses = scene.poses(rows)
+    up = -poses[:, 1, :3].mean(axis=0)
+    length = np.linalg.norm(up)
+    up = up / length if length > 1e-3 else -poses[0, 1, :3]
+    points = scene.points
+    center = np.median(points, axis=0) if len(points) else np.zeros(3)
+    return {"up": up, "center": center, "extent": scene.extent, "pose": poses[0]}
+
+
+def stage_of(path: str | os.PathLike[str], data: str | None = None) -> Stage:
+    """The stage of a finished run, a file of Gaussians or a dataset.
+
+    Args:
+        path: which of them is told by what is there.
+        data: a run's dataset, if it is not where training read it; photographs beside a file.
+
+    Raises:
+        InputError: there is no such file or folder, or it cannot be read.
+    """
+    place = Path(path)
+    if not place.exists():
+        raise InputError(
+            f"{place}: no such file or folder; give a run, a file of Gaussians or a dataset"
+        )
+    if (place / OPTIONS).is_file():
+        run = RunFolder.open(place)
+        options, scene, gaussians = read_trained(run, data)
+        figures = run.read_json(METRICS) or {}
+        name = "/".join(place.resolve().parts[-2:])
+        packed = pack_harmonics(gaussians)
+        return Stage(name, "run", packed, scene, options.background, figures=figures)
+    if place.is_file() and place.suffix.lower() != ".json":
+        packed = pack_harmonics(load_gaussians(place))
+        photographs = None if data is None else load_dataset(data)
+        return Stage(place.name, "file", packed, photographs)
+    return data_stage(load_dataset(place))
+
+
+def data_stage(scene: Scene, findings: Sequence[Finding] = ()) -> Stage:
+    """The stage of a dataset: its points stand for Gaussians."""
+    gaussians = None
+    if len(scene.points):
+        gaussians = seed_from_points(
+            scene.points, scene.point_colors, sh_degree=0, scale_factor=_POINT_SCALE,
+            opacity=_POINT_OPACITY, max_gaussians=_MOST_POINTS,
+        )  # fmt: skip
+    return Stage(scene.path.resolve().name, "data", gaussians, scene, findings=findings)
+
+
+def free_motion(scene: Scene, index: int, pose: np.ndarray) -> Any:
+    """The rolling shutter's motion of a photograph, moved to another pose; that pose without one.
+
+    Args:
+        scene: of the photograph.
+        index: of the photograph.
+        pose: (4, 4) camera_from_world of the middle of the exposure.
+    """
+    view = scene.views[index]
+    start, end = view.camera_from_world_start, view.camera_from_world_end
+    if view.shutter is None or start is None or end is None:
+        return pose
+    moved = inverse(view.camera_from_world) @ pose
+    return CameraMotion(start @ moved, end @ moved, view.shutter)

@@ -1,0 +1,668 @@
+// The page of gsut view: asks for the newest pose only, one frame at a time.
+"use strict";
+
+const base = location.pathname.replace(/[^/]*$/, "");
+const $ = (id) => document.getElementById(id);
+const MODE_NAMES = { color: "Colour", distance: "Distance", normal: "Normals", alpha: "Alpha", centers: "Centres", error: "Error" };
+const COMPARE_NAMES = { render: "Render", photo: "Photo", fade: "Fade", wipe: "Wipe", flicker: "Flicker" };
+const LAYER_NAMES = { cameras: "Cameras", points: "Points", domain: "No ray", axes: "Ground" };
+const SCALES = [0.2, 0.25, 0.35, 0.5, 0.7, 1]; // of the shown size, while moving
+const SLOW_MS = 60, FAST_MS = 25; // of a frame, beyond which the size while moving changes
+const REST_MS = 140; // after the last movement the frame comes whole
+const MOST_PIXELS = 3e6;
+
+let scene; // what the server said of it
+let lens; // the lens in use, described
+const state = {
+  eye: { R: null, c: null }, // world_from_camera: columns right, down, forward; centre
+  exact: null, // a photograph's own pose, bit for bit, until the eye moves
+  mode: "color", compare: "render", view: null, shutter: null, layers: new Set(), crop: null,
+  marks: [], keys: [], navigation: "walk", pivot: null, up: null, measuring: false, lossless: false,
+};
+
+// --- small linear algebra: vectors of 3, matrices of 9 in rows ---------------------------------
+const add = (a, b, s = 1) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const norm = (a) => Math.hypot(...a);
+const unit = (a) => { const n = norm(a) || 1; return [a[0] / n, a[1] / n, a[2] / n]; };
+const column = (R, k) => [R[k], R[3 + k], R[6 + k]];
+const columns = (x, y, z) => [x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]];
+const turned = (v, axis, angle) => { // Rodrigues
+  const c = Math.cos(angle), s = Math.sin(angle);
+  return add(add([v[0] * c, v[1] * c, v[2] * c], cross(axis, v), s), axis, dot(axis, v) * (1 - c));
+};
+const rigid = (R) => { // the rotation next to R
+  const z = unit(column(R, 2)), x = unit(add(column(R, 0), z, -dot(column(R, 0), z)));
+  return columns(x, cross(z, x), z);
+};
+const turn = (R, axis, angle) => rigid(columns(...[0, 1, 2].map((k) => turned(column(R, k), axis, angle))));
+
+function eyeOf(pose) { // of camera_from_world, 16 numbers
+  const R = [pose[0], pose[4], pose[8], pose[1], pose[5], pose[9], pose[2], pose[6], pose[10]];
+  const t = [pose[3], pose[7], pose[11]];
+  return { R, c: [0, 1, 2].map((i) => -dot(R.slice(3 * i, 3 * i + 3), t)) };
+}
+function poseOf({ R, c }) {
+  const rows = [0, 1, 2].map((k) => column(R, k));
+  return [...rows.flatMap((r) => [...r, -dot(r, c)]), 0, 0, 0, 1];
+}
+
+// --- the server ----------------------------------------------------------------------------------
+async function call(name, values) {
+  let reply;
+  try {
+    reply = await fetch(base + name, values === undefined ? {} : { method: "POST", body: JSON.stringify(values) });
+  } catch {
+    throw new Error("gsut view has ended; start it again and reload its address");
+  }
+  if (!reply.ok) throw new Error((await reply.json()).error);
+  return reply;
+}
+const ask = async (name, values) => (await call(name, values)).json();
+
+let toastTimer;
+function toast(text, seconds = 4) {
+  $("toast").textContent = text;
+  $("toast").hidden = !text;
+  clearTimeout(toastTimer);
+  toastTimer = setTimeout(() => ($("toast").hidden = true), 1000 * seconds);
+}
+const guarded = (action) => async (...event) => { try { await action(...event); } catch (error) { toast(error.message, 8); } };
+
+// --- frames --------------------------------------------------------------------------------------
+let wanted = false, busy = false, lastMove = -1e9, level = 3, latency = 40, restTimer, shown = 0, drawnTimes = [];
+
+function size() { // of the picture on the page, CSS pixels
+  const area = $("stage").getBoundingClientRect(), shape = lens.width / lens.height;
+  const width = Math.max(16, Math.floor(Math.min(area.width, area.height * shape)));
+  return [width, Math.max(12, Math.round(width / shape))];
+}
+function request(moving) {
+  let [width, height] = size();
+  if (state.lossless && !moving) [width, height] = [lens.width, lens.height];
+  else {
+    const room = Math.sqrt(Math.min(1, MOST_PIXELS / (width * height * devicePixelRatio ** 2)));
+    const factor = moving ? Math.min(1, SCALES[level]) : devicePixelRatio * room;
+    [width, height] = [width, height].map((side) => Math.max(8, Math.round(side * factor)));
+  }
+  const mode = state.mode === "error" && state.view === null ? "color" : state.mode;
+  const rolling = state.shutter !== null && $("rolling").checked ? state.shutter : null;
+  return {
+    pose: state.exact ?? poseOf(state.eye), lens: lens.id, width, height, mode, view: state.view, shutter: rolling,
+    layers: [...state.layers, ...($("crop-box").open ? ["box"] : [])], crop: state.crop,
+    marks: state.marks, quality: moving ? 75 : state.lossless ? null : 92,
+  };
+}
+function redraw(moved = true) {
+  if (!lens) return;
+  if (moved) lastMove = performance.now();
+  wanted = true;
+  if (!busy) frame();
+}
+async function frame() {
+  busy = true;
+  while (wanted) {
+    wanted = false;
+    const moving = performance.now() - lastMove < REST_MS, values = request(moving), began = performance.now();
+    try {
+      const reply = await call("frame", values);
+      const bitmap = await createImageBitmap(await reply.blob(), { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+      show(bitmap, values, reply.headers.get("X-Span"));
+    } catch (error) {
+      toast(error.message, 8);
+      await new Promise((done) => setTimeout(done, 500));
+    }
+    if (moving) {
+      latency += 0.3 * (performance.now() - began - latency);
+      if (latency > SLOW_MS && level > 0) { level--; latency *= 0.6; }
+      if (latency < FAST_MS && level < SCALES.length - 1) { level++; latency *= 1.5; }
+      clearTimeout(restTimer);
+      restTimer = setTimeout(() => redraw(false), REST_MS + 20);
+    }
+  }
+  busy = false;
+}
+function show(bitmap, values, span) {
+  const canvas = $("canvas");
+  if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
+  canvas.getContext("2d").drawImage(bitmap, 0, 0);
+  bitmap.close();
+  const now = performance.now();
+  drawnTimes = [...drawnTimes.filter((time) => now - time < 1000), now];
+  $("pace").textContent = `${drawnTimes.length > 1 ? drawnTimes.length + " frames/s · " : ""}${values.width} × ${values.height}${values.quality === null ? " exact" : ""}`;
+  $("legend").hidden = !span;
+  if (span) {
+    const [low, high] = span.split(" ").map(Number), error = values.mode === "error";
+    $("legend").classList.toggle("error-map", error);
+    $("legend-low").textContent = error ? "0" : format(low);
+    $("legend-high").textContent = error ? `≥ ${high} of full scale` : format(high);
+  }
+  document.body.dataset.frames = ++shown;
+  document.body.dataset.frame = JSON.stringify({ width: values.width, height: values.height, lossless: values.quality === null, view: values.view, mode: values.mode });
+}
+const format = (x) => (Math.abs(x) >= 1e4 || (x && Math.abs(x) < 1e-2) ? x.toExponential(2) : +x.toPrecision(4) + "");
+
+// --- the eye -------------------------------------------------------------------------------------
+function leavePhotograph() {
+  if (state.view === null && !state.exact) return;
+  state.exact = null;
+  state.view = null;
+  choosePhotograph(null);
+}
+function look(dx, dy) {
+  const { eye } = state;
+  leavePhotograph();
+  eye.R = turn(turn(eye.R, state.up, -dx), column(eye.R, 0), dy);
+  redraw();
+}
+function orbit(dx, dy) {
+  const { eye, pivot } = state;
+  leavePhotograph();
+  for (const [axis, angle] of [[state.up, -dx], [column(eye.R, 0), dy]]) {
+    eye.c = add(pivot, turned(add(eye.c, pivot, -1), axis, angle));
+    eye.R = turn(eye.R, axis, angle);
+  }
+  redraw();
+}
+function move(right, up, forward) {
+  const { eye } = state;
+  leavePhotograph();
+  eye.c = add(add(add(eye.c, column(eye.R, 0), right), column(eye.R, 1), -up), column(eye.R, 2), forward);
+  redraw();
+}
+const step = () => scene.extent * 2 ** Number($("speed").value);
+function dolly(amount) { // orbiting: a share of the way to the pivot
+  const away = norm(add(state.pivot, state.eye.c, -1));
+  move(0, 0, state.navigation === "orbit" ? away * (1 - Math.exp(-amount)) : amount * step() * 0.5);
+}
+function levelled() {
+  const { eye } = state, z = column(eye.R, 2), x = cross(z, state.up);
+  if (norm(x) < 1e-3) return;
+  leavePhotograph();
+  eye.R = columns(unit(x), cross(z, unit(x)), z);
+  redraw();
+}
+let flight = 0;
+function fly(eye, arrive) { // a short flight from here to there
+  const from = { R: [...state.eye.R], c: [...state.eye.c] }, began = performance.now(), mine = ++flight;
+  const still = matchMedia("(prefers-reduced-motion: reduce)").matches || document.hidden;
+  const tick = () => {
+    if (mine !== flight) return;
+    const t = still ? 1 : Math.min(1, (performance.now() - began) / 350), s = t * t * (3 - 2 * t);
+    if (t >= 1) { Object.assign(state.eye, { R: [...eye.R], c: [...eye.c] }); arrive(); return; }
+    state.eye.R = rigid(from.R.map((value, k) => value + s * (eye.R[k] - value)));
+    state.eye.c = add(from.c, add(eye.c, from.c, -1), s);
+    redraw();
+    requestAnimationFrame(tick);
+  };
+  leavePhotograph();
+  tick();
+}
+
+// --- pointers, wheel and keys --------------------------------------------------------------------
+const pointers = new Map();
+let gesture = 0, travelled = 0;
+function pixelAngle() { return lens.radians_per_pixel * (lens.width / size()[0]); }
+function onPointerDown(event) {
+  $("canvas").focus({ preventScroll: true });
+  pointers.set(event.pointerId, event);
+  $("canvas").setPointerCapture(event.pointerId);
+  flight++;
+  travelled = 0;
+  gesture = event.button;
+  $("canvas").classList.add("moving");
+}
+function onPointerMove(event) {
+  const before = pointers.get(event.pointerId);
+  if (!before) return;
+  const dx = event.clientX - before.clientX, dy = event.clientY - before.clientY;
+  travelled += Math.abs(dx) + Math.abs(dy);
+  if (travelled < 4) return;
+  pointers.set(event.pointerId, event);
+  const width = size()[0];
+  if (pointers.size === 2) {
+    const other = [...pointers.values()].find((p) => p.pointerId !== event.pointerId);
+    const apart = (p) => Math.hypot(p.clientX - other.clientX, p.clientY - other.clientY);
+    dolly(3 * Math.log(apart(event) / Math.max(1, apart(before))));
+    move(-dx / width * step(), dy / width * step(), 0);
+  } else if (gesture === 2 || gesture === 1) {
+    const reach = state.navigation === "orbit" ? norm(add(state.pivot, state.eye.c, -1)) * pixelAngle() : step() * 1.5 / width;
+    move(-dx * reach, dy * reach, 0);
+  } else if (state.navigation === "orbit") orbit(dx * 2 * Math.PI / width, -dy * 2 * Math.PI / width);
+  else look(-dx * pixelAngle(), dy * pixelAngle());
+}
+function onPointerUp(event) {
+  if (!pointers.delete(event.pointerId)) return;
+  if (!pointers.size) $("canvas").classList.remove("moving");
+  if (event.type === "pointerup" && travelled < 4 && state.measuring) guarded(measure)(event);
+}
+function pixelOf(event, values) {
+  const box = $("canvas").getBoundingClientRect();
+  return [(event.clientX - box.left) / box.width * values.width, (event.clientY - box.top) / box.height * values.height];
+}
+async function pick(event) {
+  const values = request(false);
+  return ask("pick", { frame: values, pixel: pixelOf(event, values) });
+}
+async function measure(event) {
+  const found = await pick(event);
+  if (!found.point) return toast("nothing to measure there");
+  if (state.marks.length >= 2) state.marks = [];
+  state.marks.push(found.point);
+  const two = state.marks.length === 2;
+  const place = found.in_dataset.map(format).join(", ");
+  const text = two ? `${format(norm(add(state.marks[1], state.marks[0], -1)))} units apart` : `(${place}), ${format(found.distance)} units away; now the second point`;
+  $("measure-text").textContent = $("measured").textContent = text;
+  $("measured").hidden = false;
+  redraw(false);
+}
+async function setPivot(event) {
+  const found = await pick(event);
+  if (!found.point) return toast("nothing to orbit there");
+  state.pivot = found.point;
+  choose("navigation", "orbit");
+  const forward = unit(add(found.point, state.eye.c, -1)), right = unit(cross(forward, state.up));
+  fly({ R: columns(right, cross(forward, right), forward), c: state.eye.c }, () => redraw());
+}
+
+const held = new Set();
+const WALK = { KeyW: [0, 0, 1], KeyS: [0, 0, -1], KeyA: [-1, 0, 0], KeyD: [1, 0, 0], KeyQ: [0, -1, 0], KeyE: [0, 1, 0] };
+const LOOK = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+let clock = 0;
+function walk(now) {
+  if (!held.size) return;
+  const seconds = Math.min(0.1, (now - clock) / 1000);
+  clock = now;
+  const fast = held.has("ShiftLeft") || held.has("ShiftRight") ? 4 : 1, way = [0, 0, 0], angle = [0, 0];
+  for (const key of held) {
+    WALK[key]?.forEach((value, k) => (way[k] += value));
+    LOOK[key]?.forEach((value, k) => (angle[k] += value));
+  }
+  const reach = 0.4 * step() * fast * seconds, pace = 0.9 * seconds * Math.min(fast, 2);
+  if (angle.some(Boolean)) (state.navigation === "orbit" ? orbit : look)(-angle[0] * pace, angle[1] * pace);
+  if (way.some(Boolean)) move(way[0] * reach, way[1] * reach, way[2] * reach);
+  requestAnimationFrame(walk);
+}
+const KEYS = {
+  KeyO: () => choose("navigation", state.navigation === "walk" ? "orbit" : "walk"),
+  KeyC: () => { const names = Object.keys(COMPARE_NAMES); choose("compare", names[(names.indexOf(state.compare) + 1) % names.length]); },
+  KeyL: levelled, Home: () => $("home").click(), KeyK: () => $("key-add").click(), KeyM: () => $("measure").click(),
+  KeyP: () => $("shot").click(), KeyT: () => $("panel-toggle").click(), KeyX: () => lossless(!state.lossless),
+  BracketLeft: () => $("previous").click(), BracketRight: () => $("next").click(),
+};
+function onKeyDown(event) {
+  if (event.ctrlKey || event.metaKey || event.altKey || $("help").open) return;
+  if (/^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName) && !/^(checkbox|radio)$/.test(event.target.type)) return;
+  if (event.target.type === "radio" && event.code.startsWith("Arrow")) return;
+  const digit = /^Digit([1-6])$/.exec(event.code);
+  if (event.key === "?") $("help").showModal();
+  else if (digit) choose("modes", scene.modes[digit[1] - 1]);
+  else if (event.code in KEYS) KEYS[event.code]();
+  else if (event.code in WALK || event.code in LOOK || event.code.startsWith("Shift")) {
+    if (!held.size) { clock = performance.now(); requestAnimationFrame(walk); }
+    held.add(event.code);
+    if (event.code in LOOK) event.preventDefault();
+  }
+}
+
+// --- choices -------------------------------------------------------------------------------------
+function choices(id, names, chosen, action) {
+  for (const [value, text] of Object.entries(names)) {
+    const label = document.createElement("label"), input = document.createElement("input");
+    Object.assign(input, { type: "radio", name: id, value, checked: value === chosen });
+    input.addEventListener("change", () => action(value));
+    label.append(input, text);
+    $(id).append(label);
+  }
+}
+function choose(id, value) {
+  const input = document.querySelector(`input[name="${id}"][value="${value}"]`);
+  if (!input || input.disabled) return;
+  input.checked = true;
+  input.dispatchEvent(new Event("change"));
+}
+function lossless(on) {
+  state.lossless = on;
+  toast(on ? "exact pixels: the lens' own size, without loss" : "the window's size");
+  redraw(false);
+}
+
+// --- photographs ---------------------------------------------------------------------------------
+let flicker;
+function choosePhotograph(index) {
+  state.view = index;
+  for (const button of $("strip").children) button.setAttribute("aria-pressed", button.dataset.view === String(index));
+  const view = index === null ? null : scene.views[index];
+  $("photo-name").textContent = view ? view.name + (view.held_out ? " (held out)" : "") : "none chosen";
+  const error = document.querySelector("input[name=modes][value=error]");
+  if (error) error.disabled = !view || !scene.num_gaussians;
+  $("photo").hidden = $("wipe").hidden = true;
+  if (!view) return clearInterval(flicker);
+  const photo = $("photo"), width = Math.round(size()[0] * devicePixelRatio);
+  photo.onload = compare;
+  photo.src = `${base}photo?view=${index}&side=${Math.max(width, Math.round(width * view.height / view.width))}${$("mask").checked ? "&mask=1" : ""}`;
+}
+function compare() {
+  const { compare: how } = state, photo = $("photo"), there = state.view !== null;
+  clearInterval(flicker);
+  $("fade-row").hidden = how !== "fade" && how !== "wipe";
+  photo.hidden = !there || how === "render";
+  $("wipe").hidden = !there || how !== "wipe";
+  photo.style.opacity = how === "fade" ? $("fade").value / 100 : 1;
+  photo.style.clipPath = how === "wipe" ? `inset(0 ${100 - $("fade").value}% 0 0)` : "none";
+  $("wipe").style.left = $("fade").value + "%";
+  if (there && how === "flicker") flicker = setInterval(() => (photo.hidden = !photo.hidden), 600);
+}
+function goTo(index) {
+  const count = scene.views.length;
+  if (!count) return;
+  index = (index + count) % count;
+  const view = scene.views[index];
+  const arrive = () => {
+    state.exact = view.pose;
+    state.shutter = view.rolling ? index : null;
+    $("rolling-row").hidden = !view.rolling;
+    choosePhotograph(index);
+    history.replaceState(null, "", `#view=${index}`);
+    const thumbnail = $("strip").children[index];
+    thumbnail?.scrollIntoView({ block: "nearest", inline: "nearest" });
+    redraw();
+  };
+  useLens(scene.lenses[view.lens]);
+  fly(eyeOf(view.pose), arrive);
+}
+function fillStrip() {
+  $("strip").hidden = $("photo-section").hidden = !scene.views.length;
+  scene.views.forEach((view, index) => {
+    const button = document.createElement("button"), picture = document.createElement("img");
+    Object.assign(picture, { loading: "lazy", alt: "", width: Math.round(68 * view.width / view.height), height: 68, src: `${base}photo?view=${index}&side=160` });
+    Object.assign(button, { title: view.name, ariaLabel: view.name });
+    button.dataset.view = index;
+    button.setAttribute("aria-pressed", "false");
+    button.classList.toggle("held-out", view.held_out);
+    button.addEventListener("click", () => goTo(index));
+    button.append(picture);
+    $("strip").append(button);
+  });
+}
+
+// --- lenses --------------------------------------------------------------------------------------
+let reshape; // fits a lens of our own choice to the window
+function useLens(described, keepSliders = false) {
+  const changed = !lens || lens.id !== described.id;
+  lens = described;
+  layout();
+  if (!changed) return;
+  const own = scene.lenses.some((each) => each.id === lens.id);
+  if (own) { reshape = null; $("lens").value = `id:${lens.id}`; }
+  const across = lens.field_of_view;
+  $("lens-text").textContent = `${lens.model}, ${lens.width} × ${lens.height}` + (across ? `, ${Math.round(across)}° across` : "") + `, sees to ${Math.round(lens.max_angle)}° off its axis`;
+  $("fov-row").hidden = !lens.can_zoom || !across;
+  if (across && document.activeElement !== $("fov")) $("fov").value = across;
+  $("fov-text").textContent = across ? Math.round(across) + "°" : "";
+  $("lens-error").hidden = true;
+  if (!keepSliders) fillSliders();
+  redraw();
+}
+function fillSliders() {
+  $("sliders").replaceChildren();
+  $("sliders-box").hidden = !lens.sliders.length;
+  lens.sliders.forEach((slider, index) => {
+    const row = document.createElement("label"), range = document.createElement("input"), number = document.createElement("input");
+    row.className = "slider";
+    Object.assign(range, { type: "range", min: slider.low, max: slider.high, step: "any", value: slider.value });
+    Object.assign(number, { type: "number", step: "any", value: +slider.value.toPrecision(7), ariaLabel: slider.name });
+    const change = (from, to) => { to.value = +Number(from.value).toPrecision(7); paramsChanged(index, Number(from.value)); };
+    range.addEventListener("input", () => change(range, number));
+    number.addEventListener("change", () => change(number, range));
+    row.append(slider.name, range, number);
+    $("sliders").append(row);
+  });
+}
+let lensBusy = false, lensNext = null;
+async function makeLens(values, keepSliders = false) { // the newest wish only
+  lensNext = [values, keepSliders];
+  if (lensBusy) return;
+  lensBusy = true;
+  while (lensNext) {
+    const [wish, keep] = lensNext;
+    lensNext = null;
+    try {
+      useLens(await ask("lens", wish), keep);
+      leavePhotograph();
+    } catch (error) {
+      $("lens-error").textContent = error.message;
+      $("lens-error").hidden = false;
+    }
+  }
+  lensBusy = false;
+}
+function windowShape() {
+  const area = $("stage").getBoundingClientRect();
+  return [Math.round(area.width), Math.round(area.height)];
+}
+function paramsChanged(index, value) {
+  const params = [...lens.params];
+  params[index] = value;
+  reshape = null;
+  makeLens({ id: lens.id, params }, true);
+}
+function fillLenses() {
+  const group = (label, entries) => {
+    const box = document.createElement("optgroup");
+    box.label = label;
+    for (const [value, text] of entries) box.append(new Option(text, value));
+    $("lens").append(box);
+  };
+  group(scene.views.length ? "The photographs'" : "Plain", scene.lenses.map((each) => [`id:${each.id}`, `${each.model}, ${each.width} × ${each.height}`]));
+  group("Any model", Object.keys(scene.models).map((name) => [`model:${name}`, name]));
+}
+
+// --- the page ------------------------------------------------------------------------------------
+function layout() {
+  if (!lens) return;
+  const [width, height] = size();
+  Object.assign($("picture").style, { width: width + "px", height: height + "px" });
+}
+function save(blob, name) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1e4);
+}
+const fileName = () => scene.name.replace(/[^\w.-]+/g, "-");
+const stamp = () => new Date().toISOString().slice(0, 19).replace(/[:T]/g, "-");
+async function screenshot() {
+  const values = { ...request(false), quality: null }, name = `${fileName()}-${stamp()}`;
+  values.layers = values.layers.filter((layer) => layer !== "box");
+  save(await (await call("frame", values)).blob(), name + ".png");
+  save(await (await call("camera", { poses: [values.pose], lens: values.lens, width: values.width, height: values.height })).blob(), name + ".json");
+  toast(`${name}.png and its camera, ${name}.json`);
+}
+function keysChanged() {
+  const count = state.keys.length;
+  $("keys-text").textContent = count ? `${count} keyframe${count > 1 ? "s" : ""}` : "No keyframes yet.";
+  $("film-make").disabled = count < 2;
+}
+async function makeFilm() {
+  const tall = Number($("film-height").value), even = (x) => 2 * Math.round(x / 2);
+  const values = { ...request(false), width: even(tall * lens.width / lens.height), height: tall, view: null, shutter: null };
+  await ask("film", { keys: state.keys, frame: values, seconds: Number($("film-seconds").value), ending: $("film-ending").value, closed: $("film-closed").checked });
+  $("film-bar").hidden = false;
+  $("film-get").hidden = true;
+  for (;;) {
+    const film = await ask("film");
+    $("film-bar").value = film ? film.done / film.of : 0;
+    if (film?.failure) { $("film-bar").hidden = true; return toast(film.failure, 8); }
+    if (film?.ready) break;
+    await new Promise((done) => setTimeout(done, 400));
+  }
+  $("film-bar").hidden = true;
+  $("film-get").hidden = false;
+  $("film-get").href = base + "film.file";
+}
+const BOX = ["right, from", "right, to", "up, from", "up, to", "ahead, from", "ahead, to"];
+function fillCrop() {
+  const values = BOX.map((_, k) => (k % 2 ? 3 : -3));
+  const changed = () => {
+    const on = $("crop").checked;
+    state.crop = on ? [[values[0], values[2], values[4]], [values[1], values[3], values[5]]] : null;
+    redraw();
+  };
+  BOX.forEach((text, k) => {
+    const row = document.createElement("label"), range = document.createElement("input");
+    row.className = "slider";
+    Object.assign(range, { type: "range", min: -3, max: 3, step: 0.02, value: values[k] });
+    range.addEventListener("input", () => { values[k] = Number(range.value); $("crop").checked = true; changed(); });
+    row.append(text, range);
+    $("crop-sliders").append(row);
+  });
+  $("crop").addEventListener("change", changed);
+  $("crop-box").addEventListener("toggle", () => redraw(false));
+}
+async function fillFindings() {
+  $("findings").hidden = false;
+  const rows = await ask("findings");
+  $("findings-text").textContent = rows.some((row) => row.severity === "error") ? "Training cannot start." : "Training can start.";
+  $("findings-list").replaceChildren(...rows.map((row) => {
+    const item = document.createElement("li");
+    item.className = row.severity;
+    item.textContent = `${row.where.replace(/^.*[/]/, "")}: ${row.what}${row.advice ? "; " + row.advice : ""}`;
+    return item;
+  }));
+}
+
+// --- a training that goes on ----------------------------------------------------------------------
+function curve(id, rows, key) {
+  const points = rows.filter((row) => row[key] != null), values = points.map((row) => row[key]);
+  if (!points.length) return;
+  const low = Math.min(...values), high = Math.max(...values), last = rows.at(-1).step || 1;
+  $(id).setAttribute("points", points.map((row) => `${(300 * row.step / last).toFixed(1)},${(84 - 78 * (row[key] - low) / (high - low || 1)).toFixed(1)}`).join(" "));
+}
+async function followTraining() {
+  $("training").hidden = false;
+  for (let before = ""; ;) {
+    const now = await ask("training");
+    $("train-bar").value = now.steps ? now.step / now.steps : 0;
+    const best = now.history.filter((row) => row.psnr != null).at(-1);
+    $("train-text").textContent = now.state === "preparing" ? "Preparing …" : `${now.state}: step ${now.step.toLocaleString()} of ${now.steps.toLocaleString()}, ${now.num_gaussians.toLocaleString()} Gaussians`;
+    $("curve-best").textContent = best ? `held-out PSNR, now ${best.psnr.toFixed(2)} dB` : "held-out PSNR";
+    $("train-pause").textContent = now.state === "paused" ? "Go on" : "Pause";
+    $("train-pause").disabled = $("train-stop").disabled = now.state === "finished";
+    curve("curve-loss", now.history, "loss");
+    curve("curve-psnr", now.history, "psnr");
+    scene.num_gaussians = now.num_gaussians;
+    facts();
+    const mark = `${now.step} ${now.state}`;
+    if (mark !== before && performance.now() - lastMove > 400) redraw(false);
+    before = mark;
+    if (now.state === "finished") return;
+    await new Promise((done) => setTimeout(done, 1000));
+  }
+}
+function facts() {
+  const parts = [];
+  if (scene.kind !== "data" && scene.num_gaussians) parts.push(`${scene.num_gaussians.toLocaleString()} Gaussians`);
+  if (scene.views.length) parts.push(`${scene.views.length} photographs`);
+  if (scene.kind === "data") parts.push(`${scene.num_points.toLocaleString()} points`);
+  if (scene.figures.psnr) parts.push(`${scene.figures.psnr.toFixed(2)} dB held out`);
+  $("facts").textContent = parts.join(" · ");
+}
+
+function connect() {
+  const canvas = $("canvas");
+  canvas.addEventListener("pointerdown", onPointerDown);
+  canvas.addEventListener("pointermove", onPointerMove);
+  for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, onPointerUp);
+  canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+  canvas.addEventListener("dblclick", guarded(setPivot));
+  canvas.addEventListener("wheel", (event) => { event.preventDefault(); dolly(-Math.sign(event.deltaY) * Math.min(0.25, Math.abs(event.deltaY) / 500)); }, { passive: false });
+  addEventListener("keydown", onKeyDown);
+  addEventListener("keyup", (event) => held.delete(event.code));
+  addEventListener("blur", () => held.clear());
+  new ResizeObserver(() => { layout(); if (reshape) makeLens({ ...reshape, fit: windowShape() }); else redraw(); }).observe($("stage"));
+  const drag = (event) => {
+    const box = $("picture").getBoundingClientRect();
+    $("fade").value = Math.max(0, Math.min(100, 100 * (event.clientX - box.left) / box.width));
+    compare();
+  };
+  $("wipe").addEventListener("pointerdown", (event) => { $("wipe").setPointerCapture(event.pointerId); $("wipe").onpointermove = drag; });
+  $("wipe").addEventListener("pointerup", () => ($("wipe").onpointermove = null));
+  const on = (id, name, action) => $(id).addEventListener(name, guarded(action));
+  on("fade", "input", compare);
+  on("rolling", "change", () => redraw());
+  on("mask", "change", () => state.view !== null && choosePhotograph(state.view));
+  on("previous", "click", () => goTo((state.view ?? 0) - 1));
+  on("next", "click", () => goTo((state.view ?? -1) + 1));
+  on("shot", "click", screenshot);
+  on("help-open", "click", () => $("help").showModal());
+  on("panel-toggle", "click", () => $("panel-toggle").setAttribute("aria-expanded", String(!document.body.classList.toggle("narrow"))));
+  on("home", "click", () => { if (scene.views.length) goTo(0); else fly(eyeOf(scene.pose), () => redraw()); });
+  on("level", "click", levelled);
+  on("flip", "click", () => { state.up = state.up.map((value) => -value); levelled(); });
+  on("speed", "input", () => ($("speed-text").textContent = format(2 ** $("speed").value) + " ×"));
+  on("measure", "click", () => {
+    state.measuring = !state.measuring;
+    $("measure").setAttribute("aria-pressed", String(state.measuring));
+    $("canvas").classList.toggle("picking", state.measuring);
+  });
+  on("measure-clear", "click", () => { state.marks = []; $("measured").hidden = true; redraw(false); });
+  on("lens", "change", () => {
+    const [kind, name] = $("lens").value.split(":");
+    if (kind === "id") { leavePhotograph(); return useLens(scene.lenses[Number(name)]); }
+    reshape = { model: name };
+    makeLens({ model: name, fit: windowShape() });
+  });
+  on("fov", "input", () => {
+    $("fov-text").textContent = $("fov").value + "°";
+    makeLens({ id: lens.id, field_of_view: Number($("fov").value) });
+  });
+  on("lens-form", "submit", (event) => { event.preventDefault(); return makeLens({ path: $("lens-path").value }); });
+  on("lens-file", "change", async () => { const file = $("lens-file").files[0]; if (file) await makeLens({ name: file.name, text: await file.text() }); });
+  on("key-add", "click", () => { state.keys.push(state.exact ?? poseOf(state.eye)); keysChanged(); toast(`keyframe ${state.keys.length}`, 1.5); });
+  on("key-remove", "click", () => { state.keys.pop(); keysChanged(); });
+  on("key-save", "click", async () => {
+    const [width, height] = [lens.width, lens.height];
+    save(await (await call("camera", { poses: state.keys, lens: lens.id, width, height })).blob(), `${fileName()}-path.json`);
+  });
+  on("film-make", "click", makeFilm);
+  on("train-pause", "click", () => ask("training", { action: $("train-pause").textContent === "Pause" ? "pause" : "resume" }));
+  on("train-stop", "click", () => ask("training", { action: "stop" }));
+}
+
+async function begin() {
+  scene = await ask("scene");
+  document.title = `${scene.name} · gsut view`;
+  $("name").textContent = scene.name;
+  facts();
+  state.up = scene.up;
+  state.pivot = scene.center;
+  state.eye = eyeOf(scene.pose);
+  const plain = scene.kind === "data" ? ["color", "distance", "centers"] : scene.modes;
+  choices("modes", Object.fromEntries(plain.map((name) => [name, MODE_NAMES[name]])), "color", (name) => { state.mode = name; redraw(); });
+  choices("compare", COMPARE_NAMES, "render", (name) => { state.compare = name; compare(); });
+  choices("navigation", { walk: "Walk", orbit: "Orbit" }, "walk", (name) => (state.navigation = name));
+  for (const [name, text] of Object.entries(LAYER_NAMES)) {
+    if ((name === "cameras" && !scene.views.length) || (name === "points" && !scene.num_points)) continue;
+    const label = document.createElement("label"), input = document.createElement("input");
+    label.className = "check";
+    Object.assign(input, { type: "checkbox", value: name });
+    input.addEventListener("change", () => { state.layers[input.checked ? "add" : "delete"](name); redraw(); });
+    label.append(input, text);
+    $("layers").append(label);
+  }
+  $("mask-row").hidden = !scene.views.length;
+  fillStrip();
+  fillLenses();
+  fillCrop();
+  connect();
+  if (innerWidth <= 760) $("panel-toggle").click();
+  compare();
+  if (scene.views.length) goTo(Math.min(scene.views.length - 1, Number(/view=(\d+)/.exec(location.hash)?.[1] ?? 0)));
+  else { reshape = { id: 0 }; await makeLens({ id: 0, fit: windowShape() }); }
+  if (scene.kind === "data") await fillFindings();
+  if (scene.live) await followTraining();
+}
+guarded(begin)();

@@ -1,0 +1,194 @@
+"""`./run bench light`: what the photograph model finds of known light, and what it is worth."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+import gsut
+from gsut.demo import make_demo_scene
+from gsut.evaluate import evaluate
+from gsut.render import Falloff, Light, field_angles
+from tests.bench.report_rows import add_files, check_files, print_and_write
+
+_EXPOSURE, _BALANCE = 0.07, 0.02  # standard deviations of log-gains, as measured on fox
+_CORRELATION = 4.0  # views over which exposure stays alike
+_FALLOFF = (-0.25, -0.1, 0.0)  # of t^2, t^4, t^6: 65 % at the rim
+_NOISE = 1.0  # grey levels, standard deviation
+COLUMNS = (
+    ("light in the photographs", "disturbed", ""),
+    ("--exposure", "exposure", ""),
+    ("PSNR, predicted gain [dB]", "psnr", ".2f"),
+    ("gain 1", "psnr_unit_gain", ".2f"),
+    ("colour-corrected", "psnr_color_corrected", ".2f"),
+    ("half image", "psnr_half_image", ".2f"),
+    ("against undisturbed truth", "psnr_truth", ".2f"),
+    ("gains off by [%]", "gain_percent", ".2f"),
+    ("falloff off by [%]", "falloff_percent", ".2f"),
+    ("CPU-s", "cpu_seconds", ".0f"),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class LightBenchOptions:
+    """What is measured.
+
+    Args:
+        data: a dataset that is trained as it is, with and without the model; None: the demo's hall,
+            under light that is known.
+        steps, max_gaussians, scale: of each training.
+        views, size: of the hall.
+    """
+
+    data: Path | None = None
+    steps: int = 800
+    max_gaussians: int = 30_000
+    scale: float = 1.0
+    views: int = 40
+    size: int = 200
+
+
+HELP = "exposure, white balance and falloff: found against truth, and what they are worth"
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--data", type=Path, help="a dataset as it is [default: the demo's hall in known light]"
+    )
+    for name, text in (
+        ("steps", "training steps"),
+        ("max_gaussians", "of each training"),
+        ("views", "of the hall"),
+        ("size", "of its images, pixels"),
+    ):
+        default = getattr(LightBenchOptions, name)
+        flag = "--" + name.replace("_", "-")
+        parser.add_argument(flag, type=int, default=default, help=f"{text} [{default}]")
+    parser.add_argument("--scale", type=float, default=1.0, help="of the data's images [1]")
+    add_files(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    check_files(arguments)
+    names = [field.name for field in dataclasses.fields(LightBenchOptions)]
+    options = LightBenchOptions(**{name: getattr(arguments, name) for name in names})
+    rows = run_light(options, lambda text: print(text, file=sys.stderr))
+    print_and_write(rows, COLUMNS, arguments)
+    return 0
+
+
+def run_light(options: LightBenchOptions, say: Callable[[str], None]) -> list[dict[str, Any]]:
+    """One row for each way to train on each light."""
+    if options.data is not None:
+        rows = []
+        for exposure in ("off", "auto"):
+            say(f"{options.data.name}, --exposure {exposure}")
+            rows.append(_train(options, options.data, exposure) | {"disturbed": "as it is"})
+        return rows
+    rows = []
+    with tempfile.TemporaryDirectory(prefix="gsut-light-") as folder:
+        clean = make_demo_scene(
+            Path(folder) / "clean", options.views, 6, options.size, progress=False
+        )
+        for name, parts in (
+            ("none", ()),
+            ("exposure", ("gain",)),
+            ("falloff", ("falloff",)),
+            ("exposure, falloff, noise", ("gain", "falloff", "noise")),
+        ):
+            data = Path(folder) / name.replace(", ", "_")
+            truth = disturb(clean, data, parts, seed=1)
+            for exposure in ("off", "auto", "on"):
+                say(f"{name}, --exposure {exposure}")
+                row = _train(options, data, exposure, clean=clean, truth=truth)
+                rows.append(row | {"disturbed": name})
+    return rows
+
+
+def disturb(clean: Path, data: Path, parts: tuple[str, ...], seed: int) -> Light:
+    """Copies a dataset, its photographs taken in another light.
+
+    Args:
+        clean: the dataset.
+        data: the copy.
+        parts: of "gain" (drifts smoothly over the views), "falloff" and "noise".
+        seed: of gains and noise.
+
+    Returns:
+        The light.
+    """
+    shutil.copytree(clean, data)
+    scene = gsut.load_dataset(clean)
+    rng = np.random.default_rng(seed)
+    order = sorted(scene.views, key=lambda view: view.name.split("_")[-1])
+    gains = {view.name: np.ones(3) for view in order}
+    if "gain" in parts:
+        drift = _smooth(rng, len(order), 1, _EXPOSURE) + _smooth(rng, len(order), 3, _BALANCE)
+        gains = {view.name: np.exp(row) for view, row in zip(order, drift, strict=True)}
+    angle = float(np.nanmax(field_angles(scene.cameras[0])))
+    falloff = Falloff(angle, np.tile(_FALLOFF, (3, 1))) if "falloff" in parts else None
+    light = Light(np.array([gains[view.name] for view in scene.views]), (falloff,))
+    for index, view in enumerate(scene.views):
+        lit = scene.image(index) * light.on(scene.cameras[0], index, 0)
+        if "noise" in parts:
+            lit = lit + rng.normal(0, _NOISE, lit.shape)
+        pixels = np.clip(np.rint(lit), 0, 255).astype(np.uint8)
+        cv2.imwrite(str(data / view.name), pixels[..., ::-1])
+    return light
+
+
+def _smooth(rng: np.random.Generator, count: int, channels: int, deviation: float) -> np.ndarray:
+    """(count, channels) noise that stays alike over some rows, with this standard deviation."""
+    width = np.arange(count)[:, None] - np.arange(count)[None]
+    window = np.exp(-0.5 * (width / _CORRELATION) ** 2)
+    out = window @ rng.normal(size=(count, channels))
+    out -= out.mean(axis=0)
+    return out * deviation / out.std(axis=0)
+
+
+def _train(
+    options: LightBenchOptions,
+    data: Path,
+    exposure: str,
+    clean: Path | None = None,
+    truth: Light | None = None,
+) -> dict[str, Any]:
+    scene = gsut.load_dataset(data)
+    settings = gsut.TrainOptions(
+        steps=options.steps, max_gaussians=options.max_gaussians, scale=options.scale,
+        exposure=exposure, eval_every=options.steps,
+    )  # fmt: skip
+    started = time.process_time()
+    result = gsut.train(scene, settings, progress=False)
+    row = {"exposure": exposure, "cpu_seconds": time.process_time() - started}
+    names = ("psnr", "psnr_unit_gain", "psnr_color_corrected", "psnr_half_image")
+    row |= {name: result.metrics[name] for name in names}
+    if clean is None or truth is None:
+        return row
+    undisturbed = gsut.load_dataset(clean)
+    row["psnr_truth"] = evaluate(result.gaussians, undisturbed, undisturbed.test_indices)["psnr"]
+    light = result.metrics.get("light")
+    if light is None:
+        return row
+    found = Light.from_dict(light, [view.name for view in scene.views])
+    train = list(scene.train_indices)
+    off = np.log(found.gains[train] / truth.gains[train])
+    row["gain_percent"] = 100 * float(np.sqrt(np.mean((off - off.mean(axis=0)) ** 2)))
+    angles = np.linspace(0, float(np.nanmax(field_angles(scene.cameras[0]))), 50)
+    shapes = [
+        np.ones((50, 3)) if each is None else each.at(angles)
+        for each in (found.falloffs[0], truth.falloffs[0])
+    ]
+    apart = np.log(shapes[0] / shapes[1])
+    row["falloff_percent"] = 100 * float(np.abs(apart - apart.mean(axis=0)).max())
+    return row

@@ -1,0 +1,108 @@
+"""A headless Chromium, steered by its driver over HTTP: pages as people see them."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import json
+import shutil
+import subprocess
+import tempfile
+import time
+import urllib.request
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+_FLAGS = (
+    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
+    "--disable-sync", "--hide-scrollbars", "--force-color-profile=srgb",
+)  # fmt: skip
+WAIT_SECONDS = 60.0
+
+
+class Browser:
+    """One window.
+
+    Args:
+        address: of the driver's session.
+    """
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+
+    def _ask(self, path: str, values: dict[str, Any] | None = None) -> Any:
+        data = None if values is None else json.dumps(values).encode()
+        request = urllib.request.Request(self._address + path, data)
+        with urllib.request.urlopen(request, timeout=WAIT_SECONDS) as reply:
+            return json.loads(reply.read())["value"]
+
+    def open(self, address: str) -> None:
+        self._ask("/url", {"url": address})
+
+    def run(self, script: str) -> Any:
+        """The value of a script, which may await."""
+        script = (
+            "const done = arguments[0];"
+            f"(async () => {{ {script} }})().then(done, (error) => done('failed: ' + error));"
+        )
+        return self._ask("/execute/async", {"script": script, "args": []})
+
+    def wait(self, condition: str) -> None:
+        """Until an expression of the page is true."""
+        end = time.monotonic() + WAIT_SECONDS
+        while not self.run(f"return Boolean({condition});"):
+            assert time.monotonic() < end, f"never true: {condition}"
+            time.sleep(0.05)
+
+    def errors(self) -> list[str]:
+        """What the page's console holds of errors and warnings."""
+        rows = self._ask("/se/log", {"type": "browser"})
+        return [row["message"] for row in rows if row["level"] in ("SEVERE", "WARNING")]
+
+    def resize(self, width: int, height: int) -> None:
+        self._ask("/window/rect", {"width": width, "height": height})
+
+    def picture(self) -> bytes:
+        """A PNG of the window."""
+        return base64.b64decode(self._ask("/screenshot"))
+
+    def devtools(self, command: str, **values: Any) -> Any:
+        return self._ask("/goog/cdp/execute", {"cmd": command, "params": values})
+
+
+@contextlib.contextmanager
+def browser(width: int = 1280, height: int = 800) -> Iterator[Browser]:
+    """A browser; the test is skipped where there is none."""
+    driver, program = shutil.which("chromedriver"), shutil.which("chromium")
+    if driver is None or program is None:
+        pytest.skip("chromium and chromium-driver are not installed")
+    with tempfile.TemporaryDirectory(prefix="gsut-browser-") as folder:
+        process = subprocess.Popen(
+            [driver, "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
+        try:
+            assert process.stdout is not None
+            line = next(text for text in process.stdout if "successfully on port" in text)
+            port = line.rstrip(".\n").split()[-1]
+            address = f"http://127.0.0.1:{port}/session"
+            flags = [*_FLAGS, f"--user-data-dir={folder}", f"--window-size={width},{height}"]
+            wanted = {
+                "goog:chromeOptions": {"binary": program, "args": flags},
+                "goog:loggingPrefs": {"browser": "ALL"},
+                "timeouts": {"script": int(1000 * WAIT_SECONDS)},
+            }
+            asked = json.dumps({"capabilities": {"alwaysMatch": wanted}}).encode()
+            with urllib.request.urlopen(urllib.request.Request(address, asked)) as reply:
+                session = json.loads(reply.read())["value"]["sessionId"]
+            one = Browser(f"{address}/{session}")
+            yield one
+            with contextlib.suppress(OSError):
+                urllib.request.urlopen(
+                    urllib.request.Request(f"{address}/{session}", method="DELETE"), timeout=10
+                ).close()
+        finally:
+            process.terminate()
+            process.wait()
+            process.stdout.close()

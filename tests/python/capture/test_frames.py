@@ -1,0 +1,157 @@
+"""Videos in: frames by sharpness and motion, time stamps, rotation, files that are broken."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+import gsut
+from gsut.capture import extract_frames, is_video
+from gsut.capture.choose import CandidateSearch, blurred, choose_frames
+from gsut.capture.video import Video
+from small_videos import (
+    HEIGHT,
+    WIDTH,
+    stretch_second_half,
+    texture,
+    turn_by_quarter,
+    view,
+    walk,
+    write_video,
+)
+
+
+def candidates(pictures):
+    search = CandidateSearch()
+    for number, picture in enumerate(pictures):
+        search.add(number, number / 30, cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
+    return search.finish()
+
+
+def test_frames_are_chosen_by_how_far_the_view_moved():
+    ground = texture()
+    # Stands for 40 frames, walks for 40, stands again.
+    places = [50.0] * 40 + [50 + 4.0 * i for i in range(40)] + [206.0] * 40
+    found = candidates(view(ground, x) for x in places)
+    moving = [c.number for c in found if 38 <= c.number <= 82]
+    assert len(moving) >= len(found) - 1  # the first one stands
+    way = sum(c.moved for c in found) * np.hypot(WIDTH, HEIGHT)
+    assert way == pytest.approx(156, rel=0.1)
+    chosen = choose_frames(found, 10)
+    assert len(chosen) == 10 == len(set(chosen))
+    gaps = np.diff([found[i].number for i in chosen][1:])
+    assert gaps.max() <= 2 * gaps.min() + 1
+
+
+def test_the_sharpest_frame_about_a_place_is_chosen():
+    ground = texture()
+    pictures = [view(ground, 50 + 1.0 * i, blur=0.0 if i % 3 == 1 else 3.0) for i in range(90)]
+    found = candidates(pictures)
+    assert len(found) > 10
+    assert np.mean([c.number % 3 == 1 for c in found]) > 0.9
+
+
+def test_blurred_frames_are_marked():
+    ground = texture()
+    found = candidates(view(ground, 50 + 9.0 * i, blur=4.0 * (i == 12)) for i in range(24))
+    assert [c.number for c, b in zip(found, blurred(found), strict=True) if b] == [12]
+
+
+def test_a_cut_and_a_blank_wall_give_candidates():
+    ground = texture()
+    pictures = [view(ground, 50.0)] * 5 + [view(ground, 900.0, 700.0)] * 5
+    assert [c.number for c in candidates(pictures)] == [0, 5]
+    grey = [np.full((HEIGHT, WIDTH, 3), 128, np.uint8)] * 61
+    assert 4 <= len(candidates(grey)) <= 9  # two to four a second
+
+
+def test_video_becomes_a_folder_with_times(tmp_path):
+    video = walk(tmp_path / "walk.mp4")
+    told = []
+    capture = extract_frames(video, tmp_path / "out", on_progress=lambda *row: told.append(row[:3]))
+    rows = capture.figures["frames"]
+    assert 15 <= len(rows) <= 60 and capture.notes == []
+    for row in rows:
+        assert row["name"] == f"f{row['number']:05d}.jpg"
+        assert row["time"] == pytest.approx(row["number"] / 30, abs=1e-4)
+        picture = cv2.imread(str(capture.path / "images" / row["name"]))
+        assert picture.shape == (HEIGHT, WIDTH, 3)
+    assert (capture.path / "strip.jpg").is_file()
+    assert told[-1] == ("frames", len(rows), len(rows))
+    assert capture.figures["seconds"] == pytest.approx(59 / 30, abs=0.1)
+
+
+def test_finished_folder_is_kept_and_a_missing_frame_made_again(tmp_path):
+    video = walk(tmp_path / "walk.mp4", frames=30)
+    first = extract_frames(video, tmp_path / "out", count=10)
+    assert len(first.figures["frames"]) == 10
+    file = first.path / "images" / first.figures["frames"][3]["name"]
+    before = file.stat().st_mtime_ns
+    extract_frames(video, tmp_path / "out", count=10)
+    assert file.stat().st_mtime_ns == before
+    file.unlink()
+    extract_frames(video, tmp_path / "out", count=10)
+    assert file.is_file()
+    fewer = extract_frames(video, tmp_path / "out", count=5)
+    assert len(list((fewer.path / "images").iterdir())) == 5
+
+
+def test_rotation_flag_is_honoured(tmp_path):
+    video = walk(tmp_path / "walk.mp4", frames=20)
+    turn_by_quarter(video)
+    with Video(video) as source:
+        assert (source.width, source.height) == (HEIGHT, WIDTH)
+    capture = extract_frames(video, tmp_path / "out")
+    picture = cv2.imread(str(capture.path / "images" / capture.figures["frames"][0]["name"]))
+    upright = np.rot90(view(texture(), 50.0), k=-1)
+    assert picture.shape == upright.shape
+    assert np.abs(picture.astype(int) - upright).mean() < 12  # lossy
+
+
+def test_variable_frame_rate_keeps_the_times_and_names_count_time(tmp_path):
+    video = walk(tmp_path / "walk.mp4", frames=40, step=9.0)
+    stretch_second_half(video)
+    rows = extract_frames(video, tmp_path / "out").figures["frames"]
+    expected = [n / 30 if n <= 20 else 20 / 30 + (n - 20) / 15 for n in (r["number"] for r in rows)]
+    np.testing.assert_allclose([r["time"] for r in rows], expected, atol=2e-3)
+    numbers = np.array([int(r["name"][1:-4]) for r in rows])
+    times = np.array([r["time"] for r in rows])
+    scale = numbers[-1] / times[-1]
+    assert np.abs(numbers - scale * times).max() <= 1
+
+
+def test_bad_videos_say_what_to_do(tmp_path):
+    ground = texture()
+    with pytest.raises(gsut.InputError, match="no such file"):
+        Video(tmp_path / "absent.mp4")
+    few = write_video(tmp_path / "few.mp4", (view(ground, 50 + 9 * i) for i in range(4)))
+    with pytest.raises(gsut.InputError, match=r"has 4 frames; film for ten seconds"):
+        extract_frames(few, tmp_path / "out")
+    still = write_video(tmp_path / "still.mp4", [view(ground, 50.0)] * 40)
+    with pytest.raises(gsut.InputError, match=r"one still picture: in 1 s.*walk with the camera"):
+        extract_frames(still, tmp_path / "out")
+    text = tmp_path / "text.mp4"
+    text.write_text("no video at all")
+    with pytest.raises(gsut.InputError, match=r"its codec is not known here; convert it: ffmpeg"):
+        extract_frames(text, tmp_path / "out")
+    cut = tmp_path / "cut.mp4"
+    cut.write_bytes((few.read_bytes())[:2000])
+    with pytest.raises(gsut.InputError, match="cut off before its index"):
+        extract_frames(cut, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_video_that_ends_in_the_middle_is_used_and_said(tmp_path):
+    video = walk(tmp_path / "walk.avi")  # its index is at the end, and not needed
+    data = video.read_bytes()
+    video.write_bytes(data[: len(data) // 2])
+    capture = extract_frames(video, tmp_path / "out")
+    (note,) = capture.notes
+    assert "of 60 frames" in note and "cut off" in note
+    assert capture.figures["frames_seen"] < 40
+    assert json.loads((capture.path / "capture.json").read_text())["notes"] == [note]
+
+
+def test_videos_are_told_by_their_names():
+    assert is_video("GH010001.MP4") and is_video("a/b.mov") and not is_video("photos")

@@ -1,0 +1,39 @@
+"""`gsut poses VIDEO`: frames are chosen first, and their times stand in what is written."""
+
+import json
+
+import pytest
+
+import gsut
+from gsut.capture import Capture
+from gsut.cli import main
+from gsut.cli.poses import with_readout
+from gsut.sfm import PosesOptions
+from gsut.sfm.inputs import find_photographs
+from small_videos import walk_past
+
+
+def test_video_becomes_poses_with_time_stamps(tmp_path, capsys):
+    video, data = walk_past(tmp_path / "walk.mp4"), tmp_path / "data"
+    gsut.Camera("pinhole", [300.0, 300.0, 160.0, 120.0], 320, 240).save(tmp_path / "lens.yaml")
+    words = ["poses", str(video), "-o", str(data), "--camera", str(tmp_path / "lens.yaml")]
+    assert main([*words, "--frames", "6", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["registered"] == 6
+    rows = json.loads((data / "capture/capture.json").read_text())["frames"]
+    times = {f"capture/images/{row['name']}": row["time"] for row in rows}
+    frames = json.loads((data / "transforms.json").read_text())["frames"]
+    assert {row["file_path"]: row["timestamp"] for row in frames} == times
+    found = find_photographs(data / "capture", None)
+    assert found.times == {row["name"]: row["time"] for row in rows}
+
+
+def test_named_lens_gives_the_readout_time_of_a_rolling_shutter(tmp_path):
+    capture = Capture(tmp_path, {"size": [3840, 2160], "name_rate": 29.97})
+    name = "GoPro HERO5 Black, Wide, NO-EIS"
+    rolling = PosesOptions(shutter="rolling")
+    assert with_readout(rolling, name, capture).readout_time == pytest.approx(0.5, abs=0.01)
+    assert with_readout(rolling, None, capture) == rolling
+    assert with_readout(PosesOptions(), name, capture) == PosesOptions()
+    given = PosesOptions(shutter="rolling", readout_time=0.3)
+    assert with_readout(given, name, capture).readout_time == 0.3
+    assert isinstance(gsut.find_lenses(name)[0].readout_ms, float)

@@ -1,0 +1,145 @@
+"""`gsut scene`: a video to a scene in one command, killed and gone on with, done only once."""
+
+import io
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut.cli import main
+from gsut.run import StagedProgress, Verdict
+from small_videos import walk_past
+
+WORDS = ["--frames", "6", "--preset", "fast", "--steps", "40", "--threads", "1"]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A scene made without a break, and the words that make it."""
+    folder = tmp_path_factory.mktemp("scene")
+    video = walk_past(folder / "walk.mp4")
+    lens = folder / "lens.yaml"
+    gsut.Camera("pinhole", [300.0, 300.0, 160.0, 120.0], 320, 240).save(lens)
+    words = ["scene", str(video), "--camera", str(lens), *WORDS]
+    assert main([*words, "-o", str(folder / "run"), "--quiet"]) == 0
+    return folder, words
+
+
+def test_video_becomes_a_scene_with_a_page(made):
+    folder, _ = made
+    run = folder / "run"
+    state = json.loads((run / "scene.json").read_text())
+    assert state["pictures"] == state["registered"] == 6
+    assert state["verdict"]["level"] in ("usable", "poor")  # six pictures
+    assert set(state["seconds"]) == {"capture", "poses", "training", "report"}
+    assert state["psnr"] == json.loads((run / "metrics.json").read_text())["psnr"]
+    page = (run / "scene.html").read_text()
+    assert "only 6 pictures" in page and 'href="report.html"' in page and "data:image" in page
+    assert main(["eval", str(run), "--json"]) == 0
+
+
+def test_second_run_says_done_and_changes_nothing(made, capsys):
+    folder, words = made
+    files = sorted(path for path in (folder / "run").rglob("*") if path.is_file())
+    before = [path.stat().st_mtime_ns for path in files]
+    assert main([*words, "-o", str(folder / "run")]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("done already") and "report: " in printed
+    assert [path.stat().st_mtime_ns for path in files] == before
+    assert main([*words, "-o", str(folder / "run"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["registered"] == 6
+
+
+def test_other_inputs_and_settings_do_not_overwrite(made, capsys):
+    folder, words = made
+    out = ["-o", str(folder / "run")]
+    assert main([*words, *out, "--fov", "50"]) == 2
+    assert "scene with other --fov (None, now 50.0)" in capsys.readouterr().err
+    other = walk_past(folder / "other.mp4", frames=8)
+    assert main(["scene", str(other), *words[2:], *out]) == 2
+    assert "scene with other inputs" in capsys.readouterr().err
+
+
+def test_killed_at_any_stage_it_ends_with_the_same_bits(made, tmp_path):
+    folder, words = made
+    run = tmp_path / "run"
+    program = [sys.executable, "-m", "gsut", *words, "-o", str(run), "--quiet"]
+    for file in ("poses/capture/images", "poses/poses.json", "history.jsonl"):
+        process = subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        while process.poll() is None and not (run / file).exists():
+            time.sleep(0.01)
+        assert process.poll() is None, process.stderr.read()
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+        assert not (run / "scene.html").exists()
+    assert subprocess.run(program, check=False).returncode == 0
+    assert (run / "scene.ply").read_bytes() == (folder / "run/scene.ply").read_bytes()
+    names = ("poses/transforms.json", "poses/points3D.ply")
+    assert all((run / n).read_bytes() == (folder / "run" / n).read_bytes() for n in names)
+
+
+def test_bad_input_is_one_sentence(tmp_path, capsys):
+    assert main(["scene", str(tmp_path / "no.mp4"), "-o", str(tmp_path / "run"), "--quiet"]) == 2
+    assert "no such file" in capsys.readouterr().err
+    (tmp_path / "empty").mkdir()
+    words = ["scene", str(tmp_path / "empty"), "-o", str(tmp_path / "run"), "--quiet"]
+    assert main(words) == 2
+    assert "there are no photographs here" in capsys.readouterr().err
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_time_left_holds_within_half_where_the_machine_is_three_times_slower():
+    clock, file = Clock(), io.StringIO()
+    expected = {"a": 10.0, "b": 60.0, "c": 30.0}
+    estimates = []
+    with StagedProgress(expected, file=file, clock=clock) as bars:
+        for name, seconds in expected.items():
+            with bars.stage(name):
+                for part in range(20):
+                    clock.now += 3 * seconds / 20
+                    bars.show((part + 1) / 20, "words")
+                    estimates.append((clock.now, bars.left()))
+        assert bars.left() == 0
+    ratios = np.array([left / (300 - now) for now, left in estimates if now < 295])
+    late = np.array([now for now, _ in estimates if now < 295]) > 30
+    assert (ratios[late] > 1 / 1.5).all() and (ratios[late] < 1.5).all()
+    assert "left" in file.getvalue() and "100%" in file.getvalue()
+    assert bars.seconds == pytest.approx({"a": 30, "b": 180, "c": 90})
+
+
+def test_staged_bar_never_goes_back_and_skips_what_is_done():
+    clock = Clock()
+    bars = StagedProgress({"a": 10.0, "b": 10.0}, enabled=False, clock=clock)
+    bars.skip("a")
+    assert bars.left() == pytest.approx(10)
+    bars.expect("b", 40)
+    with bars.stage("b"):
+        clock.now += 5
+        bars.show(0.5)
+        before = bars.left()
+        bars.show(0.1)  # a sub-stage that begins again
+        assert bars.left() == before
+
+
+def test_verdict_of_few_pictures_names_what_to_do():
+    from gsut.cli.scene import _capture_verdict
+
+    rows = [{"blurred": i < 10} for i in range(30)]
+    found = _capture_verdict({"frames": rows, "size": (4, 3)})
+    assert (
+        isinstance(found, Verdict)
+        and found.level == "usable"
+        and "10 of them blurred" in str(found)
+    )
+    assert _capture_verdict({"frames": rows[10:], "size": (4, 3)}).level == "good"

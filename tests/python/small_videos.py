@@ -1,0 +1,81 @@
+"""Small videos with known motion, and files whose boxes are changed by hand."""
+
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+WIDTH, HEIGHT = 320, 240
+
+
+def texture(size: int = 1400) -> np.ndarray:
+    """A picture with corners everywhere, to look at a part of."""
+    rng = np.random.default_rng(5)
+    small = rng.integers(0, 255, (size // 8, size // 8, 3), np.uint8)
+    return cv2.resize(small, (size, size), interpolation=cv2.INTER_CUBIC)
+
+
+def view(ground: np.ndarray, x: float, y: float = 100.0, blur: float = 0.0) -> np.ndarray:
+    """The part of the ground at (x, y), blurred by so many pixels."""
+    move = np.float32([[1, 0, -x], [0, 1, -y]])
+    seen = cv2.warpAffine(ground, move, (WIDTH, HEIGHT), flags=cv2.INTER_LINEAR)
+    return cv2.GaussianBlur(seen, (0, 0), blur) if blur else seen
+
+
+def write_video(path: Path, pictures, rate: float = 30.0) -> Path:
+    """An MPEG-4 video of these pictures."""
+    pictures = list(pictures)
+    height, width = pictures[0].shape[:2]
+    code = cv2.VideoWriter_fourcc(*"mp4v")
+    writer = cv2.VideoWriter(str(path), code, rate, (width, height))
+    for picture in pictures:
+        writer.write(picture)
+    writer.release()
+    return path
+
+
+def walk_past(path: Path, frames: int = 24) -> Path:
+    """A video with depth: strips of the ground at three distances, which move by 2, 4, 6 pixels."""
+    ground = texture()
+
+    def picture(i: int) -> np.ndarray:
+        layers = [view(ground, 300.0 * k + step * i) for k, step in enumerate((2.0, 4.0, 6.0))]
+        rows = np.arange(HEIGHT)[:, None, None] // 20 % 3
+        return np.choose(rows, layers)
+
+    return write_video(path, map(picture, range(frames)))
+
+
+def walk(path: Path, frames: int = 60, step: float = 3.0) -> Path:
+    """A video that moves sideways by `step` pixels a frame."""
+    ground = texture()
+    return write_video(path, (view(ground, 50 + step * i) for i in range(frames)))
+
+
+def turn_by_quarter(path: Path) -> None:
+    """Sets the rotation flag of the video track, as a phone held upright does."""
+    data = bytearray(path.read_bytes())
+    at = data.find(b"tkhd") + 4 + 40  # version and flags, 36 bytes of times and layers, the matrix
+    data[at : at + 36] = struct.pack(
+        ">9i", 0, 1 << 16, 0, -(1 << 16), 0, 0, HEIGHT << 16, 0, 1 << 30
+    )
+    path.write_bytes(data)
+
+
+def stretch_second_half(path: Path) -> None:
+    """Doubles the time between frames from the middle on: a variable frame rate."""
+    data = bytearray(path.read_bytes())
+    at = data.find(b"stts")
+    flags, entries, count, delta = struct.unpack(">4I", data[at + 4 : at + 20])
+    assert entries == 1
+    old = struct.pack(">I4s4I", 24, b"stts", flags, 1, count, delta)
+    half = count // 2
+    new = struct.pack(">I4s6I", 32, b"stts", flags, 2, half, delta, count - half, 2 * delta)
+    where = data.find(old)
+    data[where : where + len(old)] = new
+    for box in (b"moov", b"trak", b"mdia", b"minf", b"stbl"):  # each holds the box that grew
+        start = data.find(box) - 4
+        size = struct.unpack(">I", data[start : start + 4])[0]
+        data[start : start + 4] = struct.pack(">I", size + len(new) - len(old))
+    path.write_bytes(data)

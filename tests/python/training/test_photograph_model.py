@@ -1,0 +1,127 @@
+"""Exposure, white balance and falloff of photographs: found, taken out, and given back."""
+
+import cv2
+import numpy as np
+import pytest
+
+import gsut
+import tolerances as tol
+from gsut import _core
+from gsut.cli import main
+from gsut.render import Falloff, Light, field_angles, interpolated_gains
+from gsut.training.photograph_model import PhotographModel
+from rendered_dataset import VIEWS, write_dataset
+
+GAINS = np.exp(0.15 * np.sin(0.5 * np.arange(VIEWS)[:, None] + [0.0, 0.2, 0.4]))
+OPTIONS = {"steps": 300, "max_gaussians": 300, "sh_degree": 0, "eval_every": 300}
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """Blobs before a grey wall, each photograph at a gain of its own."""
+    path = write_dataset(tmp_path_factory.mktemp("lit") / "data", np.random.default_rng(5))
+    for number, gain in enumerate(GAINS):
+        file = str(path / "images" / f"{number:03d}.png")
+        lit = np.clip(0.8 * gain[::-1] * cv2.imread(file), 0, 255)
+        cv2.imwrite(file, np.rint(lit).astype(np.uint8))
+    return path
+
+
+@pytest.fixture(scope="module")
+def results(data):
+    scene = gsut.load_dataset(data)
+    return {
+        mode: gsut.train(scene, gsut.TrainOptions(exposure=mode, **OPTIONS), progress=False)
+        for mode in ("off", "auto")
+    }
+
+
+def test_gains_are_found_and_raise_the_psnr(results):
+    scene, found = results["auto"].scene, results["auto"].metrics["light"]
+    light = Light.from_dict(found, [view.name for view in scene.views])
+    train = list(scene.train_indices)
+    off = np.log(light.gains[train] / GAINS[train])
+    error = np.abs(off - off.mean(axis=0)).max()
+    print("worst gain off by", error)
+    assert error < tol.LIGHT_GAIN
+    # The gauge: training photographs have a mean log-gain of zero.
+    assert np.abs(np.log(light.gains[train]).mean(axis=0)).max() < tol.LIGHT_GAUGE
+    gained = results["auto"].metrics["psnr"] - results["off"].metrics["psnr"]
+    print("gained", gained, "dB")
+    assert gained > tol.LIGHT_GAINED_DB
+    assert any("differ in exposure" in note for note in results["auto"].metrics["notes"])
+
+
+def test_photographs_alike_stay_as_they_are_to_the_bit(tmp_path):
+    scene = gsut.load_dataset(write_dataset(tmp_path / "data", np.random.default_rng(5)))
+    made = [
+        gsut.train(scene, gsut.TrainOptions(exposure=mode, **OPTIONS), progress=False)
+        for mode in ("off", "auto")
+    ]
+    assert "light" not in made[1].metrics
+    assert np.array_equal(made[0].gaussians.means, made[1].gaussians.means)
+    assert made[0].metrics["psnr"] == made[0].metrics["psnr_unit_gain"]
+
+
+def test_stopped_and_resumed_same_bits_and_eval_has_the_same_figures(
+    data, results, tmp_path, capsys
+):
+    scene = gsut.load_dataset(data)
+    options = gsut.TrainOptions(exposure="auto", checkpoint_every=70, **OPTIONS)
+
+    class Stop(Exception):
+        pass
+
+    def stop(row):
+        if row["step"] >= 140:
+            raise Stop
+
+    run = tmp_path / "run"
+    with pytest.raises(Stop):
+        few = {**OPTIONS, "eval_every": 20}
+        gsut.train(
+            scene, gsut.TrainOptions(exposure="auto", checkpoint_every=70, **few), out=run,
+            progress=stop,
+        )  # fmt: skip
+    resumed = gsut.train(
+        scene, gsut.TrainOptions(exposure="auto", checkpoint_every=70, **few), out=run,
+        resume=True, progress=False,
+    )  # fmt: skip
+    assert np.array_equal(resumed.gaussians.means, results["auto"].gaussians.means)
+    assert resumed.metrics["light"] == results["auto"].metrics["light"]
+    assert options.resolved().exposure == "auto"
+    capsys.readouterr()
+    assert main(["eval", str(run), "--json"]) == 0
+    assert f'"psnr": {resumed.metrics["psnr"]:.6f}'[:16] in capsys.readouterr().out
+
+
+def test_falloff_is_found(data):
+    scene = gsut.load_dataset(data)
+    model = PhotographModel(scene, gsut.TrainOptions(exposure="on").resolved())
+    camera, rng = scene.cameras[0], np.random.default_rng(6)
+    angles = field_angles(camera)
+    truth = Falloff(float(np.nanmax(angles)), np.tile([-0.3, -0.1, 0.05], (3, 1)))
+    level = gsut.data.Level(scene)
+    for fraction in (0.1, 0.95):
+        for view in scene.train_indices:
+            image = rng.uniform(0.1, 0.6, (camera.height, camera.width, 3)).astype(np.float32)
+            lit = (image * GAINS[view] * truth.at(angles)).astype(np.float32)
+            target = _core.PhotometricTarget(lit, None, "partial", True)
+            model.observe(fraction, level, view, target, image)
+    found = model.light()
+    shape = found.falloffs[0].at(angles) / truth.at(angles)
+    shape /= np.median(shape)
+    print("worst falloff off by", np.abs(shape - 1).max())
+    assert np.abs(shape - 1).max() < tol.LIGHT_FALLOFF
+    again = Light.from_dict(
+        found.as_dict([v.name for v in scene.views]), [v.name for v in scene.views]
+    )
+    assert np.array_equal(again.on(camera, 1, 0), found.on(camera, 1, 0))
+
+
+def test_gains_of_unseen_views_lie_between_their_neighbours_in_time():
+    names = ["b/test_3.png", "b/train_1.png", "b/train_5.png", "c/train_2.png"]
+    log_gains = np.array([[9.0] * 3, [0.0] * 3, [0.4] * 3, [7.0] * 3])
+    found = interpolated_gains(log_gains, [1, 2], names, [0, 0, 0, 1])
+    # Places 0 1 2 of three views: halfway; the other camera knows no gain.
+    np.testing.assert_allclose(found[:, 0], [0.2, 0.0, 0.4, 0.0])

@@ -1,0 +1,155 @@
+"""The server: who is answered, what is refused in a sentence, and its end."""
+
+import http.client
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut.view import LOOPBACK, Session, ViewServer, stage_of
+from random_scenes import fisheye, gaussians_in_view, rng_of
+
+END_SECONDS = 1.0  # after Ctrl-C
+
+
+@pytest.fixture(scope="module")
+def ply(tmp_path_factory):
+    path = tmp_path_factory.mktemp("view") / "small.ply"
+    gsut.save_ply(path, gaussians_in_view(rng_of("view"), fisheye(), np.eye(4), 200))
+    return path
+
+
+@pytest.fixture(scope="module")
+def server(ply):
+    with ViewServer(Session(stage_of(ply)).routes) as server:
+        yield server
+
+
+def ask(server, path, values=None, headers=None):
+    connection = http.client.HTTPConnection(LOOPBACK, server.port, timeout=30)
+    body = values if isinstance(values, str | None) else json.dumps(values)
+    connection.request("GET" if values is None else "POST", path, body, headers or {})
+    reply = connection.getresponse()
+    data = reply.read()
+    connection.close()
+    return reply, data
+
+
+def sentence(data):
+    return json.loads(data)["error"]
+
+
+def frame(**changes):
+    return {"pose": np.eye(4).ravel().tolist(), "lens": 0, "width": 8, "height": 6, **changes}
+
+
+def test_address_has_a_token_of_its_own_on_the_loopback(server, ply):
+    assert server.address == f"http://{LOOPBACK}:{server.port}/{server.token}/"
+    assert len(server.token) >= 20
+    with ViewServer(Session(stage_of(ply)).routes) as other:
+        assert other.token != server.token
+
+
+@pytest.mark.parametrize("path", ["/", "/scene", "/wrong/", "/wrong/scene", "//scene"])
+def test_wrong_token_is_refused_in_a_sentence(server, path):
+    reply, data = ask(server, path)
+    assert reply.status == 403
+    assert sentence(data) == "wrong token: open the address that gsut view printed"
+
+
+def test_foreign_host_name_is_refused(server):
+    reply, data = ask(server, f"/{server.token}/scene", headers={"Host": "evil.example"})
+    assert reply.status == 403
+    assert "loopback" in sentence(data)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("", "html"), ("view.js", "javascript"), ("view.css", "css")]
+)
+def test_page_is_complete_and_asks_nobody_else(server, name, kind):
+    reply, data = ask(server, f"/{server.token}/{name}")
+    assert reply.status == 200
+    assert kind in reply.headers["Content-Type"]
+    assert b"http://" not in data and b"https://" not in data
+    assert reply.headers["Content-Security-Policy"].startswith("default-src 'self'")
+
+
+@pytest.mark.parametrize("name", ["nothing", "view.py", "..%2fserver.py", "stage.py"])
+def test_other_files_are_not_served(server, name):
+    reply, data = ask(server, f"/{server.token}/{name}")
+    assert reply.status == 404
+    assert "there is no" in sentence(data)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "words"),
+    [
+        ("frame", {}, "not whole: 'pose'"),
+        ("frame", frame(pose=[1.0] * 16), "the frame's pose"),
+        ("frame", frame(lens=99), "no lens 99"),
+        ("frame", frame(mode="x-ray"), "no mode 'x-ray'; known: color, distance"),
+        ("frame", frame(width=0), "0 x 6 cannot be drawn"),
+        ("frame", frame(width=10**6, height=10**6), "cannot be drawn"),
+        ("frame", frame(view=0), "no such photograph"),
+        ("frame", frame(mode="error"), "needs a photograph"),
+        ("frame", frame(crop=[1, 2]), "two corners"),
+        ("lens", {"model": "monocle"}, "no lens model 'monocle'; known: brown_conrady"),
+        ("lens", {"model": "pinhole", "params": [-1, 1, 1, 1]}, "pinhole"),
+        ("lens", {"model": "pinhole", "params": []} | {"field_of_view": 200}, "cannot span 200"),
+        ("lens", {"path": "/no/lens.yaml"}, "no such lens file"),
+        ("lens", {"name": "a.yaml", "text": "not: a lens"}, "a.yaml"),
+        ("photo", {"view": 0}, "no photographs here"),
+        ("film", {"keys": [], "frame": frame()}, "two keyframes"),
+        ("film.file", {}, "no film yet"),
+        ("pick", {}, "not whole: KeyError('frame')"),
+    ],
+)
+def test_bad_request_is_refused_in_a_sentence(server, name, values, words):
+    reply, data = ask(server, f"/{server.token}/{name}", values)
+    assert reply.status == 400
+    assert words in sentence(data)
+    assert "\n" not in sentence(data)
+
+
+def test_no_json_is_refused(server):
+    reply, data = ask(server, f"/{server.token}/frame", "[1")
+    assert (reply.status, sentence(data)) == (400, "the request is no JSON object")
+
+
+def test_port_in_use_is_refused_in_a_sentence(server, ply):
+    with pytest.raises(
+        gsut.InputError, match=r"cannot listen on 127\.0\.0\.1:\d+ \(.*give another"
+    ):
+        ViewServer({}, LOOPBACK, server.port)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(None, "no such file or folder"), (b"x", "PLY")],
+)
+def test_scene_that_cannot_be_read_is_refused(tmp_path, content, words):
+    path = tmp_path / "a.ply"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(gsut.InputError, match=words):
+        stage_of(path)
+
+
+def test_control_c_ends_the_command_within_a_second(ply):
+    command = [sys.executable, "-m", "gsut", "view", str(ply), "--no-open"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as one:
+        line = one.stdout.readline()
+        assert line.startswith(f"gsut view: http://{LOOPBACK}:")
+        assert line.endswith("/ (Ctrl-C ends it)\n")
+        began = time.monotonic()
+        one.send_signal(signal.SIGINT)
+        assert one.wait(10 * END_SECONDS) == 0
+        assert time.monotonic() - began < END_SECONDS
+        assert one.stderr.read() == ""
