@@ -130,22 +130,31 @@ def angular_errors(
     base = world_from_camera[1, :, :3, 3] - world_from_camera[0, :, :3, 3]
     length = np.linalg.norm(base, axis=1)
     base = base / np.maximum(length, _TINY)[:, None]
-    first, second = np.cross(base, one), np.cross(base, two)
-    across = np.einsum("mi,mi->m", two, first) / np.maximum(
-        np.sqrt(np.sum(first**2, axis=1) + np.sum(second**2, axis=1)), _TINY
-    )
+    first, second = _cross(base, one), _cross(base, two)
+    sizes = [np.sqrt(np.einsum("mi,mi->m", normal, normal)) for normal in (first, second)]
+    across = np.einsum("mi,mi->m", two, first) / np.maximum(np.hypot(*sizes), _TINY)
     if signed:
         return across
     # Seen from further along the baseline a point lies at a larger angle to it.
     angles = [
-        np.arctan2(np.linalg.norm(normal, axis=1), np.einsum("mi,mi->m", base, ray))
-        for normal, ray in ((first, one), (second, two))
+        np.arctan2(size, np.einsum("mi,mi->m", base, ray))
+        for size, ray in zip(sizes, (one, two), strict=True)
     ]
     behind = np.maximum(angles[0] - angles[1], 0.0) / np.sqrt(2)
-    turned = np.arctan2(
-        np.linalg.norm(np.cross(one, two), axis=1), np.einsum("mi,mi->m", one, two)
-    ) / np.sqrt(2)
-    return np.where(length > _TINY, np.hypot(across, behind), turned)
+    found = np.hypot(across, behind)
+    still = length <= _TINY
+    if still.any():
+        apart = np.linalg.norm(_cross(one[still], two[still]), axis=1)
+        turned = np.arctan2(apart, np.einsum("mi,mi->m", one[still], two[still]))
+        found[still] = turned / np.sqrt(2)
+    return found
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """np.cross of (M, 3), several times quicker for few rows."""
+    x, y, z = a.T
+    u, v, w = b.T
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
 
 
 def pair_costs(errors: np.ndarray, matches: Matches, focal: float) -> np.ndarray:

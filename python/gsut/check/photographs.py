@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 
@@ -49,7 +50,7 @@ class Evidence:
     table: PoseTable
     rays: np.ndarray
 
-    @property
+    @functools.cached_property
     def focal(self) -> float:
         return pixels_per_radian(self.scene.cameras[0])
 
