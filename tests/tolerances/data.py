@@ -6,3 +6,4 @@ DATA_PLY_POSITION = 2e-7  # a PLY file stores float32; coordinates up to 1.5 rou
 DATA_UTM_POSITION = 2e-9  # coordinates of 5.4e6 in double have a spacing of 9.3e-10
 DATA_EIGHT_BIT = 0.5  # rounding of a mean to 8 bits; worst 0.5
 DATA_TEXTURE_STEP = 16  # grey levels between neighbouring pixels of the small plane; worst 13
+REDUCED_DECODING_LEVELS = 12  # grey levels of a smooth JPEG against areas of the whole; worst 6

@@ -208,6 +208,7 @@ def _find_poses(
 def _train(folder: RunFolder, options: TrainOptions, bars: StagedProgress) -> dict[str, Any]:
     """The content of metrics.json."""
     import gsut
+    from gsut.training import size_note
 
     if folder.read_json(METRICS) is not None and (folder.path / REPORT).is_file():
         bars.skip("training")
@@ -215,6 +216,8 @@ def _train(folder: RunFolder, options: TrainOptions, bars: StagedProgress) -> di
     scene = gsut.load_dataset(folder.path / POSES, test_every=options.test_every)
     if (folder.path / OPTIONS).is_file():
         options = folder.read_options()
+    for note in filter(None, (*scene.notes, size_note(scene, options))):
+        bars.note(note)
     work = _work(options)
 
     def show(row: dict[str, Any]) -> None:

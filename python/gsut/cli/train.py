@@ -79,7 +79,9 @@ def train_into(
 
     scene = gsut.load_dataset(data, test_every=options.test_every, test_names=options.test_names)
     if not quiet:
-        for note in scene.notes:
+        from gsut.training import size_note
+
+        for note in filter(None, (*scene.notes, size_note(scene, options))):
             print(f"gsut: note: {note}", file=sys.stderr)
     if not (resume and run.holds_run()):
         check_first(scene, force, quiet)

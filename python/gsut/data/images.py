@@ -75,8 +75,13 @@ def _jpeg_size(file, path: Path) -> tuple[int, int]:
             file.seek(length - 2, 1)
 
 
-def decode_image(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
+def decode_image(path: Path, reduction: int = 1) -> tuple[np.ndarray, np.ndarray | None]:
     """Decodes an image without applying its EXIF orientation (poses belong to the stored pixels).
+
+    Args:
+        path: the file.
+        reduction: 1, 2, 4 or 8: a JPEG is decoded at that part of its size, rounded up, in less
+            time and memory; other files are decoded as they are.
 
     Returns:
         (H, W, 3) uint8 RGB, grey repeated, 16 bits rounded to 8; and (H, W) bool, True where
@@ -86,7 +91,7 @@ def decode_image(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     """
     import cv2  # here and below, because gsut --help needs none
 
-    pixels = _decode(path)
+    pixels = _decode(path, reduction)
     if pixels.dtype == np.uint16:
         pixels = ((pixels.astype(np.uint32) + 128) // 257).astype(np.uint8)
     elif pixels.dtype != np.uint8:
@@ -104,7 +109,39 @@ def decode_image(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     )
 
 
-def _decode(path: Path) -> np.ndarray:
+def decode_scaled(
+    path: Path, full: tuple[int, int], size: tuple[int, int], *, in_parts: bool
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Decodes an image and shrinks it by areas.
+
+    Args:
+        path: the file.
+        full: width and height that the file must have.
+        size: width and height wanted, not larger.
+        in_parts: a JPEG may be decoded at a part of its size that is not smaller than `size`:
+            faster, and other bits than by areas of the whole.
+
+    Returns:
+        See `decode_image`; the second is None where all is valid.
+
+    Raises:
+        DatasetError: cannot be decoded, or has another size.
+    """
+    least = max(1.0, min(full[0] / size[0], full[1] / size[1]))
+    part = next(part for part in (8, 4, 2, 1) if part <= least) if in_parts else 1
+    pixels, valid = decode_image(path, part)
+    if pixels.shape[:2] not in [(-(-full[1] // by), -(-full[0] // by)) for by in (1, part)]:
+        raise DatasetError(
+            path,
+            f"the image is {pixels.shape[1]} x {pixels.shape[0]}, expected {full[0]} x {full[1]}",
+            "the file changed after the dataset was loaded: load it again",
+        )
+    if valid is not None:
+        valid = None if valid.all() else shrink_mask(valid, *size)
+    return shrink_image(pixels, *size), valid
+
+
+def _decode(path: Path, reduction: int = 1) -> np.ndarray:
     import cv2
 
     with _open(path) as file:
@@ -112,8 +149,15 @@ def _decode(path: Path) -> np.ndarray:
     if not data:
         raise DatasetError(path, "the file is empty", _COPY_AGAIN)
     _require_complete(data, path)
+    flags = cv2.IMREAD_UNCHANGED
+    if reduction > 1 and data.startswith(b"\xff\xd8"):
+        reduced = {
+            2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4,
+            8: cv2.IMREAD_REDUCED_COLOR_8,
+        }  # fmt: skip
+        flags = reduced[reduction] | cv2.IMREAD_IGNORE_ORIENTATION
     try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error:
         pixels = None
     if pixels is None:

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError, Shutter
-from gsut.data.findings import DatasetError
-from gsut.data.images import decode_image, shrink_image, shrink_mask
+from gsut.data.images import decode_scaled, shrink_image, shrink_mask
 from gsut.data.masks import lens_mask, read_mask
 from gsut.lens import Camera
 
@@ -132,6 +131,7 @@ class Scene:
         notes: what was left out or changed on loading, one sentence each.
         file_cameras: the cameras at the size of the image files, if `cameras` are smaller.
         larger: the same scene at a larger size, whose images are shrunk in place of the files'.
+        decodes_small: JPEG files are decoded at a part of their size: see `decode_scaled`.
 
     Any sequences are taken and kept as tuples, arrays are read-only; `replace` makes another scene.
     """
@@ -147,6 +147,7 @@ class Scene:
     notes: tuple[str, ...] = ()
     file_cameras: tuple[Camera, ...] = ()
     larger: Scene | None = None
+    decodes_small: bool = False
     _images: _LruCache = dataclasses.field(init=False)
     _masks: _LruCache = dataclasses.field(init=False)
 
@@ -228,7 +229,9 @@ class Scene:
         ]  # fmt: skip
         return self.replace(cameras=cameras, file_cameras=file_cameras)
 
-    def scaled(self, factor: float, *, keep_larger: bool = False) -> Scene:
+    def scaled(
+        self, factor: float, *, keep_larger: bool = False, decodes_small: bool = False
+    ) -> Scene:
         """The same scene with images of `factor` (0 to 1] times the size.
 
         Images are averaged over areas; intrinsics scale about the pixel corner.
@@ -237,6 +240,7 @@ class Scene:
             factor: of the size.
             keep_larger: shrink this scene's own images and keep them, in place of the files'; for
                 when both sizes are needed: each file is decoded once.
+            decodes_small: see the attribute.
         """
         if not 0 < factor <= 1:
             raise InputError(f"scale must be above 0 and at most 1, found {factor}; use e.g. 0.5")
@@ -246,9 +250,13 @@ class Scene:
         ]
         # Images of other pixels: nothing that is decoded can be shared.
         scene = dataclasses.replace(
-            self, cameras=tuple(cameras), larger=self if keep_larger else None
+            self, cameras=tuple(cameras), larger=self if keep_larger else None,
+            decodes_small=decodes_small or self.decodes_small,
+        )  # fmt: skip
+        scene._keep_centred(
+            self,
+            lambda near: near.scaled(factor, keep_larger=keep_larger, decodes_small=decodes_small),
         )
-        scene._keep_centred(self, lambda near: near.scaled(factor, keep_larger=keep_larger))
         return scene
 
     def __len__(self) -> int:
@@ -328,18 +336,9 @@ class Scene:
             if valid is not None:
                 valid = shrink_mask(valid, camera.width, camera.height)
             return shrink_image(pixels, camera.width, camera.height), valid
-        pixels, valid = decode_image(view.image_path)
         full = self.file_cameras[view.camera_index]
-        if pixels.shape[:2] != (full.height, full.width):
-            raise DatasetError(
-                view.image_path,
-                f"the image is {pixels.shape[1]} x {pixels.shape[0]},"
-                f" expected {full.width} x {full.height}",
-                "the file changed after the dataset was loaded: load it again",
-            )
-        if valid is not None:
-            valid = None if valid.all() else shrink_mask(valid, camera.width, camera.height)
-        return shrink_image(pixels, camera.width, camera.height), valid
+        sizes = (full.width, full.height), (camera.width, camera.height)
+        return decode_scaled(view.image_path, *sizes, in_parts=self.decodes_small)
 
     def _make_mask(self, view: View) -> np.ndarray:
         camera = self.cameras[view.camera_index]

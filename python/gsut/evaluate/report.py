@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.evaluate.report_plots import curve_plot, ring_plot
+from gsut.evaluate.report_plots import curve_plot, light_plots, ring_plot
 from gsut.page import duration_text, number_text, picture_address, render_page
 from gsut.run import (
     ENVIRONMENT,
@@ -71,6 +71,7 @@ def write_report(run: RunFolder) -> Path:
         },
         rings=metrics.get("rings", []),
         ring_plot=ring_plot(metrics["rings"]) if metrics.get("rings") else None,
+        light_plots=light_plots(metrics["light"]) if "light" in metrics else [],
         settings=_settings(options),
         title=metrics.get("dataset") or run.path.name,
     )

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 
 from gsut.page import GRID, INK, LINE, MUTED, plot_figure, svg_address
+from gsut.render import Falloff
 from gsut.run import TrainOptions
 
 _FAINT = "#a9c9e8"
+_CHANNELS = ("#c0392b", "#27865a", "#2c6fb5")  # of lines for red, green and blue
 _SIZE_INCHES = (5.2, 3.0)
 _MOST_POINTS = 400  # of a curve; more are averaged
 
@@ -87,6 +89,29 @@ def ring_plot(rings: list[dict[str, Any]]) -> str:
         axes.set_xlim(-0.6, max(len(values), 3) - 0.4)
     axes.set_xlabel("angle to the optical axis", color=MUTED)
     return svg_address(figure)
+
+
+def light_plots(light: dict[str, Any]) -> list[str]:
+    """What metrics.json says of the photographs' light, as data addresses: gains, and falloffs."""
+    gains = np.array(list(light["gains"].values()))
+    falloffs = [falloff for each in light["falloffs"] if (falloff := Falloff.from_dict(each))]
+    plots = []
+    if (gains != 1.0).any():
+        figure, axes = plot_figure("Gain of each photograph", *_SIZE_INCHES, frame=False)
+        for values, color in zip(gains.T, _CHANNELS, strict=True):
+            axes.plot(np.arange(len(values)), values, color=color, linewidth=1.2)
+        axes.set_xlabel("photographs, by name", color=MUTED)
+        plots.append(svg_address(figure))
+    if falloffs:
+        figure, axes = plot_figure("Light that the lens passes", *_SIZE_INCHES, frame=False)
+        for falloff in falloffs:
+            angles = np.linspace(0.0, falloff.max_angle, 60)
+            for values, color in zip(falloff.at(angles).T, _CHANNELS, strict=True):
+                axes.plot(np.degrees(angles), values, color=color, linewidth=1.2)
+        axes.set_ylim(bottom=0)
+        axes.set_xlabel("angle to the optical axis [degrees]", color=MUTED)
+        plots.append(svg_address(figure))
+    return plots
 
 
 def ring_text(ring: dict[str, Any]) -> str:

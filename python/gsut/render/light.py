@@ -75,21 +75,23 @@ class Light:
         }
 
     def note(self) -> str:
-        """What was found, in a sentence for the report."""
+        """What was found, in sentences for the report."""
         logs = np.log(self.gains)
         brightness = logs.mean(axis=1)
         balance = logs - brightness[:, None]
-        words = (
-            f"The photographs differ in exposure by {100 * brightness.std():.1f} % and in white "
-            f"balance by {100 * balance.std():.1f} % (standard deviation). Gaussians show the "
-            "scene at the mean of both; renders are compared at the photograph's own, which for "
-            "held-out views is their neighbours' (--exposure off leaves both in the scene)."
-        )
+        words = ""
+        if logs.any():
+            words = (
+                f"The photographs differ in exposure by {100 * brightness.std():.1f} % and in white"
+                f" balance by {100 * balance.std():.1f} % (standard deviation). Gaussians show the "
+                "scene at the mean of both; renders are compared at the photograph's own, which for"
+                " held-out views is their neighbours'. "
+            )
         for falloff in self.falloffs:
             if falloff is not None:
                 rim = float(falloff.at(np.array([falloff.max_angle])).mean())
-                words += f" The lens passes {100 * rim:.0f} % of the light at its rim."
-        return words
+                words += f"The lens passes {100 * rim:.0f} % of the light at its rim. "
+        return words + "--exposure off leaves this in the scene."
 
     @staticmethod
     def from_dict(values: dict[str, Any], names: Sequence[str]) -> Light:

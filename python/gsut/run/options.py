@@ -28,8 +28,8 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 # What `gsut train --help` lists; the rest is for `--help all`.
 COMMON_OPTIONS = (
-    "preset", "steps", "seed", "threads", "scale", "test_every", "shutter", "refine_poses",
-    "refine_lens", "max_gaussians", "sh_degree", "strategy",
+    "preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "shutter",
+    "refine_poses", "refine_lens", "max_gaussians", "sh_degree", "strategy",
 )  # fmt: skip
 
 # "The rate of the means times the number of steps is what matters": 1.6e-3 at 500 steps, 8e-4 at
@@ -88,12 +88,18 @@ class TrainOptions:
     )
     checkpoint_every: int = option(
         250, "Run", "steps between checkpoints; 0 = at the end only",
-        unit="steps", low=0, reason="at most some seconds of work are lost",
+        unit="steps", low=0, reason="at most a minute of work is lost: after one a "
+        "checkpoint is written in any case",
     )
 
     scale: float = option(
         1.0, "Data", "size of the images used, of the originals' (area filter)",
         low=0.0, high=1.0, low_open=True,
+    )
+    max_side: int = option(
+        1600, "Data", "longer side of the images used, at most, where --scale is 1: larger "
+        "photographs are decoded and kept smaller; 0 = as large as they are", unit="pixels", low=0,
+        reason="the field's habit",
     )
     test_every: int = option(
         8, "Data", "every N-th image by name is held out where the dataset has no split of its "

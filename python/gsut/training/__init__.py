@@ -12,7 +12,7 @@ from gsut.training.loop import TrainingLoop
 from gsut.training.photometric_poses import grow_poses
 from gsut.training.record import TrainingRecord
 from gsut.training.results import measure_training, write_results
-from gsut.training.start import about_cameras, prepare_scene, refine_first_poses
+from gsut.training.start import about_cameras, prepare_scene, refine_first_poses, size_note
 from gsut.training.trained_run import read_light, read_trained
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "read_light",
     "read_trained",
     "refine_first_poses",
+    "size_note",
     "write_compacted_run",
     "write_results",
 ]

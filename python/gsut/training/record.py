@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -16,6 +17,7 @@ from gsut.training.loop import TrainingLoop
 # Held-out views that the curve of PSNR is measured on: a few, spread evenly.
 _CURVE_VIEWS = 8
 _MOST_ROWS = 200  # of the history, about
+_CHECKPOINT_SECONDS = 60.0  # after which a checkpoint is due, whatever the step
 
 
 class TrainingRecord:
@@ -47,6 +49,7 @@ class TrainingRecord:
     ) -> None:
         self._options, self._progress = options, progress
         self._bar = Progress(progress is True)
+        self._saved = time.monotonic()
         self.run: RunFolder | None = None
         self.checkpoint: dict[str, Any] | None = None
         self.history: list[dict[str, Any]] = []
@@ -78,7 +81,8 @@ class TrainingRecord:
             if callable(self._progress):
                 self._progress(row)
         every = self._options.checkpoint_every
-        if every and loop.step % every == 0:
+        late = time.monotonic() - self._saved > _CHECKPOINT_SECONDS
+        if every and (loop.step % every == 0 or late):
             self._save(loop)
 
     def _row(self, loop: TrainingLoop, loss: float) -> dict[str, Any]:
@@ -103,5 +107,6 @@ class TrainingRecord:
         return row
 
     def _save(self, loop: TrainingLoop) -> None:
+        self._saved = time.monotonic()
         if self.run is not None:
             self.run.save_checkpoint(loop.step, loop.state_dict())

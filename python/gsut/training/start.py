@@ -19,7 +19,25 @@ def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
     """The scene at the size, and with the shutter, that the options ask for, where it stands."""
     o = options
     small = scene if o.scale == 1.0 else scene.scaled(o.scale)
+    note = size_note(scene, o)
+    if note is not None:
+        most = max(max(c.width, c.height) for c in scene.cameras)
+        small = scene.scaled(o.max_side / most, decodes_small=True)
+        small = small.replace(notes=(*small.notes, note))
     return with_shutter(small, o.shutter, o.readout_time, o.readout_direction)
+
+
+def size_note(scene: Scene, options: TrainOptions) -> str | None:
+    """That the photographs are made smaller, and how to have them as they are; None: they fit."""
+    sizes = [(c.width, c.height) for c in scene.cameras]
+    width, height = max(sizes, key=max, default=(0, 0))
+    if options.scale != 1.0 or not 0 < options.max_side < max(width, height):
+        return None
+    factor = options.max_side / max(width, height)
+    return (
+        f"the photographs of {width} x {height} are used at {round(factor * width)} x "
+        f"{round(factor * height)} (--max-side {options.max_side}; 0: as large as they are)"
+    )
 
 
 def about_cameras(scene: Scene, gaussians: Gaussians) -> tuple[Scene, Gaussians]:
