@@ -52,8 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             f"{scene.path} has no {arguments.split} views with these options; try --split all"
         )
-    check_first(scene, arguments.force, arguments.json)
     out = new_folder(Path(arguments.out)) if arguments.out else None
+    check_first(scene, arguments.force, quiet=True)
     with Progress(sys.stderr.isatty()) as bars:
         figures = evaluate(
             gaussians,

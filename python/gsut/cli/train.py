@@ -16,6 +16,7 @@ from gsut.run import (
     REPORT,
     RunFolder,
     TrainOptions,
+    Verdict,
     add_option_flags,
     given_options,
 )
@@ -62,6 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         print_json(metrics)
     elif not arguments.quiet:
         print_figures(metrics)
+        print(Verdict.from_dict(metrics["verdict"]))
         print(f"report: {run.path / REPORT}")
     return 0
 

@@ -20,6 +20,7 @@ from gsut.run import (
     REPORT,
     RunFolder,
     TrainOptions,
+    Verdict,
     default_text,
     flag_name,
     option_info,
@@ -55,6 +56,7 @@ def write_report(run: RunFolder) -> Path:
         metrics=metrics,
         environment=environment,
         headline=_headline(metrics),
+        verdict=Verdict.from_dict(metrics["verdict"]) if metrics.get("verdict") else None,
         **_pictures(metrics.get("views", []), run.path / RENDERS),
         rows=sorted(metrics.get("views", []), key=lambda row: row["name"]),
         curves={

@@ -33,6 +33,11 @@ class Verdict:
         advice = f" Next: {self.advice}" if self.advice else ""
         return f"{self.level}: {self.what}{why}.{advice}"
 
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Verdict:
+        """Of what `as_dict` gave, also through JSON."""
+        return cls(**{**values, "reasons": tuple(values["reasons"])})
+
     def as_dict(self) -> dict[str, Any]:
         """For metrics.json, poses.json and `--json`."""
         return dataclasses.asdict(self)
