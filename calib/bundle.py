@@ -6,6 +6,7 @@ Small and dense: a rig with 60 boards has some 400 unknowns. Poses change by a l
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -13,15 +14,14 @@ import numpy as np
 
 from calib.errors import SolveError
 from calib.rigid import compose, rotation_matrix, skew, transform_points
+from gsut.least_squares import minimize_least_squares
 
 # params (K,), points (N, 3) -> pixels (N, 2), dpixel_dpoint (N, 2, 3), dpixel_dparams (N, 2, K);
 # NaN where the lens has no image of the point.
 Projector = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 _MOST_STEPS = 60
-_FIRST_DAMPING, _MOST_DAMPING = 1e-6, 1e12  # relative to the diagonal of the normal equations
-_DONE = 1e-12  # relative decrease of the cost, found or predicted
-_TINY_PX = 1e-9  # RMS below which residuals are rounding: nothing is left to fit
+_DONE = 1e-12  # relative decrease of the cost
 
 
 @dataclass
@@ -57,6 +57,17 @@ class State:
     cameras: np.ndarray
     boards: np.ndarray
     warp: np.ndarray = field(default_factory=lambda: np.zeros(2))
+
+    def packed(self) -> np.ndarray:
+        """(numbers,) all of it in a row."""
+        return np.concatenate([*self.params, self.cameras.ravel(), self.boards.ravel(), self.warp])
+
+    def unpacked(self, numbers: np.ndarray) -> State:
+        """A state of the same shape out of what `packed` gives."""
+        parts = [*self.params, self.cameras, self.boards, self.warp]
+        pieces = np.split(numbers, np.cumsum([part.size for part in parts])[:-1])
+        *params, cameras, boards, warp = pieces
+        return State(params, cameras.reshape(-1, 6), boards.reshape(-1, 6), warp)
 
     def moved(self, step: np.ndarray, layout: Layout) -> State:
         """The state after a step (unknowns,)."""
@@ -169,31 +180,23 @@ def minimise(
         SolveError: a corner has no image at the start.
     """
     layout = Layout.of(state, free_params, free_cameras)
-    count = sum(len(seen.points) for seen in observations)
-    cost, gradient, normal = linearise(state, layout, observations, lenses)
-    if not np.isfinite(cost):
+
+    @functools.lru_cache(maxsize=2)  # the cost and the normal equations of a state come together
+    def equations(numbers: bytes) -> tuple[float, np.ndarray, np.ndarray]:
+        return linearise(state.unpacked(np.frombuffer(numbers)), layout, observations, lenses)
+
+    start = state.packed()
+    if not np.isfinite(equations(start.tobytes())[0]):
         raise SolveError("a corner of a board lies outside the lens' domain; try another --lens")
-    damping = _FIRST_DAMPING
-    for _ in range(_MOST_STEPS):
-        if cost < 0.5 * count * _TINY_PX**2:
-            break
-        damped = normal + damping * np.diag(np.diag(normal))
-        step = -np.linalg.solve(damped, gradient)
-        if -0.5 * gradient @ step < _DONE * cost:
-            break  # nothing left to gain but rounding
-        trial = state.moved(step, layout)
-        trial_cost, trial_gradient, trial_normal = linearise(trial, layout, observations, lenses)
-        if trial_cost < cost:
-            gain = (cost - trial_cost) / cost
-            state, cost, gradient, normal = trial, trial_cost, trial_gradient, trial_normal
-            damping = max(damping / 10, 1e-15)
-            if gain < _DONE:
-                break
-        else:
-            damping *= 10
-            if damping > _MOST_DAMPING:
-                break
-    return state
+    found, _ = minimize_least_squares(
+        start,
+        lambda at: equations(at.tobytes())[0],
+        lambda at: equations(at.tobytes())[1:],
+        max_steps=_MOST_STEPS,
+        least_gain=_DONE,
+        apply=lambda at, step: state.unpacked(at).moved(step, layout).packed(),
+    )
+    return state.unpacked(found)
 
 
 def covariance(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -16,47 +15,21 @@ from calib.corner_files import write_board_picture, write_vnl
 from calib.corners import FEWEST_BOARDS, find_boards, turned
 from calib.cross_validation import HeldOut
 from calib.errors import BoardError, MisfitError, SolveError
-from calib.halves import Halves, agreement_angle, compare_lenses, solve_halves
+from calib.halves import agreement_angle, compare_lenses, solve_halves
 from calib.job import Job
 from calib.lens_files import write_lens
 from calib.mrcal_process import require_mrcal
 from calib.report_json import report_values, write_report_json
 from calib.report_page import write_report_page
+from calib.result import Result
 from calib.rig import solve_rig, unify_turns
-from calib.second_lens import SecondLens, cut_where_lenses_differ, solve_others
+from calib.second_lens import cut_where_lenses_differ, solve_others
 from calib.solution import CameraSolution
 from calib.solve_mrcal_rig import solve_rig_together
 from calib.trust import Trust, judge
 from calib.uncertainty import safe_uncertainty_map
 
 CORNERS_FOLDER, CORNERS_FILE = "corners", "corners.vnl"
-
-
-@dataclass
-class Result:
-    """Everything that a calibration found out; what the reports show.
-
-    second_lenses: of each camera, other lenses of the same boards.
-    """
-
-    job: Job
-    board: Board
-    photographs: list[Photograph]
-    cameras: list[CameraSolution]
-    trusts: list[Trust]
-    held_out: dict[str, list[HeldOut]]
-    halves: list[Halves | None]
-    second_lenses: list[list[SecondLens]]
-    lens_files: list[Path]
-    pictures: list[Path]
-    rig_rms_px: float | None
-    seconds: float
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def refusals(self) -> list[str]:
-        """Why lenses must not be used."""
-        return [trust.refusal for trust in self.trusts if trust.refusal]
 
 
 def calibrate(job: Job) -> Result:

@@ -15,10 +15,11 @@ from calib.rigid import compose, rodrigues_vector, skew, transform_points
 from calib.solution import CameraSolution
 from calib.trust import field_angle
 from calib.uncertainty import grid_pixels
+from gsut.least_squares import minimize_least_squares
 
 AGREEMENT_DEGREES = 0.3  # between the rays of two good lenses of one camera
 _FEWEST_RAYS = 3  # that fix a rotation
-_STEPS = 8  # of Gauss-Newton for a shift of millimetres
+_STEPS, _DONE = 8, 1e-9  # for a shift of millimetres; relative decrease of the squares
 _SCAN = np.radians(1.0)  # between the angles that are tried
 
 
@@ -123,14 +124,24 @@ def _turned_and_shifted(points: np.ndarray, directions: np.ndarray) -> np.ndarra
     """(N, 3) unit directions to points (N, 3) after the rigid motion that brings them nearest to
     `directions`, with least squares."""
     turn = best_rotation(points / np.linalg.norm(points, axis=1, keepdims=True), directions)
-    motion = np.concatenate([rodrigues_vector(turn), np.zeros(3)])
-    for _ in range(_STEPS):
+
+    def unit_of(motion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         moved = transform_points(motion, points)
         length = np.linalg.norm(moved, axis=1)[:, None]
-        unit = moved / length
+        return moved / length, moved, length
+
+    def normal_equations(motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        unit, moved, length = unit_of(motion)
         by_point = (np.eye(3) - unit[:, :, None] * unit[:, None, :]) / length[:, :, None]
         jacobian = np.concatenate([-by_point @ skew(moved), by_point], axis=2).reshape(-1, 6)
-        step = np.linalg.lstsq(jacobian, (directions - unit).ravel(), rcond=None)[0]
-        motion = compose(step, motion)
-    moved = transform_points(motion, points)
-    return moved / np.linalg.norm(moved, axis=1, keepdims=True)
+        return jacobian.T @ (unit - directions).ravel(), jacobian.T @ jacobian
+
+    motion, _ = minimize_least_squares(
+        np.concatenate([rodrigues_vector(turn), np.zeros(3)]),
+        lambda motion: np.sum((unit_of(motion)[0] - directions) ** 2),
+        normal_equations,
+        max_steps=_STEPS,
+        least_gain=_DONE,
+        apply=lambda motion, step: compose(step, motion),
+    )
+    return unit_of(motion)[0]

@@ -1,8 +1,9 @@
 """Answers questions about lenses with mrcal's Python module; run by /usr/bin/python3 only.
 
-    /usr/bin/python3 inside_mrcal.py QUESTION.json ANSWER.json
+    /usr/bin/python3 inside_mrcal.py QUESTION.json ANSWER.json FOLDER_OF_GSUT
 
-Imports mrcal, numpy 1 and those files of calib that need numpy alone; never gsut or OpenCV.
+Imports mrcal, numpy 1 and those files of calib and gsut that need numpy alone; never the package
+gsut itself or OpenCV.
 """
 
 from __future__ import annotations
@@ -11,12 +12,16 @@ import json
 import sys
 import tempfile
 from pathlib import Path
+from types import ModuleType
 
 import mrcal
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-from calib.bundle import Observation, State, minimise
+# The name gsut without the package, which this Python cannot import: its single files can be.
+sys.modules["gsut"] = ModuleType("gsut")
+sys.modules["gsut"].__path__ = [sys.argv[3]]
+from calib.bundle import Observation, State, minimise  # noqa: E402
 
 
 def read_model(text: str) -> mrcal.cameramodel:
@@ -121,30 +126,6 @@ def project(question: dict) -> dict:
     return {"pixels": mrcal.project(np.array(question["points"]), *model.intrinsics()).tolist()}
 
 
-def rays(question: dict) -> dict:
-    """Unit rays (N, 3) of pixels (N, 2); those that do not project back are NaN."""
-    model = read_model(question["models"][0])
-    pixels = np.array(question["pixels"])
-    found = mrcal.unproject(pixels, *model.intrinsics(), normalize=True)
-    back = mrcal.project(found, *model.intrinsics())
-    found[~(np.linalg.norm(back - pixels, axis=-1) < question["tolerance"])] = np.nan
-    return {"rays": found.tolist()}
-
-
-def determinant(question: dict) -> dict:
-    """Of the derivative direction -> pixel at rays (N, 3), and their pixels: 0 is a fold."""
-    model = read_model(question["models"][0])
-    points = np.array(question["rays"])
-    lensmodel, params = model.intrinsics()
-    pixels, by_point, _ = mrcal.project(points, lensmodel, params, get_gradients=True)
-    around = np.cross(points, np.roll(points, 1, axis=-1))
-    first = around / np.linalg.norm(around, axis=-1, keepdims=True)
-    second = np.cross(points, first)
-    a, b = (np.einsum("...ij,...j->...i", by_point, t) for t in (first, second))
-    area = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return {"determinant": area.tolist(), "pixels": pixels.tolist()}
-
-
 def fit_boards(question: dict) -> dict:
     """Poses of boards (and, for a rig, of its cameras) with the lenses held; and the residuals."""
     models = [read_model(text).intrinsics() for text in question["models"]]
@@ -175,8 +156,6 @@ ANSWERS = {
     "solve_again": solve_again,
     "uncertainty": uncertainty,
     "project": project,
-    "rays": rays,
-    "determinant": determinant,
     "fit_boards": fit_boards,
 }
 

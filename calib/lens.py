@@ -7,26 +7,21 @@ import numpy as np
 
 import gsut
 from calib.bundle import Projector
-from calib.mrcal_process import ask
 from calib.solution import LENSES, CameraSolution
 
 PIXEL_SHIFT = 0.5  # calib, OpenCV and mrcal have a pixel's centre at whole numbers, gsut at halves
-_SAME_PIXEL = 1e-3  # px: a ray that projects further from its pixel is none
 
 
-def gsut_camera(camera: CameraSolution) -> gsut.Camera | None:
-    """The solved lens as gsut's camera, or None where gsut has no such lens.
+def gsut_camera(camera: CameraSolution) -> gsut.Camera:
+    """The solved lens as gsut's camera.
 
     Raises:
         gsut.InputError: the parameters are no lens.
     """
-    model = LENSES[camera.lens][0]
-    if model not in gsut.camera_models():
-        return None
     params = _shifted(camera.params)
     if camera.lens == "splined":
         params = np.concatenate([splined_configuration(camera.model), params])
-    return gsut.Camera(model, params, camera.width, camera.height)
+    return gsut.Camera(LENSES[camera.lens][0], params, camera.width, camera.height)
 
 
 def splined_configuration(model: str) -> list[float]:
@@ -37,17 +32,8 @@ def splined_configuration(model: str) -> list[float]:
 
 def rays(camera: CameraSolution, pixels: np.ndarray) -> np.ndarray:
     """(N, 3) unit rays of pixels (N, 2); NaN where the lens has none."""
-    lens = gsut_camera(camera)
-    if lens is not None:
-        found, _ = lens.unproject(np.asarray(pixels, float) + PIXEL_SHIFT)
-        return found
-    question = {
-        "do": "rays",
-        "models": [camera.model_text],
-        "pixels": np.asarray(pixels).tolist(),
-        "tolerance": _SAME_PIXEL,
-    }
-    return np.array(ask(question)["rays"]).reshape(-1, 3)
+    found, _ = gsut_camera(camera).unproject(np.asarray(pixels, float) + PIXEL_SHIFT)
+    return found
 
 
 def projector(camera: CameraSolution) -> Projector:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import gsut
 from calib.errors import BoardError, SolveError
 
 PYTHON = "/usr/bin/python3"  # the interpreter that Debian's python3-mrcal is built for
@@ -69,7 +70,8 @@ def ask(question: dict[str, Any]) -> dict[str, Any]:
         folder = Path(name)
         asked, answered = folder / "question.json", folder / "answer.json"
         asked.write_text(json.dumps(question))
-        _run([PYTHON, str(_INSIDE), str(asked), str(answered)], folder, "mrcal")
+        package = Path(gsut.__file__).parent
+        _run([PYTHON, str(_INSIDE), str(asked), str(answered), str(package)], folder, "mrcal")
         return json.loads(answered.read_text())
 
 

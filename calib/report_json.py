@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from calib.halves import AGREEMENT_DEGREES
 from calib.lens_files import baseline
+from calib.result import Result
 from calib.solution import CameraSolution
 from calib.trust import TRUSTED_SIGMA_PX
 from gsut.files import write_file
-
-if TYPE_CHECKING:
-    from calib.calibrate import Result
 
 REPORT_JSON = "report.json"
 _REGIONS = 3  # columns and rows of the image for which residuals are given

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 
@@ -15,11 +15,9 @@ from calib.report_plots import (
     residual_picture,
     uncertainty_picture,
 )
+from calib.result import Result
 from gsut.files import write_file
 from gsut.page import picture_address, render_page
-
-if TYPE_CHECKING:
-    from calib.calibrate import Result
 
 REPORT_PAGE = "report.html"
 _TEMPLATE = Path(__file__).with_name("report_template.html.j2")

@@ -9,7 +9,6 @@ import numpy as np
 import gsut
 from calib.board import Board
 from calib.lens import gsut_camera, rays
-from calib.mrcal_process import ask
 from calib.solution import CameraSolution
 from calib.uncertainty import grid_pixels
 
@@ -20,7 +19,6 @@ TRUSTED_SIGMA_PX = 1.0
 _MOST_BEYOND = 0.05
 _MARGIN = np.radians(0.5)  # kept from a fold or pole, where the inverse loses its digits
 _RING = np.radians(2.0)  # width of the rings in which the uncertainty is judged
-_AZIMUTHS, _ANGLES = 64, 180  # polar grid on which a splined lens' folds are looked for
 _SECTORS = 12  # of azimuth, in which a splined lens needs boards
 _STEPS = 150  # along each azimuth of the trusted region's outline
 
@@ -60,7 +58,7 @@ def judge(camera: CameraSolution, board: Board, sigma: np.ndarray) -> Trust:
     reach = float(np.max(angles[~camera.outliers]))
     pixels = grid_pixels(camera.width, camera.height)
     try:
-        domain = _domain(camera)
+        domain = float(gsut_camera(camera).max_angle)
         angle_map = field_angle(rays(camera, pixels.reshape(-1, 2))).reshape(pixels.shape[:2])
     except gsut.InputError as error:
         return Trust(0.0, reach, 0.0, sigma, 1.0, refusal=f"the fit is no lens: {error}")
@@ -118,29 +116,6 @@ def field_angle(directions: np.ndarray) -> np.ndarray:
     """Radians between the axis and directions (..., 3)."""
     x, y, z = np.moveaxis(directions, -1, 0)
     return np.arctan2(np.hypot(x, y), z)
-
-
-def _domain(camera: CameraSolution) -> float:
-    """Radians to the first fold or pole; for a splined lens, to the first inside the image."""
-    lens = gsut_camera(camera)
-    if lens is not None:
-        return float(lens.max_angle)
-    # mrcal's lens: where the determinant of direction -> pixel changes its sign it folds.
-    angle = np.linspace(1e-3, np.pi * (1 - 1e-3), _ANGLES)
-    azimuth = np.linspace(0, 2 * np.pi, _AZIMUTHS, endpoint=False)
-    a, b = np.meshgrid(angle, azimuth)
-    grid = np.stack([np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)], axis=-1)
-    question = {"models": [camera.model_text], "rays": grid.reshape(-1, 3).tolist()}
-    answer = ask({"do": "determinant", **question})
-    determinant = np.array(answer["determinant"]).reshape(a.shape)
-    pixels = np.array(answer["pixels"]).reshape(*a.shape, 2)
-    last = [camera.width - 1, camera.height - 1]
-    outside = np.any((pixels < 0) | (pixels > last), axis=2)
-    # A fold beyond the place where the image ends is nobody's.
-    left_image = np.logical_or.accumulate(outside, axis=1)
-    folded = (determinant * np.sign(determinant[:, :1]) <= 0) & ~left_image
-    first = np.where(folded.any(axis=1), angle[np.argmax(folded, axis=1)], np.pi)
-    return float(first.min())
 
 
 def _covered_angle(camera: CameraSolution, angles: np.ndarray) -> float:

@@ -425,6 +425,9 @@ def photometric_loss(
     grad_out: NDArray[np.float32] | None = None,
     ssim_weight: float = 0.2,
 ) -> tuple[float, NDArray[np.float32]]: ...
+def trim_gradient(
+    target: PhotometricTarget, image: NDArray[np.float32], gradient: NDArray[np.float32]
+) -> int: ...
 def photometric_loss_reference(
     target: ArrayLike,
     image: ArrayLike,

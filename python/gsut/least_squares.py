@@ -20,6 +20,7 @@ def minimize_least_squares(
     *,
     max_steps: int,
     least_gain: float = 0.0,
+    apply: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.add,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Minimizes a sum of squares by damped Gauss-Newton steps, each of which lowers the cost.
 
@@ -31,6 +32,7 @@ def minimize_least_squares(
             unknowns; (P, K) and (P, K, K) for P problems.
         max_steps: how often the normal equations are formed, at most.
         least_gain: ends where a step lowers the cost by no more than this share of it.
+        apply: unknowns and a step to the unknowns after it, where these are not their sum: poses.
 
     Returns:
         The unknowns with the least cost that was found, and the cost.
@@ -47,7 +49,7 @@ def minimize_least_squares(
         while True:
             damped = scaled + damping[..., None, None] * np.eye(normal.shape[-1])
             step = -scale * np.linalg.solve(damped, (scale * gradient)[..., None])[..., 0]
-            trial = at + step
+            trial = apply(at, step)
             trial_cost = np.asarray(cost_of(trial))
             better = trial_cost < cost
             eased = np.maximum(damping / _FACTOR, _LEAST)

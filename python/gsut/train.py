@@ -55,6 +55,7 @@ def train(
     out: str | os.PathLike[str] | None = None,
     resume: bool = False,
     progress: bool | Callable[[dict[str, Any]], None] = True,
+    watch: Callable[[TrainingLoop, dict[str, Any]], bool] | None = None,
 ) -> TrainResult:
     """Trains Gaussians on a scene's training views; its test views are only measured.
 
@@ -65,6 +66,8 @@ def train(
             files.
         resume: go on from the checkpoint in `out`, to the same bits as an unbroken run.
         progress: True shows a bar; a function gets each row of the history.
+        watch: called after each step with the loop, to look at and not to change, and its row of
+            the history ({} for most steps); the training ends where it returns False.
 
     Returns:
         Gaussians, metrics and history. The same seed gives the same bits on any number of threads.
@@ -76,13 +79,14 @@ def train(
     _core.set_num_threads(o.threads)
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
-    record = TrainingRecord(out, o, scene, resume, progress)  # run/: folder, history, checkpoints
+    # run/: folder, history, checkpoints
+    record = TrainingRecord(out, o, scene, resume, progress, watch)
     given, scene = scene, prepare_scene(scene.centred, o)  # data/: size of the images, shutter
     fresh = record.checkpoint is None
     tracks = refine_first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
     loop = TrainingLoop(scene, o, tracks=tracks)  # gaussians/: the first ones
     with record.follow(loop):
-        while loop.step < o.steps:
+        while loop.step < o.steps and record.goes_on:
             # data/ -> render/ -> loss and back -> optimize/ -> training/strategies/ -> refine/
             record.add(loop, loop.advance())
     gaussians = loop.result().copy()  # optimize/: the mean over the last steps

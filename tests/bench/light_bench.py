@@ -105,10 +105,12 @@ def run_light(options: LightBenchOptions, say: Callable[[str], None]) -> list[di
             ("exposure", ("gain",)),
             ("falloff", ("falloff",)),
             ("exposure, falloff, noise", ("gain", "falloff", "noise")),
+            ("two passers-by", ("people",)),
         ):
             data = Path(folder) / name.replace(", ", "_")
             truth = disturb(clean, data, parts, seed=1)
-            for exposure in ("off", "auto", "on"):
+            ways = ("off", "auto", "on") if "people" not in parts else ("off", "off, --robust")
+            for exposure in ways:
                 say(f"{name}, --exposure {exposure}")
                 row = _train(options, data, exposure, clean=clean, truth=truth)
                 rows.append(row | {"disturbed": name})
@@ -121,8 +123,9 @@ def disturb(clean: Path, data: Path, parts: tuple[str, ...], seed: int) -> Light
     Args:
         clean: the dataset.
         data: the copy.
-        parts: of "gain" (drifts smoothly over the views), "falloff" and "noise".
-        seed: of gains and noise.
+        parts: of "gain" (drifts smoothly over the views), "falloff", "noise" and "people" (two in
+            each training photograph, nowhere twice).
+        seed: of all that is random.
 
     Returns:
         The light.
@@ -140,11 +143,27 @@ def disturb(clean: Path, data: Path, parts: tuple[str, ...], seed: int) -> Light
     light = Light(np.array([gains[view.name] for view in scene.views]), (falloff,))
     for index, view in enumerate(scene.views):
         lit = scene.image(index) * light.on(scene.cameras[0], index, 0)
+        if "people" in parts and index in scene.train_indices:
+            lit = _with_people(lit.astype(np.uint8), rng)
         if "noise" in parts:
             lit = lit + rng.normal(0, _NOISE, lit.shape)
         pixels = np.clip(np.rint(lit), 0, 255).astype(np.uint8)
         cv2.imwrite(str(data / view.name), pixels[..., ::-1])
     return light
+
+
+def _with_people(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(H, W, 3) uint8 with two figures somewhere, of a body and a head each."""
+    picture = np.ascontiguousarray(picture)
+    size = np.array(picture.shape[1::-1])
+    for _ in range(2):
+        middle = (rng.uniform([0.25, 0.3], [0.75, 0.7]) * size).astype(int)
+        body = (rng.uniform([0.05, 0.12], [0.09, 0.2]) * size).astype(int)
+        head = (int(middle[0]), int(middle[1] - body[1]))
+        for center, axes in ((middle.tolist(), body.tolist()), (head, [int(body[0] // 2) + 1] * 2)):
+            color = rng.integers(20, 235, 3).tolist()
+            cv2.ellipse(picture, center, axes, 0.0, 0.0, 360.0, color, -1)
+    return picture
 
 
 def _smooth(rng: np.random.Generator, count: int, channels: int, deviation: float) -> np.ndarray:
@@ -166,7 +185,7 @@ def _train(
     scene = gsut.load_dataset(data)
     settings = gsut.TrainOptions(
         steps=options.steps, max_gaussians=options.max_gaussians, scale=options.scale,
-        exposure=exposure, eval_every=options.steps,
+        exposure=exposure.split(",")[0], robust="--robust" in exposure, eval_every=options.steps,
     )  # fmt: skip
     started = time.process_time()
     result = gsut.train(scene, settings, progress=False)

@@ -23,14 +23,7 @@
 namespace gsut {
 namespace {
 
-using testing_scenes::Draws;
-using testing_scenes::EveryLens;
-using testing_scenes::GaussiansInView;
-using testing_scenes::NamedCamera;
-using testing_scenes::OwnedGaussians;
-using testing_scenes::RandomPose;
-using testing_scenes::SceneKind;
-using testing_scenes::ToDouble;
+using namespace testing_scenes;
 
 constexpr ProjectionMethod kAllMethods[] = {
     ProjectionMethod::kEwa,      ProjectionMethod::kUnscented,    ProjectionMethod::kSimplex,

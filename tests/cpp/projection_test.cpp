@@ -19,14 +19,7 @@
 namespace gsut {
 namespace {
 
-using testing_scenes::Draws;
-using testing_scenes::EveryLens;
-using testing_scenes::GaussiansInView;
-using testing_scenes::NamedCamera;
-using testing_scenes::OwnedGaussians;
-using testing_scenes::RandomPose;
-using testing_scenes::SceneKind;
-using testing_scenes::ToDouble;
+using namespace testing_scenes;
 
 // Pixels; coordinates up to 200 px in float have a spacing of 1.5e-5. Observed 2.4e-5.
 constexpr double kFloatPixels = 1e-4;

@@ -23,14 +23,7 @@
 namespace gsut {
 namespace {
 
-using testing_scenes::Draws;
-using testing_scenes::EveryLens;
-using testing_scenes::GaussiansInView;
-using testing_scenes::NamedCamera;
-using testing_scenes::OwnedGaussians;
-using testing_scenes::RandomPose;
-using testing_scenes::SceneKind;
-using testing_scenes::ToDouble;
+using namespace testing_scenes;
 
 // Unit rays from frame, s and t in float: a few roundings of 6e-8 at s up to 10; observed 2.4e-7.
 constexpr double kRayError = 1e-6;

@@ -31,7 +31,7 @@ LIBRARIES |= {"pxr", "zstandard"}  # optional: one format of scene files each
 # commands share; gsut starts it as a process. mrcal is imported in one file, which runs under the
 # system's Python.
 CALIB_LIBRARIES = LIBRARIES | {"calib", "gsut"}
-CALIB_DOORS = {"gsut", "gsut.files", "gsut.lens", "gsut.page", "gsut.run"}
+CALIB_DOORS = {"gsut", "gsut.files", "gsut.least_squares", "gsut.lens", "gsut.page", "gsut.run"}
 CALIB_WITH_MRCAL = {"calib/inside_mrcal.py"}
 
 MAX_FUNCTION, MAX_CLASS, MAX_FILE = 80, 250, 400  # lines

@@ -82,3 +82,22 @@ def test_an_unknown_of_no_effect_stays():
         np.array([3.0, 7.0]), lambda x: (x[:1] - 1, np.array([[1.0, 0.0]])), max_steps=10
     )
     np.testing.assert_allclose(found, [1.0, 7.0], rtol=tolerances.LEAST_SQUARES)
+
+
+def test_unknowns_that_are_no_sum_of_steps_are_moved_by_the_callers_rule():
+    # A point of the unit circle is turned by an angle until it is the wanted one.
+    wanted = np.array([0.6, 0.8])
+
+    def turned(point, angle):
+        c, s = np.cos(angle[0]), np.sin(angle[0])
+        return np.array([c * point[0] - s * point[1], s * point[0] + c * point[1]])
+
+    def normal_equations(point):
+        along = np.array([-point[1], point[0]])
+        return np.array([along @ (point - wanted)]), np.array([[along @ along]])
+
+    found, _ = minimize_least_squares(
+        np.array([1.0, 0.0]), lambda point: np.sum((point - wanted) ** 2), normal_equations,
+        max_steps=50, apply=turned,
+    )  # fmt: skip
+    np.testing.assert_allclose(found, wanted, rtol=tolerances.LEAST_SQUARES)

@@ -63,3 +63,6 @@ READOUT_POSE_SHARE = 0.28
 # worst of as many normal numbers is 2.5 to 4.
 MONTE_CARLO_WORST_SCORE = 4.5
 TRAIN_LEAST_PSNR = 25.0  # dB after 100 steps; least over all instruction sets 32.8
+EWA_DISCS = 1e-6  # discs of a thousandth's thickness in place of an affine map; worst 3.2e-8
+EWA_FLOAT = 2e-5  # rms would be 1e-5; the largest of all pixels; worst 5e-7
+EWA_GRADIENTS = 1e-6  # relative to the largest: central differences in double; worst 2.3e-9

@@ -5,3 +5,4 @@ PANORAMA_SEAM_DB = 0.8  # dB that the columns at the seam may be below the other
 PANORAMA_SEAM_STEP = (
     1.5  # colour step across the seam over the step between its neighbours; observed 1.2
 )
+VIEWERS_GAIN_DB = 2.8  # of 25 steps on thin blobs; least 5.6

@@ -9,6 +9,7 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.capture.frames import Capture, OnProgress, extract_frames
+from gsut.capture.panorama import of_panoramas
 from gsut.capture.photographs import collect_photographs
 from gsut.capture.strip import write_strip
 from gsut.capture.video import is_video
@@ -21,19 +22,33 @@ def capture(
     out: str | os.PathLike[str],
     *,
     count: int | None = None,
+    caps: tuple[float, float] = (0.0, 0.0),
     on_progress: OnProgress | None = None,
 ) -> Capture:
     """Makes one folder of pictures of videos and photographs of one camera.
+
+    Pictures of 360-degree cameras are recognised: see `of_panoramas`.
 
     Args:
         inputs: videos, photographs and folders of photographs, in any number.
         out: the folder; what is finished in it is not done again.
         count: frames to choose of each video; None: by how far its view moves.
+        caps: degrees from straight down and straight up that are masked in 360-degree pictures.
         on_progress: told (stage, done, total, text).
 
     Raises:
-        InputError: see `extract_frames` and `collect_photographs`; or pictures of several sizes.
+        InputError: see `extract_frames`, `collect_photographs` and `of_panoramas`; or pictures of
+            several sizes.
     """
+    return of_panoramas(_taken(inputs, out, count, on_progress), *caps)
+
+
+def _taken(
+    inputs: Sequence[str | os.PathLike[str]],
+    out: str | os.PathLike[str],
+    count: int | None,
+    on_progress: OnProgress | None,
+) -> Capture:
     videos = [path for path in map(Path, inputs) if is_video(path)]
     others = [path for path in map(Path, inputs) if not is_video(path)]
     if not others and len(videos) == 1:

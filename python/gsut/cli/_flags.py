@@ -43,6 +43,25 @@ def check_first(scene: Any, force: bool, quiet: bool = False) -> None:
     stop_at_errors(findings, force)
 
 
+def add_capture(parser: argparse.ArgumentParser) -> None:
+    """How pictures are taken from a video or a 360-degree camera."""
+    parser.add_argument(
+        "--frames",
+        type=int,
+        metavar="N",
+        help="frames to choose of a video [default: by how far the view moves, 60 to 300]",
+    )
+    for name, where in (("nadir", "down"), ("zenith", "up")):
+        parser.add_argument(
+            f"--{name}-cap",
+            type=float,
+            default=0.0,
+            metavar="DEGREES",
+            help=f"of 360-degree pictures: so far from straight {where} nothing counts (tripod, "
+            "hand, selfie stick) [default: all counts]",
+        )
+
+
 def add_run(parser: argparse.ArgumentParser) -> None:
     """A finished run as the first argument, and where its dataset is now."""
     parser.add_argument("folder", metavar="RUN", help="folder of the run")

@@ -8,13 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json
 
-HELP = "a scene in another format: SPZ, SOG, glTF, USD, PLY ..."
+HELP = "a scene in another format: SPZ, SOG, glTF, USD, PLY, a page for any browser"
 DESCRIPTION = (
     "Writes a run's scene, or a file of Gaussians, in the format that the suffix of OUT says, and "
     "says what that format could not hold. IN is left as it is; an OUT that exists is refused."
 )
+
+
+_PAGE = ".html"
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -31,6 +34,14 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="of a .spz file: 3 is read everywhere; 4 is a little smaller and needs zstandard "
         "[default 3]",
     )  # fmt: skip
+    parser.add_argument(
+        "--for", choices=("gsut", "viewers"), default="gsut", dest="reader",
+        help="viewers: fine-tune a run's scene so that viewers, which draw every Gaussian affinely "
+        "and 0.3 pixels wider, show it as gsut does; gsut itself then shows it a little thinner "
+        "[default gsut: as it is]",
+    )  # fmt: skip
+    parser.add_argument("--steps", type=int, metavar="N", help="of --for viewers [default 300]")
+    add_moved_data(parser)
     add_quiet(parser)
     add_json(parser)
 
@@ -44,8 +55,17 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"{out} exists; give another name (nothing was overwritten)")
     path = _scene_of(Path(arguments.source))
     found = read_scene_file(path)
-    settings = WriteSettings(antialiased=found.antialiased, spz_version=arguments.spz_version)
-    gaussians = _lowered(found.gaussians, arguments.sh_degree)
+    gaussians, tuning = found.gaussians, None
+    if arguments.reader == "viewers":
+        gaussians, tuning = _tuned_for_viewers(arguments)
+    elif arguments.steps is not None:
+        raise InputError("--steps belongs to --for viewers")
+    gaussians = _lowered(gaussians, arguments.sh_degree)
+    settings = WriteSettings(
+        antialiased=found.antialiased,
+        spz_version=arguments.spz_version,
+        view=_first_view(arguments, out, gaussians),
+    )
     figures = {
         "source": str(path),
         "source_bytes": path.stat().st_size,
@@ -54,13 +74,62 @@ def run(arguments: argparse.Namespace) -> int:
         "num_gaussians": len(gaussians),
         "sh_degree": gaussians.sh_degree,
         "antialiased": found.antialiased,
+        "for_viewers": tuning,
         **_write(out, gaussians, settings),
     }
+    _link_in_report(out)
     if arguments.json:
         print_json(figures)
     elif not arguments.quiet:
         _print_summary(figures)
     return 0
+
+
+def _tuned_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
+    """The run's Gaussians fine-tuned, and what that was worth."""
+    from gsut.run import Progress, RunFolder
+    from gsut.training import VIEWER_STEPS, read_trained, tune_for_viewers
+
+    if not Path(arguments.source).is_dir():
+        raise InputError(
+            f"--for viewers looks from where photographs were taken; {arguments.source} is a file, "
+            "give the folder of a run"
+        )
+    options, scene, gaussians = read_trained(RunFolder.open(arguments.source), arguments.data)
+    steps = VIEWER_STEPS if arguments.steps is None else arguments.steps
+    with Progress(not arguments.quiet) as bars:
+        tuned = tune_for_viewers(
+            scene, gaussians, steps, background=options.background,
+            on_step=lambda step, loss: bars.show("for viewers", step, steps, f"loss {loss:.4f}"),
+        )  # fmt: skip
+    figures = {
+        "steps": steps,
+        "psnr_before": tuned.psnr_before,
+        "psnr_after": tuned.psnr_after,
+    }
+    return tuned.gaussians, figures
+
+
+def _first_view(arguments: argparse.Namespace, out: Path, gaussians: Any) -> Any:
+    """Where a page of a run begins, None for other formats and for files of Gaussians."""
+    if out.suffix.lower() != _PAGE or not Path(arguments.source).is_dir():
+        return None
+    from gsut.cli._start_view import start_view
+    from gsut.formats import for_file
+    from gsut.run import RunFolder
+    from gsut.training import read_trained
+
+    _, scene, _ = read_trained(RunFolder.open(arguments.source), arguments.data)
+    return start_view(scene, gaussians, for_file(gaussians).origin)
+
+
+def _link_in_report(out: Path) -> None:
+    """A page that stands in a run's folder is linked from its report."""
+    from gsut.evaluate import write_report
+    from gsut.run import PAGE, REPORT, RunFolder
+
+    if out.name == PAGE and (out.parent / REPORT).is_file():
+        write_report(RunFolder.open(out.parent))
 
 
 def _scene_of(source: Path) -> Path:
@@ -109,6 +178,12 @@ def _print_summary(figures: dict[str, Any]) -> None:
         f"{figures['num_gaussians']:,} Gaussians, {before:.1f} -> {after:.1f} MB in "
         f"{figures['write_seconds']:.1f} s: {figures['out']} ({figures['format']})"
     )
+    tuning = figures["for_viewers"]
+    if tuning is not None:
+        print(
+            f"viewers' pictures against gsut's, {tuning['steps']} steps: PSNR "
+            f"{tuning['psnr_before']:.2f} dB before, {tuning['psnr_after']:.2f} dB after"
+        )
     errors = figures["errors"]
     if errors is not None:
         print(

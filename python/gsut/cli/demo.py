@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import webbrowser
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 
 from gsut.cli._flags import add_json, print_json
 from gsut.cli.train import print_figures, train_into
+from gsut.cli.view import has_display
 from gsut.run import OPTIONS, REPORT, RunFolder, TrainOptions, Verdict
 
 HELP = "make a small fisheye scene, train on it, show the report"
@@ -112,10 +112,3 @@ def _free_run(folder: Path, options: TrainOptions, name: str = "run") -> tuple[R
         if unfinished and run.read_options() == options.resolved():
             return run, True
         number += 1
-
-
-def has_display() -> bool:
-    """Whether a browser could be seen."""
-    if sys.platform in ("win32", "darwin"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

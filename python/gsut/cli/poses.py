@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
 from gsut.capture import Capture, capture, is_video
-from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.cli._flags import add_capture, add_json, add_quiet, print_json
 from gsut.data import find_lens_file
 from gsut.lens import is_lens_name, lens_by_name
 from gsut.run import Progress, add_option_flags, given_options
@@ -36,12 +36,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="IMAGES",
         help="folder of photographs, a video, or a dataset (its poses are not looked at)",
     )
-    parser.add_argument(
-        "--frames",
-        type=int,
-        metavar="N",
-        help="frames to choose of a video [default: by how far the view moves, 60 to 300]",
-    )
+    add_capture(parser)
     parser.add_argument(
         "--camera",
         metavar="LENS",
@@ -173,7 +168,13 @@ def needs_capture(images: str, camera: str | None, unknown_lens: bool) -> bool:
 def capture_with_bars(inputs: Sequence[str], out: Path, arguments: argparse.Namespace) -> Capture:
     """`capture` with a progress bar and its notes, unless --quiet."""
     with Progress(not arguments.quiet) as bars:
-        taken = capture(inputs, out, count=arguments.frames, on_progress=bars.show)
+        taken = capture(
+            inputs,
+            out,
+            count=arguments.frames,
+            on_progress=bars.show,
+            caps=(arguments.nadir_cap, arguments.zenith_cap),
+        )
         for note in taken.notes:
             bars.note(note)
     return taken

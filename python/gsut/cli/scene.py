@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.cli._flags import add_capture, add_json, add_quiet, print_json
 from gsut.cli.poses import CAPTURED, with_readout
 from gsut.run import (
     METRICS,
@@ -25,6 +25,7 @@ from gsut.run import (
     StagedProgress,
     TrainOptions,
     Verdict,
+    flag_name,
     worst,
 )
 from gsut.sfm import PosesOptions
@@ -42,6 +43,10 @@ PAGE = "scene.html"
 _POSES_SECONDS, _STEP_SECONDS = 1.6, 0.35
 _UNKNOWN_LENS = 2.0  # factor on the poses' seconds
 _CAPTURE_SECONDS = 15.0
+# What another scene would come of; the threads are none of it.
+_SETTINGS = (
+    "preset", "steps", "camera", "fov", "frames", "nadir_cap", "zenith_cap", "shutter", "seed",
+)  # fmt: skip
 _FEW_PICTURES = 20  # make a poor scene
 _POSE_SHARES = {
     "features": 0.15, "preview": 0.02, "matching": 0.2, "verifying": 0.03, "lens": 0.3,
@@ -77,12 +82,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fov", type=float, metavar="DEGREES", help="rough horizontal field of view"
     )
-    parser.add_argument(
-        "--frames",
-        type=int,
-        metavar="N",
-        help="frames to choose of a video [default: by how far the view moves, 60 to 300]",
-    )
+    add_capture(parser)
     parser.add_argument(
         "--shutter",
         choices=("auto", "global", "rolling"),
@@ -125,19 +125,16 @@ def _begin(folder: RunFolder, arguments: argparse.Namespace) -> dict[str, Any]:
     """
     key = {
         "inputs": [str(Path(name).resolve()) for name in arguments.inputs],
-        **{
-            name: getattr(arguments, name)
-            for name in ("preset", "steps", "camera", "fov", "frames", "shutter", "seed")
-        },
+        **{name: getattr(arguments, name) for name in _SETTINGS},
     }
     state = folder.read_json(STATE)
     if state is None:
         folder.refuse_run()
         return {"key": key}
-    different = [name for name in key if state["key"].get(name) != key[name]]
+    different = [name for name in key if state["key"].get(name, key[name]) != key[name]]
     if different:
         name = different[0]
-        what = name if name == "inputs" else f"--{name}"
+        what = name if name == "inputs" else flag_name(name)
         raise InputError(
             f"{folder.path} holds a scene with other {what} ({state['key'].get(name)}, now "
             f"{key[name]}); give another folder by -o (nothing was overwritten)"
@@ -156,6 +153,7 @@ def _make(
         with bars.stage("capture"):
             taken = capture(
                 arguments.inputs, folder.path / POSES / CAPTURED, count=arguments.frames,
+                caps=(arguments.nadir_cap, arguments.zenith_cap),
                 on_progress=_evenly(bars, {"looking": 0.7, "frames": 0.3, "photographs": 1.0}),
             )  # fmt: skip
             for note in taken.notes:
@@ -170,16 +168,21 @@ def _make(
         metrics = _train(folder, options, bars)
         with bars.stage("report"):
             bars.show(0.5)
+            seconds = dict(bars.seconds)
+            # Of a stage that was done by an earlier call.
+            seconds["poses"] = seconds["poses"] or poses["seconds"]["total"]
+            seconds["training"] = seconds["training"] or metrics["train_seconds"]
             verdict = worst([_capture_verdict(taken.figures), *_said([poses, metrics])])
             state = {
                 **state,
-                "seconds": bars.seconds,
+                "seconds": seconds,
                 "pictures": len(taken.figures["frames"]),
                 "registered": poses["registered"],
                 **{key: metrics.get(key) for key in ("psnr", "ssim", "num_gaussians", "steps")},
                 "verdict": verdict.as_dict(),
             }
             _write_page(folder, state, taken.notes)
+        seconds["report"] = bars.seconds["report"]
         folder.write_json(STATE, state)
     return state
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
+import functools
 import shlex
 import sys
+from collections.abc import Callable
 from typing import Any
 
 from gsut.cli._flags import add_force, add_json, add_quiet, check_first, print_json
+from gsut.cli.view import add_view_flags, announce, wait_for_end
 from gsut.run import (
     COMMON_OPTIONS,
     METRICS,
@@ -44,6 +48,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_force(parser)
     add_quiet(parser)
     add_json(parser)
+    parser.add_argument(
+        "--view",
+        action="store_true",
+        help="serve a page that shows the scene while it trains, its curve, and can pause the "
+        "training or stop it and keep what there is; it stays until Ctrl-C",
+    )
+    add_view_flags(parser)
     add_option_flags(parser, TrainOptions, COMMON_OPTIONS)
 
 
@@ -56,16 +67,38 @@ def run(arguments: argparse.Namespace) -> int:
         options = TrainOptions(**given)
         if not arguments.resume:
             run.refuse_run()  # before the data is read: that may take a while
-    metrics = train_into(
-        run, arguments.data, options, arguments.resume, arguments.quiet, arguments.force
-    )
+    with contextlib.ExitStack() as page:
+        view = functools.partial(_served, page, arguments, options) if arguments.view else None
+        metrics = train_into(
+            run, arguments.data, options, arguments.resume, arguments.quiet, view, arguments.force
+        )
+        _tell(arguments, run, metrics)
+        if arguments.view:
+            wait_for_end()
+    return 0
+
+
+def _served(
+    page: contextlib.ExitStack, arguments: argparse.Namespace, options: TrainOptions, scene: Any
+) -> Any:
+    """The page of this training, until `page` ends."""
+    from gsut.view import LOOPBACK, LiveTraining, ViewServer
+
+    live = LiveTraining(scene, options)
+    host = arguments.host or LOOPBACK
+    server = page.enter_context(ViewServer(live.session.routes, host, arguments.port))
+    announce(server.address, arguments.no_open, sys.stderr)
+    return live
+
+
+def _tell(arguments: argparse.Namespace, run: RunFolder, metrics: dict[str, Any]) -> None:
     if arguments.json:
         print_json(metrics)
     elif not arguments.quiet:
         print_figures(metrics)
         print(Verdict.from_dict(metrics["verdict"]))
         print(f"report: {run.path / REPORT}")
-    return 0
+    sys.stdout.flush()
 
 
 def train_into(
@@ -74,9 +107,19 @@ def train_into(
     options: TrainOptions,
     resume: bool,
     quiet: bool,
+    view: Callable[[Any], Any] | None = None,
     force: bool = False,
 ) -> dict[str, Any]:
-    """Loads, checks, trains, and returns the content of metrics.json."""
+    """Loads, checks, trains, and returns the content of metrics.json.
+
+    Args:
+        run: the folder.
+        data: the dataset.
+        options, resume: of the training.
+        quiet: no bar, no notes.
+        view: makes the `LiveTraining` of a scene.
+        force: train although the data contradict themselves.
+    """
     import gsut
 
     scene = gsut.load_dataset(data, test_every=options.test_every, test_names=options.test_names)
@@ -88,7 +131,13 @@ def train_into(
     if not (resume and run.holds_run()):
         check_first(scene, force, quiet)
     try:
-        gsut.train(scene, options, out=run.path, resume=resume, progress=not quiet)
+        live = None if view is None else view(scene)
+        watch = {} if live is None else {"watch": live.watch}
+        result = gsut.train(
+            scene, options, out=run.path, resume=resume, progress=not quiet, **watch
+        )
+        if live is not None:
+            live.finish(result.gaussians)
     except KeyboardInterrupt:
         again = shlex.join(["gsut", "train", data, "-o", str(run.path), "--resume"])
         raise KeyboardInterrupt(

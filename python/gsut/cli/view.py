@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import sys
 import threading
 import webbrowser
+from typing import TextIO
 
 from gsut.cli._flags import add_json, add_moved_data, print_json
 
@@ -45,21 +47,31 @@ def run(arguments: argparse.Namespace) -> int:
     session = Session(stage)
     with (
         ViewServer(session.routes, arguments.host or LOOPBACK, arguments.port) as server,
-        contextlib.suppress(KeyboardInterrupt),  # how one ends it
+        contextlib.suppress(KeyboardInterrupt),
     ):
-        announce(server.address, arguments.no_open, arguments.json)
-        threading.Event().wait()
+        if arguments.json:
+            print_json({"address": server.address})
+            sys.stdout.flush()
+        announce(server.address, arguments.no_open, sys.stderr if arguments.json else sys.stdout)
+        wait_for_end()
     return 0
 
 
-def announce(address: str, no_open: bool, json: bool = False) -> None:
+def announce(address: str, no_open: bool, file: TextIO) -> None:
     """Prints the page's address and opens it where somebody could see it."""
-    from gsut.cli.demo import has_display
-
-    if json:
-        print_json({"address": address})
-    else:
-        print(f"gsut view: {address} (Ctrl-C ends it)")
-    sys.stdout.flush()
+    print(f"gsut view: {address} (Ctrl-C ends it)", file=file, flush=True)
     if not no_open and has_display():
         webbrowser.open(address)
+
+
+def wait_for_end() -> None:
+    """Until Ctrl-C, which is how one ends a page."""
+    with contextlib.suppress(KeyboardInterrupt):
+        threading.Event().wait()
+
+
+def has_display() -> bool:
+    """Whether a browser could be seen."""
+    if sys.platform in ("win32", "darwin"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

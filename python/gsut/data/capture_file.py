@@ -16,7 +16,8 @@ def read_capture(folder: Path) -> dict[str, Any] | None:
 
     "frames" holds one object a picture: name, path (from FOLDER), and where known time (seconds)
     and mask (a path, too); "focal_px" the focal length that the pictures name, "camera" who took
-    them, and "notes" what the user should know.
+    them, "lens" the lens where the pictures themselves determine it, "fisheye" one to begin with,
+    and "notes" what the user should know.
 
     Raises:
         DatasetError: the file is not JSON.

@@ -16,6 +16,7 @@ from gsut.page import duration_text, number_text, picture_address, render_page
 from gsut.run import (
     ENVIRONMENT,
     METRICS,
+    PAGE,
     RENDERS,
     REPORT,
     RunFolder,
@@ -76,6 +77,7 @@ def write_report(run: RunFolder) -> Path:
         light_plots=light_plots(metrics["light"]) if "light" in metrics else [],
         settings=_settings(options),
         title=metrics.get("dataset") or run.path.name,
+        page=PAGE if (run.path / PAGE).is_file() else None,
     )
     return run.write_text(REPORT, page)
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.formats._errors import largest_errors
-from gsut.formats._format import Format, SceneFile, WriteSettings, Written
+from gsut.formats._format import Format, SceneFile, StartView, WriteSettings, Written
 from gsut.formats._origin import for_file, place_text
 from gsut.formats.ply import load_ply, save_ply
 from gsut.gaussians import Gaussians
@@ -25,6 +25,7 @@ from gsut.gaussians import Gaussians
 __all__ = [
     "Format",
     "SceneFile",
+    "StartView",
     "WriteSettings",
     "Written",
     "drawable",

@@ -3,7 +3,14 @@
 from gsut.gaussians.arrays import SH_C0, Gaussians
 from gsut.gaussians.low_pass import LowPassFilter, filter_radii, low_pass, low_pass_backward
 from gsut.gaussians.packed_harmonics import MixedGaussians, pack_harmonics, to_mixed
+from gsut.gaussians.quaternions import (
+    quaternion_of,
+    quaternion_products,
+    rotations_backward,
+    rotations_of,
+)
 from gsut.gaussians.seeding import seed_from_points, seed_in_view
+from gsut.gaussians.similarity import transformed
 
 __all__ = [
     "SH_C0",
@@ -14,7 +21,12 @@ __all__ = [
     "low_pass",
     "low_pass_backward",
     "pack_harmonics",
+    "quaternion_of",
+    "quaternion_products",
+    "rotations_backward",
+    "rotations_of",
     "seed_from_points",
     "seed_in_view",
     "to_mixed",
+    "transformed",
 ]

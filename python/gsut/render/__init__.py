@@ -1,5 +1,6 @@
 """Rendering and projection, metrics, camera paths, pictures and videos."""
 
+from gsut.render.ewa import EwaSplats, render_ewa, viewer_rule
 from gsut.render.light import (
     Falloff,
     Light,
@@ -27,6 +28,7 @@ __all__ = [
     "DEFAULT_UNSCENTED",
     "METHODS",
     "RING_EDGES_DEGREES",
+    "EwaSplats",
     "Falloff",
     "Gradients",
     "Light",
@@ -45,10 +47,12 @@ __all__ = [
     "psnr",
     "render",
     "render_backward",
+    "render_ewa",
     "ring_psnr",
     "smooth_path",
     "ssim",
     "to_uint8",
+    "viewer_rule",
     "weighted_psnr",
     "write_png",
     "write_video",

@@ -25,6 +25,7 @@ METRICS = "metrics.json"  # the figures on the held-out images
 REPORT = "report.html"  # all of it to look at
 REFINED = "refined.json"  # poses and lenses, where they were refined (see gsut.refined_poses)
 TRANSFORMS = "transforms.json"  # the same as a dataset, where the format has the lens
+PAGE = "scene.html"  # the scene for any browser, where somebody asked for it (gsut convert)
 RENDERS = "renders"  # pictures of the held-out views
 
 _FILES = (

@@ -20,7 +20,15 @@ from gsut.data import (
     read_dataset,
     read_header,
 )
-from gsut.lens import Camera, LensProfile, find_lenses, is_lens_name, lens_by_name, load_camera
+from gsut.lens import (
+    Camera,
+    LensProfile,
+    camera_from_values,
+    find_lenses,
+    is_lens_name,
+    lens_by_name,
+    load_camera,
+)
 
 FEWEST_IMAGES = 2
 # Kannala-Brandt coefficients of a perspective lens: tan(x) / x = 1 + x^2/3 + 2 x^4/15 + ...
@@ -147,7 +155,7 @@ def _of_capture(path: Path, captured: dict[str, Any]) -> Photographs:
         [row["name"] for row in rows],
         [path / row["path"] for row in rows],
         [None if mask is None else path / mask for mask in masks],
-        [None] * len(rows),
+        [camera_from_values(captured["lens"]) if captured.get("lens") else None] * len(rows),
         candidates=_candidates(captured),
         times={row["name"]: row["time"] for row in rows if row.get("time") is not None},
         said_focal_px=captured.get("focal_px"),
@@ -158,6 +166,8 @@ def _candidates(captured: dict[str, Any]) -> tuple[Camera, ...]:
     """Lenses that what the pictures say of their camera speaks for: EXIF's, and the database's."""
     width, height = captured["size"]
     found = []
+    if captured.get("fisheye"):
+        found.append(camera_from_values(captured["fisheye"]))
     focal = captured.get("focal_px")
     if focal:
         params = [focal, focal, width / 2, height / 2, *_TANGENT]

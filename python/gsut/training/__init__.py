@@ -8,6 +8,7 @@ from gsut.training.compact_run import (
     write_compacted_run,
 )
 from gsut.training.finetuning import finetune, finetune_options
+from gsut.training.for_viewers import VIEWER_STEPS, ForViewers, tune_for_viewers
 from gsut.training.loop import TrainingLoop
 from gsut.training.photometric_poses import grow_poses
 from gsut.training.record import TrainingRecord
@@ -16,7 +17,9 @@ from gsut.training.start import about_cameras, prepare_scene, refine_first_poses
 from gsut.training.trained_run import read_light, read_trained
 
 __all__ = [
+    "VIEWER_STEPS",
     "CompactOptions",
+    "ForViewers",
     "RunCompactor",
     "TrainingLoop",
     "TrainingRecord",
@@ -32,6 +35,7 @@ __all__ = [
     "read_trained",
     "refine_first_poses",
     "size_note",
+    "tune_for_viewers",
     "write_compacted_run",
     "write_results",
 ]

@@ -31,6 +31,8 @@ from gsut.training.start import seed_first
 
 # Steps after which the low-pass filter's radii are found again (Mip-Splatting: 100).
 _RADII_EVERY = 100
+# Fraction of the steps after which areas that differ are left out: before, much of a scene does.
+_ROBUST_FROM = 0.15
 
 
 @dataclasses.dataclass(frozen=True)
@@ -183,6 +185,8 @@ class TrainingLoop:
         loss, _ = _core.photometric_loss(target, image, dimage, self.options.ssim_weight)
         if self.weights is not None:
             self.weights.apply(dimage)
+        if self.options.robust and self.step >= _ROBUST_FROM * self.options.steps:
+            _core.trim_gradient(target, image, dimage)
         self.stopwatch.lap("loss")
         return loss
 

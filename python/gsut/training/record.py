@@ -29,11 +29,13 @@ class TrainingRecord:
         scene: the dataset.
         resume: go on with the run that the folder holds.
         progress: True shows a bar; a function gets each row of the history.
+        watch: sees the loop and the row after each step, and says whether to go on.
 
     Attributes:
         run: the folder, or None.
         checkpoint: the state that `follow` goes on from, or None.
         history: one dict a row: step, seconds, loss, num_gaussians, and where measured psnr.
+        goes_on: until `watch` ends the training.
 
     Raises:
         InputError: the folder holds a run, or with `resume` one of other options.
@@ -46,8 +48,10 @@ class TrainingRecord:
         scene: Scene,
         resume: bool,
         progress: bool | Callable[[dict[str, Any]], None],
+        watch: Callable[[TrainingLoop, dict[str, Any]], bool] | None = None,
     ) -> None:
-        self._options, self._progress = options, progress
+        self._options, self._progress, self._watch = options, progress, watch
+        self.goes_on = True
         self._bar = Progress(progress is True)
         self._saved = time.monotonic()
         self.run: RunFolder | None = None
@@ -84,6 +88,8 @@ class TrainingRecord:
         late = time.monotonic() - self._saved > _CHECKPOINT_SECONDS
         if every and (loop.step % every == 0 or late):
             self._save(loop)
+        if self._watch is not None:
+            self.goes_on = self._watch(loop, row)
 
     def _row(self, loop: TrainingLoop, loss: float) -> dict[str, Any]:
         """The row of this step, with the held-out PSNR when it is due; empty between rows."""

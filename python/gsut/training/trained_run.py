@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 from gsut._core import InputError
 from gsut.data import Scene, load_dataset
@@ -26,6 +27,9 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene,
     data = data or (run.read_json(ENVIRONMENT) or {}).get("dataset")
     if data is None:
         raise InputError(f"{run.path} does not say which dataset it was trained on; give --data")
+    inside = run.path / Path(data).name  # where `gsut scene` puts it: the run may have been moved
+    if not os.path.exists(data) and inside.is_dir():
+        data = str(inside)
     if not os.path.exists(data):
         raise InputError(f"the dataset {data} is not there any more; say where it is with --data")
     scene = load_dataset(data, test_every=options.test_every, test_names=options.test_names)

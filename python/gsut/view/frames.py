@@ -10,8 +10,9 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.data import rigid_transform, shrink_image
+from gsut.gaussians import SH_C0, Gaussians, MixedGaussians, pack_harmonics
 from gsut.lens import Camera
-from gsut.render import DEFAULT_UNSCENTED, to_uint8
+from gsut.render import DEFAULT_UNSCENTED, place_about, to_uint8
 from gsut.view.lenses import Lenses
 from gsut.view.overlays import (
     draw_box,
@@ -24,8 +25,9 @@ from gsut.view.overlays import (
 from gsut.view.stage import Stage, free_motion
 
 MODES = ("color", "distance", "normal", "alpha", "centers", "error")
+# Of the Gaussians that a frame is drawn of: those of a large scene cost more than its pixels do.
+SHARES = (1.0, 0.5, 0.25)
 _MOST_PIXELS = 33_000_000  # of one frame
-_SH_C0 = 0.28209479177387814
 _SEEN = 0.5  # alpha above which a distance counts
 _RANGE_PERCENT = (2.0, 98.0)  # of the distances, that colours span
 _MOST_ERROR = 0.25  # of full scale: shown in the last colour
@@ -47,6 +49,7 @@ class FrameRequest:
         crop: (2, 3) lower and upper corner of the box in `Frames.axes`, or None.
         marks: (n, 3) points.
         quality: of the JPEG; None: a PNG, which loses nothing.
+        share: of the Gaussians, the most seen ones; below 1 while the eye moves.
     """
 
     pose: np.ndarray
@@ -60,6 +63,7 @@ class FrameRequest:
     crop: np.ndarray | None = None
     marks: np.ndarray | None = None
     quality: int | None = _FULL_QUALITY
+    share: float = 1.0
 
     @classmethod
     def parse(cls, values: dict[str, Any], num_views: int) -> FrameRequest:
@@ -80,7 +84,7 @@ class FrameRequest:
             marks = np.array(values.get("marks") or [], np.float64).reshape(-1, 3)
             quality = values.get("quality", _FULL_QUALITY)
             quality = None if quality is None else min(100, max(5, int(quality)))
-            lens = int(values["lens"])
+            lens, share = int(values["lens"]), float(values.get("share", 1))
         except (KeyError, TypeError, ValueError) as error:
             if isinstance(error, InputError):
                 raise
@@ -92,12 +96,16 @@ class FrameRequest:
             raise InputError(f"a frame of {width} x {height} cannot be drawn; at most 33 million")
         if any(row is not None and not 0 <= row < num_views for row in (view, shutter)):
             raise InputError(f"there is no such photograph; there are {num_views}")
+        if share not in SHARES:
+            raise InputError(f"share must be one of {SHARES}, found {share}")
         if crop is not None and (crop.shape != (2, 3) or not np.isfinite(crop).all()):
             raise InputError("crop must be two corners of three numbers")
         if not np.isfinite(marks).all():
             raise InputError("marks must be finite")
         layers = frozenset(values.get("layers") or ())
-        return cls(pose, lens, width, height, mode, view, shutter, layers, crop, marks, quality)
+        return cls(
+            pose, lens, width, height, mode, view, shutter, layers, crop, marks, quality, share
+        )
 
 
 @dataclasses.dataclass
@@ -124,7 +132,7 @@ class Frames:
         self._renderer = _core.Renderer()
         self._rule = _core.BlendRule()
         self._buffers: tuple[np.ndarray, ...] = ()
-        self._cropped: tuple[Any, ...] = (None, None, None)
+        self._chosen: dict[Any, Any] = {}
         place = stage.place()
         self.center, self.extent = place["center"], place["extent"]
         up = place["up"] / np.linalg.norm(place["up"])
@@ -214,7 +222,7 @@ class Frames:
             return Drawn(self._normals(camera, request.pose, distance))
         known = distance[::_SAMPLES, ::_SAMPLES]
         known = known[np.isfinite(known)]
-        span = tuple(np.percentile(known, _RANGE_PERCENT)) if len(known) else (0.0, 1.0)
+        span = tuple(np.percentile(known, _RANGE_PERCENT)) if len(known) else (1.0, 2.0)
         near, far = float(span[0]), max(float(span[1]), float(span[0]) * 1.001 + 1e-9)
         with np.errstate(invalid="ignore"):  # even steps of 1 / distance: near things differ more
             level = (1 / distance - 1 / far) / (1 / near - 1 / far)
@@ -227,37 +235,50 @@ class Frames:
         if not self._buffers or self._buffers[1].shape != shape:
             self._buffers = tuple(np.zeros((*shape, *rest), np.float32) for rest in ((3,), (), ()))
         image, alpha, depth = self._buffers
-        gaussians = self._gaussians(request.crop)
+        gaussians = self._gaussians(request)
         if gaussians is None or not len(gaussians):
             image[:], alpha[:], depth[:] = self.stage.background, 0, 0
             return image, alpha, depth
         beside = (alpha, depth) if with_depth else (None, None)
         self._renderer.render(
-            gaussians, camera, place, self._rule, self.stage.background, gaussians.sh_degree,
+            gaussians, camera, place_about(place, gaussians.origin), self._rule,
+            self.stage.background, gaussians.sh_degree,
             DEFAULT_UNSCENTED, image, beside[0], beside[1], False,
         )  # fmt: skip
         return image, alpha, depth
 
-    def _gaussians(self, crop: np.ndarray | None) -> Any:
-        """The Gaussians inside the crop box."""
-        gaussians = self.stage.gaussians
-        if crop is None or gaussians is None:
-            return gaussians
-        if self._cropped[0] is not gaussians or not np.array_equal(self._cropped[1], crop):
-            inside = (gaussians.means - self.center) @ self.axes.T / self.extent
-            kept = np.all((inside >= crop[0]) & (inside <= crop[1]), axis=1)
-            whole = gaussians.to_gaussians() if hasattr(gaussians, "to_gaussians") else gaussians
-            self._cropped = (gaussians, crop, whole[kept])
-        return self._cropped[2]
+    def _gaussians(self, request: FrameRequest) -> Any:
+        """The Gaussians inside the crop box, and of these the share that is seen most."""
+        g, crop, share = self.stage.gaussians, request.crop, request.share
+        if g is None or (crop is None and (share == 1 or self.stage.kind == "training")):
+            return g
+        if self._chosen.get("of") is not g:
+            self._chosen = {"of": g}
+        key = share, None if crop is None else crop.tobytes()
+        if key not in self._chosen:
+            for old in [
+                old for old in self._chosen if old != "of" and old[1] not in (None, key[1])
+            ]:
+                del self._chosen[old]  # of a box as it was before
+            whole = g.to_gaussians() if isinstance(g, MixedGaussians) else g
+            at = (whole.means + (whole.origin - self.center)) @ self.axes.T / self.extent
+            kept = np.ones(len(whole), bool)
+            if crop is not None:
+                kept = np.all((at >= crop[0]) & (at <= crop[1]), axis=1)
+            if share < 1:
+                kept &= _seen_most(whole, at, share)
+            self._chosen[key] = pack_harmonics(whole[kept])
+        return self._chosen[key]
 
     def _centers(self, request: FrameRequest, camera: Camera) -> np.ndarray:
         image = np.zeros((camera.height, camera.width, 3), np.uint8)
-        gaussians = self._gaussians(request.crop)
+        gaussians = self._gaussians(request)
         if gaussians is not None and len(gaussians):
-            if hasattr(gaussians, "to_gaussians"):
+            if isinstance(gaussians, MixedGaussians):
                 gaussians = gaussians.to_gaussians()
-            colors = to_uint8(0.5 + _SH_C0 * gaussians.sh[:, 0])
-            draw_points(image, camera, request.pose, gaussians.means, colors)
+            colors = to_uint8(0.5 + SH_C0 * gaussians.sh[:, 0])
+            centers = gaussians.means + gaussians.origin
+            draw_points(image, camera, request.pose, centers, colors)
         return image
 
     def _error(self, request: FrameRequest, image: np.ndarray) -> Drawn:
@@ -301,6 +322,14 @@ class Frames:
         b = [(x, 0, 1) for x in lines] + [(1, 0, z) for z in lines]
         starts, ends = (np.array(side) * self.extent @ self.axes + self.center for side in (a, b))
         draw_lines(image, camera, pose, starts, ends, [(120, 130, 145)] * len(a))
+
+
+def _seen_most(gaussians: Gaussians, at: np.ndarray, share: float) -> np.ndarray:
+    """(N,) bool: those with the largest shadows, seen from about the scene's middle."""
+    scales = np.sort(gaussians.log_scales, axis=1)[:, 1:].sum(axis=1)
+    opacity = -np.logaddexp(0, -gaussians.opacity_logits)
+    seen = opacity + scales - np.log1p(np.sum(at**2, axis=1))
+    return seen >= np.quantile(seen, 1 - share)
 
 
 def _colored(level: np.ndarray, known: np.ndarray, colors: str) -> np.ndarray:

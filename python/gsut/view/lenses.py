@@ -13,7 +13,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.lens import Camera, camera_values, load_camera
+from gsut.lens import Camera, camera_values, is_lens_name, load_camera, load_lens
 
 _KEPT = 12  # cameras at a size, whose rays are kept
 _MOST_SLIDERS = 24  # parameters with a slider
@@ -85,19 +85,20 @@ class Lenses:
         """The number of a lens that the page asks for.
 
         Args:
-            wanted: one of "path" of a lens file; "name" and "text" of one; "model" with "params"
-                (none: an example of it); "id" of a lens. Then, if given, "params" replace its
-                first parameters, "fit" [width, height] gives it that shape of image, and
-                "field_of_view" in degrees, across the image, scales its focal lengths.
+            wanted: one of "path" of a lens file, or the name of a lens that is known; "name" and
+                "text" of a lens file; "model", for an example of it; "id" of a lens. Then, if
+                given, "params" replace its first parameters, "fit" [width, height] gives it that
+                shape of image, and "field_of_view" in degrees, across the image, scales its focal
+                lengths.
 
         Raises:
             InputError, CalibrationError: no such lens; the sentence says why.
         """
         if wanted.get("path"):
-            path = Path(str(wanted["path"])).expanduser()
-            if not path.is_file():
+            path = str(Path(str(wanted["path"])).expanduser())
+            if not is_lens_name(path) and not Path(path).is_file():
                 raise InputError(f"{path}: no such lens file")
-            lens = load_camera(path)
+            lens = load_lens(path)
         elif wanted.get("name"):
             lens = _uploaded(str(wanted["name"]), str(wanted.get("text", "")))
         elif wanted.get("model"):

@@ -63,9 +63,10 @@ class Stage:
         """Where the scene is: up (3,), center (3,), extent, and the first pose (4, 4)."""
         if self.scene is not None and len(self.scene):
             return _place_of_views(self.scene)
-        means = np.zeros((1, 3)) if self.gaussians is None else self.gaussians.means
-        means = means if len(means) else np.zeros((1, 3))
-        low, high = np.percentile(means.astype(np.float64), _MIDDLE_PERCENT, axis=0)
+        means = np.zeros((1, 3))
+        if self.gaussians is not None and len(self.gaussians):
+            means = self.gaussians.means + self.gaussians.origin
+        low, high = np.percentile(means, _MIDDLE_PERCENT, axis=0)
         center, extent = (low + high) / 2, float(np.linalg.norm(high - low) / 2) or 1.0
         pose = np.eye(4)
         pose[:3, 3] = -center + [0, 0, _FIRST_DISTANCE * extent]
@@ -79,7 +80,9 @@ def _place_of_views(scene: Scene) -> dict[str, Any]:
     length = np.linalg.norm(up)
     up = up / length if length > 1e-3 else -poses[0, 1, :3]
     points = scene.points
-    center = np.median(points, axis=0) if len(points) else np.zeros(3)
+    if not len(points):
+        points = np.array([scene.views[row].camera_center for row in rows])
+    center = np.median(points, axis=0)
     return {"up": up, "center": center, "extent": scene.extent, "pose": poses[0]}
 
 
@@ -116,10 +119,11 @@ def data_stage(scene: Scene, findings: Sequence[Finding] = ()) -> Stage:
     """The stage of a dataset: its points stand for Gaussians."""
     gaussians = None
     if len(scene.points):
+        origin = scene.points.mean(axis=0)  # float32 holds them near it
         gaussians = seed_from_points(
-            scene.points, scene.point_colors, sh_degree=0, scale_factor=_POINT_SCALE,
+            scene.points - origin, scene.point_colors, sh_degree=0, scale_factor=_POINT_SCALE,
             opacity=_POINT_OPACITY, max_gaussians=_MOST_POINTS,
-        )  # fmt: skip
+        ).translated(origin)  # fmt: skip
     return Stage(scene.path.resolve().name, "data", gaussians, scene, findings=findings)
 
 

@@ -7,6 +7,8 @@ const MODE_NAMES = { color: "Colour", distance: "Distance", normal: "Normals", a
 const COMPARE_NAMES = { render: "Render", photo: "Photo", fade: "Fade", wipe: "Wipe", flicker: "Flicker" };
 const LAYER_NAMES = { cameras: "Cameras", points: "Points", domain: "No ray", axes: "Ground" };
 const SCALES = [0.2, 0.25, 0.35, 0.5, 0.7, 1]; // of the shown size, while moving
+const SHARES = [0.25, 0.25, 0.5, 1, 1, 1]; // of the Gaussians, likewise: worth it for large scenes
+const LARGE = 200000;
 const SLOW_MS = 60, FAST_MS = 25; // of a frame, beyond which the size while moving changes
 const REST_MS = 140; // after the last movement the frame comes whole
 const MOST_PIXELS = 3e6;
@@ -92,6 +94,7 @@ function request(moving) {
     pose: state.exact ?? poseOf(state.eye), lens: lens.id, width, height, mode, view: state.view, shutter: rolling,
     layers: [...state.layers, ...($("crop-box").open ? ["box"] : [])], crop: state.crop,
     marks: state.marks, quality: moving ? 75 : state.lossless ? null : 92,
+    share: moving && scene.num_gaussians > LARGE ? SHARES[level] : 1,
   };
 }
 function redraw(moved = true) {
@@ -336,7 +339,7 @@ function choosePhotograph(index) {
   const view = index === null ? null : scene.views[index];
   $("photo-name").textContent = view ? view.name + (view.held_out ? " (held out)" : "") : "none chosen";
   const error = document.querySelector("input[name=modes][value=error]");
-  if (error) error.disabled = !view || !scene.num_gaussians;
+  if (error) error.disabled = !view;
   $("photo").hidden = $("wipe").hidden = true;
   if (!view) return clearInterval(flicker);
   const photo = $("photo"), width = Math.round(size()[0] * devicePixelRatio);
@@ -642,7 +645,8 @@ async function begin() {
   state.eye = eyeOf(scene.pose);
   const plain = scene.kind === "data" ? ["color", "distance", "centers"] : scene.modes;
   choices("modes", Object.fromEntries(plain.map((name) => [name, MODE_NAMES[name]])), "color", (name) => { state.mode = name; redraw(); });
-  choices("compare", COMPARE_NAMES, "render", (name) => { state.compare = name; compare(); });
+  if (scene.kind === "data" && scene.views.length) state.compare = "photo";
+  choices("compare", COMPARE_NAMES, state.compare, (name) => { state.compare = name; compare(); });
   choices("navigation", { walk: "Walk", orbit: "Orbit" }, "walk", (name) => (state.navigation = name));
   for (const [name, text] of Object.entries(LAYER_NAMES)) {
     if ((name === "cameras" && !scene.views.length) || (name === "points" && !scene.num_points)) continue;

@@ -52,6 +52,8 @@ def test_convert_takes_the_folder_of_a_run(tmp_path, monkeypatch, capsys):
         (["in.ply", "in.ply"], "exists; give another name (nothing was overwritten)"),
         (["nowhere.ply", "out.spz"], "nowhere.ply: cannot be opened"),
         ([".", "out.spz"], "holds no run"),
+        (["in.ply", "out.spz", "--for", "viewers"], "in.ply is a file, give the folder of a run"),
+        (["in.ply", "out.spz", "--steps", "9"], "--steps belongs to --for viewers"),
     ],
 )
 def test_convert_refuses_in_one_sentence(words, said, ply, tmp_path, monkeypatch, capsys):
@@ -61,3 +63,19 @@ def test_convert_refuses_in_one_sentence(words, said, ply, tmp_path, monkeypatch
     assert said in capsys.readouterr().err
     assert ply.read_bytes() == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in.ply"]
+
+
+def test_convert_run_to_a_page_begins_at_a_photograph_and_is_linked_from_the_report(
+    tmp_path, monkeypatch, capsys
+):
+    scene = small_run.make_scene(tmp_path / "data")
+    small_run.install(monkeypatch, scene)
+    run = small_run.finished_run(tmp_path / "run", scene)
+    assert "scene.html" not in (run.path / "report.html").read_text()
+    page = run.path / "scene.html"
+    assert main(["convert", str(run.path), str(page)]) == 0
+    assert '<a href="scene.html">' in (run.path / "report.html").read_text()
+    text = page.read_text()
+    position = json.loads(text.split('"position": ')[1].split("]")[0] + "]")
+    radius = np.hypot(3.0, 1.0)  # of the cameras about what they look at: small_run.inward_pose
+    np.testing.assert_allclose(np.linalg.norm(position), radius, rtol=1e-6)

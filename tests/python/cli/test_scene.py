@@ -2,6 +2,7 @@
 
 import io
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -41,6 +42,19 @@ def test_video_becomes_a_scene_with_a_page(made):
     page = (run / "scene.html").read_text()
     assert "only 6 pictures" in page and 'href="report.html"' in page and "data:image" in page
     assert main(["eval", str(run), "--json"]) == 0
+
+
+def test_moved_scene_is_still_evaluated(made, tmp_path, capsys):
+    folder, _ = made
+    shutil.copytree(folder / "run", tmp_path / "elsewhere")
+    values = json.loads((tmp_path / "elsewhere/environment.json").read_text())
+    values["dataset"] = "/is/not/there/poses"
+    (tmp_path / "elsewhere/environment.json").write_text(json.dumps(values))
+    found = []
+    for run in (tmp_path / "elsewhere", folder / "run"):
+        assert main(["eval", str(run), "--json"]) == 0
+        found.append(json.loads(capsys.readouterr().out)["psnr"])
+    assert found[0] == found[1]
 
 
 def test_second_run_says_done_and_changes_nothing(made, capsys):

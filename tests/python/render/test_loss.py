@@ -271,3 +271,24 @@ def test_half_image_psnr_judges_what_it_did_not_fit(pair):
     other[:, WIDTH // 2 :] *= 0.5
     assert metrics.half_image_psnr(other, truth) < 20
     assert metrics.half_image_psnr(truth, truth, np.arange(WIDTH) < np.full((HEIGHT, 1), 5)) is None
+
+
+def test_trimming_takes_areas_that_differ_and_leaves_edges(pair, rng):
+    image = rng.random((HEIGHT, WIDTH, 3), np.float32)
+    photograph = np.clip(image + 0.01 * rng.standard_normal(image.shape), 0, 1).astype(np.float32)
+    photograph[20:45, 15:40] = 1 - image[20:45, 15:40]  # an area
+    photograph[5] = 1 - image[5]  # an edge
+    made = []
+    for threads in (1, 2, 8):
+        set_num_threads(threads)
+        gradient = np.ones_like(image)
+        count = _core.trim_gradient(_core.PhotometricTarget(photograph), image, gradient)
+        gone = (gradient == 0).all(axis=2)
+        assert count == gone.sum() and gone[24:41, 19:36].all()
+        assert not gone[:12].any() and not gone[50:].any() and not gone[:, :10].any()
+        made.append(gradient.tobytes())
+    assert len(set(made)) == 1
+    # What differs only by its light does not differ.
+    target = _core.PhotometricTarget(0.5 * image)
+    target.set_light([2.0, 2.0, 2.0])
+    assert _core.trim_gradient(target, image, np.ones_like(image)) == 0

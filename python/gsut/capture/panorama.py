@@ -1,0 +1,194 @@
+"""Pictures of 360-degree cameras: equirectangular ones get their lens, two circles become two.
+
+Dual-fisheye pictures hold the circles of two lenses, back to back, side by side. Each becomes a
+square picture of its own, masked outside its circle; both lenses are taken for one of one kind.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.capture.frames import IMAGES, Capture
+from gsut.data import CAPTURE, read_capture
+from gsut.files import whole_file, write_json
+from gsut.lens import Camera, camera_values
+
+LENSES = ("front", "back")
+MASK = "mask.png"
+_SPLIT = "lenses"  # folder of the two lenses' pictures
+_LOOKED_AT = 12  # pictures that decide what a camera takes
+_DARK = 24  # grey level below which nothing is seen
+_BRIGHT_SHARE = 0.6  # of a circle's pixels are brighter than that, in one picture at least
+_RIM = 0.985  # of the circle's radius that is used: its edge is dim and coloured
+_FIELD = math.radians(195)  # of a circle, where nothing is known: between those in use
+_SEAM = 2.0  # differences across the seam of a panorama, over those of its other columns
+_JPEG_QUALITY = 97
+
+
+@dataclasses.dataclass(frozen=True)
+class _Circle:
+    x: float
+    y: float
+    radius: float
+
+
+def of_panoramas(taken: Capture, nadir: float = 0.0, zenith: float = 0.0) -> Capture:
+    """The capture as it serves: split and masked where it comes from a 360-degree camera.
+
+    Args:
+        taken: of any camera.
+        nadir, zenith: degrees from straight down and straight up that are masked: tripod, hand,
+            selfie stick; of pictures held upright.
+
+    Returns:
+        The same capture if it is of another camera and nothing is masked.
+
+    Raises:
+        InputError: caps of pictures that are no panoramas.
+    """
+    if not (0 <= nadir < 90 and 0 <= zenith < 90):
+        raise InputError(f"caps take 0 to 90 degrees, found {nadir:g} and {zenith:g}")
+    width, height = taken.figures["size"]
+    paths = [taken.path / row["path"] for row in taken.figures["frames"]]
+    if width != 2 * height:
+        if nadir or zenith:
+            raise InputError(
+                "--nadir-cap and --zenith-cap are for 360-degree pictures, twice as wide as high; "
+                f"these are {width} x {height}: draw masks instead (masks/NAME.png)"
+            )
+        return taken
+    some = [paths[i] for i in np.unique(np.linspace(0, len(paths) - 1, _LOOKED_AT).astype(int))]
+    brightest, seam = _looked_at(some)
+    circles = [_circle(half) for half in np.hsplit(brightest, 2)]
+    if None not in circles:
+        return _split(taken, [c for c in circles if c is not None], nadir, zenith)
+    if not seam:
+        return taken
+    lens = Camera("equirectangular", [], width, height)
+    note = "the pictures are 360-degree panoramas (equirectangular): their lens is known"
+    _write_mask(taken.path / MASK, lens, None, nadir, zenith)
+    rows = [{**row, "mask": MASK} for row in taken.figures["frames"]]
+    figures = {**taken.figures, "frames": rows, "lens": camera_values(lens)}
+    figures["notes"] = [*(n for n in taken.notes if n != note), note]
+    write_json(taken.path / CAPTURE, figures)
+    return Capture(taken.path, figures)
+
+
+def _looked_at(paths: Sequence[Path]) -> tuple[np.ndarray, bool]:
+    """The brightest grey level of each pixel, and whether left and right edge join."""
+    import cv2
+
+    brightest: np.ndarray = np.zeros(0, np.uint8)
+    ratios = []
+    for path in paths:
+        grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+        if grey is None:
+            continue
+        brightest = grey if not len(brightest) else np.maximum(brightest, grey)
+        columns = grey.astype(np.float32)
+        across = np.abs(columns[:, 0] - columns[:, -1]).mean()
+        beside = np.abs(np.diff(columns[:, :: max(1, columns.shape[1] // 64)], axis=1)).mean()
+        inside = np.abs(columns[:, 1:] - columns[:, :-1]).mean()
+        ratios.append(across <= max(_SEAM * inside, 0.5) or across < 0.2 * beside)
+    return brightest, bool(ratios) and sum(ratios) > len(ratios) / 2
+
+
+def _circle(half: np.ndarray) -> _Circle | None:
+    """The bright circle of one half of a picture; None: there is none."""
+    height, width = half.shape
+    bright = half > _DARK
+    rows, columns = np.flatnonzero(bright.any(axis=1)), np.flatnonzero(bright.any(axis=0))
+    if not len(rows):
+        return None
+    left, right, top, bottom = columns[0], columns[-1] + 1, rows[0], rows[-1] + 1
+    radius = max(right - left, bottom - top) / 2
+    circle = _Circle((left + right) / 2, (top + bottom) / 2, radius)
+    if not 0.35 * height <= radius <= 0.52 * height:
+        return None
+    y, x = np.mgrid[:height, :width] + 0.5
+    away = np.hypot(x - circle.x, y - circle.y)
+    outside = bright[away > 1.03 * radius]
+    inside = bright[away < 0.9 * radius]
+    if (outside.size and outside.mean() > 0.02) or inside.mean() < _BRIGHT_SHARE:
+        return None
+    return circle
+
+
+def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: float) -> Capture:
+    """A capture of the pictures of both lenses, in a folder of its own."""
+    import cv2
+
+    folder = taken.path / _SPLIT
+    key = {**taken.figures["key"], "caps": [nadir, zenith]}
+    before = read_capture(folder)
+    if before is not None and before["key"] == key:
+        return Capture(folder, before)
+    half = taken.figures["size"][0] // 2
+    side = 2 * round(max(circle.radius for circle in circles))
+    rows = []
+    for number, name in enumerate(LENSES):
+        (folder / IMAGES / name).mkdir(parents=True, exist_ok=True)
+        circle = circles[number]
+        corner = round(circle.x - side / 2), round(circle.y - side / 2)
+        for row in taken.figures["frames"]:
+            pixels = np.asarray(cv2.imread(str(taken.path / row["path"])))
+            part = _cut(pixels[:, number * half : (number + 1) * half], *corner, side)
+            target = folder / IMAGES / name / (Path(row["name"]).stem + ".jpg")
+            with whole_file(target) as temporary:
+                cv2.imwrite(str(temporary), part, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+            own = f"{name}/{target.name}"
+            rows.append({**row, "name": own, "path": f"{IMAGES}/{own}", "mask": MASK})
+    radius = min(circle.radius for circle in circles)
+    lens = _fisheye(side, radius)
+    _write_mask(folder / MASK, lens, _RIM * radius, nadir, zenith)
+    figures = {
+        **taken.figures, "key": key, "size": [side, side], "frames": rows, "camera": "",
+        "focal_px": None, "fisheye": camera_values(lens),
+        "notes": [
+            *taken.notes,
+            f"each picture holds the circles of two lenses, which become {len(rows)} pictures",
+        ],
+    }  # fmt: skip
+    write_json(folder / CAPTURE, figures)
+    return Capture(folder, figures)
+
+
+def _cut(pixels: np.ndarray, left: int, top: int, side: int) -> np.ndarray:
+    """A square part, black where it reaches beyond the picture."""
+    out = np.zeros((side, side, 3), np.uint8)
+    height, width = pixels.shape[:2]
+    x0, y0, x1, y1 = max(0, left), max(0, top), min(width, left + side), min(height, top + side)
+    out[y0 - top : y1 - top, x0 - left : x1 - left] = pixels[y0:y1, x0:x1]
+    return out
+
+
+def _fisheye(side: int, radius: float) -> Camera:
+    """An equidistant lens whose field fills the circle."""
+    focal = radius / (_FIELD / 2)
+    return Camera("kannala_brandt", [focal, focal, side / 2, side / 2, 0, 0, 0, 0], side, side)
+
+
+def _write_mask(
+    path: Path, lens: Camera, radius: float | None, nadir: float, zenith: float
+) -> None:
+    """An image that is white inside the circle and outside the caps."""
+    import cv2
+
+    rays, valid = lens.rays()
+    mask = np.array(valid)
+    down = np.degrees(np.arccos(np.clip(np.nan_to_num(rays[:, :, 1]), -1, 1)))
+    if nadir:
+        mask &= down > nadir
+    if zenith:
+        mask &= down < 180 - zenith
+    if radius is not None:
+        y, x = np.mgrid[: lens.height, : lens.width] + 0.5
+        mask &= np.hypot(x - lens.width / 2, y - lens.height / 2) < radius
+    with whole_file(path) as temporary:
+        cv2.imwrite(str(temporary), mask.astype(np.uint8) * 255)

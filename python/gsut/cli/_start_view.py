@@ -1,0 +1,40 @@
+"""Where a page of a run's scene begins: at one of its photographs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+_FOV_DEGREES = (40.0, 75.0)  # of a screen, whatever the photograph's lens
+_SMALL = 64  # pixels a side of the picture that says how far the scene is
+
+
+def start_view(scene: Any, gaussians: Any, origin: np.ndarray) -> Any:
+    """The first training view with the cameras' mean up; it turns about what it looks at.
+
+    Args:
+        scene: the dataset.
+        gaussians: of the run.
+        origin: (3,) where the zero of the file's coordinates lies in the world.
+    """
+    import gsut
+    from gsut.formats import StartView
+
+    rows = list(scene.train_indices or range(len(scene)))
+    poses = np.stack([scene.views[row].camera_from_world for row in rows])
+    camera, pose = scene.camera(rows[0]), poses[0]
+    up = -poses[:, 1, :3].mean(axis=0)
+    if np.linalg.norm(up) < 1e-3:  # cameras of all directions
+        up = -pose[1, :3]
+    scale = _SMALL / max(camera.width, camera.height)
+    sides = [max(1, round(scale * side)) for side in (camera.width, camera.height)]
+    seen = gsut.render(gaussians, camera.resized(*sides), pose)
+    hit = seen.alpha > 0.5
+    distance = np.median(seen.depth[hit] / seen.alpha[hit]) if hit.any() else scene.extent
+    position = -pose[:3, :3].T @ pose[:3, 3] - origin
+    edges = np.array([[camera.width / 2, 0.5], [camera.width / 2, camera.height - 0.5]])
+    rays, valid = camera.unproject(edges)
+    fov = np.degrees(np.arccos(np.clip(rays[0] @ rays[1], -1, 1))) if valid.all() else np.inf
+    target = position + float(distance) * pose[2, :3]
+    return StartView(position, target, up, float(np.clip(fov, *_FOV_DEGREES)))

@@ -1,0 +1,50 @@
+"""Rotations as quaternions w, x, y, z: conversions, products, and a gradient."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def quaternion_of(rotation: np.ndarray) -> np.ndarray:
+    """(4,) unit quaternion of a rotation (3, 3): the eigenvector of Bar-Itzhack's matrix."""
+    r = rotation
+    k = np.array([
+        [r[0, 0] + r[1, 1] + r[2, 2], r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]],
+        [0, r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]],
+        [0, 0, r[1, 1] - r[0, 0] - r[2, 2], r[1, 2] + r[2, 1]],
+        [0, 0, 0, r[2, 2] - r[0, 0] - r[1, 1]],
+    ])  # fmt: skip
+    return np.linalg.eigh(k, "U")[1][:, -1]
+
+
+def quaternion_products(q: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(N, 4) Hamilton products of one quaternion (4,) with many (N, 4)."""
+    w, x, y, z = q
+    left = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
+    return others @ left.T.astype(others.dtype)
+
+
+def rotations_of(q: np.ndarray) -> np.ndarray:
+    """(N, 3, 3) rotations of unit quaternions (N, 4)."""
+    w, x, y, z = q.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)
+
+
+def rotations_backward(q: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """(N, 4) gradients to unit quaternions, across them, from those (N, 3, 3) to `rotations_of`."""
+    w, x, y, z = q.T
+    skew = [r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]]
+    xy, xz, yz = r[:, 0, 1] + r[:, 1, 0], r[:, 0, 2] + r[:, 2, 0], r[:, 1, 2] + r[:, 2, 1]
+    xx, yy, zz = r[:, 0, 0], r[:, 1, 1], r[:, 2, 2]
+    gradient = 2 * np.stack([
+        x * skew[0] + y * skew[1] + z * skew[2],
+        w * skew[0] + y * xy + z * xz - 2 * x * (yy + zz),
+        w * skew[1] + x * xy + z * yz - 2 * y * (xx + zz),
+        w * skew[2] + x * xz + y * yz - 2 * z * (xx + yy),
+    ], axis=1)  # fmt: skip
+    return gradient - q * np.sum(q * gradient, axis=1, keepdims=True)

@@ -1,0 +1,64 @@
+"""Gaussians turned, scaled and moved as a whole; their harmonics turn with them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError
+from gsut.gaussians.arrays import Gaussians
+from gsut.gaussians.quaternions import quaternion_of, quaternion_products
+
+_DIRECTIONS = 64  # at which harmonics are compared; 16 would do
+_ORTHOGONAL = 1e-6
+
+
+def transformed(
+    gaussians: Gaussians,
+    rotation: np.typing.ArrayLike,
+    scale: float = 1.0,
+    translation: np.typing.ArrayLike = (0.0, 0.0, 0.0),
+) -> Gaussians:
+    """Gaussians after x -> scale rotation x + translation, in world coordinates.
+
+    Args:
+        gaussians: N Gaussians.
+        rotation: (3, 3), orthogonal and right-handed to 1e-6.
+        scale: above 0.
+        translation: (3,), in the new units.
+
+    Returns:
+        The same picture for a camera that is moved the same way; the origin moves along.
+
+    Raises:
+        InputError: no rotation, or a scale that is not above 0.
+    """
+    r = np.asarray(rotation, np.float64)
+    proper = r.shape == (3, 3) and np.allclose(r @ r.T, np.eye(3), atol=_ORTHOGONAL)
+    if not proper or np.linalg.det(r) < 0 or not 0 < scale < np.inf:
+        raise InputError(f"a rotation and a scale above 0 are needed, found {r.tolist()}, {scale}")
+    g = gaussians
+    return dataclasses.replace(
+        g,
+        means=(scale * (g.means.astype(np.float64) @ r.T)).astype(g.dtype),
+        quats=quaternion_products(quaternion_of(r), g.quats.astype(np.float64)).astype(g.dtype),
+        log_scales=(g.log_scales + np.log(scale)).astype(g.dtype),
+        sh=np.einsum("ij,njc->nic", turned_harmonics(g.sh_degree, r), g.sh).astype(g.dtype),
+        origin=scale * (r @ g.origin) + np.asarray(translation, np.float64),
+    )
+
+
+def turned_harmonics(degree: int, rotation: np.ndarray) -> np.ndarray:
+    """(K, K) float64: coefficients of a function on directions after a rotation of the directions.
+
+    Fitted to the function's values, which is exact: each degree is closed under rotations.
+    """
+    number = np.arange(_DIRECTIONS) + 0.5
+    z, angle = 1 - 2 * number / _DIRECTIONS, np.pi * (1 + np.sqrt(5.0)) * number
+    radius = np.sqrt(1 - z * z)
+    directions = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+    after = _core.harmonics_basis(degree, directions)
+    before = _core.harmonics_basis(degree, directions @ rotation)
+    return np.linalg.lstsq(after, before, rcond=None)[0]

@@ -1,0 +1,159 @@
+"""Pictures as viewers draw them: EWA splats with a widening of the screen, by the exact renderer.
+
+A viewer projects a Gaussian affinely (Zwicker et al., EWA Splatting, 2001; Kerbl et al. 2023) and
+adds a variance of 0.3 pixels squared. Seen by a pinhole, that ellipse is exactly what a Gaussian
+without thickness draws that lies across the optical axis at the centre's depth: so each Gaussian is
+replaced by such a disc, and the renderer and its gradients stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import BlendRule, InputError
+from gsut.gaussians import (
+    Gaussians,
+    quaternion_of,
+    quaternion_products,
+    rotations_backward,
+    rotations_of,
+)
+from gsut.render.renderer import Render, render
+
+DILATION = 0.3  # px^2, of every viewer
+_NEAR = 0.2  # of 3DGS: centres nearer than this along the axis are not drawn
+# Beyond this many times the half field of view the affine map is taken at the edge (3DGS).
+_FIELD = 1.3
+_THICKNESS = 1e-3  # of a disc, of its smaller radius
+# Discs nearly round turn without a change; the ratio of 0 to 0 is kept from growing beyond this.
+_LEAST_DIFFERENCE = 1e-4
+
+
+def viewer_rule() -> BlendRule:
+    """How viewers order and blend: by depth along the axis."""
+    rule = BlendRule("gsplat")
+    rule.near_z = _NEAR
+    return rule
+
+
+class EwaSplats:
+    """One camera's discs in place of Gaussians, and the way back for gradients.
+
+    Args:
+        gaussians: N Gaussians.
+        camera: of the model "pinhole".
+        camera_from_world: (4, 4).
+        dilation: variance that the screen adds, px^2.
+
+    Attributes:
+        discs: N Gaussians that the exact renderer draws as EWA splats of `gaussians`.
+
+    Raises:
+        InputError: another model, or pixels that are not square.
+    """
+
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        camera: _core.Camera,
+        camera_from_world: np.ndarray,
+        dilation: float = DILATION,
+    ) -> None:
+        focal = camera.params[0]
+        if camera.model != "pinhole" or abs(camera.params[1] - focal) > 1e-6 * focal:
+            raise InputError("EWA splats need a pinhole camera with square pixels")
+        g, dtype, pose = gaussians, gaussians.dtype, np.asarray(camera_from_world, np.float64)
+        self._g, self._rotation = g, pose[:3, :3]
+        zero = pose[:3, 3] + self._rotation @ g.origin  # of the means, in the camera's frame
+        self._widening = dilation / focal**2
+        at = g.means @ self._rotation.T.astype(dtype) + zero.astype(dtype)
+        # What lies behind is not drawn; it only must not divide by zero.
+        self._z = np.maximum(at[:, 2], _NEAR)
+        size = np.array([camera.width, camera.height])
+        most = (_FIELD * size / (2 * focal)).astype(dtype)
+        slope = at[:, :2] / self._z[:, None]
+        self._inside = np.abs(slope) < most
+        self._slope = np.clip(slope, -most, most)
+        self._norm = np.linalg.norm(g.quats, axis=1, keepdims=True)
+        self._axes = rotations_of(g.quats / self._norm)  # world <- Gaussian
+        self._turned = self._rotation.astype(dtype) @ self._axes
+        self._scales = np.exp(g.log_scales)
+        # Shadow along the ray on the plane across the axis: two rows of x - slope z, then scaled.
+        flat = self._turned[:, :2] - self._slope[:, :, None] * self._turned[:, 2:]
+        self._map = flat * self._scales[:, None]
+        plane = self._map @ self._map.transpose(0, 2, 1)
+        plane[:, [0, 1], [0, 1]] += (self._widening * self._z**2)[:, None]
+        self._ellipses(plane)
+
+    def _ellipses(self, plane: np.ndarray) -> None:
+        """Discs of these covariances (N, 2, 2) on the plane across the axis."""
+        a, b, c = plane[:, 0, 0], plane[:, 0, 1], plane[:, 1, 1]
+        middle, half = (a + c) / 2, np.hypot((a - c) / 2, b)
+        self._large = middle + half
+        self._small = np.maximum((a * c - b * b) / self._large, 1e-6 * self._large)
+        angle = 0.5 * np.arctan2(2 * b, a - c)
+        self._cos, self._sin = np.cos(angle), np.sin(angle)
+        world, zero = quaternion_of(self._rotation.T), np.zeros_like(angle)
+        c, s = np.cos(0.5 * angle), np.sin(0.5 * angle)
+        quats = quaternion_products(world, np.stack([c, zero, zero, s], axis=1))
+        # Its derivative by the angle.
+        self._tangent = quaternion_products(world, np.stack([-s, zero, zero, c], axis=1) / 2)
+        logs = 0.5 * np.log(np.stack([self._large, self._small], axis=1))
+        thin = logs[:, 1:] + np.log(_THICKNESS)
+        g = self._g
+        self.discs = Gaussians(
+            g.means, quats, np.concatenate([logs, thin], axis=1),
+            g.opacity_logits, g.sh, g.origin,
+        )  # fmt: skip
+
+    def backward(self, gradients: Gaussians) -> None:
+        """Turns gradients to the discs into those to the Gaussians, in place.
+
+        Gradients to opacities, harmonics and, for their own part, means pass through.
+        """
+        s = self._scales
+        of_large = (gradients.log_scales[:, 0]) / (2 * self._large)
+        thickness = gradients.log_scales[:, 2]  # follows the smaller radius
+        of_small = (gradients.log_scales[:, 1] + thickness) / (2 * self._small)
+        of_angle = np.sum(gradients.quats * self._tangent, axis=1)
+        difference = np.maximum(self._large - self._small, _LEAST_DIFFERENCE * self._large)
+        mixed = of_angle / (2 * difference)
+        p, q = self._cos, self._sin
+        g = np.empty((len(s), 2, 2), s.dtype)  # dL_dplane
+        g[:, 0, 0] = p * p * of_large - 2 * p * q * mixed + q * q * of_small
+        g[:, 1, 1] = q * q * of_large + 2 * p * q * mixed + p * p * of_small
+        g[:, 0, 1] = g[:, 1, 0] = p * q * (of_large - of_small) + (p * p - q * q) * mixed
+        of_map = 2 * g @ self._map  # (N, 2, 3)
+        of_flat = of_map * s[:, None]
+        flat = self._map / s[:, None]
+        gradients.log_scales[:] = np.sum(of_map * flat, axis=1) * s
+        of_slope = -np.sum(of_flat * self._turned[:, 2:], axis=2) * self._inside
+        of_turned = np.concatenate(
+            [of_flat, -np.sum(of_flat * self._slope[:, :, None], axis=1, keepdims=True)], axis=1
+        )
+        of_axes = self._rotation.T.astype(s.dtype) @ of_turned
+        gradients.quats[:] = rotations_backward(self._g.quats / self._norm, of_axes) / self._norm
+        of_depth = 2 * self._widening * self._z * (g[:, 0, 0] + g[:, 1, 1])
+        of_depth -= np.sum(of_slope * self._slope, axis=1) / self._z
+        of_point = np.concatenate([of_slope / self._z[:, None], of_depth[:, None]], axis=1)
+        of_point *= (self._z > _NEAR)[:, None]
+        gradients.means[:] += of_point @ self._rotation.astype(s.dtype)
+
+
+def render_ewa(
+    gaussians: Gaussians,
+    camera: _core.Camera,
+    camera_from_world: np.ndarray,
+    *,
+    background: Sequence[float] = (0.0, 0.0, 0.0),
+    dilation: float = DILATION,
+    dtype: str = "float32",
+) -> Render:
+    """The picture that viewers draw of Gaussians, see `EwaSplats` and `render`."""
+    discs = EwaSplats(gaussians.astype(np.dtype(dtype)), camera, camera_from_world, dilation).discs
+    return render(
+        discs, camera, camera_from_world, background=background, blend=viewer_rule(), dtype=dtype
+    )

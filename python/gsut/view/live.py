@@ -1,0 +1,131 @@
+"""A training that can be looked at: drawn between its steps, paused and stopped from the page."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import queue
+import threading
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from gsut._core import InputError
+from gsut.data import Scene
+from gsut.run import TrainOptions
+from gsut.training import prepare_scene
+from gsut.view.server import Reply
+from gsut.view.session import AtOnce, Session
+from gsut.view.stage import Stage
+
+_WAIT_SECONDS = 0.2  # of a paused training, between looks at what the page wants
+_Result = TypeVar("_Result")
+
+
+class LiveTraining:
+    """Joins one training and the page's session.
+
+    The training's own thread draws, between two steps: no copy is made of the Gaussians, they are
+    never seen half changed, and nothing is computed but what is drawn. The bits of the result are
+    those of a training that nobody looks at.
+
+    Args:
+        scene: that is trained on.
+        options: of the training.
+
+    Attributes:
+        session: for a `ViewServer`.
+    """
+
+    def __init__(self, scene: Scene, options: TrainOptions) -> None:
+        options = options.resolved()
+        scene = prepare_scene(scene, options)
+        self._stage = Stage(scene.path.resolve().name, "training", None, scene, options.background)
+        self._steps, self._step, self._refines = options.steps, 0, options.refine_poses
+        self._history: list[dict[str, Any]] = []
+        self._jobs: queue.Queue[tuple[Callable[[], Any], concurrent.futures.Future]] = queue.Queue()
+        self._at_once = AtOnce()
+        self._lock = threading.Lock()
+        self._state = "preparing"
+        self._go_on = threading.Event()
+        self._go_on.set()
+        self._stopped = False
+        self.session = Session(self._stage, self._draw, self._told)
+
+    def watch(self, loop: Any, row: dict[str, Any]) -> bool:
+        """For `gsut.train(watch=...)`: draws what is asked for, waits while paused.
+
+        Returns:
+            False once somebody has stopped the training.
+        """
+        with self._lock:
+            self._state = "training"
+        self._step = loop.step
+        if row:
+            self._history.append(row)
+        self._serve(loop, None)
+        while not self._go_on.is_set():
+            with self._lock:
+                self._state = "paused"
+            self._serve(loop, _WAIT_SECONDS)
+        with self._lock:
+            self._state = "training"
+        return not self._stopped
+
+    def finish(self, gaussians: Any = None) -> None:
+        """The training is over, or could not be done; its Gaussians stay to be looked at."""
+        with self._lock:
+            self._state = "finished"
+        self._stage.gaussians = gaussians
+        self._work_off(0.0)
+
+    def _serve(self, loop: Any, wait: float | None) -> None:
+        if wait is None and self._jobs.empty():
+            return
+        self._stage.gaussians = loop.drawn().translated(loop.scene.world_offset)
+        if self._refines:
+            self._stage.scene = loop.scene.about((0.0, 0.0, 0.0))
+            self.session.lenses.replace(loop.scene.cameras)
+        try:
+            self._work_off(wait or 0.0)
+        finally:
+            self._stage.gaussians = None  # the next step changes them
+
+    def _work_off(self, wait: float) -> None:
+        """Draws what is asked for now, or within so many seconds."""
+        try:
+            work, answer = self._jobs.get(timeout=wait) if wait else self._jobs.get_nowait()
+            while True:
+                try:
+                    answer.set_result(work())
+                except Exception as error:  # the asker's own, told there
+                    answer.set_exception(error)
+                work, answer = self._jobs.get_nowait()
+        except queue.Empty:
+            return
+
+    def _draw(self, work: Callable[[], _Result]) -> _Result:
+        """Has the work done between two steps, or at once where no step is made."""
+        answer: concurrent.futures.Future[_Result] = concurrent.futures.Future()
+        with self._lock:
+            between = self._state in ("training", "paused")
+            if between:
+                self._jobs.put((work, answer))
+        return answer.result() if between else self._at_once(work)
+
+    def _told(self, values: dict[str, Any]) -> Reply:
+        """Pauses, resumes or stops, and says how far the training is."""
+        action = values.get("action")
+        if action == "pause":
+            self._go_on.clear()
+        elif action == "resume":
+            self._go_on.set()
+        elif action == "stop":
+            self._stopped = True
+            self._go_on.set()
+        elif action is not None:
+            raise InputError(f"a training can pause, resume and stop, not {action!r}")
+        last = self._history[-1] if self._history else {}
+        state = "stopping" if self._stopped and self._state != "finished" else self._state
+        return Reply({
+            "state": state, "step": self._step, "steps": self._steps,
+            "history": list(self._history), "num_gaussians": last.get("num_gaussians", 0),
+        })  # fmt: skip

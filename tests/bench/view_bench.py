@@ -1,0 +1,110 @@
+"""`./run bench view`: frames a second of the viewer, encoded and over the wire."""
+
+from __future__ import annotations
+
+import argparse
+import http.client
+import json
+import time
+from typing import Any
+
+import cv2
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError, exp_pose
+from gsut.cli._flags import add_json, print_json
+from gsut.gaussians import pack_harmonics
+from gsut.render import psnr, render, to_uint8
+from gsut.view import LOOPBACK, Session, Stage, ViewServer
+from tests.bench.scenes import BenchScene, make_scene
+
+HELP = "frames a second of the viewer, encoded and over the wire"
+_SCENES = "synthetic_100k_640x480,synthetic_1m_640x480"
+# Twist of the eye from frame to frame: a slow walk in a room of 5 to 10 m.
+_STEP = np.array([0.01, 0.0, 0.01, 0.0, 0.01, 0.0])
+_QUALITY = 75  # of the JPEG, as the page asks for while it moves
+_SHARES = (1.0, 0.5)  # of the Gaussians; the page asks for fewer where frames come late
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--scenes", default=_SCENES, metavar="A,B", help=f"[default {_SCENES}]")
+    parser.add_argument("--frames", type=int, default=60, metavar="N", help="[default 60]")
+    parser.add_argument("--threads", type=int, default=0, metavar="N", help="0 = all [default 0]")
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    if arguments.frames < 2:
+        raise InputError(f"--frames must be at least 2, found {arguments.frames}")
+    _core.set_num_threads(arguments.threads)
+    rows = [row for name in arguments.scenes.split(",") for row in measure(name, arguments.frames)]
+    if arguments.json:
+        print_json(rows)
+        return 0
+    for row in rows:
+        print(
+            f"{row['scene']}, {100 * row['share']:.0f} % of the Gaussians: "
+            f"{row['frames_per_second']:.1f} frames/s, slowest {row['slowest_ms']:.0f} ms, "
+            f"{row['cpu_ms']:.0f} ms of processor time and {row['kilobytes']:.0f} kB a frame, "
+            f"{row['threads']} threads; {row['psnr']:.1f} dB against the whole frame"
+        )
+    print("the lossless frames have the renderer's bits")
+    return 0
+
+
+class _Page:
+    """Asks as the page does: one connection, one frame at a time."""
+
+    def __init__(self, server: ViewServer, scene: BenchScene, lens: int) -> None:
+        self._connection = http.client.HTTPConnection(LOOPBACK, server.port, timeout=600)
+        self._path = f"/{server.token}/frame"
+        size = {"width": scene.camera.width, "height": scene.camera.height}
+        self._values = {"lens": lens, **size}
+
+    def ask(self, pose: np.ndarray, quality: int | None, share: float) -> bytes:
+        asked = {"pose": pose.ravel().tolist(), "quality": quality, "share": share}
+        self._connection.request("POST", self._path, json.dumps({**self._values, **asked}))
+        reply = self._connection.getresponse()
+        data = reply.read()
+        if reply.status != 200:
+            raise InputError(data.decode())
+        return data
+
+    def picture(self, pose: np.ndarray, share: float) -> np.ndarray:
+        data = np.frombuffer(self.ask(pose, None, share), np.uint8)
+        return cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+
+
+def measure(name: str, frames: int) -> list[dict[str, Any]]:
+    """Walks through a scene, with all and with a part of its Gaussians.
+
+    Raises:
+        InputError: the lossless frame differs from the renderer's: a wrong frame has no speed.
+    """
+    scene = make_scene(name)
+    session = Session(Stage(name, "file", pack_harmonics(scene.gaussians)))
+    start = np.asarray(scene.camera_from_world)
+    whole = to_uint8(render(scene.gaussians, scene.camera, start).image)
+    rows = []
+    with ViewServer(session.routes) as server:
+        page = _Page(server, scene, session.lenses.add(scene.camera))
+        for share in _SHARES:
+            found = page.picture(start, share)
+            if share == 1 and not np.array_equal(found, whole):
+                raise InputError(f"{name}: the lossless frame is not the renderer's")
+            page.ask(start, _QUALITY, share)
+            pose, size, times = start, 0, [time.perf_counter()]
+            cpu = time.process_time()
+            for _ in range(frames):
+                pose = exp_pose(_STEP) @ pose
+                size += len(page.ask(pose, _QUALITY, share))
+                times.append(time.perf_counter())
+            cpu = time.process_time() - cpu
+            rows.append({
+                "scene": name, "share": share, "threads": _core.num_threads(),
+                "frames_per_second": frames / (times[-1] - times[0]),
+                "slowest_ms": 1e3 * max(np.diff(times)), "cpu_ms": 1e3 * cpu / frames,
+                "kilobytes": size / 1e3 / frames, "psnr": psnr(found / 255.0, whole / 255.0),
+            })  # fmt: skip
+    return rows

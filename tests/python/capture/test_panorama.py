@@ -1,0 +1,87 @@
+"""360-degree pictures: dual fisheyes are split and masked, panoramas know their lens."""
+
+import cv2
+import numpy as np
+import pytest
+
+import gsut
+from gsut.capture import capture
+from gsut.data import decode_mask
+from gsut.sfm.inputs import find_photographs
+from small_videos import texture, write_video
+
+CIRCLE = 118  # radius, in halves of 256 x 256
+
+
+def dual_fisheye(shift: int) -> np.ndarray:
+    """Two circles of ground, the second one off the middle by (3, -2)."""
+    ground = texture()
+    halves = []
+    for lens, centre in enumerate(((128, 128), (131, 126))):
+        start = 100 + 400 * lens + shift
+        half = np.maximum(ground[300:556, start : start + 256], 40)
+        mask = cv2.circle(np.zeros((256, 256), np.uint8), centre, CIRCLE, 255, -1)
+        halves.append(cv2.bitwise_and(half, half, mask=mask))
+    return np.hstack(halves)
+
+
+def panorama(shift: int) -> np.ndarray:
+    """A smooth ring of 512 x 256, turned by some columns."""
+    x, y = np.meshgrid(np.arange(512), np.arange(256))
+    ring = 128 + 60 * np.sin(2 * np.pi * (x + shift) / 512 * 8) * np.cos(y / 20)
+    ring += 40 * np.sin(2 * np.pi * (x + shift) / 512 * 31 + y / 7)
+    return np.repeat(ring.clip(0, 255).astype(np.uint8)[:, :, None], 3, axis=2)
+
+
+def write_all(folder, pictures):
+    folder.mkdir()
+    for i, picture in enumerate(pictures):
+        cv2.imwrite(str(folder / f"{i}.png"), picture)
+    return folder
+
+
+def test_dual_fisheye_pictures_become_two_masked_lenses(tmp_path):
+    folder = write_all(tmp_path / "in", [dual_fisheye(8 * i) for i in range(3)])
+    found = capture([folder], tmp_path / "out")
+    names = [row["name"] for row in found.figures["frames"]]
+    assert names == [f"{lens}/{i}.jpg" for lens in ("front", "back") for i in range(3)]
+    side = found.figures["size"][0]
+    assert abs(side - 2 * CIRCLE) <= 2
+    back = cv2.imread(str(found.path / "images/back/1.jpg"), cv2.IMREAD_GRAYSCALE)
+    rows, columns = np.nonzero(back > 30)
+    assert abs(rows.mean() - side / 2) < 2 and abs(columns.mean() - side / 2) < 2  # centred
+    mask = decode_mask(found.path / "mask.png")
+    assert mask.mean() == pytest.approx(np.pi / 4 * 0.985**2, abs=0.02)
+    assert not mask[0, 0] and mask[side // 2, side // 2]
+    photographs = find_photographs(found.path, None)
+    assert len(photographs) == 6 and not photographs.lenses_known
+    assert {path for path in photographs.masks} == {found.path / "mask.png"}
+    (lens,) = photographs.candidates
+    rays, _ = lens.unproject([[side / 2, side / 2 - CIRCLE]])
+    assert np.degrees(np.arccos(rays[0, 2])) == pytest.approx(97.5, abs=1)
+    again = capture([folder], tmp_path / "out")
+    assert again.figures == found.figures
+
+
+def test_video_of_a_panorama_knows_its_lens_and_caps_are_masked(tmp_path):
+    video = write_video(tmp_path / "walk.mp4", [panorama(6 * i) for i in range(20)])
+    found = capture([video], tmp_path / "out", count=4, caps=(20.0, 10.0))
+    photographs = find_photographs(found.path, None)
+    assert photographs.lenses_known
+    assert photographs.cameras[0] == gsut.Camera("equirectangular", [], 512, 256)
+    mask = decode_mask(photographs.masks[0])
+    rows = mask.all(axis=1)
+    assert not rows[:14].any() and rows[15:227].all() and not rows[229:].any()
+    assert any("360-degree panoramas" in note for note in found.notes)
+
+
+def test_wide_pictures_of_other_cameras_are_left_as_they_are(tmp_path):
+    ground = texture()
+    folder = write_all(tmp_path / "in", [ground[100:356, s : s + 512] for s in (0, 40, 80)])
+    found = capture([folder], tmp_path / "out")
+    assert "lens" not in found.figures and len(found.figures["frames"]) == 3
+    with pytest.raises(gsut.InputError, match="caps take 0 to 90 degrees"):
+        capture([folder], tmp_path / "out", caps=(-1.0, 0.0))
+    narrow = write_all(tmp_path / "narrow", [ground[:200, :300]] * 2)
+    with pytest.raises(gsut.InputError, match=r"twice as wide as high; these are 300 x 200"):
+        capture([narrow], tmp_path / "out2", caps=(10.0, 0.0))

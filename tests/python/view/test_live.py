@@ -1,0 +1,116 @@
+"""A training that is looked at: the same bits, drawn between its steps, paused and stopped."""
+
+import threading
+
+import cv2
+import numpy as np
+import pytest
+
+import gsut
+import rendered_dataset
+from gsut.view import LiveTraining
+from gsut.view.frames import MODES
+
+STEPS = 24
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("live")
+    return gsut.load_dataset(rendered_dataset.write_dataset(folder, np.random.default_rng(5)))
+
+
+def options(**changes):
+    return gsut.TrainOptions(
+        steps=STEPS, eval_every=12, init_count=500, max_gaussians=600, **changes
+    )
+
+
+def request(scene, **changes):
+    pose = scene.views[0].camera_from_world.ravel().tolist()
+    camera = scene.cameras[0]
+    size = {"width": camera.width, "height": camera.height}
+    return {"pose": pose, "lens": 0, "quality": None, "view": 0, **size, **changes}
+
+
+def pixels(reply):
+    return cv2.cvtColor(cv2.imdecode(np.frombuffer(reply.content, np.uint8), 1), cv2.COLOR_BGR2RGB)
+
+
+def bits(result):
+    g = result.gaussians
+    arrays = (g.means, g.quats, g.log_scales, g.opacity_logits, g.sh)
+    return [array.tobytes() for array in arrays] + [p.tobytes() for p in poses(result.scene)]
+
+
+def poses(scene):
+    return [view.camera_from_world for view in scene.views]
+
+
+@pytest.mark.parametrize("changes", [{}, {"low_pass": 0.3}])
+def test_training_that_is_looked_at_has_the_same_bits(scene, changes):
+    alone = gsut.train(scene, options(**changes), progress=False)
+    live = LiveTraining(scene, options(**changes))
+    seen = []
+
+    def look(mode):
+        seen.append(pixels(live.session.frame(request(scene, mode=mode))))
+
+    def watch(loop, row):
+        live.watch(loop, {})  # from here on frames are drawn between steps
+        looker = threading.Thread(target=look, args=(MODES[loop.step % len(MODES)],))
+        looker.start()
+        while looker.is_alive():
+            assert live.watch(loop, {})
+        looker.join()
+        return live.watch(loop, row)
+
+    watched = gsut.train(scene, options(**changes), progress=False, watch=watch)
+    live.finish(watched.gaussians)
+    assert len(seen) == STEPS
+    assert bits(watched) == bits(alone)
+    assert len({picture.tobytes() for picture in seen}) == STEPS
+    truth = gsut.render(watched.gaussians, scene.cameras[0], scene.views[0].camera_from_world)
+    last = pixels(live.session.frame(request(scene)))
+    np.testing.assert_array_equal(last, gsut.to_uint8(truth.image))
+
+
+def test_training_pauses_goes_on_and_stops_with_what_there_is(scene, tmp_path):
+    live = LiveTraining(scene, options())
+    told = lambda **values: live.session.routes["training"](values).content  # noqa: E731
+    assert told()["state"] == "preparing"
+    steps = []
+
+    def watch(loop, row):
+        steps.append(loop.step)
+        if loop.step == 10:
+            told(action="pause")
+            threading.Thread(target=drawn_and_resumed, args=(loop,)).start()
+        if loop.step == 16:
+            told(action="stop")
+        return live.watch(loop, row)
+
+    paused = {}
+
+    def drawn_and_resumed(loop):
+        paused["first"] = pixels(live.session.frame(request(scene)))
+        paused["step"] = loop.step
+        paused["told"] = told()
+        told(action="resume")
+
+    result = gsut.train(scene, options(), out=tmp_path / "run", progress=False, watch=watch)
+    live.finish(result.gaussians)
+    assert steps == list(range(1, 17))
+    assert paused["step"] == 10
+    assert paused["told"]["state"] == "paused"
+    assert paused["told"]["history"][-1]["step"] == 10
+    assert paused["first"].any()
+    assert result.metrics["steps"] == 16
+    assert (tmp_path / "run/scene.ply").is_file()
+    assert (tmp_path / "run/report.html").is_file()
+    assert told()["state"] == "finished"
+    with pytest.raises(gsut.InputError, match="pause, resume and stop, not 'jump'"):
+        told(action="jump")
+    resumed = gsut.train(scene, options(), out=tmp_path / "run", resume=True, progress=False)
+    unbroken = gsut.train(scene, options(), progress=False)
+    assert bits(resumed) == bits(unbroken)
