@@ -96,7 +96,8 @@ def _tell(arguments: argparse.Namespace, run: RunFolder, metrics: dict[str, Any]
         print_json(metrics)
     elif not arguments.quiet:
         print_figures(metrics)
-        print(Verdict.from_dict(metrics["verdict"]))
+        if metrics.get("verdict"):
+            print(Verdict.from_dict(metrics["verdict"]))
         print(f"report: {run.path / REPORT}")
     sys.stdout.flush()
 
