@@ -33,11 +33,16 @@ struct Threads {
 };
 
 std::mutex threads_mutex;
-// Never destroyed: a statically linked oneTBB is gone before the end of the process comes here.
-std::shared_ptr<Threads>& threads = *new std::shared_ptr<Threads>;
+// To be read under the lock. Never destroyed: at the end of the process a statically linked oneTBB
+// is gone before.
+std::shared_ptr<Threads>& LastThreads() {
+  static auto& threads = *new std::shared_ptr<Threads>;
+  return threads;
+}
 
 std::shared_ptr<Threads> CurrentThreads() {
   const std::lock_guard<std::mutex> lock(threads_mutex);
+  std::shared_ptr<Threads>& threads = LastThreads();
   if (threads == nullptr) threads = std::make_shared<Threads>(tbb::info::default_concurrency());
   return threads;
 }
@@ -70,6 +75,7 @@ void SetNumThreads(int num_threads) {
   }
   const int count = num_threads == 0 ? tbb::info::default_concurrency() : num_threads;
   const std::lock_guard<std::mutex> lock(threads_mutex);
+  std::shared_ptr<Threads>& threads = LastThreads();
   threads = nullptr;  // the old limit goes before the new one comes
   threads = std::make_shared<Threads>(count);
 }

@@ -60,7 +60,8 @@ struct BundleOptions {
   // component of its centre which is farthest from the other's). -1: not held.
   int gauge_image = -1;
   int scale_image = -1;
-  // lens_free[c]: which parameters of camera c are estimated, one flag each; empty: none. Needs
+  // lens_free[c]: which parameters of camera c are estimated, one flag each (see
+  // lens_parameters.h: equal flags above 1 are tied); empty: none. Needs
   // through_lens.
   std::vector<std::vector<std::uint8_t>> lens_free;
   // Velocities are adjusted, if the bundle has them, where their image is not fixed; held by priors

@@ -1,9 +1,79 @@
 // Holds the parameters of lenses that a solver may not change.
 #include "gsut/sfm/lens_parameters.h"
 
+#include <Eigen/Core>
+#include <algorithm>
+#include <map>
+#include <vector>
+
 #include "gsut/base/errors.h"
 
 namespace gsut {
+namespace {
+
+using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+// A parameter block that only moves along the columns of a matrix, which are orthogonal.
+class LinearManifold : public ceres::Manifold {
+ public:
+  explicit LinearManifold(Matrix columns)
+      : columns_(std::move(columns)),
+        inverse_(columns_.colwise().squaredNorm().cwiseInverse().asDiagonal() *
+                 columns_.transpose()) {}
+
+  int AmbientSize() const override { return static_cast<int>(columns_.rows()); }
+  int TangentSize() const override { return static_cast<int>(columns_.cols()); }
+
+  bool Plus(const double* x, const double* delta, double* sum) const override {
+    Vector(sum, columns_.rows()) =
+        Vector(x, columns_.rows()) + columns_ * Vector(delta, columns_.cols());
+    return true;
+  }
+  bool PlusJacobian(const double*, double* jacobian) const override {
+    Eigen::Map<Matrix>(jacobian, columns_.rows(), columns_.cols()) = columns_;
+    return true;
+  }
+  bool Minus(const double* y, const double* x, double* difference) const override {
+    Vector(difference, columns_.cols()) =
+        inverse_ * (Vector(y, columns_.rows()) - Vector(x, columns_.rows()));
+    return true;
+  }
+  bool MinusJacobian(const double*, double* jacobian) const override {
+    Eigen::Map<Matrix>(jacobian, columns_.cols(), columns_.rows()) = inverse_;
+    return true;
+  }
+
+ private:
+  static Eigen::Map<Eigen::VectorXd> Vector(double* data, Eigen::Index size) {
+    return {data, size};
+  }
+  static Eigen::Map<const Eigen::VectorXd> Vector(const double* data, Eigen::Index size) {
+    return {data, size};
+  }
+
+  Matrix columns_, inverse_;
+};
+
+// One column for each parameter that is free by itself and each group of tied ones.
+Matrix FreeColumns(const std::vector<std::uint8_t>& free) {
+  std::vector<std::vector<int>> columns;
+  std::map<int, std::size_t> column_of_group;
+  for (std::size_t k = 0; k < free.size(); ++k) {
+    if (!free[k]) continue;
+    const auto [group, added] = column_of_group.try_emplace(
+        free[k] == kLensFree ? -1 - static_cast<int>(k) : free[k], columns.size());
+    if (added) columns.emplace_back();
+    columns[group->second].push_back(static_cast<int>(k));
+  }
+  Matrix matrix = Matrix::Zero(static_cast<Eigen::Index>(free.size()),
+                               static_cast<Eigen::Index>(columns.size()));
+  for (std::size_t column = 0; column < columns.size(); ++column) {
+    for (const int k : columns[column]) matrix(k, static_cast<Eigen::Index>(column)) = 1.0;
+  }
+  return matrix;
+}
+
+}  // namespace
 
 void CheckLensFlags(const std::vector<Camera>& cameras,
                     const std::vector<std::vector<std::uint8_t>>& lens_free) {
@@ -18,15 +88,11 @@ void CheckLensFlags(const std::vector<Camera>& cameras,
 void HoldLensParameters(const std::vector<std::uint8_t>& free, double* lens,
                         ceres::Problem* problem,
                         std::vector<std::unique_ptr<ceres::Manifold>>* manifolds) {
-  std::vector<int> held;
-  for (std::size_t k = 0; k < free.size(); ++k) {
-    if (!free[k]) held.push_back(static_cast<int>(k));
-  }
-  if (held.size() == free.size()) {
+  Matrix columns = FreeColumns(free);
+  if (columns.cols() == 0) {
     problem->SetParameterBlockConstant(lens);
-  } else if (!held.empty()) {
-    manifolds->push_back(
-        std::make_unique<ceres::SubsetManifold>(static_cast<int>(free.size()), held));
+  } else if (columns.cols() < columns.rows()) {
+    manifolds->push_back(std::make_unique<LinearManifold>(std::move(columns)));
     problem->SetManifold(lens, manifolds->back().get());
   }
 }

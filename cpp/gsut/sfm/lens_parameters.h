@@ -12,12 +12,17 @@
 
 namespace gsut {
 
+// A parameter's flag: 0 held, 1 free by itself; those of one larger flag change by the same amount
+// (the focal lengths of square pixels).
+inline constexpr std::uint8_t kLensFree = 1;
+
 // lens_free[c]: one flag a parameter of camera c, or none if it is held; empty: all are held.
 // Throws InputError if it does not fit the cameras.
 void CheckLensFlags(const std::vector<Camera>& cameras,
                     const std::vector<std::vector<std::uint8_t>>& lens_free);
 
-// Holds the parameters of a lens that have no flag. manifolds: keeps what the problem points to.
+// Holds the parameters of a lens that have no flag, and ties those of one flag. manifolds: keeps
+// what the problem points to.
 void HoldLensParameters(const std::vector<std::uint8_t>& free, double* lens,
                         ceres::Problem* problem,
                         std::vector<std::unique_ptr<ceres::Manifold>>* manifolds);

@@ -67,7 +67,7 @@ class Mapper {
       };
       if (!best || rank(result) > rank(*best)) best = std::move(result);
       const auto registered = static_cast<double>(rank(*best).first);
-      if (registered >= options_.enough_registered * static_cast<double>(images_.size())) break;
+      if (registered >= options_.enough_registered * NumMatched()) break;
       ++restarts;
     }
     if (best) {
@@ -85,6 +85,13 @@ class Mapper {
   }
 
  private:
+  // Images with matches: no other can be registered.
+  double NumMatched() const {
+    std::vector<std::uint8_t> matched(images_.size(), 0);
+    for (const VerifiedPair& pair : pairs_) matched[pair.first] = matched[pair.second] = 1;
+    return static_cast<double>(std::count(matched.begin(), matched.end(), 1));
+  }
+
   std::vector<int> InitialPairs(std::string* failure) const {
     std::vector<int> order;
     for (std::size_t i = 0; i < pairs_.size(); ++i) {
@@ -224,7 +231,7 @@ class Mapper {
       const int added = map_->Complete(-1);
       map_->DropWeakImages();
       observations = std::max(1, map_->num_points());
-      ReportProgress("adjustment");
+      ReportProgress("settling");
       if (dropped + added < kSettled * observations) break;
     }
     for (int round = 0; extends && round < wanted_.extend_rounds; ++round) {

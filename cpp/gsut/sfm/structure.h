@@ -38,17 +38,19 @@ struct Rig {
 inline constexpr double kFewestInlierShare = 0.2;
 
 struct StructureOptions {
-  double max_error = 4.0;          // pixels: an observation farther off is an outlier
-  double min_angle = 0.026;        // radians (1.5 degrees): smallest angle of a triangulated point
-  int min_inliers = 15;            // points that a photograph must see to be registered
-  double loss_scale = 1.5;         // of Cauchy's loss, in medians of the residuals' lengths
-  double global_growth = 1.2;      // everything is adjusted when images or points grew by this
-  int local_images = 6;            // adjusted when one is registered, with those that see the most
-                                   // of its points
-  int initial_trials = 10;         // pairs tried as the first one
-  double enough_registered = 0.6;  // share of the images; with fewer, it starts from another pair
+  double max_error = 4.0;      // pixels: an observation farther off is an outlier
+  double min_angle = 0.026;    // radians (1.5 degrees): smallest angle of a triangulated point
+  int min_inliers = 15;        // points that a photograph must see to be registered
+  double loss_scale = 1.5;     // of Cauchy's loss, in medians of the residuals' lengths
+  double global_growth = 1.2;  // everything is adjusted when images or points grew by this
+  int local_images = 6;        // adjusted when one is registered, with those that see the most
+                               // of its points
+  int initial_trials = 10;     // pairs tried as the first one
+  // Share of the images with matches; with fewer, it starts from another pair.
+  double enough_registered = 0.6;
   int most_restarts = 3;
-  // Parameters of each camera that are estimated too, one flag each (empty: none).
+  // Parameters of each camera that are estimated too, one flag each (empty: none), see
+  // lens_parameters.h.
   std::vector<std::vector<std::uint8_t>> lens_free;
   bool lens_settled = false;  // they are nearly right: it is enough to estimate them at the end
   // Rolling shutters: how lines are read; each image then has a velocity of its own. rolling_error:

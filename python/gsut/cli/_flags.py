@@ -4,10 +4,22 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
 from gsut.files import json_text
+
+# Of pictures, films, scenes and tables: nobody means a folder by such a name.
+FILE_SUFFIXES = frozenset(
+    f".{name}"
+    for names in (
+        "avi gif mkv mov mp4 webm jpeg jpg png",
+        "glb gltf ply sog splat spz usd usda usdc usdz",
+        "html json npz zip",
+    )
+    for name in names.split()
+)
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -72,6 +84,15 @@ def add_moved_data(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--data", metavar="DATA", help="the dataset, if it is not where training read it"
     )
+
+
+def folder_name(text: str) -> str:
+    """The name of a folder to write, for `type=`: one that ends as a file's name is refused."""
+    if Path(text).suffix.lower() in FILE_SUFFIXES and not Path(text).is_dir():
+        raise argparse.ArgumentTypeError(
+            f"a folder is written here, and {text} ends as a file's name does; give another"
+        )
+    return text
 
 
 def parsed_size(text: str) -> tuple[int, int]:

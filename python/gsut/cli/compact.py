@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json
+from gsut.cli._flags import FILE_SUFFIXES, add_json, add_moved_data, add_quiet, print_json
 
 HELP = "fewer Gaussians for the same picture"
 DESCRIPTION = (
@@ -129,7 +129,12 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     from gsut.run import METRICS, SCENE, Progress, RunFolder
     from gsut.training import RunCompactor, read_light, read_trained, write_compacted_run
 
-    source, target = RunFolder.open(arguments.source), RunFolder(arguments.out)
+    source = RunFolder.open(arguments.source)
+    if Path(arguments.out).suffix.lower() in FILE_SUFFIXES:
+        raise InputError(
+            f"-o {arguments.out}: of a run a run is made, a folder; then gsut convert makes a file"
+        )
+    target = RunFolder(arguments.out)
     target.refuse_run()  # before anything that takes long
     train_options, scene, gaussians = read_trained(source, arguments.data)
 

@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         if poses:
             print(_pose_text(poses["poses"], data))
         print_figures(metrics)
-        print(Verdict.from_dict(metrics["verdict"]))
+        print(Verdict.of(metrics["verdict"]))
         print(f"report: {report}")
     if not arguments.no_open and has_display():
         webbrowser.open(report.resolve().as_uri())

@@ -7,7 +7,14 @@ import sys
 from pathlib import Path
 
 from gsut._core import InputError
-from gsut.cli._flags import add_force, add_json, add_run, check_first, print_json
+from gsut.cli._flags import (
+    add_force,
+    add_json,
+    add_run,
+    check_first,
+    folder_name,
+    print_json,
+)
 
 HELP = "figures on the held-out images"
 DESCRIPTION = (
@@ -27,6 +34,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--out",
+        type=folder_name,
         metavar="FOLDER",
         help="new folder for the pictures (truth, render, 16-bit distance) and metrics.json",
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import functools
 import os
@@ -12,14 +13,21 @@ from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
 from gsut.capture import Capture, capture, is_video
-from gsut.cli._flags import add_capture, add_json, add_quiet, print_json
+from gsut.cli._flags import add_capture, add_json, add_quiet, folder_name, print_json
 from gsut.data import find_lens_file
 from gsut.lens import is_lens_name, lens_by_name
-from gsut.run import Progress, add_option_flags, given_options
-from gsut.sfm import PosesOptions
+from gsut.run import Progress, StagedProgress, Verdict, add_option_flags, given_options
+from gsut.sfm import PosesOptions, done_already
 
 if TYPE_CHECKING:
     from gsut.sfm import PosesResult
+
+# Seconds that each stage takes of so many images: what is left is estimated from them.
+POSE_SECONDS = {
+    "features": 5.0, "preview": 1.0, "matching": 4.0, "verifying": 1.0, "lens": 20.0,
+    "mapping": 25.0, "rig": 15.0,
+}  # fmt: skip
+_EXPECTED_IMAGES = 60
 
 CAPTURED = "capture"  # folder of the pictures, in the output folder
 
@@ -58,6 +66,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--out",
+        type=folder_name,
         metavar="DATA",
         required=True,
         help="folder for transforms.json, points3D.ply, sparse/0 (COLMAP), poses.json and "
@@ -108,35 +117,56 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.rig is None and needs_capture(images, camera, arguments.unknown_lens):
         taken = capture_with_bars([images], Path(arguments.out) / CAPTURED, arguments)
         images, options = taken.path, with_readout(options, camera, taken)
-    result = estimate_with_bars(
-        images,
-        arguments.out,
-        enabled=not arguments.quiet,
-        camera=camera,
-        unknown_lens=arguments.unknown_lens,
-        fov_degrees=arguments.fov,
-        options=options,
-        mapper=mapper,
-        rig=arguments.rig,
-        refine_rig=arguments.refine_rig,
-    )
-    figures = result.figures
+    settings: dict[str, Any] = {
+        "camera": camera,
+        "unknown_lens": arguments.unknown_lens,
+        "fov_degrees": arguments.fov,
+        "options": options,
+    }
+    figures = None
+    if arguments.rig is None and mapper is None:
+        figures = done_already(images, arguments.out, **settings)
+    words = "done already" if figures else None
+    if figures is None:
+        settings |= {"mapper": mapper, "rig": arguments.rig, "refine_rig": arguments.refine_rig}
+        figures = _estimate(images, arguments, settings)
     if arguments.json:
         print_json({key: value for key, value in figures.items() if key != "views"})
     elif not arguments.quiet:
-        error = figures["reprojection_error_px"]
-        print(
-            f"{figures['registered']} of {figures['images']} images registered, "
-            f"{figures['points']:,} points, median error {error['median']:.3f} px, "
-            f"{figures['seconds']['total']:.1f} s"
-        )
-        if "rig" in figures:
-            print(_rig_words(figures["rig"]))
-        for lens in figures["lenses"] if figures["lens"] == "estimated" else []:
-            values = " ".join(f"{value:.6g}" for value in lens["params"])
-            print(f"lens found: {lens['model']} {values}")
-        print(f"report: {Path(arguments.out) / 'report.html'}")
+        _print(figures, Path(arguments.out), words)
     return 0
+
+
+def _estimate(
+    images: str | os.PathLike[str], arguments: argparse.Namespace, settings: dict[str, Any]
+) -> dict[str, Any]:
+    """The content of poses.json; a stop says what is kept."""
+    try:
+        return estimate_with_bars(
+            images, arguments.out, enabled=not arguments.quiet, **settings
+        ).figures
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"stopped; the features and matches found so far are kept in {arguments.out}, and the "
+            "same command goes on from there"
+        ) from None
+
+
+def _print(figures: dict[str, Any], out: Path, words: str | None) -> None:
+    """What was found, in the terminal."""
+    error = figures["reprojection_error_px"]
+    print(
+        f"{figures['registered']} of {figures['images']} images registered, "
+        f"{figures['points']:,} points, median error {error['median']:.3f} px, "
+        + (words or f"{figures['seconds']['total']:.1f} s")
+    )
+    if "rig" in figures:
+        print(_rig_words(figures["rig"]))
+    for lens in figures["lenses"] if figures["lens"] == "estimated" else []:
+        values = " ".join(f"{value:.6g}" for value in lens["params"])
+        print(f"lens found: {lens['model']} {values}")
+    print(Verdict.of(figures["verdict"]))
+    print(f"report: {out / 'report.html'}")
 
 
 def estimate_with_bars(
@@ -146,11 +176,49 @@ def estimate_with_bars(
     enabled: bool = True,
     **settings: Any,
 ) -> PosesResult:
-    """`estimate_poses` with a progress bar a stage, if enabled."""
+    """`estimate_poses` with one progress bar for all its stages, if enabled."""
     from gsut.sfm import estimate_poses
 
-    with Progress(enabled) as bars:
-        return estimate_poses(images, out, on_progress=bars.show, notes_to=bars.note, **settings)
+    absent = () if settings.get("rig") else ("rig",)
+    expected = {name: s for name, s in POSE_SECONDS.items() if name not in absent}
+    with StagedProgress(expected, enabled) as bars:
+        shown = _InStages(bars, expected)
+        with contextlib.closing(shown):
+            return estimate_poses(
+                images, out, on_progress=shown.show, notes_to=bars.note, **settings
+            )
+
+
+class _InStages:
+    """Moves the bar of all stages as the work tells of one after the other."""
+
+    def __init__(self, bars: StagedProgress, expected: dict[str, float]) -> None:
+        self._bars = bars
+        self._expected = expected
+        self._stage = ""
+        self._open = contextlib.ExitStack()
+
+    def show(self, stage: str, done: int, total: int, text: str) -> None:
+        """As `estimate_poses` tells it."""
+        if stage != self._stage:
+            self._open.close()
+            if stage == "features":
+                for name, seconds in self._expected.items():
+                    self._bars.expect(name, seconds * total / _EXPECTED_IMAGES)
+            names = list(self._expected)
+            passed = names[: names.index(stage)]
+            if stage == "verifying":  # through a known lens
+                passed.append("lens")
+            for name in passed:
+                if name not in self._bars.seconds:
+                    self._bars.skip(name)
+            self._stage = stage
+            self._open.enter_context(self._bars.stage(stage))
+        self._bars.show(done / max(1, total), text)
+
+    def close(self) -> None:
+        """Ends the last stage."""
+        self._open.close()
 
 
 def needs_capture(images: str, camera: str | None, unknown_lens: bool) -> bool:

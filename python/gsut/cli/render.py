@@ -1,4 +1,4 @@
-"""`gsut render`: images or a video of a trained scene, through any lens along any path."""
+"""`gsut render`: images or a film of a trained scene, through any lens along any path."""
 
 from __future__ import annotations
 
@@ -11,22 +11,39 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
-from gsut.cli._flags import add_json, add_run, parsed_size, print_json
+from gsut.cli._flags import add_json, add_moved_data, parsed_size, print_json
 
-HELP = "images or a video through any lens along any path"
-DESCRIPTION = "Renders a run's scene through any lens along a camera path."
-_VIDEO_SUFFIX = ".mp4"
+HELP = "images or a film through any lens along any path"
+DESCRIPTION = "Renders a scene through any lens along a camera path: images or a film."
+_PATHS = ("auto", "orbit", "train", "test")
+_FRAMES, _FILM_FRAMES = 120, 300
+_FILM_SIZE = (1920, 1080)
+_SIZES = {".gif": (640, 360)}
+_WIDEST = 90.0  # degrees of a plain lens: beyond, what is at the edge is drawn out
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    add_run(parser)
+    parser.add_argument(
+        "folder", metavar="RUN|FILE", help="folder of the run, or a file of Gaussians"
+    )
+    add_moved_data(parser)
     parser.add_argument(
         "--camera",
         metavar="LENS",
-        help="lens file, or name (`gsut camera find`) [default: the dataset's first camera]",
+        help="lens file, or name (`gsut camera find`) [default: of images, the dataset's first "
+        "camera; of a film, a plain lens that sees what that sees, up to 90 degrees]",
     )
     parser.add_argument(
-        "--size", metavar="WxH", help="size of the images in pixels; the lens is scaled to it"
+        "--size",
+        metavar="WxH",
+        help="size of the images in pixels; the lens is scaled to it [default: the lens' own; of a "
+        "film without --camera 1920x1080, of a GIF 640x360]",
+    )
+    parser.add_argument(
+        "--fov",
+        type=float,
+        metavar="DEGREES",
+        help="field of view across the image: the lens' focal lengths are scaled to it",
     )
     parser.add_argument(
         "--low-pass",
@@ -38,75 +55,81 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--path",
-        default="orbit",
-        metavar="{orbit,test,train,FILE}",
-        help="orbit: once around the scene; train: smoothly through the training poses; test: "
-        "exactly the held-out poses; FILE: JSON with camera_from_world (4x4 matrices, OpenCV axes) "
-        "or a nerfstudio camera path or transforms.json [default orbit]",
+        default="auto",
+        metavar="{auto,orbit,test,train,FILE}",
+        help="auto: a tour that stays where photographs were taken and looks where they looked; "
+        "orbit: once around the scene; train: smoothly through the training poses; test: exactly "
+        "the held-out poses; FILE: JSON with camera_from_world (4x4 matrices, OpenCV axes), as the "
+        "viewer saves it, or a nerfstudio camera path or transforms.json [default auto]",
     )
     parser.add_argument(
         "--frames",
         type=int,
-        default=120,
         metavar="N",
-        help="number of images of orbit and train [default 120]",
+        help="number of images of auto, orbit and train [default 120; of a film 300]",
     )
     parser.add_argument(
         "--fps",
         type=float,
         default=30.0,
         metavar="X",
-        help="images a second of a video [default 30]",
+        help="images a second of a film [default 30; of a GIF at most 50]",
     )
     parser.add_argument(
         "-o",
         "--out",
         metavar="FOLDER|FILE.mp4",
-        help="new folder of PNG images, or video [default: RUN/orbit and so on]",
+        help="new folder of PNG images, or film: .mp4 (H.264), .webm (VP9) or .gif [default: "
+        "RUN/auto and so on]",
     )
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     import gsut
-    from gsut.gaussians import pack_harmonics
-    from gsut.render import to_uint8, write_png
-    from gsut.run import Progress, RunFolder
-    from gsut.training import read_trained
+    from gsut.render import is_film, to_uint8, write_png
+    from gsut.run import Progress
 
-    if arguments.frames < 1 or not arguments.fps > 0:
+    if (arguments.frames is not None and arguments.frames < 1) or not arguments.fps > 0:
         raise InputError("--frames must be >= 1 and --fps > 0")
-    size = parsed_size(arguments.size) if arguments.size else None
-    run = RunFolder.open(arguments.folder)
-    options, scene, gaussians = read_trained(run, arguments.data)
-    if not arguments.low_pass:
-        gaussians = pack_harmonics(gaussians)
-    poses, names, cameras = _frames(arguments, scene)
-    if size:
-        resized = {id(camera): camera.resized(*size) for camera in cameras}
-        cameras = [resized[id(camera)] for camera in cameras]
-    label = arguments.path if arguments.path in ("orbit", "train", "test") else "path"
-    out = Path(arguments.out) if arguments.out else run.path / label
+    label = arguments.path if arguments.path in _PATHS else "path"
+    out = Path(arguments.out or Path(arguments.folder) / label)
+    film = is_film(out)
+    stage = _stage(arguments)
+    places, names, cameras = _frames(arguments, stage, out if film else None)
     with Progress(sys.stderr.isatty()) as bars:
 
         def images() -> Iterator[np.ndarray]:
-            for done, (pose, camera) in enumerate(zip(poses, cameras, strict=True), 1):
-                drawn = _low_passed(gaussians, camera, pose, arguments.low_pass)
-                result = gsut.render(drawn, camera, pose, background=options.background)
+            for done, (place, camera) in enumerate(zip(places, cameras, strict=True), 1):
+                drawn = _low_passed(stage.gaussians, camera, place, arguments.low_pass)
+                result = gsut.render(drawn, camera, place, background=stage.background)
                 yield to_uint8(result.image)
-                bars.show("images", done, len(poses))
+                bars.show("images", done, len(places))
 
-        if out.suffix.lower() == _VIDEO_SUFFIX:
+        if film:
             _write_video(out, images(), cameras, arguments.fps)
         else:
             new_folder(out)
             for name, image in zip(names, images(), strict=True):
                 write_png(out / f"{name}.png", image)
     if arguments.json:
-        print_json({"images": len(poses), "out": str(out)})
+        print_json({"images": len(places), "out": str(out)})
     else:
-        print(f"{len(poses)} images: {out}")
+        print(f"{len(places)} images: {out}")
     return 0
+
+
+def _stage(arguments: argparse.Namespace) -> Any:
+    """Gaussians, photographs and background of a run or of a file."""
+    from gsut.run import RunFolder
+    from gsut.view import stage_of
+
+    place = Path(arguments.folder)
+    if place.is_file():
+        if arguments.out is None:
+            raise InputError("a file has no folder for its images: say where to, with -o")
+        return stage_of(place, arguments.data)
+    return stage_of(RunFolder.open(place).path, arguments.data)
 
 
 def new_folder(path: Path) -> Path:
@@ -123,11 +146,13 @@ def new_folder(path: Path) -> Path:
 def _low_passed(
     gaussians: Any, camera: Any, place: np.ndarray | CameraMotion, pixels: float
 ) -> Any:
-    from gsut.gaussians import filter_radii, low_pass
+    from gsut.gaussians import MixedGaussians, filter_radii, low_pass
     from gsut.render import place_about
 
     if not pixels:
         return gaussians
+    if isinstance(gaussians, MixedGaussians):
+        gaussians = gaussians.to_gaussians()
     place = place_about(place, gaussians.origin)
     poses = [place.start, place.end] if isinstance(place, CameraMotion) else [place]
     radii = filter_radii(gaussians.means, [camera] * len(poses), np.stack(poses), pixels)
@@ -135,32 +160,72 @@ def _low_passed(
 
 
 def _frames(
-    arguments: argparse.Namespace, scene: Any
+    arguments: argparse.Namespace, stage: Any, film: Path | None
 ) -> tuple[list[np.ndarray | CameraMotion], list[str], list[Any]]:
     """Places, names and cameras of the images to render.
 
     A held-out view keeps its rolling shutter; along a path the camera stands still for each image.
     """
-    from gsut.data import read_path
-    from gsut.lens import load_lens
-    from gsut.render import orbit_path, picture_stems, smooth_path
+    from gsut.render import picture_stems
 
-    lens = load_lens(arguments.camera) if arguments.camera else None
-    if arguments.path == "test":
-        views = [scene.views[index] for index in scene.test_indices]
-        if not views:
-            raise InputError(f"{scene.path} has no held-out views; choose another --path")
-        cameras = [lens or scene.camera(index) for index in scene.test_indices]
-        return [view.motion for view in views], picture_stems([v.name for v in views]), cameras
-    keys = np.stack([scene.views[index].camera_from_world for index in scene.train_indices or [0]])
-    if arguments.path == "orbit":
-        poses = orbit_path(keys, arguments.frames)
-    elif arguments.path == "train":
-        poses = smooth_path(keys, arguments.frames)
-    else:
-        poses = read_path(arguments.path, scene.world_offset)
-    camera = lens or scene.camera((scene.train_indices or [0])[0])
-    return list(poses), [f"{number:05d}" for number in range(len(poses))], [camera] * len(poses)
+    scene = stage.scene
+    if arguments.path != "test":
+        poses = _poses(arguments, stage, film)
+        numbers = [f"{number:05d}" for number in range(len(poses))]
+        return list(poses), numbers, [_lens(arguments, stage, film)] * len(poses)
+    if scene is None or not scene.test_indices:
+        raise InputError(f"{stage.name} has no held-out views; choose another --path")
+    views = [scene.views[index] for index in scene.test_indices]
+    own = [_shaped(arguments, camera) for camera in scene.cameras]
+    if arguments.camera:
+        own = [_lens(arguments, stage, film)] * len(own)
+    names = picture_stems([view.name for view in views])
+    return [view.motion for view in views], names, [own[view.camera_index] for view in views]
+
+
+def _poses(arguments: argparse.Namespace, stage: Any, film: Path | None) -> np.ndarray:
+    from gsut.data import read_path
+    from gsut.render import auto_path, orbit_path, smooth_path, turn_path
+
+    scene, count = stage.scene, arguments.frames or (_FRAMES if film is None else _FILM_FRAMES)
+    if arguments.path not in _PATHS:
+        return read_path(arguments.path, None if scene is None else scene.world_offset)
+    if scene is None:  # from where the viewer looks first, once around
+        place = stage.place()
+        return turn_path(place["pose"], place["center"], place["up"], count)
+    rows = scene.train_indices or range(len(scene))
+    keys = np.stack([scene.views[index].camera_from_world for index in rows])
+    paths = {"auto": auto_path, "orbit": orbit_path, "train": smooth_path}
+    return paths[arguments.path](keys, count)
+
+
+def _lens(arguments: argparse.Namespace, stage: Any, film: Path | None) -> Any:
+    """The lens of all images along a path."""
+    from gsut.data import lens_of_path
+    from gsut.lens import Camera, camera_from_values, field_of_view, load_lens, with_field_of_view
+
+    if arguments.camera:
+        return _shaped(arguments, load_lens(arguments.camera))
+    if arguments.path not in _PATHS and (saved := lens_of_path(arguments.path)):
+        return _shaped(arguments, camera_from_values(saved, arguments.path))
+    first = stage.cameras[0]
+    if film is None:
+        return _shaped(arguments, first)
+    width, height = _SIZES.get(film.suffix.lower(), _FILM_SIZE)
+    if arguments.size:
+        width, height = parsed_size(arguments.size)
+    plain = Camera("pinhole", [width, width, width / 2, height / 2], width, height)
+    seen = field_of_view(first) or _WIDEST
+    return with_field_of_view(plain, arguments.fov or min(seen, _WIDEST))
+
+
+def _shaped(arguments: argparse.Namespace, lens: Any) -> Any:
+    """A lens at the size and with the field that are asked for."""
+    from gsut.lens import with_field_of_view
+
+    if arguments.size:
+        lens = lens.resized(*parsed_size(arguments.size))
+    return with_field_of_view(lens, arguments.fov) if arguments.fov else lens
 
 
 def _write_video(
@@ -171,5 +236,5 @@ def _write_video(
     if path.exists():
         raise InputError(f"{path} exists; give another name (nothing was overwritten)")
     if len({(camera.width, camera.height) for camera in cameras}) > 1:
-        raise InputError("the images of a video must have one size; give --size")
+        raise InputError("the images of a film must have one size; give --size")
     write_video(path, images, frames_per_second)

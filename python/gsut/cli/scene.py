@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import add_capture, add_json, add_quiet, print_json
+from gsut.cli._flags import add_capture, add_json, add_quiet, folder_name, print_json
 from gsut.cli.poses import CAPTURED, with_readout
 from gsut.run import (
     METRICS,
@@ -62,7 +62,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="videos, photographs and folders of photographs, all of one camera",
     )
     parser.add_argument(
-        "-o", "--out", metavar="RUN", required=True, help="folder of the scene and all its stages"
+        "-o",
+        "--out",
+        metavar="RUN",
+        required=True,
+        type=folder_name,
+        help="folder of the scene and all its stages",
     )
     parser.add_argument(
         "--preset",
@@ -302,7 +307,7 @@ def _said(figures: list[dict[str, Any]]) -> list[Verdict]:
 
 
 def _verdict(values: dict[str, Any]) -> Verdict:
-    return Verdict.from_dict(values)
+    return Verdict.of(values)
 
 
 def _write_page(folder: RunFolder, state: dict[str, Any], notes: list[str]) -> None:

@@ -11,7 +11,14 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from gsut.cli._flags import add_force, add_json, add_quiet, check_first, print_json
+from gsut.cli._flags import (
+    add_force,
+    add_json,
+    add_quiet,
+    check_first,
+    folder_name,
+    print_json,
+)
 from gsut.cli.view import add_view_flags, announce, wait_for_end
 from gsut.run import (
     COMMON_OPTIONS,
@@ -38,7 +45,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="DATA",
         help="COLMAP or nerfstudio dataset, or a folder of images with a lens file and poses",
     )
-    parser.add_argument("-o", "--out", metavar="RUN", required=True, help="folder of the run")
+    parser.add_argument(
+        "-o", "--out", metavar="RUN", required=True, type=folder_name, help="folder of the run"
+    )
     parser.add_argument(
         "--resume",
         action="store_true",
@@ -97,7 +106,7 @@ def _tell(arguments: argparse.Namespace, run: RunFolder, metrics: dict[str, Any]
     elif not arguments.quiet:
         print_figures(metrics)
         if metrics.get("verdict"):
-            print(Verdict.from_dict(metrics["verdict"]))
+            print(Verdict.of(metrics["verdict"]))
         print(f"report: {run.path / REPORT}")
     sys.stdout.flush()
 

@@ -1,7 +1,7 @@
 """Datasets: scene and views, readers and writers (one module a format), splits, checks."""
 
 from gsut.data.assemble import Frame
-from gsut.data.camera_path import read_path
+from gsut.data.camera_path import lens_of_path, read_path
 from gsut.data.capture_file import CAPTURE, capture_state, read_capture
 from gsut.data.check_colors import check_colors, view_agreement
 from gsut.data.check_geometry import check_lenses, check_points, check_poses
@@ -52,6 +52,7 @@ __all__ = [
     "findings_text",
     "frame_times",
     "inverse",
+    "lens_of_path",
     "load_dataset",
     "points_ply",
     "read_capture",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,15 +30,7 @@ def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = No
     Raises:
         InputError: no such file, not JSON, none of the known forms, or a pose that is not rigid.
     """
-    path = Path(path)
-    try:
-        content = json.loads(path.read_text())
-    except OSError as error:
-        raise InputError(f"cannot read the camera path {path}: {error.strerror}") from None
-    except ValueError as error:
-        raise InputError(f"{path}: not valid JSON ({error})") from None
-    if not isinstance(content, dict):
-        content = {}
+    path, content = Path(path), _content(path)
     try:
         if "camera_from_world" in content:
             entries, opengl = content["camera_from_world"], False
@@ -63,3 +56,18 @@ def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = No
     if world_offset is not None:
         world_from_scene[:3, 3] = world_offset
     return matrices @ world_from_scene
+
+
+def lens_of_path(path: str | os.PathLike[str]) -> Any:
+    """The values of the lens that a camera path carries, as the viewer saves it; None without."""
+    return _content(path).get("lens")
+
+
+def _content(path: str | os.PathLike[str]) -> dict[str, Any]:
+    try:
+        content = json.loads(Path(path).read_text())
+    except OSError as error:
+        raise InputError(f"cannot read the camera path {path}: {error.strerror}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: not valid JSON ({error})") from None
+    return content if isinstance(content, dict) else {}

@@ -11,6 +11,7 @@ from gsut.lens.database import (
     lens_by_name,
     load_lens,
 )
+from gsut.lens.field import field_of_view, has_focal_length, with_field_of_view
 from gsut.lens.files import (
     OWN_SUFFIX,
     colmap_camera,
@@ -39,6 +40,7 @@ __all__ = [
     "camera_values",
     "colmap_camera",
     "convert_camera",
+    "field_of_view",
     "find_lenses",
     "fit_control_points",
     "format_colmap",
@@ -46,6 +48,7 @@ __all__ = [
     "format_nerfstudio",
     "frame_lens",
     "grid_pixels",
+    "has_focal_length",
     "horizontal_fov",
     "is_camchain",
     "is_lens_name",
@@ -55,4 +58,5 @@ __all__ = [
     "nerfstudio_camera",
     "refinable_params",
     "save_uncertainty",
+    "with_field_of_view",
 ]

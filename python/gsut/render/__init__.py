@@ -1,6 +1,7 @@
 """Rendering and projection, metrics, camera paths, pictures and videos."""
 
 from gsut.render.ewa import EwaSplats, render_ewa, viewer_rule
+from gsut.render.films import FILM_SUFFIXES, is_film, write_video
 from gsut.render.light import (
     Falloff,
     Light,
@@ -19,13 +20,15 @@ from gsut.render.metrics import (
     weighted_psnr,
 )
 from gsut.render.motion import place_about
-from gsut.render.paths import orbit_path, smooth_path
-from gsut.render.pictures import picture_stems, to_uint8, write_png, write_video
+from gsut.render.paths import orbit_path, smooth_path, turn_path
+from gsut.render.pictures import picture_stems, to_uint8, write_png
 from gsut.render.projection import METHODS, Projection, project
 from gsut.render.renderer import DEFAULT_UNSCENTED, Gradients, Render, render, render_backward
+from gsut.render.tour import auto_path
 
 __all__ = [
     "DEFAULT_UNSCENTED",
+    "FILM_SUFFIXES",
     "METHODS",
     "RING_EDGES_DEGREES",
     "EwaSplats",
@@ -35,11 +38,13 @@ __all__ = [
     "Projection",
     "Render",
     "Ring",
+    "auto_path",
     "color_corrected_psnr",
     "falloff_basis",
     "field_angles",
     "half_image_psnr",
     "interpolated_gains",
+    "is_film",
     "orbit_path",
     "picture_stems",
     "place_about",
@@ -52,6 +57,7 @@ __all__ = [
     "smooth_path",
     "ssim",
     "to_uint8",
+    "turn_path",
     "viewer_rule",
     "weighted_psnr",
     "write_png",

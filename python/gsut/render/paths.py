@@ -101,6 +101,28 @@ def orbit_path(camera_from_world: np.ndarray, num_frames: int) -> np.ndarray:
     return _look(positions, look_at - positions, up)
 
 
+def turn_path(
+    camera_from_world: np.ndarray, center: np.ndarray, up: np.ndarray, num_frames: int
+) -> np.ndarray:
+    """Once around a point, from a pose on.
+
+    Args:
+        camera_from_world: (4, 4) the first pose.
+        center, up: (3,) the point and the axis through it.
+        num_frames: number of poses wanted, >= 1.
+
+    Returns:
+        (num_frames, 4, 4) float64 camera_from_world.
+    """
+    axis = np.asarray(up, np.float64) / np.linalg.norm(up)
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    angle = 2 * np.pi * np.arange(num_frames)[:, None, None] / num_frames
+    turned = np.tile(np.eye(4), (num_frames, 1, 1))
+    turned[:, :3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    turned[:, :3, 3] = center - turned[:, :3, :3] @ center
+    return np.asarray(camera_from_world, np.float64) @ turned
+
+
 def _spacing(keys: np.ndarray) -> np.ndarray:
     """(N-1,) positive distances between neighbouring (3, 4) poses: way plus turn, scale-free."""
     way = np.linalg.norm(np.diff(keys[:, :, 3], axis=0), axis=1)

@@ -34,8 +34,8 @@ class Verdict:
         return f"{self.level}: {self.what}{why}.{advice}"
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Verdict:
-        """Of what `as_dict` gave, also through JSON."""
+    def of(cls, values: dict[str, Any]) -> Verdict:
+        """From the values that `as_dict` gave, also through JSON."""
         return cls(**{**values, "reasons": tuple(values["reasons"])})
 
     def as_dict(self) -> dict[str, Any]:

@@ -4,7 +4,13 @@ from gsut.sfm.align import PoseErrors, centers_of, compare_poses, errors_against
 from gsut.sfm.bearing_points import BearingPoints
 from gsut.sfm.correspondences import collect_features, match_images
 from gsut.sfm.dataset_calibration import calibrate_from_dataset
-from gsut.sfm.estimate import PosesResult, estimate_poses, is_finished, read_figures
+from gsut.sfm.estimate import (
+    PosesResult,
+    done_already,
+    estimate_poses,
+    is_finished,
+    read_figures,
+)
 from gsut.sfm.features import Features, features_in
 from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_refinement import refine_lens
@@ -30,6 +36,7 @@ __all__ = [
     "collect_features",
     "compare_poses",
     "diagonal",
+    "done_already",
     "errors_against",
     "estimate_poses",
     "evaluate_observations",

@@ -13,33 +13,28 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError, Shutter
-from gsut.data import some_names
 from gsut.files import write_file
-from gsut.run import Stopwatch
 from gsut.sfm.correspondences import OnProgress, collect_features, match_images
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs, find_photographs, require_central
-from gsut.sfm.lens_search import guess_lenses, search_lens
+from gsut.sfm.lens_candidates import guess_lenses
+from gsut.sfm.lens_search import search_lens
 from gsut.sfm.lens_start import compare_with_profile, contradiction, start_words
 from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import FIGURES, TRANSFORMS, figures, write_dataset
 from gsut.sfm.overlap import require_overlap
+from gsut.sfm.poses_log import PosesLog, solution_notes
+from gsut.sfm.poses_verdict import LensDoubt, lens_doubt, poses_verdict
 from gsut.sfm.readout import readout_time
 from gsut.sfm.report import REPORT, write_report
 from gsut.sfm.rig import COVARIANCE_OF, RigFit, refuse_beside_rig, solve_rig
 from gsut.sfm.rig_file import Rig, read_rig, write_rig
 from gsut.sfm.rig_images import find_rig_photographs
 from gsut.sfm.solution import Solution, matches_in_points, solve
-from gsut.sfm.stages import Stages
+from gsut.sfm.stages import Stages, digest
 
 RIG = "rig.json"
-# Share of the matches that must end in points, or the lens is doubted: see matches_in_points.
-_FEW_AGREE = 0.6
-# The same with a rolling shutter, or the scene has bent (Albl et al., "Degeneracies in rolling
-# shutter SfM", ECCV 2016): 0.34 to 0.75 in three such sets of views of helmet_distorted_rs, 0.86
-# and more in eight sets that were right (10 to 20 views).
-_FEW_AGREE_ROLLING = 0.8
 # (photographs, features, pairs, options, on_progress) -> poses and points; lenses are known.
 Mapper = Callable[
     [
@@ -120,12 +115,13 @@ def estimate_poses(
             that only turned; says which.
     """
     options = options or PosesOptions()
-    log = _Log(on_progress, notes_to)
+    log = PosesLog(on_progress, notes_to)
     photographs, on_rig = _inputs(Path(images), camera, rig, unknown_lens, mapper, options)
     shutter = _shutter(photographs, options, mapper)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    stages = Stages(folder, _key(photographs, options, fov_degrees))
+    key = _key(photographs, options, fov_degrees)
+    stages = Stages(folder, key)
     with _threads(options.threads):
         features = collect_features(photographs, options, log.show, log.note, stages)
         log.watch.lap("features")
@@ -135,13 +131,16 @@ def estimate_poses(
         raw = match_images(
             photographs.names, features, options, log.show, photographs.frames, stages
         )
-        pairs = verify(
-            features, photographs.lenses, raw, options, log.on_pairs("verifying"), shutter
-        )
+        pairs: list[PairMatches] = []
+        if known:
+            pairs = verify(
+                features, photographs.lenses, raw, options, log.on_pairs("verifying"), shutter
+            )
+            require_overlap(photographs.names, features, pairs)
         log.watch.lap("matching")
-        require_overlap(photographs.names, features, pairs)
         extra: dict[str, Any] = {"lens": "known" if known else "estimated"}
         fit: RigFit | None = None
+        doubt: LensDoubt | None = None
         if on_rig is not None:
             solution, fit = solve_rig(
                 photographs, features, pairs, options, log.on_images("mapping"),
@@ -151,10 +150,10 @@ def estimate_poses(
             run = mapper or functools.partial(_map_incrementally, shutter=shutter)
             solution = run(photographs, features, pairs, options, log.on_images("mapping"))
         else:
-            search = search_lens(
-                photographs, features, pairs, raw, options, fov_degrees, log.show, shutter
-            )
+            search = search_lens(photographs, features, raw, options, fov_degrees, log, shutter)
             solution, pairs, extra["lens_search"] = search.solution, search.pairs, search.rows
+            doubt = lens_doubt(solution, search.flags, pairs, options)
+            extra["focal_sigma_percent"] = doubt.percent
         log.watch.lap("mapping")
     agreeing = None if mapper else matches_in_points(solution, pairs)
     extra |= {"matches_in_points": agreeing, **_shutter_figures(photographs, solution, options)}
@@ -166,40 +165,13 @@ def estimate_poses(
             photographs.profile, solution.cameras[0], extra.get("readout"), options
         )
         log.note(start_words(extra["lens_start"]))
-    for text in _solution_notes(solution, agreeing, fit, known=known):
+    for text in solution_notes(solution, agreeing, fit, doubt, known=known):
         log.note(text)
+    verdict = poses_verdict(solution, features, agreeing, doubt)
+    extra |= {"verdict": verdict.as_dict(), "made_from": digest(key)}
     values = _write(folder, solution, photographs, fit, extra, log)
     stages.remove()
     return PosesResult(folder, solution, values)
-
-
-class _Log:
-    """What a run tells on its way: progress, notes, and the time of each stage."""
-
-    def __init__(
-        self, on_progress: OnProgress | None, notes_to: Callable[[str], None] | None
-    ) -> None:
-        self.notes: list[str] = []
-        self.watch = Stopwatch()
-        self._on_progress, self._notes_to = on_progress, notes_to
-        self._most: dict[str, int] = {}
-
-    def note(self, text: str) -> None:
-        self.notes.append(text)
-        if self._notes_to is not None:
-            self._notes_to(text)
-
-    def show(self, stage: str, done: int, total: int, text: str) -> None:
-        """Never goes back in a stage: a mapper that begins again is still in the same one."""
-        self._most[stage] = max(done, self._most.get(stage, 0))
-        if self._on_progress is not None:
-            self._on_progress(stage, self._most[stage], total, text)
-
-    def on_pairs(self, stage: str) -> Callable[[int, int], None]:
-        return lambda done, total: self.show(stage, done, total, f"{total} pairs")
-
-    def on_images(self, stage: str) -> Callable[[int, int, int, str], None]:
-        return lambda done, total, points, step: self.show(stage, done, total, f"{points:,} points")
 
 
 @contextlib.contextmanager
@@ -239,37 +211,6 @@ def _inputs(
     return photographs, None
 
 
-def _solution_notes(
-    solution: Solution, agreeing: float | None, fit: RigFit | None, *, known: bool
-) -> list[str]:
-    """What a user should know of the poses, one sentence each."""
-    notes = list(fit.notes) if fit is not None else []
-    if solution.num_registered < len(solution.names):
-        notes.append(
-            f"{solution.num_registered} of {len(solution.names)} images were registered; without a "
-            f"pose: {some_names(solution.unregistered_names())}"
-        )
-    if agreeing is None:
-        return notes
-    share = (
-        f"only {100 * agreeing:.0f} % of the matches that agree pair by pair agree in all images "
-        "together; "
-    )
-    if solution.shutter is not None and agreeing < _FEW_AGREE_ROLLING:
-        lens = "the lens is not that of the images, or " if known else ""
-        notes.append(
-            share + lens + "the scene has bent with the motion during the readout, which few "
-            "images held alike cannot tell apart: add images, some turned by 90 degrees about the "
-            "axis of the lens, or give --readout-time for a video"
-        )
-    elif solution.shutter is None and known and agreeing < _FEW_AGREE:
-        notes.append(
-            share + "the lens is probably not that of the images: check it, or let it be "
-            "estimated with --unknown-lens"
-        )
-    return notes
-
-
 def _shutter_figures(
     photographs: Photographs, solution: Solution, options: PosesOptions
 ) -> dict[str, Any]:
@@ -293,7 +234,7 @@ def _write(
     photographs: Photographs,
     fit: RigFit | None,
     extra: dict[str, Any],
-    log: _Log,
+    log: PosesLog,
 ) -> dict[str, Any]:
     """Writes everything; returns the content of poses.json."""
     for text in write_dataset(solution, photographs, folder):
@@ -341,6 +282,7 @@ def _key(photographs: Photographs, options: PosesOptions, fov: float | None) -> 
         "shutter": photographs.shutter.direction if photographs.shutter else None,
         "options": dataclasses.asdict(options),
         "fov": fov,
+        "profile": photographs.profile.name if photographs.profile else None,
         **({} if photographs.frames is None else {"frames": photographs.frames.tolist()}),
     }
 
@@ -350,8 +292,6 @@ def _shutter(
 ) -> Shutter | None:
     """The rolling shutter of the images, or None."""
     if options.shutter == "global":
-        if options.readout_time is not None:
-            raise InputError("--shutter global and --readout-time contradict each other: drop one")
         return None
     shutter = photographs.shutter
     if shutter is None and (options.shutter == "rolling" or options.readout_time is not None):
@@ -367,6 +307,29 @@ def _shutter(
 def read_figures(out: Path) -> dict[str, Any]:
     """The content of poses.json of a finished run."""
     return json.loads((out / FIGURES).read_text())
+
+
+def done_already(
+    images: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    camera: str | os.PathLike[str] | None = None,
+    unknown_lens: bool = False,
+    fov_degrees: float | None = None,
+    options: PosesOptions | None = None,
+) -> dict[str, Any] | None:
+    """The content of poses.json if `estimate_poses` has finished there with the same arguments.
+
+    Raises:
+        InputError: as `estimate_poses`.
+    """
+    folder, options = Path(out), options or PosesOptions()
+    if not is_finished(folder):
+        return None
+    photographs, _ = _inputs(Path(images), camera, None, unknown_lens, None, options)
+    figures = read_figures(folder)
+    same = figures.get("made_from") == digest(_key(photographs, options, fov_degrees))
+    return figures if same else None
 
 
 def is_finished(out: Path) -> bool:

@@ -32,7 +32,7 @@ from gsut.lens import (
 
 FEWEST_IMAGES = 2
 # Kannala-Brandt coefficients of a perspective lens: tan(x) / x = 1 + x^2/3 + 2 x^4/15 + ...
-_TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
+TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
 _MOST_CANDIDATES = 3  # of the database
 _SAME_LENS = 0.05  # share by which focal lengths of candidates differ, at least
 
@@ -170,7 +170,7 @@ def _candidates(captured: dict[str, Any]) -> tuple[Camera, ...]:
         found.append(camera_from_values(captured["fisheye"]))
     focal = captured.get("focal_px")
     if focal:
-        params = [focal, focal, width / 2, height / 2, *_TANGENT]
+        params = [focal, focal, width / 2, height / 2, *TANGENT]
         found.append(Camera("kannala_brandt", params, width, height))
     name = captured.get("camera")
     for profile in find_lenses(name, size=(width, height)) if name else ():

@@ -12,6 +12,9 @@ from gsut.lens import Camera
 from gsut.sfm.align import centers_of
 from gsut.sfm.solution import Solution
 
+# Standard deviation of what an image may move (of the cameras' extent) and turn (radians) during
+# its readout.
+_VELOCITY_SIGMA = (0.1, 0.2)
 _CHUNK = 2000  # points whose pairs of observations are summed at once
 
 
@@ -20,8 +23,9 @@ class LensCovariance:
     """At the solution, from its residuals.
 
     Args:
-        params: (F, F) covariance of the parameters that were free.
-        free: (K,) bool, which they are.
+        params: (F, F) covariance of what was free, one row a parameter or group of tied ones.
+        free: (K,) bool, which parameters were.
+        basis: (K, F) change of the parameters by that of what was free.
         with_turn: (F + 3, F + 3): the same, and the turn that undoes a change of the lens best at
             the observations (radians, camera frame).
         noise: standard deviation of a feature's coordinate in pixels.
@@ -29,15 +33,14 @@ class LensCovariance:
 
     params: np.ndarray
     free: np.ndarray
+    basis: np.ndarray
     with_turn: np.ndarray
     noise: float
 
     @property
     def sigmas(self) -> np.ndarray:
         """(K,) standard deviations of the parameters; 0 for those that were held."""
-        sigmas = np.zeros(len(self.free))
-        sigmas[self.free] = np.sqrt(np.diag(self.params))
-        return sigmas
+        return np.sqrt(np.einsum("kf,fg,kg->k", self.basis, self.params, self.basis))
 
     def projection_sigma(self, camera: Camera, pixels: np.ndarray) -> np.ndarray:
         """(N,) pixels: standard deviation, in its worst direction, of distant points' projections.
@@ -56,7 +59,7 @@ class LensCovariance:
         if not valid.any():
             return sigma
         by_point, by_params = camera.project_jacobian(rays[valid])
-        jacobian = np.concatenate([by_params[:, :, self.free], _by_turn(by_point, rays[valid])], 2)
+        jacobian = np.concatenate([by_params @ self.basis, _by_turn(by_point, rays[valid])], 2)
         spread = jacobian @ self.with_turn @ jacobian.transpose(0, 2, 1)
         known = np.isfinite(spread).all(axis=(1, 2))
         values = np.full(len(spread), np.nan)
@@ -76,7 +79,7 @@ def lens_covariance(
 
     Args:
         solution: with one lens.
-        free: (K,) bool, parameters that were adjusted.
+        free: (K,) flags of the parameters that were adjusted; equal ones above 1 are tied.
         loss_scale: of Cauchy's loss, in medians of the residuals' lengths, as in the adjustment.
         feature_variance: FEATURE_VARIANCE for features of photographs, 1 for independent errors.
 
@@ -84,7 +87,7 @@ def lens_covariance(
         SolveError: the observations do not determine the lens.
     """
     camera = solution.cameras[0]
-    free = np.asarray(free, bool)
+    basis = free_columns(free)
     image, point = solution.observations[:, 1], solution.observations[:, 0]
     poses = solution.camera_from_world
     rotation = poses[image, :3, :3]
@@ -97,12 +100,14 @@ def lens_covariance(
     scale = loss_scale * max(math.sqrt(float(np.median(squared))), 1e-12)
     weight = np.sqrt(1 / (1 + squared / scale**2))[:, None, None]
     by_centre = -by_p @ rotation
+    change = weight * (by_params @ basis)
     rows = weight * np.concatenate([by_centre, _by_turn(by_p, p)], axis=2)
-    normal, freedom = _reduced(
-        image, point, rows, weight * by_params[:, :, free], -weight * by_centre, len(poses)
-    )
+    if solution.shutter is not None:  # a body that moves during the readout: as much by its time
+        rows = np.concatenate([rows, _readout_times(solution)[good, None, None] * rows], axis=2)
+    normal, freedom = _reduced(image, point, rows, change, -weight * by_centre, len(poses))
+    _add_velocity_priors(normal, solution, math.sqrt(float(np.median(squared)) / 2), rows.shape[2])
     freedom += 2 * len(image)
-    unknown = _unknowns(solution, int(free.sum()))
+    unknown = _unknowns(solution, basis.shape[1], rows.shape[2])
     freedom -= len(unknown)
     small = normal[np.ix_(unknown, unknown)]
     size = 1 / np.sqrt(np.maximum(np.diag(small), 1e-300))
@@ -110,7 +115,7 @@ def lens_covariance(
         inverse = np.linalg.inv(small * np.outer(size, size)) * np.outer(size, size)
     except np.linalg.LinAlgError:
         inverse = np.full_like(small, np.nan)
-    lens = np.arange(len(small) - int(free.sum()), len(small))
+    lens = np.arange(len(small) - basis.shape[1], len(small))
     if freedom <= 0 or not np.all(np.diag(inverse)[lens] > 0):
         raise SolveError(
             "these images do not determine the lens: give more of them, from different places and "
@@ -119,11 +124,40 @@ def lens_covariance(
     noise, variance = _spread(squared, weight[:, 0, 0] ** 2, freedom)
     variance *= feature_variance
     turn = weight * _by_turn(by_p, p)
-    change = weight * by_params[:, :, free]
     undone = -np.linalg.lstsq(turn.reshape(-1, 3), change.reshape(-1, change.shape[2]))[0]
     both = np.concatenate([np.eye(change.shape[2]), undone])
     params = variance * inverse[np.ix_(lens, lens)]
-    return LensCovariance(params, free, both @ params @ both.T, noise)
+    return LensCovariance(params, np.asarray(free) > 0, basis, both @ params @ both.T, noise)
+
+
+def free_columns(flags: np.ndarray) -> np.ndarray:
+    """(K, F) of the flags (K,) of a lens' parameters: a column for each free one, or tied group."""
+    flags = np.asarray(flags).astype(int)
+    groups = np.where(flags == 1, -1 - np.arange(len(flags)), flags)
+    wanted = list(dict.fromkeys(groups[flags > 0].tolist()))
+    return np.stack([groups == group for group in wanted], axis=1).astype(np.float64)
+
+
+def _readout_times(solution: Solution) -> np.ndarray:
+    """(S,) of the observations' lines, -0.5 to 0.5, but for the direction."""
+    assert solution.shutter is not None
+    camera, along_y = solution.cameras[0], "top" in solution.shutter.direction
+    size = camera.height if along_y else camera.width
+    return solution.pixels[:, int(along_y)] / size - 0.5
+
+
+def _add_velocity_priors(
+    normal: np.ndarray, solution: Solution, noise: float, unknowns: int
+) -> None:
+    """What is known of velocities beforehand, as in the adjustment; see `_VELOCITY_SIGMA`."""
+    if unknowns == 6:
+        return
+    size = np.linalg.norm(np.ptp(centers_of(solution.camera_from_world), axis=0))
+    for image in range(len(solution.names)):
+        for k in range(6):
+            sigma = _VELOCITY_SIGMA[k // 3] * (size if k < 3 else 1.0)
+            place = unknowns * image + 6 + k
+            normal[place, place] += (noise / sigma) ** 2
 
 
 def _spread(squared: np.ndarray, weight: np.ndarray, freedom: int) -> tuple[float, float]:
@@ -154,13 +188,17 @@ def _reduced(
     by_point: np.ndarray,
     images: int,
 ) -> tuple[np.ndarray, int]:
-    """Normal equations (6 images + F, same) without the points, and minus three for each point."""
+    """Normal equations (D images + F, same) without the points, and minus three for each point.
+
+    D is the number of columns of by_pose.
+    """
     order = np.argsort(point, kind="stable")
     image, point = image[order], point[order]
     by_pose, by_lens, by_point = by_pose[order], by_lens[order], by_point[order]
     count = by_lens.shape[2]
-    own = np.zeros((images, images, 6, 6))
-    with_lens = np.zeros((images, 6, count))
+    unknowns = by_pose.shape[2]
+    own = np.zeros((images, images, unknowns, unknowns))
+    with_lens = np.zeros((images, unknowns, count))
     lens = np.einsum("nri,nrj->ij", by_lens, by_lens)
     np.add.at(own, (image, image), by_pose.transpose(0, 2, 1) @ by_pose)
     np.add.at(with_lens, image, by_pose.transpose(0, 2, 1) @ by_lens)
@@ -171,7 +209,7 @@ def _reduced(
         for begin in range(0, len(chosen), _CHUNK):
             rows = chosen[begin : begin + _CHUNK, None] + np.arange(length)
             c = by_point[rows]  # (points, observations, 2, 3)
-            pose_c = by_pose[rows].transpose(0, 1, 3, 2) @ c  # (points, observations, 6, 3)
+            pose_c = by_pose[rows].transpose(0, 1, 3, 2) @ c  # (points, observations, D, 3)
             lens_c = (by_lens[rows].transpose(0, 1, 3, 2) @ c).sum(axis=1)  # (points, F, 3)
             inverse = np.linalg.inv((c.transpose(0, 1, 3, 2) @ c).sum(axis=1))
             pose_i = pose_c @ inverse[:, None]
@@ -183,17 +221,18 @@ def _reduced(
             )
             np.subtract.at(with_lens, at, pose_i @ lens_c.transpose(0, 2, 1)[:, None])
             lens -= np.einsum("nij,nkj->ik", lens_c @ inverse, lens_c)
-    cross = with_lens.reshape(6 * images, count)
-    poses = own.transpose(0, 2, 1, 3).reshape(6 * images, 6 * images)
+    size = unknowns * images
+    cross = with_lens.reshape(size, count)
+    poses = own.transpose(0, 2, 1, 3).reshape(size, size)
     return np.block([[poses, cross], [cross.T, lens]]), -3 * len(starts)
 
 
-def _unknowns(solution: Solution, lens: int) -> np.ndarray:
+def _unknowns(solution: Solution, lens: int, of_image: int) -> np.ndarray:
     """Indices of what the gauge leaves free, the lens' last."""
     first, second = solution.initial_pair
     centres = centers_of(solution.camera_from_world)
     axis = int(np.argmax(np.abs(centres[second] - centres[first])))
-    keep = np.repeat(solution.registered, 6)
-    keep[6 * first : 6 * first + 6] = False
-    keep[6 * second + axis] = False
+    keep = np.repeat(solution.registered, of_image)
+    keep[of_image * first : of_image * first + 6] = False
+    keep[of_image * second + axis] = False
     return np.flatnonzero(np.r_[keep, np.ones(lens, bool)])

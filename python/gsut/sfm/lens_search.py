@@ -5,36 +5,53 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gsut._core import InputError, Shutter, SolveError
-from gsut.data import read_header
+from gsut._core import Shutter, SolveError
 from gsut.lens import Camera, convert_camera
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs
+from gsut.sfm.lens_candidates import implausible, lens_ladder
+from gsut.sfm.lens_ranking import LensRanking, RankedLens
 from gsut.sfm.matching import PairMatches, RawMatches, verify
 from gsut.sfm.options import PosesOptions
+from gsut.sfm.overlap import require_overlap
+from gsut.sfm.poses_log import PosesLog
 from gsut.sfm.solution import Solution, refine, solve
 
-# Horizontal fields of view (degrees) that are tried where nothing is known: a phone held upright,
-# a phone, a wide action camera.
-_FIELDS = (45.0, 65.0, 95.0)
-_FISHEYE_FROM = 110.0  # degrees: wider guesses are fisheyes from the start
-_DEFAULT_FIELD = 60.0  # of the first matching
-_HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare a observation
-# Estimated first, of fx fy cx cy and four coefficients: focal lengths and the first coefficient.
-_START = np.array([1, 1, 0, 0, 1, 0, 0, 0], bool)
-# A lens with more parameters must predict held-out observations better by this share.
+_HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare an observation
+# Flags of parameters: held, free by itself, and, of the focal lengths, tied: square pixels.
+_HELD, _FREE, _TIED = 0, 1, 2
+# Estimated first of a Kannala-Brandt lens: the focal length and k1.
+_START = np.array([_TIED, _TIED, 0, 0, _FREE, 0, 0, 0], np.uint8)
+# A lens with more parameters must predict held-out observations better by this share: radial
+# coefficients, the principal point, and focal lengths that differ, which few lenses have.
 _BETTER = 0.005
-# Images on which fields of view, and models, are compared: those best connected with each other.
-_FIELD_IMAGES = 12
-_MODEL_IMAGES = 25
-# Matches of a pair that fields, and models, are compared by: the most distinct.
-_FIELD_MATCHES = 100
-_MODEL_MATCHES = 200
+_BETTER_CENTER = 0.03
+_BETTER_ASPECT = 0.05
+# Images on which first lenses, and models, are compared: those best connected with each other.
+_FIRST_IMAGES = 14
+_MODEL_IMAGES = 20
+# Matches of a pair that first lenses, and models, are compared by: the most distinct.
+_FIRST_MATCHES = 150
+_MODEL_MATCHES = 150
+# Lenses of the ranking that are reconstructed with: those whose share of agreeing matches is nearly
+# the best's, and whose focal length differs from those before by more than a step.
+_MOST_FIRST = 3
+_NEAR_BEST = 0.96
+_SAME_FOCAL = 0.12
+# A first lens that all images and this small an error (of the diagonal) confirm: enough tried.
+_CONFIRMED = 0.5e-3
+# Matches, and radians of parallax, of a pair beyond which more do not count.
+_ENOUGH_MATCHES = 200
+_ENOUGH_PARALLAX = 0.2
+# Matches are verified again where the lens' focal length has changed by more.
+_VERIFY_AGAIN = 0.03
+_PERSPECTIVE_UP_TO = math.radians(50.0)  # from the axis: also tried as a perspective lens
+# On the largest error of pairs, of a rolling shutter that a global one stands in for.
+_ROLLING_PAIRS = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,80 +61,41 @@ class LensSearch:
     Args:
         solution: with the estimated lens.
         rows: model, parameters, registered, held-out error and rms of each candidate.
-        pairs: verified through the lens that the fields of view gave.
+        pairs: verified through the lens that the first images gave.
+        flags: (K,) of the lens' parameters: 0 held, 1 estimated, equal flags above 1 tied.
     """
 
     solution: Solution
     rows: list[dict[str, Any]]
     pairs: list[PairMatches]
-
-
-def guess_lenses(photographs: Photographs, fov_degrees: float | None) -> Photographs:
-    """The photographs with a lens to begin with.
-
-    Raises:
-        InputError: images of different sizes (one unknown lens cannot serve both), or a field of
-            view that is none.
-    """
-    sizes: dict[tuple[int, int], Path] = {}
-    for path in photographs.paths:
-        try:
-            header = read_header(path)
-        except InputError:
-            continue  # unreadable: named already
-        sizes.setdefault((header.width, header.height), path)
-    if len(sizes) > 1:
-        (first, a), (second, b) = list(sizes.items())[:2]
-        raise InputError(
-            f"the lens is unknown and the images have different sizes: {a.name} is "
-            f"{first[0]} x {first[1]}, {b.name} {second[0]} x {second[1]}; give lens files or sort "
-            "the images into one folder a camera"
-        )
-    ((width, height),) = sizes
-    guess = guess_lens(width, height, fov_degrees or _DEFAULT_FIELD)
-    camera = next(iter(photographs.candidates), guess)
-    return dataclasses.replace(photographs, cameras=[camera] * len(photographs))
-
-
-def guess_lens(width: int, height: int, fov_degrees: float) -> Camera:
-    """An undistorted lens of this horizontal field of view: perspective, or equidistant if wide."""
-    if not 5 <= fov_degrees <= 300:
-        raise InputError(f"--fov takes 5 to 300 degrees, found {fov_degrees:g}")
-    half = math.radians(fov_degrees / 2)
-    if fov_degrees >= _FISHEYE_FROM:
-        focal = width / 2 / half
-        return Camera(
-            "kannala_brandt", [focal, focal, width / 2, height / 2, 0, 0, 0, 0], width, height
-        )
-    focal = width / 2 / math.tan(half)
-    return Camera("opencv4", [focal, focal, width / 2, height / 2, 0, 0, 0, 0], width, height)
+    flags: np.ndarray
 
 
 def search_lens(
     photographs: Photographs,
     features: Sequence[Features],
-    pairs: Sequence[PairMatches],
     raw: RawMatches,
     options: PosesOptions,
     fov_degrees: float | None,
-    show: Callable[[str, int, int, str], None],
+    log: PosesLog,
     shutter: Shutter | None = None,
 ) -> LensSearch:
     """Estimates poses and lens together.
 
-    First the focal length and the first coefficient, from each guess of the field of view, on a few
-    images; the matches are verified again through the best; then the models on more images, each
-    from the poses of the first; at last all images with the model chosen. All but the last use the
-    most distinct matches only.
+    First lenses (the photographs' candidates, of the database or EXIF, and a ladder of fields of
+    view and kinds) are ranked by the
+    matches of some pairs that agree through them. With the best of them the focal length and the
+    first coefficient are estimated on a few images; then models, and which of their parameters, on
+    more images, each from the poses of the first; at last everything with the lens chosen. Pixels
+    are square and the principal point is the image's centre unless held-out observations speak
+    clearly against it; lenses that no camera has are refused.
 
     Args:
-        photographs: with the first guess as lenses.
-        features: of the photographs.
-        pairs: verified with the first guess.
-        raw: the matches before that.
+        photographs: with any guess of this size as lenses.
+        features: of the photographs. raw: their matches.
         options: see PosesOptions.
         fov_degrees: rough horizontal field of view, or None.
-        show: told (stage, done, total, text): of "lens" the trials, then of "mapping" the images.
+        log: shown the stage "lens", the trials, then "mapping".
         shutter: rolling, or None.
 
     Raises:
@@ -125,51 +103,134 @@ def search_lens(
     """
     first = photographs.cameras[0]
     assert first is not None
-    size = first.width, first.height
-    fields = (fov_degrees,) if fov_degrees is not None else _FIELDS
-    guesses = [guess_lens(*size, field) for field in fields]
-    starts = [*photographs.candidates, *([] if photographs.profile else guesses)]
-    trials = _Trials(
-        photographs.names, features, options, show, shutter,
-        planned=len(starts) + len(_models(starts[0])),
+    trials = _Trials(photographs.names, features, options, log.show, shutter)
+    ranking = LensRanking(features, raw, options, 1.0 if shutter is None else _ROLLING_PAIRS)
+    ladder = lens_ladder(first.width, first.height, fov_degrees)
+    ranked = ranking.best(
+        photographs.candidates, ladder,
+        lambda done, total: trials.tell("first lenses", 0.3 * done / total),
     )  # fmt: skip
-    candidates = []
-    few = keep_most_distinct(choose_connected_pairs(pairs, _FIELD_IMAGES), _FIELD_MATCHES)
-    for start in starts:
-        found = trials.solve(start, _START, few)
-        trials.done += 1
-        if found is not None:
-            candidates.append(found)
-    if not candidates:
-        raise SolveError(
-            "no lens of the fields of view tried gives a reconstruction; give a rough one with "
-            "--fov, or a lens file with --camera"
-        )
-    best = min(candidates, key=_rank)
-    lens = best.cameras[0]
-    again = verify(features, [lens] * len(photographs), raw, options, shutter=shutter)
-    more = keep_most_distinct(choose_connected_pairs(again, _MODEL_IMAGES), _MODEL_MATCHES)
-    results: list[tuple[Solution, np.ndarray]] = []
-    for free, made_of in _models(lens):  # fewest parameters first
-        found = trials.refine(results[0][0], made_of, free, more) if results else None
-        if found is None:
-            found = trials.solve(made_of(lens), free, more)
-        trials.done += 1
-        if found is not None:
-            results.append((found, free))
-    chosen, free = results[0] if results else (best, _START)
-    for other, other_free in results[1:]:
-        (missing, error), (least, bound) = _rank(other), _rank(chosen)
-        if missing < least or (missing == least and error < (1 - _BETTER) * bound):
-            chosen, free = other, other_free
-    # The lens is chosen: now with every observation.
+    pairs = trials.verified(ranked[0].camera, raw)
+    require_overlap(photographs.names, features, pairs)
+    best = _first_solution(trials, raw, pairs, ranked)
+    if abs(best.cameras[0].params[0] / ranked[0].camera.params[0] - 1) > _VERIFY_AGAIN:
+        pairs = trials.verified(best.cameras[0], raw)
+    chosen, flags = _best_model(trials, pairs, best)
     lens = chosen.cameras[0]
     final = solve(
-        photographs.names, [lens] * len(photographs), features, again, options,
-        lambda done, total, points, step: show("mapping", done, total, f"{points:,} points"),
-        lens_free=free, lens_settled=True, shutter=shutter,
+        photographs.names, [lens] * len(photographs), features, pairs, options,
+        log.on_images("mapping"),
+        lens_free=flags, lens_settled=True, shutter=shutter,
     )  # fmt: skip
-    return LensSearch(final, trials.rows, again)
+    return LensSearch(final, trials.rows, pairs, flags)
+
+
+def _first_solution(
+    trials: _Trials, raw: RawMatches, pairs: Sequence[PairMatches], ranked: Sequence[RankedLens]
+) -> Solution:
+    """Of the lenses ranked first, the solution of a few images that is best."""
+    few = choose_connected_pairs(pairs, _FIRST_IMAGES)
+    wanted = {(pair.first, pair.second) for pair in few}
+    found: list[Solution] = []
+    tried: list[float] = []
+    for number, lens in enumerate(ranked):
+        focal = float(lens.camera.params[0])
+        known = any(abs(math.log(focal / other)) < _SAME_FOCAL for other in tried)
+        if known or (found and lens.share < _NEAR_BEST * ranked[0].share):
+            continue
+        if len(tried) == _MOST_FIRST:
+            break
+        if number:
+            few = trials.verified(lens.camera, _only(raw, wanted))
+        solution = trials.solve(
+            lens.camera, _START, keep_most_distinct(few, _FIRST_MATCHES), share=lens.share
+        )
+        tried.append(focal)
+        trials.tell("first images", 0.3 + 0.3 * len(tried) / _MOST_FIRST)
+        if solution is None:
+            continue
+        found.append(solution)
+        size = math.hypot(lens.camera.width, lens.camera.height)
+        images = len({image for pair in few for image in (pair.first, pair.second)})
+        if (
+            solution.num_registered == images
+            and (solution.held_out or math.inf) < _CONFIRMED * size
+        ):
+            break
+    if not found:
+        why = [row["refused"] for row in trials.rows if "refused" in row]
+        raise SolveError(
+            "no lens tried gives a reconstruction"
+            + (f" ({why[0]})" if why else "")
+            + "; give a rough field of view by --fov or a lens by --camera, or photographs that "
+            "overlap by more than half, from different places"
+        )
+    return min(found, key=_rank)
+
+
+def _best_model(
+    trials: _Trials, pairs: Sequence[PairMatches], best: Solution
+) -> tuple[Solution, np.ndarray]:
+    """The lens that predicts held-out observations of more images best, and its flags."""
+    images = _FIRST_IMAGES if trials.rolling else _MODEL_IMAGES
+    more = keep_most_distinct(choose_connected_pairs(pairs, images), _MODEL_MATCHES)
+    start = best if trials.rolling else trials.solve(best.cameras[0], _START, more) or best
+    chosen: tuple[Solution, np.ndarray] = (start, _START)
+    models = _models(start)
+    if trials.rolling:  # each trial begins from nothing: the fewest
+        models = models[-1:]
+    for number, (flags, model) in enumerate(models, 1):
+        found = trials.refine(start, model(start.cameras[0]), flags, more)
+        trials.tell("models", 0.6 + 0.3 * number / len(models))
+        if found is not None and _is_better(found, chosen[0], _BETTER):
+            chosen = found, flags
+    for freed, share in (((2, 3), _BETTER_CENTER), ((0, 1), _BETTER_ASPECT)):
+        flags = chosen[1].copy()
+        flags[list(freed)] = _FREE
+        found = trials.refine(start, chosen[0].cameras[0], flags, more)
+        if found is not None and _is_better(found, chosen[0], share):
+            chosen = found, flags
+    trials.tell("models", 1.0)
+    return chosen
+
+
+def _is_better(other: Solution, than: Solution, share: float) -> bool:
+    (missing, error), (least, bound) = _rank(other), _rank(than)
+    return missing < least or (missing == least and error < (1 - share) * bound)
+
+
+def _rank(solution: Solution) -> tuple[int, float]:
+    """Smaller is better: most images first, then the held-out error."""
+    return -solution.num_registered, solution.held_out or math.inf
+
+
+def _models(start: Solution) -> Sequence[tuple[np.ndarray, Callable[[Camera], Camera]]]:
+    """What is estimated of each model to choose from, and the model made of a lens near it."""
+    radial = np.array([_TIED, _TIED, 0, 0, 1, 1, 1, 1], np.uint8)
+    fisheye = [(np.where(np.arange(8) < 6, radial, 0).astype(np.uint8), _same), (radial, _same)]
+    if float(np.max(start.field_angles)) > _PERSPECTIVE_UP_TO:
+        return fisheye
+    two = np.array([_TIED, _TIED, 0, 0, 1, 1, 0, 0], np.uint8)
+    three = np.append(two, _FREE).astype(np.uint8)
+    return [(two, _as_opencv4), (three, _as_opencv5), *fisheye]
+
+
+def _same(lens: Camera) -> Camera:
+    return lens
+
+
+def _as_opencv4(lens: Camera) -> Camera:
+    """Without tangential distortion, and square pixels."""
+    params = convert_camera(lens, "opencv4").camera.params.copy()
+    focal = float(params[:2].mean())
+    return Camera(
+        "opencv4", [focal, focal, lens.width / 2, lens.height / 2, *params[4:6], 0, 0],
+        lens.width, lens.height,
+    )  # fmt: skip
+
+
+def _as_opencv5(lens: Camera) -> Camera:
+    return Camera("opencv5", [*_as_opencv4(lens).params, 0.0], lens.width, lens.height)
 
 
 def keep_most_distinct(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
@@ -187,37 +248,33 @@ def keep_most_distinct(pairs: Sequence[PairMatches], most: int) -> list[PairMatc
 
 
 def choose_connected_pairs(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
-    """The pairs among `most` images: the best pair's, then always the one with most matches."""
-    matches: dict[int, dict[int, int]] = {}
+    """The pairs among `most` images that are best connected: by many matches, and by parallax.
+
+    Neighbours in a video have most matches and tell least of the lens: a match counts by its
+    pair's parallax.
+    """
+    strength: dict[int, dict[int, float]] = {}
     for pair in pairs:
-        matches.setdefault(pair.first, {})[pair.second] = len(pair.matches)
-        matches.setdefault(pair.second, {})[pair.first] = len(pair.matches)
-    if len(matches) <= most:
+        value = min(len(pair.matches), _ENOUGH_MATCHES) * min(pair.parallax, _ENOUGH_PARALLAX)
+        strength.setdefault(pair.first, {})[pair.second] = value
+        strength.setdefault(pair.second, {})[pair.first] = value
+    if len(strength) <= most:
         return list(pairs)
-    start = max(pairs, key=lambda pair: len(pair.matches) * min(pair.parallax, 0.35))
+    start = max(pairs, key=lambda pair: strength[pair.first][pair.second])
     chosen = {start.first, start.second}
     while len(chosen) < most:
         links = {
-            image: sum(count for other, count in found.items() if other in chosen)
-            for image, found in matches.items()
+            image: sum(value for other, value in found.items() if other in chosen)
+            for image, found in strength.items()
             if image not in chosen
         }
         chosen.add(max(links, key=lambda image: links[image]))
     return [pair for pair in pairs if pair.first in chosen and pair.second in chosen]
 
 
-def _models(lens: Camera) -> list[tuple[np.ndarray, Callable[[Camera], Camera]]]:
-    """What is estimated of each model to choose from, and the model made of a lens near it."""
-    everything = np.ones(8, bool)
-    if lens.model == "kannala_brandt":
-        return [(everything, lambda found: found)]
-    size = lens.width, lens.height
-    return [
-        (np.array([1, 1, 0, 0, 1, 1, 0, 0], bool), lambda found: found),
-        (everything, lambda found: found),
-        (np.ones(9, bool), lambda found: Camera("opencv5", [*found.params, 0.0], *size)),
-        (everything, lambda found: convert_camera(found, "kannala_brandt").camera),
-    ]
+def _only(raw: RawMatches, wanted: set[tuple[int, int]]) -> RawMatches:
+    kept = [i for i, (a, b) in enumerate(raw.pairs) if (int(a), int(b)) in wanted]
+    return RawMatches(raw.pairs[kept], [raw.matches[i] for i in kept])
 
 
 class _Trials:
@@ -230,41 +287,55 @@ class _Trials:
         options: PosesOptions,
         show: Callable[[str, int, int, str], None],
         shutter: Shutter | None,
-        planned: int,
     ) -> None:
         self.rows: list[dict[str, Any]] = []
-        self.done = 0  # of those planned
-        self._planned = planned
         self._names = names
         self._features = features
         self._options = options
         self._show = show
         self._shutter = shutter
+        self._share = 0.0
+
+    @property
+    def rolling(self) -> bool:
+        """Whether images were read line by line."""
+        return self._shutter is not None
+
+    def tell(self, text: str, share: float) -> None:
+        """Of the search so much is done."""
+        self._share = max(share, self._share)
+        self._show("lens", round(100 * self._share), 100, text)
+
+    def verified(self, lens: Camera, raw: RawMatches) -> list[PairMatches]:
+        """Matches verified through a lens."""
+        lenses = [lens] * len(self._names)
+        return verify(self._features, lenses, raw, self._options, shutter=self._shutter)
 
     def solve(
-        self, lens: Camera, free: np.ndarray, pairs: Sequence[PairMatches]
+        self, lens: Camera, flags: np.ndarray, pairs: Sequence[PairMatches], **row: Any
     ) -> Solution | None:
         """From nothing but matches; None if it fails."""
         return self._kept(
-            lens, free,
+            lens, flags,
             lambda: solve(
                 self._names, [lens] * len(self._names), self._features, pairs, self._options,
-                self._told(lens), lens_free=free, hold_out_every=_HOLD_OUT_EVERY,
+                self._told, lens_free=flags, hold_out_every=_HOLD_OUT_EVERY,
                 shutter=self._shutter,
             ),
+            row,
         )  # fmt: skip
 
     def refine(
-        self, start: Solution, model: Callable[[Camera], Camera], free: np.ndarray,
-        pairs: Sequence[PairMatches],
-    ) -> Solution | None:  # fmt: skip
-        """From the poses and the lens of another solution; None if it fails.
+        self, start: Solution, lens: Camera, flags: np.ndarray, pairs: Sequence[PairMatches]
+    ) -> Solution | None:
+        """From the poses of another solution, of all images; None if it fails.
 
-        Velocities of a rolling shutter are not known to `refine`: None then, too.
+        Images without a pose are left out of what is returned.
+
+        Velocities of a rolling shutter are not known to `refine`: from nothing then.
         """
-        if self._shutter is not None:
-            return None
-        lens = model(start.cameras[0])
+        if self.rolling:
+            return self.solve(lens, flags, pairs)
         chosen = [int(image) for image in np.flatnonzero(start.registered)]
         place = {image: index for index, image in enumerate(chosen)}
         own = [
@@ -273,40 +344,46 @@ class _Trials:
             if pair.first in place and pair.second in place
         ]
         return self._kept(
-            lens, free,
+            lens, flags,
             lambda: refine(
                 [self._names[i] for i in chosen], [lens] * len(chosen),
                 [self._features[i] for i in chosen], own,
                 [start.camera_from_world[i] for i in chosen], self._options,
-                self._told(lens), lens_free=free, hold_out_every=_HOLD_OUT_EVERY,
+                self._told, lens_free=flags, hold_out_every=_HOLD_OUT_EVERY,
             ),
         )  # fmt: skip
 
-    def _told(self, lens: Camera) -> Callable[[int, int, int, str], None]:
-        return lambda done, total, points, step: self._show(
-            "lens", self.done, self._planned, f"{lens.model}: {done} images, {points:,} points"
-        )
+    def _told(self, done: int, total: int, points: int, step: str) -> None:
+        self.tell(f"{done} images, {points:,} points", self._share)
 
-    def _kept(self, lens: Camera, free: np.ndarray, run: Callable[[], Solution]) -> Solution | None:
-        row: dict[str, Any] = {"model": lens.model, "estimated": int(free.sum())}
+    def _kept(
+        self,
+        lens: Camera,
+        flags: np.ndarray,
+        run: Callable[[], Solution],
+        more: dict[str, Any] | None = None,
+    ) -> Solution | None:
+        row: dict[str, Any] = {
+            "model": lens.model,
+            "estimated": len(set(flags[flags > 1])) + int((flags == 1).sum()),
+            "start": list(map(float, lens.params)),
+            **(more or {}),
+        }
+        self.rows.append(row)
         try:
             found = run()
         except SolveError as error:
-            self.rows.append({**row, "registered": 0, "failure": str(error)})
+            row |= {"registered": 0, "failure": str(error)}
             return None
-        self.rows.append(
-            {
-                **row,
-                "params": list(map(float, found.cameras[0].params)),
-                "registered": found.num_registered,
-                "points": len(found.points),
-                "held_out_px": found.held_out,
-                "rms_px": found.rms,
-            }
-        )
-        return found
-
-
-def _rank(solution: Solution) -> tuple[int, float]:
-    """Smaller is better: most images first, then the held-out error."""
-    return -solution.num_registered, solution.held_out or math.inf
+        row |= {
+            "params": list(map(float, found.cameras[0].params)),
+            "registered": found.num_registered,
+            "points": len(found.points),
+            "held_out_px": found.held_out,
+            "rms_px": found.rms,
+        }
+        refused = implausible(found.cameras[0], self._features)
+        if refused is None:
+            return found
+        row["refused"] = refused
+        return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from gsut.files import write_file
 from gsut.page import LINE, MUTED, SERIES, TITLE, html_table, plot_figure, sections_page, svg_text
+from gsut.run import Verdict
 from gsut.sfm.align import centers_of
 from gsut.sfm.solution import Solution
 
@@ -46,7 +48,9 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
             for i, lens in enumerate(values["lenses"], 1)
         },
     }
+    verdict = Verdict.of(values["verdict"])
     parts = [
+        f"<p><b>{html.escape(str(verdict))}</b></p>",
         html_table(summary.items()),
         "<h2>Cameras and points from above and from the side</h2>",
         _scene_plot(solution, values.get("rig")),

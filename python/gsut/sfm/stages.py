@@ -21,6 +21,11 @@ _KEY = "key.json"
 _MATCHES = "matches.npz"
 
 
+def digest(key: dict[str, Any]) -> str:
+    """Of all that a result depends on, as JSON values."""
+    return hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
+
+
 class Stages:
     """The stage files of one output folder.
 
@@ -31,16 +36,15 @@ class Stages:
 
     def __init__(self, out: Path, key: dict[str, Any]) -> None:
         self._folder = out / FOLDER
-        text = json.dumps(key, sort_keys=True)
-        digest = hashlib.sha256(text.encode()).hexdigest()
+        of_key = digest(key)
         stored = self._folder / _KEY
-        if not (stored.is_file() and stored.read_text() == digest):
+        if not (stored.is_file() and stored.read_text() == of_key):
             shutil.rmtree(self._folder, ignore_errors=True)
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"cannot make {self._folder}: {error.strerror}") from error
-        write_file(stored, digest)
+        write_file(stored, of_key)
 
     def remove(self) -> None:
         """Deletes the stage files: the run is done."""

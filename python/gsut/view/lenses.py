@@ -13,12 +13,20 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.lens import Camera, camera_values, is_lens_name, load_camera, load_lens
+from gsut.lens import (
+    Camera,
+    camera_values,
+    field_of_view,
+    has_focal_length,
+    is_lens_name,
+    load_camera,
+    load_lens,
+    with_field_of_view,
+)
 
 _KEPT = 12  # cameras at a size, whose rays are kept
 _MOST_SLIDERS = 24  # parameters with a slider
 _MODELS_OF_TABLES = ("control_points",)  # parameters without sliders: a table of them
-_SEARCH_STEPS = 60  # bisections of the focal length
 
 
 class Lenses:
@@ -77,7 +85,7 @@ class Lenses:
         return {
             "id": number, **values, "params": values["params"][:_MOST_SLIDERS],
             "sliders": _sliders(lens), "field_of_view": across,
-            "max_angle": math.degrees(lens.max_angle), "can_zoom": _focal_of(lens) is not None,
+            "max_angle": math.degrees(lens.max_angle), "can_zoom": has_focal_length(lens),
             "radians_per_pixel": _radians_per_pixel(lens),
         }  # fmt: skip
 
@@ -131,12 +139,6 @@ def _example(model: str) -> Camera:
     return Camera(model, params, width, height)
 
 
-def _focal_of(lens: Camera) -> list[int] | None:
-    """Where fx and fy stand among the parameters; None where the lens has none."""
-    names = lens.param_names.split()
-    return [names.index(name) for name in ("fx", "fy")] if "fx" in names else None
-
-
 def _reshaped(lens: Camera, width: int, height: int) -> Camera:
     """The lens on a sensor of another shape: as high as before, its centre in the middle."""
     names = lens.param_names.split()
@@ -146,49 +148,6 @@ def _reshaped(lens: Camera, width: int, height: int) -> Camera:
     params = np.array(lens.params)
     params[names.index("cx")] += (wide - lens.width) / 2
     return Camera(lens.model, params, wide, lens.height, valid_field_angle=lens.valid_field_angle)
-
-
-def field_of_view(lens: Camera) -> float | None:
-    """Degrees across the middle row, from the leftmost to the rightmost pixel with a ray.
-
-    None where no pixel of that row has one.
-    """
-    columns = np.linspace(0.0, lens.width, 129)
-    pixels = np.column_stack([columns, np.full(len(columns), lens.height / 2)])
-    rays, valid = lens.unproject(pixels)
-    if valid.sum() < 2:
-        return None
-    seen = rays[valid]
-    cosines = np.clip(np.sum(seen[1:] * seen[:-1], axis=1), -1.0, 1.0)
-    return float(np.degrees(np.arccos(cosines).sum()))
-
-
-def with_field_of_view(lens: Camera, degrees: float) -> Camera:
-    """The lens with its focal lengths scaled so that the image spans this field across.
-
-    Raises:
-        InputError: the lens has no focal length, or cannot span that.
-    """
-    focal = _focal_of(lens)
-    if focal is None:
-        raise InputError(f"{lens.model} has no focal length: its image's size is its field")
-
-    def scaled(factor: float) -> Camera:
-        params = np.array(lens.params)
-        params[focal] *= factor
-        return lens.with_params(params)
-
-    low, high = math.log(1e-3), math.log(1e3)
-    for _ in range(_SEARCH_STEPS):
-        middle = (low + high) / 2
-        across = field_of_view(scaled(math.exp(middle)))
-        low, high = (low, middle) if across is None or across < degrees else (middle, high)
-    found = scaled(math.exp((low + high) / 2))
-    across = field_of_view(found)
-    if across is None or abs(across - degrees) > 0.01 * degrees + 0.1:
-        most = "" if across is None else f"; the nearest is {across:.0f}"
-        raise InputError(f"a {lens.model} lens cannot span {degrees:.0f} degrees{most}")
-    return found
 
 
 def _radians_per_pixel(lens: Camera) -> float:

@@ -267,6 +267,7 @@ def test_render_along_each_path_writes_its_images(run, tmp_path, monkeypatch):
     file.write_text(json.dumps({"camera_from_world": [np.eye(4).tolist()] * 3}))
     count = 0
     for path, names in (
+        ("auto", ["00000.png", "00001.png", "00002.png", "00003.png"]),
         ("orbit", ["00000.png", "00001.png", "00002.png", "00003.png"]),
         ("train", ["00000.png", "00001.png", "00002.png", "00003.png"]),
         ("test", ["images_0.png", "images_3.png"]),
@@ -277,7 +278,7 @@ def test_render_along_each_path_writes_its_images(run, tmp_path, monkeypatch):
         assert main(words) == 0
         assert sorted(p.name for p in out.iterdir()) == names
         count += 1
-    assert count == 4
+    assert count == 5
 
 
 def test_render_with_lens_and_size_uses_both(run, tmp_path):
@@ -290,7 +291,54 @@ def test_render_with_lens_and_size_uses_both(run, tmp_path):
 
 def test_render_without_out_goes_into_the_run(run):
     assert main(["render", str(run.path), "--frames", "2"]) == 0
-    assert len(list((run.path / "orbit").iterdir())) == 2
+    assert len(list((run.path / "auto").iterdir())) == 2
+
+
+def test_render_of_a_file_of_gaussians_needs_no_run(tmp_path):
+    path, out = tmp_path / "scene.ply", tmp_path / "out"
+    gsut.save_ply(path, small_run.GAUSSIANS[:20])
+    words = ["render", str(path), "--frames", "3", "--size", "40x30", "--fov", "80"]
+    assert main([*words, "-o", str(out)]) == 0
+    images = [cv2.imread(str(file)) for file in sorted(out.iterdir())]
+    assert [image.shape for image in images] == [(30, 40, 3)] * 3
+    assert all(image.any() for image in images)
+
+
+def test_render_along_the_path_of_a_screenshot_uses_its_lens(run, tmp_path):
+    from gsut.lens import camera_values
+
+    path, out = tmp_path / "camera.json", tmp_path / "out"
+    lens = gsut.Camera("pinhole", [20, 20, 10, 5], 20, 10)
+    shot = {"camera_from_world": [np.eye(4).tolist()], "lens": camera_values(lens)}
+    path.write_text(json.dumps(shot))
+    assert main(["render", str(run.path), "--path", str(path), "-o", str(out)]) == 0
+    assert cv2.imread(str(out / "00000.png")).shape == (10, 20, 3)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("train", "DATA", "-o", "k.gif"),
+        ("eval", "RUN", "-o", "k.gif"),
+        ("compact", "RUN", "--keep", "0.5", "-o", "small.splat"),
+        ("poses", "PHOTOS", "-o", "poses.json"),
+        ("scene", "PHOTOS", "-o", "scene.ply"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_folder_with_the_name_of_a_file_is_refused(run, tmp_path, monkeypatch, capsys, words):
+    monkeypatch.chdir(tmp_path)
+    error = refused(capsys, *(str(run.path) if word == "RUN" else word for word in words))
+    assert "folder" in error and words[-1] in error
+    assert not Path(words[-1]).exists()
+
+
+@pytest.mark.parametrize("name", ["film.avi", "k.mov", "small.splat", "image.png"])
+def test_render_refuses_a_suffix_that_it_cannot_write(run, tmp_path, capsys, name):
+    out = tmp_path / name
+    error = refused(capsys, "render", str(run.path), "--frames", "1", "-o", str(out))
+    assert "give .mp4, .webm, .gif, or a folder" in error
+    assert not out.exists()
 
 
 def test_render_to_a_video_holds_all_frames_and_is_never_overwritten(run, tmp_path, capsys):

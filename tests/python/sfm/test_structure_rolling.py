@@ -16,9 +16,11 @@ from gsut.sfm.align import compare_poses
 from gsut.sfm.correspondences import match_images
 from gsut.sfm.estimate import estimate_poses
 from gsut.sfm.inputs import Photographs
-from gsut.sfm.lens_search import guess_lens, search_lens
+from gsut.sfm.lens_candidates import guess_lens
+from gsut.sfm.lens_search import search_lens
 from gsut.sfm.matching import verify
 from gsut.sfm.options import PosesOptions
+from gsut.sfm.poses_log import PosesLog
 from gsut.sfm.readout import readout_time
 from gsut.sfm.solution import matches_in_points, solve
 from synthetic_walk import Synthetic, quiet
@@ -96,10 +98,7 @@ def test_search_lens_finds_a_rolling_fisheye_with_the_poses(walk, tmp_path):
     )
     options = PosesOptions()
     raw = match_images(names, walk.features, options, quiet)
-    verified = verify(walk.features, [guess] * count, raw, options, shutter=SHUTTER)
-    search = search_lens(
-        photographs, walk.features, verified, raw, options, 180.0, lambda *_: None, SHUTTER
-    )
+    search = search_lens(photographs, walk.features, raw, options, 180.0, PosesLog(), SHUTTER)
     found = search.solution
     assert found.registered.all() and found.velocities is not None
     errors = compare_poses(found.camera_from_world, np.array(walk.poses))

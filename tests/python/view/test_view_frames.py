@@ -10,10 +10,10 @@ import pytest
 import gsut
 import small_run
 from gsut.data import read_path
-from gsut.lens import camera_from_values
+from gsut.lens import camera_from_values, field_of_view, with_field_of_view
 from gsut.view import Session, Stage
 from gsut.view.frames import MODES
-from gsut.view.lenses import Lenses, field_of_view, with_field_of_view
+from gsut.view.lenses import Lenses
 from gsut.view.overlays import frustum
 from random_scenes import every_lens, fisheye, gaussians_in_view, pinhole, rng_of
 from tolerances.view import FIELD_OF_VIEW_DEGREES, PICKED_POINT

@@ -1,0 +1,62 @@
+"""The field of view of any lens across its image, and lenses of a wanted one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.lens.camera import Camera
+
+_SAMPLES = 129  # of the middle row
+_SEARCH_STEPS = 60  # bisections of the focal length
+_CLOSE = (0.01, 0.1)  # relative, degrees: of what was wanted
+
+
+def field_of_view(camera: Camera) -> float | None:
+    """Degrees across the middle row, from the leftmost to the rightmost pixel with a ray.
+
+    None where no two pixels of that row have one.
+    """
+    columns = np.linspace(0.0, camera.width, _SAMPLES)
+    rays, valid = camera.unproject(np.column_stack([columns, np.full(_SAMPLES, camera.height / 2)]))
+    if valid.sum() < 2:
+        return None
+    seen = rays[valid]
+    cosines = np.clip(np.sum(seen[1:] * seen[:-1], axis=1), -1.0, 1.0)
+    return float(np.degrees(np.arccos(cosines).sum()))
+
+
+def has_focal_length(camera: Camera) -> bool:
+    """Whether the lens has fx and fy, which `with_field_of_view` scales."""
+    return {"fx", "fy"} <= set(camera.param_names.split())
+
+
+def with_field_of_view(camera: Camera, degrees: float) -> Camera:
+    """The lens with its focal lengths scaled so that the image spans this field across.
+
+    Raises:
+        InputError: the lens has no focal length, or cannot span that.
+    """
+    if not has_focal_length(camera):
+        raise InputError(f"{camera.model} has no focal length that a field of view could change")
+    names = camera.param_names.split()
+    focal = [names.index("fx"), names.index("fy")]
+
+    def scaled(factor: float) -> Camera:
+        params = np.array(camera.params)
+        params[focal] *= factor
+        return camera.with_params(params)
+
+    low, high = math.log(1e-3), math.log(1e3)
+    for _ in range(_SEARCH_STEPS):
+        middle = (low + high) / 2
+        across = field_of_view(scaled(math.exp(middle)))
+        low, high = (low, middle) if across is None or across < degrees else (middle, high)
+    found = scaled(math.exp((low + high) / 2))
+    across = field_of_view(found)
+    if across is None or abs(across - degrees) > _CLOSE[0] * degrees + _CLOSE[1]:
+        nearest = "" if across is None else f"; the nearest is {across:.0f}"
+        raise InputError(f"a {camera.model} lens cannot span {degrees:g} degrees{nearest}")
+    return found

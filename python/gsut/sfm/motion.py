@@ -1,0 +1,73 @@
+"""Camera motions and scenes that leave something open, recognised from poses and points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from gsut.sfm.align import centers_of, rotation_angles
+from gsut.sfm.matching import PairMatches
+from gsut.sfm.solution import Solution
+
+# Second over first extent of the camera centres, below which they lie on a line.
+_STRAIGHT = 0.03
+_TURNS = math.radians(10.0)  # between the views, less than which says nothing of the lens
+# Third over second extent of the points, below which they lie in a plane.
+_FLAT = 0.03
+_LITTLE_PARALLAX = math.radians(2.0)
+_TURNED_ONLY = 0.9  # share of a pair's matches that a rotation explains
+
+
+def critical_motion(solution: Solution, pairs: Sequence[PairMatches]) -> str | None:
+    """What of the motion or the scene leaves the lens open, as a sentence; None if nothing does.
+
+    A straight flight without turns: a longer focal length with a longer path gives the same images.
+    A turn about one point: no depth. A plane seen from one height: no depth differences, so that
+    focal length and height trade off (Sturm, "Critical motion sequences for monocular
+    self-calibration", CVPR 1997).
+
+    Args:
+        solution: poses and points. pairs: verified matches.
+    """
+    poses = solution.camera_from_world[solution.registered]
+    turned = [pair.rotation_matches > _TURNED_ONLY * len(pair.matches) for pair in pairs]
+    parallax = np.array([pair.parallax for pair in pairs])
+    if pairs and np.mean(turned) > 0.8 and float(np.median(parallax)) < _LITTLE_PARALLAX:
+        return (
+            "the camera mostly turned on the spot, so depths are hardly known: walk between the "
+            "pictures, sideways to what you film"
+        )
+    extents = _extents(centers_of(poses))
+    middle = poses[len(poses) // 2, :3, :3]
+    angles = rotation_angles(poses[:, :3, :3] @ middle.T)
+    still = float(np.percentile(angles, 90)) < _TURNS
+    if extents[1] < _STRAIGHT * extents[0] and still:
+        return (
+            "the camera moved straight on without turning, so the focal length and the length of "
+            "the path along the view can replace each other: film a curve, or turn the camera "
+            "while you move, some pictures upright and some on their side"
+        )
+    flat = _extents(_near(solution.points))
+    if flat[2] < _FLAT * flat[1] and still:
+        return (
+            "everything seen lies in one plane and was seen from one direction, so focal length "
+            "and distance can replace each other: add pictures tilted by 30 degrees or more, or "
+            "with things of different height"
+        )
+    return None
+
+
+def _near(points: np.ndarray) -> np.ndarray:
+    """The points without the farthest tenth: single outliers are no depth."""
+    distance = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    return points[distance <= np.percentile(distance, 90)] if len(points) else points
+
+
+def _extents(points: np.ndarray) -> np.ndarray:
+    """(3,) singular values about the mean, largest first."""
+    if len(points) < 3:
+        return np.array([1.0, 0.0, 0.0])
+    values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return np.maximum(values, 1e-300 * np.ones(3))

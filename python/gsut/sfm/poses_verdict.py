@@ -1,0 +1,185 @@
+"""How good poses are, why, and what to do next: the verdict of `gsut poses`."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from gsut._core import SolveError
+from gsut.run import Verdict
+from gsut.sfm.features import Features
+from gsut.sfm.lens_covariance import lens_covariance
+from gsut.sfm.matching import PairMatches
+from gsut.sfm.motion import critical_motion
+from gsut.sfm.options import PosesOptions
+from gsut.sfm.solution import FEATURE_VARIANCE, Solution
+
+# Below the first a result is usable at most, below the second poor.
+_REGISTERED = (0.95, 0.6)
+_IMAGES = (20, 6)
+_OBSERVATIONS = (100, 30)  # of an image, in the tenth part that sees fewest points
+# Share of the matches that end in points: 0.54 for a good flight with a rolling shutter, 0.3 to
+# 0.4 with a wrong lens.
+_AGREEING = (0.5, 0.25)
+# Above the first usable at most, above the second poor: two standard deviations of the focal
+# length over it, and the median residual over the image's diagonal.
+_FOCAL = (0.02, 0.1)
+_RESIDUAL = (1.0e-3, 2.5e-3)
+_DARK, _BRIGHT = 25, 235  # mean grey values of features, beyond which pictures are badly exposed
+_FEW_FEATURES = 500  # of a picture: blurred, dark or without texture
+
+
+@dataclasses.dataclass(frozen=True)
+class LensDoubt:
+    """What is open about an estimated lens.
+
+    Args:
+        focal_sigma: standard deviation of the focal length over it; infinite: not determined.
+        motion: why, see `critical_motion`.
+    """
+
+    focal_sigma: float
+    motion: str | None
+
+    @property
+    def percent(self) -> float | None:
+        """Standard deviation of the focal length in percent; None: not determined."""
+        return 100 * self.focal_sigma if math.isfinite(self.focal_sigma) else None
+
+    def words(self) -> str | None:
+        """A sentence, if the focal length is not known to 2 % (two standard deviations)."""
+        if 2 * self.focal_sigma <= _FOCAL[0] and self.motion is None:
+            return None
+        share = (
+            f"to {200 * self.focal_sigma:.1f} %"
+            if math.isfinite(self.focal_sigma) and self.focal_sigma < 1
+            else "not at all"
+        )
+        if self.motion:
+            return (
+                f"{self.motion}; by the errors of the features alone the focal length is known "
+                f"{share} (two standard deviations)"
+            )
+        return (
+            f"these images determine the focal length {share} (two standard deviations); give "
+            "--camera or --fov if you know the lens"
+        )
+
+
+def lens_doubt(
+    solution: Solution, flags: np.ndarray, pairs: Sequence[PairMatches], options: PosesOptions
+) -> LensDoubt:
+    """How well the images determine the lens that was estimated from them.
+
+    Args:
+        solution: with the lens. flags: of its parameters, see `search_lens`.
+        pairs: verified. options: of the adjustment.
+    """
+    motion = critical_motion(solution, pairs)
+    try:
+        covariance = lens_covariance(solution, flags, options.loss_scale, FEATURE_VARIANCE)
+    except SolveError:
+        return LensDoubt(math.inf, motion)
+    return LensDoubt(float(covariance.sigmas[0] / solution.cameras[0].params[0]), motion)
+
+
+def poses_verdict(
+    solution: Solution,
+    features: Sequence[Features],
+    agreeing: float | None,
+    doubt: LensDoubt | None,
+) -> Verdict:
+    """The verdict.
+
+    Args:
+        solution: poses and points. features: of all images.
+        agreeing: share of the matches that end in points, or None.
+        doubt: of the lens, where it was estimated.
+    """
+    total, registered = len(solution.names), solution.num_registered
+    camera = solution.cameras[0]
+    counts = np.bincount(solution.observations[:, 1], minlength=total)[solution.registered]
+    weak = float(np.percentile(counts, 10)) if counts.any() else math.inf  # no points: by colours
+    residual = solution.median / math.hypot(camera.width, camera.height)
+    sigma = 0.0 if doubt is None else 2 * doubt.focal_sigma
+    # (how bad: 0 to 2, what, what to do)
+    found = [
+        (
+            _below(registered / max(1, total), _REGISTERED),
+            f"{total - registered} of {total} images could not be connected with the others",
+            "add pictures between those that are connected and the others",
+        ),
+        (
+            _below(registered, _IMAGES),
+            f"only {registered} views",
+            "take 60 pictures or more, walking around what you want to see",
+        ),
+        (
+            _below(weak, _OBSERVATIONS),
+            f"weak overlap: the weakest images see {weak:.0f} points of the others",
+            "take more pictures between them, each showing two thirds of the one before",
+        ),
+        (
+            _below(1.0 if agreeing is None else agreeing, _AGREEING),
+            f"only {100 * (agreeing or 0):.0f} % of the matches agree in all images together",
+            "give --shutter rolling if the camera moved fast"
+            if doubt is not None
+            else "let the lens be estimated: --unknown-lens",
+        ),
+        (
+            _above(sigma, _FOCAL),
+            "the focal length is "
+            + ("not determined" if sigma > 1 else f"known only to {100 * sigma:.1f} %"),
+            "give the lens by --camera or --fov, or turn the camera more while you walk",
+        ),
+        (
+            1 if doubt is not None and doubt.motion else 0,
+            (doubt.motion or "").split(":")[0] if doubt else "",
+            (doubt.motion or "").rpartition(": ")[2] if doubt else "",
+        ),
+        (
+            _above(residual, _RESIDUAL),
+            f"points are off by {solution.median:.2f} px",
+            "give --shutter rolling if the camera moved fast, or the lens by --camera",
+        ),
+        *_of_pictures(features, total),
+    ]  # fmt: skip
+    found = [row for row in found if row[0] > 0]
+    found.sort(key=lambda row: -row[0])
+    level = ("good", "usable", "poor")[max((row[0] for row in found), default=0)]
+    what = (
+        f"poses of {registered} of {total} images, {len(solution.points):,} points, off by "
+        f"{solution.median:.2f} px in the median"
+    )
+    advice = found[0][2] if found else "gsut train"
+    return Verdict(level, what, tuple(row[1] for row in found), advice)
+
+
+def _of_pictures(features: Sequence[Features], total: int) -> list[tuple[int, str, str]]:
+    """Reasons of blur and exposure."""
+    few = sum(len(f) < _FEW_FEATURES for f in features)
+    grey = np.array([float(f.colors.mean()) for f in features if len(f)])
+    dark, bright = int((grey < _DARK).sum()), int((grey > _BRIGHT).sum())
+    return [
+        (
+            int(few > total / 4),
+            f"{few} of {total} images have few features: blurred, dark or without texture",
+            "hold the camera still, film more slowly or with more light",
+        ),
+        (
+            int(dark + bright > total / 4),
+            f"{dark} of {total} images are too dark, {bright} too bright",
+            "film with more light and a fixed exposure",
+        ),
+    ]
+
+
+def _below(value: float, limits: tuple[float, float]) -> int:
+    return int(value < limits[0]) + int(value < limits[1])
+
+
+def _above(value: float, limits: tuple[float, float]) -> int:
+    return int(value > limits[0]) + int(value > limits[1])
