@@ -16,6 +16,7 @@ from typing import Any
 from gsut._core import InputError
 from gsut.cli._flags import add_capture, add_json, add_quiet, folder_name, print_json
 from gsut.cli.poses import CAPTURED, with_readout
+from gsut.cli.view import LivePage, add_live_flags
 from gsut.run import (
     METRICS,
     OPTIONS,
@@ -96,16 +97,22 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of every random number")
     parser.add_argument("--threads", type=int, default=0, help="threads; 0 = all processors")
+    add_live_flags(parser)
     add_quiet(parser)
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
+    with LivePage(arguments) as page:
+        return _run(arguments, page)
+
+
+def _run(arguments: argparse.Namespace, page: LivePage) -> int:
     folder = RunFolder(arguments.out)
     state = _begin(folder, arguments)
     if "verdict" not in state:
         try:
-            state = _make(folder, arguments, state)
+            state = _make(folder, arguments, state, page)
         except KeyboardInterrupt:
             words = shlex.join(["gsut", "scene", *arguments.inputs, "-o", arguments.out])
             raise KeyboardInterrupt(
@@ -119,6 +126,7 @@ def run(arguments: argparse.Namespace) -> int:
     elif not arguments.quiet:
         print(_verdict(state["verdict"]))
         print(f"report: {folder.path / PAGE}")
+    page.stay()
     return 0
 
 
@@ -148,7 +156,7 @@ def _begin(folder: RunFolder, arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _make(
-    folder: RunFolder, arguments: argparse.Namespace, state: dict[str, Any]
+    folder: RunFolder, arguments: argparse.Namespace, state: dict[str, Any], page: LivePage
 ) -> dict[str, Any]:
     """All stages that are not done; returns the final state."""
     from gsut.capture import capture
@@ -170,7 +178,7 @@ def _make(
         )  # fmt: skip
         _expect(bars, taken.figures, options, arguments.camera)
         poses = _find_poses(folder, arguments, taken, bars)
-        metrics = _train(folder, options, bars)
+        metrics = _train(folder, options, bars, page)
         with bars.stage("report"):
             bars.show(0.5)
             seconds = dict(bars.seconds)
@@ -213,7 +221,9 @@ def _find_poses(
         ).figures  # fmt: skip
 
 
-def _train(folder: RunFolder, options: TrainOptions, bars: StagedProgress) -> dict[str, Any]:
+def _train(
+    folder: RunFolder, options: TrainOptions, bars: StagedProgress, page: LivePage
+) -> dict[str, Any]:
     """The content of metrics.json."""
     import gsut
     from gsut.training import size_note
@@ -232,7 +242,9 @@ def _train(folder: RunFolder, options: TrainOptions, bars: StagedProgress) -> di
         bars.show(work(row["step"] / options.steps), f"step {row['step']} of {options.steps}")
 
     with bars.stage("training"):
-        result = gsut.train(scene, options, out=folder.path, resume=True, progress=show)
+        watch = page.begin(scene, options)
+        result = gsut.train(scene, options, out=folder.path, resume=True, progress=show, **watch)
+    page.finish(result)
     return result.metrics
 
 
