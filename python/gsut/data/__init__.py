@@ -2,7 +2,13 @@
 
 from gsut.data.assemble import Frame
 from gsut.data.camera_path import lens_of_path, read_path
-from gsut.data.capture_file import CAPTURE, capture_state, read_capture
+from gsut.data.capture_file import (
+    CAPTURE,
+    CAPTURE_FOLDER,
+    STRIP,
+    capture_state,
+    read_capture,
+)
 from gsut.data.check_colors import check_colors, view_agreement
 from gsut.data.check_geometry import check_lenses, check_points, check_poses
 from gsut.data.colmap import find_mask
@@ -27,9 +33,11 @@ from gsut.data.write_nerfstudio import points_ply, write_transforms
 
 __all__ = [
     "CAPTURE",
+    "CAPTURE_FOLDER",
     "IMAGE_SUFFIXES",
     "OPENGL_FROM_OPENCV",
     "SEVERITIES",
+    "STRIP",
     "TEST_EVERY",
     "DatasetError",
     "Finding",
