@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-_FOV_DEGREES = (40.0, 75.0)  # of a screen, whatever the photograph's lens
+_FOV_DEGREES = (45.0, 85.0)  # along a screen's longer side, whatever the photograph's lens
 _SMALL = 64  # pixels a side of the picture that says how far the scene is
 
 
@@ -33,8 +33,9 @@ def start_view(scene: Any, gaussians: Any, origin: np.ndarray) -> Any:
     hit = seen.alpha > 0.5
     distance = np.median(seen.depth[hit] / seen.alpha[hit]) if hit.any() else scene.extent
     position = -pose[:3, :3].T @ pose[:3, 3] - origin
-    edges = np.array([[camera.width / 2, 0.5], [camera.width / 2, camera.height - 0.5]])
-    rays, valid = camera.unproject(edges)
+    size = np.array([camera.width, camera.height], np.float64)
+    half = 0.499 * np.where(np.arange(2) == np.argmax(size), size, 0.0)  # of the longer side
+    rays, valid = camera.unproject(np.stack([size / 2 - half, size / 2 + half]))
     fov = np.degrees(np.arccos(np.clip(rays[0] @ rays[1], -1, 1))) if valid.all() else np.inf
     target = position + float(distance) * pose[2, :3]
     return StartView(position, target, up, float(np.clip(fov, *_FOV_DEGREES)))

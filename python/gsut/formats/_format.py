@@ -38,7 +38,7 @@ class StartView:
         position, target: (3,) the eye, and what it looks at and turns about; in the coordinates of
             the Gaussians' means.
         up: (3,) away from the ground.
-        fov_degrees: the vertical field of view.
+        fov_degrees: the field of view along the screen's longer side.
     """
 
     position: np.ndarray

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from gsut._core import InputError
 from gsut.run import check_options, describe_options, option
 
 PAIR_RULES = ("auto", "all", "sequential", "similar")
@@ -120,3 +121,5 @@ class PosesOptions:
 
     def __post_init__(self) -> None:
         check_options(self)
+        if self.shutter == "global" and self.readout_time is not None:
+            raise InputError("--shutter global and --readout-time contradict each other: drop one")

@@ -1,6 +1,7 @@
 """Outputs of every command lie in the dataset's coordinates, near its zero and far from it."""
 
 import json
+from importlib.util import find_spec
 
 import cv2
 import numpy as np
@@ -203,7 +204,7 @@ def test_every_format_keeps_the_place_or_says_that_it_cannot(case, tmp_path, cap
     source = gsut.load_ply(run / "scene.ply")
     kept = lost = 0
     for each in formats():
-        if each.read is None:
+        if each.read is None or (each.name == "USD" and find_spec("pxr") is None):
             continue
         out = tmp_path / f"scene{each.suffixes[0]}"
         assert main(["convert", str(run), str(out), "--json"]) == 0
