@@ -15,8 +15,9 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.cli._flags import add_capture, add_json, add_quiet, folder_name, print_json
-from gsut.cli.poses import CAPTURED, with_readout
+from gsut.cli.poses import with_readout
 from gsut.cli.view import LivePage, add_live_flags
+from gsut.data import CAPTURE_FOLDER, STRIP
 from gsut.run import (
     METRICS,
     OPTIONS,
@@ -165,7 +166,7 @@ def _make(
     with StagedProgress(expected, not arguments.quiet) as bars:
         with bars.stage("capture"):
             taken = capture(
-                arguments.inputs, folder.path / POSES / CAPTURED, count=arguments.frames,
+                arguments.inputs, folder.path / POSES / CAPTURE_FOLDER, count=arguments.frames,
                 caps=(arguments.nadir_cap, arguments.zenith_cap),
                 on_progress=_evenly(bars, {"looking": 0.7, "frames": 0.3, "photographs": 1.0}),
             )  # fmt: skip
@@ -326,7 +327,7 @@ def _write_page(folder: RunFolder, state: dict[str, Any], notes: list[str]) -> N
     """scene.html: the verdict, the pictures chosen, the seconds, and links to both reports."""
     from gsut.page import bytes_address, duration_text, html_table, sections_page
 
-    strip = bytes_address((folder.path / POSES / CAPTURED / "strip.jpg").read_bytes(), "image/jpeg")
+    strip = bytes_address((folder.path / POSES / CAPTURE_FOLDER / STRIP).read_bytes(), "image/jpeg")
     rows = [(name, duration_text(seconds)) for name, seconds in state["seconds"].items()]
     parts = [
         f"<p><b>{_verdict(state['verdict'])}</b></p>",

@@ -2,7 +2,13 @@
 
 from gsut.data.assemble import Frame
 from gsut.data.camera_path import lens_of_path, read_path
-from gsut.data.capture_file import CAPTURE, capture_state, read_capture
+from gsut.data.capture_file import (
+    CAPTURE,
+    CAPTURE_FOLDER,
+    STRIP,
+    capture_state,
+    read_capture,
+)
 from gsut.data.colmap import find_mask
 from gsut.data.doctor import diagnose, findings_text
 from gsut.data.findings import DatasetError, Finding, some_names
@@ -24,7 +30,9 @@ from gsut.data.write_nerfstudio import points_ply, write_transforms
 
 __all__ = [
     "CAPTURE",
+    "CAPTURE_FOLDER",
     "IMAGE_SUFFIXES",
+    "STRIP",
     "DatasetError",
     "Finding",
     "Frame",
