@@ -320,7 +320,7 @@ def _said(figures: list[dict[str, Any]]) -> list[Verdict]:
 
 
 def _verdict(values: dict[str, Any]) -> Verdict:
-    return Verdict(**{**values, "reasons": tuple(values["reasons"])})
+    return Verdict.of(values)
 
 
 def _write_page(folder: RunFolder, state: dict[str, Any], notes: list[str]) -> None:
