@@ -7,6 +7,7 @@ was stopped, and has nothing to do when all is done.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import itertools
 import shlex
 from collections.abc import Callable
@@ -181,7 +182,7 @@ def _make(
             # Of a stage that was done by an earlier call.
             seconds["poses"] = seconds["poses"] or poses["seconds"]["total"]
             seconds["training"] = seconds["training"] or metrics["train_seconds"]
-            verdict = worst([_capture_verdict(taken.figures), *_said([poses, metrics])])
+            verdict = _together([_capture_verdict(taken.figures), *_said([poses, metrics])])
             state = {
                 **state,
                 "seconds": seconds,
@@ -316,6 +317,13 @@ def _capture_verdict(figures: dict[str, Any]) -> Verdict:
 def _said(figures: list[dict[str, Any]]) -> list[Verdict]:
     """The verdicts of stages that gave one."""
     return [Verdict.of(row["verdict"]) for row in figures if row.get("verdict")]
+
+
+def _together(verdicts: list[Verdict]) -> Verdict:
+    """The worst of them, with what the other stages say against the scene."""
+    first = worst(verdicts)
+    reasons = (r for v in (first, *verdicts) if v.level != "good" for r in v.reasons)
+    return dataclasses.replace(first, reasons=tuple(dict.fromkeys(reasons)))
 
 
 def _write_page(folder: RunFolder, state: dict[str, Any], notes: list[str]) -> None:
