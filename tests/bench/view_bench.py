@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import http.client
 import json
 import time
@@ -62,6 +63,9 @@ class _Page:
         size = {"width": scene.camera.width, "height": scene.camera.height}
         self._values = {"lens": lens, **size}
 
+    def close(self) -> None:
+        self._connection.close()
+
     def ask(self, pose: np.ndarray, quality: int | None, share: float) -> bytes:
         asked = {"pose": pose.ravel().tolist(), "quality": quality, "share": share}
         self._connection.request("POST", self._path, json.dumps({**self._values, **asked}))
@@ -87,8 +91,11 @@ def measure(name: str, frames: int) -> list[dict[str, Any]]:
     start = np.asarray(scene.camera_from_world)
     whole = to_uint8(render(scene.gaussians, scene.camera, start).image)
     rows = []
-    with ViewServer(session.routes) as server:
-        page = _Page(server, scene, session.lenses.add(scene.camera))
+    lens = session.lenses.add(scene.camera)
+    with (
+        ViewServer(session.routes) as server,
+        contextlib.closing(_Page(server, scene, lens)) as page,
+    ):
         for share in _SHARES:
             found = page.picture(start, share)
             if share == 1 and not np.array_equal(found, whole):

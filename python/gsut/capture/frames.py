@@ -74,9 +74,11 @@ def extract_frames(
         The folder, with the frames' names, time stamps and sharpness.
 
     Raises:
-        InputError: no video, a codec that cannot be decoded, fewer than 8 frames, or a view that
-            never moves; says what to do.
+        InputError: no video, a codec that cannot be decoded, fewer than 8 frames, a view that
+            never moves, or a count below 2; says what to do.
     """
+    if count is not None and count < 2:
+        raise InputError(f"--frames takes 2 or more, found {count}; 60 or more make a good scene")
     path, folder = Path(video), Path(out)
     told = on_progress or (lambda *_: None)
     with Video(path) as source:

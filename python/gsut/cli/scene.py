@@ -15,7 +15,9 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.cli._flags import add_capture, add_json, add_quiet, folder_name, print_json
-from gsut.cli.poses import CAPTURED, with_readout
+from gsut.cli.poses import with_readout
+from gsut.cli.view import LivePage, add_live_flags
+from gsut.data import CAPTURE_FOLDER, STRIP
 from gsut.run import (
     METRICS,
     OPTIONS,
@@ -96,16 +98,22 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of every random number")
     parser.add_argument("--threads", type=int, default=0, help="threads; 0 = all processors")
+    add_live_flags(parser)
     add_quiet(parser)
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
+    with LivePage(arguments) as page:
+        return _run(arguments, page)
+
+
+def _run(arguments: argparse.Namespace, page: LivePage) -> int:
     folder = RunFolder(arguments.out)
     state = _begin(folder, arguments)
     if "verdict" not in state:
         try:
-            state = _make(folder, arguments, state)
+            state = _make(folder, arguments, state, page)
         except KeyboardInterrupt:
             words = shlex.join(["gsut", "scene", *arguments.inputs, "-o", arguments.out])
             raise KeyboardInterrupt(
@@ -119,6 +127,7 @@ def run(arguments: argparse.Namespace) -> int:
     elif not arguments.quiet:
         print(_verdict(state["verdict"]))
         print(f"report: {folder.path / PAGE}")
+    page.stay()
     return 0
 
 
@@ -148,7 +157,7 @@ def _begin(folder: RunFolder, arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _make(
-    folder: RunFolder, arguments: argparse.Namespace, state: dict[str, Any]
+    folder: RunFolder, arguments: argparse.Namespace, state: dict[str, Any], page: LivePage
 ) -> dict[str, Any]:
     """All stages that are not done; returns the final state."""
     from gsut.capture import capture
@@ -157,7 +166,7 @@ def _make(
     with StagedProgress(expected, not arguments.quiet) as bars:
         with bars.stage("capture"):
             taken = capture(
-                arguments.inputs, folder.path / POSES / CAPTURED, count=arguments.frames,
+                arguments.inputs, folder.path / POSES / CAPTURE_FOLDER, count=arguments.frames,
                 caps=(arguments.nadir_cap, arguments.zenith_cap),
                 on_progress=_evenly(bars, {"looking": 0.7, "frames": 0.3, "photographs": 1.0}),
             )  # fmt: skip
@@ -170,7 +179,7 @@ def _make(
         )  # fmt: skip
         _expect(bars, taken.figures, options, arguments.camera)
         poses = _find_poses(folder, arguments, taken, bars)
-        metrics = _train(folder, options, bars)
+        metrics = _train(folder, options, bars, page)
         with bars.stage("report"):
             bars.show(0.5)
             seconds = dict(bars.seconds)
@@ -213,7 +222,9 @@ def _find_poses(
         ).figures  # fmt: skip
 
 
-def _train(folder: RunFolder, options: TrainOptions, bars: StagedProgress) -> dict[str, Any]:
+def _train(
+    folder: RunFolder, options: TrainOptions, bars: StagedProgress, page: LivePage
+) -> dict[str, Any]:
     """The content of metrics.json."""
     import gsut
     from gsut.training import size_note
@@ -232,7 +243,9 @@ def _train(folder: RunFolder, options: TrainOptions, bars: StagedProgress) -> di
         bars.show(work(row["step"] / options.steps), f"step {row['step']} of {options.steps}")
 
     with bars.stage("training"):
-        result = gsut.train(scene, options, out=folder.path, resume=True, progress=show)
+        watch = page.begin(scene, options)
+        result = gsut.train(scene, options, out=folder.path, resume=True, progress=show, **watch)
+    page.finish(result)
     return result.metrics
 
 
@@ -307,14 +320,14 @@ def _said(figures: list[dict[str, Any]]) -> list[Verdict]:
 
 
 def _verdict(values: dict[str, Any]) -> Verdict:
-    return Verdict(**{**values, "reasons": tuple(values["reasons"])})
+    return Verdict.of(values)
 
 
 def _write_page(folder: RunFolder, state: dict[str, Any], notes: list[str]) -> None:
     """scene.html: the verdict, the pictures chosen, the seconds, and links to both reports."""
     from gsut.page import bytes_address, duration_text, html_table, sections_page
 
-    strip = bytes_address((folder.path / POSES / CAPTURED / "strip.jpg").read_bytes(), "image/jpeg")
+    strip = bytes_address((folder.path / POSES / CAPTURE_FOLDER / STRIP).read_bytes(), "image/jpeg")
     rows = [(name, duration_text(seconds)) for name, seconds in state["seconds"].items()]
     parts = [
         f"<p><b>{_verdict(state['verdict'])}</b></p>",

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import dataclasses
-import functools
 import shlex
 import sys
-from collections.abc import Callable
 from typing import Any
 
-from gsut.cli._flags import add_json, add_quiet, folder_name, print_json
-from gsut.cli.view import add_view_flags, announce, wait_for_end
+from gsut.cli._flags import (
+    add_force,
+    add_json,
+    add_quiet,
+    check_first,
+    folder_name,
+    print_json,
+)
+from gsut.cli.view import LivePage, add_live_flags
 from gsut.run import (
     COMMON_OPTIONS,
     METRICS,
@@ -20,6 +24,7 @@ from gsut.run import (
     REPORT,
     RunFolder,
     TrainOptions,
+    Verdict,
     add_option_flags,
     given_options,
 )
@@ -46,15 +51,10 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="go on with the run in RUN from its last checkpoint, with its own options; the result "
         "has the same bits as an unbroken run",
     )
+    add_force(parser)
     add_quiet(parser)
     add_json(parser)
-    parser.add_argument(
-        "--view",
-        action="store_true",
-        help="serve a page that shows the scene while it trains, its curve, and can pause the "
-        "training or stop it and keep what there is; it stays until Ctrl-C",
-    )
-    add_view_flags(parser)
+    add_live_flags(parser)
     add_option_flags(parser, TrainOptions, COMMON_OPTIONS)
 
 
@@ -67,35 +67,19 @@ def run(arguments: argparse.Namespace) -> int:
         options = TrainOptions(**given)
         if not arguments.resume:
             run.refuse_run()  # before the data is read: that may take a while
-    with contextlib.ExitStack() as page:
-        view = functools.partial(_served, page, arguments, options) if arguments.view else None
-        metrics = train_into(run, arguments.data, options, arguments.resume, arguments.quiet, view)
-        _tell(arguments, run, metrics)
-        if arguments.view:
-            wait_for_end()
+    with LivePage(arguments) as page:
+        metrics = train_into(
+            run, arguments.data, options, arguments.resume, arguments.quiet, page, arguments.force
+        )
+        if arguments.json:
+            print_json(metrics)
+        elif not arguments.quiet:
+            print_figures(metrics)
+            if metrics.get("verdict"):
+                print(Verdict.of(metrics["verdict"]))
+            print(f"report: {run.path / REPORT}")
+        page.stay()
     return 0
-
-
-def _served(
-    page: contextlib.ExitStack, arguments: argparse.Namespace, options: TrainOptions, scene: Any
-) -> Any:
-    """The page of this training, until `page` ends."""
-    from gsut.view import LOOPBACK, LiveTraining, ViewServer
-
-    live = LiveTraining(scene, options)
-    host = arguments.host or LOOPBACK
-    server = page.enter_context(ViewServer(live.session.routes, host, arguments.port))
-    announce(server.address, arguments.no_open, sys.stderr)
-    return live
-
-
-def _tell(arguments: argparse.Namespace, run: RunFolder, metrics: dict[str, Any]) -> None:
-    if arguments.json:
-        print_json(metrics)
-    elif not arguments.quiet:
-        print_figures(metrics)
-        print(f"report: {run.path / REPORT}")
-    sys.stdout.flush()
 
 
 def train_into(
@@ -104,16 +88,18 @@ def train_into(
     options: TrainOptions,
     resume: bool,
     quiet: bool,
-    view: Callable[[Any], Any] | None = None,
+    page: LivePage | None = None,
+    force: bool = False,
 ) -> dict[str, Any]:
-    """Loads, trains, and returns the content of metrics.json.
+    """Loads, checks, trains, and returns the content of metrics.json.
 
     Args:
         run: the folder.
         data: the dataset.
         options, resume: of the training.
         quiet: no bar, no notes.
-        view: makes the `LiveTraining` of a scene.
+        page: that shows it meanwhile.
+        force: train although the data contradict themselves.
     """
     import gsut
 
@@ -123,14 +109,15 @@ def train_into(
 
         for note in filter(None, (*scene.notes, size_note(scene, options))):
             print(f"gsut: note: {note}", file=sys.stderr)
+    if not (resume and run.holds_run()):
+        check_first(scene, force, quiet)
     try:
-        live = None if view is None else view(scene)
-        watch = {} if live is None else {"watch": live.watch}
+        watch = {} if page is None else page.begin(scene, options)
         result = gsut.train(
             scene, options, out=run.path, resume=resume, progress=not quiet, **watch
         )
-        if live is not None:
-            live.finish(result.gaussians)
+        if page is not None:
+            page.finish(result)
     except KeyboardInterrupt:
         again = shlex.join(["gsut", "train", data, "-o", str(run.path), "--resume"])
         raise KeyboardInterrupt(

@@ -8,7 +8,7 @@ import os
 import sys
 import threading
 import webbrowser
-from typing import TextIO
+from typing import Any, TextIO
 
 from gsut.cli._flags import add_json, add_moved_data, print_json
 
@@ -55,6 +55,59 @@ def run(arguments: argparse.Namespace) -> int:
         announce(server.address, arguments.no_open, sys.stderr if arguments.json else sys.stdout)
         wait_for_end()
     return 0
+
+
+def add_live_flags(parser: argparse.ArgumentParser) -> None:
+    """For commands that train: `LivePage`."""
+    parser.add_argument(
+        "--view",
+        action="store_true",
+        help="serve a page that shows the scene while it trains, its curve, and can pause the "
+        "training or stop it and keep what there is; it stays until Ctrl-C",
+    )
+    add_view_flags(parser)
+
+
+class LivePage:
+    """The page of a training where `--view` asks for one; else nothing.
+
+    Args:
+        arguments: of `add_live_flags`.
+    """
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self._arguments = arguments
+        self._live: Any = None
+        self._stack = contextlib.ExitStack()
+
+    def begin(self, scene: Any, options: Any) -> dict[str, Any]:
+        """Serves it; returns what `gsut.train` is to be given."""
+        if not self._arguments.view:
+            return {}
+        from gsut.view import LOOPBACK, LiveTraining, ViewServer
+
+        self._live = LiveTraining(scene, options)
+        host, port = self._arguments.host or LOOPBACK, self._arguments.port
+        server = self._stack.enter_context(ViewServer(self._live.session.routes, host, port))
+        announce(server.address, self._arguments.no_open, sys.stderr)
+        return {"watch": self._live.watch}
+
+    def finish(self, result: Any) -> None:
+        """Shows what `gsut.train` gave."""
+        if self._live is not None:
+            self._live.finish(result.gaussians)
+
+    def stay(self) -> None:
+        """Until Ctrl-C, where there is a page."""
+        if self._live is not None:
+            sys.stdout.flush()
+            wait_for_end()
+
+    def __enter__(self) -> LivePage:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
 
 
 def announce(address: str, no_open: bool, file: TextIO) -> None:

@@ -21,6 +21,7 @@ from gsut.sfm.lens_candidates import guess_lenses
 from gsut.sfm.lens_search import search_lens
 from gsut.sfm.lens_start import compare_with_profile, contradiction, start_words
 from gsut.sfm.matching import PairMatches, verify
+from gsut.sfm.models import further_models, write_models
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import FIGURES, TRANSFORMS, figures, write_dataset
 from gsut.sfm.overlap import require_overlap
@@ -89,7 +90,8 @@ def estimate_poses(
     Args:
         images: folder of photographs, or a dataset (its poses are not looked at).
         out: output folder: transforms.json, points3D.ply, sparse/0 (COLMAP text), poses.json and
-            report.html. Images stay where they are.
+            report.html. Images stay where they are. Images that do not connect with these are
+            models of their own in model_2, model_3 ...
         camera: lens file, or a dataset whose lens is used; None: the lens file beside the images,
             or the dataset's own; if there is none the lens is estimated. A known lens is held.
             Else the name of a lens of the database (see `find_lenses`), which is estimated from
@@ -154,6 +156,9 @@ def estimate_poses(
             solution, pairs, extra["lens_search"] = search.solution, search.pairs, search.rows
             doubt = lens_doubt(solution, search.flags, pairs, options)
             extra["focal_sigma_percent"] = doubt.percent
+        models: list[Solution] = []
+        if on_rig is None and mapper is None:
+            solution, models = further_models(solution, features, pairs, options)
         log.watch.lap("mapping")
     agreeing = None if mapper else matches_in_points(solution, pairs)
     extra |= {"matches_in_points": agreeing, **_shutter_figures(photographs, solution, options)}
@@ -165,6 +170,9 @@ def estimate_poses(
             photographs.profile, solution.cameras[0], extra.get("readout"), options
         )
         log.note(start_words(extra["lens_start"]))
+    for text in write_models(models, photographs, folder):
+        log.note(text)
+    extra["models"] = [int(model.num_registered) for model in models]
     for text in solution_notes(solution, agreeing, fit, doubt, known=known):
         log.note(text)
     verdict = poses_verdict(solution, features, agreeing, doubt)

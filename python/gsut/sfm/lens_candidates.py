@@ -134,8 +134,6 @@ def implausible(lens: Camera, features: Sequence[Features]) -> str | None:
     """
     fx, fy, cx, cy = lens.params[:4]
     longer = max(lens.width, lens.height)
-    if not (fx > 0 and fy > 0):
-        return "its focal length is negative"
     if not _LEAST_FOCAL <= fx / longer <= _MOST_FOCAL:
         return f"its focal length is {fx / longer:.2f} times the longer side"
     if abs(fx / fy - 1) > _MOST_STRETCH:

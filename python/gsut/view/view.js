@@ -326,7 +326,7 @@ function choose(id, value) {
   input.dispatchEvent(new Event("change"));
 }
 function lossless(on) {
-  state.lossless = on;
+  state.lossless = $("lossless").checked = on;
   toast(on ? "exact pixels: the lens' own size, without loss" : "the window's size");
   redraw(false);
 }
@@ -398,7 +398,8 @@ function useLens(described, keepSliders = false) {
   layout();
   if (!changed) return;
   const own = scene.lenses.some((each) => each.id === lens.id);
-  if (own) { reshape = null; $("lens").value = `id:${lens.id}`; }
+  if (own) reshape = null;
+  $("lens").value = own ? `id:${lens.id}` : `model:${lens.model}`;
   const across = lens.field_of_view;
   $("lens-text").textContent = `${lens.model}, ${lens.width} × ${lens.height}` + (across ? `, ${Math.round(across)}° across` : "") + `, sees to ${Math.round(lens.max_angle)}° off its axis`;
   $("fov-row").hidden = !lens.can_zoom || !across;
@@ -602,9 +603,10 @@ function connect() {
   on("shot", "click", screenshot);
   on("help-open", "click", () => $("help").showModal());
   on("panel-toggle", "click", () => $("panel-toggle").setAttribute("aria-expanded", String(!document.body.classList.toggle("narrow"))));
+  on("lossless", "change", () => lossless($("lossless").checked));
   on("home", "click", () => { if (scene.views.length) goTo(0); else fly(eyeOf(scene.pose), () => redraw()); });
   on("level", "click", levelled);
-  on("flip", "click", () => { state.up = state.up.map((value) => -value); levelled(); });
+  on("up", "change", () => { state.up = JSON.parse($("up").value); levelled(); });
   on("speed", "input", () => ($("speed-text").textContent = format(2 ** $("speed").value) + " ×"));
   on("measure", "click", () => {
     state.measuring = !state.measuring;
@@ -661,6 +663,12 @@ async function begin() {
   fillStrip();
   fillLenses();
   fillCrop();
+  $("up").append(new Option(scene.views.length ? "as the cameras" : "as the file", JSON.stringify(scene.up)));
+  ["+x", "−x", "+y", "−y", "+z", "−z"].forEach((name, k) => {
+    const axis = [0, 0, 0];
+    axis[k >> 1] = k % 2 ? -1 : 1;
+    $("up").append(new Option(name, JSON.stringify(axis)));
+  });
   connect();
   if (innerWidth <= 760) $("panel-toggle").click();
   compare();

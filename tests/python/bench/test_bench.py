@@ -244,3 +244,13 @@ def test_gsut_bench_tells_times_with_errors(tmp_path, capsys):
     assert row["image_rms_error"] <= render_bench.IMAGE_RMS_BOUND
     assert row["gradient_relative_error"] <= render_bench.GRADIENT_RELATIVE_BOUND
     assert row["forward_ms"] > 0 and row["backward_ms"] > 0
+
+
+def test_bench_view_measures_frames_over_the_wire(capsys):
+    words = ["view", "--scenes", "synthetic_1k_64x48", "--frames", "3", "--json"]
+    assert main(words) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["share"] for row in rows] == [1.0, 0.5]
+    assert all(row["frames_per_second"] > 0 and row["kilobytes"] > 0 for row in rows)
+    assert rows[0]["psnr"] is None  # infinite: the whole frame is the renderer's
+    assert rows[1]["psnr"] > 10

@@ -135,6 +135,8 @@ def test_bad_videos_say_what_to_do(tmp_path):
     text.write_text("no video at all")
     with pytest.raises(gsut.InputError, match=r"its codec is not known here; convert it: ffmpeg"):
         extract_frames(text, tmp_path / "out")
+    with pytest.raises(gsut.InputError, match="--frames takes 2 or more, found 1"):
+        extract_frames(few, tmp_path / "out", count=1)
     cut = tmp_path / "cut.mp4"
     cut.write_bytes((few.read_bytes())[:2000])
     with pytest.raises(gsut.InputError, match="cut off before its index"):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import time
 
 import cv2
 import numpy as np
@@ -189,6 +190,30 @@ def test_file_without_cameras_is_seen_from_the_outside(gaussians):
         "quality": None,
     }
     assert pixels(session.frame(request)).max() > 60
+
+
+def test_film_of_keyframes_is_made_in_the_background(session, scene):
+    keys = [scene.views[index].camera_from_world.ravel().tolist() for index in (0, 1, 2)]
+    frame = {**wanted(scene), "view": None}
+    asked = {"keys": keys, "frame": frame, "seconds": 0.5, "rate": 10, "ending": "webm"}
+    state = session.film(asked).content
+    end = time.monotonic() + 60
+    while not state["ready"] and time.monotonic() < end:
+        time.sleep(0.02)
+        state = session.film({}).content
+        assert state["failure"] == ""
+    assert (state["done"], state["of"]) == (5, 5)
+    reply = session.film_file({})
+    assert reply.kind == "video/webm"
+    assert reply.content.startswith(b"\x1aE\xdf\xa3")  # of every Matroska file
+    assert 'filename="small.webm"' in reply.headers["Content-Disposition"]
+    assert session.film({"stop": True}).content is None
+
+
+def test_share_draws_the_gaussians_that_are_seen_most(session, scene, gaussians):
+    whole, half = (drawn(session, scene, share=share) for share in (1, 0.5))
+    assert np.any(whole != half)
+    assert gsut.psnr(half / 255, whole / 255) > gsut.psnr(np.zeros(whole.shape), whole / 255)
 
 
 # Lenses.

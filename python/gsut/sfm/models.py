@@ -1,0 +1,221 @@
+"""Views that do not connect: each group of them is a model of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gsut._core import SolveError
+from gsut.data import some_names
+from gsut.files import write_file
+from gsut.sfm.align import similarity
+from gsut.sfm.features import Features
+from gsut.sfm.inputs import Photographs
+from gsut.sfm.matching import PairMatches
+from gsut.sfm.options import PosesOptions
+from gsut.sfm.output import FIGURES, figures, write_dataset
+from gsut.sfm.solution import Solution, evaluate_observations, in_cameras, refine, solve
+
+_FEWEST = 4  # images of a model
+_MOST = 20  # models
+_NAME = "model_{}"  # of a folder; the first model is in the output folder itself
+# Points of two models that must agree after a similarity, the samples of it, and how near they must
+# come, of the median distance from the cameras.
+_JOINING = 30
+_SAMPLES = 200
+_NEAR = 0.03
+
+
+def further_models(
+    solution: Solution,
+    features: Sequence[Features],
+    pairs: Sequence[PairMatches],
+    options: PosesOptions,
+) -> tuple[Solution, list[Solution]]:
+    """Models of the images that a solution left out, largest first, and the solution.
+
+    A model whose points are seen in images of the first too is merged with it.
+
+    Args:
+        solution: the first model. features: of all images.
+        pairs: verified. options: see PosesOptions.
+
+    Returns:
+        The first model, larger if others were merged with it, and the others; each has one entry an
+        image of all.
+    """
+    found: list[Solution] = []
+    left = ~solution.registered
+    while len(found) < _MOST and left.sum() >= _FEWEST:
+        own = [pair for pair in pairs if left[pair.first] and left[pair.second]]
+        if not own:
+            break
+        try:
+            model = solve(
+                solution.names, solution.cameras, features, own, options, lambda *_: None,
+                shutter=solution.shutter,
+            )  # fmt: skip
+        except SolveError:
+            break
+        if model.num_registered < _FEWEST:
+            break
+        left &= ~model.registered
+        merged = merge(solution, model, features, pairs, options)
+        if merged is not None:
+            solution = merged
+        else:
+            found.append(model)
+    return solution, sorted(found, key=lambda model: -model.num_registered)
+
+
+def merge(
+    first: Solution,
+    second: Solution,
+    features: Sequence[Features],
+    pairs: Sequence[PairMatches],
+    options: PosesOptions,
+) -> Solution | None:
+    """One model of two, in the world of the first; None if too few points join them.
+
+    Args:
+        first, second: of the same images, each with poses of some.
+        others: see `further_models`.
+    """
+    if first.shutter is not None:
+        return None  # `refine` knows no velocities
+    ours, theirs = _common_points(first, second, pairs)
+    found = _robust_similarity(theirs, ours, options.seed)
+    if found is None:
+        return None
+    scale, rotation, translation = found
+    poses = first.camera_from_world.copy()
+    for image in np.flatnonzero(second.registered & ~first.registered):
+        pose = second.camera_from_world[image]
+        poses[image, :3, :3] = pose[:3, :3] @ rotation.T
+        poses[image, :3, 3] = scale * pose[:3, 3] - poses[image, :3, :3] @ translation
+    chosen = [int(image) for image in np.flatnonzero(first.registered | second.registered)]
+    place = {image: index for index, image in enumerate(chosen)}
+    own = [
+        dataclasses.replace(pair, first=place[pair.first], second=place[pair.second])
+        for pair in pairs
+        if pair.first in place and pair.second in place
+    ]
+    try:
+        model = refine(
+            [first.names[i] for i in chosen], [first.cameras[i] for i in chosen],
+            [features[i] for i in chosen], own, [poses[i] for i in chosen], options,
+            lambda *_: None,
+        )  # fmt: skip
+    except SolveError:
+        return None
+    if model.num_registered <= max(first.num_registered, second.num_registered):
+        return None
+    return _of_all(model, np.array(chosen), first, features)
+
+
+def write_models(models: Sequence[Solution], photographs: Photographs, out: Path) -> list[str]:
+    """Writes further models to model_2, model_3 ...; returns a sentence on each.
+
+    Those of an earlier run are deleted.
+    """
+    for old in out.glob(_NAME.format("*")):
+        if (old / FIGURES).is_file():
+            shutil.rmtree(old)
+    notes = []
+    for number, model in enumerate(models, 2):
+        folder = out / _NAME.format(number)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_dataset(model, photographs, folder)
+        values = figures(model, {}, [], {"model": number})
+        write_file(folder / FIGURES, json.dumps(values, indent=1) + "\n")
+        names = [n for n, good in zip(model.names, model.registered, strict=True) if good]
+        notes.append(
+            f"{len(names)} images do not connect with the others and are a model of their own, "
+            f"{folder.name}: {some_names(names)}"
+        )
+    return notes
+
+
+def _common_points(
+    first: Solution, second: Solution, pairs: Sequence[PairMatches]
+) -> tuple[np.ndarray, np.ndarray]:
+    """(M, 3) points of the first and of the second model that matches between images join."""
+    of_first, of_second = (
+        {(int(image), int(feature)): int(point) for point, image, feature in s.observations}
+        for s in (first, second)
+    )
+    joined: dict[tuple[int, int], None] = {}
+    for pair in pairs:
+        for a, b in pair.matches:
+            ends = (pair.first, int(a)), (pair.second, int(b))
+            for one, other in (ends, ends[::-1]):
+                if one in of_first and other in of_second:
+                    joined[of_first[one], of_second[other]] = None
+    rows = np.array(list(joined), np.int64).reshape(-1, 2)
+    return first.points[rows[:, 0]], second.points[rows[:, 1]]
+
+
+def _robust_similarity(
+    source: np.ndarray, target: np.ndarray, seed: int
+) -> tuple[float, np.ndarray, np.ndarray] | None:
+    """The similarity that most points agree with; None if too few do."""
+    if len(source) < _JOINING:
+        return None
+    rng = np.random.default_rng(seed)
+    near = _NEAR * float(np.median(np.linalg.norm(target - np.median(target, axis=0), axis=1)))
+    best = np.zeros(len(source), bool)
+    for _ in range(_SAMPLES):
+        rows = rng.choice(len(source), 3, replace=False)
+        agree = _off(similarity(source[rows], target[rows]), source, target) < near
+        if agree.sum() > best.sum():
+            best = agree
+    if best.sum() < _JOINING:
+        return None
+    return similarity(source[best], target[best])
+
+
+def _off(
+    found: tuple[float, np.ndarray, np.ndarray], source: np.ndarray, target: np.ndarray
+) -> np.ndarray:
+    scale, rotation, translation = found
+    return np.linalg.norm(scale * source @ rotation.T + translation - target, axis=1)
+
+
+def _of_all(
+    model: Solution, chosen: np.ndarray, whole: Solution, features: Sequence[Features]
+) -> Solution:
+    """A solution of some images as one of all."""
+    count = len(whole.names)
+
+    def spread(values: np.ndarray, empty: np.ndarray) -> np.ndarray:
+        result = np.repeat(empty[None], count, axis=0)
+        result[chosen] = values
+        return result
+
+    observations, held = model.observations.copy(), model.held_out_observations.copy()
+    for rows in (observations, held):
+        rows[:, 1] = chosen[rows[:, 1]]
+    poses = spread(model.camera_from_world, np.eye(4))
+    pixels, residuals, angles = evaluate_observations(
+        observations, in_cameras(model.points, observations, poses), whole.cameras, features
+    )
+    first, second = (int(chosen[i]) for i in model.initial_pair)
+    return dataclasses.replace(
+        model,
+        names=whole.names,
+        cameras=whole.cameras,
+        registered=spread(model.registered, np.zeros((), bool)),
+        camera_from_world=poses,
+        covariances=spread(model.covariances, np.zeros((6, 6))),
+        observations=observations,
+        pixels=pixels,
+        residuals=residuals,
+        field_angles=angles,
+        initial_pair=(first, second),
+        held_out_observations=held,
+    )

@@ -1,0 +1,67 @@
+"""Views that do not connect become models of their own, merged where matches join them."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+import tolerances
+from gsut.data import load_dataset
+from gsut.sfm.align import compare_poses
+from gsut.sfm.inputs import Photographs
+from gsut.sfm.models import further_models, merge, write_models
+from gsut.sfm.options import PosesOptions
+from gsut.sfm.solution import solve
+from synthetic_walk import Synthetic, quiet
+
+IMAGES = 12
+OPTIONS = PosesOptions(extend_rounds=0)
+
+
+@pytest.fixture(scope="module")
+def walk():
+    """A walk, its pairs, and those of them within its two halves."""
+    scene = Synthetic(np.random.default_rng(3), images=IMAGES, points=500)
+    pairs = scene.verified()
+    return scene, pairs, [p for p in pairs if (p.first < 6) == (p.second < 6)]
+
+
+def solved(scene, pairs):
+    return solve(
+        [f"{i}.png" for i in range(IMAGES)], [scene.camera] * IMAGES, scene.features, pairs,
+        OPTIONS, quiet,
+    )  # fmt: skip
+
+
+def test_views_that_do_not_connect_become_two_models(walk, tmp_path):
+    scene, _, apart = walk
+    first = solved(scene, apart)
+    assert first.num_registered == 6
+    same, models = further_models(first, scene.features, apart, OPTIONS)
+    assert same is first and [m.num_registered for m in models] == [6]
+    assert not (models[0].registered & first.registered).any()
+    for name in first.names:
+        cv2.imwrite(str(tmp_path / name), np.zeros((1010, 1000, 3), np.uint8))
+    photographs = Photographs(
+        tmp_path, first.names, [tmp_path / n for n in first.names], [None] * IMAGES,
+        [scene.camera] * IMAGES,
+    )  # fmt: skip
+    (note,) = write_models(models, photographs, tmp_path)
+    assert "6 images do not connect" in note and "model_2" in note
+    assert len(load_dataset(tmp_path / "model_2", test_every=0).views) == 6
+    assert json.loads((tmp_path / "model_2" / "poses.json").read_text())["model"] == 2
+    assert write_models([], photographs, tmp_path) == []
+    assert not (tmp_path / "model_2").exists()
+
+
+def test_models_are_merged_when_matches_join_them(walk):
+    scene, pairs, apart = walk
+    first = solved(scene, apart)
+    _, (second,) = further_models(first, scene.features, apart, OPTIONS)
+    assert merge(first, second, scene.features, apart, OPTIONS) is None
+    merged = merge(first, second, scene.features, pairs, OPTIONS)
+    assert merged.registered.all() and merged.names == first.names
+    errors = compare_poses(merged.camera_from_world, np.array(scene.poses))
+    assert errors.rotation_degrees.max() < tolerances.SFM_SYNTHETIC_DEGREES
+    assert errors.ate_percent < tolerances.SFM_SYNTHETIC_ATE_PERCENT

@@ -1,0 +1,238 @@
+"""An unknown lens: first lenses and their ranking, what is refused, what is open, the verdict."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut.cli import main
+from gsut.demo import make_demo_scene
+from gsut.run import Verdict
+from gsut.run.verdict import LEVELS
+from gsut.sfm.correspondences import match_images
+from gsut.sfm.features import Features
+from gsut.sfm.lens_candidates import (
+    implausible,
+    lens_ladder,
+    with_added_bend,
+    with_scaled_focal,
+)
+from gsut.sfm.lens_covariance import free_columns
+from gsut.sfm.lens_ranking import LensRanking
+from gsut.sfm.matching import RawMatches
+from gsut.sfm.motion import critical_motion
+from gsut.sfm.options import PosesOptions
+from gsut.sfm.poses_log import PosesLog
+from gsut.sfm.poses_verdict import LensDoubt, poses_verdict
+from gsut.sfm.solution import solve
+from synthetic_walk import Synthetic, quiet
+from tests.bench.__main__ import main as bench_main
+
+
+@pytest.fixture(scope="module")
+def walk():
+    """A walk through square pixels, its matches, and its poses with the lens known."""
+    lens = gsut.Camera("kannala_brandt", [300, 300, 500, 505, 0.02, -0.01, 0, 0], 1000, 1010)
+    scene = Synthetic(np.random.default_rng(5), images=8, points=400, noise=0.1, camera=lens)
+    names = [f"{i}" for i in range(8)]
+    raw = match_images(names, scene.features, PosesOptions(), quiet)
+    pairs = scene.verified()
+    solution = solve(names, [lens] * 8, scene.features, pairs, PosesOptions(), quiet)
+    return scene, raw, pairs, solution
+
+
+def edge_angle(lens: gsut.Camera) -> float:
+    """Of the middle of the longer side, from the axis."""
+    x, y = (0.0, lens.height / 2) if lens.width >= lens.height else (lens.width / 2, 0.0)
+    ray = lens.unproject(np.array([[x, y]]))[0][0]
+    return 2 * math.degrees(math.atan2(math.hypot(ray[0], ray[1]), ray[2]))
+
+
+def test_lens_ladder_has_square_pixels_and_fields_from_narrow_to_wide():
+    ladder = lens_ladder(1080, 1920, None)
+    fields = [edge_angle(lens) for lens in ladder]
+    assert min(fields) < 30 and max(fields) > 190
+    for lens in ladder:
+        assert lens.params[0] == lens.params[1]
+        assert tuple(lens.params[2:4]) == (540, 960)
+
+
+def test_lens_ladder_of_a_given_field_has_that_field():
+    for lens in lens_ladder(640, 480, 80.0):
+        assert edge_angle(lens) == pytest.approx(80, rel=0.01)
+    with pytest.raises(gsut.InputError, match="--fov"):
+        lens_ladder(640, 480, 2.0)
+
+
+def test_with_added_bend_keeps_the_angle_of_the_edge():
+    lens = lens_ladder(640, 480, 80.0)[-1]
+    bent = with_added_bend(lens, 0.05)
+    assert bent.params[4] == lens.params[4] + 0.05
+    assert edge_angle(bent) == pytest.approx(edge_angle(lens), rel=0.01)
+
+
+def test_ranking_finds_the_field_of_view(walk):
+    scene, raw, _, _ = walk
+    few = RawMatches(raw.pairs[:6], [matches[:60] for matches in raw.matches[:6]])
+    ranking = LensRanking(scene.features, few, PosesOptions())
+    told = []
+    ladder = lens_ladder(1000, 1010, None)[9::3]
+    best = ranking.best([], ladder, lambda done, total: told.append(done / total))
+    assert best[0].share >= best[1].share
+    assert best[0].camera.params[0] == pytest.approx(300, rel=0.15)
+    assert told == sorted(told)
+    # A likely lens is preferred where it is right, and not where it is wrong.
+    assert ranking.best([scene.camera], ladder[:1], quiet)[1].camera == scene.camera
+    wrong = with_scaled_focal(scene.camera, 2.0)
+    assert ranking.best([wrong], [scene.camera], quiet)[1].camera == scene.camera
+
+
+@pytest.mark.parametrize(
+    "params, words",
+    [
+        ([600, 449, 427, 240, 0, 0, 0, 0], "stretched"),
+        ([9000, 9000, 427, 240, 0, 0, 0, 0], "focal length"),
+        ([400, 400, 600, 240, 0, 0, 0, 0], "principal point"),
+        ([400, 400, 427, 240, -0.9, 0, 0, 0], "no ray"),
+    ],
+)
+def test_implausible_lens_is_named(params, words, rng):
+    pixels = rng.uniform([0, 0], [854, 480], (500, 2))
+    features = [Features(pixels, np.ones(500), np.zeros((500, 128)), np.zeros((500, 3)))]
+    lens = gsut.Camera("kannala_brandt", params, 854, 480)
+    assert words in implausible(lens, features)
+    good = gsut.Camera("kannala_brandt", [560, 560, 430, 240, 0.05, 0, 0, 0], 854, 480)
+    assert implausible(good, features) is None
+
+
+def test_free_columns_tie_parameters_of_one_flag():
+    columns = free_columns(np.array([2, 2, 0, 1]))
+    assert np.array_equal(columns, [[1, 0], [1, 0], [0, 0], [0, 1]])
+
+
+def test_tied_focal_lengths_change_alike(walk):
+    scene, _, pairs, _ = walk
+    guess = gsut.Camera("kannala_brandt", [310, 312, 500, 505, 0, 0, 0, 0], 1000, 1010)
+    found = solve(
+        [f"{i}" for i in range(8)], [guess] * 8, scene.features, pairs,
+        PosesOptions(max_error=5.0), quiet, lens_free=np.array([2, 2, 0, 0, 1, 1, 0, 0]),
+    )  # fmt: skip
+    fx, fy, *rest = found.cameras[0].params
+    assert fy - fx == pytest.approx(2, abs=1e-9) and fx != 310
+    assert list(rest[:2]) == [500, 505] and list(rest[4:]) == [0, 0]
+
+
+def moved(solution, centers, turns):
+    """The solution with other poses: centres and turns about the vertical."""
+    poses = np.tile(np.eye(4), (len(centers), 1, 1))
+    for pose, center, turn in zip(poses, centers, turns, strict=True):
+        c, s = math.cos(turn), math.sin(turn)
+        pose[:3, :3] = [[c, 0, -s], [0, 1, 0], [s, 0, c]]
+        pose[:3, 3] = -pose[:3, :3] @ center
+    return dataclasses.replace(solution, camera_from_world=poses)
+
+
+def test_critical_motion_straight_flight_turn_and_plane_are_named(walk):
+    _, _, pairs, solution = walk
+    assert critical_motion(solution, pairs) is None
+    line = np.arange(8.0)[:, None] * [0.0, 0.0, 1.0]
+    assert "straight" in critical_motion(moved(solution, line, np.zeros(8)), pairs)
+    assert critical_motion(moved(solution, line, np.linspace(0, 1, 8)), pairs) is None
+    turned = [
+        dataclasses.replace(pair, rotation_matches=len(pair.matches), parallax=0.01)
+        for pair in pairs
+    ]
+    assert "turned on the spot" in critical_motion(solution, turned)
+    flat = dataclasses.replace(solution, points=solution.points * [1, 1, 0.001])
+    circle = np.stack([np.cos(np.arange(8)), np.sin(np.arange(8)), np.zeros(8)], axis=1)
+    assert "one plane" in critical_motion(moved(flat, circle, np.zeros(8)), pairs)
+
+
+def test_lens_doubt_speaks_where_the_focal_length_is_open():
+    assert LensDoubt(0.005, None).words() is None
+    assert "to 6.0 %" in LensDoubt(0.03, None).words()
+    assert "not at all" in LensDoubt(math.inf, None).words()
+    assert "straight" in LensDoubt(0.001, "the camera moved straight on").words()
+
+
+def many(solution):
+    """The solution as if of 30 images."""
+    return dataclasses.replace(
+        solution,
+        names=[f"{i}" for i in range(30)],
+        registered=np.ones(30, bool),
+        observations=np.stack([np.arange(30 * 200)] * 3, axis=1) % [1, 30, 1],
+    )
+
+
+@pytest.mark.parametrize(
+    "change, level, words",
+    [
+        ({}, "good", ""),
+        ({"agreeing": 0.2}, "poor", "of the matches agree"),
+        ({"doubt": LensDoubt(0.02, None)}, "usable", "known only to 4.0 %"),
+        ({"doubt": LensDoubt(math.inf, None)}, "poor", "not determined"),
+        ({"doubt": LensDoubt(0.0, "the camera turned, so: walk")}, "usable", "turned"),
+        ({"registered": np.arange(30) < 25}, "usable", "5 of 30 images could not"),
+        ({"registered": np.arange(30) < 5}, "poor", "only 5 views"),
+        ({"median": 2.0}, "usable", "off by 2.00 px"),
+        ({"colors": 5}, "usable", "too dark"),
+        ({"features": 100}, "usable", "few features"),
+    ],
+)
+def test_poses_verdict_says_level_and_reason(walk, change, level, words):
+    change = {"agreeing": 0.9, "doubt": None, "colors": 120, "features": 2000, **change}
+    count = change.pop("features")
+    features = [
+        Features(
+            np.zeros((count, 2)), np.ones(count), np.zeros((count, 128)),
+            np.full((count, 3), change["colors"], np.uint8),
+        )
+    ] * 30  # fmt: skip
+    change.pop("colors")
+    agreeing, doubt = change.pop("agreeing"), change.pop("doubt")
+    solution = dataclasses.replace(many(walk[3]), **change)
+    verdict = poses_verdict(solution, features, agreeing, doubt)
+    assert verdict.level == level
+    assert words in str(verdict) and verdict.advice
+    assert Verdict.of(verdict.as_dict()) == verdict
+
+
+def test_poses_log_of_a_mapper_never_goes_back():
+    told = []
+    show = PosesLog(lambda stage, done, total, text: told.append((done, total))).on_images("m")
+    steps = [(2, "first pair"), (10, "image"), (4, "image"), (20, "adjustment"), (20, "settling")]
+    for done, step in [*steps, (20, "longer tracks"), (20, "final adjustment")]:
+        show(done, 20, 100, step)
+    shares = [done / total for done, total in told]
+    assert shares == sorted(shares) and shares[-1] == 1 and shares[4] < 0.8
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory):
+    """A few views of the demo's hall."""
+    folder = tmp_path_factory.mktemp("hall") / "hall"
+    return make_demo_scene(folder, views=8, test_views=0, size=176, progress=False)
+
+
+def test_bench_unknown_lens_prints_focal_length_beside_time(hall, tmp_path, capsys):
+    file = tmp_path / "rows.json"
+    assert bench_main(["unknown_lens", str(hall), "--json", str(file)]) == 0
+    (row,) = json.loads(file.read_text())
+    # Few views of a few pixels: it is found, or said why not.
+    assert row["verdict"] in (*LEVELS, "refused")
+    words = capsys.readouterr().out
+    assert "focal [px]" in words and words.startswith("hall: ")
+
+
+def test_poses_command_run_again_says_done(hall, tmp_path, capsys):
+    arguments = ["poses", str(hall), "-o", str(tmp_path / "out")]
+    assert main([*arguments, "--quiet"]) == 0
+    before = (tmp_path / "out" / "poses.json").stat().st_mtime_ns
+    assert main(arguments) == 0
+    words = capsys.readouterr().out
+    assert "done already" in words and "poses of" in words
+    assert (tmp_path / "out" / "poses.json").stat().st_mtime_ns == before
