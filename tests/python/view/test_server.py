@@ -116,6 +116,17 @@ def test_bad_request_is_refused_in_a_sentence(server, name, values, words):
     assert "\n" not in sentence(data)
 
 
+def test_failure_of_a_route_is_told_and_the_server_goes_on():
+    def broken(values):
+        raise RuntimeError("out of paper")
+
+    with ViewServer({"broken": broken}) as server:
+        for _ in range(2):
+            reply, data = ask(server, f"/{server.token}/broken")
+            assert reply.status == 500
+            assert sentence(data) == "broken failed: RuntimeError('out of paper')"
+
+
 def test_no_json_is_refused(server):
     reply, data = ask(server, f"/{server.token}/frame", "[1")
     assert (reply.status, sentence(data)) == (400, "the request is no JSON object")

@@ -122,6 +122,19 @@ def test_distance_tells_the_range_of_its_colours(session, scene):
     assert 0 < near < far < 20
 
 
+@pytest.mark.parametrize(
+    "camera", [pinhole(40), fisheye(40, degrees=150)], ids=["pinhole", "fisheye"]
+)
+def test_normals_of_a_plane_point_back_at_the_camera(session, camera):
+    rays = camera.rays()[0]
+    distance = np.where(rays[..., 2] > 0.3, 2 / rays[..., 2], np.nan)  # the plane z = 2
+    session.frames.axes = np.eye(3)
+    colors = session.frames._normals(camera, np.eye(4), distance)[10:-10, 10:-10]
+    seen = np.isfinite(distance)[10:-10, 10:-10] & (colors.max(axis=2) > 0)
+    assert seen.mean() > 0.8
+    assert np.abs(colors[seen].astype(int) - [128, 128, 0]).max() <= 1  # (0, 0, -1)
+
+
 def test_layers_are_drawn_over_the_frame(session, scene):
     plain = drawn(session, scene)
     crop = [[-1, -1, -1], [1, 1, 1]]
