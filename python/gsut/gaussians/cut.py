@@ -50,8 +50,8 @@ def merged(scenes: Sequence[Gaussians]) -> Gaussians:
         sh[:, : g.sh.shape[1]] = g.sh
         parts.append(dataclasses.replace(g.about(origin), sh=sh))
     fields = ("means", "quats", "log_scales", "opacity_logits", "sh")
-    joined = [np.concatenate([getattr(g, name) for g in parts]) for name in fields]
-    return Gaussians(*joined, origin)
+    joined = {name: np.concatenate([getattr(g, name) for g in parts]) for name in fields}
+    return dataclasses.replace(parts[0], **joined)
 
 
 def ground_of(gaussians: Gaussians, up: np.ndarray) -> tuple[np.ndarray, float]:
