@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import collections
 import math
 import tempfile
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut._core import InputError
+from gsut._core import CalibrationError, InputError
 from gsut.lens import (
     Camera,
     camera_values,
@@ -102,7 +103,7 @@ class Lenses:
 
         Args:
             wanted: one of "path" of a lens file, or the name of a lens that is known; "name" and
-                "text" of a lens file; "model", for an example of it; "id" of a lens. Then, if
+                "base64" of a lens file; "model", for an example of it; "id" of a lens. Then, if
                 given, "params" replace its first parameters, "fit" [width, height] gives it that
                 shape of image, and "field_of_view" in degrees, across the image, scales its focal
                 lengths.
@@ -116,7 +117,7 @@ class Lenses:
                 raise InputError(f"{path}: no such lens file")
             lens = load_lens(path)
         elif wanted.get("name"):
-            lens = _uploaded(str(wanted["name"]), str(wanted.get("text", "")))
+            lens = _uploaded(str(wanted["name"]), str(wanted.get("base64", "")))
         elif wanted.get("model"):
             lens = _example(str(wanted["model"]))
         else:
@@ -131,12 +132,15 @@ class Lenses:
         return self.add(lens)
 
 
-def _uploaded(name: str, text: str) -> Camera:
-    """The lens of a file's text; its name chooses the format."""
+def _uploaded(name: str, content: str) -> Camera:
+    """The lens of a file's content in base64; its name chooses the format."""
     with tempfile.TemporaryDirectory(prefix="gsut-lens-") as folder:
         path = Path(folder) / Path(name).name
-        path.write_text(text)
-        return load_camera(path)
+        path.write_bytes(base64.b64decode(content))
+        try:
+            return load_camera(path)
+        except (InputError, CalibrationError) as error:  # the folder is of no use to anybody
+            raise InputError(str(error).replace(f"{folder}/", "")) from None
 
 
 def _example(model: str) -> Camera:

@@ -1,5 +1,6 @@
 """Frames: the renderer's own pixels, and what is drawn over and made of them."""
 
+import base64
 import dataclasses
 import json
 import time
@@ -270,3 +271,13 @@ def test_frustum_reaches_where_the_lens_sees():
     assert rays.shape == (8, 3)
     np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1, atol=1e-12)
     assert camera.project(rays)[1].all()
+
+
+@pytest.mark.parametrize("name", ["a.lens.json", "cameras.bin", "cameras.txt"])
+def test_uploaded_lens_file_is_read(tmp_path, name):
+    fisheye(40).save(tmp_path / name)
+    content = base64.b64encode((tmp_path / name).read_bytes()).decode()
+    lenses = Lenses([pinhole(40)])
+    value = lenses.describe(lenses.make({"name": name, "base64": content}))
+    assert (value["model"], value["width"]) == ("kannala_brandt", 40)
+    np.testing.assert_allclose(value["params"][:4], fisheye(40).params)
