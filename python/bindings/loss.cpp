@@ -184,9 +184,7 @@ py::tuple LightSumsOf(const PhotometricTarget& target, const py::object& image,
   return py::make_tuple(tc, cc);
 }
 
-}  // namespace
-
-void BindLoss(py::module_& m) {
+void BindTargets(py::module_& m) {
   py::class_<FalloffPlane>(m, "FalloffPlane", R"doc(
 Factors of a photograph's pixels, shared by the targets of one camera.
 
@@ -266,7 +264,12 @@ Value of the loss without its gradient.
 Returns:
     loss, l1, dssim: (1 - w) l1 + w dssim, the mean absolute difference, 1 - SSIM.
 )doc");
+}
 
+}  // namespace
+
+void BindLoss(py::module_& m) {
+  BindTargets(m);
   m.def("photometric_loss", &Loss, py::arg("target"), py::arg("image"),
         py::arg("grad_out") = py::none(), py::arg("ssim_weight") = kDefaultSsimWeight, R"doc(
 Training loss (1 - w) L1 + w (1 - SSIM) and its gradient to the rendered image.

@@ -82,7 +82,8 @@ std::int64_t TrimGradient(const PhotometricTarget& target, const float* image,
         const std::int64_t right = std::min(width, column + options.radius + 1);
         const auto at = [&](std::int64_t i) { return differing[static_cast<std::size_t>(i)]; };
         const int count = at(bottom + right) - at(bottom + left) - at(top + right) + at(top + left);
-        const auto area = static_cast<double>((bottom - top) / stride * (right - left));
+        const std::int64_t rows = (bottom - top) / stride;
+        const auto area = static_cast<double>(rows * (right - left));
         if (count <= options.share * area) continue;
         std::fill_n(gradient + 3 * (row * width + column), 3, 0.0f);
         ++trimmed[static_cast<std::size_t>(row / kRows)];

@@ -56,13 +56,18 @@ class SceneEvaluation : public ceres::EvaluationCallback {
            !options_.lens_free[static_cast<std::size_t>(camera)].empty();
   }
 
-  // The lens at the current parameters; none if they make no lens.
-  std::optional<Camera> Lens(int camera) const {
+  // The lens at the current parameters. Throws InputError if they make no lens.
+  Camera MakeLens(int camera) const {
     const Camera& before = cameras_[static_cast<std::size_t>(camera)];
     if (!LensIsFree(camera)) return before;
+    return {before.model(), lenses[static_cast<std::size_t>(camera)], before.width(),
+            before.height(), before.valid_field_angle()};
+  }
+
+  // The same, or none.
+  std::optional<Camera> FindLens(int camera) const {
     try {
-      return Camera(before.model(), lenses[static_cast<std::size_t>(camera)], before.width(),
-                    before.height(), before.valid_field_angle());
+      return MakeLens(camera);
     } catch (const InputError&) {
       return std::nullopt;
     }
@@ -77,7 +82,7 @@ class SceneEvaluation : public ceres::EvaluationCallback {
     ++num_evaluations;
     std::vector<std::optional<Camera>> now;
     now.reserve(cameras_.size());
-    for (std::size_t c = 0; c < cameras_.size(); ++c) now.push_back(Lens(static_cast<int>(c)));
+    for (std::size_t c = 0; c < cameras_.size(); ++c) now.push_back(FindLens(static_cast<int>(c)));
     for (std::size_t i = 0; i < states.size(); ++i) {
       const std::optional<Camera>& camera = now[static_cast<std::size_t>(images_[i].camera)];
       states[i].failed = !camera || !Evaluate(*camera, images_[i], &states[i]);
@@ -381,7 +386,7 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
   std::vector<Camera> refined;
   refined.reserve(cameras->size());
   for (std::size_t c = 0; c < cameras->size(); ++c) {
-    refined.push_back(evaluation.Lens(static_cast<int>(c)).value());
+    refined.push_back(evaluation.MakeLens(static_cast<int>(c)));
   }
   *cameras = std::move(refined);
   return summary;

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from gsut.data import STRIP
 from gsut.files import whole_file
 
-STRIP = "strip.jpg"
 _HEIGHT = 96  # of a picture, pixels
 _COLUMNS = 10
 _MOST = 60  # pictures; of more, some evenly

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from gsut._core import InputError
 from gsut.capture import Capture, capture, is_video
 from gsut.cli._flags import add_capture, add_json, add_quiet, folder_name, print_json
-from gsut.data import find_lens_file
+from gsut.data import CAPTURE_FOLDER, find_lens_file
 from gsut.lens import is_lens_name, lens_by_name
 from gsut.run import Progress, StagedProgress, Verdict, add_option_flags, given_options
 from gsut.sfm import PosesOptions, done_already
@@ -27,9 +27,7 @@ POSE_SECONDS = {
     "features": 5.0, "preview": 1.0, "matching": 4.0, "verifying": 1.0, "lens": 20.0,
     "mapping": 25.0, "rig": 15.0,
 }  # fmt: skip
-_EXPECTED_IMAGES = 60
-
-CAPTURED = "capture"  # folder of the pictures, in the output folder
+EXPECTED_IMAGES = 60
 
 HELP = "camera poses and points of photographs, without COLMAP"
 DESCRIPTION = (
@@ -115,7 +113,7 @@ def run(arguments: argparse.Namespace) -> int:
             options = dataclasses.replace(options, pairs="sequential")
     images, camera = arguments.images, arguments.camera
     if arguments.rig is None and needs_capture(images, camera, arguments.unknown_lens):
-        taken = capture_with_bars([images], Path(arguments.out) / CAPTURED, arguments)
+        taken = capture_with_bars([images], Path(arguments.out) / CAPTURE_FOLDER, arguments)
         images, options = taken.path, with_readout(options, camera, taken)
     settings: dict[str, Any] = {
         "camera": camera,
@@ -204,7 +202,7 @@ class _InStages:
             self._open.close()
             if stage == "features":
                 for name, seconds in self._expected.items():
-                    self._bars.expect(name, seconds * total / _EXPECTED_IMAGES)
+                    self._bars.expect(name, seconds * total / EXPECTED_IMAGES)
             names = list(self._expected)
             passed = names[: names.index(stage)]
             if stage == "verifying":  # through a known lens

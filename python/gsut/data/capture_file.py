@@ -9,6 +9,8 @@ from typing import Any
 from gsut.data.nerfstudio import read_json
 
 CAPTURE = "capture.json"
+CAPTURE_FOLDER = "capture"  # of a video's frames, in the folder of their poses
+STRIP = "strip.jpg"  # the pictures side by side, beside capture.json
 
 
 def read_capture(folder: Path) -> dict[str, Any] | None:

@@ -8,8 +8,19 @@ from typing import Any
 
 import numpy as np
 
+from gsut.data import CAPTURE_FOLDER, STRIP
 from gsut.files import write_file
-from gsut.page import LINE, MUTED, SERIES, TITLE, html_table, plot_figure, sections_page, svg_text
+from gsut.page import (
+    LINE,
+    MUTED,
+    SERIES,
+    TITLE,
+    bytes_address,
+    html_table,
+    plot_figure,
+    sections_page,
+    svg_text,
+)
 from gsut.run import Verdict
 from gsut.sfm.align import centers_of
 from gsut.sfm.solution import Solution
@@ -63,6 +74,11 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
             ("image", "points", "median error [px]", "sigma of the turn [degrees]"),
         ),
     ]
+    strip = out / CAPTURE_FOLDER / STRIP
+    if strip.is_file():
+        address = bytes_address(strip.read_bytes(), "image/jpeg")
+        picture = f'<img src="{address}" alt="the pictures chosen" style="width: 100%">'
+        parts += ["<h2>Pictures chosen</h2>", picture]
     write_file(out / REPORT, sections_page(title, values["notes"], parts))
 
 

@@ -23,6 +23,7 @@ def test_video_becomes_poses_with_time_stamps(tmp_path, capsys):
     times = {f"capture/images/{row['name']}": row["time"] for row in rows}
     frames = json.loads((data / "transforms.json").read_text())["frames"]
     assert {row["file_path"]: row["timestamp"] for row in frames} == times
+    assert "the pictures chosen" in (data / "report.html").read_text()
     found = find_photographs(data / "capture", None)
     assert found.times == {row["name"]: row["time"] for row in rows}
 
