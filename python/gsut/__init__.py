@@ -24,8 +24,9 @@ from gsut._core import (
     set_isa,
     set_num_threads,
 )
+from gsut.check import diagnose
 from gsut.compact import Compaction, SeenView, compact, seen_views
-from gsut.data import DatasetError, Finding, Scene, View, diagnose, load_dataset
+from gsut.data import DatasetError, Finding, Scene, View, load_dataset
 from gsut.evaluate import evaluate
 from gsut.formats import load_gaussians, load_ply, save_gaussians, save_ply
 from gsut.gaussians import (

@@ -93,7 +93,8 @@ def train(
     scene = loop.finished_scene()  # refine/: poses and lens against the finished Gaussians
     scene, metrics = measure_training(loop, gaussians, scene, record.run)  # evaluate/
     if record.run is not None:
-        write_results(record.run, gaussians, metrics, scene if o.refine_poses else None)  # formats/
+        refined = scene if o.refine_poses else None
+        write_results(record.run, gaussians, metrics, scene.path, refined)  # formats/, verdict
     gaussians = gaussians.translated(scene.world_offset)
     scene = scene.about((0.0, 0.0, 0.0)) if o.refine_poses else prepare_scene(given, o)
     return TrainResult(gaussians, metrics, record.history, scene)

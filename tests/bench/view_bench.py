@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import http.client
 import json
+import math
 import time
 from typing import Any
 
@@ -48,10 +49,17 @@ def run(arguments: argparse.Namespace) -> int:
             f"{row['scene']}, {100 * row['share']:.0f} % of the Gaussians: "
             f"{row['frames_per_second']:.1f} frames/s, slowest {row['slowest_ms']:.0f} ms, "
             f"{row['cpu_ms']:.0f} ms of processor time and {row['kilobytes']:.0f} kB a frame, "
-            f"{row['threads']} threads; {row['psnr']:.1f} dB against the whole frame"
+            f"{row['threads']} threads; {_likeness(row['psnr'])}"
         )
-    print("the lossless frames have the renderer's bits")
     return 0
+
+
+def _likeness(decibels: float) -> str:
+    return (
+        "the renderer's bits"
+        if math.isinf(decibels)
+        else f"{decibels:.1f} dB against the whole frame"
+    )
 
 
 class _Page:

@@ -15,7 +15,7 @@ FLOORS = {
     **dict.fromkeys(("gaussians", "lens", "run", "page"), 1),
     **dict.fromkeys(("render", "optimize", "data", "formats"), 2),
     **dict.fromkeys(("capture", "sfm", "evaluate", "compact", "surface", "demo"), 3),
-    "refine": 4,
+    **dict.fromkeys(("refine", "check"), 4),
     "training": 5,
     **dict.fromkeys(("train", "blocks", "view"), 6),
     **dict.fromkeys(("__init__", "torch"), 7),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,29 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 def add_quiet(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
+
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="go on where the photographs contradict the poses, the lens or the points",
+    )
+
+
+def check_first(scene: Any, force: bool, quiet: bool = False) -> None:
+    """The doctor's quick checks; says what will make the result worse.
+
+    Raises:
+        InputError: the data contradict themselves, without --force.
+    """
+    from gsut.check import check_scene, stop_at_errors
+
+    findings = check_scene(scene)
+    for finding in findings:
+        if not quiet and finding.severity != "info":
+            print(f"gsut: {finding}", file=sys.stderr)
+    stop_at_errors(findings, force)
 
 
 def add_capture(parser: argparse.ArgumentParser) -> None:

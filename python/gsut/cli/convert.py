@@ -18,6 +18,7 @@ DESCRIPTION = (
 
 
 _PAGE = ".html"
+_PLAYCANVAS = (".html", ".sog", ".compressed.ply")  # which PlayCanvas' viewers show
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     chosen = format_of(out)
     if out.exists():
         raise InputError(f"{out} exists; give another name (nothing was overwritten)")
-    path = _scene_of(Path(arguments.source))
+    path = scene_file_of(Path(arguments.source))
     found = read_scene_file(path)
     gaussians, tuning = found.gaussians, None
     if arguments.reader == "viewers":
@@ -87,6 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _tuned_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     """The run's Gaussians fine-tuned, and what that was worth."""
+    from gsut.render import PLAYCANVAS_SHRINK
     from gsut.run import Progress, RunFolder
     from gsut.training import VIEWER_STEPS, read_trained, tune_for_viewers
 
@@ -97,9 +99,11 @@ def _tuned_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, An
         )
     options, scene, gaussians = read_trained(RunFolder.open(arguments.source), arguments.data)
     steps = VIEWER_STEPS if arguments.steps is None else arguments.steps
+    from_playcanvas = arguments.out.lower().endswith(_PLAYCANVAS)
     with Progress(not arguments.quiet) as bars:
         tuned = tune_for_viewers(
             scene, gaussians, steps, background=options.background,
+            shrink=PLAYCANVAS_SHRINK if from_playcanvas else 1.0,
             on_step=lambda step, loss: bars.show("for viewers", step, steps, f"loss {loss:.4f}"),
         )  # fmt: skip
     figures = {
@@ -132,7 +136,7 @@ def _link_in_report(out: Path) -> None:
         write_report(RunFolder.open(out.parent))
 
 
-def _scene_of(source: Path) -> Path:
+def scene_file_of(source: Path) -> Path:
     """The file of a run, or the file itself."""
     from gsut.run import SCENE, RunFolder
 

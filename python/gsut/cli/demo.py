@@ -13,7 +13,7 @@ import numpy as np
 from gsut.cli._flags import add_json, print_json
 from gsut.cli.train import print_figures, train_into
 from gsut.cli.view import has_display
-from gsut.run import OPTIONS, REPORT, RunFolder, TrainOptions
+from gsut.run import OPTIONS, REPORT, RunFolder, TrainOptions, Verdict
 
 HELP = "make a small fisheye scene, train on it, show the report"
 DESCRIPTION = (
@@ -64,6 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         if poses:
             print(_pose_text(poses["poses"], data))
         print_figures(metrics)
+        print(Verdict.of(metrics["verdict"]))
         print(f"report: {report}")
     if not arguments.no_open and has_display():
         webbrowser.open(report.resolve().as_uri())

@@ -20,7 +20,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.data import diagnose, findings_text
+    from gsut.check import diagnose
+    from gsut.data import findings_text
 
     findings = diagnose(arguments.data)
     if arguments.json:

@@ -7,7 +7,14 @@ import sys
 from pathlib import Path
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_run, folder_name, print_json
+from gsut.cli._flags import (
+    add_force,
+    add_json,
+    add_run,
+    check_first,
+    folder_name,
+    print_json,
+)
 
 HELP = "figures on the held-out images"
 DESCRIPTION = (
@@ -31,6 +38,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="new folder for the pictures (truth, render, 16-bit distance) and metrics.json",
     )
+    add_force(parser)
     add_json(parser)
 
 
@@ -53,6 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
             f"{scene.path} has no {arguments.split} views with these options; try --split all"
         )
     out = new_folder(Path(arguments.out)) if arguments.out else None
+    check_first(scene, arguments.force, quiet=True)
     with Progress(sys.stderr.isatty()) as bars:
         figures = evaluate(
             gaussians,

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_moved_data, print_json
+from gsut.cli._flags import add_force, add_json, add_moved_data, check_first, print_json
 
+_FOCAL_OFF = 0.015  # relative; told from here on
 HELP = "where a photograph of a trained scene was taken"
 DESCRIPTION = (
     "Finds the pose of a photograph: matches its features with views rendered from the training "
-    "poses that look most like it, and refines the pose by the colours."
+    "poses that look most like it, and refines the pose by the colours. The exit status is 2 where "
+    "the photograph shows another place."
 )
 
 
@@ -29,6 +31,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--mask", metavar="FILE", help="image: black where IMAGE does not count")
     add_moved_data(parser)
+    add_force(parser)
     add_json(parser)
 
 
@@ -41,6 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     path = Path(arguments.image)
     pixels, alpha = decode_image(path)
     options, scene, gaussians = read_trained(RunFolder.open(arguments.folder), arguments.data)
+    check_first(scene, arguments.force, quiet=True)
     mask = np.ones(pixels.shape[:2], bool) if alpha is None else np.asarray(alpha, bool)
     if arguments.mask:
         drawn = decode_mask(Path(arguments.mask))
@@ -113,6 +117,8 @@ def _figures(localized: Any, scene: Any, start: str) -> dict[str, Any]:
         "start": start,
         "matches": localized.matches,
         "starts_tried": localized.starts,
+        "likeness": localized.likeness,
+        "focal_scale": localized.focal_scale,
     }
 
 
@@ -130,7 +136,14 @@ def _print_pose(figures: dict[str, Any]) -> None:
     print(f"rotation: +- {turns} degrees about the camera's axes")
     print(
         f"colours: rms difference {figures['rms']:.4f} with gain {figures['gain']:.3f} and bias "
-        f"{figures['bias']:+.3f}"
+        f"{figures['bias']:+.3f}; details correlate at {figures['likeness']:.2f}"
     )
+    if abs(figures["focal_scale"] - 1) > _FOCAL_OFF:
+        print(
+            "gsut: warning: the photograph fits better a focal length times "
+            f"{figures['focal_scale']:.3f}: check --camera; the uncertainty says how far that "
+            "moves the pose",
+            file=sys.stderr,
+        )
     if not figures["converged"]:
         print("gsut: note: the refinement stopped before it converged", file=sys.stderr)

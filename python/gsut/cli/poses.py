@@ -27,7 +27,7 @@ POSE_SECONDS = {
     "features": 5.0, "preview": 1.0, "matching": 4.0, "verifying": 1.0, "lens": 20.0,
     "mapping": 25.0, "rig": 15.0,
 }  # fmt: skip
-_EXPECTED_IMAGES = 60
+EXPECTED_IMAGES = 60
 
 HELP = "camera poses and points of photographs, without COLMAP"
 DESCRIPTION = (
@@ -202,7 +202,7 @@ class _InStages:
             self._open.close()
             if stage == "features":
                 for name, seconds in self._expected.items():
-                    self._bars.expect(name, seconds * total / _EXPECTED_IMAGES)
+                    self._bars.expect(name, seconds * total / EXPECTED_IMAGES)
             names = list(self._expected)
             passed = names[: names.index(stage)]
             if stage == "verifying":  # through a known lens

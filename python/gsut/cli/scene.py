@@ -7,6 +7,7 @@ was stopped, and has nothing to do when all is done.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import itertools
 import shlex
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.cli._flags import add_capture, add_json, add_quiet, folder_name, print_json
-from gsut.cli.poses import with_readout
+from gsut.cli.poses import EXPECTED_IMAGES, POSE_SECONDS, with_readout
 from gsut.cli.view import LivePage, add_live_flags
 from gsut.data import CAPTURE_FOLDER, STRIP
 from gsut.run import (
@@ -40,20 +41,15 @@ DESCRIPTION = (
 POSES = "poses"  # folder of the pictures and poses, in the run's folder
 STATE = "scene.json"  # inputs and settings; seconds and verdict once all is done
 PAGE = "scene.html"
-# Seconds on one core, for the time left before anything is measured: of a picture's features,
-# matches and mapping with a known lens; of a training step on a megapixel at full resolution.
-_POSES_SECONDS, _STEP_SECONDS = 1.6, 0.35
-_UNKNOWN_LENS = 2.0  # factor on the poses' seconds
+# Seconds on one core of a training step on a megapixel at full resolution, for the time left before
+# anything is measured.
+_STEP_SECONDS = 0.35
 _CAPTURE_SECONDS = 15.0
 # What another scene would come of; the threads are none of it.
 _SETTINGS = (
     "preset", "steps", "camera", "fov", "frames", "nadir_cap", "zenith_cap", "shutter", "seed",
 )  # fmt: skip
 _FEW_PICTURES = 20  # make a poor scene
-_POSE_SHARES = {
-    "features": 0.15, "preview": 0.02, "matching": 0.2, "verifying": 0.03, "lens": 0.3,
-    "mapping": 0.3,
-}  # fmt: skip
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -125,7 +121,7 @@ def _run(arguments: argparse.Namespace, page: LivePage) -> int:
     if arguments.json:
         print_json(state)
     elif not arguments.quiet:
-        print(_verdict(state["verdict"]))
+        print(Verdict.of(state["verdict"]))
         print(f"report: {folder.path / PAGE}")
     page.stay()
     return 0
@@ -186,7 +182,7 @@ def _make(
             # Of a stage that was done by an earlier call.
             seconds["poses"] = seconds["poses"] or poses["seconds"]["total"]
             seconds["training"] = seconds["training"] or metrics["train_seconds"]
-            verdict = worst([_capture_verdict(taken.figures), *_said([poses, metrics])])
+            verdict = _together([_capture_verdict(taken.figures), *_said([poses, metrics])])
             state = {
                 **state,
                 "seconds": seconds,
@@ -218,7 +214,7 @@ def _find_poses(
         return estimate_poses(
             taken.path, out, camera=arguments.camera, fov_degrees=arguments.fov,
             options=with_readout(options, arguments.camera, taken),
-            on_progress=_evenly(bars, _POSE_SHARES), notes_to=bars.note,
+            on_progress=_evenly(bars, _pose_seconds(arguments.camera)), notes_to=bars.note,
         ).figures  # fmt: skip
 
 
@@ -266,18 +262,24 @@ def _work(options: TrainOptions) -> Callable[[float], float]:
 
 
 def _evenly(bars: StagedProgress, shares: dict[str, float]) -> Callable[[str, int, int, str], None]:
-    """Shows sub-stages one after the other, each with its share of the stage."""
+    """Shows sub-stages one after the other, each with its share of the stage, in any unit."""
+    names, whole = list(shares), sum(shares.values())
 
     def show(name: str, done: int, total: int, text: str) -> None:
-        before = 0.0
-        for other, share in shares.items():
-            if other == name:
-                bars.show(before + share * done / max(1, total), f"{name} {text}")
-                return
-            before += share
-        bars.show(0.0, f"{name} {text}")
+        if name in shares:  # the lens of a panorama is known, which was not expected
+            before = sum(shares[other] for other in names[: names.index(name)])
+            bars.show((before + shares[name] * done / max(1, total)) / whole, f"{name} {text}")
 
     return show
+
+
+def _pose_seconds(camera: str | None) -> dict[str, float]:
+    """The stages of the poses, and the seconds that each takes of `EXPECTED_IMAGES`."""
+    from gsut.lens import is_lens_name
+
+    known = camera is not None and not is_lens_name(camera)
+    absent = ("rig", "lens" if known else "verifying")
+    return {name: seconds for name, seconds in POSE_SECONDS.items() if name not in absent}
 
 
 def _expect(
@@ -285,12 +287,10 @@ def _expect(
 ) -> None:
     """Corrects the seconds that poses and training will take, now that the pictures are known."""
     from gsut import _core
-    from gsut.lens import is_lens_name
 
     threads = options.threads or _core.num_threads()
     width, height = figures["size"]
-    known = camera is not None and not is_lens_name(camera)
-    poses = _POSES_SECONDS * len(figures["frames"]) * (1.0 if known else _UNKNOWN_LENS)
+    poses = sum(_pose_seconds(camera).values()) * len(figures["frames"]) / EXPECTED_IMAGES
     steps = options.steps * _STEP_SECONDS * min(width * height / 1e6, 1.44)
     bars.expect("poses", poses * 2 / threads)
     bars.expect("training", 10 + steps * 2 / threads)
@@ -316,11 +316,14 @@ def _capture_verdict(figures: dict[str, Any]) -> Verdict:
 
 def _said(figures: list[dict[str, Any]]) -> list[Verdict]:
     """The verdicts of stages that gave one."""
-    return [_verdict(row["verdict"]) for row in figures if row.get("verdict")]
+    return [Verdict.of(row["verdict"]) for row in figures if row.get("verdict")]
 
 
-def _verdict(values: dict[str, Any]) -> Verdict:
-    return Verdict(**{**values, "reasons": tuple(values["reasons"])})
+def _together(verdicts: list[Verdict]) -> Verdict:
+    """The worst of them, with what the other stages say against the scene."""
+    first = worst(verdicts)
+    reasons = (r for v in (first, *verdicts) if v.level != "good" for r in v.reasons)
+    return dataclasses.replace(first, reasons=tuple(dict.fromkeys(reasons)))
 
 
 def _write_page(folder: RunFolder, state: dict[str, Any], notes: list[str]) -> None:
@@ -330,7 +333,7 @@ def _write_page(folder: RunFolder, state: dict[str, Any], notes: list[str]) -> N
     strip = bytes_address((folder.path / POSES / CAPTURE_FOLDER / STRIP).read_bytes(), "image/jpeg")
     rows = [(name, duration_text(seconds)) for name, seconds in state["seconds"].items()]
     parts = [
-        f"<p><b>{_verdict(state['verdict'])}</b></p>",
+        f"<p><b>{Verdict.of(state['verdict'])}</b></p>",
         f'<p><a href="{REPORT}">Report of the training</a>: held-out views beside photographs. '
         f'<a href="{POSES}/report.html">Report of the poses</a>: where the camera went, and its '
         "lens.</p>",

@@ -8,7 +8,14 @@ import shlex
 import sys
 from typing import Any
 
-from gsut.cli._flags import add_json, add_quiet, folder_name, print_json
+from gsut.cli._flags import (
+    add_force,
+    add_json,
+    add_quiet,
+    check_first,
+    folder_name,
+    print_json,
+)
 from gsut.cli.view import LivePage, add_live_flags
 from gsut.run import (
     COMMON_OPTIONS,
@@ -17,6 +24,7 @@ from gsut.run import (
     REPORT,
     RunFolder,
     TrainOptions,
+    Verdict,
     add_option_flags,
     given_options,
 )
@@ -43,6 +51,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="go on with the run in RUN from its last checkpoint, with its own options; the result "
         "has the same bits as an unbroken run",
     )
+    add_force(parser)
     add_quiet(parser)
     add_json(parser)
     add_live_flags(parser)
@@ -59,11 +68,15 @@ def run(arguments: argparse.Namespace) -> int:
         if not arguments.resume:
             run.refuse_run()  # before the data is read: that may take a while
     with LivePage(arguments) as page:
-        metrics = train_into(run, arguments.data, options, arguments.resume, arguments.quiet, page)
+        metrics = train_into(
+            run, arguments.data, options, arguments.resume, arguments.quiet, page, arguments.force
+        )
         if arguments.json:
             print_json(metrics)
         elif not arguments.quiet:
             print_figures(metrics)
+            if metrics.get("verdict"):
+                print(Verdict.of(metrics["verdict"]))
             print(f"report: {run.path / REPORT}")
         page.stay()
     return 0
@@ -76,8 +89,9 @@ def train_into(
     resume: bool,
     quiet: bool,
     page: LivePage | None = None,
+    force: bool = False,
 ) -> dict[str, Any]:
-    """Loads, trains, and returns the content of metrics.json.
+    """Loads, checks, trains, and returns the content of metrics.json.
 
     Args:
         run: the folder.
@@ -85,6 +99,7 @@ def train_into(
         options, resume: of the training.
         quiet: no bar, no notes.
         page: that shows it meanwhile.
+        force: train although the data contradict themselves.
     """
     import gsut
 
@@ -94,6 +109,8 @@ def train_into(
 
         for note in filter(None, (*scene.notes, size_note(scene, options))):
             print(f"gsut: note: {note}", file=sys.stderr)
+    if not (resume and run.holds_run()):
+        check_first(scene, force, quiet)
     try:
         watch = {} if page is None else page.begin(scene, options)
         result = gsut.train(

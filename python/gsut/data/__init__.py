@@ -9,9 +9,11 @@ from gsut.data.capture_file import (
     capture_state,
     read_capture,
 )
+from gsut.data.check_colors import check_colors, view_agreement
+from gsut.data.check_geometry import check_lenses, check_points, check_poses
 from gsut.data.colmap import find_mask
 from gsut.data.doctor import diagnose, findings_text
-from gsut.data.findings import DatasetError, Finding, some_names
+from gsut.data.findings import SEVERITIES, DatasetError, Finding, some_names
 from gsut.data.folder import find_images, find_lens_file
 from gsut.data.images import (
     IMAGE_SUFFIXES,
@@ -22,9 +24,10 @@ from gsut.data.images import (
     shrink_mask,
 )
 from gsut.data.load import load_dataset, read_dataset
-from gsut.data.poses import inverse, rigid_transform
+from gsut.data.poses import OPENGL_FROM_OPENCV, inverse, rigid_transform
 from gsut.data.scene import Scene, View
 from gsut.data.shutter import frame_times, with_shutter
+from gsut.data.split import TEST_EVERY
 from gsut.data.training_views import Level, TrainingViews
 from gsut.data.write_nerfstudio import points_ply, write_transforms
 
@@ -32,7 +35,10 @@ __all__ = [
     "CAPTURE",
     "CAPTURE_FOLDER",
     "IMAGE_SUFFIXES",
+    "OPENGL_FROM_OPENCV",
+    "SEVERITIES",
     "STRIP",
+    "TEST_EVERY",
     "DatasetError",
     "Finding",
     "Frame",
@@ -41,6 +47,10 @@ __all__ = [
     "TrainingViews",
     "View",
     "capture_state",
+    "check_colors",
+    "check_lenses",
+    "check_points",
+    "check_poses",
     "decode_image",
     "decode_mask",
     "diagnose",
@@ -61,6 +71,7 @@ __all__ = [
     "shrink_image",
     "shrink_mask",
     "some_names",
+    "view_agreement",
     "with_shutter",
     "write_transforms",
 ]

@@ -63,22 +63,25 @@ READINGS: tuple[tuple[str, PoseReading], ...] = (
 )
 
 
-def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
+def check_colors(
+    scene: Scene, *, views: int = VIEWS_TESTED, progress: bool = True
+) -> Iterator[Finding]:
     """Correlates the colours of projected points with the pixels, over some views.
 
     Args:
         scene: at full size, with coloured points; nothing is found otherwise.
+        views: how many are looked at.
         progress: show a bar.
     """
     if len(scene.points) < MIN_SAMPLES or np.ptp(scene.point_colors) == 0:
         return
-    chosen = np.unique(np.linspace(0, len(scene) - 1, VIEWS_TESTED).round().astype(int))
+    chosen = np.unique(np.linspace(0, len(scene) - 1, views).round().astype(int))
     per_view = {}
     for index in Progress(progress).through("colours", chosen.tolist()):
         r = view_agreement(scene, int(index), _as_is)
         if r is not None:
             per_view[int(index)] = r
-    where, views = str(scene.path), [int(index) for index in chosen]
+    where, tested = str(scene.path), [int(index) for index in chosen]
     agreed = _median(per_view.values())
     if agreed is None or agreed < EXPECTED_R:
         found = (
@@ -91,7 +94,7 @@ def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
             "warning",
             where,
             f"poses or lens may use another convention: {found}",
-            _better_reading(scene, views, agreed),
+            _better_reading(scene, tested, agreed),
         )
         return
     yield Finding("info", where, f"colours of the points agree with the pixels at r = {agreed:.2f}")
@@ -103,7 +106,7 @@ def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
             f"{len(bad)} views disagree with the points' colours: {some_names(bad)}",
             "their poses may be wrong",
         )
-    yield from _check_lens(scene, views, agreed)
+    yield from _check_lens(scene, tested, agreed)
 
 
 def _check_lens(scene: Scene, views: list[int], agreed: float) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""`gsut doctor`: says what is wrong with a dataset before hours are spent on it."""
+"""The doctor's checks of a dataset's files, poses, points and pixels, each by itself."""
 
 from __future__ import annotations
 

@@ -21,6 +21,7 @@ from gsut.run import (
     REPORT,
     RunFolder,
     TrainOptions,
+    Verdict,
     default_text,
     flag_name,
     option_info,
@@ -56,6 +57,7 @@ def write_report(run: RunFolder) -> Path:
         metrics=metrics,
         environment=environment,
         headline=_headline(metrics),
+        verdict=Verdict.of(metrics["verdict"]) if metrics.get("verdict") else None,
         **_pictures(metrics.get("views", []), run.path / RENDERS),
         rows=sorted(metrics.get("views", []), key=lambda row: row["name"]),
         curves={

@@ -14,6 +14,11 @@ from gsut.gaussians import Gaussians
 # A file may claim this many Gaussians whatever its size; more only at a byte each or more. The
 # densest real files hold one in eight bytes, so this stops only bombs.
 _FREE_CLAIM = 65536
+# What reading a description raises that is JSON, or not even that, but not of the kind expected.
+WRONG_JSON = (
+    *(KeyError, IndexError, TypeError, ValueError, AttributeError),
+    *(OverflowError, RecursionError),
+)
 
 
 @dataclasses.dataclass(frozen=True)

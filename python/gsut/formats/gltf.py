@@ -12,7 +12,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.files import whole_file
 from gsut.formats._axes import half_turned
-from gsut.formats._format import Format, SceneFile, WriteSettings, Written
+from gsut.formats._format import WRONG_JSON, Format, SceneFile, WriteSettings, Written
 from gsut.formats._quantize import logit_of, opacity_of, to_bytes, unit_quats
 from gsut.gaussians import SH_C0, Gaussians
 
@@ -118,7 +118,9 @@ def _read(path: Path) -> SceneFile:
             if name == "POSITION" or name.startswith(_EXTENSION)
         }
         return SceneFile(half_turned(_gaussians_of(arrays)))
-    except (KeyError, IndexError, TypeError, AttributeError) as error:
+    except WRONG_JSON as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(
             f"{path}: no glTF file of Gaussians: {type(error).__name__} at {error}"
         ) from None
@@ -139,7 +141,7 @@ def _parse(path: Path) -> tuple[dict[str, Any], int, int]:
         rest = file.read(_CHUNK.size)
     try:
         document = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: its description is no JSON ({error})") from None
     begin = len(head) + len(text) + len(rest)
     there = size - begin

@@ -19,9 +19,9 @@ import numpy as np
 from gsut.files import write_file
 from gsut.formats import sog
 from gsut.formats._format import Format, StartView, WriteSettings, Written
-from gsut.gaussians import Gaussians, transformed
+from gsut.gaussians import Gaussians, transformed, upright
 
-_UP = np.array([0.0, -1.0, 0.0])  # what the viewer takes for up in a file
+_UP = np.array([0.0, -1.0, 0.0])  # of a file, as viewers take it
 _HALF_TURN = np.array([-1.0, -1.0, 1.0])  # from a file's axes to the viewer's, where y is up
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -64,7 +64,7 @@ SuperSplat.createViewer({{
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
     view = settings.view
     if view is not None:
-        gaussians = transformed(gaussians, _upright(view.up))
+        gaussians = transformed(gaussians, upright(view.up))
     with TemporaryDirectory(prefix="gsut-") as folder:
         content = Path(folder) / "scene.sog"
         written = sog.FORMAT.write(content, gaussians, settings)
@@ -83,24 +83,13 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     return written
 
 
-def _upright(up: np.ndarray) -> np.ndarray:
-    """The shortest rotation that takes `up` to the viewer's."""
-    a = np.asarray(up, np.float64) / np.linalg.norm(up)
-    axis, cosine = np.cross(a, _UP), float(a @ _UP)
-    if cosine < -1 + 1e-9:
-        return np.diag([1.0, -1.0, -1.0])
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + cross + cross @ cross / (1 + cosine)
-
-
 def _settings(gaussians: Gaussians, view: StartView | None) -> dict[str, Any]:
     """What the viewer reads: background and the first view."""
     if view is None:
         view = _overview(gaussians)
         turn = np.eye(3)
     else:
-        turn = _upright(view.up)
+        turn = upright(view.up)
     initial = {
         "position": (_HALF_TURN * (turn @ view.position)).tolist(),
         "target": (_HALF_TURN * (turn @ view.target)).tolist(),

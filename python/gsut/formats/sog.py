@@ -18,7 +18,14 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.files import whole_file
-from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
+from gsut.formats._format import (
+    WRONG_JSON,
+    Format,
+    SceneFile,
+    WriteSettings,
+    Written,
+    check_claim,
+)
 from gsut.formats._quantize import (
     codebook,
     from_smallest_three,
@@ -153,7 +160,7 @@ def _read(path: Path) -> SceneFile:
             check_claim(path, count, size)
             gaussians = _gaussians_of(_Images(path, archive), meta, count)
             antialiased = bool(meta.get("antialias")) or meta.get("model") == "antialiased"
-        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        except WRONG_JSON as error:
             if isinstance(error, InputError):
                 raise
             raise InputError(

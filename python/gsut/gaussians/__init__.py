@@ -1,6 +1,7 @@
 """The scene's parameters: arrays, packed harmonics, seeding, the low-pass filter."""
 
 from gsut.gaussians.arrays import SH_C0, Gaussians
+from gsut.gaussians.cut import ground_of, inside_box, inside_sphere, merged
 from gsut.gaussians.low_pass import LowPassFilter, filter_radii, low_pass, low_pass_backward
 from gsut.gaussians.packed_harmonics import MixedGaussians, pack_harmonics, to_mixed
 from gsut.gaussians.quaternions import (
@@ -10,7 +11,7 @@ from gsut.gaussians.quaternions import (
     rotations_of,
 )
 from gsut.gaussians.seeding import seed_from_points, seed_in_view
-from gsut.gaussians.similarity import transformed
+from gsut.gaussians.similarity import transformed, upright
 
 __all__ = [
     "SH_C0",
@@ -18,8 +19,12 @@ __all__ = [
     "LowPassFilter",
     "MixedGaussians",
     "filter_radii",
+    "ground_of",
+    "inside_box",
+    "inside_sphere",
     "low_pass",
     "low_pass_backward",
+    "merged",
     "pack_harmonics",
     "quaternion_of",
     "quaternion_products",
@@ -29,4 +34,5 @@ __all__ = [
     "seed_in_view",
     "to_mixed",
     "transformed",
+    "upright",
 ]

@@ -13,6 +13,7 @@ from gsut.gaussians.quaternions import quaternion_of, quaternion_products
 
 _DIRECTIONS = 64  # at which harmonics are compared; 16 would do
 _ORTHOGONAL = 1e-6
+_UP = np.array([0.0, -1.0, 0.0])
 
 
 def transformed(
@@ -62,3 +63,15 @@ def turned_harmonics(degree: int, rotation: np.ndarray) -> np.ndarray:
     after = _core.harmonics_basis(degree, directions)
     before = _core.harmonics_basis(degree, directions @ rotation)
     return np.linalg.lstsq(after, before, rcond=None)[0]
+
+
+def upright(up: np.typing.ArrayLike) -> np.ndarray:
+    """(3, 3) the shortest rotation that takes a direction (3,) to -y, which viewers take for up."""
+    a = np.asarray(up, np.float64)
+    a = a / np.linalg.norm(a)
+    axis, cosine = np.cross(a, _UP), float(a @ _UP)
+    if cosine < -1 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + cross + cross @ cross / (1 + cosine)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut._core import SolveError
+from gsut._core import InputError, SolveError
 from gsut.data import shrink_image, shrink_mask
 from gsut.gaussians import Gaussians, filter_radii, low_pass
 from gsut.refine.pose import RefinedPose, refine_pose
@@ -31,6 +31,17 @@ _MAX_ERROR = 4.0
 _FEWEST_MATCHES = 12  # that agree, of a pose to start from
 _SURE_MATCHES = 40  # from which no other start is tried, if the colours converge
 _POSES_TRIED = 3  # training poses that are starts, most alike first
+# A photograph is found if its details correlate so with the render's; less will do where so many
+# features agree with the pose, too. Photographs of other places reach 0.2.
+_LIKENESS, _LIKENESS_WITH_MATCHES = 0.4, 0.25
+# Details are what is left of an image shrunk to this size, pixels along the shorter side, less its
+# mean over so many of them around.
+_DETAIL_SIDE, _DETAIL_AROUND = 120, 15
+# What the whole scene errs by is not in a pose's covariance: on a demo scene errors are 1.7 times
+# what it says.
+_SCENE_ERRORS = 1.7
+_FOCAL_STEP = 0.02  # logarithm of the focal length, by which it is tried longer and shorter
+_MOST_FOCAL = 0.15  # beyond, the parabola through three tries means nothing
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,12 +53,17 @@ class Localized:
         start: "matches", or the index of the training view whose pose was the start.
         matches: features of rendered views that agree with the start; 0 for a training pose.
         starts: how many starts were tried.
+        likeness: correlation of the photograph's details with the render's, -1 to 1.
+        focal_scale: factor on the focal length with which the colours fit best; what the pose moves
+            with it is in its covariance.
     """
 
     pose: RefinedPose
     start: str | int
     matches: int
     starts: int
+    likeness: float = 1.0
+    focal_scale: float = 1.0
 
 
 def localize_image(
@@ -72,11 +88,13 @@ def localize_image(
         on_progress: told (what, done, in all).
 
     Returns:
-        The pose, from the start that explains the photograph best.
+        The pose, from the start that explains the photograph best. Its covariance covers what the
+        scene errs by and, for lenses with fx and fy, an error of the focal length.
 
     Raises:
         InputError: a lens of the photograph whose rays do not meet in one point.
-        SolveError: no start led to a pose.
+        SolveError: no start led to a pose, or the best shows other details than the photograph: of
+            another place, or through another lens.
     """
     require_central([camera])
     if gaussians.origin.any():
@@ -104,7 +122,87 @@ def localize_image(
             f"none of {len(starts)} starts led to a pose: the photograph shows too little of the "
             "scene"
         )
-    return best
+    likeness = _likeness(gaussians, camera, best.pose.camera_from_world, pixels, mask, background)
+    best = dataclasses.replace(best, likeness=likeness)
+    with_matches = best.matches >= _FEWEST_MATCHES
+    if not likeness >= (_LIKENESS_WITH_MATCHES if with_matches else _LIKENESS):
+        raise SolveError(
+            "the photograph was not found in the scene: its details correlate with those seen from "
+            f"the best of {len(starts)} poses at {likeness:.2f} ({_LIKENESS} is needed, or "
+            f"{_LIKENESS_WITH_MATCHES} and {_FEWEST_MATCHES} matches), and {best.matches} features "
+            "agree with that pose; it shows another place, or another lens took it"
+        )
+    return _with_systematic_errors(gaussians, camera, pixels, mask, background, best)
+
+
+def _likeness(
+    gaussians: Gaussians,
+    camera: _core.Camera,
+    pose: np.ndarray,
+    pixels: np.ndarray,
+    mask: np.ndarray,
+    background: Sequence[float],
+) -> float:
+    """Correlation of the details of a photograph with those of the scene seen from a pose."""
+    import cv2
+
+    seen = to_uint8(render(gaussians, camera, pose, background=background).image)
+    factor = min(1.0, _DETAIL_SIDE / min(camera.width, camera.height))
+    size = [max(1, round(side * factor)) for side in (camera.width, camera.height)]
+    valid = shrink_mask(mask & camera.rays()[1], *size).astype(np.float64)
+    weight = np.maximum(cv2.blur(valid, (_DETAIL_AROUND, _DETAIL_AROUND)), 1e-9)
+    details = []
+    for image in (pixels, seen):
+        grey = shrink_image(image, *size).astype(np.float64).mean(axis=2) * valid
+        around = cv2.blur(grey, (_DETAIL_AROUND, _DETAIL_AROUND)) / weight
+        details.append((grey - around)[valid > 0])
+    if min(len(details[0]), *(float(np.ptp(each)) for each in details)) == 0:
+        return 0.0
+    return float(np.corrcoef(*details)[0, 1])
+
+
+def _with_systematic_errors(
+    gaussians: Gaussians,
+    camera: Any,
+    pixels: np.ndarray,
+    mask: np.ndarray,
+    background: Sequence[float],
+    found: Localized,
+) -> Localized:
+    """The covariance with the scene's errors, and with what a wrong focal length would move."""
+    pose = found.pose
+    covariance = _SCENE_ERRORS**2 * pose.covariance
+    scale = 1.0
+    if camera.param_names.split()[:2] == ["fx", "fy"]:
+        tried = []
+        for step in (-_FOCAL_STEP, _FOCAL_STEP):
+            params = np.array(camera.params)
+            params[:2] *= np.exp(step)
+            try:
+                tried.append(refine_pose(
+                    gaussians, camera.with_params(params), pose.camera_from_world, pixels, mask,
+                    background=background, levels=1,
+                ))  # fmt: skip
+            except (InputError, SolveError):
+                break
+        if len(tried) == 2:
+            low, high = (each.rms**2 for each in tried)
+            bend = low + high - 2 * pose.rms**2
+            best = 0.5 * _FOCAL_STEP * (low - high) / bend if bend > 0 else np.inf
+            best = float(np.clip(best, -_MOST_FOCAL, _MOST_FOCAL))
+            moved = (_difference(tried[1], pose) - _difference(tried[0], pose)) / (2 * _FOCAL_STEP)
+            covariance = covariance + np.outer(best * moved, best * moved)
+            scale = float(np.exp(best))
+    return dataclasses.replace(
+        found, pose=dataclasses.replace(pose, covariance=covariance), focal_scale=scale
+    )
+
+
+def _difference(one: RefinedPose, other: RefinedPose) -> np.ndarray:
+    """(6,) centre, world axes, and rotation vector, camera axes, of one pose against another."""
+    turn = one.camera_from_world[:3, :3] @ other.camera_from_world[:3, :3].T
+    vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    return np.concatenate([one.center - other.center, vector / 2])  # a small turn's
 
 
 def _localize_far(

@@ -1,6 +1,6 @@
 """Rendering and projection, metrics, camera paths, pictures and videos."""
 
-from gsut.render.ewa import EwaSplats, render_ewa, viewer_rule
+from gsut.render.ewa import PLAYCANVAS_SHRINK, EwaSplats, render_ewa, viewer_rule
 from gsut.render.films import FILM_SUFFIXES, is_film, write_video
 from gsut.render.light import (
     Falloff,
@@ -30,6 +30,7 @@ __all__ = [
     "DEFAULT_UNSCENTED",
     "FILM_SUFFIXES",
     "METHODS",
+    "PLAYCANVAS_SHRINK",
     "RING_EDGES_DEGREES",
     "EwaSplats",
     "Falloff",

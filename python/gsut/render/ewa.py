@@ -24,6 +24,8 @@ from gsut.gaussians import (
 from gsut.render.renderer import Render, render
 
 DILATION = 0.3  # px^2, of every viewer
+# Closest to the SuperSplat viewer's pictures of a trained scene: 43.6 dB, without it 38.8 dB.
+PLAYCANVAS_SHRINK = 0.96
 _NEAR = 0.2  # of 3DGS: centres nearer than this along the axis are not drawn
 # Beyond this many times the half field of view the affine map is taken at the edge (3DGS).
 _FIELD = 1.3
@@ -33,8 +35,8 @@ _LEAST_DIFFERENCE = 1e-4
 
 
 def viewer_rule() -> BlendRule:
-    """How viewers order and blend: by depth along the axis."""
-    rule = BlendRule("gsplat")
+    """How viewers of the web order and blend: by distance, without what is too near."""
+    rule = BlendRule()
     rule.near_z = _NEAR
     return rule
 
@@ -47,6 +49,8 @@ class EwaSplats:
         camera: of the model "pinhole".
         camera_from_world: (4, 4).
         dilation: variance that the screen adds, px^2.
+        shrink: factor of what is drawn; PlayCanvas' viewers end a Gaussian by taking off what is
+            left of it at the border, which looks like `PLAYCANVAS_SHRINK`.
 
     Attributes:
         discs: N Gaussians that the exact renderer draws as EWA splats of `gaussians`.
@@ -61,7 +65,9 @@ class EwaSplats:
         camera: _core.Camera,
         camera_from_world: np.ndarray,
         dilation: float = DILATION,
+        shrink: float = 1.0,
     ) -> None:
+        self._log_shrink = np.log(shrink)
         focal = camera.params[0]
         if camera.model != "pinhole" or abs(camera.params[1] - focal) > 1e-6 * focal:
             raise InputError("EWA splats need a pinhole camera with square pixels")
@@ -101,7 +107,7 @@ class EwaSplats:
         quats = quaternion_products(world, np.stack([c, zero, zero, s], axis=1))
         # Its derivative by the angle.
         self._tangent = quaternion_products(world, np.stack([-s, zero, zero, c], axis=1) / 2)
-        logs = 0.5 * np.log(np.stack([self._large, self._small], axis=1))
+        logs = 0.5 * np.log(np.stack([self._large, self._small], axis=1)) + self._log_shrink
         thin = logs[:, 1:] + np.log(_THICKNESS)
         g = self._g
         self.discs = Gaussians(
@@ -150,10 +156,12 @@ def render_ewa(
     *,
     background: Sequence[float] = (0.0, 0.0, 0.0),
     dilation: float = DILATION,
+    shrink: float = 1.0,
     dtype: str = "float32",
 ) -> Render:
     """The picture that viewers draw of Gaussians, see `EwaSplats` and `render`."""
-    discs = EwaSplats(gaussians.astype(np.dtype(dtype)), camera, camera_from_world, dilation).discs
+    g = gaussians.astype(np.dtype(dtype))
+    discs = EwaSplats(g, camera, camera_from_world, dilation, shrink).discs
     return render(
         discs, camera, camera_from_world, background=background, blend=viewer_rule(), dtype=dtype
     )

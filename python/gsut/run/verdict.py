@@ -35,7 +35,7 @@ class Verdict:
 
     @classmethod
     def of(cls, values: dict[str, Any]) -> Verdict:
-        """From the values that `as_dict` gave."""
+        """From the values that `as_dict` gave, also through JSON."""
         return cls(**{**values, "reasons": tuple(values["reasons"])})
 
     def as_dict(self) -> dict[str, Any]:

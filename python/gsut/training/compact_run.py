@@ -274,5 +274,6 @@ def write_compacted_run(
         "compact_seconds": compactor.compact_seconds,
         "finetune_seconds": compactor.finetune_seconds,
     }
-    write_results(run, gaussians, metrics, scene if source.read_json(REFINED) is not None else None)
+    refined = scene if source.read_json(REFINED) is not None else None
+    write_results(run, gaussians, metrics, scene.path, refined)
     return run

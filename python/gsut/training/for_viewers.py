@@ -57,6 +57,7 @@ def tune_for_viewers(
     steps: int = VIEWER_STEPS,
     *,
     background: Sequence[float] = (0.0, 0.0, 0.0),
+    shrink: float = 1.0,
     seed: int = 0,
     on_step: Callable[[int, float], object] = lambda step, loss: None,
 ) -> ForViewers:
@@ -70,6 +71,7 @@ def tune_for_viewers(
         gaussians: trained, of the same world.
         steps: one picture each.
         background: colour behind everything.
+        shrink: of the viewers' splats, see `EwaSplats`.
         seed: of fields of view, windows and turns.
         on_step: called after each step with its number and loss.
 
@@ -94,7 +96,7 @@ def tune_for_viewers(
         camera = _window(rng)
         pose = _turned(rng, scene, view)
         truth = render(teacher, camera, pose, background=background).image
-        splats = EwaSplats(optimizer.gaussians, camera, pose)
+        splats = EwaSplats(optimizer.gaussians, camera, pose, shrink=shrink)
         image = np.zeros_like(truth)
         renderer.render(
             splats.discs, camera, pose, rule, tuple(background), teacher.sh_degree,
@@ -110,7 +112,7 @@ def tune_for_viewers(
         optimizer.step(gradients, _rates(step / steps, extent), touched)
         on_step(step, float(loss))
     tuned = optimizer.gaussians.copy()
-    before, after = _compared(scene, teacher, (teacher, tuned), background)
+    before, after = _compared(scene, teacher, (teacher, tuned), background, shrink)
     return ForViewers(tuned.translated(shift), before, after)
 
 
@@ -151,7 +153,11 @@ def _seen_angle(camera: Camera) -> float:
 
 
 def _compared(
-    scene: Scene, teacher: Gaussians, candidates: Sequence[Gaussians], background: Sequence[float]
+    scene: Scene,
+    teacher: Gaussians,
+    candidates: Sequence[Gaussians],
+    background: Sequence[float],
+    shrink: float,
 ) -> list[float]:
     """Mean PSNR of each candidate's EWA pictures against the teacher's exact ones."""
     rows = list(scene.test_indices or scene.train_indices)
@@ -164,6 +170,8 @@ def _compared(
             camera = _pinhole(float(field), _SCREEN, (0, 0))
             truth = np.clip(render(teacher, camera, pose, background=background).image, 0, 1)
             for i, gaussians in enumerate(candidates):
-                image = render_ewa(gaussians, camera, pose, background=background).image
+                image = render_ewa(
+                    gaussians, camera, pose, background=background, shrink=shrink
+                ).image
                 sums[i] += psnr(truth, np.clip(image, 0, 1))
     return [float(total) / (len(rows) * len(fields)) for total in sums]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from gsut.data import Scene
-from gsut.evaluate import evaluate, run_metrics, write_report
+from gsut.evaluate import evaluate, mean_psnr, run_metrics, train_verdict, write_report
 from gsut.formats import for_file, place_text, save_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import evaluate_aligned, write_refined
@@ -15,6 +16,7 @@ from gsut.run import RunFolder, TrainOptions
 from gsut.training.loop import TrainingLoop
 
 _MOST_MEASURED = 8  # training views that are looked at where none is held out
+_BESIDE = 4  # training views that are looked at beside held-out ones
 
 
 def measure(
@@ -71,20 +73,29 @@ def measure_training(
         run, steps=loop.step, train_seconds=loop.seconds, align=loop.options.refine_poses,
         light=loop.photographs.light(),
     )  # fmt: skip
+    if scene.test_indices:
+        some = scene.train_indices[:: -(-len(scene.train_indices) // _BESIDE)]
+        metrics["psnr_train"] = mean_psnr(scene, gaussians, some, loop.options.background)
     if loop.refiner is not None:
         metrics["refinement"] = loop.refiner.figures()
     return scene, metrics
 
 
 def write_results(
-    run: RunFolder, gaussians: Gaussians, metrics: dict[str, Any], refined: Scene | None
+    run: RunFolder,
+    gaussians: Gaussians,
+    metrics: dict[str, Any],
+    data: Path,
+    refined: Scene | None,
 ) -> None:
     """Writes scene.ply, metrics.json, report.html and, where poses were refined, these.
 
     Args:
         run: the folder.
         gaussians: in the coordinates whose zero lies at the metrics' world_offset.
-        metrics: see `run_metrics`; what could not be written is added to its notes.
+        metrics: see `run_metrics`; what could not be written is added to its notes, and the
+            verdict.
+        data: the dataset's path, for the verdict's advice.
         refined: the scene with refined poses, or None.
     """
     in_dataset = gaussians.translated(metrics["world_offset"])
@@ -95,6 +106,8 @@ def write_results(
     if refined is not None:
         metrics["notes"] += _refinement_notes(metrics)
         write_refined(run, refined)
+    verdict = train_verdict(metrics, str(data), str(run.path))
+    metrics["verdict"] = verdict.as_dict()
     run.write_json("metrics.json", metrics)
     write_report(run)
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 import collections
 import math
 import tempfile
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut._core import InputError
+from gsut._core import CalibrationError, InputError
 from gsut.lens import (
     Camera,
     camera_values,
@@ -24,7 +26,7 @@ from gsut.lens import (
     with_field_of_view,
 )
 
-_KEPT = 12  # cameras at a size, whose rays are kept
+_MOST_PIXELS = 12_000_000  # of cameras at a size, which keep their rays: 24 bytes each
 _MOST_SLIDERS = 24  # parameters with a slider
 _MODELS_OF_TABLES = ("control_points",)  # parameters without sliders: a table of them
 
@@ -42,21 +44,24 @@ class Lenses:
         self._resized: collections.OrderedDict[tuple[int, int, int], Camera] = (
             collections.OrderedDict()
         )
+        self._lock = threading.RLock()  # each request has a thread of its own
 
     def add(self, camera: Camera) -> int:
         """The number of a lens, new or known."""
-        if camera not in self._numbers:
-            self._lenses.append(camera)
-            self._numbers[camera] = len(self._lenses) - 1
-        return self._numbers[camera]
+        with self._lock:
+            if camera not in self._numbers:
+                self._lenses.append(camera)
+                self._numbers[camera] = len(self._lenses) - 1
+            return self._numbers[camera]
 
     def replace(self, cameras: Sequence[Camera]) -> None:
         """The dataset's lenses have moved."""
-        for number, camera in enumerate(cameras):
-            if self._lenses[number] != camera:
-                self._lenses[number] = camera
-                for key in [key for key in self._resized if key[0] == number]:
-                    del self._resized[key]
+        with self._lock:
+            for number, camera in enumerate(cameras):
+                if self._lenses[number] != camera:
+                    self._lenses[number] = camera
+                    for key in [key for key in self._resized if key[0] == number]:
+                        del self._resized[key]
 
     def at(self, number: int, width: int, height: int) -> Camera:
         """A lens scaled to an image of this size.
@@ -70,12 +75,16 @@ class Lenses:
         if (lens.width, lens.height) == (width, height):
             return lens
         key = (number, width, height)
-        if key not in self._resized:
-            self._resized[key] = lens.resized(width, height)
-            if len(self._resized) > _KEPT:
-                self._resized.popitem(last=False)
-        self._resized.move_to_end(key)
-        return self._resized[key]
+        with self._lock:
+            if key not in self._resized:
+                self._resized[key] = lens.resized(width, height)
+                while len(self._resized) > 1 and self._pixels() > _MOST_PIXELS:
+                    self._resized.popitem(last=False)
+            self._resized.move_to_end(key)
+            return self._resized[key]
+
+    def _pixels(self) -> int:
+        return sum(width * height for _, width, height in self._resized)
 
     def describe(self, number: int) -> dict[str, Any]:
         """What the page knows of a lens: its values, its sliders and its field."""
@@ -94,7 +103,7 @@ class Lenses:
 
         Args:
             wanted: one of "path" of a lens file, or the name of a lens that is known; "name" and
-                "text" of a lens file; "model", for an example of it; "id" of a lens. Then, if
+                "base64" of a lens file; "model", for an example of it; "id" of a lens. Then, if
                 given, "params" replace its first parameters, "fit" [width, height] gives it that
                 shape of image, and "field_of_view" in degrees, across the image, scales its focal
                 lengths.
@@ -108,7 +117,7 @@ class Lenses:
                 raise InputError(f"{path}: no such lens file")
             lens = load_lens(path)
         elif wanted.get("name"):
-            lens = _uploaded(str(wanted["name"]), str(wanted.get("text", "")))
+            lens = _uploaded(str(wanted["name"]), str(wanted.get("base64", "")))
         elif wanted.get("model"):
             lens = _example(str(wanted["model"]))
         else:
@@ -123,12 +132,15 @@ class Lenses:
         return self.add(lens)
 
 
-def _uploaded(name: str, text: str) -> Camera:
-    """The lens of a file's text; its name chooses the format."""
+def _uploaded(name: str, content: str) -> Camera:
+    """The lens of a file's content in base64; its name chooses the format."""
     with tempfile.TemporaryDirectory(prefix="gsut-lens-") as folder:
         path = Path(folder) / Path(name).name
-        path.write_text(text)
-        return load_camera(path)
+        path.write_bytes(base64.b64decode(content))
+        try:
+            return load_camera(path)
+        except (InputError, CalibrationError) as error:  # the folder is of no use to anybody
+            raise InputError(str(error).replace(f"{folder}/", "")) from None
 
 
 def _example(model: str) -> Camera:

@@ -132,20 +132,25 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         # A foreign page whose name was made to lead here does not know the token either.
         if self.hosts is not None and self.headers.get("Host") not in self.hosts:
             return self._refuse(403, "gsut view answers on the loopback only; see --host")
-        name = rest[0] if rest else ""
+        self._send(*self._reply(rest[0] if rest else "", values))
+
+    def _reply(self, name: str, values: dict[str, Any]) -> tuple[int, Reply]:
+        """The status and what the route answers with; every failure is a sentence."""
         try:
             if name in self.routes:
-                return self._send(200, self.routes[name](values))
-            return self._send(200, _page_file(name or "view.html"))
+                return 200, self.routes[name](values)
+            return 200, _page_file(name or "view.html")
         except FileNotFoundError:
-            return self._refuse(404, f"there is no {name!r} here")
+            return 404, _error(f"there is no {name!r} here")
         except (InputError, CalibrationError, SolveError) as error:
-            return self._refuse(400, " ".join(str(error).split()))
+            return 400, _error(" ".join(str(error).split()))
         except (KeyError, TypeError, ValueError) as error:
-            return self._refuse(400, f"{name}: the request is not whole: {error!r}")
+            return 400, _error(f"{name}: the request is not whole: {error!r}")
+        except Exception as error:
+            return 500, _error(f"{name} failed: {error!r}")
 
     def _refuse(self, status: int, sentence: str) -> None:
-        self._send(status, Reply({"error": sentence}))
+        self._send(status, _error(sentence))
 
     def _send(self, status: int, reply: Reply) -> None:
         content, kind = reply.content, reply.kind
@@ -165,6 +170,10 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 
     def log_message(self, *_: object) -> None:
         """Frames are not worth a line each."""
+
+
+def _error(sentence: str) -> Reply:
+    return Reply({"error": sentence})
 
 
 def _page_file(name: str) -> Reply:

@@ -296,13 +296,14 @@ const KEYS = {
 };
 function onKeyDown(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || $("help").open) return;
-  if (/^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName) && !/^(checkbox|radio)$/.test(event.target.type)) return;
-  if (event.target.type === "radio" && event.code.startsWith("Arrow")) return;
+  if (/^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName) && !/^(checkbox|radio|range)$/.test(event.target.type)) return;
+  if (/^(radio|range)$/.test(event.target.type) && /^(Arrow|Home)/.test(event.code)) return;
   const digit = /^Digit([1-6])$/.exec(event.code);
   if (event.key === "?") $("help").showModal();
   else if (digit) choose("modes", scene.modes[digit[1] - 1]);
   else if (event.code in KEYS) KEYS[event.code]();
   else if (event.code in WALK || event.code in LOOK || event.code.startsWith("Shift")) {
+    flight++;
     if (!held.size) { clock = performance.now(); requestAnimationFrame(walk); }
     held.add(event.code);
     if (event.code in LOOK) event.preventDefault();
@@ -582,7 +583,7 @@ function connect() {
   for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, onPointerUp);
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener("dblclick", guarded(setPivot));
-  canvas.addEventListener("wheel", (event) => { event.preventDefault(); dolly(-Math.sign(event.deltaY) * Math.min(0.25, Math.abs(event.deltaY) / 500)); }, { passive: false });
+  canvas.addEventListener("wheel", (event) => { event.preventDefault(); flight++; dolly(-Math.sign(event.deltaY) * Math.min(0.25, Math.abs(event.deltaY) / 500)); }, { passive: false });
   addEventListener("keydown", onKeyDown);
   addEventListener("keyup", (event) => held.delete(event.code));
   addEventListener("blur", () => held.clear());
@@ -625,7 +626,12 @@ function connect() {
     makeLens({ id: lens.id, field_of_view: Number($("fov").value) });
   });
   on("lens-form", "submit", (event) => { event.preventDefault(); return makeLens({ path: $("lens-path").value }); });
-  on("lens-file", "change", async () => { const file = $("lens-file").files[0]; if (file) await makeLens({ name: file.name, text: await file.text() }); });
+  on("lens-file", "change", async () => {
+    const file = $("lens-file").files[0];
+    if (!file) return;
+    const bytes = new Uint8Array(await file.arrayBuffer());
+    await makeLens({ name: file.name, base64: btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join("")) });
+  });
   on("key-add", "click", () => { state.keys.push(state.exact ?? poseOf(state.eye)); keysChanged(); toast(`keyframe ${state.keys.length}`, 1.5); });
   on("key-remove", "click", () => { state.keys.pop(); keysChanged(); });
   on("key-save", "click", async () => {

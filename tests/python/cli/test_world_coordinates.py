@@ -207,8 +207,11 @@ def test_every_format_keeps_the_place_or_says_that_it_cannot(case, tmp_path, cap
         if each.read is None or (each.name == "USD" and find_spec("pxr") is None):
             continue
         out = tmp_path / f"scene{each.suffixes[0]}"
-        assert main(["convert", str(run), str(out), "--json"]) == 0
-        said = " ".join(json.loads(capsys.readouterr().out)["left_out"])
+        status, told = main(["convert", str(run), str(out), "--json"]), capsys.readouterr()
+        if "pip install" in told.err:  # an optional library that is not here
+            continue
+        assert status == 0
+        said = " ".join(json.loads(told.out)["left_out"])
         found = gsut.load_gaussians(out)
         away = np.median(found.means, axis=0) - np.median(source.means, axis=0)
         assert np.linalg.norm(away) < tolerances.FORMATS_IN_PLACE

@@ -194,6 +194,21 @@ def test_gltf_is_half_a_turn_about_z_away(tmp_path, rng):
     np.testing.assert_array_equal(means, g.means * [-1, -1, 1])
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"[" * 100000, "is no JSON"),
+        (b"{}", "no glTF file of Gaussians"),
+        (b'{"meshes": [{"primitives": [{"attributes": {}}]}]}', "0 meshes with KHR"),
+    ],
+)
+def test_wrong_gltf_file_is_refused_in_a_sentence(tmp_path, text, message):
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", 0, b"BIN\0")
+    (tmp_path / "a.glb").write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+    with pytest.raises(InputError, match=message):
+        formats.load_gaussians(tmp_path / "a.glb")
+
+
 def test_usd_is_valid_and_has_w_x_y_z_of_a_turned_scene(tmp_path, rng):
     usd = pytest.importorskip("pxr.Usd", reason="usd-core reads USD")
     validation = pytest.importorskip("pxr.UsdValidation")

@@ -45,8 +45,10 @@ WRONG = {
     "no means": (lambda m: with_meta(m, lambda x: x.pop("means")), "lacks what SOG needs"),
     "palette": (lambda m: with_meta(m, lambda x: x["shN"].update(count=10**9)), "1 to 65536"),
     "label": (lambda m: with_meta(m, lambda x: x["shN"].update(count=1)), "pixels|beyond"),
+    "infinite": (lambda m: with_meta(m, lambda x: x.update(count=float("inf"))), "lacks what SOG"),
+    "deep": (lambda m: m | {"meta.json": b"[" * 100000}, "lacks what SOG needs"),
     "no meta": (lambda m: {k: v for k, v in m.items() if k != "meta.json"}, "meta.json is missing"),
-    "huge image": (lambda m: m | {"quats.webp": webp(16000, 16000)}, "16000 x 16000 pixels"),
+    "huge image": (lambda m: m | {"quats.webp": webp(4000, 4000)}, "4000 x 4000 pixels"),
     "lossy image": (lambda m: m | {"quats.webp": webp(20, 16, False)}, "no lossless WebP"),
     "bomb": (lambda m: m | {"scales.webp": bytes(10**8)}, "scales.webp has more than"),
 }

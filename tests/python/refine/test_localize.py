@@ -2,6 +2,7 @@
 
 import json
 
+import cv2
 import numpy as np
 import pytest
 
@@ -100,3 +101,42 @@ def test_localize_refuses_other_shapes_and_masks(run, tmp_path, capsys):
     photo = photograph(tmp_path / "photo.png", g, poses()[1], 48)
     assert main(["localize", str(photo), "--run", str(folder), "--mask", str(image)]) == 2
     assert "a mask has its image's size" in capsys.readouterr().err
+
+
+def test_photograph_of_another_place_is_refused_with_the_evidence(run, tmp_path, capsys):
+    folder, _ = run
+    elsewhere = np.random.default_rng(5).integers(0, 256, (12, 12, 3), dtype=np.uint8)
+    image = tmp_path / "photo.png"
+    write_png(image, cv2.resize(elsewhere, (48, 48), interpolation=cv2.INTER_CUBIC))
+    assert main(["localize", str(image), "--run", str(folder)]) == 2
+    said = capsys.readouterr().err
+    assert (
+        "was not found in the scene" in said
+        and "details correlate" in said
+        and "features agree" in said
+    )
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.95, 1.08])
+def test_stated_uncertainty_covers_the_error_also_of_a_wrong_focal_length(
+    run, tmp_path, capsys, factor
+):
+    folder, g = run
+    pose = gsut.exp_pose([0.1, -0.05, 0.1, 0.03, -0.05, 0.02]) @ poses()[4]
+    image = photograph(tmp_path / "photo.png", g, pose, 48)
+    params = np.array(pinhole(48).params)
+    params[:2] *= factor
+    lens = tmp_path / "lens.json"
+    pinhole(48).with_params(params).save(lens)
+    assert (
+        main(["localize", str(image), "--run", str(folder), "--camera", str(lens), "--json"]) == 0
+    )
+    told = capsys.readouterr()
+    found = json.loads(told.out)
+    error = np.abs(np.array(found["center"]) + pose[:3, :3].T @ pose[:3, 3])
+    print(factor, found["focal_scale"], error, found["center_std"])
+    assert (error < 3 * np.array(found["center_std"])).all()
+    assert abs(found["focal_scale"] * factor - 1) < tolerances.LOCALIZED_FOCAL
+    capsys.readouterr()
+    assert main(["localize", str(image), "--run", str(folder), "--camera", str(lens)]) == 0
+    assert ("focal length times" in capsys.readouterr().err) == (factor != 1.0)

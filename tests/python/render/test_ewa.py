@@ -36,7 +36,7 @@ def direct(g, pose):
     image, left = np.zeros((HEIGHT, WIDTH, 3)), np.ones((HEIGHT, WIDTH))
     v, u = np.mgrid[:HEIGHT, :WIDTH] + 0.5
     center = -pose[:3, :3].T @ pose[:3, 3]
-    for i in np.argsort(at[:, 2]):
+    for i in np.argsort(np.linalg.norm(at, axis=1)):
         z = at[i, 2]
         x, y = (np.clip(at[i, k] / z, -m, m) * z for k, m in enumerate(1.3 * np.array([0.8, 0.6])))
         jacobian = np.array([[FOCAL, 0, -FOCAL * x / z], [0, FOCAL, -FOCAL * y / z]]) / z

@@ -1,6 +1,8 @@
 """A training that is looked at: the same bits, drawn between its steps, paused and stopped."""
 
+import json
 import threading
+import urllib.request
 
 import cv2
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 
 import gsut
 import rendered_dataset
+from gsut.cli import main
 from gsut.view import LiveTraining
 from gsut.view.frames import MODES
 
@@ -114,3 +117,23 @@ def test_training_pauses_goes_on_and_stops_with_what_there_is(scene, tmp_path):
     resumed = gsut.train(scene, options(), out=tmp_path / "run", resume=True, progress=False)
     unbroken = gsut.train(scene, options(), progress=False)
     assert bits(resumed) == bits(unbroken)
+
+
+def test_train_view_serves_the_finished_scene_until_the_end(scene, tmp_path, monkeypatch, capsys):
+    told = {}
+
+    def wait_for_end():
+        address = next(word for word in capsys.readouterr().err.split() if "http://" in word)
+        with urllib.request.urlopen(address + "training", timeout=30) as reply:
+            told.update(json.loads(reply.read()))
+        frame = json.dumps(request(scene)).encode()
+        with urllib.request.urlopen(address + "frame", frame, timeout=30) as reply:
+            told["frame"] = cv2.imdecode(np.frombuffer(reply.read(), np.uint8), 1)
+
+    monkeypatch.setattr("gsut.cli.view.wait_for_end", wait_for_end)
+    words = ["train", str(scene.path), "-o", str(tmp_path / "run"), "--steps", "8", "--quiet"]
+    assert main([*words, "--view", "--no-open", "--init-count", "500"]) == 0
+    assert (told["state"], told["step"], told["steps"]) == ("finished", 8, 8)
+    gaussians = gsut.load_ply(tmp_path / "run/scene.ply")
+    truth = gsut.render(gaussians, scene.cameras[0], scene.views[0].camera_from_world)
+    np.testing.assert_array_equal(told["frame"][..., ::-1], gsut.to_uint8(truth.image))

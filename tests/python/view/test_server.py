@@ -102,7 +102,8 @@ def test_other_files_are_not_served(server, name):
         ("lens", {"model": "pinhole", "params": [-1, 1, 1, 1]}, "pinhole"),
         ("lens", {"model": "pinhole", "params": []} | {"field_of_view": 200}, "cannot span 200"),
         ("lens", {"path": "/no/lens.yaml"}, "no such lens file"),
-        ("lens", {"name": "a.yaml", "text": "not: a lens"}, "a.yaml"),
+        ("lens", {"name": "a.yaml", "base64": "bm90OiBhIGxlbnM="}, "a.yaml: "),
+        ("lens", {"name": "a.yaml", "base64": "abc"}, "not whole"),
         ("photo", {"view": 0}, "no photographs here"),
         ("film", {"keys": [], "frame": frame()}, "two keyframes"),
         ("film.file", {}, "no film yet"),
@@ -114,6 +115,17 @@ def test_bad_request_is_refused_in_a_sentence(server, name, values, words):
     assert reply.status == 400
     assert words in sentence(data)
     assert "\n" not in sentence(data)
+
+
+def test_failure_of_a_route_is_told_and_the_server_goes_on():
+    def broken(values):
+        raise RuntimeError("out of paper")
+
+    with ViewServer({"broken": broken}) as server:
+        for _ in range(2):
+            reply, data = ask(server, f"/{server.token}/broken")
+            assert reply.status == 500
+            assert sentence(data) == "broken failed: RuntimeError('out of paper')"
 
 
 def test_no_json_is_refused(server):

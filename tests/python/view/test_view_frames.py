@@ -1,5 +1,6 @@
 """Frames: the renderer's own pixels, and what is drawn over and made of them."""
 
+import base64
 import dataclasses
 import json
 import time
@@ -120,6 +121,19 @@ def test_error_is_nothing_where_the_photograph_is_the_render(session, scene, gau
 def test_distance_tells_the_range_of_its_colours(session, scene):
     near, far = map(float, session.frame(wanted(scene, mode="distance")).headers["X-Span"].split())
     assert 0 < near < far < 20
+
+
+@pytest.mark.parametrize(
+    "camera", [pinhole(40), fisheye(40, degrees=150)], ids=["pinhole", "fisheye"]
+)
+def test_normals_of_a_plane_point_back_at_the_camera(session, camera):
+    rays = camera.rays()[0]
+    distance = np.where(rays[..., 2] > 0.3, 2 / rays[..., 2], np.nan)  # the plane z = 2
+    session.frames.axes = np.eye(3)
+    colors = session.frames._normals(camera, np.eye(4), distance)[10:-10, 10:-10]
+    seen = np.isfinite(distance)[10:-10, 10:-10] & (colors.max(axis=2) > 0)
+    assert seen.mean() > 0.8
+    assert np.abs(colors[seen].astype(int) - [128, 128, 0]).max() <= 1  # (0, 0, -1)
 
 
 def test_layers_are_drawn_over_the_frame(session, scene):
@@ -257,3 +271,13 @@ def test_frustum_reaches_where_the_lens_sees():
     assert rays.shape == (8, 3)
     np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1, atol=1e-12)
     assert camera.project(rays)[1].all()
+
+
+@pytest.mark.parametrize("name", ["a.lens.json", "cameras.bin", "cameras.txt"])
+def test_uploaded_lens_file_is_read(tmp_path, name):
+    fisheye(40).save(tmp_path / name)
+    content = base64.b64encode((tmp_path / name).read_bytes()).decode()
+    lenses = Lenses([pinhole(40)])
+    value = lenses.describe(lenses.make({"name": name, "base64": content}))
+    assert (value["model"], value["width"]) == ("kannala_brandt", 40)
+    np.testing.assert_allclose(value["params"][:4], fisheye(40).params)

@@ -1,0 +1,99 @@
+"""What is looked at before time is spent on a dataset, and what `gsut doctor` adds to the files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+from gsut._core import InputError
+from gsut.check.matches import ImagePair
+from gsut.check.photographs import check_photographs, gather_evidence
+from gsut.check.points import check_points_frame
+from gsut.data import (
+    SEVERITIES,
+    TEST_EVERY,
+    Finding,
+    Scene,
+    check_colors,
+    check_lenses,
+    check_points,
+    check_poses,
+    load_dataset,
+)
+from gsut.data import diagnose as diagnose_files
+
+_VIEWS = 5  # whose colours are compared with the points'
+
+
+def check_scene(scene: Scene, matches: list[ImagePair] | None = None) -> list[Finding]:
+    """The doctor's checks that take seconds: lens, poses and points, against some photographs.
+
+    Args:
+        scene: from `load_dataset`; some of its images are decoded.
+        matches: from `neighbouring_matches`, where they are known already.
+
+    Returns:
+        Findings, errors first.
+    """
+    findings = [*check_lenses(scene), *check_poses(scene), *check_points(scene)]
+    return _sorted([*findings, *check_against_photographs(scene, _VIEWS, matches)])
+
+
+def check_against_photographs(
+    scene: Scene, color_views: int | None = None, matches: list[ImagePair] | None = None
+) -> list[Finding]:
+    """Poses and lens by matches of neighbouring photographs; points by distances and colours.
+
+    Args:
+        scene: from `load_dataset`.
+        color_views: views whose colours are compared; None: the colours were compared before.
+        matches: where they are known already.
+    """
+    evidence = gather_evidence(scene.about((0.0, 0.0, 0.0)), matches)
+    findings = check_photographs(scene, evidence)
+    if any(finding.severity == "error" for finding in findings):
+        return findings  # what follows from it needs no words of its own
+    points = check_points_frame(scene, evidence)
+    if points or color_views is None:
+        return [*findings, *points]
+    return [*findings, *check_colors(scene, views=color_views, progress=False)]
+
+
+def diagnose(
+    path: str | os.PathLike, *, test_every: int = TEST_EVERY, progress: bool = True
+) -> list[Finding]:
+    """Reads a dataset without stopping at the first error, and looks at all of it.
+
+    Files, sizes and poses; every image is decoded; blur, exposure and repeats; lens domain; cameras
+    against points; colours of points against pixels; memory; and poses and lens against the
+    photographs: where they contradict each other, what was probably meant is named.
+
+    Args:
+        path: a folder with transforms.json, a COLMAP model or images with lens and poses; or a
+            transforms.json file itself.
+        test_every: hold out every n-th image by name, 0 for none.
+        progress: show bars while images are decoded.
+
+    Returns:
+        Findings, errors first. Training can start if none has severity "error".
+    """
+    findings = diagnose_files(path, test_every=test_every, progress=progress)
+    if any(finding.severity == "error" for finding in findings):
+        return findings
+    return _sorted([*findings, *check_against_photographs(load_dataset(path, test_every=0))])
+
+
+def stop_at_errors(findings: Sequence[Finding], force: bool) -> None:
+    """Raises InputError for the first error of the findings, unless `force`."""
+    errors = [finding for finding in findings if finding.severity == "error"]
+    if errors and not force:
+        more = f" (and {len(errors) - 1} more: gsut doctor)" if len(errors) > 1 else ""
+        first = errors[0]
+        raise InputError(
+            f"{first.where}: {first.what}; {first.advice}{more}; --force goes on as it is"
+        )
+
+
+def _sorted(findings: Sequence[Finding]) -> list[Finding]:
+    unique = dict.fromkeys(findings)
+    return sorted(unique, key=lambda finding: SEVERITIES.index(finding.severity))

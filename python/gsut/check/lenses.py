@@ -1,0 +1,254 @@
+"""Other lenses than the dataset's: scaled, shifted, of another model, with or without k."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.check.geometry import Matches, angular_errors, pixels_per_radian, rays_of
+from gsut.lens import Camera
+
+_SIZES = (0.25, 1 / 3, 0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0, 3.0, 4.0)
+_FOCALS = tuple(np.exp(np.arange(-70, 71) / 100))  # a hundredth apart, to half and double
+_FISHEYE_K1 = (0.0, 0.02, 0.05, -0.02, -0.05)
+_BARREL_K1 = (-0.4, -0.3, -0.2, -0.1, -0.05, 0.05, 0.1)
+_ITERATIONS = 8
+_NORMAL = 1.4826  # standard deviation of a normal law over the median of its sizes
+_FEWEST = 40  # matches that four numbers are fitted to
+
+
+@dataclasses.dataclass(frozen=True)
+class OtherLens:
+    """Lenses that the dataset's may have been meant to be.
+
+    Args:
+        name: completes "the photographs fit ...".
+        advice: the edit that mends the data.
+        cameras: one for each of the dataset's.
+    """
+
+    name: str
+    advice: str
+    cameras: list[Camera]
+
+
+@dataclasses.dataclass(frozen=True)
+class LensFit:
+    """What the matches say about the lens where the poses are taken to be right.
+
+    Args:
+        values: (4,) logarithm of the factor on the focal lengths; pixels to add to cx and cy;
+            factor minus 1 on the distance from the centre, at half the image's diagonal.
+        sigmas: (4,) standard deviations, pairs of images taken as independent.
+        diagonal: of the image, pixels.
+    """
+
+    values: np.ndarray
+    sigmas: np.ndarray
+    diagonal: float
+
+    def apply(self, cameras: Sequence[Camera], matches: Matches) -> np.ndarray:
+        """(2, M, 3) the rays of the matches through the lenses as they were fitted."""
+        return _moved_rays(cameras, matches, self.values)
+
+    @property
+    def moves(self) -> np.ndarray:
+        """(3,) how far focal length, principal point and distortion move pixels, in thousandths of
+        the diagonal: at a quarter of it from the centre, the distortion at half of it."""
+        scale, dx, dy, radial = np.abs(self.values)
+        return 1000 * np.array([scale / 4, np.hypot(dx, dy) / self.diagonal, radial / 2])
+
+    @property
+    def significance(self) -> np.ndarray:
+        """(3,) of the same, in standard deviations."""
+        ratio = np.abs(self.values) / np.maximum(self.sigmas, 1e-12)
+        return np.array([ratio[0], max(ratio[1], ratio[2]), ratio[3]])
+
+
+def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> LensFit:
+    """Least squares of the epipolar errors over one scale, shift and radial term for all lenses.
+
+    Iteratively reweighted (Cauchy), derivatives by differences. A lens scaled about its principal
+    point sees a pixel where it saw one nearer or farther: so pixels are moved, not lenses made.
+
+    Args:
+        cameras: the lenses; matches: their pixels; poses: (2, M, 4, 4) world_from_camera.
+    """
+    focal = pixels_per_radian(cameras[0])
+    steps = np.diag([1e-3, 0.1, 0.1, 1e-3])
+
+    def errors(x: np.ndarray) -> np.ndarray:
+        return angular_errors(_moved_rays(cameras, matches, x), poses, signed=True) * focal
+
+    x, covariance = np.zeros(4), np.full((4, 4), np.inf)
+    for _ in range(_ITERATIONS):
+        now = errors(x)
+        slopes = np.stack([(errors(x + d) - errors(x - d)) / (2 * d.max()) for d in steps], axis=1)
+        good = np.isfinite(now) & np.isfinite(slopes).all(axis=1)
+        if np.count_nonzero(good) < _FEWEST:
+            break
+        sigma = max(_NORMAL * float(np.median(np.abs(now[good]))), 0.05)
+        weight = 1 / (1 + (now[good] / (2 * sigma)) ** 2)
+        slope = slopes[good]
+        pull = weight[:, None] * slope * now[good, None]
+        bread = np.linalg.pinv(slope.T @ (weight[:, None] * slope), hermitian=True)
+        of_pairs = np.stack(
+            [np.bincount(matches.pair[good], column, len(matches.pairs)) for column in pull.T]
+        )
+        covariance = bread @ (of_pairs @ of_pairs.T) @ bread
+        x = x - np.clip(bread @ pull.sum(axis=0), [-0.2, -50, -50, -0.1], [0.2, 50, 50, 0.1])
+    return LensFit(x, np.sqrt(np.maximum(np.diag(covariance), 0.0)), matches.diagonal)
+
+
+def _moved_rays(cameras: Sequence[Camera], matches: Matches, x: np.ndarray) -> np.ndarray:
+    """(2, M, 3) rays of the matches with the lenses changed by the numbers of `LensFit.values`."""
+    centers = np.array([_principal_point(camera) for camera in cameras])[matches.lens]
+    away = (matches.pixels - x[1:3] - centers) / np.exp(x[0])
+    radius = np.linalg.norm(away, axis=-1, keepdims=True) / (matches.diagonal / 2)
+    moved = centers + away / (1 + x[3] * radius**2)
+    return rays_of(cameras, dataclasses.replace(matches, pixels=moved))
+
+
+def other_lenses(cameras: Sequence[Camera]) -> Iterator[OtherLens]:
+    """All other lenses that are tried, the likelier first."""
+    for name, advice, change in _changes():
+        try:
+            made = [change(camera) for camera in cameras]
+        except (InputError, ValueError, KeyError):
+            continue
+        known = [camera for camera in made if camera is not None]
+        if len(known) == len(cameras) and known != list(cameras):
+            yield OtherLens(name, advice, known)
+
+
+Change = Callable[[Camera], "Camera | None"]
+
+
+def _changes() -> Iterator[tuple[str, str, Change]]:
+    yield (
+        "a lens without distortion: they have been undistorted",
+        "give the lens that the undistorted photographs have (pinhole, no k), or the originals",
+        _undistorted,
+    )
+    yield (
+        "a fisheye (Kannala-Brandt) with these coefficients, not radial-tangential ones",
+        'name the model: camera_model "OPENCV_FISHEYE" (kannala_brandt)',
+        _as_fisheye,
+    )
+    yield (
+        "a radial-tangential lens (OpenCV) with these coefficients, not a fisheye",
+        'name the model: camera_model "OPENCV"',
+        _as_opencv,
+    )
+    yield (
+        "a principal point with cx and cy swapped",
+        "swap cx and cy (and width and height, where they are swapped, too)",
+        lambda c: _with(c, cx=c.params[3], cy=c.params[2]),
+    )
+    yield (
+        "a principal point mirrored in the image's middle",
+        "the images were turned by 180 degrees, or mirrored, after calibration: cx = width - cx",
+        lambda c: _with(c, cx=c.width - c.params[2], cy=c.height - c.params[3]),
+    )
+    yield (
+        "a principal point in the image's middle",
+        "set cx, cy to half of width and height",
+        lambda c: _with(c, cx=c.width / 2, cy=c.height / 2),
+    )
+    for s in _SIZES:
+        yield (
+            f"focal length and principal point times {s:.3g}: the lens is for images of another "
+            "size",
+            f"multiply fx, fy, cx and cy by {s:.4g}, or give the width and height they are for",
+            functools.partial(_scaled, scale=s, center=s),
+        )
+        yield (
+            f"a principal point times {s:.3g}",
+            f"multiply cx and cy by {s:.4g}: they are for images of another size",
+            functools.partial(_scaled, scale=1.0, center=s),
+        )
+    for s in _FOCALS:
+        yield (
+            f"a focal length times {s:.3f}",
+            f"multiply fx and fy by about {s:.3f}, or calibrate anew",
+            functools.partial(_with, scale=s),
+        )
+    for k in _FISHEYE_K1:
+        yield (
+            "a fisheye: they are not undistorted, as the lens says",
+            "give the lens file of the original photographs, or calibrate (gsut calibrate)",
+            functools.partial(_distorted, model="kannala_brandt", k1=k),
+        )
+    for k in _BARREL_K1:
+        yield (
+            f"a lens with distortion (k1 of about {k:g}): they are not undistorted, as the lens "
+            "says",
+            "give the lens file of the original photographs, or calibrate (gsut calibrate)",
+            functools.partial(_distorted, model="opencv4", k1=k),
+        )
+    yield (
+        "distortion of the other sign",
+        "the coefficients undistort where they should distort: change their signs, or take them "
+        "from the calibration as it was written",
+        lambda c: _with_distortion(c, -np.array(c.params[4:])),
+    )
+
+
+def _principal_point(camera: Camera) -> np.ndarray:
+    place, valid = camera.project(np.array([[0.0, 0.0, 1.0]]))
+    return place[0] if valid[0] else np.array([camera.width, camera.height]) / 2
+
+
+def _has_four(camera: Camera) -> bool:
+    return camera.param_names.split()[:4] == ["fx", "fy", "cx", "cy"]
+
+
+def _with(
+    camera: Camera, scale: float = 1.0, cx: float | None = None, cy: float | None = None
+) -> Camera | None:
+    if not _has_four(camera):
+        return None
+    params = np.array(camera.params)
+    params[:2] *= scale
+    params[2] = params[2] if cx is None else cx
+    params[3] = params[3] if cy is None else cy
+    return camera.with_valid_field_angle(None).with_params(params)
+
+
+def _scaled(camera: Camera, scale: float, center: float) -> Camera | None:
+    return _with(camera, scale, center * camera.params[2], center * camera.params[3])
+
+
+def _with_distortion(camera: Camera, values: np.ndarray) -> Camera | None:
+    if not _has_four(camera) or not np.any(values):
+        return None
+    params = np.concatenate([camera.params[:4], values])
+    return camera.with_valid_field_angle(None).with_params(params)
+
+
+def _undistorted(camera: Camera) -> Camera | None:
+    if not _has_four(camera) or camera.model == "pinhole":
+        return None
+    return Camera("pinhole", camera.params[:4], camera.width, camera.height)
+
+
+def _distorted(camera: Camera, model: str, k1: float) -> Camera | None:
+    if not _has_four(camera) or (len(camera.params) > 4 and np.any(camera.params[4:])):
+        return None
+    return Camera(model, [*camera.params[:4], k1, 0, 0, 0], camera.width, camera.height)
+
+
+def _as_fisheye(camera: Camera) -> Camera | None:
+    if not camera.model.startswith("opencv") or not _has_four(camera):
+        return None
+    return Camera("kannala_brandt", list(camera.params[:8]), camera.width, camera.height)
+
+
+def _as_opencv(camera: Camera) -> Camera | None:
+    if camera.model != "kannala_brandt":
+        return None
+    return Camera("opencv4", list(camera.params[:8]), camera.width, camera.height)

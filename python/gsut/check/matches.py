@@ -1,0 +1,113 @@
+"""Matches between photographs taken one after another: what poses and lens must explain."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import dataclasses
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError
+from gsut.data import Scene, decode_mask, frame_times
+from gsut.sfm import Features, PosesOptions, features_in
+
+_ANCHORS = 9  # places along the dataset at which neighbours are compared
+_STEPS = (1, 2)  # each anchor with the images so many places further
+_OPTIONS = PosesOptions(
+    max_features=700, max_megapixels=0.2, contrast=0.01, max_ratio=0.75, threads=0
+)
+_FEWEST = 16  # matches of a pair that counts
+_STILL = 0.004  # of the image's diagonal: what moves less, in a pair that moves, is on the lens
+_PER_PAIR = 250
+_BEFORE_NUMBER = re.compile(r"\d+\D*$")
+
+
+@dataclasses.dataclass(frozen=True)
+class ImagePair:
+    """Matched pixels of two images.
+
+    Args:
+        first, second: views of the scene.
+        pixels: (2, M, 2) float64, at the size of the scene's images.
+    """
+
+    first: int
+    second: int
+    pixels: np.ndarray
+
+
+def neighbouring_matches(scene: Scene) -> list[ImagePair]:
+    """Matches of some images with the next ones of the same camera, in the order of their names.
+
+    Args:
+        scene: some of its images are decoded and stay in its cache.
+
+    Returns:
+        Pairs with enough matches; empty where images show too little, or not the same.
+    """
+    wanted = _pairs(scene)
+    used = sorted({index for pair in wanted for index in pair})
+    with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as threads:
+        features = dict(zip(used, threads.map(lambda i: _features(scene, i), used), strict=True))
+    place = {index: number for number, index in enumerate(used)}
+    rows = np.array([[place[a], place[b]] for a, b in wanted], np.int64).reshape(-1, 2)
+    descriptors = [features[index].descriptors for index in used]
+    found = _core.match_pairs(descriptors, rows, _OPTIONS.max_ratio, _OPTIONS.max_distance)
+    pairs = []
+    for (a, b), matches in zip(wanted, found, strict=True):
+        pixels = np.stack([features[a].pixels[matches[:, 0]], features[b].pixels[matches[:, 1]]])
+        camera = scene.cameras[scene.views[a].camera_index]
+        moved = np.linalg.norm(pixels[1] - pixels[0], axis=1)
+        still = moved < _STILL * np.hypot(camera.width, camera.height)
+        if np.count_nonzero(~still) >= _FEWEST:
+            pixels = pixels[:, ~still]
+        if pixels.shape[1] >= _FEWEST:
+            pairs.append(ImagePair(a, b, pixels[:, :_PER_PAIR]))
+    return pairs
+
+
+def order_in_time(scene: Scene) -> list[list[int]]:
+    """The views of each camera, names alike but for a number, in the order of these numbers."""
+    groups: dict[tuple[str, int], list[int]] = {}
+    for index, view in enumerate(scene.views):
+        before = _BEFORE_NUMBER.sub("", view.name)
+        groups.setdefault((before, view.camera_index), []).append(index)
+    ordered = []
+    for group in groups.values():
+        times = frame_times([scene.views[index].name.rpartition("/")[2] for index in group])
+        ordered.append([group[place] for place in np.argsort(times, kind="stable")])
+    return ordered
+
+
+def _pairs(scene: Scene) -> list[tuple[int, int]]:
+    groups = order_in_time(scene)
+    total = sum(len(group) for group in groups)
+    pairs = []
+    for group in groups:
+        anchors = max(1, round(_ANCHORS * len(group) / total))
+        for place in np.unique(np.linspace(0, len(group) - 2, anchors).astype(int)):
+            pairs += [
+                (group[place], group[place + step])
+                for step in _STEPS
+                if place >= 0 and place + step < len(group)
+            ]
+    return pairs
+
+
+def _features(scene: Scene, index: int) -> Features:
+    """Wherever the dataset lets pixels count: which of them have a ray is what is asked."""
+    view = scene.views[index]
+    try:
+        pixels = scene.image(index)
+        valid = None if view.mask_path is None else decode_mask(view.mask_path)
+    except InputError:  # said by the checks of the files
+        pixels, valid = np.zeros((8, 8, 3), np.uint8), None
+    return features_in(pixels, valid, _OPTIONS)
+
+
+def describe(pairs: Sequence[ImagePair]) -> str:
+    """How much there is to go by."""
+    return f"{sum(p.pixels.shape[1] for p in pairs):,} matches in {len(pairs)} pairs of images"

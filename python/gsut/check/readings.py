@@ -1,0 +1,258 @@
+"""Other readings of a dataset's poses: axes, direction, quaternions, mirrors, another clock."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+
+from gsut._core import interpolate_pose
+from gsut.check.matches import order_in_time
+from gsut.data import OPENGL_FROM_OPENCV, Scene, inverse
+
+_GL = OPENGL_FROM_OPENCV[:3, :3]
+# A robot's body axes (x forward, y left, z up) from OpenCV's camera axes.
+_ROS = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+_CLOCK_SHIFTS = (-3.0, -2.0, -1.5, -1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """One way in which the poses may have been meant.
+
+    Args:
+        name: completes "the photographs fit these poses ...".
+        advice: the edit that mends the data.
+        poses: (V, B, 4, 4) world_from_camera as in the table, OpenCV axes.
+    """
+
+    name: str
+    advice: str
+    poses: np.ndarray
+
+
+def readings(scene: Scene, table: np.ndarray) -> Iterator[Reading]:
+    """All other readings, the likelier first.
+
+    Args:
+        scene: in the dataset's coordinates.
+        table: (V, B, 4, 4) its poses, see `PoseTable`.
+    """
+    loaded = table.reshape(-1, 4, 4)
+    file_axes = _GL if _is_opengl(scene) else np.eye(3)
+    matrices = loaded.copy()  # as the file has them
+    matrices[:, :3, :3] = loaded[:, :3, :3] @ file_axes
+    for reading in itertools.chain(
+        _as_matrices(matrices, file_axes), _by_clock(scene, table), _by_shutter(table),
+        _as_quaternions(matrices, file_axes), _mirrored(matrices, file_axes),
+    ):  # fmt: skip
+        yield dataclasses.replace(reading, poses=reading.poses.reshape(table.shape))
+
+
+def _is_opengl(scene: Scene) -> bool:
+    return (scene.path / "transforms.json").is_file() or scene.path.suffix == ".json"
+
+
+def _axes(file_axes: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """All 24 ways to name a camera's axes, the file's own first, then those in use."""
+    names = {"OpenCV": np.eye(3), "OpenGL": _GL, "ROS body": _ROS}
+    own = next(name for name, axes in names.items() if np.array_equal(axes, file_axes))
+    known = [(own, file_axes)] + [(n, axes) for n, axes in names.items() if n != own]
+    for axes in _signed_permutations():
+        if np.linalg.det(axes) > 0 and not any(np.array_equal(axes, other) for _, other in known):
+            known.append((f"x, y, z = {_in_words(axes)}", axes))
+    return known
+
+
+def _signed_permutations() -> Iterator[np.ndarray]:
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            yield np.eye(3)[list(order)] * np.array(signs)[:, None]
+
+
+def _in_words(axes: np.ndarray) -> str:
+    """Where each axis of the file's camera points, in OpenCV's words."""
+    words = (("right", "left"), ("down", "up"), ("forward", "backward"))
+    found = []
+    for row in axes:
+        axis = int(np.argmax(np.abs(row)))
+        found.append(words[axis][int(row[axis] < 0)])
+    return ", ".join(found)
+
+
+def _poses(rotation: np.ndarray, center: np.ndarray) -> np.ndarray:
+    result = np.tile(np.eye(4), (len(rotation), 1, 1))
+    result[:, :3, :3], result[:, :3, 3] = rotation, center
+    return result
+
+
+def _centers(rotation: np.ndarray, t: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
+    """The positions that a translation may stand for beside a rotation world_from_camera."""
+    return [
+        ("", "", t),
+        (
+            ", their translation as world-to-camera's",
+            " and t by -R @ t", -np.einsum("nij,nj->ni", rotation, t),
+        ),
+        (
+            ", their translation as minus the position in camera axes",
+            " and t by -R.T @ t", -np.einsum("nji,nj->ni", rotation, t),
+        ),
+    ]  # fmt: skip
+
+
+def _as_matrices(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Reading]:
+    r, t = matrices[:, :3, :3], matrices[:, :3, 3]
+    transposed = np.swapaxes(r, 1, 2)
+    minus = -np.einsum("nij,nj->ni", transposed, t)
+    wholes = [
+        ("", "M", r, t),
+        ("as world-to-camera", "inv(M)", transposed, minus),
+    ]
+    for (name, text, rotation, center), (number, (axes_name, axes)) in itertools.product(
+        wholes, enumerate(_axes(file_axes))
+    ):
+        if not name and number == 0:
+            continue
+        with_axes = f"with {axes_name} camera axes" if number else ""
+        product = f"{text} @ {_as_text(axes @ file_axes.T)}" if number else text
+        yield Reading(
+            " ".join(["read", *filter(None, (name, with_axes))]),
+            f"replace each matrix M of the poses by {product}",
+            _poses(rotation @ axes, center),
+        )
+    for name, rotation in (("", r), ("with the rotation transposed", transposed)):
+        for words, edit, center in _centers(rotation, t):
+            if not name and not words:
+                continue
+            for number, (axes_name, axes) in enumerate(_axes(file_axes)[:3]):
+                with_axes = f" and {axes_name} camera axes" if number else ""
+                yield Reading(
+                    f"read {name}{words}{with_axes}".replace("read ,", "read with"),
+                    f"replace R by {'R.T' if name else 'R'}{edit}",
+                    _poses(rotation @ axes, center),
+                )
+
+
+def _as_text(axes: np.ndarray) -> str:
+    """The edit of a camera-to-world matrix, as numpy writes it."""
+    if np.array_equal(axes, np.diag(np.diag(axes))):
+        signs = ", ".join(f"{int(value)}" for value in np.diag(axes))
+        return f"diag({signs}, 1)"
+    rows = "; ".join(" ".join(f"{int(value)}" for value in row) for row in axes)
+    return f"[{rows}] (3 x 3, of the rotation)"
+
+
+def _as_quaternions(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Reading]:
+    for kind, (name, order) in itertools.product(
+        ("camera-to-world", "world-to-camera"),
+        (("x y z w where w x y z is read", (3, 0, 1, 2)),
+         ("w x y z where x y z w is read", (1, 2, 3, 0))),
+    ):  # fmt: skip
+        for before in (np.eye(3), _GL):
+            r = matrices[:, :3, :3] @ before
+            r = np.swapaxes(r, 1, 2) if kind == "world-to-camera" else r
+            rotation = _rotations(_quaternions(r)[:, order])
+            if kind == "world-to-camera":
+                rotation = np.swapaxes(rotation, 1, 2)
+            old = np.swapaxes(r, 1, 2) if kind == "world-to-camera" else r
+            t = matrices[:, :3, 3]
+            in_camera = -np.einsum("nji,nj->ni", old, t)  # the file's tvec, if it was one
+            centers = [t, -np.einsum("nij,nj->ni", rotation, in_camera)]
+            for center, after in itertools.product(centers, (file_axes, np.eye(3), _GL)):
+                yield Reading(
+                    f"with their quaternions read in another order ({name})",
+                    "reorder the quaternion's four numbers in the poses' file, or where the "
+                    "matrices were made from them",
+                    _poses(rotation @ before.T @ after, center),
+                )
+
+
+def _quaternions(rotation: np.ndarray) -> np.ndarray:
+    """(n, 4) w x y z, by the eigenvector of Bar-Itzhack's matrix."""
+    r = rotation
+    k = np.empty((len(r), 4, 4))
+    trace = np.trace(r, axis1=1, axis2=2)
+    k[:, 0, 0] = trace
+    k[:, 0, 1:] = k[:, 1:, 0] = np.stack(
+        [r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=1
+    )
+    k[:, 1:, 1:] = r + np.swapaxes(r, 1, 2) - trace[:, None, None] * np.eye(3)
+    return np.linalg.eigh(k)[1][:, :, -1]
+
+
+def _rotations(q: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) of quaternions w x y z of unit length."""
+    w, x, y, z = q.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def _mirrored(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Reading]:
+    r, t = matrices[:, :3, :3], matrices[:, :3, 3]
+    for axes in _signed_permutations():
+        if np.array_equal(axes, np.eye(3)):
+            continue
+        words = "mirrored" if np.linalg.det(axes) < 0 else "turned"
+        yield Reading(
+            f"with their positions {words} against their rotations",
+            f"replace each position t by {_as_text(axes)} @ t",
+            _poses(r @ file_axes, t @ axes.T),
+        )
+    for axis, flip in enumerate(np.eye(3)):
+        mirror = np.eye(3) - 2 * np.diag(flip)
+        for number, (axes_name, axes) in enumerate(_axes(file_axes)):
+            with_axes = f" and {axes_name} camera axes" if number else ""
+            yield Reading(
+                f"in a world mirrored in {'xyz'[axis]} (left-handed axes, as of a game engine; or "
+                "the photographs are mirrored)" + with_axes,
+                f"replace each matrix M by S @ M @ S, S = {_as_text(mirror)}",
+                _poses(mirror @ r @ mirror @ axes, t @ mirror),
+            )
+
+
+def _by_shutter(table: np.ndarray) -> Iterator[Reading]:
+    moments = table.shape[1]
+    if moments == 1:
+        return
+    middle = np.repeat(table[:, moments // 2 : moments // 2 + 1], moments, axis=1)
+    yield Reading("of a global shutter", "train with --shutter global", middle)
+    yield Reading(
+        "with the shutter's direction reversed",
+        "write the other direction into 'rolling_shutter', or swap start and end poses",
+        table[:, ::-1],
+    )
+
+
+def _by_clock(scene: Scene, table: np.ndarray) -> Iterator[Reading]:
+    groups = [group for group in order_in_time(scene) if len(group) > 3]
+    for shift in _CLOCK_SHIFTS if groups else ():
+        poses = table.copy()
+        for group in groups:
+            last = len(group) - 1
+            for place, index in enumerate(group):
+                at = min(max(place + shift, 0.0), float(last))
+                low = min(int(at), last - 1)
+                poses[index] = _between(table[group[low]], table[group[low + 1]], at - low)
+        frames = f"{abs(shift):g} frame{'' if abs(shift) == 1 else 's'}"
+        yield Reading(
+            f"when each image takes the pose of {frames} {'later' if shift > 0 else 'earlier'}",
+            "shift the poses' clock against the images' by as much, or pair names and poses again",
+            poses,
+        )
+
+
+def _between(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
+    """(B, 4, 4) poses at a share of the way between two of them."""
+    if share in (0.0, 1.0):
+        return two if share else one
+    pairs = zip(one, two, strict=True)
+    return np.stack(
+        [inverse(np.asarray(interpolate_pose(inverse(a), inverse(b), share))) for a, b in pairs]
+    )

@@ -1,0 +1,166 @@
+"""`gsut edit`: a scene cut, levelled, scaled, or put together with others."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json
+from gsut.cli.convert import scene_file_of
+
+HELP = "cut, level, scale and merge scenes"
+DESCRIPTION = (
+    "Reads scenes (runs, or files of Gaussians of any known format) and writes one file. What is "
+    "asked for happens in this order: merge, crop, opacity, up or ground, scale. Positions are in "
+    "the coordinates of IN. IN is left as it is; an OUT that exists is refused."
+)
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "sources", metavar="IN", nargs="+", help="finished runs or files; several are merged"
+    )
+    parser.add_argument(
+        "-o", "--out", metavar="OUT", required=True, help="the file; its suffix says the format"
+    )
+    parser.add_argument(
+        "--crop-box",
+        type=float,
+        nargs=6,
+        metavar=("X", "Y", "Z", "X", "Y", "Z"),
+        help="keep what lies between these two corners",
+    )
+    parser.add_argument(
+        "--crop-sphere",
+        type=float,
+        nargs=4,
+        metavar=("X", "Y", "Z", "R"),
+        help="keep what lies within R of this point",
+    )
+    parser.add_argument(
+        "--min-opacity", type=float, metavar="X", help="leave out what is less opaque, of 0 to 1"
+    )
+    parser.add_argument(
+        "--up", type=float, nargs=3, metavar=("X", "Y", "Z"),
+        help="turn the scene so that this direction is up (-y, as viewers take it)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--upright", action="store_true", help="the same with the mean up of a run's cameras"
+    )
+    parser.add_argument(
+        "--ground", action="store_true",
+        help="find the ground, within 30 degrees of --up or --upright [default], and make it y = 0",
+    )  # fmt: skip
+    parser.add_argument("--scale", type=float, metavar="X", help="multiply all lengths by X")
+    parser.add_argument(
+        "--length", type=float, nargs=7, metavar=("X", "Y", "Z", "X", "Y", "Z", "L"),
+        help="instead: scale so that these two points are L apart, such as 1.20 for a table",
+    )  # fmt: skip
+    add_moved_data(parser)
+    add_quiet(parser)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from gsut.formats import WriteSettings, format_of, read_scene_file, save_gaussians
+    from gsut.gaussians import merged, transformed
+
+    out = Path(arguments.out)
+    format_of(out)
+    if out.exists():
+        raise InputError(f"{out} exists; give another name (nothing was overwritten)")
+    if arguments.scale is not None and arguments.length is not None:
+        raise InputError("give --scale or --length, not both")
+    scale = _scale_of(arguments)
+    files = [read_scene_file(scene_file_of(Path(source))) for source in arguments.sources]
+    if len({file.antialiased for file in files}) > 1:
+        raise InputError(
+            "some of these scenes are antialiased and others are not: no one file fits"
+        )
+    whole = merged([file.gaussians for file in files])
+    kept = whole[_kept(whole, arguments)]
+    if len(kept) == 0:
+        raise InputError("nothing is left; crop less")
+    rotation, height = _level(arguments, kept)
+    moved = transformed(kept, rotation, scale, scale * np.array([0.0, height, 0.0]))
+    written = save_gaussians(out, moved, WriteSettings(antialiased=files[0].antialiased))
+    figures = {
+        "num_gaussians": len(moved),
+        "source_num_gaussians": len(whole),
+        "rotation": rotation,
+        "translation": [0.0, scale * height, 0.0],
+        "scale": scale,
+        "out": str(out),
+        "left_out": list(written.left_out),
+    }
+    if arguments.json:
+        print_json(figures)
+    elif not arguments.quiet:
+        print(f"{len(moved):,} of {len(whole):,} Gaussians, lengths times {scale:.6g}: {out}")
+        for sentence in written.left_out:
+            print(sentence)
+    return 0
+
+
+def _scale_of(arguments: argparse.Namespace) -> float:
+    scale = 1.0 if arguments.scale is None else arguments.scale
+    if arguments.length is not None:
+        known = np.array(arguments.length)
+        apart = np.linalg.norm(known[3:6] - known[:3])
+        scale = known[6] / apart if apart > 0 else np.nan
+    if not 0 < scale < np.inf:
+        raise InputError(f"the scale must be above 0, found {scale}")
+    return float(scale)
+
+
+def _kept(gaussians: Any, arguments: argparse.Namespace) -> np.ndarray:
+    """(N,) bool, what --crop-box, --crop-sphere and --min-opacity leave."""
+    from gsut.gaussians import inside_box, inside_sphere
+
+    kept, least = np.ones(len(gaussians), bool), arguments.min_opacity
+    if arguments.crop_box is not None:
+        corners = np.reshape(arguments.crop_box, (2, 3))
+        kept &= inside_box(gaussians, corners.min(axis=0), corners.max(axis=0))
+    if arguments.crop_sphere is not None:
+        *center, radius = arguments.crop_sphere
+        kept &= inside_sphere(gaussians, np.array(center), radius)
+    if least is not None:
+        if not 0 <= least <= 1:
+            raise InputError(f"--min-opacity must lie in 0 to 1, found {least}")
+        kept &= 1 / (1 + np.exp(-gaussians.opacity_logits.astype(np.float64))) >= least
+    return kept
+
+
+def _level(arguments: argparse.Namespace, gaussians: Any) -> tuple[np.ndarray, float]:
+    """The rotation that makes up -y, and how far the ground then lies below y = 0 (0 without)."""
+    from gsut.gaussians import ground_of, upright
+
+    if arguments.up is not None and arguments.upright:
+        raise InputError("give --up or --upright, not both")
+    if arguments.up is None and not (arguments.upright or arguments.ground):
+        return np.eye(3), 0.0
+    up = _up_of_cameras(arguments) if arguments.up is None else np.array(arguments.up)
+    if not (np.isfinite(up).all() and np.any(up)):
+        raise InputError(f"--up must be a direction, found {arguments.up}")
+    if not arguments.ground:
+        return upright(up), 0.0
+    normal, level = ground_of(gaussians, up)
+    return upright(normal), level
+
+
+def _up_of_cameras(arguments: argparse.Namespace) -> np.ndarray:
+    from gsut.run import RunFolder
+    from gsut.training import read_trained
+
+    if not Path(arguments.sources[0]).is_dir():
+        raise InputError(
+            f"{arguments.sources[0]} is a file, which has no cameras: say what is up by --up X Y Z"
+        )
+    _, scene, _ = read_trained(RunFolder.open(arguments.sources[0]), arguments.data)
+    rows = scene.train_indices or range(len(scene))
+    poses = np.stack([scene.views[row].camera_from_world for row in rows])
+    return -poses[:, 1, :3].mean(axis=0)

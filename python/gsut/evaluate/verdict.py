@@ -1,0 +1,80 @@
+"""How good a trained scene is, in words for somebody who does not know PSNR."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Any
+
+from gsut.run import Verdict
+
+_GOOD_DB, _POOR_DB = 27.0, 22.0
+# What renders look like beside photographs, from so many dB of PSNR on.
+_LOOKS = (
+    (32.0, "hard to tell from the photographs"),
+    (28.0, "sharp, with small differences"),
+    (24.0, "recognisable, fine detail is soft"),
+    (20.0, "blurred or doubled in places"),
+    (0.0, "smeared, only coarse shapes are right"),
+)
+_FEW_STEPS = 400
+_NO_BETTER_DB = 3.0  # training views that fit no better than this over held-out ones
+_OVERFITTED_DB = 6.0
+_COLORS_DB = 2.0
+_WORST_DB = 8.0
+
+
+def train_verdict(metrics: dict[str, Any], data: str, run: str) -> Verdict:
+    """The verdict of a training.
+
+    Args:
+        metrics: of metrics.json: psnr, psnr_train, psnr_color_corrected, psnr_min, worst_view,
+            ssim, steps, evaluated_on.
+        data, run: the dataset's and the run's path, for the next command.
+    """
+    psnr = metrics.get("psnr")
+    if psnr is None:
+        return Verdict("usable", "no view was held out, so nothing was measured")
+    looks = next(text for least, text in _LOOKS if psnr >= least or least == 0.0)
+    what = f"renders of {metrics['evaluated_on']} are {looks} (PSNR {psnr:.1f} dB"
+    what += "; 20 dB is smeared, 25 dB soft, 30 dB sharp, 35 dB nearly the photograph)"
+    level = "good" if psnr >= _GOOD_DB else "usable" if psnr >= _POOR_DB else "poor"
+    reasons = list(_reasons(metrics, psnr))
+    return Verdict(level, what, tuple(reasons), _advice(level, reasons, metrics, data, run))
+
+
+_POSES = "that looks like wrong poses or a wrong lens"
+_STEPS = "steps are few"
+
+
+def _reasons(metrics: dict[str, Any], psnr: float) -> list[str]:
+    found = []
+    train, corrected = metrics.get("psnr_train"), metrics.get("psnr_color_corrected")
+    if psnr < _GOOD_DB and metrics["steps"] < _FEW_STEPS:
+        found.append(f"{metrics['steps']} {_STEPS}")
+    elif psnr < _POOR_DB and train is not None and train < psnr + _NO_BETTER_DB:
+        found.append(f"training views fit no better, at {train:.1f} dB: {_POSES}")
+    if train is not None and psnr < _GOOD_DB and train > psnr + _OVERFITTED_DB:
+        found.append(
+            f"training views fit at {train:.1f} dB: there are too few photographs around the "
+            "held-out ones, or the poses of these are wrong"
+        )
+    if corrected is not None and corrected > psnr + _COLORS_DB:
+        found.append(
+            f"exposure or white balance differ between the photographs ({corrected:.1f} dB with "
+            "colours corrected)"
+        )
+    worst = metrics.get("psnr_min")
+    if worst is not None and worst < psnr - _WORST_DB:
+        found.append(f"{metrics['worst_view']} is far worse than the others, {worst:.1f} dB")
+    return found
+
+
+def _advice(level: str, reasons: list[str], metrics: dict[str, Any], data: str, run: str) -> str:
+    again = shlex.join(["gsut", "train", data, "-o", f"{run}-2"])
+    if any(_POSES in reason for reason in reasons):
+        return f"{shlex.join(['gsut', 'doctor', data])}, then {again} --refine-poses"
+    if level == "good":
+        return shlex.join(["gsut", "view", run])
+    if any("held-out ones" in reason for reason in reasons):
+        return "photograph more from between the places there are"
+    return f"{again} --preset best"

@@ -1,0 +1,105 @@
+"""Which Gaussians of a scene to keep, and scenes put together."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.gaussians.arrays import Gaussians
+from gsut.gaussians.quaternions import rotations_of
+
+_FLATNESS = 2.0  # of the second axis over the thinnest: what counts as a surface
+_LEVEL = np.cos(np.radians(30.0))
+_LARGEST_PERCENT = 95  # areas above it count as this one: skies and walls of one Gaussian
+_ROUNDS = 5
+_LAYERS = 64  # of the scene's height
+_LAYER_SHARE = 0.3  # of the fullest layer's area: the ground is the lowest with as much
+
+
+def inside_box(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """(N,) bool: centres between two corners (3,), world coordinates."""
+    places = gaussians.means + (gaussians.origin - np.asarray(low, np.float64))
+    size = np.asarray(high, np.float64) - low
+    return np.all((places >= 0) & (places <= size), axis=1)
+
+
+def inside_sphere(gaussians: Gaussians, center: np.ndarray, radius: float) -> np.ndarray:
+    """(N,) bool: centres within `radius` of a point (3,), world coordinates."""
+    places = gaussians.means + (gaussians.origin - np.asarray(center, np.float64))
+    return np.sum(places * places, axis=1) <= radius * radius
+
+
+def merged(scenes: Sequence[Gaussians]) -> Gaussians:
+    """Scenes of one world as one, in their order; about the first one's origin.
+
+    Harmonics that some of them lack are 0.
+
+    Raises:
+        InputError: no scene.
+    """
+    if not scenes:
+        raise InputError("no scenes to put together")
+    origin = scenes[0].origin
+    most = max(g.sh.shape[1] for g in scenes)
+    parts = []
+    for g in scenes:
+        sh = np.zeros((len(g), most, 3), g.dtype)
+        sh[:, : g.sh.shape[1]] = g.sh
+        parts.append(dataclasses.replace(g.about(origin), sh=sh))
+    fields = ("means", "quats", "log_scales", "opacity_logits", "sh")
+    joined = {name: np.concatenate([getattr(g, name) for g in parts]) for name in fields}
+    return dataclasses.replace(parts[0], **joined)
+
+
+def ground_of(gaussians: Gaussians, up: np.ndarray) -> tuple[np.ndarray, float]:
+    """The plane that a scene stands on, by the surfaces that lie nearly level.
+
+    Args:
+        gaussians: the scene.
+        up: (3,) roughly away from the ground, such as the cameras' mean up.
+
+    Returns:
+        (3,) the plane's normal, upwards, of length 1; normal . x = the second value on it, in world
+        coordinates.
+
+    Raises:
+        InputError: fewer than three flat Gaussians that lie level within 30 degrees.
+    """
+    g, up = gaussians, np.asarray(up, np.float64) / np.linalg.norm(up)
+    unit = g.quats / np.linalg.norm(g.quats, axis=1, keepdims=True)
+    thin = np.argmin(g.log_scales, axis=1)
+    normals = rotations_of(unit.astype(np.float64))[np.arange(len(g)), :, thin]
+    normals *= np.where(normals @ up < 0, -1.0, 1.0)[:, None]
+    others = np.sort(g.log_scales, axis=1)
+    flat = (others[:, 1] - others[:, 0] > np.log(_FLATNESS)) & (g.opacity_logits > 0)
+    flat &= normals @ up > _LEVEL
+    if np.count_nonzero(flat) < 3:
+        raise InputError("no ground is found: no flat Gaussians lie level within 30 degrees")
+    means = g.means[flat].astype(np.float64)
+    areas = np.exp(others[flat, 1:].sum(axis=1).astype(np.float64))
+    areas = np.minimum(areas, np.percentile(areas, _LARGEST_PERCENT))
+    leaning = normals[flat] * areas[:, None]
+    up = leaning.sum(axis=0) / np.linalg.norm(leaning.sum(axis=0))  # what lies level says so itself
+    low = _lowest_layer(means @ up, areas)
+    for _ in range(_ROUNDS):  # total least squares about the layer, which gets thinner
+        weights = areas * low
+        middle = weights @ means / weights.sum()
+        spread = (means - middle).T @ ((means - middle) * weights[:, None])
+        normal = np.linalg.eigh(spread)[1][:, 0]
+        normal *= np.sign(normal @ up)
+        away = np.abs((means - middle) @ normal)
+        low = away <= 2 * np.median(away[low]) + 1e-12
+    return normal, float(normal @ (middle + g.origin))
+
+
+def _lowest_layer(heights: np.ndarray, areas: np.ndarray) -> np.ndarray:
+    """(M,) bool: in the lowest slice of the heights that holds much level area."""
+    bottom, top = np.percentile(heights, [1, 99])
+    edges = np.linspace(bottom, top, _LAYERS + 1)
+    filled = np.histogram(heights, edges, weights=areas)[0]
+    lowest = int(np.argmax(filled >= _LAYER_SHARE * filled.max()))
+    step = edges[1] - edges[0]
+    return (heights >= edges[lowest] - step) & (heights <= edges[lowest + 1] + step)
