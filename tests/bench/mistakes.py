@@ -191,6 +191,8 @@ def _new_images(values: Values, folder: Path, change: Callable[[np.ndarray], np.
     linked.mkdir()
     for frame in values["frames"]:
         name = Path(frame["file_path"]).name
+        if not (source / name).is_file():  # listed, not there: left out on loading
+            continue
         found = cv2.imread(str(source / name))
         cv2.imwrite(str(linked / name), change(found))
 

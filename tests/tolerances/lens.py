@@ -90,3 +90,5 @@ EVERY_LENS_CONVERT_PX = 1.4e-4  # worst observed 7.3e-5, of mei
 # lenses: most reach 0.02 to 0.2, splined_stereographic stays at 1
 EVERY_LENS_REFINED = {False: 0.094, True: 1.01}
 LENS_DATABASE_DIGITS = 5e-6  # relative: six digits are shipped; worst 4.4e-6
+FIT_OF_OWN_RAYS = 1e-9  # px; least squares of a lens' own rays; worst 3.4e-13
+FIT_BY_ANOTHER_MODEL = 0.5  # px; OPENCV8 to 100 degrees of a Kannala-Brandt lens

@@ -1,7 +1,7 @@
 // PLY values: ascii, and binary of either byte order.
 #include "gsut/formats/ply_rows.h"
 
-#include <algorithm>
+#include <array>
 #include <bit>
 #include <charconv>
 #include <cstring>
@@ -100,11 +100,14 @@ class Values {
 
  private:
   Outcome ReadBytes(PlyType type, double* value) {
-    char bytes[8];
+    std::array<char, 8> found, bytes;
     const int count = PlyTypeBytes(type);
-    if (!source_.Take(count, bytes)) return Outcome::kEnd;
-    if (swap_) std::reverse(bytes, bytes + count);
-    *value = Decode(type, bytes);
+    if (!source_.Take(count, found.data())) return Outcome::kEnd;
+    for (int i = 0; i < count; ++i) {
+      bytes[static_cast<std::size_t>(i)] =
+          found[static_cast<std::size_t>(swap_ ? count - 1 - i : i)];
+    }
+    *value = Decode(type, bytes.data());
     return Outcome::kValue;
   }
 

@@ -53,6 +53,10 @@ class Mapper {
     std::string failure;
     for (const int pair : InitialPairs(&failure)) {
       if (trials >= options_.initial_trials || restarts > options_.most_restarts) break;
+      // Another beginning within what was found would find the same again.
+      if (best && best->registered[pairs_[pair].first] && best->registered[pairs_[pair].second]) {
+        continue;
+      }
       ++trials;
       map_ = std::make_unique<SceneMap>(cameras_, images_, pairs_, options_);
       tried_at_.assign(images_.size(), -1);

@@ -12,7 +12,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.cli._flags import add_force, add_json, add_moved_data, check_first, print_json
 
-_FOCAL_OFF = 0.015  # relative; told from here on
+_FOCAL_OFF = 0.025  # relative; told from here on
 HELP = "where a photograph of a trained scene was taken"
 DESCRIPTION = (
     "Finds the pose of a photograph: matches its features with views rendered from the training "

@@ -7,6 +7,7 @@ Training poses themselves are starts, too. The start that explains the photograp
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -40,8 +41,8 @@ _DETAIL_SIDE, _DETAIL_AROUND = 120, 15
 # What the whole scene errs by is not in a pose's covariance: on a demo scene errors are 1.7 times
 # what it says.
 _SCENE_ERRORS = 1.7
-_FOCAL_STEP = 0.02  # logarithm of the focal length, by which it is tried longer and shorter
-_MOST_FOCAL = 0.15  # beyond, the parabola through three tries means nothing
+# Logarithms of factors with which the focal length is tried.
+_FOCAL_STEPS = (-0.12, -0.06, -0.025, 0.025, 0.06, 0.12)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,30 +173,41 @@ def _with_systematic_errors(
     """The covariance with the scene's errors, and with what a wrong focal length would move."""
     pose = found.pose
     covariance = _SCENE_ERRORS**2 * pose.covariance
-    scale = 1.0
+    best = 0.0
     if camera.param_names.split()[:2] == ["fx", "fy"]:
-        tried = []
-        for step in (-_FOCAL_STEP, _FOCAL_STEP):
+        tried = {0.0: pose}
+        for step in _FOCAL_STEPS:
             params = np.array(camera.params)
             params[:2] *= np.exp(step)
-            try:
-                tried.append(refine_pose(
+            with contextlib.suppress(InputError, SolveError):
+                tried[step] = refine_pose(
                     gaussians, camera.with_params(params), pose.camera_from_world, pixels, mask,
-                    background=background, levels=1,
-                ))  # fmt: skip
-            except (InputError, SolveError):
-                break
-        if len(tried) == 2:
-            low, high = (each.rms**2 for each in tried)
-            bend = low + high - 2 * pose.rms**2
-            best = 0.5 * _FOCAL_STEP * (low - high) / bend if bend > 0 else np.inf
-            best = float(np.clip(best, -_MOST_FOCAL, _MOST_FOCAL))
-            moved = (_difference(tried[1], pose) - _difference(tried[0], pose)) / (2 * _FOCAL_STEP)
-            covariance = covariance + np.outer(best * moved, best * moved)
-            scale = float(np.exp(best))
+                    background=background, levels=2,
+                )  # fmt: skip
+        best, moved = _best_focal(tried, pose)
+        covariance = covariance + np.outer(moved, moved)
     return dataclasses.replace(
-        found, pose=dataclasses.replace(pose, covariance=covariance), focal_scale=scale
+        found,
+        pose=dataclasses.replace(pose, covariance=covariance),
+        focal_scale=float(np.exp(best)),
     )
+
+
+def _best_focal(tried: dict[float, RefinedPose], pose: RefinedPose) -> tuple[float, np.ndarray]:
+    """Logarithm of the focal length with which the colours differ least, by a parabola through the
+    best try and its neighbours; and (6,) what the pose moves until there."""
+    steps = sorted(tried)
+    squares = np.array([tried[step].rms ** 2 for step in steps])
+    least = int(np.argmin(squares))
+    best = steps[least]
+    if 0 < least < len(steps) - 1:
+        near = slice(least - 1, least + 2)
+        bend, slope, _ = np.polyfit(steps[near], squares[near], 2)
+        best = float(np.clip(-slope / (2 * bend), steps[least - 1], steps[least + 1]))
+    if len(steps) < 2:
+        return 0.0, np.zeros(6)
+    poses = np.array([_difference(tried[step], pose) for step in steps])
+    return best, np.array([np.interp(best, steps, column) for column in poses.T])
 
 
 def _difference(one: RefinedPose, other: RefinedPose) -> np.ndarray:

@@ -21,7 +21,7 @@ from gsut.sfm.options import PosesOptions
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution, in_cameras, refine
 
 _FEWEST_IMAGES = 3
-_HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare a observation
+_HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare an observation
 _ROUNDS = 2  # of verified matches: the second through the refined lens
 # Of the first matches' largest error: through a lens that is some percent off.
 _LOOSER = 4.0

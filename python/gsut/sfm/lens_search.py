@@ -14,6 +14,7 @@ from gsut.lens import Camera, convert_camera
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.lens_candidates import implausible, lens_ladder
+from gsut.sfm.lens_pairs import choose_connected_pairs, keep_most_distinct, only_pairs
 from gsut.sfm.lens_ranking import LensRanking, RankedLens
 from gsut.sfm.matching import PairMatches, RawMatches, verify
 from gsut.sfm.options import PosesOptions
@@ -44,12 +45,11 @@ _NEAR_BEST = 0.96
 _SAME_FOCAL = 0.12
 # A first lens that all images and this small an error (of the diagonal) confirm: enough tried.
 _CONFIRMED = 0.5e-3
-# Matches, and radians of parallax, of a pair beyond which more do not count.
-_ENOUGH_MATCHES = 200
-_ENOUGH_PARALLAX = 0.2
 # Matches are verified again where the lens' focal length has changed by more.
 _VERIFY_AGAIN = 0.03
 _PERSPECTIVE_UP_TO = math.radians(50.0)  # from the axis: also tried as a perspective lens
+# Fewer images, and less parallax in degrees, are named where nothing is found.
+_FEW_IMAGES, _LITTLE_PARALLAX = 10, 1.5
 # On the largest error of pairs, of a rolling shutter that a global one stands in for.
 _ROLLING_PAIRS = 3.0
 
@@ -141,7 +141,7 @@ def _first_solution(
         if len(tried) == _MOST_FIRST:
             break
         if number:
-            few = trials.verified(lens.camera, _only(raw, wanted))
+            few = trials.verified(lens.camera, only_pairs(raw, wanted))
         solution = trials.solve(
             lens.camera, _START, keep_most_distinct(few, _FIRST_MATCHES), share=lens.share
         )
@@ -158,14 +158,28 @@ def _first_solution(
         ):
             break
     if not found:
-        why = [row["refused"] for row in trials.rows if "refused" in row]
-        raise SolveError(
-            "no lens tried gives a reconstruction"
-            + (f" ({why[0]})" if why else "")
-            + "; give a rough field of view by --fov or a lens by --camera, or photographs that "
-            "overlap by more than half, from different places"
-        )
+        raise SolveError(_why_nothing(trials, pairs))
     return min(found, key=_rank)
+
+
+def _why_nothing(trials: _Trials, pairs: Sequence[PairMatches]) -> str:
+    """What the lenses tried say of the images, and what to do."""
+    refused = [row["refused"] for row in trials.rows if "refused" in row]
+    parallax = math.degrees(float(np.median([pair.parallax for pair in pairs])))
+    reasons = []
+    if trials.num_images < _FEW_IMAGES:
+        reasons.append(f"{trials.num_images} images are few: take 20 or more")
+    if parallax < _LITTLE_PARALLAX:
+        reasons.append(
+            f"the camera hardly moved between them ({parallax:.1f} degrees of parallax): walk "
+            "sideways to what you photograph"
+        )
+    if refused:
+        reasons.append(f"the lens found is that of no camera ({refused[0]})")
+    return (
+        f"no lens tried gives a reconstruction{'; ' if reasons else ''}{'; '.join(reasons)}; or "
+        "give a rough field of view by --fov, or a lens by --camera"
+    )
 
 
 def _best_model(
@@ -233,50 +247,6 @@ def _as_opencv5(lens: Camera) -> Camera:
     return Camera("opencv5", [*_as_opencv4(lens).params, 0.0], lens.width, lens.height)
 
 
-def keep_most_distinct(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
-    """The pairs with their most distinct matches, which stand first."""
-    return [
-        pair
-        if len(pair.matches) <= most
-        else dataclasses.replace(
-            pair,
-            matches=pair.matches[:most],
-            rotation_matches=round(pair.rotation_matches * most / len(pair.matches)),
-        )
-        for pair in pairs
-    ]
-
-
-def choose_connected_pairs(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
-    """The pairs among `most` images that are best connected: by many matches, and by parallax.
-
-    Neighbours in a video have most matches and tell least of the lens: a match counts by its
-    pair's parallax.
-    """
-    strength: dict[int, dict[int, float]] = {}
-    for pair in pairs:
-        value = min(len(pair.matches), _ENOUGH_MATCHES) * min(pair.parallax, _ENOUGH_PARALLAX)
-        strength.setdefault(pair.first, {})[pair.second] = value
-        strength.setdefault(pair.second, {})[pair.first] = value
-    if len(strength) <= most:
-        return list(pairs)
-    start = max(pairs, key=lambda pair: strength[pair.first][pair.second])
-    chosen = {start.first, start.second}
-    while len(chosen) < most:
-        links = {
-            image: sum(value for other, value in found.items() if other in chosen)
-            for image, found in strength.items()
-            if image not in chosen
-        }
-        chosen.add(max(links, key=lambda image: links[image]))
-    return [pair for pair in pairs if pair.first in chosen and pair.second in chosen]
-
-
-def _only(raw: RawMatches, wanted: set[tuple[int, int]]) -> RawMatches:
-    kept = [i for i, (a, b) in enumerate(raw.pairs) if (int(a), int(b)) in wanted]
-    return RawMatches(raw.pairs[kept], [raw.matches[i] for i in kept])
-
-
 class _Trials:
     """Solutions with one lens after the other; what came of each is kept in `rows`."""
 
@@ -295,6 +265,11 @@ class _Trials:
         self._show = show
         self._shutter = shutter
         self._share = 0.0
+
+    @property
+    def num_images(self) -> int:
+        """Images in all."""
+        return len(self._names)
 
     @property
     def rolling(self) -> bool:

@@ -68,7 +68,7 @@ def test_program_finds_in_our_file_what_we_wrote(tmp_path, rng, request, program
     if settings.get("spz_version") == 4:
         pytest.importorskip("zstandard", reason="zstandard compresses SPZ of version 4")
     if program == "gaussforge" and name == "a.splat":
-        return  # its reader of .splat fails on its own files, too
+        return  # gaussforge 0.6.0 refuses our .splat (std::bad_cast), which splat-transform reads
     g = plain_scene(rng, 1000)
     formats.save_gaussians(tmp_path / name, g, WriteSettings(**settings))
     convert(tmp_path / name, tmp_path / "out.ply")

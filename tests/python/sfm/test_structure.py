@@ -21,7 +21,8 @@ from gsut.sfm.estimate import estimate_poses
 from gsut.sfm.features import features_in, find_features
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.lens_candidates import guess_lens
-from gsut.sfm.lens_search import choose_connected_pairs, keep_most_distinct, search_lens
+from gsut.sfm.lens_pairs import choose_connected_pairs, keep_most_distinct
+from gsut.sfm.lens_search import search_lens
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import quaternion_of
 from gsut.sfm.pairs import choose_pairs, counts_up

@@ -14,6 +14,7 @@ from gsut.run import Verdict
 from gsut.run.verdict import LEVELS
 from gsut.sfm.correspondences import match_images
 from gsut.sfm.features import Features
+from gsut.sfm.inputs import Photographs
 from gsut.sfm.lens_candidates import (
     implausible,
     lens_ladder,
@@ -22,6 +23,7 @@ from gsut.sfm.lens_candidates import (
 )
 from gsut.sfm.lens_covariance import free_columns
 from gsut.sfm.lens_ranking import LensRanking
+from gsut.sfm.lens_search import search_lens
 from gsut.sfm.matching import RawMatches
 from gsut.sfm.motion import critical_motion
 from gsut.sfm.options import PosesOptions
@@ -236,3 +238,17 @@ def test_poses_command_run_again_says_done(hall, tmp_path, capsys):
     words = capsys.readouterr().out
     assert "done already" in words and "poses of" in words
     assert (tmp_path / "out" / "poses.json").stat().st_mtime_ns == before
+
+
+def test_search_lens_of_few_images_that_hardly_move_says_so(tmp_path):
+    lens = gsut.Camera("kannala_brandt", [300, 300, 500, 505, 0, 0, 0, 0], 1000, 1010)
+    scene = Synthetic(np.random.default_rng(1), images=3, points=300, camera=lens)
+    features = [scene.features[0], scene.features[0], scene.features[1]]
+    names = ["0", "1", "2"]
+    photographs = Photographs(
+        tmp_path, names, [tmp_path / n for n in names], [None] * 3, [lens] * 3
+    )
+    raw = match_images(names, features, PosesOptions(), quiet)
+    few = RawMatches(raw.pairs, [matches[:25] for matches in raw.matches])
+    with pytest.raises(gsut.SolveError, match="3 images are few"):
+        search_lens(photographs, features, few, PosesOptions(), 100.0, PosesLog())
