@@ -182,7 +182,7 @@ def _make(
             # Of a stage that was done by an earlier call.
             seconds["poses"] = seconds["poses"] or poses["seconds"]["total"]
             seconds["training"] = seconds["training"] or metrics["train_seconds"]
-            verdict = _together([_capture_verdict(taken.figures), *_said([poses, metrics])])
+            verdict = _together([*_said([metrics, poses]), _capture_verdict(taken.figures)])
             state = {
                 **state,
                 "seconds": seconds,
@@ -320,7 +320,7 @@ def _said(figures: list[dict[str, Any]]) -> list[Verdict]:
 
 
 def _together(verdicts: list[Verdict]) -> Verdict:
-    """The worst of them, with what the other stages say against the scene."""
+    """The worst of them, the first of equals, with what the others say against the scene."""
     first = worst(verdicts)
     reasons = (r for v in (first, *verdicts) if v.level != "good" for r in v.reasons)
     return dataclasses.replace(first, reasons=tuple(dict.fromkeys(reasons)))
