@@ -24,39 +24,7 @@ def camera_models() -> list[str]:
     return _core.camera_models()
 
 
-class _FromMeasurements:
-    """Ways to make a `Camera` of what was measured."""
-
-    @staticmethod
-    def fit(
-        pixels: np.typing.ArrayLike,
-        rays: np.typing.ArrayLike,
-        *,
-        model: str,
-        width: int,
-        height: int,
-    ) -> Camera:
-        """A lens from a table of pixels and their rays, by least squares of the pixel distances.
-
-        Args:
-            pixels: (N, 2); (0.5, 0.5) is the centre of the top-left pixel.
-            rays: (N, 3) in camera axes (x right, y down, z forward), of any length; rows that are
-                not finite do not count.
-            model: see `camera_models()`.
-            width, height: of the image in pixels.
-
-        Returns:
-            The lens; `project(rays)` against `pixels` says how well it fits.
-
-        Raises:
-            InputError: shapes, no such model, too few rays, or rays that the model cannot see.
-        """
-        from gsut.lens.fit_rays import camera_from_rays
-
-        return camera_from_rays(pixels, rays, model, width, height)
-
-
-class Camera(_FromMeasurements, _core.Camera):
+class Camera(_core.Camera):
     """A camera without its pose: one lens, its parameters and the image's size. Immutable.
 
     Points are in the camera frame: x right, y down, z forward. Pixel (0.5, 0.5) is the centre of
@@ -243,6 +211,34 @@ class Camera(_FromMeasurements, _core.Camera):
         """The same lens, trusted up to this angle from the axis (radians; None: everywhere)."""
         limit = _NO_LIMIT if valid_field_angle is None else float(valid_field_angle)
         return self._with(super().with_valid_field_angle(limit), valid_region=self.valid_region)
+
+    @staticmethod
+    def fit(
+        pixels: np.typing.ArrayLike,
+        rays: np.typing.ArrayLike,
+        *,
+        model: str,
+        width: int,
+        height: int,
+    ) -> Camera:
+        """A lens from a table of pixels and their rays, by least squares of the pixel distances.
+
+        Args:
+            pixels: (N, 2); (0.5, 0.5) is the centre of the top-left pixel.
+            rays: (N, 3) in camera axes (x right, y down, z forward), of any length; rows that are
+                not finite do not count.
+            model: see `camera_models()`.
+            width, height: of the image in pixels.
+
+        Returns:
+            The lens; `project(rays)` against `pixels` says how well it fits.
+
+        Raises:
+            InputError: shapes, no such model, too few rays, or rays that the model cannot see.
+        """
+        from gsut.lens.fit_rays import camera_from_rays
+
+        return camera_from_rays(pixels, rays, model, width, height)
 
     def save(self, path: str | os.PathLike[str], format: str | None = None) -> None:
         """Writes the lens to a file; see `gsut.load_camera` for the formats.
