@@ -293,6 +293,8 @@ class Camera(_core.Camera):
         return _restore, (self.model, self.params, self.width, self.height, keywords)
 
     def __repr__(self) -> str:
+        if "extrinsics" not in self.__dict__:  # refused by __init__, and seen by a debugger
+            return "Camera(refused)"
         values = ", ".join(f"{value:.10g}" for value in self.params)
         limit = self.valid_field_angle
         field = "" if limit is None else f", valid_field_angle={limit:.6g}"

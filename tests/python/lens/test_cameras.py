@@ -256,3 +256,10 @@ def test_project_of_wrong_shape_raises():
     ]:
         with pytest.raises(InputError, match="shape"):
             call(array)
+
+
+def test_camera_that_was_refused_can_be_printed():
+    with pytest.raises(InputError) as error:
+        Camera("pinhole", [-1.0, 1.0, 1.0, 1.0], 10, 10)
+    made = [entry.frame.f_locals["self"] for entry in error.traceback if "self" in entry.locals]
+    assert [repr(camera) for camera in made] == ["Camera(refused)"]
