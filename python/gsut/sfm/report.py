@@ -59,9 +59,11 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
             for i, lens in enumerate(values["lenses"], 1)
         },
     }
-    verdict = Verdict.of(values["verdict"])
-    parts = [
-        f"<p><b>{html.escape(str(verdict))}</b></p>",
+    parts = []
+    if "verdict" in values:  # a calibration judges its lens on its own page
+        verdict = Verdict.of(values["verdict"])
+        parts.append(f"<p><b>{html.escape(str(verdict))}</b></p>")
+    parts += [
         html_table(summary.items()),
         "<h2>Cameras and points from above and from the side</h2>",
         _scene_plot(solution, values.get("rig")),
