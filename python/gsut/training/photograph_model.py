@@ -29,6 +29,9 @@ _LOOKS = (_DECIDED_AT, _FALLOFF_AT)
 # Standard deviation of log-gains, beyond what parts of a photograph disagree by, from which
 # photographs differ. Fox 0.07; nothing is left of sponza_fisheye and helmet, which do not differ.
 _DIFFER = 0.02
+# Log-gain of all photographs together from which the scene is not as bright as they are yet, and
+# tells nothing of one (the adaptive strategy begins with a gain of 20).
+_UNSETTLED = 0.25
 _DISAGREE = 3.0  # standard errors that errors of the scene may explain
 _FALLOFF_DIFFERS = 0.05  # of rings from their mean, below which a lens has no falloff
 _FEWEST_SHOWN = 0.01  # of all that a camera shows, below which a ring is not judged
@@ -115,6 +118,8 @@ class PhotographModel:
         if len(known) < 2:
             return 0.0
         tc, cc = self._sums[known].sum(axis=3).transpose(1, 0, 2)  # (2, known, parts)
+        if abs(np.log(tc.sum() / cc.sum())) > _UNSETTLED:
+            return 0.0
         tc = tc / np.repeat(self._mean_of_rings(tc, cc), _QUADRANTS)  # a falloff is no disagreement
         gain = tc.sum(axis=1) / cc.sum(axis=1)
         share = cc / cc.sum(axis=1, keepdims=True)

@@ -125,3 +125,16 @@ def test_gains_of_unseen_views_lie_between_their_neighbours_in_time():
     found = interpolated_gains(log_gains, [1, 2], names, [0, 0, 0, 1])
     # Places 0 1 2 of three views: halfway; the other camera knows no gain.
     np.testing.assert_allclose(found[:, 0], [0.2, 0.0, 0.4, 0.0])
+
+
+@pytest.mark.parametrize(("brightness", "differ"), [(1.0, True), (0.1, False)])
+def test_a_scene_that_is_still_dark_tells_nothing_of_the_photographs(data, brightness, differ):
+    scene = gsut.load_dataset(data)
+    model = PhotographModel(scene, gsut.TrainOptions(exposure="auto").resolved())
+    level, camera = gsut.data.Level(scene), scene.cameras[0]
+    image = np.random.default_rng(6).uniform(0.1, 0.6, (camera.height, camera.width, 3))
+    for view in scene.train_indices:
+        lit = (image * GAINS[view]).astype(np.float32)
+        target = _core.PhotometricTarget(lit, None, "partial", True)
+        model.observe(0.1, level, view, target, (brightness * image).astype(np.float32))
+    assert (model.spread() > 0) == differ
