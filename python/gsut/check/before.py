@@ -10,7 +10,6 @@ from gsut.check.matches import ImagePair
 from gsut.check.photographs import check_photographs, gather_evidence
 from gsut.check.points import check_points_frame
 from gsut.data import (
-    SEVERITIES,
     TEST_EVERY,
     Finding,
     Scene,
@@ -19,6 +18,7 @@ from gsut.data import (
     check_points,
     check_poses,
     load_dataset,
+    sorted_findings,
 )
 from gsut.data import diagnose as diagnose_files
 
@@ -36,7 +36,7 @@ def check_scene(scene: Scene, matches: list[ImagePair] | None = None) -> list[Fi
         Findings, errors first.
     """
     findings = [*check_lenses(scene), *check_poses(scene), *check_points(scene)]
-    return _sorted([*findings, *check_against_photographs(scene, _VIEWS, matches)])
+    return sorted_findings([*findings, *check_against_photographs(scene, _VIEWS, matches)])
 
 
 def check_against_photographs(
@@ -80,7 +80,9 @@ def diagnose(
     findings = diagnose_files(path, test_every=test_every, progress=progress)
     if any(finding.severity == "error" for finding in findings):
         return findings
-    return _sorted([*findings, *check_against_photographs(load_dataset(path, test_every=0))])
+    return sorted_findings(
+        [*findings, *check_against_photographs(load_dataset(path, test_every=0))]
+    )
 
 
 def stop_at_errors(findings: Sequence[Finding], force: bool) -> None:
@@ -92,8 +94,3 @@ def stop_at_errors(findings: Sequence[Finding], force: bool) -> None:
         raise InputError(
             f"{first.where}: {first.what}; {first.advice}{more}; --force goes on as it is"
         )
-
-
-def _sorted(findings: Sequence[Finding]) -> list[Finding]:
-    unique = dict.fromkeys(findings)
-    return sorted(unique, key=lambda finding: SEVERITIES.index(finding.severity))

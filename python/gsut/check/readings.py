@@ -11,6 +11,7 @@ import numpy as np
 from gsut._core import interpolate_pose
 from gsut.check.matches import order_in_time
 from gsut.data import OPENGL_FROM_OPENCV, Scene, inverse
+from gsut.gaussians import quaternion_of, rotations_of
 
 _GL = OPENGL_FROM_OPENCV[:3, :3]
 # A robot's body axes (x forward, y left, z up) from OpenCV's camera axes.
@@ -154,7 +155,7 @@ def _as_quaternions(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Rea
         for before in (np.eye(3), _GL):
             r = matrices[:, :3, :3] @ before
             r = np.swapaxes(r, 1, 2) if kind == "world-to-camera" else r
-            rotation = _rotations(_quaternions(r)[:, order])
+            rotation = rotations_of(quaternion_of(r)[:, order])
             if kind == "world-to-camera":
                 rotation = np.swapaxes(rotation, 1, 2)
             old = np.swapaxes(r, 1, 2) if kind == "world-to-camera" else r
@@ -168,30 +169,6 @@ def _as_quaternions(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Rea
                     "matrices were made from them",
                     _poses(rotation @ before.T @ after, center),
                 )
-
-
-def _quaternions(rotation: np.ndarray) -> np.ndarray:
-    """(n, 4) w x y z, by the eigenvector of Bar-Itzhack's matrix."""
-    r = rotation
-    k = np.empty((len(r), 4, 4))
-    trace = np.trace(r, axis1=1, axis2=2)
-    k[:, 0, 0] = trace
-    k[:, 0, 1:] = k[:, 1:, 0] = np.stack(
-        [r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=1
-    )
-    k[:, 1:, 1:] = r + np.swapaxes(r, 1, 2) - trace[:, None, None] * np.eye(3)
-    return np.linalg.eigh(k)[1][:, :, -1]
-
-
-def _rotations(q: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) of quaternions w x y z of unit length."""
-    w, x, y, z = q.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def _mirrored(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Reading]:

@@ -13,7 +13,7 @@ from gsut.data.check_colors import check_colors, view_agreement
 from gsut.data.check_geometry import check_lenses, check_points, check_poses
 from gsut.data.colmap import find_mask
 from gsut.data.doctor import diagnose, findings_text
-from gsut.data.findings import SEVERITIES, DatasetError, Finding, some_names
+from gsut.data.findings import SEVERITIES, DatasetError, Finding, some_names, sorted_findings
 from gsut.data.folder import find_images, find_lens_file
 from gsut.data.images import (
     IMAGE_SUFFIXES,
@@ -71,6 +71,7 @@ __all__ = [
     "shrink_image",
     "shrink_mask",
     "some_names",
+    "sorted_findings",
     "view_agreement",
     "with_shutter",
     "write_transforms",

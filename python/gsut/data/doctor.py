@@ -11,7 +11,7 @@ from gsut.data.assemble import assemble
 from gsut.data.check_colors import check_colors
 from gsut.data.check_geometry import check_lenses, check_memory, check_points, check_poses
 from gsut.data.check_images import as_finding, check_images
-from gsut.data.findings import SEVERITIES, Finding
+from gsut.data.findings import SEVERITIES, Finding, sorted_findings
 from gsut.data.load import read_dataset
 from gsut.data.split import TEST_EVERY
 
@@ -45,7 +45,7 @@ def diagnose(
         scene = assemble(listing, test_every=test_every, on_error=collect).centred
     except InputError as error:
         collect(error)
-        return _sorted(findings)
+        return sorted_findings(findings)
     findings += [Finding("warning", str(path), note) for note in scene.notes]
     findings.append(
         Finding(
@@ -61,12 +61,7 @@ def diagnose(
     findings += check_images(scene, progress=progress)
     findings += check_colors(scene, progress=progress)
     findings += check_memory(scene)
-    return _sorted(findings)
-
-
-def _sorted(findings: Sequence[Finding]) -> list[Finding]:
-    unique = dict.fromkeys(findings)
-    return sorted(unique, key=lambda finding: SEVERITIES.index(finding.severity))
+    return sorted_findings(findings)
 
 
 def findings_text(findings: Sequence[Finding]) -> str:

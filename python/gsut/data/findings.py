@@ -56,6 +56,12 @@ class Finding:
         return f"{self.severity}: {self.where}: {self.what}{tail}"
 
 
+def sorted_findings(findings: Sequence[Finding]) -> list[Finding]:
+    """Each finding once, errors first."""
+    unique = dict.fromkeys(findings)
+    return sorted(unique, key=lambda finding: SEVERITIES.index(finding.severity))
+
+
 def some_names(names: Sequence[str]) -> str:
     """The first few of a list of names, and how many more there are."""
     shown = ", ".join(names[:NAMES_SHOWN])

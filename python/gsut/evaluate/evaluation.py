@@ -77,7 +77,6 @@ def evaluate(
     """
     gaussians = pack_harmonics(gaussians)
     stems = picture_stems([scene.views[index].name for index in indices])
-    angles: dict[int, np.ndarray] = {}
     views, ring_rows = [], []
     for done, (index, stem) in enumerate(zip(indices, stems, strict=True), start=1):
         view, camera, mask = scene.views[index], scene.camera(index), scene.mask(index)
@@ -99,9 +98,7 @@ def evaluate(
             "render_ms": milliseconds,
             "pixels": int(np.count_nonzero(mask)),
         }
-        if id(camera) not in angles:  # `scene` keeps its cameras, so ids stay theirs
-            angles[id(camera)] = field_angles(camera)
-        ring_rows.append(ring_psnr(image, truth, angles[id(camera)], mask=mask))
+        ring_rows.append(ring_psnr(image, truth, field_angles(camera), mask=mask))
         if render_folder is not None:
             row |= _write_pictures(render_folder, stem, truth, image, mask, rendered)
         views.append(row)

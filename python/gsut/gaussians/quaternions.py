@@ -6,15 +6,19 @@ import numpy as np
 
 
 def quaternion_of(rotation: np.ndarray) -> np.ndarray:
-    """(4,) unit quaternion of a rotation (3, 3): the eigenvector of Bar-Itzhack's matrix."""
-    r = rotation
-    k = np.array([
+    """(..., 4) w, x, y, z with w >= 0 of rotations (..., 3, 3).
+
+    The eigenvector of the largest eigenvalue of Bar-Itzhack's matrix (2000): stable everywhere.
+    """
+    r = np.moveaxis(rotation, (-2, -1), (0, 1))
+    rows = [
         [r[0, 0] + r[1, 1] + r[2, 2], r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]],
-        [0, r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]],
-        [0, 0, r[1, 1] - r[0, 0] - r[2, 2], r[1, 2] + r[2, 1]],
-        [0, 0, 0, r[2, 2] - r[0, 0] - r[1, 1]],
-    ])  # fmt: skip
-    return np.linalg.eigh(k, "U")[1][:, -1]
+        [r[2, 1] - r[1, 2], r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]],
+        [r[0, 2] - r[2, 0], r[0, 1] + r[1, 0], r[1, 1] - r[0, 0] - r[2, 2], r[1, 2] + r[2, 1]],
+        [r[1, 0] - r[0, 1], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], r[2, 2] - r[0, 0] - r[1, 1]],
+    ]
+    vectors = np.linalg.eigh(np.moveaxis(np.array(rows), (0, 1), (-2, -1)))[1][..., -1]
+    return np.where(vectors[..., :1] >= 0, vectors, -vectors)
 
 
 def quaternion_products(q: np.ndarray, others: np.ndarray) -> np.ndarray:

@@ -7,12 +7,14 @@ a function of the field angle. Gaussians hold the scene at the mean gain and wit
 from __future__ import annotations
 
 import dataclasses
+import functools
 import re
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+_CAMERAS_KEPT = 8  # whose field angles are kept, 8 bytes a pixel
 ORDERS = 3  # coefficients of a channel's falloff: of t^2, t^4, t^6
 
 
@@ -105,12 +107,18 @@ def falloff_basis(t: np.ndarray) -> np.ndarray:
     return np.stack([t ** (2 * k) for k in range(1, ORDERS + 1)], axis=-1)
 
 
+@functools.lru_cache(maxsize=_CAMERAS_KEPT)
 def field_angles(camera: Any) -> np.ndarray:
-    """(H, W) angle of each pixel's ray to the optical axis in radians; NaN without a ray."""
+    """(H, W) angle of each pixel's ray to the optical axis in radians; NaN without a ray.
+
+    Kept for the last cameras, and not to be written to.
+    """
     rays, valid = camera.rays()
     rays = np.asarray(rays, np.float64)
     angles = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])
-    return np.where(valid, angles, np.nan)
+    angles[~valid] = np.nan
+    angles.setflags(write=False)
+    return angles
 
 
 def interpolated_gains(

@@ -11,6 +11,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import Frame, inverse, points_ply, write_transforms
 from gsut.files import write_file
+from gsut.gaussians import quaternion_of
 from gsut.lens import format_colmap
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution
@@ -113,24 +114,6 @@ def _colmap(solution: Solution) -> dict[str, str]:
             ]
         ),
     }
-
-
-def quaternion_of(rotation: np.ndarray) -> np.ndarray:
-    """(4,) w, x, y, z with w >= 0 of a rotation (3, 3).
-
-    The eigenvector of the largest eigenvalue of Bar-Itzhack's matrix (2000): stable everywhere.
-    """
-    r = rotation
-    matrix = np.array(
-        [
-            [r[0, 0] + r[1, 1] + r[2, 2], r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]],
-            [r[0, 2] - r[2, 0], r[0, 1] + r[1, 0], r[1, 1] - r[0, 0] - r[2, 2], r[1, 2] + r[2, 1]],
-            [r[1, 0] - r[0, 1], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], r[2, 2] - r[0, 0] - r[1, 1]],
-        ]
-    )
-    vector = np.linalg.eigh(matrix)[1][:, -1]
-    return vector if vector[0] >= 0 else -vector
 
 
 def figures(

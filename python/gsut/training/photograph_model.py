@@ -64,13 +64,11 @@ class PhotographModel:
         self._sums = np.zeros((count, 2, _RINGS * _QUADRANTS, 3))
         self._falloffs: list[Falloff | None] = [None] * len(scene.cameras)
         self._looked = (0, 0)  # how often for gains, for falloffs
-        angles = [field_angles(camera) for camera in scene.cameras]
-        self._angles = [_widest(each) for each in angles]
-        self._bases = [_mean_basis(each) for each in angles]
         if light is not None:
             self._log_gains = np.log(light.gains)
             self._known[list(scene.train_indices)] = True
             self._falloffs = list(light.falloffs)
+        self._bases: dict[int, np.ndarray] = {}
         self._planes: dict[tuple[int, int, int], Any] = {}  # of one level's cameras
         self._parts: dict[tuple[int, int, int], np.ndarray] = {}
 
@@ -169,19 +167,26 @@ class PhotographModel:
         falloff = self._falloffs[camera]
         if falloff is None:
             return np.ones((_RINGS, 3))
-        return 1.0 + self._bases[camera] @ falloff.coefficients.T
+        return 1.0 + self._basis(camera) @ falloff.coefficients.T
+
+    def _basis(self, camera: int) -> np.ndarray:
+        """The `_mean_basis` of a camera, computed when a falloff is first asked for."""
+        if camera not in self._bases:
+            self._bases[camera] = _mean_basis(field_angles(self._scene.cameras[camera]))
+        return self._bases[camera]
 
     def _find_falloffs(self) -> None:
         """Least squares over the rings of all photographs of a camera, gains held."""
         self._planes = {}
-        for camera, angle in enumerate(self._angles):
+        for camera, lens in enumerate(self._scene.cameras):
+            angle = _widest(field_angles(lens))
             views = [v for v in np.flatnonzero(self._known) if self._camera_of[v] == camera]
             rings = self._sums[views].reshape(-1, 2, _RINGS, _QUADRANTS, 3).sum(axis=3)
             gains = np.exp(self._log_gains[views])[:, None]
             tc, cc = gains * rings[:, 0], gains**2 * rings[:, 1]  # (views, rings, 3)
             if not (cc.sum(axis=(0, 1)) > 0).all():
                 continue
-            found = _fit_falloff(angle, self._bases[camera], tc.sum(axis=0), cc.sum(axis=0))
+            found = _fit_falloff(angle, self._basis(camera), tc.sum(axis=0), cc.sum(axis=0))
             values = found.at(np.linspace(0.0, angle, _CHECKED))
             believed = values.min() > _DARKEST and values.max() < _BRIGHTEST
             self._falloffs[camera] = found if believed and _differs(tc, cc) else None

@@ -13,6 +13,7 @@ import gsut
 import tolerances
 from gsut import _core
 from gsut.cli import main
+from gsut.gaussians import quaternion_of
 from gsut.lens import convert_camera
 from gsut.sfm import correspondences, estimate
 from gsut.sfm.align import centers_of, compare_poses, rotation_angles, similarity
@@ -24,7 +25,6 @@ from gsut.sfm.lens_candidates import guess_lens
 from gsut.sfm.lens_pairs import choose_connected_pairs, keep_most_distinct
 from gsut.sfm.lens_search import search_lens
 from gsut.sfm.options import PosesOptions
-from gsut.sfm.output import quaternion_of
 from gsut.sfm.pairs import choose_pairs, counts_up
 from gsut.sfm.poses_log import PosesLog
 from gsut.sfm.solution import solve
