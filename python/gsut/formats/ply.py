@@ -16,6 +16,8 @@ from gsut.gaussians import Gaussians
 
 # How Brush and Postshot say that a filter of the screen belongs to a file.
 _ANTIALIASED = ("SplatRenderMode: mip", "antialiased 1")
+# How gsut says that nothing stands behind the scene: what is open shows what is around it.
+OPEN_BACKGROUND = "gsut: no background"
 _HEADER_BYTES = 65536  # read for comments
 PACKED = b"packed_position"  # a property of SuperSplat's compressed files
 
@@ -85,6 +87,14 @@ def comments_of(path: str | os.PathLike[str]) -> list[str]:
 def antialiased_comment(antialiased: bool) -> str:
     """What a header says about filters; plain "default" keeps programs from adding one."""
     return f"SplatRenderMode: {'mip' if antialiased else 'default'}"
+
+
+def has_no_background(path: str | os.PathLike[str]) -> bool:
+    """Whether a scene file is a PLY file whose comments say so."""
+    with open(path, "rb") as file:
+        if file.read(3) != b"ply":
+            return False
+    return OPEN_BACKGROUND in comments_of(path)
 
 
 def is_antialiased(path: Path) -> bool:

@@ -24,6 +24,7 @@ from gsut.render.paths import orbit_path, smooth_path, turn_path
 from gsut.render.pictures import picture_stems, to_uint8, write_png
 from gsut.render.projection import METHODS, Projection, project
 from gsut.render.renderer import DEFAULT_UNSCENTED, Gradients, Render, render, render_backward
+from gsut.render.surroundings import random_background, solid, with_surroundings
 from gsut.render.tour import auto_path
 
 __all__ = [
@@ -51,16 +52,19 @@ __all__ = [
     "place_about",
     "project",
     "psnr",
+    "random_background",
     "render",
     "render_backward",
     "render_ewa",
     "ring_psnr",
     "smooth_path",
+    "solid",
     "ssim",
     "to_uint8",
     "turn_path",
     "viewer_rule",
     "weighted_psnr",
+    "with_surroundings",
     "write_png",
     "write_video",
 ]

@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut._core import CameraMotion, InputError
 from gsut.data import Finding, Scene, inverse, load_dataset
-from gsut.formats import load_gaussians
+from gsut.formats import has_no_background, load_gaussians
 from gsut.gaussians import pack_harmonics, seed_from_points
 from gsut.lens import Camera
 from gsut.run import METRICS, OPTIONS, RunFolder
@@ -37,7 +37,7 @@ class Stage:
         kind: "run", "file", "data" or "training".
         gaussians: what is drawn; None before training has begun.
         scene: photographs, poses and points; None for a file of Gaussians.
-        background: colour behind everything.
+        background: colour behind everything; None: see `render`.
         findings: of the doctor, before training.
         figures: the content of metrics.json, or {}.
     """
@@ -46,7 +46,7 @@ class Stage:
     kind: str
     gaussians: Any = None
     scene: Scene | None = None
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    background: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
     findings: Sequence[Finding] = ()
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)
 
@@ -111,7 +111,8 @@ def stage_of(path: str | os.PathLike[str], data: str | None = None) -> Stage:
     if place.is_file() and place.suffix.lower() != ".json":
         packed = pack_harmonics(load_gaussians(place))
         photographs = None if data is None else load_dataset(data)
-        return Stage(place.name, "file", packed, photographs)
+        behind = None if has_no_background(place) else (0.0, 0.0, 0.0)
+        return Stage(place.name, "file", packed, photographs, behind)
     return data_stage(load_dataset(place))
 
 

@@ -84,8 +84,8 @@ def test_target_psnr_drop_finds_fewer_gaussians_within_it(scene, run):
         on_try=lambda count, psnr: tried.append((count, psnr)),
     )  # fmt: skip
     small = compactor.make()
-    before = gsut.evaluate(whole, scene, scene.test_indices)["psnr"]
-    after = gsut.evaluate(small, scene, scene.test_indices)["psnr"]
+    before = gsut.evaluate(whole, scene, scene.test_indices, background=None)["psnr"]
+    after = gsut.evaluate(small, scene, scene.test_indices, background=None)["psnr"]
     assert len(small) < len(whole)
     assert after >= before - 0.5
     assert len(tried) >= 5
