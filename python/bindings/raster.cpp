@@ -21,10 +21,8 @@ namespace {
 
 RenderSettings Settings(const BlendRule& rule, const std::array<double, 3>& background,
                         int sh_degree) {
-  RenderSettings settings;
-  settings.rule = rule;
+  RenderSettings settings{.rule = rule, .sh_degree = sh_degree};
   std::copy(background.begin(), background.end(), settings.background);
-  settings.sh_degree = sh_degree;
   return settings;
 }
 
@@ -143,7 +141,7 @@ class BoundRenderer {
     return PoseGradient(dpose, motion_);
   }
 
-  // (winner (H, W) int32, point (H, W, 3) float32); significance (N,) grows.
+  // (winner (H, W) int32, point (H, W, 3) float32); sums (N,), (N, 2) and (N, 21) grow.
   py::tuple AddSignificance(const py::object& chosen, const py::object& significance) {
     const auto* mask = OptionalData<std::uint8_t>(chosen, "chosen", {height_, width_});
     double* sums = MutableData<double>(significance, "significance", {renderer_.frame().size});
@@ -158,13 +156,22 @@ class BoundRenderer {
     return py::make_tuple(winner, point);
   }
 
-  // fisher (N, 21) grows.
   void AddFisher(const py::object& chosen, const py::object& fisher) {
     const auto* mask = OptionalData<std::uint8_t>(chosen, "chosen", {height_, width_});
-    double* sums =
-        MutableData<double>(fisher, "fisher", {renderer_.frame().size, Renderer::kFisherSums});
+    const std::int64_t size = renderer_.frame().size;
+    double* sums = MutableData<double>(fisher, "fisher", {size, Renderer::kFisherSums});
     const py::gil_scoped_release release;
     renderer_.AddFisher(mask, sums);
+  }
+
+  void AddSupport(const py::object& photograph, const py::object& chosen,
+                  const py::object& support) {
+    const float* pixels = ConstData<float>(photograph, "photograph", {height_, width_, 3});
+    const auto* mask = OptionalData<std::uint8_t>(chosen, "chosen", {height_, width_});
+    const std::int64_t size = renderer_.frame().size;
+    double* sums = MutableData<double>(support, "support", {size, Renderer::kSupportSums});
+    const py::gil_scoped_release release;
+    renderer_.AddSupport(pixels, mask, sums);
   }
 
   // (params (K,), rays (H, W, 3)) of the last backward, or None if that was without the lens.
@@ -229,10 +236,10 @@ py::tuple ReferenceArrays(const ReferenceImage& result, py::ssize_t h, py::ssize
 py::tuple RenderDouble(const py::object& gaussians, const Camera& camera, const py::object& pose,
                        const BlendRule& rule, const std::array<double, 3>& background,
                        int sh_degree, const py::object& pixels) {
-  const auto view = ConstGaussians<double>(gaussians);
   const CameraMotion motion = ReadMotion(pose);
   const py::ssize_t h = camera.height(), w = camera.width();
   const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
+  const auto view = ConstGaussians<double>(gaussians);
   ReferenceImage result;
   {
     const py::gil_scoped_release release;
@@ -369,6 +376,8 @@ Raises:
       .def("add_significance", &BoundRenderer::AddSignificance, py::arg("chosen"),
            py::arg("significance"))
       .def("add_fisher", &BoundRenderer::AddFisher, py::arg("chosen"), py::arg("fisher"))
+      .def("add_support", &BoundRenderer::AddSupport, py::arg("photograph"), py::arg("chosen"),
+           py::arg("support"))
       .def("lens_gradients", &BoundRenderer::OfLens)
       .def("distances", &BoundRenderer::Distances)
       .def("timings", &BoundRenderer::Timings)
