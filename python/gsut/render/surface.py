@@ -1,4 +1,4 @@
-"""Where the surface lies behind each pixel of a render: kinds of depth, normals, their gradients."""
+"""The surface behind each pixel of a render: kinds of depth, normals, their gradients."""
 
 from __future__ import annotations
 
@@ -94,8 +94,8 @@ def z_of_distance(distance: np.ndarray, camera: Camera) -> np.ndarray:
     widest = float(rays[..., 2][valid].min(initial=1.0))
     if widest <= 0.0 and not camera.is_parallel:
         raise InputError(
-            f"the lens sees {math.degrees(math.acos(widest)):.0f} degrees from its axis, where z is "
-            "not positive; use the distance along the ray (--depth ray)"
+            f"the lens sees {math.degrees(math.acos(widest)):.0f} degrees from its axis, where z "
+            "is not positive; use the distance along the ray (--depth ray)"
         )
     return distance * np.where(valid, rays[..., 2], np.nan) + camera.origins()[..., 2]
 

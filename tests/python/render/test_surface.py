@@ -7,7 +7,14 @@ import gsut
 import tolerances
 from gsut import InputError, _core
 from gsut.render import z_of_distance
-from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose, relative_error, small_camera
+from random_scenes import (
+    fisheye,
+    gaussians_in_view,
+    pinhole,
+    random_pose,
+    relative_error,
+    small_camera,
+)
 
 STEP = 1e-5
 
