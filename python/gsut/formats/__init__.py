@@ -19,11 +19,11 @@ from gsut._core import InputError
 from gsut.formats._errors import largest_errors
 from gsut.formats._format import Format, SceneFile, StartView, WriteSettings, Written
 from gsut.formats._origin import for_file, place_text
-from gsut.formats.ply import OPEN_BACKGROUND, has_no_background, load_ply, save_ply
+from gsut.formats.ply import NO_BACKGROUND, load_ply, save_ply
 from gsut.gaussians import Gaussians
 
 __all__ = [
-    "OPEN_BACKGROUND",
+    "NO_BACKGROUND",
     "Format",
     "SceneFile",
     "StartView",
@@ -33,7 +33,6 @@ __all__ = [
     "for_file",
     "format_of",
     "formats",
-    "has_no_background",
     "largest_errors",
     "load_gaussians",
     "load_ply",

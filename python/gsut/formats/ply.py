@@ -17,7 +17,7 @@ from gsut.gaussians import Gaussians
 # How Brush and Postshot say that a filter of the screen belongs to a file.
 _ANTIALIASED = ("SplatRenderMode: mip", "antialiased 1")
 # How gsut says that nothing stands behind the scene: what is open shows what is around it.
-OPEN_BACKGROUND = "gsut: no background"
+NO_BACKGROUND = "gsut: no background"
 _HEADER_BYTES = 65536  # read for comments
 PACKED = b"packed_position"  # a property of SuperSplat's compressed files
 
@@ -89,21 +89,13 @@ def antialiased_comment(antialiased: bool) -> str:
     return f"SplatRenderMode: {'mip' if antialiased else 'default'}"
 
 
-def has_no_background(path: str | os.PathLike[str]) -> bool:
-    """Whether a scene file is a PLY file whose comments say so."""
-    with open(path, "rb") as file:
-        if file.read(3) != b"ply":
-            return False
-    return OPEN_BACKGROUND in comments_of(path)
-
-
 def is_antialiased(path: Path) -> bool:
     """Whether a PLY file's comments say so."""
     return any(comment in _ANTIALIASED for comment in comments_of(path))
 
 
 def _read(path: Path) -> SceneFile:
-    return SceneFile(load_ply(path), is_antialiased(path))
+    return SceneFile(load_ply(path), is_antialiased(path), NO_BACKGROUND in comments_of(path))
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:

@@ -5,7 +5,7 @@ import pytest
 
 import gsut
 import tolerances as tol
-from gsut.formats import OPEN_BACKGROUND, has_no_background, save_ply
+from gsut.formats import NO_BACKGROUND, read_scene_file, save_ply
 from gsut.render import field_angles, random_background, with_surroundings
 from gsut.training import plain_background
 from gsut.view import stage_of
@@ -93,7 +93,7 @@ def test_edges_of_one_colour_are_the_background_of_an_object(tmp_path, rng):
 
 def test_a_file_says_whether_anything_stands_behind_it(tmp_path, rng):
     g, _ = seen(rng, pinhole(40, 30))
-    for name, comments in (("open.ply", [OPEN_BACKGROUND]), ("black.ply", [])):
+    for name, comments in (("open.ply", [NO_BACKGROUND]), ("black.ply", [])):
         save_ply(tmp_path / name, g, comments)
-        assert has_no_background(tmp_path / name) == bool(comments)
+        assert read_scene_file(tmp_path / name).no_background == bool(comments)
         assert stage_of(tmp_path / name).background == (None if comments else (0.0, 0.0, 0.0))
