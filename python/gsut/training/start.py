@@ -48,19 +48,25 @@ def plain_background(scene: Scene) -> tuple[float, float, float] | None:
     """The colour that most of the photographs' edges have, as behind an object on its own.
 
     Returns:
-        The colour; None where no more than half of the edges' pixels that count agree.
+        The colour; black where most of the edges are masked, as around an object that is cut out;
+        None where no more than half of the edges' pixels agree.
     """
-    pixels = []
+    colors, edges, cut_out = [], 0, 0
     for index in scene.train_indices[:: -(-len(scene.train_indices) // _LOOKED_AT)]:
-        edge = np.ones(scene.mask(index).shape, bool)
+        mask = scene.mask(index)
+        edge = np.ones(mask.shape, bool)
         edge[1:-1, 1:-1] = False
-        pixels.append(scene.image(index)[edge & scene.mask(index)].astype(np.int16))
-    colors = np.concatenate(pixels)
-    if not len(colors):
+        edges += np.count_nonzero(edge)
+        cut_out += np.count_nonzero(edge & ~mask & scene.camera(index).rays()[1])
+        colors.append(scene.image(index)[edge & mask].astype(np.int16))
+    if 2 * cut_out > edges:
+        return (0.0, 0.0, 0.0)
+    shown = np.concatenate(colors)
+    if 2 * len(shown) <= edges:
         return None
-    middle = np.median(colors, axis=0)
-    alike = np.abs(colors - middle).max(axis=1) <= _ALIKE
-    if np.count_nonzero(alike) <= len(colors) // 2:
+    middle = np.median(shown, axis=0)
+    alike = np.abs(shown - middle).max(axis=1) <= _ALIKE
+    if 2 * np.count_nonzero(alike) <= edges:
         return None
     red, green, blue = (middle / 255.0).tolist()
     return red, green, blue

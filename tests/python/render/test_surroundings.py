@@ -79,8 +79,13 @@ def test_edges_of_one_colour_are_the_background_of_an_object(tmp_path, rng):
     pictures = {i: np.array(scene.image(i)) for i in scene.train_indices}
 
     class Edged:
-        train_indices, mask = scene.train_indices, scene.mask
+        train_indices, camera = scene.train_indices, scene.camera
         image = pictures.__getitem__
+        cut = False
+
+        @classmethod
+        def mask(cls, index):
+            return scene.mask(index) & (not cls.cut)
 
     for picture in pictures.values():
         picture[:] = rng.integers(0, 255, picture.shape)
@@ -89,6 +94,8 @@ def test_edges_of_one_colour_are_the_background_of_an_object(tmp_path, rng):
         picture[0] = picture[-1] = (255, 255, 254)
         picture[:, 0] = (255, 254, 255)
     assert plain_background(Edged) == pytest.approx((1.0, 1.0, 1.0), abs=1 / 255)
+    Edged.cut = True
+    assert plain_background(Edged) == (0.0, 0.0, 0.0)
 
 
 def test_a_file_says_whether_anything_stands_behind_it(tmp_path, rng):
