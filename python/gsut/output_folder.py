@@ -59,7 +59,8 @@ class OutputFolder:
     def is_held(self) -> bool:
         """Whether it was not let go, and nobody has removed or replaced the folder meanwhile."""
         try:
-            return self._let_go.alive and os.path.samestat(os.stat(self._marker), os.fstat(self._descriptor))
+            found = os.stat(self._marker)
+            return self._let_go.alive and os.path.samestat(found, os.fstat(self._descriptor))
         except OSError:
             return False
 
@@ -188,9 +189,7 @@ def _lock(folder: Path, descriptor: int) -> None:
         pass  # a file system without locks
 
 
-def _let_go(
-    marker: Path, descriptor: int, made: bool, writes: Collection[str] | None
-) -> None:
+def _let_go(marker: Path, descriptor: int, made: bool, writes: Collection[str] | None) -> None:
     try:
         if not _found(marker.parent, writes):
             marker.unlink()

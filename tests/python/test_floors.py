@@ -11,7 +11,8 @@ ROOT = Path(__file__).resolve().parents[2]
 # Folder (or module) of python/gsut -> floor; the package `gsut` itself is above all.
 FLOORS = {
     "_core": -1,
-    **dict.fromkeys(("files", "output_folder", "least_squares"), 0),  # what folders of floor 1 share
+    **dict.fromkeys(("files", "least_squares"), 0),  # what folders of floor 1 share
+    "output_folder": 0.5,  # above `files`
     **dict.fromkeys(("gaussians", "lens", "run", "page"), 1),
     **dict.fromkeys(("render", "optimize", "data", "formats"), 2),
     **dict.fromkeys(("capture", "sfm", "evaluate", "compact", "surface", "demo"), 3),

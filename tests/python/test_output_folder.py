@@ -1,4 +1,4 @@
-"""Folders that commands write: nobody else's files are replaced, and one process writes at a time."""
+"""Folders that commands write: nobody's files are replaced, one process writes at a time."""
 
 import json
 import os
@@ -88,7 +88,7 @@ def test_claim_that_nothing_came_of_leaves_no_trace(tmp_path):
 @pytest.mark.parametrize("name", ["", "file"])
 def test_claim_of_no_folder_says_so(tmp_path, name):
     (tmp_path / "file").write_text("precious")
-    with pytest.raises(InputError, match="no name|is a file"):
+    with pytest.raises(InputError, match=r"no name|is a file"):
         claim_folder(name and tmp_path / name, "train")
 
 

@@ -97,7 +97,7 @@ def run_command(
 
 def _drop_output() -> None:
     """Standard output goes nowhere from now on: what it still holds cannot fail at the end."""
-    if sys.stdout is sys.__stdout__:
+    if sys.stdout is sys.__stdout__ and sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
