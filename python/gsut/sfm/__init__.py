@@ -1,6 +1,6 @@
 """Structure from motion: photographs and a lens in, camera poses and points out."""
 
-from gsut.sfm.align import PoseErrors, centers_of, compare_poses, errors_against, poses_by_path
+from gsut.sfm.align import PoseErrors, compare_poses, errors_against, poses_by_path
 from gsut.sfm.bearing_points import BearingPoints
 from gsut.sfm.correspondences import collect_features, match_images
 from gsut.sfm.dataset_calibration import calibrate_from_dataset
@@ -16,7 +16,6 @@ from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_refinement import refine_lens
 from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.options import PosesOptions
-from gsut.sfm.rig_file import Rig, read_rig, relative_changes, write_rig
 from gsut.sfm.solution import Solution, diagonal, evaluate_observations, in_cameras, refine, solve
 from gsut.sfm.stages import FOLDER
 
@@ -29,10 +28,8 @@ __all__ = [
     "PoseErrors",
     "PosesOptions",
     "PosesResult",
-    "Rig",
     "Solution",
     "calibrate_from_dataset",
-    "centers_of",
     "collect_features",
     "compare_poses",
     "diagonal",
@@ -47,12 +44,9 @@ __all__ = [
     "match_images",
     "poses_by_path",
     "read_figures",
-    "read_rig",
     "refine",
     "refine_lens",
-    "relative_changes",
     "require_central",
     "solve",
     "verify",
-    "write_rig",
 ]
