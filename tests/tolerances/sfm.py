@@ -34,3 +34,5 @@ SFM_EVERY_LENS_SCALE_PERCENT = 0.54  # of the lengths that a rig gives; worst 0.
 # An image 96 pixels wide of 800 Gaussians, in 8 bits; narrow lenses are the worst.
 LOCALIZE_EVERY_LENS_DEGREES = 0.14  # worst 0.0708
 LOCALIZE_EVERY_LENS_UNITS = 2.5e-3  # worst 1.27e-3
+POSITIONS_FIT = 1e-5  # metres, of coordinates of 5e6: 1e-9 of a double there; worst 3e-9
+GEODETIC_METRES = 0.005  # metres at 111 m: the earth's curve is 1 mm there; worst 1.0e-3

@@ -16,6 +16,7 @@ from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_refinement import refine_lens
 from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.options import PosesOptions
+from gsut.sfm.positions import PositionFit, fit_positions, read_positions
 from gsut.sfm.solution import Solution, diagonal, evaluate_observations, in_cameras, refine, solve
 from gsut.sfm.stages import FOLDER
 
@@ -28,6 +29,7 @@ __all__ = [
     "PoseErrors",
     "PosesOptions",
     "PosesResult",
+    "PositionFit",
     "Solution",
     "calibrate_from_dataset",
     "collect_features",
@@ -39,11 +41,13 @@ __all__ = [
     "evaluate_observations",
     "features_in",
     "find_photographs",
+    "fit_positions",
     "in_cameras",
     "is_finished",
     "match_images",
     "poses_by_path",
     "read_figures",
+    "read_positions",
     "refine",
     "refine_lens",
     "require_central",
