@@ -12,6 +12,7 @@ from gsut.data.capture_file import (
 from gsut.data.check_colors import check_colors, view_agreement
 from gsut.data.check_geometry import check_lenses, check_points, check_poses
 from gsut.data.convert import convert_dataset, save_dataset, writable_layouts
+from gsut.data.digests import scene_digests
 from gsut.data.doctor import diagnose, findings_text
 from gsut.data.findings import SEVERITIES, DatasetError, Finding, some_names, sorted_findings
 from gsut.data.images import (
@@ -87,6 +88,7 @@ __all__ = [
     "relative_changes",
     "rigid_transform",
     "save_dataset",
+    "scene_digests",
     "shrink_image",
     "shrink_mask",
     "some_names",
