@@ -56,8 +56,8 @@ def plain_background(scene: Scene) -> tuple[float, float, float] | None:
         mask = scene.mask(index)
         edge = np.ones(mask.shape, bool)
         edge[1:-1, 1:-1] = False
-        edges += np.count_nonzero(edge)
-        cut_out += np.count_nonzero(edge & ~mask & scene.camera(index).rays()[1])
+        edges += int(np.count_nonzero(edge))
+        cut_out += int(np.count_nonzero(edge & ~mask & scene.camera(index).rays()[1]))
         colors.append(scene.image(index)[edge & mask].astype(np.int16))
     if 2 * cut_out > edges:
         return (0.0, 0.0, 0.0)
