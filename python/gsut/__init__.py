@@ -26,7 +26,16 @@ from gsut._core import (
 )
 from gsut.check import diagnose
 from gsut.compact import Compaction, SeenView, compact, seen_views
-from gsut.data import DatasetError, Finding, Scene, View, load_dataset
+from gsut.data import (
+    DatasetError,
+    Finding,
+    Scene,
+    View,
+    convert_dataset,
+    load_dataset,
+    make_scene,
+    save_dataset,
+)
 from gsut.evaluate import evaluate
 from gsut.formats import load_gaussians, load_ply, save_gaussians, save_ply
 from gsut.gaussians import (
@@ -86,6 +95,9 @@ from gsut.train import TrainResult, train
 __all__ = [  # noqa: RUF022
     # Load
     "load_dataset",
+    "make_scene",
+    "save_dataset",
+    "convert_dataset",
     "Scene",
     "View",
     "diagnose",
