@@ -26,7 +26,7 @@ from gsut._core import (
 )
 from gsut.check import diagnose
 from gsut.compact import Compaction, SeenView, compact, seen_views
-from gsut.data import DatasetError, Finding, Scene, View, load_dataset
+from gsut.data import DatasetError, Finding, Scene, View, color_points, load_dataset
 from gsut.evaluate import evaluate
 from gsut.formats import load_gaussians, load_ply, save_gaussians, save_ply
 from gsut.gaussians import (
@@ -76,7 +76,15 @@ from gsut.render import (
     write_video,
 )
 from gsut.run import TrainOptions
-from gsut.sfm import PoseErrors, PosesOptions, PosesResult, compare_poses, estimate_poses
+from gsut.sfm import (
+    PoseErrors,
+    PosesOptions,
+    PosesResult,
+    TriangulatedPoints,
+    compare_poses,
+    estimate_poses,
+    triangulate,
+)
 from gsut.train import TrainResult, train
 
 # By task: docs/api.md is made from this list and its comments, in this order.
@@ -105,6 +113,9 @@ __all__ = [  # noqa: RUF022
     "RefinedPose",
     "localize_image",
     "Localized",
+    "triangulate",
+    "TriangulatedPoints",
+    "color_points",
     # Train
     "train",
     "TrainOptions",

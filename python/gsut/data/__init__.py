@@ -12,6 +12,7 @@ from gsut.data.capture_file import (
 from gsut.data.check_colors import check_colors, view_agreement
 from gsut.data.check_geometry import check_lenses, check_points, check_poses
 from gsut.data.colmap import find_mask
+from gsut.data.color_points import UNCOLORED, color_points, has_colors
 from gsut.data.doctor import diagnose, findings_text
 from gsut.data.findings import SEVERITIES, DatasetError, Finding, some_names, sorted_findings
 from gsut.data.folder import find_images, find_lens_file
@@ -24,6 +25,7 @@ from gsut.data.images import (
     shrink_mask,
 )
 from gsut.data.load import load_dataset, read_dataset
+from gsut.data.points import TRIANGULATED, load_points_ply
 from gsut.data.poses import OPENGL_FROM_OPENCV, inverse, rigid_transform
 from gsut.data.scene import Scene, View
 from gsut.data.shutter import frame_times, with_shutter
@@ -39,6 +41,8 @@ __all__ = [
     "SEVERITIES",
     "STRIP",
     "TEST_EVERY",
+    "TRIANGULATED",
+    "UNCOLORED",
     "DatasetError",
     "Finding",
     "Frame",
@@ -51,6 +55,7 @@ __all__ = [
     "check_lenses",
     "check_points",
     "check_poses",
+    "color_points",
     "decode_image",
     "decode_mask",
     "diagnose",
@@ -59,9 +64,11 @@ __all__ = [
     "find_mask",
     "findings_text",
     "frame_times",
+    "has_colors",
     "inverse",
     "lens_of_path",
     "load_dataset",
+    "load_points_ply",
     "points_ply",
     "read_capture",
     "read_dataset",

@@ -113,7 +113,7 @@ def read_folder(path: Path, *, on_error: OnError = stop) -> Listing:
     points = next((path / n for n in POINT_FILES if (path / n).is_file()), None)
     if points is not None:
         try:
-            listing.points, listing.point_colors = load_points_ply(points)
+            listing.points, listing.point_colors = load_points_ply(points, listing.notes)
         except InputError as error:
             on_error(error)
     return listing

@@ -4,6 +4,12 @@ from gsut.sfm.align import PoseErrors, centers_of, compare_poses, errors_against
 from gsut.sfm.bearing_points import BearingPoints
 from gsut.sfm.correspondences import collect_features, match_images
 from gsut.sfm.dataset_calibration import calibrate_from_dataset
+from gsut.sfm.epipolar import (
+    angular_errors,
+    pixels_per_radian,
+    readout_moments,
+    readout_poses,
+)
 from gsut.sfm.estimate import (
     PosesResult,
     done_already,
@@ -19,6 +25,7 @@ from gsut.sfm.options import PosesOptions
 from gsut.sfm.rig_file import Rig, read_rig, relative_changes, write_rig
 from gsut.sfm.solution import Solution, diagonal, evaluate_observations, in_cameras, refine, solve
 from gsut.sfm.stages import FOLDER
+from gsut.sfm.triangulation import TriangulatedPoints, triangulate
 
 __all__ = [
     "FOLDER",
@@ -31,6 +38,8 @@ __all__ = [
     "PosesResult",
     "Rig",
     "Solution",
+    "TriangulatedPoints",
+    "angular_errors",
     "calibrate_from_dataset",
     "centers_of",
     "collect_features",
@@ -45,14 +54,18 @@ __all__ = [
     "in_cameras",
     "is_finished",
     "match_images",
+    "pixels_per_radian",
     "poses_by_path",
     "read_figures",
     "read_rig",
+    "readout_moments",
+    "readout_poses",
     "refine",
     "refine_lens",
     "relative_changes",
     "require_central",
     "solve",
+    "triangulate",
     "verify",
     "write_rig",
 ]

@@ -241,6 +241,25 @@ def test_load_points_ply_with_float_colors_scales_and_clamps(tmp_path):
     assert load_points_ply(tmp_path / "a.ply")[1][:, 0].tolist() == [128, 255, 0]
 
 
+@pytest.mark.parametrize(
+    ("kind", "levels", "white"),
+    [("f4", [51, 255, 0], 255), ("f8", [13107, 65535, 0], 65535), ("u2", [13107, 65535, 0], 65535)],
+)
+def test_load_points_ply_with_colors_of_an_unusual_range_says_so(tmp_path, kind, levels, white):
+    columns = {name: np.zeros(3, np.float32) for name in "xyz"}
+    for name in ("red", "green", "blue"):
+        columns[name] = np.array(levels, kind)
+    types = dict.fromkeys("xyz", "f4") | dict.fromkeys(("red", "green", "blue"), kind)
+    write_table(tmp_path / "a.ply", columns, "<", types)
+    notes = []
+    assert load_points_ply(tmp_path / "a.ply", notes)[1][:, 0].tolist() == [51, 255, 0]
+    assert [f"numbers of 0 to {white}" in note for note in notes] == [True]
+    columns["red"] = np.array([0, 1e6, 0], np.float32)
+    write_table(tmp_path / "b.ply", columns, "<", types | {"red": "f4"})
+    with pytest.raises(InputError, match="neither of 0 to 1"):
+        load_points_ply(tmp_path / "b.ply")
+
+
 def test_load_points_ply_of_fox_has_its_points(shared):
     points, colors = load_points_ply(shared / "data" / "fox" / "points3D.ply")
     assert points.shape == (11954, 3) and colors.shape == (11954, 3)
