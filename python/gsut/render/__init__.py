@@ -24,6 +24,12 @@ from gsut.render.paths import orbit_path, smooth_path, turn_path
 from gsut.render.pictures import picture_stems, to_uint8, write_png
 from gsut.render.projection import METHODS, Projection, project
 from gsut.render.renderer import DEFAULT_UNSCENTED, Gradients, Render, render, render_backward
+from gsut.render.surface import (
+    Surface,
+    render_surface,
+    render_surface_backward,
+    z_of_distance,
+)
 from gsut.render.tour import auto_path
 
 __all__ = [
@@ -39,6 +45,7 @@ __all__ = [
     "Projection",
     "Render",
     "Ring",
+    "Surface",
     "auto_path",
     "color_corrected_psnr",
     "falloff_basis",
@@ -54,6 +61,8 @@ __all__ = [
     "render",
     "render_backward",
     "render_ewa",
+    "render_surface",
+    "render_surface_backward",
     "ring_psnr",
     "smooth_path",
     "ssim",
@@ -63,4 +72,5 @@ __all__ = [
     "weighted_psnr",
     "write_png",
     "write_video",
+    "z_of_distance",
 ]

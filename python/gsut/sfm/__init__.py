@@ -22,6 +22,7 @@ from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_refinement import refine_lens
 from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.options import PosesOptions
+from gsut.sfm.positions import PositionFit, fit_positions, read_positions
 from gsut.sfm.rig_file import Rig, read_rig, relative_changes, write_rig
 from gsut.sfm.solution import Solution, diagonal, evaluate_observations, in_cameras, refine, solve
 from gsut.sfm.stages import FOLDER
@@ -36,6 +37,7 @@ __all__ = [
     "PoseErrors",
     "PosesOptions",
     "PosesResult",
+    "PositionFit",
     "Rig",
     "Solution",
     "TriangulatedPoints",
@@ -51,12 +53,14 @@ __all__ = [
     "evaluate_observations",
     "features_in",
     "find_photographs",
+    "fit_positions",
     "in_cameras",
     "is_finished",
     "match_images",
     "pixels_per_radian",
     "poses_by_path",
     "read_figures",
+    "read_positions",
     "read_rig",
     "readout_moments",
     "readout_poses",
