@@ -10,6 +10,7 @@ import concurrent.futures
 import dataclasses
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 
@@ -151,7 +152,7 @@ class _Small:
     def counts_at(self, places: np.ndarray) -> np.ndarray:
         """(N,) bool: inside the image, and valid."""
         height, width = self.valid.shape
-        inside = ((places >= 0) & (places < [width, height])).all(axis=1)
+        inside = np.all((places >= 0) & (places < [width, height]), axis=1)
         x, y = np.where(inside[:, None], places, 0).astype(int).T
         return inside & self.valid[y, x]
 
@@ -178,7 +179,7 @@ def _follow_into(
     place = np.where(np.asarray(known)[:, None], place, -1.0).reshape(height, width, 2)
     at = (place - 0.5).astype(np.float32)
     moved = cv2.remap(b.grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR)
-    search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    search: Any = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     there, back = search.calc(a.grey, moved, None), search.calc(moved, a.grey, None)
     reached = grid + _sampled(there, grid)
     returned = reached + _sampled(back, reached)

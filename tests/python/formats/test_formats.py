@@ -30,7 +30,14 @@ def write_table(path, columns, byte_order, types, before=b"", before_header=""):
     """A PLY file by an independent writer: numpy structured arrays, or text."""
     kind = {"<": "binary_little_endian", ">": "binary_big_endian", "a": "ascii"}[byte_order]
     count = len(next(iter(columns.values())))
-    names = {"f4": "float", "f8": "double", "u1": "uchar", "i2": "int16", "u2": "ushort", "i4": "int"}
+    names = {
+        "f4": "float",
+        "f8": "double",
+        "u1": "uchar",
+        "i2": "int16",
+        "u2": "ushort",
+        "i4": "int",
+    }
     header = f"ply\nformat {kind} 1.0\ncomment made by a test\n{before_header}"
     header += f"element vertex {count}\n"
     header += "".join(f"property {names[types[name]]} {name}\n" for name in columns)
