@@ -26,12 +26,16 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A path to write to, in the same folder, that becomes `path` once the block ends well.
 
     It ends as `path` does: some writers choose the format by the name. The file is flushed to the
-    disk and renamed; where the block fails, what was there before is unchanged.
+    disk and renamed; where the block fails, what was there before is unchanged. A link stays: what
+    it leads to is written.
 
     Raises:
-        WriteError: the file cannot be written (no such folder, permissions, disk full).
+        WriteError: the file cannot be written (no such folder, permissions, disk full), or `path`
+            is a folder, a device or a pipe.
     """
-    path = Path(path)
+    path = Path(os.path.realpath(path))
+    if path.exists() and not path.is_file():
+        raise WriteError(f"cannot write {path}: it is not a file; give another name")
     temporary = path.with_name(f"{UNFINISHED}{os.getpid()}-{path.name}")
     try:
         yield temporary

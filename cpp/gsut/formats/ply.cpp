@@ -7,6 +7,8 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <filesystem>
+#include <system_error>
 
 #include "gsut/base/errors.h"
 #include "gsut/formats/ply_rows.h"
@@ -178,8 +180,24 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
   return not_finite;
 }
 
-void WritePly(const std::string& path, const GaussiansView<const float>& gaussians,
+namespace {
+
+// What is to be written: where a link leads to. Throws InputError if that is not a file.
+std::string WritablePath(const std::string& path) {
+  std::error_code error;
+  const std::filesystem::path real = std::filesystem::weakly_canonical(path, error);
+  const std::filesystem::file_status status = std::filesystem::status(path, error);
+  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
+    throw InputError(path + ": cannot be written: it is not a file; give another name");
+  }
+  return real.empty() ? path : real.string();
+}
+
+}  // namespace
+
+void WritePly(const std::string& name, const GaussiansView<const float>& gaussians,
               const std::vector<std::string>& comments) {
+  const std::string path = WritablePath(name);
   for (const std::string& comment : comments) {
     if (comment.find_first_of("\r\n") != std::string::npos) {
       throw InputError("a PLY comment holds a line break: \"" + comment + "\"; give one a line");

@@ -59,7 +59,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    run = RunFolder(arguments.out)
+    run = RunFolder.claim(arguments.out, "train", arguments.data)
     given = given_options(TrainOptions, arguments)
     if arguments.resume and (run.path / OPTIONS).is_file():
         options = dataclasses.replace(run.read_options(), **given)

@@ -13,6 +13,7 @@ from gsut.data.check_colors import check_colors, view_agreement
 from gsut.data.check_geometry import check_lenses, check_points, check_poses
 from gsut.data.colmap import find_mask
 from gsut.data.color_points import UNCOLORED, color_points, has_colors
+from gsut.data.digests import scene_digests
 from gsut.data.doctor import diagnose, findings_text
 from gsut.data.findings import SEVERITIES, DatasetError, Finding, some_names, sorted_findings
 from gsut.data.folder import find_images, find_lens_file
@@ -75,6 +76,7 @@ __all__ = [
     "read_header",
     "read_path",
     "rigid_transform",
+    "scene_digests",
     "shrink_image",
     "shrink_mask",
     "some_names",

@@ -14,6 +14,7 @@ from typing import Any
 from gsut import _core
 from gsut._core import InputError, Shutter
 from gsut.files import write_file
+from gsut.output_folder import claim_folder
 from gsut.sfm.correspondences import OnProgress, collect_features, match_images
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs, find_photographs, require_central
@@ -112,7 +113,8 @@ def estimate_poses(
         The output folder, poses with points, and figures.
 
     Raises:
-        InputError: too few images, wrong lens, or a file that cannot be written.
+        InputError: too few images, wrong lens, a file that cannot be written, or `out` holds what
+            `gsut poses` did not write.
         SolveError: nothing could be reconstructed: no overlap, images all the same, or a camera
             that only turned; says which.
     """
@@ -120,8 +122,8 @@ def estimate_poses(
     log = PosesLog(on_progress, notes_to)
     photographs, on_rig = _inputs(Path(images), camera, rig, unknown_lens, mapper, options)
     shutter = _shutter(photographs, options, mapper)
-    folder = Path(out)
-    folder.mkdir(parents=True, exist_ok=True)
+    claimed = claim_folder(out, "poses", images)
+    folder = claimed.path
     key = _key(photographs, options, fov_degrees)
     stages = Stages(folder, key)
     with _threads(options.threads):
