@@ -38,9 +38,7 @@ LOCALIZE_EVERY_LENS_UNITS = 2.5e-3  # worst 1.27e-3
 POINTS_MEDIAN_RELATIVE = 0.014  # worst 0.0072
 POINTS_NINETY_RELATIVE = 0.087  # of nine tenths; worst 0.044
 POINTS_DENSE_MEDIAN_RELATIVE = 0.036  # of pixels followed by flow; worst 0.019
-POINTS_SPONZA_MEDIAN_RELATIVE = (
-    0.025  # 10 images of 480 px, hidden points too; worst 0.013
-)
+POINTS_SPONZA_MEDIAN_RELATIVE = 0.025  # 10 images of 480 px, hidden points too; worst 0.013
 POINTS_FAR_METRES = 2.5e-8  # triangulated 5.4e6 m from the origin; worst 1.3e-8
 POINTS_ROLLING = 1e-12  # units, exact pixels of a rolling shutter; worst 1.4e-14
 POINTS_COLOUR_LEVELS = 12.0  # of 255, median, points off by 1 cm; worst 6
