@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError, SolveError
-from gsut.lens import camera_models, convert_camera, format_colmap
+from gsut.lens import camera_models, colmap_record, convert_camera
 from gsut.sfm import (
     PoseErrors,
     PosesOptions,
@@ -259,7 +259,7 @@ def _measure_pycolmap(
         cameras = {camera for camera in photographs.cameras if camera is not None}
         if len(cameras) != 1:
             return {**row, "failure": f"the images have {len(cameras)} known lenses, not one"}
-        _, model, _, _, *params = format_colmap(cameras.pop()).splitlines()[-1].split()
+        model, _, params = colmap_record(cameras.pop())
         request.update(model=model, params=[float(value) for value in params])
     with tempfile.TemporaryDirectory(prefix="gsut-pycolmap-") as folder:
         question, answer = Path(folder) / "request.json", Path(folder) / "answer.json"

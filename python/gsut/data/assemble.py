@@ -35,6 +35,7 @@ class Frame:
     depth_path: Path | None = None
     shutter: Shutter | None = None
     time: float | None = None  # seconds, of a video's frame
+    time_ns: int | None = None  # of a recording's: nanoseconds on its own clock
 
 
 @dataclasses.dataclass

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gsut.data.points import NO_COLOR
 from gsut.data.scene import Scene
 from gsut.run import Progress
 
@@ -13,7 +14,6 @@ _SLOTS = 7  # nearest photographs of a point: their median is its colour
 # hardly behind it, is seen.
 _PER_CELL, _BEHIND = 4, 1.05
 _WIDEST_CELL = 48  # cells along the longer side, at least
-_GREY = 128
 UNCOLORED = "the points have no colours: training takes theirs from the photographs"
 
 
@@ -57,7 +57,7 @@ def color_points(
     every = np.arange(len(points))
     low, high = np.maximum(views - 1, 0) // 2, views // 2
     middle = (order[low, every] + order[high, every] + 1) // 2
-    return np.where(views[:, None] > 0, middle, _GREY).astype(np.uint8), views
+    return np.where(views[:, None] > 0, middle, NO_COLOR).astype(np.uint8), views
 
 
 def _seen(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -33,8 +34,14 @@ def scene_digests(scene: Scene) -> dict[str, str]:
     lenses = (repr((c.model, c.width, c.height, tuple(c.params))) for c in scene.file_cameras)
     split = repr((scene.train_indices, scene.test_indices, [view.name for view in views]))
     parts: dict[str, Iterable[bytes]] = {
-        "images": (_ends(view.image_path) for view in views),
-        "masks": (_ends(path) for path in dict.fromkeys(v.mask_path for v in views) if path),
+        "images": (
+            _ends(v.image_path) if v.pixels is None else np.ascontiguousarray(v.pixels).tobytes()
+            for v in views
+        ),
+        "masks": itertools.chain(
+            (_ends(path) for path in dict.fromkeys(v.mask_path for v in views) if path),
+            (np.packbits(v.valid).tobytes() for v in views if v.valid is not None),
+        ),
         "poses": (np.ascontiguousarray(pose).tobytes() for pose in poses),
         "lenses": (text.encode() for text in lenses),
         "points": (scene.points.tobytes(), scene.point_colors.tobytes()),

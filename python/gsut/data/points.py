@@ -1,4 +1,4 @@
-"""Point clouds from PLY files."""
+"""Point clouds from and to PLY files."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import numpy as np
 from gsut import _core
 
 TRIANGULATED = "triangulated.ply"  # of `gsut points`; read where a dataset names no points
+NO_COLOR = 128  # of points without one
+_AXES = ("x", "y", "z")
+_COLORS = ("red", "green", "blue")
 
 
 def load_points_ply(
@@ -33,3 +36,16 @@ def load_points_ply(
     if notes is not None and white:
         notes.append(f"{path}: the points' colours are read as numbers of 0 to {white:g}")
     return points, colors
+
+
+def points_ply(points: np.ndarray, colors: np.ndarray) -> bytes:
+    """A PLY of points (P, 3), written as doubles, with colours (P, 3) uint8."""
+    layout = [(name, "<f8") for name in _AXES] + [(name, "u1") for name in _COLORS]
+    vertices = np.empty(len(points), dtype=layout)
+    for names, columns in ((_AXES, points), (_COLORS, colors)):
+        for name, column in zip(names, np.asarray(columns).T, strict=True):
+            vertices[name] = column
+    types = {"<f8": "double", "u1": "uchar"}
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header += [f"property {types[kind]} {name}" for name, kind in layout] + ["end_header", ""]
+    return "\n".join(header).encode() + vertices.tobytes()

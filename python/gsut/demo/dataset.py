@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -19,6 +16,7 @@ from gsut.data import Frame, points_ply, write_transforms
 from gsut.demo.hall import Hall, make_hall
 from gsut.demo.tracing import Tracer
 from gsut.demo.views import camera_path, demo_camera
+from gsut.files import whole_folder
 from gsut.lens import Camera
 from gsut.run import Progress
 
@@ -28,7 +26,6 @@ _POINTS = 4000
 _POINTS_FILE = "points3D.ply"
 _POINT_NOISE = 0.01  # metres, standard deviation: as good as structure from motion gets
 _MILLIMETRES = 1000.0
-_FOLDER_MODE = 0o755
 
 
 def make_demo_scene(
@@ -69,36 +66,9 @@ def make_demo_scene(
                                ("size", size, 16), ("seed", seed, 0)):  # fmt: skip
         if value < least:
             raise InputError(f"{name} is {value}; give at least {least}")
-    with new_folder(folder) as partial:
+    with whole_folder(folder) as partial:
         _write_dataset(partial, views, test_views, camera or demo_camera(size), seed, progress)
     return folder
-
-
-@contextlib.contextmanager
-def new_folder(folder: Path) -> Iterator[Path]:
-    """A folder beside it to write to, renamed at the end: an interrupted run leaves none.
-
-    Raises:
-        InputError: the folder exists or cannot be created.
-    """
-    if folder.exists():
-        raise InputError(f"{folder} exists; remove it or name another folder for the demo scene")
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(
-            tempfile.mkdtemp(prefix=f"{folder.name}.", suffix=".partial", dir=folder.parent)
-        )
-    except OSError as error:
-        raise InputError(
-            f"{folder} cannot be created ({error.strerror}); name a writable folder"
-        ) from error
-    try:
-        yield partial
-        partial.chmod(_FOLDER_MODE)  # mkdtemp's is private
-        partial.rename(folder)
-    except BaseException:
-        shutil.rmtree(partial, ignore_errors=True)
-        raise
 
 
 def _write_dataset(

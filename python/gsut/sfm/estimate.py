@@ -13,6 +13,7 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError, Shutter
+from gsut.data import Rig, read_rig, write_rig
 from gsut.files import write_file
 from gsut.output_folder import claim_folder
 from gsut.sfm.correspondences import OnProgress, collect_features, match_images
@@ -31,7 +32,6 @@ from gsut.sfm.poses_verdict import LensDoubt, lens_doubt, poses_verdict
 from gsut.sfm.readout import readout_time
 from gsut.sfm.report import REPORT, write_report
 from gsut.sfm.rig import COVARIANCE_OF, RigFit, refuse_beside_rig, solve_rig
-from gsut.sfm.rig_file import Rig, read_rig, write_rig
 from gsut.sfm.rig_images import find_rig_photographs
 from gsut.sfm.solution import Solution, matches_in_points, solve
 from gsut.sfm.stages import Stages, digest
@@ -102,7 +102,7 @@ def estimate_poses(
         options: every setting of the search; None: the defaults.
         mapper: makes poses of verified pairs where the lens is known; None: incremental, with
             bundle adjustment.
-        rig: file of a rig (see `rig_file.read_rig`): images then holds one folder a camera, the
+        rig: file of a rig (see `gsut.data.read_rig`): images then holds one folder a camera, the
             images of one frame share one pose of the rig, and all is in its unit. rig.json, the
             rig as it was used, is written too.
         refine_rig: the cameras' poses on the rig are adjusted; its size stays.

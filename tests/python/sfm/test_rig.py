@@ -11,13 +11,13 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
+from gsut.data import centers_of, read_rig, relative_changes, write_rig
 from gsut.data.poses import inverse
-from gsut.sfm.align import centers_of, compare_poses
+from gsut.sfm.align import compare_poses
 from gsut.sfm.features import no_features
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.pairs import choose_pairs
 from gsut.sfm.rig import solve_rig
-from gsut.sfm.rig_file import read_rig, relative_changes, write_rig
 from gsut.sfm.rig_images import find_rig_photographs
 from gsut.sfm.rig_start import place_rig
 from gsut.sfm.solution import FEATURE_VARIANCE, OnRig, refine

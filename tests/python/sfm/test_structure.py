@@ -330,7 +330,7 @@ def test_poses_command_writes_figures_report_and_colmap(some_sponza, solved_spon
     assert not (solved_sponza / "stages").exists()
     # The COLMAP model says the same as transforms.json.
     scene = gsut.load_dataset(solved_sponza, test_every=0)
-    from gsut.data.colmap import read_colmap
+    from gsut.data.layouts.colmap import read_colmap
 
     colmap = solved_sponza / "sparse" / "0"
     (solved_sponza / "images").symlink_to(some_sponza[0] / "images")
