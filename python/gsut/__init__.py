@@ -31,6 +31,7 @@ from gsut.data import (
     Finding,
     Scene,
     View,
+    color_points,
     convert_dataset,
     load_dataset,
     make_scene,
@@ -88,7 +89,15 @@ from gsut.render import (
     write_video,
 )
 from gsut.run import TrainOptions
-from gsut.sfm import PoseErrors, PosesOptions, PosesResult, compare_poses, estimate_poses
+from gsut.sfm import (
+    PoseErrors,
+    PosesOptions,
+    PosesResult,
+    TriangulatedPoints,
+    compare_poses,
+    estimate_poses,
+    triangulate,
+)
 from gsut.train import TrainResult, train
 
 # By task: docs/api.md is made from this list and its comments, in this order.
@@ -120,6 +129,9 @@ __all__ = [  # noqa: RUF022
     "RefinedPose",
     "localize_image",
     "Localized",
+    "triangulate",
+    "TriangulatedPoints",
+    "color_points",
     # Train
     "train",
     "TrainOptions",
