@@ -75,8 +75,7 @@ def test_a_trajectory_in_a_file_serves_a_bag_without_poses(write_bag, tmp_path):
 
 
 REFUSED = {
-    "no_place": ({"static": False}, {}, ("/tf_static has no transform to 'cam0_optical' from 'base'",
-                                         "poses_of")),
+    "no_place": ({"static": False}, {}, ("no transform to 'cam0_optical' from 'base'", "poses_of")),
     "two_odometries": ({"odometry": ("/a", "/b")}, {}, ("2 topics of poses: /a, /b",
                                                         "--poses-topic")),
     "no_poses": ({"odometry": ()}, {}, ("no topic of poses", "--poses FILE")),
