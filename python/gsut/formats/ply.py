@@ -61,7 +61,7 @@ def _warn_of_rounding(path: str | os.PathLike[str], gaussians: Gaussians) -> Non
     """Where the file's own float32 could not tell places apart that its Gaussians do."""
     if not len(gaussians):
         return
-    step = np.spacing(np.abs(gaussians.means).max())
+    step = np.spacing(np.median(np.abs(gaussians.means), axis=0).max())
     size = np.exp(np.median(gaussians.log_scales))
     if step > size:
         warnings.warn(

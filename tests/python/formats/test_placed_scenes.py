@@ -13,6 +13,7 @@ from gsut.gaussians import rotations_of, transformed
 from tolerances import FORMAT_ERRORS, PLACED
 
 QUAT = np.array([0.5, 0.1, -0.7, 0.2]) / np.linalg.norm([0.5, 0.1, -0.7, 0.2])
+UTM = np.array([393_123.25, 5_819_456.75, 41.5])
 FLIP = np.diag([-1.0, -1.0, 1.0])  # from a file's axes, where y is up, to ours
 
 
@@ -114,7 +115,7 @@ def ply_of_others(path, g, kind, places):
 @pytest.mark.parametrize("kind", ["ascii", "double"])
 def test_utm_coordinates_of_others_keep_their_digits(tmp_path, rng, kind):
     g = plain_scene(rng, 20, 1)
-    places = g.means.astype(np.float64) + [393_123.25, 5_819_456.75, 41.5]
+    places = g.means.astype(np.float64) + UTM
     ply_of_others(tmp_path / "a.ply", g, kind, places)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -129,7 +130,7 @@ def test_utm_coordinates_of_others_keep_their_digits(tmp_path, rng, kind):
 def test_utm_coordinates_that_float_has_rounded_are_told(tmp_path, rng):
     g = plain_scene(rng, 20, 1)
     g.log_scales[:] = -3
-    ply_of_others(tmp_path / "a.ply", g, "float", g.means + [393_123.25, 5_819_456.75, 41.5])
+    ply_of_others(tmp_path / "a.ply", g, "float", g.means + UTM)
     with pytest.warns(UserWarning, match=r"coordinates lie 0.5 apart, .* 0.05 large"):
         formats.load_gaussians(tmp_path / "a.ply")
 
