@@ -49,8 +49,9 @@ def run(arguments: argparse.Namespace) -> int:
         print(
             f"{row['scene']}, at {row['scale']:g} of the size, {100 * row['share']:.0f} % of the "
             f"Gaussians: {row['frames_per_second']:.1f} frames/s, slowest "
-            f"{row['slowest_ms']:.0f} ms, {row['cpu_ms']:.0f} ms of processor time and {row['kilobytes']:.0f} kB a frame, "
-            f"{row['threads']} threads; {_likeness(row['psnr'])}"
+            f"{row['slowest_ms']:.0f} ms, {row['cpu_ms']:.0f} ms of processor time and "
+            f"{row['kilobytes']:.0f} kB a frame, {row['threads']} threads; "
+            f"{_likeness(row['psnr'])}"
         )
     return 0
 
