@@ -68,6 +68,9 @@ class Browser:
         """A PNG of the window."""
         return base64.b64decode(self._ask("/screenshot"))
 
+    def devtools(self, command: str, **values: Any) -> Any:
+        return self._ask("/goog/cdp/execute", {"cmd": command, "params": values})
+
 
 @contextlib.contextmanager
 def browser(
@@ -77,7 +80,7 @@ def browser(
     driver, program = shutil.which("chromedriver"), shutil.which("chromium")
     if driver is None or program is None:
         pytest.skip("chromium and chromium-driver are not installed")
-    with tempfile.TemporaryDirectory(prefix="gsut-browser-") as folder:
+    with tempfile.TemporaryDirectory(prefix="gsut-browser-", ignore_cleanup_errors=True) as folder:
         process = subprocess.Popen(
             [driver, "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
         )
