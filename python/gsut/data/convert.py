@@ -79,8 +79,10 @@ def convert_dataset(
     if out.suffix.lower() == ".txt":
         _write_trajectory(out, frames, to)
         return notes
+    has_lists = listing.listed_test is not None or listing.listed_train is not None
+    test = [checked.views[i].name for i in checked.test_indices] if has_lists else None
     export = Export(
-        frames, listing.points, listing.point_colors, _listed_test(listing),
+        frames, listing.points, listing.point_colors, test,
         link_file if link else copy_file,
     )  # fmt: skip
     return notes + write_layout(out, export, to)
@@ -110,15 +112,23 @@ def _take_poses(listing: Listing, scene: Scene) -> None:
             frame.camera = scene.file_cameras[view.camera_index]
 
 
-def _listed_test(listing: Listing) -> list[str] | None:
-    if listing.listed_test is None:
+def _held_out(frames: Sequence[Frame], wanted: Sequence[str] | None) -> list[str] | None:
+    """The names of the frames in a list of names, file names or stems.
+
+    Raises:
+        InputError: one of them is no frame.
+    """
+    if wanted is None:
         return None
-    wanted = set(listing.listed_test)
-    return [
-        frame.name
-        for frame in listing.frames
-        if {frame.name, frame.image_path.name, frame.image_path.stem} & wanted
-    ]
+    aliases = {
+        alias: frame.name
+        for frame in frames
+        for alias in (Path(frame.name).stem, Path(frame.name).name, frame.name)
+    }
+    absent = [name for name in wanted if name not in aliases]
+    if absent:
+        raise InputError(f"{absent[0]} is held out, but there is no such image")
+    return sorted({aliases[name] for name in wanted})
 
 
 def _write_trajectory(out: Path, frames: Sequence[Frame], to: str) -> None:
@@ -141,7 +151,7 @@ def write_layout(out: Path, export: Export, to: str) -> list[str]:
     """
     known = writable_layouts()
     if to not in known:
-        raise InputError(f"there is no layout '{to}' to write; known: {', '.join(known)}")
+        raise InputError(f"there is no layout '{to}' to write; known: {', '.join(sorted(known))}")
     write = known[to].write
     assert write is not None
     with whole_folder(out) as folder:
@@ -215,7 +225,7 @@ def save_dataset(
         return write_layout(
             out,
             Export(
-                frames, xyz, rgb, None if test_names is None else list(test_names),
+                frames, xyz, rgb, _held_out(frames, test_names),
                 lambda here, there: (
                     move_file if here.is_relative_to(folder) else copy_file
                 )(here, there),

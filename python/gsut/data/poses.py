@@ -95,7 +95,9 @@ def pose_from_quaternion(quat_wxyz: ArrayLike, translation: ArrayLike, where: ob
     pose[:3, 3] = np.asarray(translation, dtype=np.float64)
     if not ((np.abs(quat) <= FARTHEST).all() and (np.abs(pose) <= FARTHEST).all()):
         raise DatasetError(
-            where, "the pose holds NaN, infinity or an absurd number", "estimate it again or leave the image out"
+            where,
+            "the pose holds NaN, infinity or an absurd number",
+            "estimate it again, or leave it out",
         )
     norm = np.linalg.norm(quat)
     if abs(norm - 1) > ROTATION_TOLERANCE:
