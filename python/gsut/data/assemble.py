@@ -97,7 +97,8 @@ def assemble(
         on_error(
             DatasetError(
                 listing.source,
-                f"{np.sum(~finite)} of {len(finite)} points are NaN, infinite or absurdly far away",
+                f"{np.sum(~finite)} of {len(finite)} points have NaN, infinite or absurdly large "
+                "coordinates",
                 "remove these points",
             )
         )

@@ -96,7 +96,7 @@ def pose_from_quaternion(quat_wxyz: ArrayLike, translation: ArrayLike, where: ob
     if not ((np.abs(quat) <= FARTHEST).all() and (np.abs(pose) <= FARTHEST).all()):
         raise DatasetError(
             where,
-            "the pose holds NaN, infinity or an absurd number",
+            "the pose holds NaN or infinity, or an absurd number",
             "estimate it again, or leave it out",
         )
     norm = np.linalg.norm(quat)
