@@ -147,8 +147,11 @@ def parse_yaml(text: str, fails: Callable[[str, str], Exception]) -> Any:
     )
     # OpenCV's directive "%YAML:1.0" is not YAML; an empty line keeps the line numbers.
     first, newline, rest = text.partition("\n")
+    body = newline + rest if first.startswith("%YAML:") else text
+    if body.rstrip().endswith("\n---"):  # `ros2 topic echo` ends each message so
+        body = body.rstrip()[:-3]
     try:
-        return yaml.load(newline + rest if first.startswith("%YAML:") else text, Loader=Loader)
+        return yaml.load(body, Loader=Loader)  # a SafeLoader
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}" if mark is not None else ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NoReturn
 
 from gsut._core import CalibrationError, InputError
@@ -107,6 +107,21 @@ class LensValues:
         if doubt is not None:
             raise CalibrationError(f"{prefix}this is no lens: {doubt}; correct it")
         return camera
+
+
+def chosen_name(names: Collection[str], camera_id: int | str | None, source: str) -> str:
+    """The only camera's name, or the one asked for.
+
+    Raises:
+        InputError: there are several and none is asked for, or not this one.
+    """
+    known = ", ".join(names)
+    if camera_id is None and len(names) > 1:
+        raise InputError(f"{source}: holds {len(names)} cameras; give camera_id, one of {known}")
+    name = next(iter(names)) if camera_id is None else str(camera_id)
+    if name not in names:
+        raise InputError(f"{source}: has no camera {camera_id}; it holds {known}")
+    return name
 
 
 def _flatten(value: Any) -> list[Any] | None:
