@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
+from gsut.lens.plausible import implausible
 
 
 class LensValues:
@@ -97,11 +98,15 @@ class LensValues:
         valid_field_angle: float | None = None,
     ) -> Camera:
         """The camera; what makes it no camera is an error of the file."""
+        prefix = f"{self.source}: " if self.source else ""
         try:
-            return Camera(model, params, width, height, valid_field_angle=valid_field_angle)
+            camera = Camera(model, params, width, height, valid_field_angle=valid_field_angle)
         except InputError as error:
-            prefix = f"{self.source}: " if self.source else ""
             raise CalibrationError(f"{prefix}{error}") from error
+        doubt = implausible(camera)
+        if doubt is not None:
+            raise CalibrationError(f"{prefix}this is no lens: {doubt}; correct it")
+        return camera
 
 
 def chosen_name(names: Collection[str], camera_id: int | str | None, source: str) -> str:
