@@ -80,6 +80,15 @@ from gsut.render import (
 )
 from gsut.run import TrainOptions
 from gsut.sfm import PoseErrors, PosesOptions, PosesResult, compare_poses, estimate_poses
+from gsut.surface import (
+    DepthMap,
+    Mesh,
+    MeshOptions,
+    extract_mesh,
+    fuse_depth,
+    load_mesh,
+    save_mesh,
+)
 from gsut.train import TrainResult, train
 
 # By task: docs/api.md is made from this list and its comments, in this order.
@@ -147,6 +156,14 @@ __all__ = [  # noqa: RUF022
     "to_uint8",
     "write_png",
     "write_video",
+    # Make a mesh
+    "extract_mesh",
+    "MeshOptions",
+    "fuse_depth",
+    "DepthMap",
+    "Mesh",
+    "save_mesh",
+    "load_mesh",
     # Judge
     "evaluate",
     "psnr",

@@ -24,7 +24,7 @@ FLOORS = {
 }
 LIBRARIES = {
     *("av", "cv2", "gsut_scalar_baseline", "jinja2", "matplotlib", "numpy", "PIL", "tqdm", "yaml"),
-    *("pillow_heif", "rawpy"),  # optional
+    *("fast_simplification", "pillow_heif", "rawpy"),  # optional
 }
 LIBRARIES |= {"pxr", "zstandard"}  # optional: one format of scene files each
 # calib/ is a program beside gsut: it calls gsut's public names like anybody, and the doors that all
