@@ -153,6 +153,17 @@ class BoundRenderer {
     renderer_.AddFisher(mask, sums);
   }
 
+  // support (N, 2) grows.
+  void AddSupport(const py::object& photograph, const py::object& chosen,
+                  const py::object& support) {
+    const float* pixels = ConstData<float>(photograph, "photograph", {height_, width_, 3});
+    const auto* mask = OptionalData<std::uint8_t>(chosen, "chosen", {height_, width_});
+    const std::int64_t size = renderer_.frame().size;
+    double* sums = MutableData<double>(support, "support", {size, Renderer::kSupportSums});
+    const py::gil_scoped_release release;
+    renderer_.AddSupport(pixels, mask, sums);
+  }
+
   // (median, strongest (H, W), normals (H, W, 3), spread (H, W)) of the last render, float32.
   py::tuple Surface() const {
     auto median = NewArray<float>({height_, width_}),
@@ -316,6 +327,8 @@ Raises:
       .def("add_significance", &BoundRenderer::AddSignificance, py::arg("chosen"),
            py::arg("significance"))
       .def("add_fisher", &BoundRenderer::AddFisher, py::arg("chosen"), py::arg("fisher"))
+      .def("add_support", &BoundRenderer::AddSupport, py::arg("photograph"), py::arg("chosen"),
+           py::arg("support"))
       .def("surface", &BoundRenderer::Surface)
       .def("surface_backward", &BoundRenderer::SurfaceBackward, py::arg("dnormals"),
            py::arg("gradients"))

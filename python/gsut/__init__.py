@@ -26,7 +26,17 @@ from gsut._core import (
 )
 from gsut.check import diagnose
 from gsut.compact import Compaction, SeenView, compact, seen_views
-from gsut.data import DatasetError, Finding, Scene, View, load_dataset
+from gsut.data import (
+    DatasetError,
+    Finding,
+    Scene,
+    View,
+    color_points,
+    convert_dataset,
+    load_dataset,
+    make_scene,
+    save_dataset,
+)
 from gsut.evaluate import evaluate
 from gsut.formats import load_gaussians, load_ply, save_gaussians, save_ply
 from gsut.gaussians import (
@@ -79,7 +89,15 @@ from gsut.render import (
     write_video,
 )
 from gsut.run import TrainOptions
-from gsut.sfm import PoseErrors, PosesOptions, PosesResult, compare_poses, estimate_poses
+from gsut.sfm import (
+    PoseErrors,
+    PosesOptions,
+    PosesResult,
+    TriangulatedPoints,
+    compare_poses,
+    estimate_poses,
+    triangulate,
+)
 from gsut.surface import (
     DepthMap,
     Mesh,
@@ -95,6 +113,9 @@ from gsut.train import TrainResult, train
 __all__ = [  # noqa: RUF022
     # Load
     "load_dataset",
+    "make_scene",
+    "save_dataset",
+    "convert_dataset",
     "Scene",
     "View",
     "diagnose",
@@ -117,6 +138,9 @@ __all__ = [  # noqa: RUF022
     "RefinedPose",
     "localize_image",
     "Localized",
+    "triangulate",
+    "TriangulatedPoints",
+    "color_points",
     # Train
     "train",
     "TrainOptions",

@@ -195,6 +195,16 @@ def refine_structure(
     registered: Sequence[int] = ...,
     rig: dict[str, Any] | None = None,
 ) -> dict[str, Any]: ...
+def triangulate_structure(
+    cameras: Sequence[Camera],
+    camera_of_image: Sequence[int],
+    pixels: Sequence[NDArray[np.float64]],
+    verified: Sequence[tuple[Any, ...]],
+    camera_from_world: Sequence[NDArray[np.float64]],
+    shutter_poses: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    settings: dict[str, Any],
+    on_progress: Any,
+) -> dict[str, Any]: ...
 
 # --- gaussians ------------------------------------------------------------------------------------
 
@@ -362,6 +372,12 @@ class Renderer:
         self, chosen: NDArray[np.uint8] | None, significance: NDArray[np.float64]
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]: ...  # winner, point
     def add_fisher(self, chosen: NDArray[np.uint8] | None, fisher: NDArray[np.float64]) -> None: ...
+    def add_support(
+        self,
+        photograph: NDArray[np.float32],
+        chosen: NDArray[np.uint8] | None,
+        support: NDArray[np.float64],
+    ) -> None: ...
     # median, strongest (H, W), normals (H, W, 3), spread (H, W)
     def surface(self) -> tuple[NDArray[np.float32], ...]: ...
     def surface_backward(self, dnormals: NDArray[np.float32], gradients: Any) -> None: ...
@@ -611,4 +627,4 @@ def write_ply(path: str, gaussians: _Gaussians, comments: Sequence[str] = ...) -
 def make_palette(
     rows: NDArray[np.float32], entries: int, rounds: int = ...
 ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]: ...
-def read_ply_points(path: str) -> tuple[NDArray[np.float64], NDArray[np.uint8], bool]: ...
+def read_ply_points(path: str) -> tuple[NDArray[np.float64], NDArray[np.uint8], float]: ...

@@ -12,10 +12,11 @@ ROOT = Path(__file__).resolve().parents[2]
 FLOORS = {
     "_core": -1,
     **dict.fromkeys(("files", "least_squares"), 0),  # what folders of floor 1 share
+    "output_folder": 0.5,  # above `files`
     **dict.fromkeys(("gaussians", "lens", "run", "page"), 1),
     **dict.fromkeys(("render", "optimize", "data", "formats"), 2),
-    **dict.fromkeys(("capture", "sfm", "evaluate", "compact", "surface", "demo"), 3),
-    **dict.fromkeys(("refine", "check"), 4),
+    **dict.fromkeys(("capture", "sfm", "evaluate", "compact", "surface"), 3),
+    **dict.fromkeys(("refine", "check", "demo"), 4),
     "training": 5,
     **dict.fromkeys(("train", "blocks", "view"), 6),
     **dict.fromkeys(("__init__", "torch"), 7),

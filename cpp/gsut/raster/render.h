@@ -78,6 +78,11 @@ class Renderer {
   // units), in this order.
   static constexpr int kFisherSums = 21;
   void AddFisher(const std::uint8_t* chosen, double* fisher) const;
+  // photograph (H, W, 3); support (N, 2) grows by how much the squared difference between image and
+  // photograph, summed over pixels and channels, would grow without the Gaussian (below 0: it does
+  // harm), and by the sum of its blend weights.
+  static constexpr int kSupportSums = 2;
+  void AddSupport(const float* photograph, const std::uint8_t* chosen, double* support) const;
 
   // Where the surface lies along the rays of the last kept render, see SurfaceMaps; as the scores,
   // in double along the same rays.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from gsut._core import InputError
-from gsut.data import Scene, with_shutter
-from gsut.gaussians import Gaussians, seed_from_points, seed_in_view
+from gsut.data import Scene, color_points, has_colors, with_shutter
+from gsut.gaussians import Gaussians, chosen_points, seed_from_points, seed_in_view
 from gsut.refine import TracksResult, check_refinable, refine_by_tracks
 from gsut.run import Progress, TrainOptions
 
@@ -77,4 +77,8 @@ def seed_first(scene: Scene, options: TrainOptions) -> Gaussians:
             far=_RANDOM_FAR * scene.extent, **shape,
         )  # fmt: skip
     most = min(o.init_count or len(scene.points), o.max_gaussians)
-    return seed_from_points(scene.points, scene.point_colors, max_gaussians=most, **shape)
+    rows = chosen_points(len(scene.points), most, o.seed)
+    points, colors = scene.points[rows], scene.point_colors[rows]
+    if not has_colors(scene):
+        colors, _ = color_points(scene, points)
+    return seed_from_points(points, colors, **shape)

@@ -156,7 +156,7 @@ def test_wrong_arguments_are_refused_before_anything_is_written(
 
 def test_compact_into_a_run_is_refused(run, capsys):
     before = (run / OPTIONS).read_bytes()
-    assert "already holds a run" in refused(capsys, run, "--keep", "0.5", "-o", run)
+    assert "files that gsut train wrote" in refused(capsys, run, "--keep", "0.5", "-o", run)
     assert (run / OPTIONS).read_bytes() == before
 
 
