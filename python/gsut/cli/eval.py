@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -112,7 +113,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _geometry(
-    arguments: argparse.Namespace, gaussians: Any, scene: Any, indices: list[int], background: Any
+    arguments: argparse.Namespace,
+    gaussians: Any,
+    scene: Any,
+    indices: Sequence[int],
+    background: Any,
 ) -> dict[str, Any]:
     from gsut.run import Progress
     from gsut.surface import geometry_figures, load_mesh

@@ -10,13 +10,13 @@ from gsut.demo.hall import Hall
 from gsut.demo.shapes import Box, Cylinder, Room, Shape, Sphere
 from gsut.surface import Mesh
 
-_ROUND = 128  # sides of a circle: within 0.1 mm of the hall's
+_ROUND = 64  # sides of a circle: within half a millimetre
 
 
 def hall_mesh(hall: Hall) -> Mesh:
     """All surfaces, also where shapes stand in each other; faces look towards the open side.
 
-    Flat ones are exact, round ones within a tenth of a millimetre. Metres, the demo's coordinates.
+    Flat ones are exact, round ones within half a millimetre. Metres, the demo's coordinates.
     """
     vertices, faces, count = [], [], 0
     for shape in (hall.room, *hall.shapes):

@@ -29,7 +29,7 @@ def geometry_figures(
     depth_unit: float = _MILLIMETRE,
     mesh: Mesh | None = None,
     options: MeshOptions | None = None,
-    background: Sequence[float] = (0.0, 0.0, 0.0),
+    background: Sequence[float] | None = (0.0, 0.0, 0.0),
     progress: OnProgress = _silent,
 ) -> dict[str, Any]:
     """Figures of depth on views, and of the mesh where the truth is one.
@@ -43,7 +43,7 @@ def geometry_figures(
             like the images; None: the dataset's own depth files.
         depth_unit: world units of a level of 16-bit pictures; files .npy hold world units.
         mesh: what is judged; None: `extract_mesh` with `options`.
-        background: colour behind the Gaussians.
+        background: colour behind the Gaussians; None: see `render`.
         progress: called with (stage, done, total).
 
     Returns:
@@ -83,12 +83,15 @@ def geometry_figures(
 
 
 def _of_views(
-    gaussians: Any, scene: Any, rows: list[tuple[int, np.ndarray]], background: Sequence[float]
+    gaussians: Any,
+    scene: Any,
+    rows: list[tuple[int, np.ndarray]],
+    background: Sequence[float] | None,
 ) -> dict[str, Any]:
     columns: dict[str, list[np.ndarray]] = {kind: [] for kind in (*KINDS, "truth", "angle")}
     for index, true in rows:
         camera = scene.camera(index)
-        result = render(gaussians, camera, scene.views[index].motion, background=tuple(background))
+        result = render(gaussians, camera, scene.views[index].motion, background=background)
         surface = render_surface(result)
         for kind in KINDS:
             columns[kind].append(getattr(surface, kind).ravel())

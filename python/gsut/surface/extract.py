@@ -89,7 +89,7 @@ def extract_mesh(
     scene: Any,
     options: MeshOptions | None = None,
     *,
-    background: Sequence[float] = (0.0, 0.0, 0.0),
+    background: Sequence[float] | None = (0.0, 0.0, 0.0),
     progress: OnProgress = _silent,
 ) -> Mesh:
     """The surface of trained Gaussians as a mesh, through the lenses that saw them.
@@ -101,7 +101,7 @@ def extract_mesh(
         gaussians: the Gaussians, in the dataset's coordinates.
         scene: the dataset, from `load_dataset`.
         options: None: the defaults.
-        background: colour behind the Gaussians.
+        background: colour behind the Gaussians; None: see `render`.
         progress: called with (stage, done, total).
 
     Returns:
@@ -173,7 +173,11 @@ def fuse_depth(
 
 
 def _rendered(
-    gaussians: Any, scene: Any, index: int, o: MeshOptions, background: Sequence[float]
+    gaussians: Any,
+    scene: Any,
+    index: int,
+    o: MeshOptions,
+    background: Sequence[float] | None,
 ) -> DepthMap:
     camera, motion, mask = scene.camera(index), scene.views[index].motion, scene.mask(index)
     share = o.max_side / max(camera.width, camera.height)
@@ -181,7 +185,7 @@ def _rendered(
         width, height = (max(1, round(side * share)) for side in (camera.width, camera.height))
         camera = camera.resized(width, height)
         mask = cv2.resize(mask.astype(np.uint8), (width, height), interpolation=0) > 0
-    result = render(gaussians, camera, motion, background=tuple(background))
+    result = render(gaussians, camera, motion, background=background)
     surface = render_surface(result)
     depth = np.where(result.alpha < _NOTHING, np.inf, getattr(surface, o.depth))
     depth = np.where(mask & camera.rays()[1], depth, np.nan).astype(np.float32)

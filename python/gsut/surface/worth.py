@@ -60,16 +60,8 @@ def depth_figures(
 
 
 def _depth_figures(depth: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
-    names = (
-        "abs_rel",
-        "abs_rel_median",
-        "sq_rel",
-        "rmse",
-        "rmse_log",
-        "delta1",
-        "delta2",
-        "delta3",
-    )
+    deltas = [f"delta{k + 1}" for k in range(len(_DELTAS))]
+    names = ["abs_rel", "abs_rel_median", "sq_rel", "rmse", "rmse_log", *deltas]
     if not len(depth):
         return dict.fromkeys(names)
     depth, truth = depth.astype(np.float64), truth.astype(np.float64)
