@@ -67,7 +67,7 @@ def test_demo_scene_same_seed_same_bytes(made, tmp_path):
     different = [
         file for file in files if (made / file).read_bytes() != (other / file).read_bytes()
     ]
-    assert len(different) == len(files) - 1  # all but the mask
+    assert len(different) == len(files) - 2  # all but the mask and the geometry
 
 
 def test_demo_scene_transforms_are_complete(made, transforms):
