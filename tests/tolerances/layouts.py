@@ -8,4 +8,4 @@ ENGINEER_DEGREES = 0.05  # 0.5 ms of a turn that changes by < 100 degrees a seco
 ENGINEER_PSNR = 28.0  # dB on the held-out pictures; found 30.8
 ENGINEER_COVERED = 0.95  # share of pixels with a surface; found 0.995
 ENGINEER_DEPTH = 0.04  # median error of distances, relative; found 0.023
-ENGINEER_UTM = 5e-8  # metres: a dozen units (9e-10) in the last place of 5.4e6, as inverses rotate it; worst 1.3e-8
+ENGINEER_UTM = 5e-8  # metres: a dozen units (9e-10) in the last place of 5.4e6; worst 1.3e-8
