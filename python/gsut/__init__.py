@@ -26,7 +26,17 @@ from gsut._core import (
 )
 from gsut.check import diagnose
 from gsut.compact import Compaction, SeenView, compact, seen_views
-from gsut.data import DatasetError, Finding, Scene, View, load_dataset
+from gsut.data import (
+    DatasetError,
+    Finding,
+    Scene,
+    View,
+    color_points,
+    convert_dataset,
+    load_dataset,
+    make_scene,
+    save_dataset,
+)
 from gsut.evaluate import evaluate
 from gsut.formats import load_gaussians, load_ply, save_gaussians, save_ply
 from gsut.gaussians import (
@@ -79,13 +89,24 @@ from gsut.render import (
     write_video,
 )
 from gsut.run import TrainOptions
-from gsut.sfm import PoseErrors, PosesOptions, PosesResult, compare_poses, estimate_poses
+from gsut.sfm import (
+    PoseErrors,
+    PosesOptions,
+    PosesResult,
+    TriangulatedPoints,
+    compare_poses,
+    estimate_poses,
+    triangulate,
+)
 from gsut.train import TrainResult, train
 
 # By task: docs/api.md is made from this list and its comments, in this order.
 __all__ = [  # noqa: RUF022
     # Load
     "load_dataset",
+    "make_scene",
+    "save_dataset",
+    "convert_dataset",
     "Scene",
     "View",
     "diagnose",
@@ -108,6 +129,9 @@ __all__ = [  # noqa: RUF022
     "RefinedPose",
     "localize_image",
     "Localized",
+    "triangulate",
+    "TriangulatedPoints",
+    "color_points",
     # Train
     "train",
     "TrainOptions",

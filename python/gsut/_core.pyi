@@ -195,6 +195,16 @@ def refine_structure(
     registered: Sequence[int] = ...,
     rig: dict[str, Any] | None = None,
 ) -> dict[str, Any]: ...
+def triangulate_structure(
+    cameras: Sequence[Camera],
+    camera_of_image: Sequence[int],
+    pixels: Sequence[NDArray[np.float64]],
+    verified: Sequence[tuple[Any, ...]],
+    camera_from_world: Sequence[NDArray[np.float64]],
+    shutter_poses: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    settings: dict[str, Any],
+    on_progress: Any,
+) -> dict[str, Any]: ...
 
 # --- gaussians ------------------------------------------------------------------------------------
 
@@ -572,4 +582,4 @@ def write_ply(path: str, gaussians: _Gaussians, comments: Sequence[str] = ...) -
 def make_palette(
     rows: NDArray[np.float32], entries: int, rounds: int = ...
 ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]: ...
-def read_ply_points(path: str) -> tuple[NDArray[np.float64], NDArray[np.uint8], bool]: ...
+def read_ply_points(path: str) -> tuple[NDArray[np.float64], NDArray[np.uint8], float]: ...

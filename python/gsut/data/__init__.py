@@ -11,6 +11,7 @@ from gsut.data.capture_file import (
 )
 from gsut.data.check_colors import check_colors, view_agreement
 from gsut.data.check_geometry import check_lenses, check_points, check_poses
+from gsut.data.color_points import UNCOLORED, color_points, has_colors
 from gsut.data.convert import convert_dataset, save_dataset, writable_layouts
 from gsut.data.digests import scene_digests
 from gsut.data.doctor import diagnose, findings_text
@@ -29,7 +30,7 @@ from gsut.data.layouts.folder import find_images, find_lens_file
 from gsut.data.load import load_dataset, read_dataset
 from gsut.data.masks import find_mask
 from gsut.data.memory import make_scene
-from gsut.data.points import points_ply
+from gsut.data.points import TRIANGULATED, load_points_ply, points_ply
 from gsut.data.poses import OPENGL_FROM_OPENCV, centers_of, inverse, rigid_transform
 from gsut.data.rig import Rig, read_rig, relative_changes, write_rig
 from gsut.data.scene import Scene, View
@@ -48,6 +49,8 @@ __all__ = [
     "SEVERITIES",
     "STRIP",
     "TEST_EVERY",
+    "TRIANGULATED",
+    "UNCOLORED",
     "ColmapImage",
     "ColmapModel",
     "DatasetError",
@@ -65,6 +68,7 @@ __all__ = [
     "check_points",
     "check_poses",
     "colmap_texts",
+    "color_points",
     "convert_dataset",
     "decode_image",
     "decode_mask",
@@ -74,10 +78,12 @@ __all__ = [
     "find_mask",
     "findings_text",
     "frame_times",
+    "has_colors",
     "inverse",
     "layouts",
     "lens_of_path",
     "load_dataset",
+    "load_points_ply",
     "make_scene",
     "points_ply",
     "read_capture",

@@ -70,7 +70,7 @@ def read_dataset(path: Path, *, on_error: OnError = stop) -> Listing:
         return layout.read(path, on_error)
     if layout.record is None:
         raise DatasetError(
-            path, f"{layout.files}: it cannot be read in place",
+            path, f"{layout.files}, whose pictures are inside",
             f"`gsut data convert {path} FOLDER` makes a dataset of it",
         )  # fmt: skip
     return listing_of(layout.record(path), on_error)

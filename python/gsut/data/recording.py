@@ -154,7 +154,7 @@ def listing_of(recording: Recording, on_error: OnError) -> Listing:
         listing.missing += rows
     if recording.points is not None:
         try:
-            listing.points, listing.point_colors = load_points_ply(recording.points)
+            listing.points, listing.point_colors = load_points_ply(recording.points, listing.notes)
         except InputError as error:
             on_error(error)
     return listing

@@ -15,13 +15,14 @@ from gsut.data.findings import DatasetError
 from gsut.data.poses import centers_of, inverse, rigid_transform
 from gsut.data.text_files import read_yaml
 from gsut.files import write_file
-from gsut.lens import Camera, is_camchain, load_camera
+from gsut.lens import Camera, grid_pixels, is_camchain, load_camera
 
 _POSE = "camera_from_reference"
 _LENS = "file"
 _FEWEST_CAMERAS = 2
 # Of the exact lens beside a .cameramodel, and the model there that stands in for it.
 _EXACT_SUFFIXES, _STAND_IN = (".yaml", ".yml", ".json"), "splined_stereographic"
+_STAND_IN_PX = 0.01  # between the two; those of `gsut calibrate` differ by 0.0002
 _NO_BASELINE = 1e-9  # of the distance to the reference, in units in the last place of a file
 
 
@@ -60,8 +61,8 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
     Either JSON as `gsut calibrate --rig` writes it (report.json): {"cameras": {NAME: {"file": lens
     file, relative to this one, "camera_from_reference": six numbers (Rodrigues rotation,
     translation) or a 4x4 matrix}}}; or a camchain YAML of Kalibr (T_cn_cnm1), whose cameras are
-    cam0, cam1 ... Beside the .cameramodel of a splined lens the exact one that `gsut calibrate`
-    wrote there, of the same name, is taken.
+    cam0, cam1 ... Instead of a splined .cameramodel the exact lens that `gsut calibrate` wrote
+    beside it, of the same name, is taken if it is the same within 0.01 px.
 
     Raises:
         InputError: no such file, not a rig, one camera only, or all cameras in one place: then
@@ -224,10 +225,22 @@ def _lens(file: Path, camera_id: str | None, where: str) -> tuple[Path, Camera]:
         exact = file.with_suffix(suffix)
         if exact.is_file():
             try:
-                return exact, load_camera(exact)
+                other = load_camera(exact)
             except (CalibrationError, InputError):
                 continue  # some other file of that name
+            if _is_same(other, camera):
+                return exact, other
     return file, camera
+
+
+def _is_same(exact: Camera, splined: Camera) -> bool:
+    """Whether the splined lens is the other one, pixel by pixel."""
+    pixels = grid_pixels(exact.width, exact.height).reshape(-1, 2)
+    rays, valid = exact.unproject(pixels)
+    found, seen = splined.project(rays[valid])
+    off = np.abs(found - pixels[valid])[seen]
+    same_size = (exact.width, exact.height) == (splined.width, splined.height)
+    return same_size and off.size > 0 and bool(off.max() < _STAND_IN_PX)
 
 
 def relative_changes(given: Rig, found: np.ndarray) -> list[tuple[float, float]]:

@@ -6,7 +6,6 @@ from gsut.lens.convert import Conversion, convert_camera, format_conversion
 from gsut.lens.database import (
     LensProfile,
     find_lenses,
-    horizontal_fov,
     is_lens_name,
     lens_by_name,
     load_lens,
@@ -51,7 +50,6 @@ __all__ = [
     "frame_lens",
     "grid_pixels",
     "has_focal_length",
-    "horizontal_fov",
     "is_camchain",
     "is_lens_name",
     "lens_by_name",

@@ -4,6 +4,12 @@ from gsut.sfm.align import PoseErrors, compare_poses, errors_against, poses_by_p
 from gsut.sfm.bearing_points import BearingPoints
 from gsut.sfm.correspondences import collect_features, match_images
 from gsut.sfm.dataset_calibration import calibrate_from_dataset
+from gsut.sfm.epipolar import (
+    angular_errors,
+    pixels_per_radian,
+    readout_moments,
+    readout_poses,
+)
 from gsut.sfm.estimate import (
     PosesResult,
     done_already,
@@ -19,6 +25,7 @@ from gsut.sfm.options import PosesOptions
 from gsut.sfm.positions import PositionFit, fit_positions, read_positions
 from gsut.sfm.solution import Solution, diagonal, evaluate_observations, in_cameras, refine, solve
 from gsut.sfm.stages import FOLDER
+from gsut.sfm.triangulation import TriangulatedPoints, triangulate
 
 __all__ = [
     "FOLDER",
@@ -31,6 +38,8 @@ __all__ = [
     "PosesResult",
     "PositionFit",
     "Solution",
+    "TriangulatedPoints",
+    "angular_errors",
     "calibrate_from_dataset",
     "collect_features",
     "compare_poses",
@@ -45,12 +54,16 @@ __all__ = [
     "in_cameras",
     "is_finished",
     "match_images",
+    "pixels_per_radian",
     "poses_by_path",
     "read_figures",
     "read_positions",
+    "readout_moments",
+    "readout_poses",
     "refine",
     "refine_lens",
     "require_central",
     "solve",
+    "triangulate",
     "verify",
 ]

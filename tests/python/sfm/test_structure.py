@@ -594,7 +594,7 @@ def test_bench_poses_prints_errors_beside_seconds(some_sponza, solved_sponza, tm
 
 
 def test_bench_poses_of_images_without_poses_trains_on_what_it_finds(some_sponza, tmp_path):
-    options = poses_bench.PosesBenchOptions([str(some_sponza[0])], train_steps=20, train_scale=0.25)
+    options = poses_bench.PosesBenchOptions([str(some_sponza[0])], train=20, train_scale=0.25)
     kept = {"asked": {}, "data": "another"}
     (first, row) = poses_bench.poses_bench(options, done=[kept])
     assert first is kept and row["registered"] == IMAGES

@@ -202,7 +202,7 @@ def _read_points(values: dict, listing: Listing) -> None:
                 f"the points' file '{name}' does not exist",
                 "add it, or drop 'ply_file_path' to start from random points",
             )
-        listing.points, listing.point_colors = load_points_ply(path)
+        listing.points, listing.point_colors = load_points_ply(path, listing.notes)
         return
     model = find_model(listing.path / "colmap")
     if model is None or "applied_transform" not in values:

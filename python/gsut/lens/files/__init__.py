@@ -170,6 +170,8 @@ def _parse_yaml(text: str, source: str) -> Any:
     # OpenCV's directive "%YAML:1.0" is not YAML; an empty line keeps the line numbers.
     first, newline, rest = text.partition("\n")
     body = newline + rest if first.startswith("%YAML:") else text
+    if body.rstrip().endswith("\n---"):  # `ros2 topic echo` ends each message so
+        body = body.rstrip()[:-3]
     try:
         return yaml.load(body, Loader=FileStorageLoader)  # a SafeLoader
     except yaml.YAMLError as error:

@@ -99,8 +99,8 @@ def kalibr_values(camera: Camera) -> dict[str, str]:
     values = [float(value) for value in camera.params]
     fx, fy, cx, cy, *rest = values
     model, distortion, own, coefficients = "pinhole", "none", [], rest
-    if camera.model == "opencv4":
-        distortion = "radtan"
+    if camera.model == "opencv4" or (camera.model == "opencv5" and rest[4] == 0.0):
+        distortion, coefficients = "radtan", rest[:4]
     elif camera.model == "fov":
         distortion = "fov"
     elif camera.model == "kannala_brandt" and len(rest) <= _NUM_FISHEYE:
