@@ -152,9 +152,10 @@ def views_aside(scene: Scene) -> list[int]:
 
 
 def _pilot_options(options: TrainOptions, most: int) -> TrainOptions:
+    by_steps: dict[str, Any] = dict.fromkeys(_BY_STEPS) | {"coarse_to_fine": "auto"}
     return dataclasses.replace(
-        with_most(options, most), steps=_STEPS, compact_at=None, coarse_to_fine="auto",
-        refine_poses=False, refine_lens=False, **dict.fromkeys(_BY_STEPS),
+        with_most(options, most), steps=_STEPS, compact_at=None, refine_poses=False,
+        refine_lens=False, **by_steps,
     ).resolved()  # fmt: skip
 
 
