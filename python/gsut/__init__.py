@@ -64,7 +64,7 @@ from gsut.optimize import (
     densify_mcmc,
     learning_rates,
 )
-from gsut.refine import Localized, RefinedPose, localize_image, refine_pose
+from gsut.refine import Localized, RefinedPose, localize, localize_image, refine_pose
 from gsut.render import METHODS as PROJECTION_METHODS
 from gsut.render import (
     Gradients,
@@ -99,6 +99,7 @@ from gsut.sfm import (
     triangulate,
 )
 from gsut.train import TrainResult, train
+from gsut.training import TrainedRun, load_run
 
 # By task: docs/api.md is made from this list and its comments, in this order.
 __all__ = [  # noqa: RUF022
@@ -127,6 +128,7 @@ __all__ = [  # noqa: RUF022
     "PoseErrors",
     "refine_pose",
     "RefinedPose",
+    "localize",
     "localize_image",
     "Localized",
     "triangulate",
@@ -136,6 +138,8 @@ __all__ = [  # noqa: RUF022
     "train",
     "TrainOptions",
     "TrainResult",
+    "load_run",
+    "TrainedRun",
     # Write a training loop
     "Gaussians",
     "seed_from_points",

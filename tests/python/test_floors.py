@@ -24,7 +24,8 @@ FLOORS = {
     "__main__": 9,
 }
 LIBRARIES = {
-    *("av", "cv2", "gsut_scalar_baseline", "jinja2", "matplotlib", "numpy", "PIL", "tqdm", "yaml"),
+    *("av", "cv2", "gsut_scalar_baseline", "jinja2", "matplotlib", "numpy", "PIL", "simplejpeg"),
+    *("tqdm", "yaml"),
     *("pillow_heif", "rawpy"),  # optional
 }
 LIBRARIES |= {"pxr", "zstandard"}  # optional: one format of scene files each
