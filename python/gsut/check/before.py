@@ -13,6 +13,7 @@ from gsut.data import (
     TEST_EVERY,
     Finding,
     Scene,
+    check_bits,
     check_colors,
     check_lenses,
     check_points,
@@ -36,6 +37,7 @@ def check_scene(scene: Scene, matches: list[ImagePair] | None = None) -> list[Fi
         Findings, errors first.
     """
     findings = [*check_lenses(scene), *check_poses(scene), *check_points(scene)]
+    findings += check_bits(scene)
     return sorted_findings([*findings, *check_against_photographs(scene, _VIEWS, matches)])
 
 

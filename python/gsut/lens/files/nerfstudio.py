@@ -189,7 +189,8 @@ def _focal(reader: LensValues, key: str, angle_key: str, size: int) -> float:
         reader.fail(key, f"is missing (and so is {angle_key}); add the focal length in pixels")
     angle = reader.number(angle_key)
     if not 0.0 < angle < math.pi:
-        reader.fail(angle_key, f"expected radians between 0 and pi, found {angle:g}")
+        degrees = f" (degrees? write {math.radians(angle):.6g})" if math.pi < angle < 360 else ""
+        reader.fail(angle_key, f"expected radians between 0 and pi, found {angle:g}{degrees}")
     return 0.5 * size / math.tan(0.5 * angle)
 
 
