@@ -166,7 +166,10 @@ def nerfstudio_camera(
         return reader.camera("opencv8", full, width, height, limit)
     for key, value in (("k5", k5), ("k6", k6), ("p1", p1), ("p2", p2)):
         if value != 0.0:
-            reader.fail(key, f"is {value:g}, but {model} has k1 to k4 only")
+            reader.fail(
+                key,
+                f"is {value:g}, but {model} has k1 to k4 only: name the model OPENCV for p1, p2",
+            )
     return reader.camera("kannala_brandt", [*params, k1, k2, k3, k4], width, height, limit)
 
 
