@@ -14,8 +14,8 @@ from gsut.lens import Camera
 from gsut.sfm import angular_errors, pixels_per_radian
 
 _SIZES = (0.25, 1 / 3, 0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0, 3.0, 4.0)
-# Hundredths of the logarithm of a factor on the focal length, to half and double: as they are tried,
-# and around the best of these.
+# Hundredths of the logarithm of a factor on the focal length, to half and double, as they are
+# tried, and around the best of these.
 _FOCALS, _NEAR = range(-68, 69, 4), (-3, -2, -1, 1, 2, 3)
 _FISHEYE_K1 = (0.0, 0.02, 0.05, -0.02, -0.05)
 _BARREL_K1 = (-0.4, -0.3, -0.2, -0.1, -0.05, 0.05, 0.1)
