@@ -26,7 +26,17 @@ from gsut._core import (
 )
 from gsut.check import diagnose
 from gsut.compact import Compaction, SeenView, compact, seen_views
-from gsut.data import DatasetError, Finding, Scene, View, color_points, load_dataset
+from gsut.data import (
+    DatasetError,
+    Finding,
+    Scene,
+    View,
+    color_points,
+    convert_dataset,
+    load_dataset,
+    make_scene,
+    save_dataset,
+)
 from gsut.evaluate import evaluate
 from gsut.formats import load_gaussians, load_ply, save_gaussians, save_ply
 from gsut.gaussians import (
@@ -54,7 +64,7 @@ from gsut.optimize import (
     densify_mcmc,
     learning_rates,
 )
-from gsut.refine import Localized, RefinedPose, localize_image, refine_pose
+from gsut.refine import Localized, RefinedPose, localize, localize_image, refine_pose
 from gsut.render import METHODS as PROJECTION_METHODS
 from gsut.render import (
     Gradients,
@@ -89,11 +99,15 @@ from gsut.sfm import (
     triangulate,
 )
 from gsut.train import TrainResult, train
+from gsut.training import TrainedRun, load_run
 
 # By task: docs/api.md is made from this list and its comments, in this order.
 __all__ = [  # noqa: RUF022
     # Load
     "load_dataset",
+    "make_scene",
+    "save_dataset",
+    "convert_dataset",
     "Scene",
     "View",
     "diagnose",
@@ -114,6 +128,7 @@ __all__ = [  # noqa: RUF022
     "PoseErrors",
     "refine_pose",
     "RefinedPose",
+    "localize",
     "localize_image",
     "Localized",
     "triangulate",
@@ -123,6 +138,8 @@ __all__ = [  # noqa: RUF022
     "train",
     "TrainOptions",
     "TrainResult",
+    "load_run",
+    "TrainedRun",
     # Write a training loop
     "Gaussians",
     "seed_from_points",

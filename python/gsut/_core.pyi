@@ -577,6 +577,7 @@ def read_ply(
     NDArray[np.float32],
     NDArray[np.float32],
     int,
+    tuple[float, float, float],
 ]: ...
 def write_ply(path: str, gaussians: _Gaussians, comments: Sequence[str] = ...) -> None: ...
 def make_palette(

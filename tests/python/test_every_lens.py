@@ -2,6 +2,10 @@
 
 A row is a test function with the argument `case`; adding a lens adds no line here. What a command
 cannot do with a lens whose rays do not meet, it must refuse in words; those are stated at the row.
+Poses, rigs and localisation have theirs in sfm/test_every_lens_poses.py. Rows of compact, convert,
+poses and rig run the command; the others call the one function that the command calls (doctor:
+`diagnose`, train: `train`, eval: `evaluate`, localize: `localize_image`), which is faster; flags
+and files of these commands are tested in cli/.
 """
 
 import dataclasses
@@ -18,7 +22,7 @@ import tolerances as tol
 from gsut import _core
 from gsut.cli import main
 from gsut.data import Frame, TrainingViews, diagnose, write_transforms
-from gsut.data.write_nerfstudio import points_ply
+from gsut.data.points import points_ply
 from gsut.evaluate import evaluate
 from gsut.gaussians import SH_C0
 from gsut.lens import Camera, load_camera

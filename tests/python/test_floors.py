@@ -24,10 +24,12 @@ FLOORS = {
     "__main__": 9,
 }
 LIBRARIES = {
-    *("av", "cv2", "gsut_scalar_baseline", "jinja2", "matplotlib", "numpy", "PIL", "tqdm", "yaml"),
+    *("av", "cv2", "gsut_scalar_baseline", "jinja2", "matplotlib", "numpy", "PIL", "simplejpeg"),
+    *("tqdm", "yaml"),
     *("pillow_heif", "rawpy"),  # optional
 }
 LIBRARIES |= {"pxr", "zstandard"}  # optional: one format of scene files each
+LIBRARIES |= {"rosbags"}  # optional: ROS bags
 # calib/ is a program beside gsut: it calls gsut's public names like anybody, and the doors that all
 # commands share; gsut starts it as a process. mrcal is imported in one file, which runs under the
 # system's Python.

@@ -48,6 +48,7 @@ def _add_parts(parser: argparse.ArgumentParser) -> None:
     parts.add_argument(
         "--poses", metavar="FILE", help="trajectory: TUM, EuRoC, KITTI or poses.json"
     )
+    parts.add_argument("--poses-topic", metavar="TOPIC", help="of a ROS bag's poses")
     parts.add_argument("--points", metavar="FILE", help="point cloud, PLY")
     parts.add_argument("--masks", metavar="FOLDER", help="masks, named as the pictures")
     parts.add_argument(
@@ -91,7 +92,14 @@ def _convert(arguments: argparse.Namespace) -> int:
         scene = read_trained(RunFolder.open(source), None)[1]
         source = scene.path
     notes = convert_dataset(
-        source, arguments.out, arguments.to, parts=parts, link=arguments.link, scene=scene
+        source,
+        arguments.out,
+        arguments.to,
+        parts=parts,
+        link=arguments.link,
+        scene=scene,
+        poses_topic=arguments.poses_topic,
+        progress=sys.stderr.isatty(),
     )
     if arguments.json:
         print_json({"out": arguments.out, "layout": arguments.to, "notes": notes})

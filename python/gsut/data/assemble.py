@@ -12,7 +12,7 @@ from gsut._core import InputError, Shutter
 from gsut.data.findings import DatasetError, OnError, some_names, stop
 from gsut.data.images import IMAGE_SUFFIXES, read_header
 from gsut.data.points import TRIANGULATED, load_points_ply
-from gsut.data.poses import inverse
+from gsut.data.poses import FARTHEST, inverse
 from gsut.data.scene import Scene, View
 from gsut.data.split import TEST_EVERY, split_views
 from gsut.lens import Camera
@@ -94,12 +94,13 @@ def assemble(
         raise _nothing_left(listing, total)
     frames.sort(key=lambda frame: frame.name)
     notes += [*_mask_notes(listing, frames, on_error), *_lens_notes(frames)]
-    finite = np.isfinite(listing.points).all(axis=1)
+    finite = (np.abs(listing.points) <= FARTHEST).all(axis=1)  # NaN is not
     if not finite.all():
         on_error(
             DatasetError(
                 listing.source,
-                f"{np.sum(~finite)} of {len(finite)} points have NaN or infinite coordinates",
+                f"{np.sum(~finite)} of {len(finite)} points have NaN, infinite or absurdly large "
+                "coordinates",
                 "remove these points",
             )
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,11 @@ from gsut._core import InputError
 from gsut.data.assemble import Frame, Listing, assemble
 from gsut.data.export import Export, copy_file, link_file, move_file, plain_name
 from gsut.data.findings import DatasetError, stop
-from gsut.data.layouts import Layout, layouts
-from gsut.data.layouts.description import described
+from gsut.data.layouts import Layout, known_layout, layouts
+from gsut.data.layouts.description import described, with_parts
 from gsut.data.load import read_dataset
 from gsut.data.memory import cameras_of, checked_image, checked_points
+from gsut.data.mounts import BODY, OWN
 from gsut.data.poses import inverse, rigid_transform
 from gsut.data.recording import listing_of
 from gsut.data.scene import Scene
@@ -43,22 +44,26 @@ def convert_dataset(
     to: str = _DEFAULT,
     *,
     parts: Mapping[str, Any] | None = None,
+    poses_topic: str | None = None,
     link: bool = False,
     scene: Scene | None = None,
+    progress: bool = False,
 ) -> list[str]:
     """Writes a dataset in another layout, or its poses alone as a trajectory.
 
     Args:
-        source: a dataset of any layout (docs/datasets.md); or a folder of pictures, where `parts`
-            say the rest.
+        source: a dataset of any layout (docs/datasets.md), or a ROS bag; or a folder of pictures,
+            where `parts` say the rest.
         out: a new folder; or, for a trajectory, a file that ends as .txt.
         to: the layout: "nerfstudio", "colmap", "colmap-text", "euroc", "tum", "kitti", "folder".
             For a trajectory "tum" (camera-to-world, by time where it is known, else by name) or
             "kitti".
         parts: what dataset.yaml would say, by its keys: lens, poses, points, cameras, time_range
             and so on; relative paths begin at the working directory.
+        poses_topic: of a bag's poses, where several are there.
         link: make symbolic links to the pictures in place of copies.
         scene: take poses and lenses from here, by the names of its views.
+        progress: show a bar while a bag is read.
 
     Returns:
         What the layout cannot hold, and what was left out on reading, one sentence each.
@@ -68,7 +73,29 @@ def convert_dataset(
         DatasetError: the dataset is broken.
     """
     source, out = Path(source), Path(out)
-    listing = _read(source, parts)
+    if out.exists():
+        raise InputError(f"{out} exists; remove it or name another")
+    given = {key: value for key, value in (parts or {}).items() if value is not None}
+    layout = known_layout(source) if source.exists() else None
+    if layout is None or layout.unpack is None:
+        return _write(_read(source, given), out, to, copy_file if not link else link_file, scene)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=out.parent) as staging:
+        recording = layout.unpack(
+            source, Path(staging), poses_topic="" if given.get("poses") else poses_topic,
+            cameras=given.get("cameras", ()), poses_of=given.get("poses_of"), progress=progress,
+        )  # fmt: skip
+        names = [stream.name for stream in recording.streams]
+        if given.get("poses_of") not in (BODY, OWN, *names):
+            given.pop("poses_of", None)  # a frame of the bag, which is now the body
+        recording = with_parts(recording, _from_here(given), Path.cwd(), source)
+        return _write(listing_of(recording, stop), out, to, move_file, None)
+
+
+def _write(
+    listing: Listing, out: Path, to: str, place: Callable[[Path, Path], None], scene: Scene | None
+) -> list[str]:
+    """Writes a listing as `convert_dataset` says."""
     if scene is not None:
         _take_poses(listing, scene)
     checked = assemble(listing, test_every=0)  # sizes, repeats, images that can be read
@@ -79,26 +106,32 @@ def convert_dataset(
     if out.suffix.lower() == ".txt":
         _write_trajectory(out, frames, to)
         return notes
+    has_lists = listing.listed_test is not None or listing.listed_train is not None
+    test = [checked.views[i].name for i in checked.test_indices] if has_lists else None
     export = Export(
-        frames, listing.points, listing.point_colors, _listed_test(listing),
-        link_file if link else copy_file,
+        frames, listing.points, listing.point_colors, test,
+        place,
     )  # fmt: skip
     return notes + write_layout(out, export, to)
 
 
-def _read(source: Path, parts: Mapping[str, Any] | None) -> Listing:
-    given = {key: value for key, value in (parts or {}).items() if value is not None}
-    if not given:
+def _read(source: Path, parts: Mapping[str, Any]) -> Listing:
+    if not parts:
         return read_dataset(source)
-    here = Path.cwd()
-    for key in ("lens", "poses", "points", "masks"):
-        value = given.get(key)
+    values = {"images": str(source.resolve()), **_from_here(parts)}
+    return listing_of(described(values, source.resolve(), source), stop)
+
+
+def _from_here(parts: Mapping[str, Any]) -> dict[str, Any]:
+    """The parts with paths from the working directory made absolute."""
+    found, here = dict(parts), Path.cwd()
+    for key in ("images", "lens", "poses", "points", "masks"):
+        value = found.get(key)
         if isinstance(value, Mapping):
-            given[key] = {name: str(here / str(path)) for name, path in value.items()}
+            found[key] = {name: str(here / str(path)) for name, path in value.items()}
         elif value is not None:
-            given[key] = str(here / str(value))
-    given.setdefault("images", str(source.resolve()))
-    return listing_of(described(given, source.resolve(), source), stop)
+            found[key] = str(here / str(value))
+    return found
 
 
 def _take_poses(listing: Listing, scene: Scene) -> None:
@@ -110,15 +143,23 @@ def _take_poses(listing: Listing, scene: Scene) -> None:
             frame.camera = scene.file_cameras[view.camera_index]
 
 
-def _listed_test(listing: Listing) -> list[str] | None:
-    if listing.listed_test is None:
+def _held_out(frames: Sequence[Frame], wanted: Sequence[str] | None) -> list[str] | None:
+    """The names of the frames in a list of names, file names or stems.
+
+    Raises:
+        InputError: one of them is no frame.
+    """
+    if wanted is None:
         return None
-    wanted = set(listing.listed_test)
-    return [
-        frame.name
-        for frame in listing.frames
-        if {frame.name, frame.image_path.name, frame.image_path.stem} & wanted
-    ]
+    aliases = {
+        alias: frame.name
+        for frame in frames
+        for alias in (Path(frame.name).stem, Path(frame.name).name, frame.name)
+    }
+    absent = [name for name in wanted if name not in aliases]
+    if absent:
+        raise InputError(f"{absent[0]} is held out, but there is no such image")
+    return sorted({aliases[name] for name in wanted})
 
 
 def _write_trajectory(out: Path, frames: Sequence[Frame], to: str) -> None:
@@ -126,8 +167,6 @@ def _write_trajectory(out: Path, frames: Sequence[Frame], to: str) -> None:
         raise InputError(
             f"{out}: a .txt is a trajectory, which --to tum or --to kitti writes, not {to}"
         )
-    if out.exists():
-        raise InputError(f"{out} exists already; choose another name")
     poses = np.array([frame.world_from_camera for frame in frames])
     labels = time_labels([frame.time_ns for frame in frames], [plain_name(f) for f in frames])
     write_file(out, format_tum(labels, poses) if to == "tum" else format_kitti(poses))
@@ -141,7 +180,7 @@ def write_layout(out: Path, export: Export, to: str) -> list[str]:
     """
     known = writable_layouts()
     if to not in known:
-        raise InputError(f"there is no layout '{to}' to write; known: {', '.join(known)}")
+        raise InputError(f"there is no layout '{to}' to write; known: {', '.join(sorted(known))}")
     write = known[to].write
     assert write is not None
     with whole_folder(out) as folder:
@@ -215,7 +254,7 @@ def save_dataset(
         return write_layout(
             out,
             Export(
-                frames, xyz, rgb, None if test_names is None else list(test_names),
+                frames, xyz, rgb, _held_out(frames, test_names),
                 lambda here, there: (
                     move_file if here.is_relative_to(folder) else copy_file
                 )(here, there),

@@ -112,4 +112,5 @@ def _frame_values(frame: Frame, folder: Path) -> dict[str, Any]:
 
 
 def _relative(path: Path, folder: Path) -> str:
-    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    place = path.parent.resolve() / path.name  # a link stands for itself
+    return Path(os.path.relpath(place, folder.resolve())).as_posix()

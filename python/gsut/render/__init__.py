@@ -30,6 +30,7 @@ from gsut.render.surface import (
     render_surface_backward,
     z_of_distance,
 )
+from gsut.render.surroundings import random_background, solid, with_surroundings
 from gsut.render.tour import auto_path
 
 __all__ = [
@@ -58,6 +59,7 @@ __all__ = [
     "place_about",
     "project",
     "psnr",
+    "random_background",
     "render",
     "render_backward",
     "render_ewa",
@@ -65,11 +67,13 @@ __all__ = [
     "render_surface_backward",
     "ring_psnr",
     "smooth_path",
+    "solid",
     "ssim",
     "to_uint8",
     "turn_path",
     "viewer_rule",
     "weighted_psnr",
+    "with_surroundings",
     "write_png",
     "write_video",
     "z_of_distance",

@@ -13,14 +13,21 @@ from gsut.training.loop import TrainingLoop
 from gsut.training.photometric_poses import grow_poses
 from gsut.training.record import TrainingRecord
 from gsut.training.results import measure_training, write_results
-from gsut.training.start import about_cameras, prepare_scene, refine_first_poses, size_note
-from gsut.training.trained_run import read_light, read_trained
+from gsut.training.start import (
+    about_cameras,
+    plain_background,
+    prepare_scene,
+    refine_first_poses,
+    size_note,
+)
+from gsut.training.trained_run import TrainedRun, load_run, read_light, read_trained
 
 __all__ = [
     "VIEWER_STEPS",
     "CompactOptions",
     "ForViewers",
     "RunCompactor",
+    "TrainedRun",
     "TrainingLoop",
     "TrainingRecord",
     "about_cameras",
@@ -28,8 +35,10 @@ __all__ = [
     "finetune",
     "finetune_options",
     "grow_poses",
+    "load_run",
     "measure_training",
     "parse_size",
+    "plain_background",
     "prepare_scene",
     "read_light",
     "read_trained",

@@ -12,7 +12,7 @@ from gsut._core import InputError
 from gsut.data import rigid_transform, shrink_image
 from gsut.gaussians import SH_C0, Gaussians, MixedGaussians, pack_harmonics, upright
 from gsut.lens import Camera
-from gsut.render import DEFAULT_UNSCENTED, place_about, to_uint8
+from gsut.render import DEFAULT_UNSCENTED, place_about, solid, to_uint8, with_surroundings
 from gsut.view.lenses import Lenses
 from gsut.view.measure import SEEN, point_at
 from gsut.view.overlays import (
@@ -238,15 +238,15 @@ class Frames:
         image, alpha, depth = self._buffers
         gaussians = self._gaussians(request)
         if gaussians is None or not len(gaussians):
-            image[:], alpha[:], depth[:] = self.stage.background, 0, 0
+            image[:], alpha[:], depth[:] = solid(self.stage.background), 0, 0
             return image, alpha, depth
-        beside = (alpha, depth) if with_depth else (None, None)
+        fills = self.stage.background is None
         self._renderer.render(
             gaussians, camera, place_about(place, gaussians.origin), self._rule,
-            self.stage.background, gaussians.sh_degree,
-            DEFAULT_UNSCENTED, image, beside[0], beside[1], False,
+            solid(self.stage.background), gaussians.sh_degree, DEFAULT_UNSCENTED, image,
+            alpha if with_depth or fills else None, depth if with_depth else None, False,
         )  # fmt: skip
-        return image, alpha, depth
+        return with_surroundings(image, alpha, camera) if fills else image, alpha, depth
 
     def whole(self) -> Gaussians:
         """All Gaussians of the stage, none where there are none."""

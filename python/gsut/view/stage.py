@@ -38,7 +38,7 @@ class Stage:
         kind: "run", "file", "data" or "training".
         gaussians: what is drawn; None before training has begun.
         scene: photographs, poses and points; None for a file of Gaussians.
-        background: colour behind everything.
+        background: colour behind everything; None: see `render`.
         findings: of the doctor, before training.
         figures: the content of metrics.json, or {}.
         light: of the photographs, where the run has found it.
@@ -50,7 +50,7 @@ class Stage:
     kind: str
     gaussians: Any = None
     scene: Scene | None = None
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    background: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
     findings: Sequence[Finding] = ()
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)
     light: Light | None = None
@@ -122,8 +122,9 @@ def stage_of(path: str | os.PathLike[str], data: str | None = None) -> Stage:
         file = read_scene_file(place)
         packed = pack_harmonics(file.gaussians)
         photographs = None if data is None else load_dataset(data)
+        behind = None if file.no_background else (0.0, 0.0, 0.0)
         return Stage(
-            place.name, "file", packed, photographs, folder=place.parent,
+            place.name, "file", packed, photographs, behind, folder=place.parent,
             antialiased=file.antialiased,
         )  # fmt: skip
     return data_stage(load_dataset(place))

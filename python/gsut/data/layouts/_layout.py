@@ -24,6 +24,8 @@ class Layout:
         read: its frames, points and lists; the argument is what `holds` accepted.
         record: instead of `read`, of a layout whose poses are found by time or order.
         write: into a new folder; None where gsut only reads it.
+        unpack: of what holds pictures inside, such as a bag: writes them to a folder; instead of
+            `read` and `record`.
     """
 
     name: str
@@ -33,3 +35,4 @@ class Layout:
     read: Callable[[Path, OnError], Listing] | None = None
     record: Callable[[Path], Recording] | None = None
     write: Callable[[Path, Export], list[str]] | None = None
+    unpack: Callable[..., Recording] | None = None

@@ -63,6 +63,13 @@ def described(values: Mapping[str, Any], folder: Path, file: Path) -> Recording:
                 raise _error(file, key, f"{path} does not exist", "correct the path")
     recording = _pictures(values.get("images", "."), folder, file)
     recording.path = folder
+    return with_parts(recording, values, folder, file)
+
+
+def with_parts(
+    recording: Recording, values: Mapping[str, Any], folder: Path, file: Path
+) -> Recording:
+    """A recording with the parts that these keys replace; the arguments are `described`'s."""
     lens = values.get("lens")
     if lens is not None:
         found = {str(k): folder / str(v) for k, v in lens.items()} if isinstance(lens, dict) else (

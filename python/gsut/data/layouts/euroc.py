@@ -83,6 +83,8 @@ def record(path: Path) -> Recording:
     elif chains:
         recording.mounts = functools.partial(read_mounts, chains[0])
     recording.poses_of = BODY
+    if not any("." in text for stream in streams for text in stream.time_texts()):
+        recording.image_times = "ns"
     recording.points = next((root / n for n in _POINTS if (root / n).is_file()), None) or next(
         (base / n for n in _POINTS if (base / n).is_file()), None
     )
