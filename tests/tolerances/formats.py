@@ -68,3 +68,4 @@ PLACED = 2e-5  # of coordinates to 40 and harmonics to 1, turned in float32; wor
 REAL_VIEWER_DB = 29.0
 REAL_VIEWER_TURNED_DB = 23.0  # turned 16.1, without harmonics 22.0
 SPZ_DIRECTION = 1e-6  # half a step of 8388607; worst 1.8e-7
+HOSTILE_BYTES = 4_800_000  # of memory asked for over files of 10 to 100 kB; worst 2.4 MB

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -72,7 +73,9 @@ def _read(path: Path) -> SceneFile:
     try:
         return _read_stage(path, usd.Stage.Open(str(path)), geometry)
     except (tf.ErrorException, MemoryError) as error:
-        raise InputError(f"{path}: no USD file, or damaged: {error}") from None
+        first = re.search(r": '(.*)'$", str(error), re.MULTILINE)
+        why = first[1] if first else " ".join(str(error).split())
+        raise InputError(f"{path}: no USD file, or damaged: {why}") from None
 
 
 def _read_stage(path: Path, stage: Any, geometry: Any) -> SceneFile:
