@@ -98,6 +98,15 @@ from gsut.sfm import (
     estimate_poses,
     triangulate,
 )
+from gsut.surface import (
+    DepthMap,
+    Mesh,
+    MeshOptions,
+    extract_mesh,
+    fuse_depth,
+    load_mesh,
+    save_mesh,
+)
 from gsut.train import TrainResult, train
 from gsut.training import TrainedRun, load_run
 
@@ -175,6 +184,14 @@ __all__ = [  # noqa: RUF022
     "to_uint8",
     "write_png",
     "write_video",
+    # Make a mesh
+    "extract_mesh",
+    "MeshOptions",
+    "fuse_depth",
+    "DepthMap",
+    "Mesh",
+    "save_mesh",
+    "load_mesh",
     # Judge
     "evaluate",
     "psnr",
