@@ -9,6 +9,7 @@ from gsut.gaussians.low_pass import (
     low_pass_backward,
     pixel_density,
 )
+from gsut.gaussians.morton import morton_order
 from gsut.gaussians.packed_harmonics import MixedGaussians, pack_harmonics, to_mixed
 from gsut.gaussians.quaternions import (
     quaternion_of,
@@ -32,6 +33,7 @@ __all__ = [
     "low_pass",
     "low_pass_backward",
     "merged",
+    "morton_order",
     "pack_harmonics",
     "pixel_density",
     "quaternion_of",
