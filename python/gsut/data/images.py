@@ -113,6 +113,21 @@ def decode_image(path: Path, reduction: int = 1) -> tuple[np.ndarray, np.ndarray
     )
 
 
+def largest_of_16_bits(path: Path) -> int | None:
+    """The largest value of an image file of 16 bits a channel; None: it has 8.
+
+    Raises:
+        DatasetError: see `decode_image`.
+    """
+    with _open(path) as file:
+        head = file.read(26)
+    png = head.startswith(_PNG_SIGNATURE) and len(head) == 26
+    if head.startswith(b"\xff\xd8") or (png and head[24] != 16):
+        return None
+    pixels = _decode(path)
+    return int(pixels.max(initial=0)) if pixels.dtype == np.uint16 else None
+
+
 def decode_scaled(
     path: Path, full: tuple[int, int], size: tuple[int, int], *, in_parts: bool
 ) -> tuple[np.ndarray, np.ndarray | None]:

@@ -362,6 +362,13 @@ def _no_pose(
             f"nearest pose is {nearest:.3g} s away (median)",
             f"if that is right write `time_tolerance: {1.5 * nearest:.2g}` into dataset.yaml",
         )
+    if _counts(stream):
+        return DatasetError(
+            trajectory.source,
+            f"no picture has a pose: {ranges}; the pictures' names count them and are no times",
+            "begin each line with the picture's name; or list lines 'time rgb/FILE' in rgb.txt, "
+            "as TUM does",
+        )
     fitting = _other_units(stream, trajectory, clock)
     if fitting is not None:
         return DatasetError(
@@ -375,6 +382,14 @@ def _no_pose(
         "take the poses of this recording; or, where both clocks began at once, write "
         f"`time_offset: {seconds_text(int(poses[0]) - int(images.min()))}` into dataset.yaml",
     )
+
+
+def _counts(stream: Stream) -> bool:
+    """Whether the names of pictures count them: 000, 001, 002 ..."""
+    stems = [path.stem for path in stream.images]
+    if stream.times is not None or len(stems) < 2 or not all(s.isdecimal() for s in stems):
+        return False
+    return bool((np.diff([int(stem) for stem in stems]) == 1).all())
 
 
 def _other_units(stream: Stream, trajectory: Trajectory, clock: _Clock) -> tuple[str, str] | None:

@@ -99,6 +99,11 @@ class LensValues:
     ) -> Camera:
         """The camera; what makes it no camera is an error of the file."""
         prefix = f"{self.source}: " if self.source else ""
+        if valid_field_angle is not None and valid_field_angle > math.pi:
+            raise CalibrationError(
+                f"{prefix}the valid field angle is {valid_field_angle:g} radians, and pi is the "
+                f"most (degrees? write {math.radians(valid_field_angle):.6g})"
+            )
         try:
             camera = Camera(model, params, width, height, valid_field_angle=valid_field_angle)
         except InputError as error:
