@@ -29,8 +29,8 @@ from gsut.data.layouts.description import described, with_parts
 from gsut.data.load import read_dataset
 from gsut.data.memory import cameras_of, checked_image, checked_points
 from gsut.data.mounts import BODY, OWN
+from gsut.data.pairing import listing_of
 from gsut.data.poses import inverse, rigid_transform
-from gsut.data.recording import listing_of
 from gsut.data.scene import Scene
 from gsut.data.times import seconds_text
 from gsut.data.trajectory import format_kitti, format_tum
