@@ -69,7 +69,7 @@ class Camera(_core.Camera):
     ) -> None:
         limit = _NO_LIMIT if valid_field_angle is None else float(valid_field_angle)
         values = [float(value) for value in np.asarray(params, dtype=np.float64).ravel()]
-        super().__init__(str(model), values, _pixels(width), _pixels(height), limit)
+        super().__init__(str(model), values, *_whole_size(width, height), limit)
         self.extrinsics = _checked_copy(extrinsics, "extrinsics", (6,))
         self.valid_region = _checked_copy(valid_region, "valid_region", (None, 2))
 
@@ -308,18 +308,19 @@ def _restore(
     return Camera(model, params, width, height, **keywords)
 
 
-def _pixels(number: object) -> int:
-    """A side of the image; 640.0 counts as 640."""
+def _whole_size(width: object, height: object) -> tuple[int, int]:
+    """The sides of the image; 640.0 counts as 640."""
     try:
-        whole = int(number)  # type: ignore[call-overload]
-        good = whole == number and 0 < whole <= MOST_PIXELS
+        size = int(width), int(height)  # type: ignore[call-overload]
+        good = size == (width, height) and all(0 < side <= MOST_PIXELS for side in size)
     except (TypeError, ValueError, OverflowError):
         good = False
     if not good:
         raise InputError(
-            f"width and height are whole numbers of pixels from 1 to {MOST_PIXELS}, found {number}"
+            f"width and height are whole numbers of pixels from 1 to {MOST_PIXELS}, found {width} "
+            f"x {height}"
         )
-    return whole
+    return size
 
 
 def _checked_copy(values: Any, name: str, shape: tuple[int | None, ...]) -> np.ndarray | None:

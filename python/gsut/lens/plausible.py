@@ -36,7 +36,8 @@ def implausible(camera: Camera) -> str | None:
 
 
 def _of_focal_lengths(camera: Camera) -> str | None:
-    fx, fy = camera.params[:2]
+    names = camera.param_names.split()
+    fx, fy = (camera.params[names.index(name)] for name in ("fx", "fy"))
     stretch = max(fx / fy, fy / fx)
     if stretch > _MOST_STRETCH:
         return (

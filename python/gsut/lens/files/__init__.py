@@ -42,6 +42,7 @@ from gsut.lens.files.opencv import (
 from gsut.lens.files.opensfm import format_opensfm, is_opensfm, load_opensfm
 from gsut.lens.files.own import camera_from_values, format_own, is_own
 from gsut.lens.files.table import is_table, load_table
+from gsut.lens.files.values import plausible
 
 __all__ = ["colmap_camera", "load_camera", "nerfstudio_camera", "save_camera"]
 
@@ -117,7 +118,7 @@ def _load(file: Path, source: str, camera_id: int | str | None) -> Camera:
 
 def _load_mrcal(text: str, source: str) -> Camera:
     core, extrinsics, valid_region = _core.parse_camera_model(text, source)
-    return Camera(
+    camera = Camera(
         core.model,
         core.params,
         core.width,
@@ -127,6 +128,7 @@ def _load_mrcal(text: str, source: str) -> Camera:
         # No polygon is unknown; an empty one means that mrcal trusts no pixel.
         valid_region=None if valid_region is None else np.reshape(valid_region, (-1, 2)),
     )
+    return plausible(camera, source)
 
 
 def _load_keys(values: Any, source: str, text: str, camera_id: int | str | None) -> Camera:

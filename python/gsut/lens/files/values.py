@@ -108,10 +108,16 @@ class LensValues:
             camera = Camera(model, params, width, height, valid_field_angle=valid_field_angle)
         except InputError as error:
             raise CalibrationError(f"{prefix}{error}") from error
-        doubt = implausible(camera)
-        if doubt is not None:
-            raise CalibrationError(f"{prefix}this is no lens: {doubt}; correct it")
-        return camera
+        return plausible(camera, self.source)
+
+
+def plausible(camera: Camera, source: str) -> Camera:
+    """The camera; CalibrationError where no lens has its numbers."""
+    doubt = implausible(camera)
+    if doubt is not None:
+        prefix = f"{source}: " if source else ""
+        raise CalibrationError(f"{prefix}this is no lens: {doubt}; correct it")
+    return camera
 
 
 def chosen_name(names: Collection[str], camera_id: int | str | None, source: str) -> str:
