@@ -11,10 +11,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gsut import _core
 from gsut._core import InputError, Shutter
 from gsut.files import write_file
 from gsut.sfm.correspondences import OnProgress, collect_features, match_images
+from gsut.sfm.earth import find_earth, moved_solution
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_candidates import guess_lenses
@@ -34,6 +37,7 @@ from gsut.sfm.rig_file import Rig, read_rig, write_rig
 from gsut.sfm.rig_images import find_rig_photographs
 from gsut.sfm.solution import Solution, matches_in_points, solve
 from gsut.sfm.stages import Stages, digest
+from gsut.sfm.video_shutter import VideoShutter, find_video_shutter
 
 RIG = "rig.json"
 # (photographs, features, pairs, options, on_progress) -> poses and points; lenses are known.
@@ -142,7 +146,7 @@ def estimate_poses(
         log.watch.lap("matching")
         extra: dict[str, Any] = {"lens": "known" if known else "estimated"}
         fit: RigFit | None = None
-        doubt: LensDoubt | None = None
+        flags: np.ndarray | None = None
         if on_rig is not None:
             solution, fit = solve_rig(
                 photographs, features, pairs, options, log.on_images("mapping"),
@@ -154,22 +158,17 @@ def estimate_poses(
         else:
             search = search_lens(photographs, features, raw, options, fov_degrees, log, shutter)
             solution, pairs, extra["lens_search"] = search.solution, search.pairs, search.rows
-            doubt = lens_doubt(solution, search.flags, pairs, options)
-            extra["focal_sigma_percent"] = doubt.percent
+            flags = search.flags
         models: list[Solution] = []
         if on_rig is None and mapper is None:
             solution, models = further_models(solution, features, pairs, options)
+        solution, doubt = _finished(
+            photographs, solution, features, pairs, options, flags, log, extra
+        )
         log.watch.lap("mapping")
     agreeing = None if mapper else matches_in_points(solution, pairs)
-    extra |= {"matches_in_points": agreeing, **_shutter_figures(photographs, solution, options)}
-    if not known and photographs.said_focal_px is not None:
-        for text in contradiction(photographs.said_focal_px, solution.cameras[0]):
-            log.note(text)
-    if photographs.profile is not None:
-        extra["lens_start"] = compare_with_profile(
-            photographs.profile, solution.cameras[0], extra.get("readout"), options
-        )
-        log.note(start_words(extra["lens_start"]))
+    extra["matches_in_points"] = agreeing
+    _compare_lens(photographs, solution, options, log, extra)
     for text in write_models(models, photographs, folder):
         log.note(text)
     extra["models"] = [int(model.num_registered) for model in models]
@@ -219,10 +218,66 @@ def _inputs(
     return photographs, None
 
 
+def _finished(
+    photographs: Photographs,
+    solution: Solution,
+    features: list[Features],
+    pairs: list[PairMatches],
+    options: PosesOptions,
+    flags: np.ndarray | None,
+    log: PosesLog,
+    extra: dict[str, Any],
+) -> tuple[Solution, LensDoubt | None]:
+    """The solution with the shutter of its video, in the world of the earth, and what is open."""
+    lines: VideoShutter | None = None
+    if solution.shutter is None and options.shutter == "auto" and photographs.flows:
+        lines = find_video_shutter(
+            solution, features, pairs, options, photographs.flows, flags, log.on_images("mapping")
+        )
+        solution = lines.solution
+        log.note(lines.words())
+    doubt: LensDoubt | None = None
+    if flags is not None:
+        doubt = lens_doubt(solution, flags, pairs, options)
+        extra["focal_sigma_percent"] = doubt.percent
+    extra |= _shutter_figures(photographs, solution, options, lines)
+    earth = find_earth(solution, photographs.orientations, photographs.places)
+    if earth is None:
+        return solution, doubt
+    extra["earth"] = earth.figures
+    for text in earth.notes:
+        log.note(text)
+    return moved_solution(solution, earth), doubt
+
+
+def _compare_lens(
+    photographs: Photographs,
+    solution: Solution,
+    options: PosesOptions,
+    log: PosesLog,
+    extra: dict[str, Any],
+) -> None:
+    """What was said of the lens, and what was found."""
+    if extra["lens"] == "estimated" and photographs.said_focal_px is not None:
+        for text in contradiction(photographs.said_focal_px, solution.cameras[0]):
+            log.note(text)
+    if photographs.profile is not None:
+        extra["lens_start"] = compare_with_profile(
+            photographs.profile, solution.cameras[0], extra.get("readout"), options
+        )
+        log.note(start_words(extra["lens_start"]))
+
+
 def _shutter_figures(
-    photographs: Photographs, solution: Solution, options: PosesOptions
+    photographs: Photographs,
+    solution: Solution,
+    options: PosesOptions,
+    lines: VideoShutter | None,
 ) -> dict[str, Any]:
     """Of poses.json."""
+    if lines is not None:
+        direction = solution.shutter.direction if solution.shutter else "global"
+        return {"shutter": direction, "readout": lines.figures()}
     if solution.shutter is None:
         return {"shutter": "global"}
     found = readout_time(photographs.names, solution)

@@ -28,7 +28,7 @@ def compare_with_profile(
         one of them is not known.
     """
     start = profile.camera(lens.width, lens.height)
-    found = None if readout is None else readout["estimated"]
+    found = None if readout is None else readout.get("estimated")
     given = options.readout_time
     return {
         "name": profile.name,
