@@ -72,6 +72,13 @@ const T* ConstData(const py::handle& object, const char* name,
   return static_cast<const T*>(array.data());
 }
 
+// As ConstData; None is null.
+template <class T>
+const T* OptionalData(const py::object& array, const char* name,
+                      std::initializer_list<std::int64_t> shape) {
+  return array.is_none() ? nullptr : ConstData<T>(array, name, shape);
+}
+
 // As ConstData, and writable: the core changes it in place.
 template <class T>
 T* MutableData(const py::handle& object, const char* name,

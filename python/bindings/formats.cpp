@@ -50,7 +50,7 @@ py::tuple ReadPoints(const std::string& path) {
   auto colors = NewArray<std::uint8_t>({n, 3});
   std::copy(points.positions.begin(), points.positions.end(), positions.mutable_data());
   std::copy(points.colors.begin(), points.colors.end(), colors.mutable_data());
-  return py::make_tuple(positions, colors, points.has_colors);
+  return py::make_tuple(positions, colors, points.unusual_white);
 }
 
 }  // namespace
@@ -63,9 +63,9 @@ void BindFormats(pybind11::module_& m) {
   m.def("write_ply", &WritePlyFile, py::arg("path"), py::arg("gaussians"),
         py::arg("comments") = std::vector<std::string>(),
         "Writes float32 Gaussians as a binary PLY file, atomically.");
-  m.def(
-      "read_ply_points", &ReadPoints, py::arg("path"),
-      "Positions (N,3) float64, colours (N,3) uint8 of a PLY point cloud, and whether it has any.");
+  m.def("read_ply_points", &ReadPoints, py::arg("path"),
+        "Positions (N,3) float64, colours (N,3) uint8 of a PLY point cloud, and the file's value "
+        "of full brightness where it is an unusual one, else 0.");
 }
 
 }  // namespace gsut::bindings

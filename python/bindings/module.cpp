@@ -28,6 +28,7 @@ PYBIND11_MODULE(_core, m) {
   BindGaussians(m);
   BindProjection(m);
   BindRaster(m);
+  BindRasterLines(m);
   BindLoss(m);
   BindOptimize(m);
   BindOptimizeCompact(m);

@@ -11,6 +11,7 @@ void BindCameras(pybind11::module_& m);
 void BindGaussians(pybind11::module_& m);
 void BindProjection(pybind11::module_& m);
 void BindRaster(pybind11::module_& m);
+void BindRasterLines(pybind11::module_& m);
 void BindLoss(pybind11::module_& m);
 void BindOptimize(pybind11::module_& m);
 void BindOptimizeCompact(pybind11::module_& m);

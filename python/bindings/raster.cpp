@@ -12,27 +12,13 @@
 #include "bindings/arrays.h"
 #include "bindings/geometry.h"
 #include "bindings/module.h"
+#include "bindings/raster.h"
 #include "gsut/raster/lens_gradients.h"
 #include "gsut/raster/reference/reference.h"
 #include "gsut/raster/render.h"
 
 namespace gsut::bindings {
 namespace {
-
-RenderSettings Settings(const BlendRule& rule, const std::array<double, 3>& background,
-                        int sh_degree) {
-  RenderSettings settings;
-  settings.rule = rule;
-  std::copy(background.begin(), background.end(), settings.background);
-  settings.sh_degree = sh_degree;
-  return settings;
-}
-
-template <class T>
-const T* OptionalData(const py::object& array, const char* name,
-                      std::initializer_list<std::int64_t> shape) {
-  return array.is_none() ? nullptr : ConstData<T>(array, name, shape);
-}
 
 // dpose (6,) of one pose, or (2, 6) of the start and the end of a rolling shutter.
 py::array_t<double> PoseGradient(const double* dpose, const CameraMotion& motion) {
@@ -167,6 +153,44 @@ class BoundRenderer {
     renderer_.AddFisher(mask, sums);
   }
 
+  // support (N, 2) grows.
+  void AddSupport(const py::object& photograph, const py::object& chosen,
+                  const py::object& support) {
+    const float* pixels = ConstData<float>(photograph, "photograph", {height_, width_, 3});
+    const auto* mask = OptionalData<std::uint8_t>(chosen, "chosen", {height_, width_});
+    const std::int64_t size = renderer_.frame().size;
+    double* sums = MutableData<double>(support, "support", {size, Renderer::kSupportSums});
+    const py::gil_scoped_release release;
+    renderer_.AddSupport(pixels, mask, sums);
+  }
+
+  // (median, strongest (H, W), normals (H, W, 3), spread (H, W)) of the last render, float32.
+  py::tuple Surface() const {
+    auto median = NewArray<float>({height_, width_}),
+         strongest = NewArray<float>({height_, width_});
+    auto normals = NewArray<float>({height_, width_, 3}),
+         spread = NewArray<float>({height_, width_});
+    const SurfaceMaps maps = {median.mutable_data(), strongest.mutable_data(),
+                              normals.mutable_data(), spread.mutable_data()};
+    {
+      const py::gil_scoped_release release;
+      renderer_.Surface(maps);
+    }
+    return py::make_tuple(median, strongest, normals, spread);
+  }
+
+  // Adds the gradients through the normals.
+  void SurfaceBackward(const py::object& dnormals, const py::object& gradients) const {
+    const float* to_normals = ConstData<float>(dnormals, "dnormals", {height_, width_, 3});
+    const std::optional<HarmonicsRows> sh_rows = MixedRows(gradients);
+    const auto view = MutableGaussians<float>(gradients, sh_rows ? &*sh_rows : nullptr);
+    if (view.size != renderer_.frame().size) {
+      throw InputError("gradients must be shaped like the rendered Gaussians");
+    }
+    const py::gil_scoped_release release;
+    renderer_.SurfaceBackward(to_normals, view);
+  }
+
   // (params (K,), rays (H, W, 3)) of the last backward, or None if that was without the lens.
   py::object OfLens() const {
     if (!has_lens_) return py::none();
@@ -216,16 +240,6 @@ class BoundRenderer {
   std::int64_t height_ = 0, width_ = 0;
 };
 
-py::tuple ReferenceArrays(const ReferenceImage& result, py::ssize_t h, py::ssize_t w) {
-  py::array_t<double> image({h, w, py::ssize_t{3}}), alpha({h, w}), depth({h, w});
-  py::array_t<int> samples({h, w});
-  std::copy(result.image.begin(), result.image.end(), image.mutable_data());
-  std::copy(result.alpha.begin(), result.alpha.end(), alpha.mutable_data());
-  std::copy(result.depth.begin(), result.depth.end(), depth.mutable_data());
-  std::copy(result.samples.begin(), result.samples.end(), samples.mutable_data());
-  return py::make_tuple(image, alpha, depth, samples);
-}
-
 py::tuple RenderDouble(const py::object& gaussians, const Camera& camera, const py::object& pose,
                        const BlendRule& rule, const std::array<double, 3>& background,
                        int sh_degree, const py::object& pixels) {
@@ -263,62 +277,6 @@ py::tuple BackwardDouble(const py::object& gaussians, const Camera& camera, cons
     if (with_lens) lens.Chain(camera, motion);
   }
   return py::make_tuple(PoseGradient(dpose, motion), lens.Arrays(camera, with_lens));
-}
-
-// Rays given one by one: lines (H, W, 6), origins and unit directions in the world.
-ViewRays RaysOfLines(const py::object& lines, const py::object& reference) {
-  const auto array = ReadArray<double>(lines, "lines", {kAny, kAny, 6});
-  ViewRays view;
-  view.height = static_cast<int>(array.shape(0));
-  view.width = static_cast<int>(array.shape(1));
-  view.reference = ReadPose(reference);
-  const std::size_t pixels = static_cast<std::size_t>(array.size()) / 6;
-  view.rays.resize(3 * pixels);
-  view.origins.resize(3 * pixels);
-  view.valid.assign(pixels, 1);
-  using Eigen::Vector3d;
-  for (std::size_t i = 0; i < pixels; ++i) {
-    const Eigen::Map<const Vector3d> origin(array.data() + 6 * i), ray(array.data() + 6 * i + 3);
-    Eigen::Map<Vector3d>(&view.rays[3 * i]) = view.reference.rotation * ray;
-    Eigen::Map<Vector3d>(&view.origins[3 * i]) =
-        view.reference.rotation * origin + view.reference.translation;
-  }
-  return view;
-}
-
-py::tuple RenderLines(const py::object& gaussians, const py::object& lines,
-                      const py::object& reference, const BlendRule& rule) {
-  const ViewRays rays = RaysOfLines(lines, reference);
-  const ReferenceImage result =
-      RenderReference(ConstGaussians<double>(gaussians), rays, Settings(rule, {0, 0, 0}, 3));
-  return ReferenceArrays(result, rays.height, rays.width);
-}
-
-// The gradients to the lines (H, W, 6), in the world.
-py::array_t<double> BackwardLines(const py::object& gaussians, const py::object& lines,
-                                  const py::object& reference, const BlendRule& rule,
-                                  const py::object& dimage, const py::object& dalpha,
-                                  const py::object& ddepth, const py::object& gradients) {
-  const ViewRays view = RaysOfLines(lines, reference);
-  const std::int64_t h = view.height, w = view.width;
-  RayGradients rays;
-  ShadingGradient shading;
-  RenderReferenceBackward(ConstGaussians<double>(gaussians), view, Settings(rule, {0, 0, 0}, 3),
-                          ConstData<double>(dimage, "dimage", {h, w, 3}),
-                          OptionalData<double>(dalpha, "dalpha", {h, w}),
-                          OptionalData<double>(ddepth, "ddepth", {h, w}),
-                          MutableGaussians<double>(gradients), &rays, &shading);
-  auto out = NewArray<double>({view.height, view.width, 6});
-  using Eigen::Vector3d;
-  const Eigen::Matrix3d to_world = view.reference.rotation.transpose();
-  double* line = out.mutable_data();
-  for (std::size_t i = 0; i < view.valid.size(); ++i) {
-    Eigen::Map<Vector3d>(line + 6 * i) =
-        to_world * Eigen::Map<const Vector3d>(&rays.origins[3 * i]);
-    Eigen::Map<Vector3d>(line + 6 * i + 3) =
-        to_world * Eigen::Map<const Vector3d>(&rays.rays[3 * i]);
-  }
-  return out;
 }
 
 }  // namespace
@@ -369,6 +327,11 @@ Raises:
       .def("add_significance", &BoundRenderer::AddSignificance, py::arg("chosen"),
            py::arg("significance"))
       .def("add_fisher", &BoundRenderer::AddFisher, py::arg("chosen"), py::arg("fisher"))
+      .def("add_support", &BoundRenderer::AddSupport, py::arg("photograph"), py::arg("chosen"),
+           py::arg("support"))
+      .def("surface", &BoundRenderer::Surface)
+      .def("surface_backward", &BoundRenderer::SurfaceBackward, py::arg("dnormals"),
+           py::arg("gradients"))
       .def("lens_gradients", &BoundRenderer::OfLens)
       .def("distances", &BoundRenderer::Distances)
       .def("timings", &BoundRenderer::Timings)
@@ -380,11 +343,6 @@ Raises:
         py::arg("camera_from_world"), py::arg("rule"), py::arg("background"), py::arg("sh_degree"),
         py::arg("dimage"), py::arg("dalpha"), py::arg("ddepth"), py::arg("gradients"),
         py::arg("pixels") = py::none(), py::arg("with_lens") = false);
-  m.def("render_lines_reference", &RenderLines, py::arg("gaussians"), py::arg("lines"),
-        py::arg("reference"), py::arg("rule"));
-  m.def("render_lines_reference_backward", &BackwardLines, py::arg("gaussians"), py::arg("lines"),
-        py::arg("reference"), py::arg("rule"), py::arg("dimage"), py::arg("dalpha"),
-        py::arg("ddepth"), py::arg("gradients"));
 }
 
 }  // namespace gsut::bindings

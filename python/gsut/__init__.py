@@ -26,7 +26,17 @@ from gsut._core import (
 )
 from gsut.check import diagnose
 from gsut.compact import Compaction, SeenView, compact, seen_views
-from gsut.data import DatasetError, Finding, Scene, View, load_dataset
+from gsut.data import (
+    DatasetError,
+    Finding,
+    Scene,
+    View,
+    color_points,
+    convert_dataset,
+    load_dataset,
+    make_scene,
+    save_dataset,
+)
 from gsut.evaluate import evaluate
 from gsut.formats import load_gaussians, load_ply, save_gaussians, save_ply
 from gsut.gaussians import (
@@ -60,6 +70,7 @@ from gsut.render import (
     Gradients,
     Projection,
     Render,
+    Surface,
     auto_path,
     color_corrected_psnr,
     orbit_path,
@@ -67,6 +78,8 @@ from gsut.render import (
     psnr,
     render,
     render_backward,
+    render_surface,
+    render_surface_backward,
     ring_psnr,
     smooth_path,
     ssim,
@@ -76,13 +89,24 @@ from gsut.render import (
     write_video,
 )
 from gsut.run import TrainOptions
-from gsut.sfm import PoseErrors, PosesOptions, PosesResult, compare_poses, estimate_poses
+from gsut.sfm import (
+    PoseErrors,
+    PosesOptions,
+    PosesResult,
+    TriangulatedPoints,
+    compare_poses,
+    estimate_poses,
+    triangulate,
+)
 from gsut.train import TrainResult, train
 
 # By task: docs/api.md is made from this list and its comments, in this order.
 __all__ = [  # noqa: RUF022
     # Load
     "load_dataset",
+    "make_scene",
+    "save_dataset",
+    "convert_dataset",
     "Scene",
     "View",
     "diagnose",
@@ -105,6 +129,9 @@ __all__ = [  # noqa: RUF022
     "RefinedPose",
     "localize_image",
     "Localized",
+    "triangulate",
+    "TriangulatedPoints",
+    "color_points",
     # Train
     "train",
     "TrainOptions",
@@ -128,6 +155,9 @@ __all__ = [  # noqa: RUF022
     # Render
     "render",
     "Render",
+    "render_surface",
+    "Surface",
+    "render_surface_backward",
     "Shutter",
     "CameraMotion",
     "exp_pose",

@@ -6,6 +6,8 @@ import contextlib
 import json
 import math
 import os
+import shutil
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ import numpy as np
 from gsut._core import InputError
 
 UNFINISHED = ".writing-"  # start of the names of files that are being written
+_FOLDER_MODE = 0o755
 
 
 class WriteError(InputError, OSError):
@@ -26,12 +29,16 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A path to write to, in the same folder, that becomes `path` once the block ends well.
 
     It ends as `path` does: some writers choose the format by the name. The file is flushed to the
-    disk and renamed; where the block fails, what was there before is unchanged.
+    disk and renamed; where the block fails, what was there before is unchanged. A link stays: what
+    it leads to is written.
 
     Raises:
-        WriteError: the file cannot be written (no such folder, permissions, disk full).
+        WriteError: the file cannot be written (no such folder, permissions, disk full), or `path`
+            is a folder, a device or a pipe.
     """
-    path = Path(path)
+    path = Path(os.path.realpath(path))
+    if path.exists() and not path.is_file():
+        raise WriteError(f"cannot write {path}: it is not a file; give another name")
     temporary = path.with_name(f"{UNFINISHED}{os.getpid()}-{path.name}")
     try:
         yield temporary
@@ -47,6 +54,31 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink()
+
+
+@contextlib.contextmanager
+def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A folder beside `path` to write to, that becomes it once the block ends well.
+
+    Raises:
+        InputError: something of this name exists, or it cannot be created.
+    """
+    path = Path(path)
+    if path.exists():
+        raise InputError(f"{path} exists; remove it or name another folder")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = Path(tempfile.mkdtemp(prefix=f"{UNFINISHED}{path.name}-", dir=path.parent))
+    except OSError as error:
+        raise WriteError(
+            f"{path} cannot be created ({error.strerror}); name a writable folder"
+        ) from None
+    try:
+        yield partial
+        partial.chmod(_FOLDER_MODE)  # mkdtemp's is private
+        partial.rename(path)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
 
 
 def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:

@@ -19,6 +19,7 @@ from gsut.training import (
     TrainingLoop,
     TrainingRecord,
     measure_training,
+    plain_background,
     prepare_scene,
     refine_first_poses,
     write_results,
@@ -79,9 +80,11 @@ def train(
     _core.set_num_threads(o.threads)
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
+    given, scene = scene, prepare_scene(scene.centred, o)  # data/: size of the images, shutter
+    if o.background is None:
+        o = dataclasses.replace(o, background=plain_background(scene))
     # run/: folder, history, checkpoints
     record = TrainingRecord(out, o, scene, resume, progress, watch)
-    given, scene = scene, prepare_scene(scene.centred, o)  # data/: size of the images, shutter
     fresh = record.checkpoint is None
     tracks = refine_first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
     loop = TrainingLoop(scene, o, tracks=tracks)  # gaussians/: the first ones

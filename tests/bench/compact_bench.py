@@ -25,7 +25,14 @@ from gsut.compact import (
     settings_of,
 )
 from gsut.evaluate import evaluate, view_image
-from gsut.run import TrainOptions
+from gsut.run import (
+    TrainOptions,
+    add_option_flags,
+    check_options,
+    describe_options,
+    given_options,
+    option,
+)
 from gsut.training import finetune, finetune_options
 from tests.bench.compact_starts import (
     TRAIN_CPU,
@@ -36,18 +43,18 @@ from tests.bench.compact_starts import (
 )
 from tests.bench.plots import plot_compact
 from tests.bench.report_rows import (
+    MEASURED,
     add_files,
     bar,
     check_files,
-    numbers,
     print_and_write,
     row_writer,
     rows_to_keep,
-    words,
 )
 
 DEFAULT_KEEPS = (0.05, 0.1, 0.2, 0.5)
 # The rival's pace is measured on a run of so many steps with the same schedule.
+_STARTS = "Starts"
 _PILOT_STEPS = 120
 # 3DGS PLY: position, normal, opacity, scales, rotation and the harmonics as float32.
 _ROW_FLOATS = 14
@@ -73,52 +80,57 @@ COMPACT_COLUMNS = (
 )
 
 
+@describe_options
 @dataclasses.dataclass(frozen=True)
 class CompactBenchOptions:
-    """What to compact and how.
-
-    Args:
-        runs: folders of finished runs, as over-complete as their training left them.
-        methods: of `gsut.compact`.
-        keeps: fractions.
-        finetune: steps.
-        rival: also train a model with each number of Gaussians from the start, for as long as
-            training, compaction and fine-tuning took together.
-        starts: instead, `runs` are datasets, and these models of them are trained first, see
-            `compact_starts`.
-        folder: that the starts are written to; those it holds already are not trained again.
-        recipe: of the starts.
+    """What to compact and how: `runs` are folders of finished runs, over-complete as they are.
 
     Raises:
-        InputError: an unknown method, a fraction out of range, or no fine-tuning.
+        InputError: an unknown method, a value of the wrong kind or out of range.
     """
 
     runs: Sequence[str]
-    methods: Sequence[str] = METHODS
-    keeps: Sequence[float] = DEFAULT_KEEPS
-    finetune: int = 500
-    rival: bool = True
-    starts: Sequence[str] = ()
-    folder: str | None = None
-    recipe: StartRecipe = dataclasses.field(default_factory=StartRecipe)
+    methods: tuple[str, ...] = option(METHODS, MEASURED, "of gsut compact")
+    keep: tuple[float, ...] = option(DEFAULT_KEEPS, MEASURED, "fractions")
+    finetune: int = option(500, MEASURED, "steps", low=1)
+    rival: bool = option(
+        True, MEASURED, "also train a model with each number of Gaussians from the start, for as "
+        "long as training, compaction and fine-tuning took together",
+    )  # fmt: skip
+    start: tuple[str, ...] = option(
+        (), _STARTS, "RUN are datasets, and these models of them are trained first: mcmc (up to "
+        "--cap), adc (adaptive density control as published, without a cap), lean (up to --lean)",
+    )  # fmt: skip
+    folder: str | None = option(
+        None, _STARTS, "holds, or gets, the starts' runs; those it holds are not trained again",
+        none="no starts",
+    )  # fmt: skip
+    start_steps: int = option(1500, _STARTS, "of each start", low=1)
+    cap: int = option(500_000, _STARTS, "most Gaussians of mcmc", low=1)
+    lean: int = option(100_000, _STARTS, "most Gaussians of lean", low=1)
+    scale: float = option(1.0, _STARTS, "of the datasets' images", low=0, high=1, low_open=True)
+
+    @property
+    def recipe(self) -> StartRecipe:
+        """Of the starts."""
+        return StartRecipe(self.start_steps, self.cap, self.lean, self.scale)
 
     def __post_init__(self) -> None:
-        for start in self.starts:
+        check_options(self)
+        for start in self.start:
             check_start(start)
-        if bool(self.starts) != (self.folder is not None):
+        if bool(self.start) != (self.folder is not None):
             raise InputError("--start and --folder go together: the models are written there")
         for method in self.methods:
             check_method(method, True)
-        for keep in self.keeps:
+        for keep in self.keep:
             check_keep(keep)
-        if self.finetune < 1:
-            raise InputError(f"--finetune must be at least 1 step, found {self.finetune}")
 
 
 def num_parts(options: CompactBenchOptions) -> int:
     """How often `on_part` is called."""
-    each = 1 + len(options.keeps) * (len(options.methods) + options.rival)
-    return len(options.runs) * max(1, len(options.starts)) * (each + bool(options.starts))
+    each = 1 + len(options.keep) * (len(options.methods) + options.rival)
+    return len(options.runs) * max(1, len(options.start)) * (each + bool(options.start))
 
 
 def compact_bench(
@@ -152,11 +164,11 @@ def compact_bench(
     """
     rows = list(done)
     for name in options.runs:
-        if not options.starts:
+        if not options.start:
             _bench_run(name, "run", options, rows, on_part, on_row)
             continue
         assert options.folder is not None
-        for start in options.starts:
+        for start in options.start:
             on_part(f"{Path(name).name} {start} training")
             folder = trained_start(name, start, options.recipe, options.folder)
             _bench_run(str(folder), start, options, rows, on_part, on_row)
@@ -209,7 +221,7 @@ def _bench_run(
             scores[method] = scores_of(gaussians, method, seen), clock.seconds()
         return scores[method]
 
-    for keep in options.keeps:
+    for keep in options.keep:
         made = []
         count = max(1, round(keep * len(gaussians)))
         for method in options.methods:
@@ -383,37 +395,16 @@ HELP = (
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add("runs", metavar="RUN", nargs="+", help="finished runs; with --start, datasets")
-    add(
-        "--start", metavar="A,B", default="",
-        help="train these models of the datasets first: mcmc (up to --cap), adc (adaptive density "
-        "control as published, without a cap), lean (up to --lean)",
-    )  # fmt: skip
-    add("--folder", metavar="DIR", help="that holds, or gets, the starts' runs")
-    add("--start-steps", type=int, default=1500, metavar="N", help="[default 1500]")
-    add("--cap", type=int, default=500_000, metavar="N", help="[default 500000]")
-    add("--lean", type=int, default=100_000, metavar="N", help="[default 100000]")
-    add("--scale", type=float, default=1.0, metavar="X", help="of the datasets' images [default 1]")
-    add("--methods", metavar="A,B", help="[default: all of gsut compact]")
-    add("--keep", metavar="X,Y", default="", help="fractions [default 0.05,0.1,0.2,0.5]")
-    add("--finetune", type=int, default=500, metavar="STEPS", help="[default 500]")
-    add("--no-rival", action="store_true", help="train no models that small from the start")
+    parser.add_argument(
+        "runs", metavar="RUN", nargs="+", help="finished runs; with --start, datasets"
+    )
+    add_option_flags(parser, CompactBenchOptions)
     add_files(parser, "PSNR against Gaussians and render time", resume=True)
 
 
 def run(arguments: argparse.Namespace) -> int:
     check_files(arguments)
-    options = CompactBenchOptions(
-        runs=arguments.runs,
-        methods=words(arguments.methods) or METHODS,
-        keeps=numbers(arguments.keep, float, "--keep") or DEFAULT_KEEPS,
-        finetune=arguments.finetune,
-        rival=not arguments.no_rival,
-        starts=words(arguments.start),
-        folder=arguments.folder,
-        recipe=StartRecipe(arguments.start_steps, arguments.cap, arguments.lean, arguments.scale),
-    )
+    options = CompactBenchOptions(arguments.runs, **given_options(CompactBenchOptions, arguments))
     done = rows_to_keep(arguments)
     with bar(num_parts(options)) as advance:
         rows = compact_bench(options, advance, row_writer(arguments), done)

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError, SolveError
-from gsut.lens import camera_models, convert_camera, format_colmap
+from gsut.lens import camera_models, colmap_record, convert_camera
+from gsut.run import add_option_flags, check_options, describe_options, given_options, option
 from gsut.sfm import (
     PoseErrors,
     PosesOptions,
@@ -27,13 +28,13 @@ from gsut.sfm import (
 )
 from tests.bench import pycolmap_poses
 from tests.bench.report_rows import (
+    MEASURED,
     add_files,
     bar,
     check_files,
     print_and_write,
     row_writer,
     rows_to_keep,
-    words,
 )
 from tests.bench.rig_poses import RIG_COLUMNS, WAYS, RigBenchOptions, rig_bench
 from tests.bench.train_bench import TrainBenchOptions, train_bench
@@ -63,34 +64,37 @@ POSES_COLUMNS = (
 )
 
 
+@describe_options
 @dataclasses.dataclass(frozen=True)
 class PosesBenchOptions:
-    """What is measured.
+    """What is measured on `data`: datasets with poses, which are the reference (agreement, where
+    they are COLMAP's), or folders of images without.
 
-    Args:
-        data: datasets with poses, which are the reference (agreement, where they are COLMAP's), or
-            folders of images without.
-        lenses: "known": the dataset's own lens; "unknown": estimated; a camera model: the lens of
-            that model that is fitted to the dataset's own.
-        threads: 0 for all.
-        shutters: "auto": as the dataset says; "global": one pose an image, with errors let through
-            that are PosesOptions.rolling_error times as large if the dataset has a rolling shutter;
-            "rolling".
-        programs: some of PROGRAMS; pycolmap does incremental mapping.
-        pycolmap: a Python interpreter with pycolmap; None: pycolmap is left out.
-        train_steps: of a training on the poses found, whose PSNR on held-out images is told, which
-            needs no reference; 0: none.
-        train_scale: size of the images trained on, of the originals'.
+    Raises:
+        InputError: an unknown word, a value of the wrong kind or out of range.
     """
 
     data: Sequence[str]
-    lenses: Sequence[str] = ("known",)
-    threads: int = 0
-    shutters: Sequence[str] = ("auto",)
-    programs: Sequence[str] = PROGRAMS
-    pycolmap: str | None = None
-    train_steps: int = 0
-    train_scale: float = 0.5
+    lens: tuple[str, ...] = option(
+        ("known",), MEASURED, "known: the dataset's own; unknown: estimated; a camera model: its "
+        "fit to the dataset's own",
+    )  # fmt: skip
+    shutter: tuple[str, ...] = option(
+        ("auto",), MEASURED, "auto: as the dataset says; global: one pose an image, beside a "
+        "rolling data set with errors let through as large as the motion makes them; rolling",
+    )  # fmt: skip
+    programs: tuple[str, ...] = option(
+        PROGRAMS, MEASURED, "gsut; pycolmap, if --pycolmap is given, does incremental mapping"
+    )
+    pycolmap: str | None = option(None, MEASURED, "a Python that has pycolmap", none="none")
+    train: int = option(
+        0, MEASURED, "steps of a training on the poses found, whose PSNR on every eighth image "
+        "needs no reference; 0: none", low=0,
+    )  # fmt: skip
+    train_scale: float = option(
+        0.5, MEASURED, "of the images trained on", low=0, high=1, low_open=True
+    )
+    threads: int = option(0, MEASURED, "0 = all", low=0)
 
     @property
     def num_rows(self) -> int:
@@ -100,19 +104,20 @@ class PosesBenchOptions:
     def requests(self) -> Iterator[dict[str, Any]]:
         """What each row measures: dict data (path), program, lens, shutter, train."""
         for data in self.data:
-            for lens in self.lenses:
+            for lens in self.lens:
                 asked: dict[str, Any] = {"data": str(Path(data).resolve()), "lens": lens}
-                asked |= {"train": [self.train_steps, self.train_scale]}
+                asked |= {"train": [self.train, self.train_scale]}
                 if "gsut" in self.programs:
-                    for shutter in self.shutters:
+                    for shutter in self.shutter:
                         yield asked | {"program": "gsut", "shutter": shutter}
                 if "pycolmap" in self.programs and self.pycolmap is not None:
                     yield asked | {"program": "pycolmap", "shutter": "global"}
 
     def __post_init__(self) -> None:
+        check_options(self)
         for flag, found, known in (
-            ("--lens", self.lenses, (*LENSES, *camera_models())),
-            ("--shutter", self.shutters, SHUTTERS),
+            ("--lens", self.lens, (*LENSES, *camera_models())),
+            ("--shutter", self.shutter, SHUTTERS),
             ("--programs", self.programs, PROGRAMS),
         ):
             for word in found:
@@ -186,12 +191,12 @@ def _has_poses(data: Path) -> bool:
 
 def _psnr(folder: str, options: PosesBenchOptions) -> dict[str, float]:
     """Of every eighth image, after a training on the others with the poses in a folder."""
-    if not options.train_steps:
+    if not options.train:
         return {}
     (row,) = train_bench(
         TrainBenchOptions(
             folder, ("fast",), measurements=2, scale=options.train_scale, threads=options.threads,
-            overrides={"steps": options.train_steps},
+            steps=options.train,
         )
     )  # fmt: skip
     return {"psnr": row["psnr"]}
@@ -259,7 +264,7 @@ def _measure_pycolmap(
         cameras = {camera for camera in photographs.cameras if camera is not None}
         if len(cameras) != 1:
             return {**row, "failure": f"the images have {len(cameras)} known lenses, not one"}
-        _, model, _, _, *params = format_colmap(cameras.pop()).splitlines()[-1].split()
+        model, _, params = colmap_record(cameras.pop())
         request.update(model=model, params=[float(value) for value in params])
     with tempfile.TemporaryDirectory(prefix="gsut-pycolmap-") as folder:
         question, answer = Path(folder) / "request.json", Path(folder) / "answer.json"
@@ -311,63 +316,25 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("data", metavar="DATA", nargs="+", help="datasets with poses, or folders of images")
     add(
-        "--lens",
-        metavar="A,B",
-        default="known",
-        dest="lenses",
-        help="known, unknown, or a camera model: its fit to DATA's own lens is then used [known]",
-    )
-    add(
         "--rig", metavar="RIG",
         help="the true rig of DATA, whose poses are in its unit: scale and poses with it, without "
         "it, and with it disturbed by 0.5 degrees and 1 %% of its baseline",
     )  # fmt: skip
-    add(
-        "--shutter", metavar="A,B", default="auto", dest="shutters",
-        help="auto, global or rolling; global beside a rolling data set gets errors let through "
-        "as large as the motion makes them [default auto]",
-    )  # fmt: skip
-    add(
-        "--pycolmap",
-        metavar="PYTHON",
-        help="a Python with pycolmap: its incremental mapping, too",
-    )
-    add(
-        "--programs", metavar="A,B", default="gsut,pycolmap",
-        help="gsut, pycolmap or both [default both, if --pycolmap is given]",
-    )  # fmt: skip
-    add(
-        "--train", type=int, default=0, metavar="STEPS",
-        help="train on the poses found and tell the PSNR of every eighth image, which needs no "
-        "reference [default 0: do not]",
-    )  # fmt: skip
-    add(
-        "--train-scale",
-        type=float,
-        default=0.5,
-        metavar="X",
-        help="of the images of --train [0.5]",
-    )
-    add("--threads", type=int, default=0, metavar="N", help="0 = all [default 0]")
+    add_option_flags(parser, PosesBenchOptions)
     add_files(parser, resume=True)
 
 
 def run(arguments: argparse.Namespace) -> int:
     check_files(arguments)
+    wanted = PosesBenchOptions(arguments.data, **given_options(PosesBenchOptions, arguments))
     if arguments.rig:
         if len(arguments.data) != 1:
             raise InputError(f"--rig goes with one dataset, found {len(arguments.data)}")
         with bar(len(WAYS)) as advance:
-            options = RigBenchOptions(arguments.data[0], arguments.rig, arguments.threads)
+            options = RigBenchOptions(arguments.data[0], arguments.rig, wanted.threads)
             rows = rig_bench(options, advance)
         print_and_write(rows, RIG_COLUMNS, arguments)
     else:
-        wanted = PosesBenchOptions(
-            data=arguments.data, lenses=words(arguments.lenses), threads=arguments.threads,
-            shutters=words(arguments.shutters), programs=words(arguments.programs),
-            pycolmap=arguments.pycolmap, train_steps=arguments.train,
-            train_scale=arguments.train_scale,
-        )  # fmt: skip
         with bar(wanted.num_rows) as advance:
             rows = poses_bench(wanted, advance, row_writer(arguments), rows_to_keep(arguments))
         print_and_write(rows, POSES_COLUMNS, arguments)

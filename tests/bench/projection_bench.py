@@ -14,8 +14,16 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import Gaussians
 from gsut.render import METHODS
+from gsut.run import add_option_flags, check_options, describe_options, given_options, option
 from tests.bench.projection_truth import alpha_images, periods, projected_moments
-from tests.bench.report_rows import add_files, bar, check_files, print_and_write, words, write_json
+from tests.bench.report_rows import (
+    MEASURED,
+    add_files,
+    bar,
+    check_files,
+    print_and_write,
+    write_json,
+)
 
 # (name, method of the core, alpha beta kappa)
 BENCH_METHODS: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
@@ -52,24 +60,24 @@ PROJECTION_COLUMNS = (
 )
 
 
-@dataclasses.dataclass
+@describe_options
+@dataclasses.dataclass(frozen=True)
 class ProjectionBenchOptions:
     """What is measured.
 
-    Attributes:
-        lenses: names of models; empty: all.
-        width: of the images, pixels; three times that for panoramas.
-        samples: Gaussians a cell (size x ring) whose errors are measured.
-        repeats: timings, of which the shortest counts.
-        million: also time the unscented projection of a million Gaussians.
+    Raises:
+        InputError: a value of the wrong kind or out of range.
     """
 
-    lenses: Sequence[str] = ()
-    width: int = 128
-    samples: int = 6
-    repeats: int = 3
-    million: bool = True
-    seed: int = 0
+    lenses: tuple[str, ...] = option((), MEASURED, "models; none: all")
+    width: int = option(128, MEASURED, "of the images; three times that for panoramas", low=16)
+    samples: int = option(6, MEASURED, "Gaussians a cell (size x ring) with errors", low=1)
+    repeats: int = option(3, MEASURED, "timings, of which the shortest counts", low=1)
+    million: bool = option(True, MEASURED, "also time the projection of a million Gaussians")
+    seed: int = option(0, MEASURED, "of the Gaussians", low=0)
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
 
 def bench_lenses(names: Sequence[str]) -> list[str]:
@@ -246,11 +254,8 @@ HELP = (
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add("--lenses", metavar="A,B", help="models [default: all]")
-    add("--samples", type=int, default=6, metavar="N", help="Gaussians a cell with errors [6]")
-    add("--no-million", action="store_true", help="leave out the projection of a million Gaussians")
-    add("--plots", metavar="FOLDER", help="draw one picture a lens (svg) there")
+    add_option_flags(parser, ProjectionBenchOptions)
+    parser.add_argument("--plots", metavar="FOLDER", help="draw one picture a lens (svg) there")
     add_files(parser)
 
 
@@ -261,13 +266,11 @@ def run(arguments: argparse.Namespace) -> int:
     check_files(arguments)
     if arguments.plots and not Path(arguments.plots).is_dir():
         raise InputError(f"--plots {arguments.plots}: there is no such folder; make it first")
-    if arguments.samples < 1:
-        raise InputError(f"--samples must be at least 1, found {arguments.samples}")
-    options = ProjectionBenchOptions(lenses=words(arguments.lenses), samples=arguments.samples)
+    options = ProjectionBenchOptions(**given_options(ProjectionBenchOptions, arguments))
     with bar(len(bench_lenses(options.lenses))) as advance:
         rows = projection_bench(options, advance)
     print_and_write(rows, PROJECTION_COLUMNS, arguments)
-    if not arguments.no_million:
+    if options.million:
         row, cost = million_row(), lens_cost_row()
         print(
             f"processor time through a splined lens over a pinhole of the same image: forward and "

@@ -16,7 +16,14 @@ from gsut._core import InputError
 from gsut.data import Scene, load_dataset
 from gsut.gaussians import Gaussians
 from gsut.refine import evaluate_aligned, lens_distance
-from gsut.run import TrainOptions
+from gsut.run import (
+    TrainOptions,
+    add_option_flags,
+    check_options,
+    describe_options,
+    given_options,
+    option,
+)
 from gsut.sfm import PoseErrors, compare_poses
 from gsut.train import train
 from tests.bench.plots import plot_basin
@@ -29,14 +36,13 @@ from tests.bench.refine_disturb import (
     lens_errors,
 )
 from tests.bench.report_rows import (
+    MEASURED,
     add_files,
     bar,
     check_files,
-    numbers,
     row_writer,
     rows_to_keep,
     table_text,
-    words,
     write_csv,
 )
 
@@ -61,33 +67,33 @@ REFINE_COLUMNS = (
 _MILLIMETRES = 1000.0  # in a world unit, which is taken for a metre
 
 
+@describe_options
 @dataclasses.dataclass(frozen=True)
 class RefineBenchOptions:
-    """What is measured.
+    """What is measured, on a dataset `data` whose poses, and lens, are the truth.
 
-    Args:
-        data: a dataset whose poses, and lens, are the truth.
-        cases: names of DISTURBANCES.
-        steps, gaussians, scale, threads, seed: of the training.
-        jitter: of the dataset's points, world units, one sigma.
-        tracks: begin refinement with tracks of features.
-        basin: degrees of the basin's disturbances; empty: none.
-        basin_seeds: how often each test view is disturbed.
+    Raises:
+        InputError: a value of the wrong kind or out of range.
     """
 
     data: str
-    cases: Sequence[str] = tuple(each.name for each in DISTURBANCES)
-    steps: int = 1000
-    gaussians: int = 50_000
-    scale: float = 1.0
-    threads: int = 0
-    seed: int = 0
-    jitter: float = 0.02
-    tracks: bool = True
-    basin: Sequence[float] = BASIN_DEGREES
-    basin_seeds: int = 3
+    cases: tuple[str, ...] = option(
+        tuple(each.name for each in DISTURBANCES), MEASURED, "disturbances to measure"
+    )
+    steps: int = option(1000, MEASURED, "of the training", low=1)
+    gaussians: int = option(50_000, MEASURED, "of the training", low=1)
+    scale: float = option(1.0, MEASURED, "of the images", low=0, high=1, low_open=True)
+    threads: int = option(0, MEASURED, "0: all", low=0)
+    seed: int = option(0, MEASURED, "of the training", low=0)
+    jitter: float = option(0.02, MEASURED, "of the points, one sigma", unit="world units", low=0)
+    tracks: bool = option(True, MEASURED, "begin refinement with tracks of features")
+    basin: tuple[float, ...] = option(
+        BASIN_DEGREES, MEASURED, "of the basin's disturbances; '': none", unit="degrees", low=0
+    )
+    basin_seeds: int = option(3, MEASURED, "how often each test view is disturbed", low=1)
 
     def __post_init__(self) -> None:
+        check_options(self)
         known = [each.name for each in DISTURBANCES]
         for name in self.cases:
             if name not in known:
@@ -284,36 +290,14 @@ HELP = (
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add("data", metavar="DATA", help="dataset whose poses and lens are the truth")
-    add("--cases", metavar="A,B", help="of small, large, lens [default: all]")
-    add("--steps", type=int, default=1000, metavar="N", help="[default 1000]")
-    add("--gaussians", type=int, default=50_000, metavar="N", help="[50000]")
-    add("--scale", type=float, default=1.0, metavar="X", help="of the images [1]")
-    add("--threads", type=int, default=0, metavar="N", help="0: all")
-    add("--seed", type=int, default=0, metavar="N", help="[default 0]")
-    add("--jitter", type=float, default=0.02, metavar="X", help="of the points, one sigma [0.02]")
-    add("--no-tracks", action="store_true", help="refine against the Gaussians alone")
-    add("--basin", metavar="X,Y", help="degrees of the disturbances [0.5,1,2,4,8,16,32]")
-    add("--no-basin", action="store_true", help="leave the basin out")
+    parser.add_argument("data", metavar="DATA", help="dataset whose poses and lens are the truth")
+    add_option_flags(parser, RefineBenchOptions)
     add_files(parser, "the share of poses that come back against the disturbance", resume=True)
 
 
 def run(arguments: argparse.Namespace) -> int:
     check_files(arguments)
-    basin = numbers(arguments.basin, float, "--basin") or list(BASIN_DEGREES)
-    options = RefineBenchOptions(
-        data=arguments.data,
-        cases=words(arguments.cases) or [each.name for each in DISTURBANCES],
-        steps=arguments.steps,
-        gaussians=arguments.gaussians,
-        scale=arguments.scale,
-        threads=arguments.threads,
-        seed=arguments.seed,
-        jitter=arguments.jitter,
-        tracks=not arguments.no_tracks,
-        basin=[] if arguments.no_basin else basin,
-    )
+    options = RefineBenchOptions(arguments.data, **given_options(RefineBenchOptions, arguments))
     with bar(num_parts(options)) as advance:
         rows, basin_rows = refine_bench(
             options, advance, row_writer(arguments), rows_to_keep(arguments)

@@ -10,6 +10,7 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.run import add_option_flags, check_options, describe_options, given_options, option
 from tests.bench.accuracy import Errors, Truth, errors_of, make_truth
 from tests.bench.knobs import KNOB_COLUMNS, knob_bench, knob_settings
 from tests.bench.measure import (
@@ -25,13 +26,12 @@ from tests.bench.measure import (
 )
 from tests.bench.plots import plot_knobs
 from tests.bench.report_rows import (
+    MEASURED,
     add_files,
     bar,
     check_files,
-    numbers,
     print_and_write,
     table_text,
-    words,
 )
 from tests.bench.scenes import KNOWN_SCENES, BenchScene, make_scene
 
@@ -69,30 +69,31 @@ _TIMED = (
 )  # fmt: skip
 
 
+@describe_options
 @dataclasses.dataclass(frozen=True)
 class RenderBenchOptions:
     """What to measure.
 
-    Args:
-        scenes: names, see `make_scene`.
-        isas: instruction sets; empty: all of this machine.
-        threads: numbers of threads.
-        repeats: most runs of each measurement; the shortest time counts.
-        scalar_repeats: of the scalar baseline; 0 leaves it out.
-        steps: training steps timed; 0 leaves them out.
-        tiles: sampled for the errors, see `make_truth`.
-        ply, data: of the scene `trained`.
+    Raises:
+        InputError: a value of the wrong kind or out of range.
     """
 
-    scenes: Sequence[str] = DEFAULT_SCENES
-    isas: Sequence[str] = ()
-    threads: Sequence[int] = (0,)
-    repeats: int = 20
-    scalar_repeats: int = 2
-    steps: int = 10
-    tiles: int = 32
-    ply: str | None = None
-    data: str | None = None
+    scenes: tuple[str, ...] = option(
+        DEFAULT_SCENES, MEASURED, f"{', '.join(KNOWN_SCENES)}, or alike with other numbers"
+    )
+    isa: tuple[str, ...] = option((), MEASURED, "instruction sets; none: all there are")
+    threads: tuple[int, ...] = option((0,), MEASURED, "numbers of threads; 0 = all", low=0)
+    repeats: int = option(20, MEASURED, "runs, of which the shortest counts", low=1)
+    scalar_repeats: int = option(2, MEASURED, "of the scalar baseline; 0: none", low=0)
+    steps: int = option(10, MEASURED, "training steps timed; 0: none", low=0)
+    tiles: int = option(32, MEASURED, "random tiles to measure errors on", low=1)
+    ply: str | None = option(None, MEASURED, "Gaussians of the scene trained", none="none")
+    data: str | None = option(
+        None, MEASURED, "dataset of the scene trained", none="the demo scene, trained shortly"
+    )
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
 
 def render_bench(
@@ -111,13 +112,9 @@ def render_bench(
         were not measured or the result is wrong. See tests/bench/README.md for the keys.
 
     Raises:
-        InputError: unknown scene or instruction set, or a number out of range.
+        InputError: unknown scene or instruction set.
     """
-    isas = checked_isas(options.isas)
-    if min((options.repeats, options.tiles, *options.threads, options.steps + 1)) < 0 or (
-        options.repeats < 1 or options.tiles < 1
-    ):
-        raise InputError("repeats and tiles must be at least 1, threads and steps at least 0")
+    isas = checked_isas(options.isa)
     rule = _core.BlendRule()
     before = _core.num_threads(), _core.active_isa()
     rows = []
@@ -148,7 +145,7 @@ def render_bench(
 
 def num_measurements(options: RenderBenchOptions) -> int:
     """How often `render_bench` calls on_progress."""
-    isas = len(checked_isas(options.isas))
+    isas = len(checked_isas(options.isa))
     each = [
         isas + bool(options.scalar_repeats and not name.startswith("rolling_shutter"))
         for name in options.scenes
@@ -297,52 +294,16 @@ HELP = (
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add(
-        "--scenes", metavar="A,B",
-        help=f"{', '.join(KNOWN_SCENES)}, or alike with other numbers "
-        f"[default {','.join(DEFAULT_SCENES)}]",
-    )  # fmt: skip
-    add("--isa", metavar="A,B", help="instruction sets [default: all there are]")
-    add("--threads", default="0", metavar="N,M", help="numbers of threads; 0 = all [default 0]")
-    add(
-        "--repeats",
-        type=int,
-        default=20,
-        metavar="N",
-        help="runs; the shortest counts [20]",
-    )
-    add("--scalar-repeats", type=int, default=2, metavar="N", help="of the baseline; 0: none [2]")
-    add("--steps", type=int, default=10, metavar="N", help="training steps timed; 0: none [10]")
-    add(
-        "--tiles",
-        type=int,
-        default=32,
-        metavar="N",
-        help="random tiles to measure errors on [32]",
-    )
-    add("--ply", metavar="FILE", help="Gaussians of the scene trained")
-    add("--data", metavar="DATA", help="its dataset [default: the demo scene, trained shortly]")
+    add_option_flags(parser, RenderBenchOptions)
     add_files(parser, "speed against error of the first scene, one knob turned at a time")
 
 
 def run(arguments: argparse.Namespace) -> int:
     check_files(arguments)
-    scalar_repeats = arguments.scalar_repeats
-    if scalar_repeats and scalar_baseline is None:
+    options = RenderBenchOptions(**given_options(RenderBenchOptions, arguments))
+    if options.scalar_repeats and scalar_baseline is None:
         print("without the scalar baseline, which only ./run build in a clone makes")
-        scalar_repeats = 0
-    options = RenderBenchOptions(
-        scenes=words(arguments.scenes) or DEFAULT_SCENES,
-        isas=words(arguments.isa),
-        threads=numbers(arguments.threads, int, "--threads"),
-        repeats=arguments.repeats,
-        scalar_repeats=scalar_repeats,
-        steps=arguments.steps,
-        tiles=arguments.tiles,
-        ply=arguments.ply,
-        data=arguments.data,
-    )
+        options = dataclasses.replace(options, scalar_repeats=0)
     with bar(num_measurements(options)) as advance:
         rows = render_bench(options, advance)
     print_and_write(rows, RENDER_COLUMNS, arguments)

@@ -19,6 +19,8 @@ from gsut.files import write_file
 from gsut.run import Progress
 from tests.bench.plots import check_plot_path
 
+MEASURED = "Measured"  # heading of what a benchmark measures, in its --help
+
 
 def table_text(rows: Sequence[dict[str, Any]], columns: Sequence[tuple[str, str, str]]) -> str:
     """The rows as lines of aligned text; what is null is a dash.

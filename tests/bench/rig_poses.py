@@ -12,15 +12,11 @@ import cv2
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data import inverse
+from gsut.data import Rig, inverse, read_rig, relative_changes, write_rig
 from gsut.sfm import (
     PosesOptions,
-    Rig,
     errors_against,
     estimate_poses,
-    read_rig,
-    relative_changes,
-    write_rig,
 )
 
 DISTURBED_DEGREES = 0.5

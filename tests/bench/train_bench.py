@@ -15,9 +15,18 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.evaluate import mean_psnr
-from gsut.run import PRESETS, Progress, TrainOptions
+from gsut.run import (
+    PRESETS,
+    Progress,
+    TrainOptions,
+    add_option_flags,
+    check_options,
+    describe_options,
+    given_options,
+    option,
+)
 from tests.bench.plots import plot_curves
-from tests.bench.report_rows import add_files, check_files, print_and_write, table_text, words
+from tests.bench.report_rows import MEASURED, add_files, check_files, print_and_write, table_text
 
 # Whole dB at which the time to quality is told, where a run passes them.
 _MILESTONES_DB = range(20, 45)
@@ -50,25 +59,24 @@ CURVE_COLUMNS = (
 )
 
 
+@describe_options
 @dataclasses.dataclass(frozen=True)
 class TrainBenchOptions:
-    """What to train.
+    """What to train on the dataset `data`, which has held-out views.
 
-    Args:
-        data: dataset with held-out views.
-        presets: names of `gsut train --preset`.
-        measurements: points of each curve.
-        scale: size of the images used, of the originals'.
-        threads: 0 = all processors.
-        overrides: further fields of TrainOptions, for all presets.
+    Raises:
+        InputError: a value of the wrong kind or out of range.
     """
 
     data: str
-    presets: Sequence[str] = tuple(PRESETS)
-    measurements: int = 12
-    scale: float = 1.0
-    threads: int = 0
-    overrides: dict[str, Any] = dataclasses.field(default_factory=dict)
+    preset: tuple[str, ...] = option(tuple(PRESETS), MEASURED, "presets of gsut train")
+    measurements: int = option(12, MEASURED, "points of each curve", low=2)
+    scale: float = option(1.0, MEASURED, "of the images", low=0, high=1, low_open=True)
+    threads: int = option(0, MEASURED, "0 = all", low=0)
+    steps: int | None = option(None, MEASURED, "training steps", low=1, none="the preset's")
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
 
 def train_bench(
@@ -94,14 +102,12 @@ def train_bench(
     Raises:
         InputError: an unknown preset, a dataset without held-out views, or a bad option.
     """
-    unknown = [preset for preset in options.presets if preset not in PRESETS]
+    unknown = [preset for preset in options.preset if preset not in PRESETS]
     if unknown:
         raise InputError(f'preset "{unknown[0]}" is unknown; known: {", ".join(PRESETS)}')
-    if options.measurements < 2:
-        raise InputError(f"a curve needs at least 2 measurements, found {options.measurements}")
     before = _core.num_threads()
     try:
-        return [_train_one(preset, options, on_step) for preset in options.presets]
+        return [_train_one(preset, options, on_step) for preset in options.preset]
     finally:
         _core.set_num_threads(before)
 
@@ -113,7 +119,7 @@ def _train_one(
     from gsut.training import TrainingLoop
 
     o = TrainOptions(
-        preset=preset, threads=options.threads, eval_every=0, **options.overrides
+        preset=preset, threads=options.threads, eval_every=0, steps=options.steps
     ).resolved()
     _core.set_num_threads(o.threads)
     clock = _PausedClock()
@@ -235,26 +241,14 @@ HELP = "held-out PSNR against seconds of each preset, from the reading of the da
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add("data", metavar="DATA", help="dataset with held-out views")
-    add("--preset", metavar="A,B", help="presets [default: fast,balanced,best]", dest="presets")
-    add("--threads", type=int, default=0, metavar="N", help="0 = all [default 0]")
-    add("--scale", type=float, default=1.0, metavar="X", help="of the images [default 1]")
-    add("--steps", type=int, metavar="N", help="training steps instead of the preset's")
-    add("--measurements", type=int, default=12, metavar="N", help="points of each curve [12]")
+    parser.add_argument("data", metavar="DATA", help="dataset with held-out views")
+    add_option_flags(parser, TrainBenchOptions)
     add_files(parser, "PSNR against seconds")
 
 
 def run(arguments: argparse.Namespace) -> int:
     check_files(arguments)
-    options = TrainBenchOptions(
-        data=arguments.data,
-        presets=words(arguments.presets) or tuple(PRESETS),
-        measurements=arguments.measurements,
-        scale=arguments.scale,
-        threads=arguments.threads,
-        overrides={} if arguments.steps is None else {"steps": arguments.steps},
-    )
+    options = TrainBenchOptions(arguments.data, **given_options(TrainBenchOptions, arguments))
     with Progress() as bars:
 
         def on_step(state: dict[str, Any]) -> None:

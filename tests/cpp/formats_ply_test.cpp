@@ -72,7 +72,7 @@ TEST_F(PlyTest, PointsWithoutColorsAreGrey) {
   std::ofstream(path_) << "ply\nformat ascii 1.0\nelement vertex 1\nproperty int x\n"
                           "property int y\nproperty int z\nend_header\n1 -2 +3\n";
   const PlyPoints points = ReadPlyPoints(path_);
-  EXPECT_FALSE(points.has_colors);
+  EXPECT_EQ(points.unusual_white, 0.0);
   EXPECT_EQ(points.positions, (std::vector<double>{1, -2, 3}));
   EXPECT_EQ(points.colors, (std::vector<std::uint8_t>{128, 128, 128}));
 }

@@ -68,9 +68,6 @@ class Browser:
         """A PNG of the window."""
         return base64.b64decode(self._ask("/screenshot"))
 
-    def devtools(self, command: str, **values: Any) -> Any:
-        return self._ask("/goog/cdp/execute", {"cmd": command, "params": values})
-
 
 @contextlib.contextmanager
 def browser(width: int = 1280, height: int = 800) -> Iterator[Browser]:

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 
 import gsut
+from gsut.data import Rig
 from gsut.data.poses import inverse
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.matching import PairMatches
-from gsut.sfm.rig_file import Rig
 from synthetic_walk import observe
 
 _FEWEST_SHARED = 25  # points of a pair of images worth a match

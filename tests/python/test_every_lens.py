@@ -2,6 +2,10 @@
 
 A row is a test function with the argument `case`; adding a lens adds no line here. What a command
 cannot do with a lens whose rays do not meet, it must refuse in words; those are stated at the row.
+Poses, rigs and localisation have theirs in sfm/test_every_lens_poses.py. Rows of compact, convert,
+poses and rig run the command; the others call the one function that the command calls (doctor:
+`diagnose`, train: `train`, eval: `evaluate`, localize: `localize_image`), which is faster; flags
+and files of these commands are tested in cli/.
 """
 
 import dataclasses

@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FLOORS = {
     "_core": -1,
     **dict.fromkeys(("files", "least_squares"), 0),  # what folders of floor 1 share
+    "output_folder": 0.5,  # above `files`
     **dict.fromkeys(("gaussians", "lens", "run", "page"), 1),
     **dict.fromkeys(("render", "optimize", "data", "formats"), 2),
     **dict.fromkeys(("capture", "sfm", "evaluate", "compact", "surface", "demo"), 3),
@@ -27,6 +28,7 @@ LIBRARIES = {
     *("pillow_heif", "rawpy"),  # optional
 }
 LIBRARIES |= {"pxr", "zstandard"}  # optional: one format of scene files each
+LIBRARIES |= {"rosbags"}  # optional: ROS bags
 # calib/ is a program beside gsut: it calls gsut's public names like anybody, and the doors that all
 # commands share; gsut starts it as a process. mrcal is imported in one file, which runs under the
 # system's Python.

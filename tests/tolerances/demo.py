@@ -7,4 +7,5 @@ DEMO_POINT_COLOR_SHARE = 0.99  # of points within a pixel of their colour; worst
 DEMO_DEPTH = 6e-4  # metres: half a stored millimetre and float32 rays; worst 5.0e-4
 # grey levels of 255, median: 64-pixel images of finer textures; worst 9.7, unrelated pixels 38
 DEMO_VIEW_GREY_LEVELS = 12.0
+DEMO_SHARP_VIEW_GREY_LEVELS = 20.0  # the same with pixels of 5 cm; worst 15.3, unrelated ones 45
 DEMO_SURFACE = 1e-5  # metres; squares of 4 m in float32, grazing rays; worst 4.3e-6

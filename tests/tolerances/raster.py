@@ -66,3 +66,6 @@ TRAIN_LEAST_PSNR = 25.0  # dB after 100 steps; least over all instruction sets 3
 EWA_DISCS = 1e-6  # discs of a thousandth's thickness in place of an affine map; worst 3.2e-8
 EWA_FLOAT = 2e-5  # rms would be 1e-5; the largest of all pixels; worst 5e-7
 EWA_GRADIENTS = 1e-6  # relative to the largest: central differences in double; worst 2.3e-9
+SURROUNDINGS_FLAT = 1e-5  # float32 rounding over the pyramid's levels; worst 2e-7
+SURROUNDINGS_GRADIENT = 1e-4  # relative to the largest: float32 of a quotient; worst 2e-5
+BACKGROUND_MEAN = 0.08  # four standard errors of 199 uniform numbers

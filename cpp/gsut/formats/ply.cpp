@@ -7,6 +7,8 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <filesystem>
+#include <system_error>
 
 #include "gsut/base/errors.h"
 #include "gsut/formats/ply_rows.h"
@@ -178,8 +180,24 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
   return not_finite;
 }
 
-void WritePly(const std::string& path, const GaussiansView<const float>& gaussians,
+namespace {
+
+// What is to be written: where a link leads to. Throws InputError if that is not a file.
+std::string WritablePath(const std::string& path) {
+  std::error_code error;
+  const std::filesystem::path real = std::filesystem::weakly_canonical(path, error);
+  const std::filesystem::file_status status = std::filesystem::status(path, error);
+  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
+    throw InputError(path + ": cannot be written: it is not a file; give another name");
+  }
+  return real.empty() ? path : real.string();
+}
+
+}  // namespace
+
+void WritePly(const std::string& name, const GaussiansView<const float>& gaussians,
               const std::vector<std::string>& comments) {
+  const std::string path = WritablePath(name);
   for (const std::string& comment : comments) {
     if (comment.find_first_of("\r\n") != std::string::npos) {
       throw InputError("a PLY comment holds a line break: \"" + comment + "\"; give one a line");
@@ -210,6 +228,18 @@ void WritePly(const std::string& path, const GaussiansView<const float>& gaussia
   }
 }
 
+// Which value of a file's colours is full brightness.
+static double White(double largest, bool whole, const std::string& path) {
+  constexpr double kByte = 255.0, kWord = 65535.0;
+  constexpr double kUnit = 2.0;  // up to here colours of 0 to 1 are taken to be over-exposed
+  constexpr double kRounding = 0.5;
+  if (!whole && largest <= kUnit) return 1.0;
+  if (largest <= kByte + kRounding) return kByte;
+  if (largest <= kWord + kRounding) return kWord;
+  throw InputError(path + ": colours of up to " + std::to_string(largest) +
+                   " are neither of 0 to 1, nor to 255, nor to 65535: scale them to one of these");
+}
+
 PlyPoints ReadPlyPoints(const std::string& path) {
   std::ifstream stream = Open(path);
   const PlyHeader header = ReadPlyHeader(stream, path);
@@ -227,21 +257,32 @@ PlyPoints ReadPlyPoints(const std::string& path) {
     }
     break;
   }
-  constexpr std::uint8_t kMidGrey = 128;
   PlyPoints points;
-  points.has_colors = !color.empty();
+  std::vector<double> levels;
+  double largest = 0.0;
+  bool whole = true;
   ReadPlyRows(stream, path, header, index, [&](const double* values) {
     for (const std::size_t column : position) points.positions.push_back(values[column]);
-    if (color.empty()) points.colors.insert(points.colors.end(), 3, kMidGrey);
     for (const std::size_t column : color) {
       const PlyType type = element.properties[column].type;
-      const bool unit = type == PlyType::kFloat32 || type == PlyType::kFloat64;
-      const double level = unit ? 255.0 * values[column] : values[column];
-      // A NaN becomes 0.
-      points.colors.push_back(
-          static_cast<std::uint8_t>(level > 0.0 ? std::min(std::round(level), 255.0) : 0.0));
+      if (type == PlyType::kFloat32 || type == PlyType::kFloat64) whole = false;
+      levels.push_back(values[column]);
+      if (values[column] > largest) largest = values[column];  // false for NaN
     }
   });
+  if (color.empty()) {
+    constexpr std::uint8_t kMidGrey = 128;
+    points.colors.assign(points.positions.size(), kMidGrey);
+    return points;
+  }
+  const double white = White(largest, whole, path);
+  if (white != (whole ? 255.0 : 1.0)) points.unusual_white = white;
+  for (const double value : levels) {
+    const double level = 255.0 * (value / white);
+    // A NaN becomes 0.
+    points.colors.push_back(
+        static_cast<std::uint8_t>(level > 0.0 ? std::min(std::round(level), 255.0) : 0.0));
+  }
   return points;
 }
 

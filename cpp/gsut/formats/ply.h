@@ -46,11 +46,13 @@ void WritePly(const std::string& path, const GaussiansView<const float>& gaussia
 struct PlyPoints {
   std::vector<double> positions;     // (N, 3)
   std::vector<std::uint8_t> colors;  // (N, 3); mid-grey 128 if the file has none
-  bool has_colors = false;
+  // Full brightness in the file, where it is neither 1 (floating-point) nor 255 (whole); else 0.
+  double unusual_white = 0.0;
 };
 
-// A point cloud: properties x y z and, if there, red green blue (or diffuse_red ...; floating-point
-// colours are in [0, 1]) of element `vertex`. Throws InputError naming the file.
+// A point cloud: properties x y z and, if there, red green blue (or diffuse_red ...) of element
+// `vertex`. Whole numbers are of 0 to 255, or up to 65535 where one is larger; floating-point ones
+// of 0 to 1, or of those ranges where one is far above 1. Throws InputError naming the file.
 PlyPoints ReadPlyPoints(const std::string& path);
 
 }  // namespace gsut

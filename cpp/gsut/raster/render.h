@@ -16,6 +16,7 @@
 #include "gsut/raster/blend_rule.h"
 #include "gsut/raster/frame.h"
 #include "gsut/raster/line_grid.h"
+#include "gsut/raster/surface_maps.h"
 #include "gsut/raster/task.h"
 #include "gsut/raster/tile_grid.h"
 #include "gsut/raster/view_rays.h"
@@ -77,6 +78,18 @@ class Renderer {
   // units), in this order.
   static constexpr int kFisherSums = 21;
   void AddFisher(const std::uint8_t* chosen, double* fisher) const;
+  // photograph (H, W, 3); support (N, 2) grows by how much the squared difference between image and
+  // photograph, summed over pixels and channels, would grow without the Gaussian (below 0: it does
+  // harm), and by the sum of its blend weights.
+  static constexpr int kSupportSums = 2;
+  void AddSupport(const float* photograph, const std::uint8_t* chosen, double* support) const;
+
+  // Where the surface lies along the rays of the last kept render, see SurfaceMaps; as the scores,
+  // in double along the same rays.
+  void Surface(const SurfaceMaps& maps) const;
+  // Adds the gradients of L = sum(dnormals * normals) to those of means, quats, log_scales and
+  // opacity_logits; `gradients` is shaped like the Gaussians.
+  void SurfaceBackward(const float* dnormals, const GaussiansView<float>& gradients) const;
 
   // Times of the last calls' stages, in order: "project", "records", "bin", "forward", "backward",
   // "gradients".

@@ -152,4 +152,36 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   return result;
 }
 
+Structure TriangulateStructure(const std::vector<Camera>& cameras,
+                               const std::vector<ImageFeatures>& images,
+                               std::span<const VerifiedPair> pairs,
+                               const std::vector<Pose>& camera_from_world,
+                               const std::vector<Velocity>& velocities,
+                               const StructureOptions& options,
+                               const std::function<bool(const StructureProgress&)>& on_progress) {
+  Check(cameras, images, camera_from_world);
+  if (!velocities.empty() && velocities.size() != images.size()) {
+    throw InputError("velocities must be empty or one an image");
+  }
+  SceneMap map(cameras, images, pairs, options);
+  for (int image = 0; image < map.num_images(); ++image) {
+    map.Register(image, camera_from_world[image],
+                 velocities.empty() ? Velocity::Zero() : velocities[image]);
+  }
+  const auto tell = [&](const char* step) {
+    const StructureProgress progress = {map.num_registered(), map.num_images(), map.num_points(),
+                                        step};
+    if (on_progress && !on_progress(progress)) throw SolveError("stopped");
+  };
+  map.Complete(-1);
+  map.Filter(options.max_error);
+  tell("triangulation");
+  for (int i = 0; i < options.extend_rounds && HasDescriptors(images); ++i) {
+    map.Extend();
+    map.Filter(options.max_error);
+    tell("longer tracks");
+  }
+  return map.Result(false);
+}
+
 }  // namespace gsut

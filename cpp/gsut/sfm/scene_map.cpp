@@ -81,10 +81,10 @@ void SceneMap::UpdateBearings() {
   }
 }
 
-void SceneMap::Register(int image, const Pose& camera_from_world) {
+void SceneMap::Register(int image, const Pose& camera_from_world, const Velocity& velocity) {
   if (!registered_[image]) ++num_registered_;
   registered_[image] = 1;
-  Place(image, camera_from_world, Velocity::Zero());
+  Place(image, camera_from_world, velocity);
 }
 
 void SceneMap::Place(int image, const Pose& camera_from_world, const Velocity& velocity) {

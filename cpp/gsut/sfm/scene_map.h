@@ -46,7 +46,9 @@ class SceneMap {
   const std::vector<Camera>& cameras() const { return cameras_; }
   const Bearing& bearing(int image, int feature) const { return bearings_[image][feature]; }
 
-  void Register(int image, const Pose& camera_from_world);
+  // velocity: of a rolling shutter, see camera_chain.h.
+  void Register(int image, const Pose& camera_from_world,
+                const Velocity& velocity = Velocity::Zero());
   // The image and all others of its body, by the mounts.
   void RegisterBody(int image, const Pose& camera_from_world);
   // Forgets all poses and points.

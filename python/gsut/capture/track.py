@@ -18,6 +18,7 @@ _TYPES = {"b": "b", "B": "B", "s": "h", "S": "H", "l": "i", "L": "I", "f": "f", 
 _STREAMS = {"GPS9": (0, 1, 2), "GPS5": (0, 1, 2), "GLPI": (1, 2, 3)}
 _FEWEST = 2
 _CUE = re.compile(r"(\d+):(\d+):(\d+)[,.](\d+) *-->.*?(?=\n\s*\n|\Z)", re.DOTALL)
+_NAMES = ("latitude",), ("longitude", "longtitude"), ("abs_alt", "altitude", "rel_alt")
 _NUMBER = r"\s*:?\s*(-?\d+\.?\d*)"
 
 
@@ -141,8 +142,8 @@ def _of_subtitles(text: str) -> np.ndarray:
         hours, minutes, seconds, part = cue.groups()
         time = 3600 * int(hours) + 60 * int(minutes) + int(seconds) + float(f"0.{part}")
         values = [
-            re.search(rf"\b{name}{_NUMBER}", cue[0], re.IGNORECASE)
-            for name in ("latitude", "long?itude", "(?:abs_alt|altitude|rel_alt)")
+            next(filter(None, (re.search(rf"\b{n}{_NUMBER}", cue[0], re.I) for n in names)), None)
+            for names in _NAMES
         ]
         if all(values):
             rows.append([time, *(float(value[1]) for value in values if value)])

@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from gsut._core import InputError
-from gsut.check.geometry import Matches, angular_errors, pixels_per_radian, rays_of
+from gsut.check.geometry import Matches, rays_of
 from gsut.lens import Camera
+from gsut.sfm import angular_errors, pixels_per_radian
 
 _SIZES = (0.25, 1 / 3, 0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0, 3.0, 4.0)
 _FOCALS = tuple(np.exp(np.arange(-70, 71) / 100))  # a hundredth apart, to half and double

@@ -12,11 +12,9 @@ from gsut.check.geometry import (
     TOLERANCE,
     Matches,
     PoseTable,
-    angular_errors,
     cost,
     gather,
     pair_costs,
-    pixels_per_radian,
     pose_table,
     rays_of,
 )
@@ -24,6 +22,7 @@ from gsut.check.lenses import LensFit, fit_lens, other_lenses
 from gsut.check.matches import ImagePair, neighbouring_matches
 from gsut.check.readings import readings
 from gsut.data import Finding, Scene, some_names
+from gsut.sfm import angular_errors, pixels_per_radian
 
 _FEWEST_PAIRS, _FEWEST_MATCHES = 2, 60
 # Costs are between 0 and 1: good data of ours lie at 0.1 to 0.5, wrong ones at 0.7 to 1.

@@ -8,9 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsut._core import InputError
-from gsut.check.geometry import TOLERANCE, angular_errors
+from gsut.check.geometry import TOLERANCE
 from gsut.check.photographs import Evidence
 from gsut.data import Finding, Scene, view_agreement
+from gsut.sfm import angular_errors
 
 _FEWEST = 30  # points, or triangulated matches
 _UNITS = {

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import os
 import pkgutil
 import sys
@@ -21,6 +22,7 @@ from gsut import _core
 EXIT_OK = 0
 EXIT_INPUT = 2  # wrong arguments or data: one sentence says which
 EXIT_INTERRUPTED = 130  # as shells report Ctrl-C
+EXIT_PIPE = 141  # as shells report a reader of the output that has gone
 DEBUG_VARIABLE = "GSUT_DEBUG"
 
 
@@ -58,25 +60,45 @@ def run_command(
         arguments: the words after the program's name; those of the process if None.
 
     Returns:
-        0; 2 after wrong input, told in one sentence on standard error (with GSUT_DEBUG=1 the
-        traceback too); 130 after Ctrl-C.
+        0; 2 after wrong input, or where something cannot be read or written, told in one sentence
+        on standard error (with GSUT_DEBUG=1 the traceback too); 130 after Ctrl-C; 141 where nobody
+        reads the output any more.
     """
     words = sys.argv[1:] if arguments is None else list(arguments)
+    for stream in (sys.stdout, sys.stderr):  # a name that the terminal cannot show is shown escaped
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
-        parsed = parser_of(words).parse_args(words)
-        return parsed.run(parsed)
+        try:
+            parsed = parser_of(words).parse_args(words)
+            return parsed.run(parsed)
+        finally:
+            sys.stdout.flush()  # here its failure can be told
     except KeyboardInterrupt as interrupt:
         print(f"\ngsut: {interrupt or 'stopped'}", file=sys.stderr)
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader of a pipe, such as head, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_OK
+        _drop_output()
+        return EXIT_PIPE
     except (_core.InputError, _core.CalibrationError, _core.SolveError) as error:
         return _report(str(error))
+    except MemoryError:
+        return _report(
+            "the memory does not suffice: use smaller images (--max-side, --scale), fewer "
+            "Gaussians or fewer images"
+        )
+    except RecursionError:
+        return _report("a file is nested too deeply to be read; is it what it should be?")
     except OSError as error:
-        if error.filename is None:
-            raise
-        return _report(f"{error.filename}: {error.strerror}")
+        _drop_output()  # it may be what failed
+        where = f"{error.filename}: " if error.filename is not None else ""
+        return _report(f"{where}{error.strerror or error}")
+
+
+def _drop_output() -> None:
+    """Standard output goes nowhere from now on: what it still holds cannot fail at the end."""
+    if sys.stdout is sys.__stdout__ and sys.stdout is not None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _report(message: str) -> int:

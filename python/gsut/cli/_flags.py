@@ -87,7 +87,9 @@ def add_moved_data(parser: argparse.ArgumentParser) -> None:
 
 
 def folder_name(text: str) -> str:
-    """The name of a folder to write, for `type=`: one that ends as a file's name is refused."""
+    """The name of a folder to write, for `type=`: an empty or a file's name is refused."""
+    if not text:
+        raise argparse.ArgumentTypeError("a folder is written here, and the name is empty")
     if Path(text).suffix.lower() in FILE_SUFFIXES and not Path(text).is_dir():
         raise argparse.ArgumentTypeError(
             f"a folder is written here, and {text} ends as a file's name does; give another"

@@ -13,11 +13,13 @@ import os
 import subprocess
 import sys
 import tempfile
+from contextlib import nullcontext
 from pathlib import Path
 
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, print_json
 from gsut.lens import OWN_SUFFIX
+from gsut.output_folder import claim_folder
 from gsut.run import Progress
 
 HELP = "photographs of a chessboard to a lens file"
@@ -106,7 +108,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    status = (_from_dataset if arguments.from_dataset else _from_boards)(arguments)
+    out, make = Path(arguments.out), _from_dataset if arguments.from_dataset else _from_boards
+    writes = (out.name, _REPORT, "report.html", "corners", "corners.vnl", f"{out.stem}-dataset")
+    known = out.parent.is_dir()  # else it is refused below
+    held = claim_folder(out.parent, "calibrate", writes=writes) if known else nullcontext()
+    with held:
+        status = make(arguments)
     if arguments.json and status == 0:
         print_json(json.loads((Path(arguments.out).parent / _REPORT).read_text()))
     return status

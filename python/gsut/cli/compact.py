@@ -134,7 +134,7 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
         raise InputError(
             f"-o {arguments.out}: of a run a run is made, a folder; then gsut convert makes a file"
         )
-    target = RunFolder(arguments.out)
+    target = RunFolder.claim(arguments.out, "compact", arguments.source)
     target.refuse_run()  # before anything that takes long
     train_options, scene, gaussians = read_trained(source, arguments.data)
 

@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _tuned_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     """The run's Gaussians fine-tuned, and what that was worth."""
-    from gsut.render import PLAYCANVAS_SHRINK
+    from gsut.render import PLAYCANVAS_SHRINK, solid
     from gsut.run import Progress, RunFolder
     from gsut.training import VIEWER_STEPS, read_trained, tune_for_viewers
 
@@ -102,7 +102,7 @@ def _tuned_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, An
     from_playcanvas = arguments.out.lower().endswith(_PLAYCANVAS)
     with Progress(not arguments.quiet) as bars:
         tuned = tune_for_viewers(
-            scene, gaussians, steps, background=options.background,
+            scene, gaussians, steps, background=solid(options.background),
             shrink=PLAYCANVAS_SHRINK if from_playcanvas else 1.0,
             on_step=lambda step, loss: bars.show("for viewers", step, steps, f"loss {loss:.4f}"),
         )  # fmt: skip

@@ -15,8 +15,8 @@ from gsut.cli.convert import scene_file_of
 HELP = "cut, level, scale and merge scenes"
 DESCRIPTION = (
     "Reads scenes (runs, or files of Gaussians of any known format) and writes one file. What is "
-    "asked for happens in this order: merge, crop, opacity, up or ground, scale. Positions are in "
-    "the coordinates of IN. IN is left as it is; an OUT that exists is refused."
+    "asked for happens in this order: floaters, merge, crop, opacity, up or ground, scale. Places "
+    "are in the coordinates of IN. IN is left as it is; an OUT that exists is refused."
 )
 
 
@@ -45,6 +45,10 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--min-opacity", type=float, metavar="X", help="leave out what is less opaque, of 0 to 1"
     )
     parser.add_argument(
+        "--floaters", action="store_true",
+        help="leave out what a run's training photographs contradict, or none of them shows",
+    )  # fmt: skip
+    parser.add_argument(
         "--up", type=float, nargs=3, metavar=("X", "Y", "Z"),
         help="turn the scene so that this direction is up (-y, as viewers take it)",
     )  # fmt: skip
@@ -60,6 +64,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--length", type=float, nargs=7, metavar=("X", "Y", "Z", "X", "Y", "Z", "L"),
         help="instead: scale so that these two points are L apart, such as 1.20 for a table",
     )  # fmt: skip
+    parser.add_argument(
+        "--positions", metavar="FILE.csv",
+        help="instead of up and scale: where a run's photographs were taken, by GPS or surveyed; a "
+        "line each under a heading name,latitude,longitude,altitude or name,x,y,z (metres, z up). "
+        "Afterwards x is east, -y up and z north, and lengths are metres",
+    )  # fmt: skip
     add_moved_data(parser)
     add_quiet(parser)
     add_json(parser)
@@ -73,40 +83,69 @@ def run(arguments: argparse.Namespace) -> int:
     format_of(out)
     if out.exists():
         raise InputError(f"{out} exists; give another name (nothing was overwritten)")
-    if arguments.scale is not None and arguments.length is not None:
-        raise InputError("give --scale or --length, not both")
     scale = _scale_of(arguments)
     files = [read_scene_file(scene_file_of(Path(source))) for source in arguments.sources]
     if len({file.antialiased for file in files}) > 1:
         raise InputError(
             "some of these scenes are antialiased and others are not: no one file fits"
         )
-    whole = merged([file.gaussians for file in files])
+    found = sum(len(file.gaussians) for file in files)
+    parts = [file.gaussians for file in files]
+    if arguments.floaters:
+        parts = [
+            _without_floaters(arguments, *each)
+            for each in zip(arguments.sources, parts, strict=True)
+        ]
+    whole = merged(parts)
     kept = whole[_kept(whole, arguments)]
     if len(kept) == 0:
         raise InputError("nothing is left; crop less")
-    rotation, height = _level(arguments, kept)
-    moved = transformed(kept, rotation, scale, scale * np.array([0.0, height, 0.0]))
+    if arguments.positions:
+        fit = _fit_of_positions(arguments)
+        scale, rotation, translation = fit.scale, fit.rotation, fit.translation
+    else:
+        rotation, height = _level(arguments, kept)
+        translation = scale * np.array([0.0, height, 0.0])
+    moved = transformed(kept, rotation, scale, translation)
     written = save_gaussians(out, moved, WriteSettings(antialiased=files[0].antialiased))
     figures = {
         "num_gaussians": len(moved),
-        "source_num_gaussians": len(whole),
+        "source_num_gaussians": found,
+        "floaters": found - len(whole),
         "rotation": rotation,
-        "translation": [0.0, scale * height, 0.0],
+        "translation": translation,
         "scale": scale,
+        "positions_rms": fit.rms if arguments.positions else None,
         "out": str(out),
         "left_out": list(written.left_out),
     }
     if arguments.json:
         print_json(figures)
     elif not arguments.quiet:
-        print(f"{len(moved):,} of {len(whole):,} Gaussians, lengths times {scale:.6g}: {out}")
-        for sentence in written.left_out:
-            print(sentence)
+        _print_summary(figures)
     return 0
 
 
+def _print_summary(figures: dict[str, Any]) -> None:
+    print(
+        f"{figures['num_gaussians']:,} of {figures['source_num_gaussians']:,} Gaussians, lengths "
+        f"times {figures['scale']:.6g}: {figures['out']}"
+    )
+    if figures["floaters"]:
+        print(f"{figures['floaters']:,} floated: photographs contradict them, or none shows them")
+    if figures["positions_rms"] is not None:
+        print(f"the cameras are {figures['positions_rms']:.3g} m (rms) from where the file says")
+    for sentence in figures["left_out"]:
+        print(sentence)
+
+
 def _scale_of(arguments: argparse.Namespace) -> float:
+    if arguments.scale is not None and arguments.length is not None:
+        raise InputError("give --scale or --length, not both")
+    others = (arguments.scale, arguments.length, arguments.up)
+    by_hand = arguments.upright or arguments.ground or any(each is not None for each in others)
+    if arguments.positions and by_hand:
+        raise InputError("--positions says scale and up; give no other of them")
     scale = 1.0 if arguments.scale is None else arguments.scale
     if arguments.length is not None:
         known = np.array(arguments.length)
@@ -153,14 +192,42 @@ def _level(arguments: argparse.Namespace, gaussians: Any) -> tuple[np.ndarray, f
 
 
 def _up_of_cameras(arguments: argparse.Namespace) -> np.ndarray:
-    from gsut.run import RunFolder
-    from gsut.training import read_trained
-
-    if not Path(arguments.sources[0]).is_dir():
-        raise InputError(
-            f"{arguments.sources[0]} is a file, which has no cameras: say what is up by --up X Y Z"
-        )
-    _, scene, _ = read_trained(RunFolder.open(arguments.sources[0]), arguments.data)
+    _, _, scene, _ = _trained(arguments, arguments.sources[0], "say what is up by --up X Y Z")
     rows = scene.train_indices or range(len(scene))
     poses = np.stack([scene.views[row].camera_from_world for row in rows])
     return -poses[:, 1, :3].mean(axis=0)
+
+
+def _trained(arguments: argparse.Namespace, source: str, otherwise: str) -> tuple[Any, ...]:
+    """A run, its options, dataset and Gaussians."""
+    from gsut.run import RunFolder
+    from gsut.training import read_trained
+
+    if not Path(source).is_dir():
+        raise InputError(f"{source} is a file, which has no cameras: {otherwise}")
+    run = RunFolder.open(source)
+    return (run, *read_trained(run, arguments.data))
+
+
+def _without_floaters(arguments: argparse.Namespace, source: str, gaussians: Any) -> Any:
+    from gsut.compact import find_support
+    from gsut.run import Progress
+    from gsut.training import read_light
+
+    run, options, scene, _ = _trained(arguments, source, "give a run for --floaters")
+    rows = scene.train_indices
+    with Progress(not arguments.quiet) as bars:
+        support = find_support(
+            scene, gaussians, rows, background=options.background, light=read_light(run, scene),
+            on_view=lambda done: bars.show("photographs", done, len(rows)),
+        )  # fmt: skip
+    return gaussians[~(support.unseen | support.contradicted)]
+
+
+def _fit_of_positions(arguments: argparse.Namespace) -> Any:
+    from gsut.sfm import fit_positions, read_positions
+
+    positions = read_positions(arguments.positions)
+    _, _, scene, _ = _trained(arguments, arguments.sources[0], "give a run for --positions")
+    poses = {view.name: scene.in_dataset(view.camera_from_world) for view in scene.views}
+    return fit_positions(poses, positions, arguments.positions)

@@ -38,6 +38,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from gsut.data import decode_image, decode_mask, shrink_image, shrink_mask
     from gsut.refine import localize_image
+    from gsut.render import solid
     from gsut.run import Progress, RunFolder
     from gsut.training import read_trained
 
@@ -65,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
             camera,
             pixels,
             mask,
-            background=options.background,
+            background=solid(options.background),
             on_progress=bars.show,
         )
     start = found.start if isinstance(found.start, str) else scene.views[indices[found.start]].name

@@ -16,6 +16,7 @@ from gsut.capture import Capture, capture, is_video
 from gsut.cli._flags import add_capture, add_json, add_quiet, folder_name, print_json
 from gsut.data import CAPTURE_FOLDER, find_lens_file
 from gsut.lens import is_lens_name, lens_by_name
+from gsut.output_folder import claim_folder
 from gsut.run import Progress, StagedProgress, Verdict, add_option_flags, given_options
 from gsut.sfm import PosesOptions, done_already
 
@@ -101,6 +102,11 @@ def run(arguments: argparse.Namespace) -> int:
     options = PosesOptions(**given_options(PosesOptions, arguments))
     if arguments.refine_rig and not arguments.rig:
         raise InputError("--refine-rig needs a rig; give its file by --rig")
+    with claim_folder(arguments.out, "poses", arguments.images):
+        return _run(arguments, options)
+
+
+def _run(arguments: argparse.Namespace, options: PosesOptions) -> int:
     mapper = None
     if arguments.photometric:
         if arguments.unknown_lens:

@@ -19,6 +19,7 @@ from gsut.cli._flags import add_capture, add_json, add_quiet, folder_name, print
 from gsut.cli.poses import EXPECTED_IMAGES, POSE_SECONDS, with_readout
 from gsut.cli.view import LivePage, add_live_flags
 from gsut.data import CAPTURE_FOLDER, STRIP
+from gsut.output_folder import claim_folder
 from gsut.run import (
     METRICS,
     OPTIONS,
@@ -105,7 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace, page: LivePage) -> int:
-    folder = RunFolder(arguments.out)
+    folder = RunFolder.claim(arguments.out, "scene", arguments.inputs[0])
     state = _begin(folder, arguments)
     if "verdict" not in state:
         try:
@@ -159,7 +160,8 @@ def _make(
     from gsut.capture import capture
 
     expected = {"capture": _CAPTURE_SECONDS, "poses": 100.0, "training": 200.0, "report": 10.0}
-    with StagedProgress(expected, not arguments.quiet) as bars:
+    claimed = claim_folder(folder.path / POSES, "poses", arguments.inputs[0])
+    with claimed, StagedProgress(expected, not arguments.quiet) as bars:
         with bars.stage("capture"):
             taken = capture(
                 arguments.inputs, folder.path / POSES / CAPTURE_FOLDER, count=arguments.frames,

@@ -59,7 +59,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    run = RunFolder(arguments.out)
+    run = RunFolder.claim(arguments.out, "train", arguments.data)
     given = given_options(TrainOptions, arguments)
     if arguments.resume and (run.path / OPTIONS).is_file():
         options = dataclasses.replace(run.read_options(), **given)
@@ -105,9 +105,11 @@ def train_into(
 
     scene = gsut.load_dataset(data, test_every=options.test_every, test_names=options.test_names)
     if not quiet:
+        from gsut.data import UNCOLORED, has_colors
         from gsut.training import size_note
 
-        for note in filter(None, (*scene.notes, size_note(scene, options))):
+        colors = UNCOLORED if len(scene.points) and not has_colors(scene) else None
+        for note in filter(None, (*scene.notes, size_note(scene, options), colors)):
             print(f"gsut: note: {note}", file=sys.stderr)
     if not (resume and run.holds_run()):
         check_first(scene, force, quiet)

@@ -108,8 +108,9 @@ def find_strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np
 class Passes:
     """Forward and backward passes of one set of Gaussians with shared buffers."""
 
-    def __init__(self, gaussians: Gaussians) -> None:
+    def __init__(self, gaussians: Gaussians, background: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         self.gaussians = gaussians.astype(np.float32)
+        self._background = tuple(background)
         self.touched = np.zeros(len(gaussians), np.uint8)
         self._gradients = self.gaussians.zeros_like()
         self._renderer = _core.Renderer()
@@ -124,7 +125,7 @@ class Passes:
         image = np.zeros((view.camera.height, view.camera.width, 3), np.float32)
         alpha = np.zeros(image.shape[:2], np.float32)
         self._renderer.render(
-            self.gaussians, view.camera, view.camera_from_world, self._rule, (0.0, 0.0, 0.0),
+            self.gaussians, view.camera, view.camera_from_world, self._rule, self._background,
             self.gaussians.sh_degree, DEFAULT_UNSCENTED, image, alpha, None, keep,
         )  # fmt: skip
         return image, alpha
@@ -141,6 +142,12 @@ class Passes:
     def fisher(self, mask: np.ndarray, sums: np.ndarray) -> None:
         """Adds to sums (N, 21): the upper triangles."""
         self._renderer.add_fisher(mask.view(np.uint8), sums)
+
+    def support(self, photograph: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """(N, 2): growth of the squared error without each, and its blend weights."""
+        sums = np.zeros((len(self.gaussians), 2))
+        self._renderer.add_support(photograph, mask.view(np.uint8), sums)
+        return sums
 
 
 def grey(gaussians: Gaussians, degree: int) -> Gaussians:

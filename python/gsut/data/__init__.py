@@ -11,10 +11,11 @@ from gsut.data.capture_file import (
 )
 from gsut.data.check_colors import check_colors, view_agreement
 from gsut.data.check_geometry import check_lenses, check_points, check_poses
-from gsut.data.colmap import find_mask
+from gsut.data.color_points import UNCOLORED, color_points, has_colors
+from gsut.data.convert import convert_dataset, save_dataset, writable_layouts
+from gsut.data.digests import scene_digests
 from gsut.data.doctor import diagnose, findings_text
 from gsut.data.findings import SEVERITIES, DatasetError, Finding, some_names, sorted_findings
-from gsut.data.folder import find_images, find_lens_file
 from gsut.data.images import (
     IMAGE_SUFFIXES,
     decode_image,
@@ -23,34 +24,52 @@ from gsut.data.images import (
     shrink_image,
     shrink_mask,
 )
+from gsut.data.layouts import layouts
+from gsut.data.layouts.description import KEYS as PARTS
+from gsut.data.layouts.folder import find_images, find_lens_file
 from gsut.data.load import load_dataset, read_dataset
-from gsut.data.poses import OPENGL_FROM_OPENCV, inverse, rigid_transform
+from gsut.data.masks import find_mask
+from gsut.data.memory import make_scene
+from gsut.data.points import TRIANGULATED, load_points_ply, points_ply
+from gsut.data.poses import OPENGL_FROM_OPENCV, centers_of, inverse, rigid_transform
+from gsut.data.rig import Rig, read_rig, relative_changes, write_rig
 from gsut.data.scene import Scene, View
 from gsut.data.shutter import frame_times, with_shutter
 from gsut.data.split import TEST_EVERY
 from gsut.data.training_views import Level, TrainingViews
-from gsut.data.write_nerfstudio import points_ply, write_transforms
+from gsut.data.write_colmap import ColmapImage, ColmapModel, colmap_texts
+from gsut.data.write_nerfstudio import write_transforms
 
 __all__ = [
     "CAPTURE",
     "CAPTURE_FOLDER",
     "IMAGE_SUFFIXES",
     "OPENGL_FROM_OPENCV",
+    "PARTS",
     "SEVERITIES",
     "STRIP",
     "TEST_EVERY",
+    "TRIANGULATED",
+    "UNCOLORED",
+    "ColmapImage",
+    "ColmapModel",
     "DatasetError",
     "Finding",
     "Frame",
     "Level",
+    "Rig",
     "Scene",
     "TrainingViews",
     "View",
     "capture_state",
+    "centers_of",
     "check_colors",
     "check_lenses",
     "check_points",
     "check_poses",
+    "colmap_texts",
+    "color_points",
+    "convert_dataset",
     "decode_image",
     "decode_mask",
     "diagnose",
@@ -59,20 +78,30 @@ __all__ = [
     "find_mask",
     "findings_text",
     "frame_times",
+    "has_colors",
     "inverse",
+    "layouts",
     "lens_of_path",
     "load_dataset",
+    "load_points_ply",
+    "make_scene",
     "points_ply",
     "read_capture",
     "read_dataset",
     "read_header",
     "read_path",
+    "read_rig",
+    "relative_changes",
     "rigid_transform",
+    "save_dataset",
+    "scene_digests",
     "shrink_image",
     "shrink_mask",
     "some_names",
     "sorted_findings",
     "view_agreement",
     "with_shutter",
+    "writable_layouts",
+    "write_rig",
     "write_transforms",
 ]

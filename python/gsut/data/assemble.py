@@ -11,6 +11,7 @@ import numpy as np
 from gsut._core import InputError, Shutter
 from gsut.data.findings import DatasetError, OnError, some_names, stop
 from gsut.data.images import read_header
+from gsut.data.points import TRIANGULATED, load_points_ply
 from gsut.data.poses import inverse
 from gsut.data.scene import Scene, View
 from gsut.data.split import TEST_EVERY, split_views
@@ -34,6 +35,7 @@ class Frame:
     depth_path: Path | None = None
     shutter: Shutter | None = None
     time: float | None = None  # seconds, of a video's frame
+    time_ns: int | None = None  # of a recording's: nanoseconds on its own clock
 
 
 @dataclasses.dataclass
@@ -72,6 +74,7 @@ def assemble(
     Raises:
         DatasetError: no frame is left, an image has a wrong size, points are not finite.
     """
+    _take_triangulated(listing, on_error)
     notes = list(listing.notes)
     total = len(listing.frames) + len(listing.missing)
     if listing.missing and listing.frames:
@@ -116,6 +119,18 @@ def assemble(
     )  # fmt: skip
     centred.__dict__["centred"] = centred
     return centred.about((0.0, 0.0, 0.0))
+
+
+def _take_triangulated(listing: Listing, on_error: OnError) -> None:
+    """Gives a listing without points those of `gsut points`, if they lie beside it."""
+    path = listing.path / TRIANGULATED
+    if len(listing.points) or not path.is_file():
+        return
+    try:
+        listing.points, listing.point_colors = load_points_ply(path, listing.notes)
+        listing.notes.append(f"{path}: the points of `gsut points` are used: there are no others")
+    except InputError as error:
+        on_error(error)
 
 
 def _nothing_left(listing: Listing, total: int) -> DatasetError:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from gsut.data.nerfstudio import read_json
+from gsut.data.text_files import read_json
 
 CAPTURE = "capture.json"
 CAPTURE_FOLDER = "capture"  # of a video's frames, in the folder of their poses

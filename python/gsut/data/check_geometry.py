@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from gsut.data.color_points import UNCOLORED, has_colors
 from gsut.data.findings import Finding, some_names
 from gsut.data.scene import Scene
 
@@ -166,13 +167,14 @@ def check_points(scene: Scene) -> Iterator[Finding]:
             "warning",
             where,
             "there are no points",
-            "training starts from random ones and needs more steps: triangulate with `gsut poses`",
+            "training starts from random ones and needs more steps: `gsut points` triangulates"
+            " them with these poses",
         )
         return
     if count < FEW_POINTS:
-        yield Finding("warning", where, f"only {count} points", "triangulate more points")
-    if scene.point_colors.size and np.ptp(scene.point_colors) == 0:
-        yield Finding("info", where, "all points have the same colour; training finds it by itself")
+        yield Finding("warning", where, f"only {count} points", "`gsut points` triangulates more")
+    if not has_colors(scene):
+        yield Finding("info", where, UNCOLORED)
     seen = points_in_views(scene)
     per_view, unseen = seen.mean(axis=1), float(np.mean(~seen.any(axis=0)))
     yield Finding(

@@ -256,6 +256,14 @@ def shrink_mask(valid: np.ndarray, width: int, height: int) -> np.ndarray:
     return count == 0
 
 
+def shrink_both(
+    pixels: np.ndarray, valid: np.ndarray | None, width: int, height: int
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """`shrink_image`, and `shrink_mask` where there is a mask."""
+    small = None if valid is None else shrink_mask(valid, width, height)
+    return shrink_image(pixels, width, height), small
+
+
 def _source_range(source: int, target: int) -> tuple[np.ndarray, np.ndarray]:
     """First source pixel and one past the last that each target pixel touches, in integers."""
     index = np.arange(target)

@@ -1,4 +1,4 @@
-"""Finds out which format a dataset has and loads it."""
+"""Finds out which layout a dataset has and loads it."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gsut.data.assemble import Listing, assemble
-from gsut.data.colmap import find_model, read_colmap
 from gsut.data.findings import DatasetError, OnError, stop
-from gsut.data.folder import find_images, read_folder
-from gsut.data.nerfstudio import FILE_NAME, read_nerfstudio
+from gsut.data.layouts import known_layout, layouts
+from gsut.data.recording import listing_of
 from gsut.data.scene import Scene
 from gsut.data.split import TEST_EVERY
 
@@ -22,11 +21,10 @@ def load_dataset(
     test_names: Sequence[str] | None = None,
     scale: float = 1.0,
 ) -> Scene:
-    """Loads a nerfstudio, COLMAP or plain dataset; images are decoded when asked for.
+    """Loads a dataset of any layout (docs/datasets.md); images are decoded when asked for.
 
     Args:
-        path: a folder with transforms.json, a COLMAP model or images with lens and poses; or a
-            transforms.json file itself.
+        path: the dataset's folder, or a transforms.json or dataset.yaml itself.
         test_every: hold out every n-th image by name, 0 for none. The dataset's own lists win.
         test_names: names, file names or stems to hold out; wins over both.
         scale: of the images, above 0 and at most 1.
@@ -44,31 +42,35 @@ def load_dataset(
 
 
 def read_dataset(path: Path, *, on_error: OnError = stop) -> Listing:
-    """Reads a dataset of any known format, without a look at the images.
+    """Reads a dataset of any known layout, without a look at the images.
 
     Raises:
-        DatasetError: it does not exist, or has no known format (says what was looked for).
+        DatasetError: it does not exist, or has no known layout (says what was looked for).
     """
-    if path.is_file():
-        if path.suffix.lower() == ".json":
-            return read_nerfstudio(path, on_error=on_error)
+    if not path.exists():
+        raise DatasetError(path, "the folder does not exist", "check the path")
+    layout = known_layout(path)
+    if layout is None and path.is_file():
         raise DatasetError(
             path,
-            "a file that is not a transforms.json",
+            "a file that is neither a transforms.json nor a dataset.yaml",
             f"give the dataset's folder; of a video `gsut scene {path} -o RUN` makes a scene",
         )
-    if not path.is_dir():
-        raise DatasetError(path, "the folder does not exist", "check the path")
-    if (path / FILE_NAME).is_file():
-        return read_nerfstudio(path, on_error=on_error)
-    if find_model(path) is not None:
-        return read_colmap(path, on_error=on_error)
-    if find_images(path):
-        return read_folder(path, on_error=on_error)
-    raise DatasetError(
-        path,
-        f"no dataset found: looked for {FILE_NAME} (nerfstudio), cameras and images (.bin or .txt)"
-        " in sparse/0, sparse and the folder (COLMAP), and images beside a lens file and poses",
-        "give a folder in one of these formats, or let `gsut scene` make a scene of videos and "
-        "photographs",
-    )
+    if layout is None:
+        looked = "; ".join(
+            f"{each.name}: {each.files}" for each in layouts() if each.read or each.record
+        )
+        raise DatasetError(
+            path,
+            f"no dataset found; looked for {looked}",
+            "lay the files out in one of these ways (docs/datasets.md), or let `gsut scene` make a "
+            "scene of photographs",
+        )
+    if layout.read is not None:
+        return layout.read(path, on_error)
+    if layout.record is None:
+        raise DatasetError(
+            path, f"{layout.files}, whose pictures are inside",
+            f"`gsut data convert {path} FOLDER` makes a dataset of it",
+        )  # fmt: skip
+    return listing_of(layout.record(path), on_error)

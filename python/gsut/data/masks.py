@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
@@ -57,3 +57,11 @@ def read_mask(path: Path, full: Camera, width: int, height: int) -> np.ndarray:
             "make the mask at the image's size",
         )
     return shrink_mask(valid, width, height)
+
+
+def find_mask(folder: Path, name: str) -> Path | None:
+    """The mask of an image: folder/name.png, or folder/name with .png added (COLMAP's rule)."""
+    for candidate in (folder / f"{name}.png", folder / PurePosixPath(name).with_suffix(".png")):
+        if candidate.is_file():
+            return candidate
+    return None

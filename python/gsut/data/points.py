@@ -1,4 +1,4 @@
-"""Point clouds from PLY files."""
+"""Point clouds from and to PLY files."""
 
 from __future__ import annotations
 
@@ -8,20 +8,44 @@ import numpy as np
 
 from gsut import _core
 
+TRIANGULATED = "triangulated.ply"  # of `gsut points`; read where a dataset names no points
+NO_COLOR = 128  # of points without one
+_AXES = ("x", "y", "z")
+_COLORS = ("red", "green", "blue")
 
-def load_points_ply(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
+
+def load_points_ply(
+    path: str | os.PathLike[str], notes: list[str] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Reads a point cloud from a PLY file.
 
     Args:
         path: properties x y z and, if there, red green blue (or diffuse_red ...): integers of 0 to
-            255, or floating-point numbers of 0 to 1.
+            255, or floating-point numbers of 0 to 1; larger ones are taken to be of 0 to 255, or to
+            65535.
+        notes: gets a sentence where colours were of an unusual range.
 
     Returns:
         points (N, 3) float64, colors (N, 3) uint8 (mid-grey 128 if the file has none).
 
     Raises:
         InputError: the file cannot be opened, is no PLY file, misses a property (the message
-            names it and what is there) or is truncated.
+            names it and what is there), is truncated, or has colours of no known range.
     """
-    points, colors, _ = _core.read_ply_points(os.fspath(path))
+    points, colors, white = _core.read_ply_points(os.fspath(path))
+    if notes is not None and white:
+        notes.append(f"{path}: the points' colours are read as numbers of 0 to {white:g}")
     return points, colors
+
+
+def points_ply(points: np.ndarray, colors: np.ndarray) -> bytes:
+    """A PLY of points (P, 3), written as doubles, with colours (P, 3) uint8."""
+    layout = [(name, "<f8") for name in _AXES] + [(name, "u1") for name in _COLORS]
+    vertices = np.empty(len(points), dtype=layout)
+    for names, columns in ((_AXES, points), (_COLORS, colors)):
+        for name, column in zip(names, np.asarray(columns).T, strict=True):
+            vertices[name] = column
+    types = {"<f8": "double", "u1": "uchar"}
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header += [f"property {types[kind]} {name}" for name, kind in layout] + ["end_header", ""]
+    return "\n".join(header).encode() + vertices.tobytes()

@@ -128,3 +128,8 @@ def halfway(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     pose[:3, :3] = start[:3, :3] @ left @ right
     pose[:3, 3] = (start[:3, 3] + end[:3, 3]) / 2
     return pose
+
+
+def centers_of(camera_from_world: np.ndarray) -> np.ndarray:
+    """(N, 3) camera centres of (N, 4, 4) poses."""
+    return -np.einsum("nji,nj->ni", camera_from_world[:, :3, :3], camera_from_world[:, :3, 3])

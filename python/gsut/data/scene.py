@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError, Shutter
-from gsut.data.images import decode_scaled, shrink_image, shrink_mask
+from gsut.data.images import decode_scaled, shrink_both
 from gsut.data.masks import lens_mask, read_mask
 from gsut.lens import Camera
 
@@ -38,6 +38,8 @@ class View:
         mask_path: image that is white where pixels are valid, or None.
         depth_path: as the dataset names it, not read here, or None.
         shutter: how the image was read out between the start and the end pose, or None.
+        pixels: (H, W, 3) uint8 RGB of an image that is in memory, not in a file, else None.
+        valid: (H, W) bool of it, True where pixels count, or None: all.
     """
 
     name: str
@@ -49,6 +51,8 @@ class View:
     mask_path: Path | None = None
     depth_path: Path | None = None
     shutter: Shutter | None = None
+    pixels: np.ndarray | None = None
+    valid: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         for name in ("camera_from_world", "camera_from_world_start", "camera_from_world_end"):
@@ -332,10 +336,9 @@ class Scene:
 
     def _decode(self, view: View, camera: Camera) -> tuple[np.ndarray, np.ndarray | None]:
         if self.larger is not None:
-            pixels, valid = self.larger._pixels(view)
-            if valid is not None:
-                valid = shrink_mask(valid, camera.width, camera.height)
-            return shrink_image(pixels, camera.width, camera.height), valid
+            return shrink_both(*self.larger._pixels(view), camera.width, camera.height)
+        if view.pixels is not None:
+            return shrink_both(view.pixels, view.valid, camera.width, camera.height)
         full = self.file_cameras[view.camera_index]
         sizes = (full.width, full.height), (camera.width, camera.height)
         return decode_scaled(view.image_path, *sizes, in_parts=self.decodes_small)

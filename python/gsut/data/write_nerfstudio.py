@@ -8,16 +8,12 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gsut._core import InputError
 from gsut.data.assemble import Frame
 from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.files import write_file
 from gsut.lens import LENS_FILE, OWN_SUFFIX, Camera, format_nerfstudio
 
-_AXES = ("x", "y", "z")
-_COLORS = ("red", "green", "blue")
 _PIXEL_CENTER = 0.5  # of the first pixel, written for other readers: cx = w / 2 is the middle
 
 
@@ -101,19 +97,6 @@ def _format_transforms(
     return json.dumps({**values, "frames": rows}, indent=1) + "\n"
 
 
-def points_ply(points: np.ndarray, colors: np.ndarray) -> bytes:
-    """A PLY of points (P, 3), written as doubles, with colours (P, 3) uint8."""
-    layout = [(name, "<f8") for name in _AXES] + [(name, "u1") for name in _COLORS]
-    vertices = np.empty(len(points), dtype=layout)
-    for names, columns in ((_AXES, points), (_COLORS, colors)):
-        for name, column in zip(names, np.asarray(columns).T, strict=True):
-            vertices[name] = column
-    types = {"<f8": "double", "u1": "uchar"}
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
-    header += [f"property {types[kind]} {name}" for name, kind in layout] + ["end_header", ""]
-    return "\n".join(header).encode() + vertices.tobytes()
-
-
 def _frame_values(frame: Frame, folder: Path) -> dict[str, Any]:
     values: dict[str, Any] = {"file_path": _relative(frame.image_path, folder)}
     if frame.time is not None:
@@ -129,4 +112,5 @@ def _frame_values(frame: Frame, folder: Path) -> dict[str, Any]:
 
 
 def _relative(path: Path, folder: Path) -> str:
-    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    place = path.parent.resolve() / path.name  # a link stands for itself
+    return Path(os.path.relpath(place, folder.resolve())).as_posix()

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -19,6 +16,7 @@ from gsut.data import Frame, points_ply, write_transforms
 from gsut.demo.hall import Hall, make_hall
 from gsut.demo.tracing import Tracer
 from gsut.demo.views import camera_path, demo_camera
+from gsut.files import whole_folder
 from gsut.lens import Camera
 from gsut.run import Progress
 
@@ -28,7 +26,6 @@ _POINTS = 4000
 _POINTS_FILE = "points3D.ply"
 _POINT_NOISE = 0.01  # metres, standard deviation: as good as structure from motion gets
 _MILLIMETRES = 1000.0
-_FOLDER_MODE = 0o755
 
 
 def make_demo_scene(
@@ -54,51 +51,22 @@ def make_demo_scene(
         size: width and height of the images, pixels.
         seed: of textures, camera path and points; the same seed gives the same bytes.
         progress: show a progress bar on stderr.
-        camera: another lens that a nerfstudio file can hold, such as equirectangular; `size` then
-            does not count.
+        camera: another lens, such as equirectangular; `size` then does not count.
 
     Returns:
         The folder.
 
     Raises:
-        InputError: the folder exists or cannot be created, a number is out of range, or nerfstudio
-            has no such lens.
+        InputError: the folder exists or cannot be created, or a number is out of range.
     """
     folder = Path(folder)
     for name, value, least in (("views", views, 1), ("test_views", test_views, 0),
                                ("size", size, 16), ("seed", seed, 0)):  # fmt: skip
         if value < least:
             raise InputError(f"{name} is {value}; give at least {least}")
-    with new_folder(folder) as partial:
+    with whole_folder(folder) as partial:
         _write_dataset(partial, views, test_views, camera or demo_camera(size), seed, progress)
     return folder
-
-
-@contextlib.contextmanager
-def new_folder(folder: Path) -> Iterator[Path]:
-    """A folder beside it to write to, renamed at the end: an interrupted run leaves none.
-
-    Raises:
-        InputError: the folder exists or cannot be created.
-    """
-    if folder.exists():
-        raise InputError(f"{folder} exists; remove it or name another folder for the demo scene")
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(
-            tempfile.mkdtemp(prefix=f"{folder.name}.", suffix=".partial", dir=folder.parent)
-        )
-    except OSError as error:
-        raise InputError(
-            f"{folder} cannot be created ({error.strerror}); name a writable folder"
-        ) from error
-    try:
-        yield partial
-        partial.chmod(_FOLDER_MODE)  # mkdtemp's is private
-        partial.rename(folder)
-    except BaseException:
-        shutil.rmtree(partial, ignore_errors=True)
-        raise
 
 
 def _write_dataset(
@@ -111,14 +79,14 @@ def _write_dataset(
     is_test = _test_places(views, test_views)
     names = [f"{'test' if test else 'train'}_{i:03d}.png" for i, test in enumerate(is_test)]
     mask = whole_pixels(camera)
-    rays, inside = camera.rays()
+    (rays, inside), origins = camera.rays(), camera.origins()
     images = []
     for number, image in enumerate(render_views(hall, camera, poses, progress)):
         images.append(image)
         write_image(folder / "images" / names[number], image[..., ::-1])
         if is_test[number]:
             depth = np.zeros(inside.shape)
-            depth[inside] = distances(hall, poses[number], rays[inside])
+            depth[inside] = distances(hall, poses[number], rays[inside], origins[inside])
             millimetres = np.round(depth * _MILLIMETRES).astype(np.uint16)
             write_image(folder / "depth" / names[number], millimetres)
     write_image(folder / "mask.png", mask.astype(np.uint8) * 255)
@@ -138,9 +106,16 @@ def _write_dataset(
     write_transforms(folder / "transforms.json", frames, points_file=_POINTS_FILE, test=test_names)
 
 
-def distances(hall: Hall, pose: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """(N,) exact distance in metres along unit rays (N, 3) of a camera at a pose (4, 4)."""
-    return Tracer(hall, 1).depths(pose[:3, 3], rays @ pose[:3, :3].T).astype(np.float64)
+def distances(
+    hall: Hall, pose: np.ndarray, rays: np.ndarray, origins: np.ndarray | float = 0.0
+) -> np.ndarray:
+    """(N,) exact distance in metres along unit rays of a camera at a pose (4, 4).
+
+    Args:
+        rays, origins: (N, 3) in the camera frame; origins 0 where all rays meet.
+    """
+    starts = np.broadcast_to(origins, rays.shape) @ pose[:3, :3].T + pose[:3, 3]
+    return Tracer(hall, 1).depths(starts, rays @ pose[:3, :3].T).astype(np.float64)
 
 
 def _test_places(views: int, test_views: int) -> list[bool]:
@@ -159,23 +134,25 @@ def whole_pixels(camera: Camera) -> np.ndarray:
     return valid[:-1, :-1] & valid[1:, :-1] & valid[:-1, 1:] & valid[1:, 1:]
 
 
-def _sample_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """(S, H, W, 3) float32 rays through a grid in each pixel and (S, H, W) validity."""
+def _sample_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(S, H, W, 3) float32 rays and their origins on a grid in each pixel, (S, H, W) validity."""
     steps = (np.arange(SAMPLES_PER_SIDE) + 0.5) / SAMPLES_PER_SIDE
-    rays, valid = [], []
+    shape = (-1, camera.height, camera.width)
+    samples = []
     for dy, dx in itertools.product(steps, steps):
         x, y = np.meshgrid(np.arange(camera.width) + dx, np.arange(camera.height) + dy)
-        r, v = camera.unproject(np.stack([x.ravel(), y.ravel()], axis=1))
-        rays.append(np.nan_to_num(r).astype(np.float32).reshape(*x.shape, 3))
-        valid.append(v.reshape(x.shape))
-    return np.stack(rays), np.stack(valid)
+        pixels = np.stack([x.ravel(), y.ravel()], axis=1)
+        samples.append((*camera.unproject(pixels), *camera.ray_origins(pixels)))
+    rays, valid, origins, _ = map(np.stack, zip(*samples, strict=True))
+    numbers = (np.nan_to_num(a).astype(np.float32).reshape(*shape, 3) for a in (rays, origins))
+    return (*numbers, valid.reshape(shape))
 
 
 def render_views(
     hall: Hall, camera: Camera, poses: list[np.ndarray], progress: bool
 ) -> Iterator[np.ndarray]:
     """(H, W, 3) uint8 RGB images, one a pose, black outside the image circle."""
-    rays, valid = _sample_rays(camera)
+    rays, origins, valid = _sample_rays(camera)
     share = valid.mean(axis=0)
     tracer = Tracer(hall, SAMPLES_PER_SIDE**2)
     blocks = [
@@ -188,15 +165,17 @@ def render_views(
         colors = np.zeros((*share[block].shape, 3))
         seen = share[block] > 0
         if seen.any():
-            # A sample without a ray goes through the middle of the others, and counts as black.
-            directions = rays[:, block[0], block[1]][:, seen]
-            middle = directions.sum(axis=0)
-            directions = np.where(
-                valid[:, block[0], block[1]][:, seen][..., None], directions, middle
-            )
+            # A sample without a ray takes the middle of the others, and counts as black.
+            known = valid[:, block[0], block[1]][:, seen][..., None]
+            directions, starts = (a[:, block[0], block[1]][:, seen] for a in (rays, origins))
+            directions = np.where(known, directions, directions.sum(axis=0))
             directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-            world = directions @ pose[:3, :3].T.astype(np.float32)
-            colors[seen] = tracer.colors(pose[:3, 3], world) * share[block][seen][:, None]
+            turn, place = pose[:3, :3].T.astype(np.float32), pose[:3, 3]
+            if not camera.is_central:
+                middle = starts.sum(axis=0) / known.sum(axis=0)
+                place = place + np.where(known, starts, middle) @ turn
+            seen_colors = tracer.colors(place, directions @ turn)
+            colors[seen] = seen_colors * share[block][seen][:, None]
         return np.round(np.clip(colors, 0, 1) * 255).astype(np.uint8)
 
     with ThreadPoolExecutor(num_threads()) as pool:
@@ -218,15 +197,16 @@ def surface_points(
 ) -> tuple[np.ndarray, np.ndarray]:
     """World points (N, 3) on surfaces that the training views see, and their colours (N, 3)."""
     rng = np.random.default_rng([seed, 2])
-    rays = camera.rays()[0]
+    rays, origins = camera.rays()[0], camera.origins()
     pixels = np.argwhere(mask)
     points, colors = [], []
     for i, (pose, image) in enumerate(zip(poses, images, strict=True)):
         count = _POINTS // len(poses) + (i < _POINTS % len(poses))
         row, column = pixels[rng.integers(0, len(pixels), count)].T
-        chosen = rays[row, column]
-        away = distances(hall, pose, chosen)
-        points.append(pose[:3, 3] + away[:, None] * (chosen @ pose[:3, :3].T))
+        ray, start = rays[row, column], origins[row, column]
+        away = distances(hall, pose, ray, start)
+        turn = pose[:3, :3].T
+        points.append(pose[:3, 3] + start @ turn + away[:, None] * (ray @ turn))
         colors.append(image[row, column])
     exact = np.concatenate(points)
     return exact + _POINT_NOISE * rng.standard_normal(exact.shape), np.concatenate(colors)

@@ -11,9 +11,10 @@ import numpy as np
 
 from gsut._core import InputError, exp_pose
 from gsut.data import Frame, inverse, write_transforms
-from gsut.demo.dataset import new_folder, render_views, whole_pixels, write_image
+from gsut.demo.dataset import render_views, whole_pixels, write_image
 from gsut.demo.hall import make_hall
 from gsut.demo.views import camera_path, demo_camera
+from gsut.files import whole_folder
 from gsut.lens import Camera
 
 CAMERAS = ("left", "right")
@@ -75,7 +76,7 @@ def make_demo_rig(
     if not 0.0 < path_share <= 1.0:
         raise InputError(f"path_share is {path_share}; give more than 0 and at most 1")
     path = camera_path(round(frames / path_share), seed)[:frames]
-    with new_folder(folder) as partial:
+    with whole_folder(folder) as partial:
         _write(partial, path, size, seed, progress)
     return folder
 

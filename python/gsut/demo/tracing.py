@@ -62,6 +62,11 @@ def _dot(a: Triple, b: Triple) -> np.ndarray:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
+def _rays(*ends: np.ndarray) -> Rays:
+    """Of origins (N or 1, 3) and directions (N, 3), axis by axis."""
+    return Rays(*(tuple(np.ascontiguousarray(a.T, np.float32)) for a in ends))
+
+
 def sphere_directions(count: int) -> np.ndarray:
     """(count, 3) unit vectors spread evenly over the sphere (Fibonacci's spiral)."""
     z = 1 - 2 * (np.arange(count) + 0.5) / count
@@ -93,11 +98,8 @@ class Tracer:
         """
         samples, pixels, _ = directions.shape
         flat = directions.reshape(-1, 3)
-        start = tuple(
-            np.ascontiguousarray(origin.reshape(-1, 3)[:, i], np.float32) for i in range(3)
-        )
-        rays = Rays(start, tuple(np.ascontiguousarray(flat[:, i], np.float32) for i in range(3)))
         origins = origin.reshape(-1, 3)
+        rays = _rays(origins, flat)
         middle = origins.mean(axis=0)
         around = float(np.linalg.norm(origins - middle, axis=1).max()) if len(origins) > 1 else 0.0
         reached = self._bounds.in_cone(middle, flat, around)
@@ -109,11 +111,9 @@ class Tracer:
         shown = 1 - np.exp(-radiance)  # film-like: no hard clipping in the windows
         return to_srgb(shown.reshape(samples, pixels, 3).mean(axis=0))
 
-    def depths(self, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """(N,) distance in metres along unit directions (N, 3) from one point."""
-        start = tuple(np.full(1, value, dtype=np.float32) for value in origin)
-        split = tuple(np.ascontiguousarray(directions[:, i], np.float32) for i in range(3))
-        return self._first_hit(Rays(start, split), np.arange(len(self._hall.shapes)))[0]
+    def depths(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """(N,) distance in metres along unit directions (N, 3) from origins (N, 3)."""
+        return self._first_hit(_rays(origins, directions), np.arange(len(self._hall.shapes)))[0]
 
     def _first_hit(self, rays: Rays, candidates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance (N,) to the first surface and its number (N,): -1 the room, else the shape's."""

@@ -41,7 +41,7 @@ def evaluate(
     scene: Any,
     indices: Sequence[int],
     *,
-    background: Sequence[float] = (0.0, 0.0, 0.0),
+    background: Sequence[float] | None = (0.0, 0.0, 0.0),
     light: Light | None = None,
     render_folder: Path | None = None,
     on_view: Callable[[int, int], None] | None = None,
@@ -52,7 +52,7 @@ def evaluate(
         gaussians: the Gaussians, in the scene's coordinates.
         scene: a dataset, from `load_dataset`.
         indices: which of `scene.views`.
-        background: colour behind the Gaussians, 3 values in [0, 1].
+        background: colour behind the Gaussians, 3 values in [0, 1]; None: see `render`.
         light: exposure of the views and falloff of the cameras, by which renders are multiplied
             before they are compared; None: 1.
         render_folder: an existing folder that gets NAME_truth.png and NAME_render.png (8 bit,
@@ -82,7 +82,7 @@ def evaluate(
         view, camera, mask = scene.views[index], scene.camera(index), scene.mask(index)
         truth = scene.image(index).astype(np.float32) / np.float32(255)
         started = time.perf_counter()
-        rendered = render(gaussians, camera, view.motion, background=tuple(background))
+        rendered = render(gaussians, camera, view.motion, background=background)
         milliseconds = 1e3 * (time.perf_counter() - started)
         plain = image = np.clip(rendered.image, 0.0, 1.0)
         if light is not None:

@@ -10,14 +10,21 @@ import numpy as np
 from gsut import _core
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
-from gsut.render import DEFAULT_UNSCENTED, Light, place_about, psnr
+from gsut.render import (
+    DEFAULT_UNSCENTED,
+    Light,
+    place_about,
+    psnr,
+    solid,
+    with_surroundings,
+)
 
 
 def mean_psnr(
     scene: Scene,
     gaussians: Gaussians,
     indices: Sequence[int],
-    background: tuple[float, float, float],
+    background: tuple[float, float, float] | None,
     renderer: Any = None,
     light: Light | None = None,
 ) -> float:
@@ -27,7 +34,7 @@ def mean_psnr(
         scene: at the resolution to measure at.
         gaussians: float32.
         indices: of the views, at least one.
-        background: colour behind everything.
+        background: colour behind everything; None: see `render`.
         renderer: a `_core.Renderer` whose buffers are used; None: a new one.
         light: by which images are multiplied; None: 1.
     """
@@ -46,7 +53,7 @@ def view_image(
     scene: Scene,
     gaussians: Gaussians,
     index: int,
-    background: tuple[float, float, float],
+    background: tuple[float, float, float] | None,
     renderer: Any,
 ) -> np.ndarray:
     """The image of one view, (H, W, 3) float32; nothing is kept for a backward pass.
@@ -55,22 +62,24 @@ def view_image(
         scene: at the resolution to render at.
         gaussians: float32.
         index: of the view.
-        background: colour behind everything.
+        background: colour behind everything; None: see `render`.
         renderer: a `_core.Renderer`.
     """
     camera = scene.camera(index)
-    image = np.zeros((camera.height, camera.width, 3), np.float32)
+    shape = (camera.height, camera.width)
+    image = np.zeros((*shape, 3), np.float32)
+    alpha = np.zeros(shape, np.float32) if background is None else None
     renderer.render(
         gaussians,
         camera,
         place_about(scene.views[index].motion, gaussians.origin),
         _core.BlendRule(),
-        background,
+        solid(background),
         gaussians.sh_degree,
         DEFAULT_UNSCENTED,
         image,
-        None,
+        alpha,
         None,
         False,
     )
-    return image
+    return image if alpha is None else with_surroundings(image, alpha, camera)

@@ -19,10 +19,11 @@ from gsut._core import InputError
 from gsut.formats._errors import largest_errors
 from gsut.formats._format import Format, SceneFile, StartView, WriteSettings, Written
 from gsut.formats._origin import for_file, place_text
-from gsut.formats.ply import load_ply, save_ply
+from gsut.formats.ply import NO_BACKGROUND, load_ply, save_ply
 from gsut.gaussians import Gaussians
 
 __all__ = [
+    "NO_BACKGROUND",
     "Format",
     "SceneFile",
     "StartView",

@@ -29,10 +29,13 @@ class SceneFile:
         gaussians: float32, in the file's coordinates (the dataset's, if gsut wrote it).
         antialiased: the file says that a filter of the screen belongs to it (Mip-Splatting): views
             widen small Gaussians and lower their opacity in turn.
+        no_background: it says that nothing stands behind the scene: what is open takes the colour
+            of what is around.
     """
 
     gaussians: Gaussians
     antialiased: bool = False
+    no_background: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

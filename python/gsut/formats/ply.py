@@ -16,6 +16,8 @@ from gsut.gaussians import Gaussians
 
 # How Brush and Postshot say that a filter of the screen belongs to a file.
 _ANTIALIASED = ("SplatRenderMode: mip", "antialiased 1")
+# How gsut says that nothing stands behind the scene: what is open shows what is around it.
+NO_BACKGROUND = "gsut: no background"
 _HEADER_BYTES = 65536  # read for comments
 PACKED = b"packed_position"  # a property of SuperSplat's compressed files
 
@@ -93,7 +95,7 @@ def is_antialiased(path: Path) -> bool:
 
 
 def _read(path: Path) -> SceneFile:
-    return SceneFile(load_ply(path), is_antialiased(path))
+    return SceneFile(load_ply(path), is_antialiased(path), NO_BACKGROUND in comments_of(path))
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:

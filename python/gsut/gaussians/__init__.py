@@ -10,7 +10,7 @@ from gsut.gaussians.quaternions import (
     rotations_backward,
     rotations_of,
 )
-from gsut.gaussians.seeding import seed_from_points, seed_in_view
+from gsut.gaussians.seeding import chosen_points, seed_from_points, seed_in_view
 from gsut.gaussians.similarity import transformed, upright
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "Gaussians",
     "LowPassFilter",
     "MixedGaussians",
+    "chosen_points",
     "filter_radii",
     "ground_of",
     "inside_box",

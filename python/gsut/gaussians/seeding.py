@@ -59,8 +59,7 @@ def seed_from_points(
     if max_gaussians is not None and max_gaussians < 0:
         raise InputError(f"max_gaussians is {max_gaussians}; give 0 or more, or None")
     if max_gaussians is not None and len(points) > max_gaussians:
-        rows = np.random.default_rng(seed).choice(len(points), max_gaussians, replace=False)
-        rows.sort()
+        rows = chosen_points(len(points), max_gaussians, seed)
         points, colors = points[rows], colors[rows]
     n = len(points)
     gaussians = Gaussians(
@@ -72,6 +71,13 @@ def seed_from_points(
     )
     _core.seed_from_points(points, colors, gaussians, scale_factor, opacity)
     return gaussians
+
+
+def chosen_points(count: int, most: int, seed: int) -> np.ndarray:
+    """(min(count, most),) rows of a random choice of points, in order."""
+    if count <= most:
+        return np.arange(count)
+    return np.sort(np.random.default_rng(seed).choice(count, most, replace=False))
 
 
 def points_in_view(

@@ -6,7 +6,6 @@ from gsut.lens.convert import Conversion, convert_camera, format_conversion
 from gsut.lens.database import (
     LensProfile,
     find_lenses,
-    horizontal_fov,
     is_lens_name,
     lens_by_name,
     load_lens,
@@ -18,7 +17,8 @@ from gsut.lens.files import (
     load_camera,
     nerfstudio_camera,
 )
-from gsut.lens.files.colmap import PARAMETER_COUNTS, format_colmap
+from gsut.lens.files.colmap import PARAMETER_COUNTS, colmap_record
+from gsut.lens.files.euroc import format_euroc
 from gsut.lens.files.kalibr import is_camchain
 from gsut.lens.files.nerfstudio import LENS_FILE, format_nerfstudio, frame_lens
 from gsut.lens.files.own import camera_from_values, camera_values
@@ -39,17 +39,17 @@ __all__ = [
     "camera_models",
     "camera_values",
     "colmap_camera",
+    "colmap_record",
     "convert_camera",
     "field_of_view",
     "find_lenses",
     "fit_control_points",
-    "format_colmap",
     "format_conversion",
+    "format_euroc",
     "format_nerfstudio",
     "frame_lens",
     "grid_pixels",
     "has_focal_length",
-    "horizontal_fov",
     "is_camchain",
     "is_lens_name",
     "lens_by_name",

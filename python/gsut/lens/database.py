@@ -22,6 +22,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.lens.camera import Camera
+from gsut.lens.field import field_of_view
 from gsut.lens.files import LENS_SUFFIXES, load_camera
 
 _FILE = Path(__file__).with_name("profiles.json.xz")
@@ -106,8 +107,8 @@ class LensProfile:
 
     @functools.cached_property
     def fov_degrees(self) -> float | None:
-        """Horizontal field of view; None where the formula does not reach the edges."""
-        return horizontal_fov(self.camera())
+        """See `field_of_view`."""
+        return field_of_view(self.camera())
 
     @functools.cached_property
     def doubts(self) -> tuple[str, ...]:
@@ -215,16 +216,6 @@ def lens_by_name(name: str, size: tuple[int, int] | None = None) -> LensProfile:
         f"{name!r} is neither a file nor a lens of the database{which}; look with `gsut camera "
         "find WORDS`, or give --fov"
     )
-
-
-def horizontal_fov(lens: Camera) -> float | None:
-    """Degrees between the rays of the image's left and right edge, in the row of its principal
-    point; None where the lens has none there."""
-    rays, valid = lens.unproject(np.array([[0.0, lens.params[3]], [lens.width, lens.params[3]]]))
-    if not valid.all():
-        return None
-    left, right = np.arctan2(rays[:, 0], rays[:, 2])
-    return math.degrees(right - left)
 
 
 def is_lens_name(text: str | os.PathLike[str]) -> bool:

@@ -12,7 +12,7 @@ from gsut.evaluate import evaluate
 from gsut.gaussians import Gaussians
 from gsut.refine.motion import pose_changes
 from gsut.refine.pose import refine_pose
-from gsut.render import Light
+from gsut.render import Light, solid
 
 NOTE = (
     "Poses were refined, so the given poses of the held-out views no longer fit the scene: each "
@@ -26,7 +26,7 @@ def evaluate_aligned(
     scene: Scene,
     indices: Sequence[int],
     *,
-    background: Sequence[float] = (0.0, 0.0, 0.0),
+    background: tuple[float, float, float] | None = (0.0, 0.0, 0.0),
     light: Light | None = None,
     render_folder: Path | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
@@ -50,7 +50,7 @@ def evaluate_aligned(
         try:
             found = refine_pose(
                 gaussians, scene.camera(index), pose, scene.image(index), scene.mask(index),
-                background=background,
+                background=solid(background),
             )  # fmt: skip
             poses.append(found.camera_from_world)
             converged.append(found.converged)

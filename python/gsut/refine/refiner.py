@@ -26,7 +26,7 @@ from gsut.refine.motion import extrapolate, pose_changes, remove_mean_motion
 from gsut.refine.pose import choose_pixels, inner_pixels
 from gsut.refine.tracks import TracksResult
 from gsut.refine.trust import Halves, Trust, select_half, weigh_lens, weigh_poses
-from gsut.render import DEFAULT_UNSCENTED
+from gsut.render import DEFAULT_UNSCENTED, solid
 from gsut.run import TrainOptions
 
 # Fractions of the steps after which a sweep follows. Poses wait for a scene that can tell them: a
@@ -241,8 +241,8 @@ class TrainingRefiner:
                 free = [refinable_params(camera) for camera in level.scene.cameras]
                 settings["lens_free"] = [flags.astype(int).tolist() for flags in free]
             found = _core.refine_photometric(
-                gaussians, level.scene.cameras, used, _core.BlendRule(), self.options.background,
-                sh_degree, DEFAULT_UNSCENTED, settings,
+                gaussians, level.scene.cameras, used, _core.BlendRule(),
+                solid(self.options.background), sh_degree, DEFAULT_UNSCENTED, settings,
             )  # fmt: skip
             poses |= {id(v): p for v, p in zip(used, found["camera_from_world"], strict=True)}
             out |= found

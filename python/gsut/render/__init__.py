@@ -24,6 +24,13 @@ from gsut.render.paths import orbit_path, smooth_path, turn_path
 from gsut.render.pictures import picture_stems, to_uint8, write_png
 from gsut.render.projection import METHODS, Projection, project
 from gsut.render.renderer import DEFAULT_UNSCENTED, Gradients, Render, render, render_backward
+from gsut.render.surface import (
+    Surface,
+    render_surface,
+    render_surface_backward,
+    z_of_distance,
+)
+from gsut.render.surroundings import random_background, solid, with_surroundings
 from gsut.render.tour import auto_path
 
 __all__ = [
@@ -39,6 +46,7 @@ __all__ = [
     "Projection",
     "Render",
     "Ring",
+    "Surface",
     "auto_path",
     "color_corrected_psnr",
     "falloff_basis",
@@ -51,16 +59,22 @@ __all__ = [
     "place_about",
     "project",
     "psnr",
+    "random_background",
     "render",
     "render_backward",
     "render_ewa",
+    "render_surface",
+    "render_surface_backward",
     "ring_psnr",
     "smooth_path",
+    "solid",
     "ssim",
     "to_uint8",
     "turn_path",
     "viewer_rule",
     "weighted_psnr",
+    "with_surroundings",
     "write_png",
     "write_video",
+    "z_of_distance",
 ]

@@ -13,6 +13,7 @@ from gsut._core import BlendRule, InputError
 from gsut.gaussians import Gaussians
 from gsut.render.motion import camera_motion, place_about
 from gsut.render.projection import DEFAULT_UNSCENTED
+from gsut.render.surroundings import surroundings
 
 
 @dataclasses.dataclass
@@ -25,6 +26,7 @@ class Render:
         depth: (H, W) sum of weight times distance along the ray; divide by alpha for the expected
             distance. In world units.
         gaussians, camera, camera_from_world, rule, background, sh_degree: what was rendered.
+        behind: (H, W, 3) what shows where the image is not covered, if not `background`.
     """
 
     image: np.ndarray
@@ -37,6 +39,7 @@ class Render:
     background: tuple[float, float, float]
     sh_degree: int
     renderer: Any  # _core.Renderer, or None for the double reference
+    behind: np.ndarray | None = None
 
     def __repr__(self) -> str:
         height, width = self.alpha.shape
@@ -86,7 +89,7 @@ def render(
     camera_from_world: Any,
     *,
     shutter: _core.Shutter | str | None = None,
-    background: Sequence[float] = (0.0, 0.0, 0.0),
+    background: Sequence[float] | None = (0.0, 0.0, 0.0),
     parity: str | None = None,
     blend: BlendRule | None = None,
     sh_degree: int = 3,
@@ -104,7 +107,8 @@ def render(
         shutter: the `Shutter` of a pair of poses, or its direction: "top_to_bottom",
             "bottom_to_top", "left_to_right" or "right_to_left". Each line of the image is then
             seen from its own pose; Gaussians are ordered and shaded from the middle one.
-        background: colour behind everything.
+        background: colour behind everything; None: where no Gaussian is, the soft colour of what is
+            around in the image (`alpha` tells it apart).
         parity: blending rules of "gsplat" or "3dgrut"; None: gsut's own (distance order).
         blend: a `BlendRule` of your own in place of parity.
         sh_degree: harmonics above this degree are ignored.
@@ -120,7 +124,7 @@ def render(
         InputError: shapes, poses, shutter, parity or dtype are wrong.
     """
     rule = _blend_rule(parity, blend)
-    color = tuple(float(c) for c in background)
+    color = tuple(float(c) for c in ((0.0, 0.0, 0.0) if background is None else background))
     if len(color) != 3:
         raise InputError(f"background must be 3 numbers, found {len(color)}")
     pose = camera_motion(camera_from_world, shutter)
@@ -129,7 +133,8 @@ def render(
     if dtype == "float64":
         g = gaussians.astype(np.float64)
         exact = _core.render_reference(g, camera, place, rule, color, degree)
-        return Render(*exact[:3], g, camera, pose, rule, color, degree, None)
+        out = Render(*exact[:3], g, camera, pose, rule, color, degree, None)
+        return out if background is not None else _over_surroundings(out)
     if dtype != "float32":
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     g = gaussians.astype(np.float32)
@@ -141,7 +146,18 @@ def render(
     renderer.render(
         g, camera, place, rule, color, degree, tuple(unscented), image, alpha, depth, True
     )
-    return Render(image, alpha, depth, g, camera, pose, rule, color, degree, renderer)
+    out = Render(image, alpha, depth, g, camera, pose, rule, color, degree, renderer)
+    return out if background is not None else _over_surroundings(out)
+
+
+def _over_surroundings(seen: Render) -> Render:
+    """The same render with what is around in place of its black background."""
+    behind = surroundings(seen.image, seen.alpha, seen.camera)
+    if behind is None:
+        return seen
+    behind = behind.astype(seen.image.dtype)
+    image = seen.image + (1.0 - seen.alpha)[..., None] * behind
+    return dataclasses.replace(seen, image=image, behind=behind)
 
 
 def render_backward(
@@ -166,8 +182,8 @@ def render_backward(
         which are not differentiated; a clamped alpha or colour has gradient 0. The lens' are
         through the rays: pixels stay, their rays move (implicit function theorem on `project`);
         which pixels have a ray at all is not differentiated, nor, for depths through a moving
-        pupil, where along itself a ray starts. float32 is within 1e-4 (relative L2 norm of each
-        parameter's gradient) of the double reference.
+        pupil, where along itself a ray starts, nor `behind`, which counts as a constant. float32
+        is within 1e-4 (relative L2 norm of each parameter's gradient) of the double reference.
 
     Raises:
         InputError: shapes differ from the image's.
@@ -176,6 +192,9 @@ def render_backward(
     dimage = np.ascontiguousarray(dimage, dtype=g.dtype)
     dalpha = None if dalpha is None else np.ascontiguousarray(dalpha, dtype=g.dtype)
     ddepth = None if ddepth is None else np.ascontiguousarray(ddepth, dtype=g.dtype)
+    if result.behind is not None:
+        through = np.sum(dimage * result.behind, axis=2)
+        dalpha = -through if dalpha is None else dalpha - through
     out = g.zeros_like()
     if result.renderer is None:
         pose, of_lens = _core.render_reference_backward(

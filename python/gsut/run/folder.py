@@ -6,13 +6,13 @@ import contextlib
 import dataclasses
 import json
 import os
-import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.files import UNFINISHED, json_text, plain, whole_file, write_file
+from gsut.files import json_text, plain, whole_file, write_file
+from gsut.output_folder import OutputFolder, claim_folder
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.options import TrainOptions
 
@@ -49,6 +49,7 @@ class RunFolder:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
+        self._claim: OutputFolder | None = None  # of a folder that is written: see create
 
     @classmethod
     def create(
@@ -57,8 +58,8 @@ class RunFolder:
         options: TrainOptions,
         *,
         resume: bool = False,
-        overwrite: bool = False,
         environment: dict[str, Any] | None = None,
+        command: str = "train",
     ) -> RunFolder:
         """Makes the folder of a new run, or takes up the one of an interrupted run.
 
@@ -66,33 +67,38 @@ class RunFolder:
             path: the folder; it and its parents are made where absent.
             options: written as options.json, resolved.
             resume: go on with the run that the folder holds. Without one a new run begins.
-            overwrite: remove the files of the run that the folder holds (only those: other files
-                in it stay).
             environment: written as environment.json; a run that is resumed keeps its own, which
-                holds the command line that reproduces it.
+                holds the command line that reproduces it. Its "digests" (see `scene_digests`) must
+                be those of the data that the run was begun with.
+            command: which makes the run.
 
         Raises:
-            InputError: the folder holds a run and neither resume nor overwrite is said; the run to
-                resume has other options (all but `threads` and `checkpoint_every` must agree); the
-                folder cannot be made or written.
+            InputError: the folder holds a run and resume is not said; the run to resume has other
+                options (all but `threads` and `checkpoint_every` must agree) or other data; the
+                folder cannot be made, written or claimed (see `gsut.output_folder.claim_folder`).
         """
-        run = cls(path)
+        run = cls.claim(path, command, (environment or {}).get("dataset"))
         if run.holds_run():
             if resume:
                 run._check_same_options(options)
-            elif overwrite:
-                run._remove_run()
+                run._check_same_data(environment or {})
             else:
                 run.refuse_run()
-        try:
-            run.path.mkdir(parents=True, exist_ok=True)
-            for leftover in run.path.glob(UNFINISHED + "*"):
-                leftover.unlink()
-        except OSError as error:
-            raise InputError(f"cannot make the folder {run.path}: {_reason(error)}") from None
         run.write_text(OPTIONS, options.resolved().to_json() + "\n")
         if environment is not None and not (resume and (run.path / ENVIRONMENT).is_file()):
             run.write_json(ENVIRONMENT, environment)
+        return run
+
+    @classmethod
+    def claim(
+        cls,
+        path: str | os.PathLike[str],
+        command: str,
+        source: str | os.PathLike[str] | None = None,
+    ) -> RunFolder:
+        """A folder that this process writes as long as the object lives: see `claim_folder`."""
+        run = cls(path)
+        run._claim = claim_folder(path, command, source)
         return run
 
     @classmethod
@@ -244,13 +250,18 @@ class RunFolder:
                     "run keeps its options, so leave this one out or begin a new run"
                 )
 
-    def _remove_run(self) -> None:
-        for name in _FILES:
-            path = self.path / name
-            if path.is_dir():
-                shutil.rmtree(path)
-            else:
-                path.unlink(missing_ok=True)
+    def _check_same_data(self, environment: dict[str, Any]) -> None:
+        saved = (self.read_json(ENVIRONMENT) or {}).get("digests")
+        now = environment.get("digests")
+        if not saved or not now:
+            return  # killed before they were written: nothing to disagree with
+        changed = [name for name, digest in now.items() if saved.get(name) != digest]
+        if changed:
+            raise InputError(
+                f"{self.path} was begun with other {' and '.join(changed)} than "
+                f"{environment['dataset']} has now; a resumed run needs the same data: give those, "
+                "or begin a new run"
+            )
 
 
 def _reason(error: OSError) -> str:

@@ -82,6 +82,11 @@ def option_info(field: dataclasses.Field) -> OptionInfo:
     return field.metadata["option"]
 
 
+def _described(options: Any) -> list[dataclasses.Field]:
+    """The fields that `option` made; others are arguments of another kind."""
+    return [field for field in dataclasses.fields(options) if "option" in field.metadata]
+
+
 def flag_name(name: str) -> str:
     """The command line's name of an option: max_gaussians -> --max-gaussians."""
     return "--" + name.replace("_", "-")
@@ -94,14 +99,14 @@ def default_text(field: dataclasses.Field) -> str:
     if isinstance(field.default, bool):
         return "on" if field.default else "off"
     if isinstance(field.default, tuple):
-        return ",".join(f"{value:g}" for value in field.default)
+        return ",".join(v if isinstance(v, str) else f"{v:g}" for v in field.default) or "none"
     return f"{field.default:g}" if isinstance(field.default, float) else str(field.default)
 
 
 def describe_options(options: type) -> type:
     """Lists the fields of an options dataclass in its docstring, before what it raises."""
     doc, _, raises = (options.__doc__ or "").partition("    Raises:")
-    rows = "".join(f"        {f.name}: {option_text(f)}.\n" for f in dataclasses.fields(options))
+    rows = "".join(f"        {f.name}: {option_text(f)}.\n" for f in _described(options))
     options.__doc__ = f"{doc}    Args:\n{rows}\n    Raises:{raises}"
     return options
 
@@ -120,7 +125,7 @@ def check_options(options: Any) -> None:
         InputError: names the option, the value and what is allowed.
     """
     kinds = typing.get_type_hints(type(options))
-    for field in dataclasses.fields(options):
+    for field in _described(options):
         value = getattr(options, field.name)
         checked = _checked(flag_name(field.name), value, option_info(field), kinds[field.name])
         object.__setattr__(options, field.name, checked)
@@ -176,7 +181,7 @@ def _kind_text(kind: Any, info: OptionInfo) -> str:
     if typing.get_origin(kind) is tuple:
         entries = typing.get_args(kind)
         if entries[-1] is Ellipsis:
-            return "a list of names" + words
+            return f"a list of {'names' if entries[0] is str else 'numbers'}" + words
         return f"{len(entries)} numbers" + words
     names = {int: "a whole number", float: "a number", bool: "true or false", str: "a word"}
     return names[kind] + words
@@ -219,7 +224,7 @@ def add_option_flags(
         )  # fmt: skip
     kinds = typing.get_type_hints(options)
     groups: dict[str, Any] = {}
-    for field in dataclasses.fields(options):
+    for field in _described(options):
         info = option_info(field)
         if info.group not in groups:
             groups[info.group] = parser.add_argument_group(info.group)
@@ -240,7 +245,7 @@ def add_option_flags(
 def given_options(options: type, namespace: argparse.Namespace) -> dict[str, Any]:
     """Those options that were given on the command line, by field name."""
     given = vars(namespace)
-    return {f.name: given[f.name] for f in dataclasses.fields(options) if f.name in given}
+    return {f.name: given[f.name] for f in _described(options) if f.name in given}
 
 
 def _metavar(kind: Any, info: OptionInfo) -> str:

@@ -161,9 +161,12 @@ class TrainOptions:
         0.5, "Gaussians", "first opacity", low=0.0, high=1.0, low_open=True, high_open=True,
         reason="0.2 costs 0.25 dB",
     )
-    background: tuple[float, float, float] = option(
-        (0.0, 0.0, 0.0), "Gaussians", "colour behind all Gaussians, red,green,blue",
-        low=0.0, high=1.0,
+    background: tuple[float, float, float] | None = option(
+        None, "Gaussians", "colour behind all Gaussians, red,green,blue", low=0.0, high=1.0,
+        none="the colour that most of the photographs' edges have; without one, another at random "
+        "in each step, so that all that is seen gets covered, and in renders a soft colour from "
+        "what is around", reason="black leaves what is dark open, which then shows what is behind "
+        "it: random +0.7 dB on fox, +1.0 on helmet",
     )
     low_pass: float = option(
         0.0, "Gaussians", "3D low-pass filter: standard deviation, in pixels of the camera that "
@@ -308,9 +311,9 @@ class TrainOptions:
         """The same options with every value that depends on the number of steps filled in.
 
         Returns:
-            TrainOptions in which only `preset`, `test_names`, `readout_time`, `init_count` (all but
-            the first depend on the data) and `compact_at` (never) may be None. Values that were
-            given are kept; resolving twice changes nothing.
+            TrainOptions in which only `preset`, `test_names`, `readout_time`, `init_count`,
+            `background` (all but the first depend on the data) and `compact_at` (never) may be
+            None. Values that were given are kept; resolving twice changes nothing.
         """
         steps = self.steps
         means_low, means_high = _MEANS_LR_RANGE

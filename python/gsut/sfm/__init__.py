@@ -1,9 +1,15 @@
 """Structure from motion: photographs and a lens in, camera poses and points out."""
 
-from gsut.sfm.align import PoseErrors, centers_of, compare_poses, errors_against, poses_by_path
+from gsut.sfm.align import PoseErrors, compare_poses, errors_against, poses_by_path
 from gsut.sfm.bearing_points import BearingPoints
 from gsut.sfm.correspondences import collect_features, match_images
 from gsut.sfm.dataset_calibration import calibrate_from_dataset
+from gsut.sfm.epipolar import (
+    angular_errors,
+    pixels_per_radian,
+    readout_moments,
+    readout_poses,
+)
 from gsut.sfm.estimate import (
     PosesResult,
     done_already,
@@ -16,9 +22,10 @@ from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_refinement import refine_lens
 from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.options import PosesOptions
-from gsut.sfm.rig_file import Rig, read_rig, relative_changes, write_rig
+from gsut.sfm.positions import PositionFit, fit_positions, read_positions
 from gsut.sfm.solution import Solution, diagonal, evaluate_observations, in_cameras, refine, solve
 from gsut.sfm.stages import FOLDER
+from gsut.sfm.triangulation import TriangulatedPoints, triangulate
 
 __all__ = [
     "FOLDER",
@@ -29,10 +36,11 @@ __all__ = [
     "PoseErrors",
     "PosesOptions",
     "PosesResult",
-    "Rig",
+    "PositionFit",
     "Solution",
+    "TriangulatedPoints",
+    "angular_errors",
     "calibrate_from_dataset",
-    "centers_of",
     "collect_features",
     "compare_poses",
     "diagonal",
@@ -42,17 +50,20 @@ __all__ = [
     "evaluate_observations",
     "features_in",
     "find_photographs",
+    "fit_positions",
     "in_cameras",
     "is_finished",
     "match_images",
+    "pixels_per_radian",
     "poses_by_path",
     "read_figures",
-    "read_rig",
+    "read_positions",
+    "readout_moments",
+    "readout_poses",
     "refine",
     "refine_lens",
-    "relative_changes",
     "require_central",
     "solve",
+    "triangulate",
     "verify",
-    "write_rig",
 ]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import load_dataset
+from gsut.data import centers_of, load_dataset
 
 _FEWEST = 3  # centres that fix a similarity
 
@@ -102,11 +102,6 @@ def compare_poses(camera_from_world: np.ndarray, reference: np.ndarray) -> PoseE
         center_distances=distances,
         reference_from_world=matrix,
     )
-
-
-def centers_of(camera_from_world: np.ndarray) -> np.ndarray:
-    """(N, 3) camera centres of (N, 4, 4) poses."""
-    return -np.einsum("nji,nj->ni", camera_from_world[:, :3, :3], camera_from_world[:, :3, 3])
 
 
 def rotation_angles(rotations: np.ndarray) -> np.ndarray:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gsut.data import centers_of
 from gsut.lens import Camera
-from gsut.sfm.align import centers_of
 from gsut.sfm.features import Features
 from gsut.sfm.matching import PairMatches
 

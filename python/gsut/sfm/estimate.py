@@ -15,7 +15,9 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, Shutter
+from gsut.data import Rig, read_rig, write_rig
 from gsut.files import write_file
+from gsut.output_folder import claim_folder
 from gsut.sfm.correspondences import OnProgress, collect_features, match_images
 from gsut.sfm.earth import find_earth, moved_solution
 from gsut.sfm.features import Features
@@ -33,7 +35,6 @@ from gsut.sfm.poses_verdict import LensDoubt, lens_doubt, poses_verdict
 from gsut.sfm.readout import readout_time
 from gsut.sfm.report import REPORT, write_report
 from gsut.sfm.rig import COVARIANCE_OF, RigFit, refuse_beside_rig, solve_rig
-from gsut.sfm.rig_file import Rig, read_rig, write_rig
 from gsut.sfm.rig_images import find_rig_photographs
 from gsut.sfm.solution import Solution, matches_in_points, solve
 from gsut.sfm.stages import Stages, digest
@@ -105,7 +106,7 @@ def estimate_poses(
         options: every setting of the search; None: the defaults.
         mapper: makes poses of verified pairs where the lens is known; None: incremental, with
             bundle adjustment.
-        rig: file of a rig (see `rig_file.read_rig`): images then holds one folder a camera, the
+        rig: file of a rig (see `gsut.data.read_rig`): images then holds one folder a camera, the
             images of one frame share one pose of the rig, and all is in its unit. rig.json, the
             rig as it was used, is written too.
         refine_rig: the cameras' poses on the rig are adjusted; its size stays.
@@ -116,7 +117,8 @@ def estimate_poses(
         The output folder, poses with points, and figures.
 
     Raises:
-        InputError: too few images, wrong lens, or a file that cannot be written.
+        InputError: too few images, wrong lens, a file that cannot be written, or `out` holds what
+            `gsut poses` did not write.
         SolveError: nothing could be reconstructed: no overlap, images all the same, or a camera
             that only turned; says which.
     """
@@ -124,8 +126,8 @@ def estimate_poses(
     log = PosesLog(on_progress, notes_to)
     photographs, on_rig = _inputs(Path(images), camera, rig, unknown_lens, mapper, options)
     shutter = _shutter(photographs, options, mapper)
-    folder = Path(out)
-    folder.mkdir(parents=True, exist_ok=True)
+    claimed = claim_folder(out, "poses", images)
+    folder = claimed.path
     key = _key(photographs, options, fov_degrees)
     stages = Stages(folder, key)
     with _threads(options.threads):

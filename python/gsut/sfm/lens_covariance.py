@@ -8,8 +8,8 @@ import math
 import numpy as np
 
 from gsut._core import SolveError
+from gsut.data import centers_of
 from gsut.lens import Camera
-from gsut.sfm.align import centers_of
 from gsut.sfm.solution import Solution
 
 # Standard deviation of what an image may move (of the cameras' extent) and turn (radians) during

@@ -65,11 +65,6 @@ class LensRanking:
         self._error = error_factor * options.max_two_view_error / 1000
         self._seed = options.seed
 
-    @property
-    def num_pairs(self) -> int:
-        """Pairs compared."""
-        return len(self._pairs)
-
     def share(self, camera: Camera, pairs: int = _PAIRS, most: int = _MATCHES) -> float:
         """Mean share of the matches that agree through this lens, of so many pairs and matches."""
         matches_of = [matches[:most] for matches in self._matches[:pairs]]

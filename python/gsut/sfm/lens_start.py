@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from gsut.lens import Camera, LensProfile, horizontal_fov
+from gsut.lens import Camera, LensProfile, field_of_view
 from gsut.sfm.options import PosesOptions
 
 _CONTRADICTS = 0.1  # share by which focal lengths differ
@@ -35,7 +35,7 @@ def compare_with_profile(
         "doubts": list(profile.doubts),
         "focal_px": [float(start.params[0]), float(lens.params[0])],
         "focal_percent": 100 * float(lens.params[0] / start.params[0] - 1),
-        "fov_degrees": [horizontal_fov(start), horizontal_fov(lens)],
+        "fov_degrees": [field_of_view(start), field_of_view(lens)],
         "readout_percent": 100 * (found / given - 1) if found and given else None,
     }
 
@@ -62,7 +62,7 @@ def contradiction(said_focal_px: float, lens: Camera) -> list[str]:
     if abs(found / said_focal_px - 1) <= _CONTRADICTS:
         return []
     said = 2 * math.degrees(math.atan(lens.width / 2 / said_focal_px))
-    field = horizontal_fov(lens)
+    field = field_of_view(lens)
     seen = "" if field is None else f", {field:.0f} degrees across"
     return [
         f"EXIF says a focal length of {said_focal_px:.0f} px ({said:.0f} degrees across as a "

@@ -9,10 +9,16 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Frame, inverse, points_ply, write_transforms
+from gsut.data import (
+    ColmapImage,
+    ColmapModel,
+    Frame,
+    colmap_texts,
+    inverse,
+    points_ply,
+    write_transforms,
+)
 from gsut.files import write_file
-from gsut.gaussians import quaternion_of
-from gsut.lens import format_colmap
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution
 
@@ -73,47 +79,19 @@ def _frames(solution: Solution, photographs: Photographs) -> list[Frame]:
 
 def _colmap(solution: Solution) -> dict[str, str]:
     """cameras.txt, images.txt and points3D.txt; images and points count from 1."""
-    lenses = list(dict.fromkeys(solution.cameras))
-    cameras = []
-    for number, camera in enumerate(lenses, 1):
-        record = format_colmap(camera).splitlines()[-1]
-        cameras.append(f"{number} {record.split(' ', 1)[1]}")
-    places: list[list[str]] = [[] for _ in solution.names]
-    tracks: list[list[str]] = [[] for _ in solution.points]
-    for (point, image, _), (x, y) in zip(solution.observations, solution.pixels, strict=True):
-        tracks[point].append(f"{image + 1} {len(places[image])}")
-        places[image].append(f"{x:.6f} {y:.6f} {point + 1}")
-    images = []
-    for i, name in enumerate(solution.names):
-        if not solution.registered[i]:
-            continue
-        pose = solution.camera_from_world[i]
-        quaternion = quaternion_of(pose[:3, :3])
-        numbers = " ".join(repr(float(v)) for v in (*quaternion, *pose[:3, 3]))
-        images += [
-            f"{i + 1} {numbers} {lenses.index(solution.cameras[i]) + 1} {name}",
-            " ".join(places[i]),
-        ]
-    points = []
-    for i, position in enumerate(solution.points):
-        numbers = " ".join(repr(float(v)) for v in position)
-        color = " ".join(str(int(v)) for v in solution.colors[i])
-        points.append(
-            f"{i + 1} {numbers} {color} {solution.point_errors[i]:.6f} " + " ".join(tracks[i])
+    rows: list[list[int]] = [[] for _ in solution.names]
+    for row, (_, image, _) in enumerate(solution.observations):
+        rows[image].append(row)
+    images = [
+        ColmapImage(
+            i + 1, name, solution.cameras[i], solution.camera_from_world[i],
+            np.reshape(solution.pixels[rows[i]], (-1, 2)), solution.observations[rows[i], 0],
         )
-    return {
-        "cameras.txt": "\n".join(["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]", *cameras, ""]),
-        "images.txt": "\n".join(
-            ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", *images, ""]
-        ),
-        "points3D.txt": "\n".join(
-            [
-                "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)",
-                *points,
-                "",
-            ]
-        ),
-    }
+        for i, name in enumerate(solution.names)
+        if solution.registered[i]
+    ]  # fmt: skip
+    model = ColmapModel(images, solution.points, solution.colors, solution.point_errors)
+    return colmap_texts(model)
 
 
 def figures(

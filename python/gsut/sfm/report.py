@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.data import CAPTURE_FOLDER, STRIP
+from gsut.data import CAPTURE_FOLDER, STRIP, centers_of
 from gsut.files import write_file
 from gsut.page import (
     LINE,
@@ -22,7 +22,6 @@ from gsut.page import (
     svg_text,
 )
 from gsut.run import Verdict
-from gsut.sfm.align import centers_of
 from gsut.sfm.solution import Solution
 
 REPORT = "report.html"

@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import inverse
-from gsut.sfm.align import centers_of
+from gsut.data import Rig, centers_of, inverse, relative_changes
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.matching import PairMatches
 from gsut.sfm.options import PosesOptions
-from gsut.sfm.rig_file import Rig, relative_changes
 from gsut.sfm.rig_start import RigStart, place_rig
 from gsut.sfm.solution import OnRig, Solution, refine, solve
 

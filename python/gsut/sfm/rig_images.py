@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import some_names
+from gsut.data import Rig, some_names
 from gsut.sfm.inputs import FEWEST_IMAGES, Photographs, photographs_in
-from gsut.sfm.rig_file import Rig
 
 _NOT_CAMERAS = {"masks"}  # folders that may lie beside those of the cameras
 

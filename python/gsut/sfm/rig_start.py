@@ -8,8 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.sfm.align import centers_of
-from gsut.sfm.rig_file import Rig
+from gsut.data import Rig, centers_of
 
 # Two cameras of one frame whose rotation differs this much from the rig's: one of them was placed
 # wrongly.

@@ -341,7 +341,7 @@ def _solution(
     pixels, residuals, angles = evaluate_observations(
         observations, found["observations_in_camera"], own, features
     )
-    colors = _mean_colors(observations, len(found["points"]), features)
+    colors = mean_colors(observations, len(found["points"]), [f.colors for f in features])
     return Solution(
         list(names), own, found["registered"], found["camera_from_world"],
         FEATURE_VARIANCE * found["covariances"],
@@ -389,11 +389,13 @@ def evaluate_observations(
     return pixels, residuals, angles
 
 
-def _mean_colors(observations: np.ndarray, points: int, features: Sequence[Features]) -> np.ndarray:
-    """(P, 3) uint8, mean over each point's observations."""
+def mean_colors(
+    observations: np.ndarray, points: int, of_images: Sequence[np.ndarray]
+) -> np.ndarray:
+    """(P, 3) uint8, mean over each point's observations of colours (N, 3) of each image."""
     colors = np.zeros((points, 3))
     for image in np.unique(observations[:, 1]):
         rows = observations[:, 1] == image
-        np.add.at(colors, observations[rows, 0], features[image].colors[observations[rows, 2]])
+        np.add.at(colors, observations[rows, 0], of_images[image][observations[rows, 2]])
     counts = np.bincount(observations[:, 0], minlength=points).clip(1)
     return np.rint(colors / counts[:, None]).astype(np.uint8)

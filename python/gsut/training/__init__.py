@@ -13,7 +13,13 @@ from gsut.training.loop import TrainingLoop
 from gsut.training.photometric_poses import grow_poses
 from gsut.training.record import TrainingRecord
 from gsut.training.results import measure_training, write_results
-from gsut.training.start import about_cameras, prepare_scene, refine_first_poses, size_note
+from gsut.training.start import (
+    about_cameras,
+    plain_background,
+    prepare_scene,
+    refine_first_poses,
+    size_note,
+)
 from gsut.training.trained_run import read_light, read_trained
 
 __all__ = [
@@ -30,6 +36,7 @@ __all__ = [
     "grow_poses",
     "measure_training",
     "parse_size",
+    "plain_background",
     "prepare_scene",
     "read_light",
     "read_trained",

@@ -254,7 +254,8 @@ def write_compacted_run(
     options = compactor.train_options
     if o.finetune:
         options = finetune_options(options, o.finetune, len(gaussians))
-    run = RunFolder.create(out, options.resolved(), environment=describe_environment(scene.path))
+    environment = describe_environment(scene.path)
+    run = RunFolder.create(out, options.resolved(), environment=environment, command="compact")
     before = source.read_json(METRICS) or {}
     _, metrics = measure(
         gaussians, scene, scene.test_indices or scene.train_indices, options, run,

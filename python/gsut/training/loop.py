@@ -22,7 +22,7 @@ from gsut.optimize import (
     view_of_step,
 )
 from gsut.refine import TracksResult, TrainingRefiner
-from gsut.render import DEFAULT_UNSCENTED, Light
+from gsut.render import DEFAULT_UNSCENTED, Light, random_background
 from gsut.run import Stopwatch, TrainOptions
 from gsut.training.densification import DensificationStep, densification_of
 from gsut.training.growth import GrowthLimit
@@ -171,9 +171,10 @@ class TrainingLoop:
             self._touched = np.zeros(len(self.gaussians), np.uint8)
         if step.number % _RADII_EVERY == 0:
             self._filter.renew()
+        behind = self.options.background or random_background(self.options.seed, step.number)
         self.renderer.render(
             self.drawn(), step.level.camera(step.view), self.scene.views[step.view].motion,
-            self.rule, self.options.background, step.degree, DEFAULT_UNSCENTED, image, None, None,
+            self.rule, behind, step.degree, DEFAULT_UNSCENTED, image, None, None,
             True,
         )  # fmt: skip
         self.stopwatch.lap("render")

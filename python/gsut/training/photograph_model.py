@@ -23,12 +23,16 @@ from gsut.run import TrainOptions
 # "auto" looks whether they differ; at the last falloffs are found, which need a scene whose rim
 # is as sharp as its centre (young ones of sponza_fisheye show 3 % of falloff where there is none).
 _FROM = 0.05
-_DECIDED_AT = (0.25, 0.4, 0.6)
+_DECIDED_AT = (0.25, 0.3, 0.35, 0.4, 0.5, 0.6)
 _FALLOFF_AT = (0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.93)
 _LOOKS = (_DECIDED_AT, _FALLOFF_AT)
-# Standard deviation of log-gains, beyond what parts of a photograph disagree by, from which
-# photographs differ. Fox 0.07; nothing is left of sponza_fisheye and helmet, which do not differ.
-_DIFFER = 0.02
+# Photographs differ where their gains come out alike at two visits and in the quarters of the
+# picture; errors of a young scene do neither. Chance makes gains of two visits agree so well once
+# in a thousand times (normal deviate), and lets gains differ by three standard errors of their
+# quarters less often (F with 4 and 15 degrees of freedom, of 5 views: 8.3). A standard deviation
+# of 1 % is worth 0.1 dB of a scene of 30 dB.
+_CHANCE, _DIFFER = 3.09, 0.01
+_FEWEST_TWICE = 5  # views seen twice, below which nothing is said
 # Log-gain of all photographs together from which the scene is not as bright as they are yet, and
 # tells nothing of one (the adaptive strategy begins with a gain of 20).
 _UNSETTLED = 0.25
@@ -37,7 +41,6 @@ _FALLOFF_DIFFERS = 0.05  # of rings from their mean, below which a lens has no f
 _FEWEST_SHOWN = 0.01  # of all that a camera shows, below which a ring is not judged
 _RINGS, _QUADRANTS = 8, 4  # parts of a photograph: field angle, and quarter of the picture
 _STRONGEST = 0.7  # largest logarithm of a gain that is believed: a factor of two
-_FEWEST_WEIGHT = 1e-3  # of a part's share in its photograph
 _PRIOR = 1e-4  # weight of a ring's prior; those of what is seen add up to 1
 _DARKEST, _BRIGHTEST = 0.1, 1.05  # falloffs that are believed: lenses darken towards the rim
 _CHECKED = 65  # angles at which a falloff is checked
@@ -62,6 +65,7 @@ class PhotographModel:
         self._log_gains, self._known = np.zeros((count, 3)), np.zeros(count, bool)
         # The last sums of each view: (V, 2, rings x quadrants, 3) of T C and of C^2.
         self._sums = np.zeros((count, 2, _RINGS * _QUADRANTS, 3))
+        self._before = np.zeros_like(self._sums)  # those of the visit before
         self._falloffs: list[Falloff | None] = [None] * len(scene.cameras)
         self._looked = (0, 0)  # how often for gains, for falloffs
         if light is not None:
@@ -95,6 +99,7 @@ class PhotographModel:
         if key not in self._parts:
             self._parts = {k: v for k, v in self._parts.items() if k[0] != key[0]}
             self._parts[key] = _parts(camera)
+        self._before[view] = self._sums[view]
         self._sums[view] = target.light_sums(image, self._parts[key], _RINGS * _QUADRANTS)
         self._learn_gain(view)
         decided, found = (sum(fraction >= at for at in fractions) for fractions in _LOOKS)
@@ -111,28 +116,29 @@ class PhotographModel:
         target.set_light(np.exp(-self._used_gains()[view]), self._planes.get(key))
 
     def spread(self) -> float:
-        """Standard deviation of log-gains beyond what errors of the scene explain."""
-        known = np.flatnonzero(self._known)
-        if len(known) < 2:
-            return 0.0
-        tc, cc = self._sums[known].sum(axis=3).transpose(1, 0, 2)  # (2, known, parts)
-        if abs(np.log(tc.sum() / cc.sum())) > _UNSETTLED:
-            return 0.0
-        tc = tc / np.repeat(self._mean_of_rings(tc, cc), _QUADRANTS)  # a falloff is no disagreement
-        gain = tc.sum(axis=1) / cc.sum(axis=1)
-        share = cc / cc.sum(axis=1, keepdims=True)
-        apart = np.where(cc > 0, tc / np.where(cc > 0, cc, 1.0), 0.0) / gain[:, None] - 1.0
-        parts = np.maximum(2, np.count_nonzero(share > _FEWEST_WEIGHT, axis=1))
-        errors = np.sum((share * apart) ** 2, axis=1) * parts / (parts - 1)
-        beyond = np.log(gain).var() - _DISAGREE**2 * errors.mean()
-        return float(np.sqrt(max(0.0, beyond)))
+        """Standard deviation of log-gains that two visits and all quarters of a picture show.
 
-    @staticmethod
-    def _mean_of_rings(tc: np.ndarray, cc: np.ndarray) -> np.ndarray:
-        """(rings,) T over C of all photographs (n, parts) together; 1 where nothing is seen."""
-        tc, cc = (each.reshape(-1, _RINGS, _QUADRANTS).sum(axis=(0, 2)) for each in (tc, cc))
-        seen = (tc > 0) & (cc > 0)
-        return np.where(seen, tc, 1.0) / np.where(seen, cc, 1.0)
+        Of brightness or of white balance, whichever differs more; 0 where it may be chance.
+        """
+        twice = np.flatnonzero(self._known & (self._before[:, 1] > 0).any(axis=(1, 2)))
+        if len(twice) < _FEWEST_TWICE:
+            return 0.0
+        visits = [
+            sums[twice].reshape(-1, 2, _RINGS, _QUADRANTS, 3) for sums in (self._before, self._sums)
+        ]
+        if abs(np.log(visits[1][:, 0].sum() / visits[1][:, 1].sum())) > _UNSETTLED:
+            return 0.0
+        (before, _), (now, errors) = (_gains_of(visit) for visit in visits)
+        found = [0.0]
+        for part in (_brightness, _balance):
+            a, b = (part(gains) - part(gains).mean(axis=0) for gains in (before, now))
+            both = np.mean(np.sum(a * b, axis=1))
+            alone = np.sqrt(np.mean(np.sum(a**2, axis=1)) * np.mean(np.sum(b**2, axis=1)))
+            chance = np.arctanh(min(both / alone, 1 - 1e-12)) * np.sqrt(len(twice) - 3)
+            noise = np.mean(np.sum(part(errors) ** 2, axis=(1, 2)))
+            if chance > _CHANCE and both > _DISAGREE**2 * noise:
+                found.append(float(np.sqrt(both - noise)))
+        return max(found)
 
     def light(self) -> Light | None:
         """What all views were taken in; views that were not trained on as their neighbours."""
@@ -204,7 +210,34 @@ class PhotographModel:
         self._falloffs = [Falloff.from_dict(each) for each in state["falloffs"]]
 
 
-_STATE = ("_mode", "_gains_used", "_log_gains", "_known", "_sums", "_looked")
+_STATE = ("_mode", "_gains_used", "_log_gains", "_known", "_sums", "_before", "_looked")
+
+
+def _gains_of(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Log-gains (V, 3) of sums (V, 2, rings, quadrants, 3), and errors (V, quadrants, 3) of these.
+
+    What all photographs' rings have in common, a falloff, is no gain. The squares of a view's
+    errors add up to the variance of its gain, by how far its quarters disagree.
+    """
+    tc, cc = sums[:, 0], sums[:, 1]
+    common = tc.sum(axis=(0, 2)) / np.maximum(cc.sum(axis=(0, 2)), np.finfo(float).tiny)
+    tc = (tc / np.maximum(common, np.finfo(float).tiny)[:, None]).sum(axis=1)
+    cc = cc.sum(axis=1)  # (V, quadrants, 3)
+    share = cc / np.maximum(cc.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+    gain = tc.sum(axis=1) / np.maximum(cc.sum(axis=1), np.finfo(float).tiny)
+    apart = np.where(cc > 0, tc / np.where(cc > 0, cc, 1.0), 0.0) / gain[:, None] - 1.0
+    apart -= np.mean(apart, axis=0)  # what the quarters of all have in common is no disagreement
+    return np.log(gain), share * apart * np.sqrt(_QUADRANTS / (_QUADRANTS - 1))
+
+
+def _brightness(logs: np.ndarray) -> np.ndarray:
+    """(..., 1) of log-gains (..., 3)."""
+    return logs.mean(axis=-1, keepdims=True)
+
+
+def _balance(logs: np.ndarray) -> np.ndarray:
+    """(..., 3) of log-gains (..., 3)."""
+    return logs - _brightness(logs)
 
 
 def _parts(camera: _core.Camera) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 
 from gsut.data import Scene
 from gsut.evaluate import evaluate, mean_psnr, run_metrics, train_verdict, write_report
-from gsut.formats import for_file, place_text, save_ply
+from gsut.formats import NO_BACKGROUND, for_file, place_text, save_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import evaluate_aligned, write_refined
 from gsut.render import Light
@@ -102,7 +102,8 @@ def write_results(
     if for_file(in_dataset).origin.any():
         place = place_text(in_dataset.origin)
         metrics["notes"].append(f"scene.ply holds {place}; its comment says so, gsut reads it back")
-    run.write("scene.ply", lambda path: save_ply(path, in_dataset))
+    comments = [NO_BACKGROUND] if run.read_options().background is None else []
+    run.write("scene.ply", lambda path: save_ply(path, in_dataset, comments))
     if refined is not None:
         metrics["notes"] += _refinement_notes(metrics)
         write_refined(run, refined)

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from gsut._core import InputError
-from gsut.data import Scene, with_shutter
-from gsut.gaussians import Gaussians, seed_from_points, seed_in_view
+from gsut.data import Scene, color_points, has_colors, with_shutter
+from gsut.gaussians import Gaussians, chosen_points, seed_from_points, seed_in_view
 from gsut.refine import TracksResult, check_refinable, refine_by_tracks
 from gsut.run import Progress, TrainOptions
 
 # Random first Gaussians lie between these distances from a camera, in units of the scene's extent.
 _RANDOM_NEAR, _RANDOM_FAR = 0.05, 4.0
 _RANDOM_COUNT = 30_000
+# A background of its own: photographs that are looked at, and grey levels that are one colour.
+_LOOKED_AT, _ALIKE = 8, 2
 
 
 def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
@@ -38,6 +42,34 @@ def size_note(scene: Scene, options: TrainOptions) -> str | None:
         f"the photographs of {width} x {height} are used at {round(factor * width)} x "
         f"{round(factor * height)} (--max-side {options.max_side}; 0: as large as they are)"
     )
+
+
+def plain_background(scene: Scene) -> tuple[float, float, float] | None:
+    """The colour that most of the photographs' edges have, as behind an object on its own.
+
+    Returns:
+        The colour; black where most of the edges are masked, as around an object that is cut out;
+        None where no more than half of the edges' pixels agree.
+    """
+    colors, edges, cut_out = [], 0, 0
+    for index in scene.train_indices[:: -(-len(scene.train_indices) // _LOOKED_AT)]:
+        mask = scene.mask(index)
+        edge = np.ones(mask.shape, bool)
+        edge[1:-1, 1:-1] = False
+        edges += int(np.count_nonzero(edge))
+        cut_out += int(np.count_nonzero(edge & ~mask & scene.camera(index).rays()[1]))
+        colors.append(scene.image(index)[edge & mask].astype(np.int16))
+    if 2 * cut_out > edges:
+        return (0.0, 0.0, 0.0)
+    shown = np.concatenate(colors)
+    if 2 * len(shown) <= edges:
+        return None
+    middle = np.median(shown, axis=0)
+    alike = np.abs(shown - middle).max(axis=1) <= _ALIKE
+    if 2 * np.count_nonzero(alike) <= edges:
+        return None
+    red, green, blue = (middle / 255.0).tolist()
+    return red, green, blue
 
 
 def about_cameras(scene: Scene, gaussians: Gaussians) -> tuple[Scene, Gaussians]:
@@ -77,4 +109,8 @@ def seed_first(scene: Scene, options: TrainOptions) -> Gaussians:
             far=_RANDOM_FAR * scene.extent, **shape,
         )  # fmt: skip
     most = min(o.init_count or len(scene.points), o.max_gaussians)
-    return seed_from_points(scene.points, scene.point_colors, max_gaussians=most, **shape)
+    rows = chosen_points(len(scene.points), most, o.seed)
+    points, colors = scene.points[rows], scene.point_colors[rows]
+    if not has_colors(scene):
+        colors, _ = color_points(scene, points)
+    return seed_from_points(points, colors, **shape)

@@ -10,10 +10,11 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.data import rigid_transform, shrink_image
-from gsut.gaussians import SH_C0, Gaussians, MixedGaussians, pack_harmonics
+from gsut.gaussians import SH_C0, Gaussians, MixedGaussians, pack_harmonics, upright
 from gsut.lens import Camera
-from gsut.render import DEFAULT_UNSCENTED, place_about, to_uint8
+from gsut.render import DEFAULT_UNSCENTED, place_about, solid, to_uint8, with_surroundings
 from gsut.view.lenses import Lenses
+from gsut.view.measure import SEEN, point_at
 from gsut.view.overlays import (
     draw_box,
     draw_cameras,
@@ -28,7 +29,6 @@ MODES = ("color", "distance", "normal", "alpha", "centers", "error")
 # Of the Gaussians that a frame is drawn of: those of a large scene cost more than its pixels do.
 SHARES = (1.0, 0.5, 0.25)
 _MOST_PIXELS = 33_000_000  # of one frame
-_SEEN = 0.5  # alpha above which a distance counts
 _RANGE_PERCENT = (2.0, 98.0)  # of the distances, that colours span
 _MOST_ERROR = 0.25  # of full scale: shown in the last colour
 _FULL_QUALITY = 92
@@ -47,6 +47,9 @@ class FrameRequest:
         shutter: the photograph whose rolling shutter is used, or None.
         layers: names of what is drawn over it: cameras, points, domain, box.
         crop: (2, 3) lower and upper corner of the box in `Frames.axes`, or None.
+        clean: without the floaters, once `Frames.floaters` tells them.
+        ground: (4,) a plane's normal n and d, n . x = d on it, that the layer "axes" draws; None:
+            across `Frames.axes` through the scene's middle.
         marks: (n, 3) points.
         quality: of the JPEG; None: a PNG, which loses nothing.
         share: of the Gaussians, the most seen ones; below 1 while the eye moves.
@@ -64,6 +67,8 @@ class FrameRequest:
     marks: np.ndarray | None = None
     quality: int | None = _FULL_QUALITY
     share: float = 1.0
+    clean: bool = False
+    ground: np.ndarray | None = None
 
     @classmethod
     def parse(cls, values: dict[str, Any], num_views: int) -> FrameRequest:
@@ -82,6 +87,8 @@ class FrameRequest:
             )
             crop = None if not values.get("crop") else np.array(values["crop"], np.float64)
             marks = np.array(values.get("marks") or [], np.float64).reshape(-1, 3)
+            ground = values.get("ground")
+            ground = None if ground is None else np.array(ground, np.float64).reshape(4)
             quality = values.get("quality", _FULL_QUALITY)
             quality = None if quality is None else min(100, max(5, int(quality)))
             lens, share = int(values["lens"]), float(values.get("share", 1))
@@ -100,12 +107,13 @@ class FrameRequest:
             raise InputError(f"share must be one of {SHARES}, found {share}")
         if crop is not None and (crop.shape != (2, 3) or not np.isfinite(crop).all()):
             raise InputError("crop must be two corners of three numbers")
-        if not np.isfinite(marks).all():
-            raise InputError("marks must be finite")
+        if not np.isfinite(marks).all() or (ground is not None and not ground[:3].any()):
+            raise InputError("marks must be finite, and the ground needs a normal")
         layers = frozenset(values.get("layers") or ())
         return cls(
-            pose, lens, width, height, mode, view, shutter, layers, crop, marks, quality, share
-        )
+            pose, lens, width, height, mode, view, shutter, layers, crop, marks, quality, share,
+            bool(values.get("clean")), ground,
+        )  # fmt: skip
 
 
 @dataclasses.dataclass
@@ -125,6 +133,7 @@ class Frames:
 
     Attributes:
         axes: (3, 3) rows: right, up, forward of the scene, in which the crop box stands.
+        floaters: (N,) bool of `whole()`, None where nobody has looked for them.
     """
 
     def __init__(self, stage: Stage, lenses: Lenses) -> None:
@@ -133,6 +142,7 @@ class Frames:
         self._rule = _core.BlendRule()
         self._buffers: tuple[np.ndarray, ...] = ()
         self._chosen: dict[Any, Any] = {}
+        self.floaters: np.ndarray | None = None
         place = stage.place()
         self.center, self.extent = place["center"], place["extent"]
         up = place["up"] / np.linalg.norm(place["up"])
@@ -167,7 +177,7 @@ class Frames:
         if scene is not None and "cameras" in layers:
             draw_cameras(image, camera, pose, scene, request.view)
         if "axes" in layers:
-            self._draw_axes(image, camera, pose)
+            self._draw_axes(image, camera, pose, request.ground)
         if request.crop is not None and "box" in layers:
             sides = (np.arange(8)[:, None] >> np.arange(3)) & 1
             corners = request.crop[sides, np.arange(3)] * self.extent
@@ -184,18 +194,9 @@ class Frames:
             pixel: x and y.
         """
         camera = self.lenses.at(request.lens, request.width, request.height)
-        at = np.array([pixel], np.float64)
-        rays, valid = camera.unproject(at)
-        column, row = (int(np.clip(value, 0, side - 1)) for value, side in
-                       zip(pixel, (camera.width, camera.height), strict=True))  # fmt: skip
-        if not valid[0]:
-            return None
-        _, alpha, depth = self._render(request, camera, request.pose)
-        if alpha[row, column] < _SEEN:
-            return None
-        distance = depth[row, column] / alpha[row, column]
-        in_camera = camera.ray_origins(at)[0][0] + distance * rays[0]
-        return request.pose[:3, :3].T @ (in_camera - request.pose[:3, 3])
+        place = self._place(request)
+        _, alpha, depth = self._render(request, camera, place)
+        return point_at(place, camera, np.array(pixel), alpha, depth)
 
     def _place(self, request: FrameRequest) -> Any:
         scene = self.stage.scene
@@ -217,7 +218,7 @@ class Frames:
         if request.mode == "error":
             return self._error(request, image)
         with np.errstate(divide="ignore", invalid="ignore"):
-            distance = np.where(alpha > _SEEN, depth / alpha, np.nan)
+            distance = np.where(alpha > SEEN, depth / alpha, np.nan)
         if request.mode == "normal":
             return Drawn(self._normals(camera, request.pose, distance))
         known = distance[::_SAMPLES, ::_SAMPLES]
@@ -237,36 +238,55 @@ class Frames:
         image, alpha, depth = self._buffers
         gaussians = self._gaussians(request)
         if gaussians is None or not len(gaussians):
-            image[:], alpha[:], depth[:] = self.stage.background, 0, 0
+            image[:], alpha[:], depth[:] = solid(self.stage.background), 0, 0
             return image, alpha, depth
-        beside = (alpha, depth) if with_depth else (None, None)
+        fills = self.stage.background is None
         self._renderer.render(
             gaussians, camera, place_about(place, gaussians.origin), self._rule,
-            self.stage.background, gaussians.sh_degree,
-            DEFAULT_UNSCENTED, image, beside[0], beside[1], False,
+            solid(self.stage.background), gaussians.sh_degree, DEFAULT_UNSCENTED, image,
+            alpha if with_depth or fills else None, depth if with_depth else None, False,
         )  # fmt: skip
-        return image, alpha, depth
+        return with_surroundings(image, alpha, camera) if fills else image, alpha, depth
+
+    def whole(self) -> Gaussians:
+        """All Gaussians of the stage, none where there are none."""
+        g = self.stage.gaussians
+        if g is None:
+            raise InputError("there are no Gaussians here")
+        return g.to_gaussians() if isinstance(g, MixedGaussians) else g
+
+    def kept(self, whole: Gaussians, crop: np.ndarray | None, clean: bool) -> np.ndarray:
+        """(N,) bool: inside the crop box and, if `clean`, no floaters."""
+        kept = np.ones(len(whole), bool)
+        if crop is not None:
+            at = self._in_axes(whole)
+            kept = np.all((at >= crop[0]) & (at <= crop[1]), axis=1)
+        if clean and self.floaters is not None and len(self.floaters) == len(whole):
+            kept &= ~self.floaters
+        return kept
+
+    def _in_axes(self, whole: Gaussians) -> np.ndarray:
+        return (whole.means + (whole.origin - self.center)) @ self.axes.T / self.extent
 
     def _gaussians(self, request: FrameRequest) -> Any:
         """The Gaussians inside the crop box, and of these the share that is seen most."""
         g, crop, share = self.stage.gaussians, request.crop, request.share
-        if g is None or (crop is None and (share == 1 or self.stage.kind == "training")):
+        clean = request.clean and self.floaters is not None
+        some = share < 1 and self.stage.kind != "training"
+        if g is None or not (some or clean or crop is not None):
             return g
         if self._chosen.get("of") is not g:
             self._chosen = {"of": g}
-        key = share, None if crop is None else crop.tobytes()
+        key = share, clean, None if crop is None else crop.tobytes()
         if key not in self._chosen:
             for old in [
-                old for old in self._chosen if old != "of" and old[1] not in (None, key[1])
+                old for old in self._chosen if old != "of" and old[2] not in (None, key[2])
             ]:
                 del self._chosen[old]  # of a box as it was before
-            whole = g.to_gaussians() if isinstance(g, MixedGaussians) else g
-            at = (whole.means + (whole.origin - self.center)) @ self.axes.T / self.extent
-            kept = np.ones(len(whole), bool)
-            if crop is not None:
-                kept = np.all((at >= crop[0]) & (at <= crop[1]), axis=1)
-            if share < 1:
-                kept &= _seen_most(whole, at, share)
+            whole = self.whole()
+            kept = self.kept(whole, crop, clean)
+            if some:
+                kept &= _seen_most(whole, self._in_axes(whole), share)
             self._chosen[key] = pack_harmonics(whole[kept])
         return self._chosen[key]
 
@@ -315,12 +335,18 @@ class Frames:
         turned[~np.isfinite(turned).all(axis=2)] = -1
         return to_uint8((turned + 1) / 2)
 
-    def _draw_axes(self, image: np.ndarray, camera: Camera, pose: np.ndarray) -> None:
-        """A grid on the plane through the scene's middle, across its up axis."""
+    def _draw_axes(
+        self, image: np.ndarray, camera: Camera, pose: np.ndarray, ground: np.ndarray | None
+    ) -> None:
+        """A grid on the ground, or on the plane through the scene's middle across its up axis."""
+        axes, middle = self.axes, self.center
+        if ground is not None:
+            axes = axes @ upright(axes[1]).T @ upright(ground[:3])
+            middle = middle + (ground[3] - ground[:3] @ middle) * ground[:3]
         lines = np.linspace(-1, 1, 11)
         a = [(x, 0, -1) for x in lines] + [(-1, 0, z) for z in lines]
         b = [(x, 0, 1) for x in lines] + [(1, 0, z) for z in lines]
-        starts, ends = (np.array(side) * self.extent @ self.axes + self.center for side in (a, b))
+        starts, ends = (np.array(side) * self.extent @ axes + middle for side in (a, b))
         draw_lines(image, camera, pose, starts, ends, [(120, 130, 145)] * len(a))
 
 

@@ -59,6 +59,7 @@ class LiveTraining:
         with self._lock:
             self._state = "training"
         self._step = loop.step
+        self._stage.background = loop.options.background
         if row:
             self._history.append(row)
         self._serve(loop, None)

@@ -13,6 +13,7 @@ from gsut._core import InputError
 from gsut.data import Scene, shrink_image, shrink_mask
 from gsut.files import json_text
 from gsut.lens import camera_models, camera_values
+from gsut.view.edits import find_floaters, find_ground, save_edited
 from gsut.view.film import Film
 from gsut.view.frames import MODES, FrameRequest, Frames
 from gsut.view.lenses import Lenses
@@ -61,6 +62,7 @@ class Session:
         self._training = training
         self._film: Film | None = None
         self._notes = threading.Lock()
+        self._asked = 0  # photographs, for floaters
 
     @property
     def routes(self) -> dict[str, Route]:
@@ -68,7 +70,8 @@ class Session:
         routes: dict[str, Route] = {
             "scene": self.scene, "frame": self.frame, "photo": self.photo, "lens": self.lens,
             "pick": self.pick, "camera": self.camera, "film": self.film,
-            "film.file": self.film_file, "findings": self.findings,
+            "film.file": self.film_file, "findings": self.findings, "ground": self.ground,
+            "floaters": self.floaters, "save": self.save,
         }  # fmt: skip
         if self._training is not None:
             routes["training"] = self._training
@@ -89,6 +92,7 @@ class Session:
             "views": [] if stage.scene is None else _views(stage.scene),
             "figures": {key: stage.figures.get(key) for key in ("psnr", "ssim", "steps")},
             "live": self._training is not None,
+            "folder": None if stage.folder is None else str(stage.folder),
         }  # fmt: skip
         return Reply(value)
 
@@ -172,6 +176,21 @@ class Session:
                 self.stage.findings = diagnose(self.stage.scene.path, progress=False)
         keys = ("severity", "where", "what", "advice")
         return Reply([{key: getattr(row, key) for key in keys} for row in self.stage.findings])
+
+    def ground(self, values: dict[str, Any]) -> Reply:
+        """The plane that the scene stands on, near to "up"."""
+        return Reply(find_ground(self.frames, values["up"]))
+
+    def floaters(self, values: dict[str, Any]) -> Reply:
+        """Looks for floaters, which takes a second a photograph or less; with "far", how far."""
+        if values.get("far"):
+            return Reply({"done": self._asked})
+        with self._notes:
+            return Reply(find_floaters(self.frames, lambda done: setattr(self, "_asked", done)))
+
+    def save(self, values: dict[str, Any]) -> Reply:
+        """Writes the scene as it is seen to a new file."""
+        return Reply(save_edited(self.frames, values))
 
     def _request(self, values: dict[str, Any]) -> FrameRequest:
         count = 0 if self.stage.scene is None else len(self.stage.scene)

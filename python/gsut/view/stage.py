@@ -12,11 +12,12 @@ import numpy as np
 
 from gsut._core import CameraMotion, InputError
 from gsut.data import Finding, Scene, inverse, load_dataset
-from gsut.formats import load_gaussians
+from gsut.formats import read_scene_file
 from gsut.gaussians import pack_harmonics, seed_from_points
 from gsut.lens import Camera
+from gsut.render import Light
 from gsut.run import METRICS, OPTIONS, RunFolder
-from gsut.training import read_trained
+from gsut.training import read_light, read_trained
 
 # Points of a dataset are drawn as small, nearly opaque Gaussians: of this size over the distance
 # to their neighbours, and at most so many.
@@ -37,18 +38,24 @@ class Stage:
         kind: "run", "file", "data" or "training".
         gaussians: what is drawn; None before training has begun.
         scene: photographs, poses and points; None for a file of Gaussians.
-        background: colour behind everything.
+        background: colour behind everything; None: see `render`.
         findings: of the doctor, before training.
         figures: the content of metrics.json, or {}.
+        light: of the photographs, where the run has found it.
+        folder: where the page may save edited scenes; None: nowhere.
+        antialiased: what the file says of itself, see `SceneFile`.
     """
 
     name: str
     kind: str
     gaussians: Any = None
     scene: Scene | None = None
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    background: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
     findings: Sequence[Finding] = ()
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)
+    light: Light | None = None
+    folder: Path | None = None
+    antialiased: bool = False
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
@@ -107,11 +114,19 @@ def stage_of(path: str | os.PathLike[str], data: str | None = None) -> Stage:
         figures = run.read_json(METRICS) or {}
         name = "/".join(place.resolve().parts[-2:])
         packed = pack_harmonics(gaussians)
-        return Stage(name, "run", packed, scene, options.background, figures=figures)
+        return Stage(
+            name, "run", packed, scene, options.background, figures=figures,
+            light=read_light(run, scene), folder=place,
+        )  # fmt: skip
     if place.is_file() and place.suffix.lower() != ".json":
-        packed = pack_harmonics(load_gaussians(place))
+        file = read_scene_file(place)
+        packed = pack_harmonics(file.gaussians)
         photographs = None if data is None else load_dataset(data)
-        return Stage(place.name, "file", packed, photographs)
+        behind = None if file.no_background else (0.0, 0.0, 0.0)
+        return Stage(
+            place.name, "file", packed, photographs, behind, folder=place.parent,
+            antialiased=file.antialiased,
+        )  # fmt: skip
     return data_stage(load_dataset(place))
 
 

@@ -12,6 +12,7 @@ const LARGE = 200000;
 const SLOW_MS = 60, FAST_MS = 25; // of a frame, beyond which the size while moving changes
 const REST_MS = 140; // after the last movement the frame comes whole
 const MOST_PIXELS = 3e6;
+const PLAIN_FIELD = 80; // degrees across the window
 
 let scene; // what the server said of it
 let lens; // the lens in use, described
@@ -20,6 +21,7 @@ const state = {
   exact: null, // a photograph's own pose, bit for bit, until the eye moves
   mode: "color", compare: "render", view: null, shutter: null, layers: new Set(), crop: null,
   marks: [], keys: [], navigation: "walk", pivot: null, up: null, measuring: false, lossless: false,
+  clean: false, scale: 1, turned: false, ground: null, // how the scene is saved: ground is a plane's normal and level
 };
 
 // --- small linear algebra: vectors of 3, matrices of 9 in rows ---------------------------------
@@ -94,7 +96,7 @@ function request(moving) {
     pose: state.exact ?? poseOf(state.eye), lens: lens.id, width, height, mode, view: state.view, shutter: rolling,
     layers: [...state.layers, ...($("crop-box").open ? ["box"] : [])], crop: state.crop,
     marks: state.marks, quality: moving ? 75 : state.lossless ? null : 92,
-    share: moving && scene.num_gaussians > LARGE ? SHARES[level] : 1,
+    clean: state.clean, ground: state.ground, share: moving && scene.num_gaussians > LARGE ? SHARES[level] : 1,
   };
 }
 function redraw(moved = true) {
@@ -257,6 +259,9 @@ async function measure(event) {
   const place = found.in_dataset.map(format).join(", ");
   const text = two ? `${format(norm(add(state.marks[1], state.marks[0], -1)))} units apart` : `(${place}), ${format(found.distance)} units away; now the second point`;
   $("measure-text").textContent = $("measured").textContent = text;
+  $("length-row").hidden = !two || !scene.folder;
+  $("length").value = $("scale-text").textContent = "";
+  state.scale = 1;
   $("measured").hidden = false;
   redraw(false);
 }
@@ -267,6 +272,58 @@ async function setPivot(event) {
   choose("navigation", "orbit");
   const forward = unit(add(found.point, state.eye.c, -1)), right = unit(cross(forward, state.up));
   fly({ R: columns(right, cross(forward, right), forward), c: state.eye.c }, () => redraw());
+}
+
+// --- edits ---------------------------------------------------------------------------------------
+function turnUp(up, ground = null) {
+  Object.assign(state, { up, ground, turned: true });
+  $("ground-text").hidden = !ground;
+  levelled();
+}
+async function findGround() {
+  const found = await ask("ground", { up: state.up });
+  $("ground-text").textContent = `The ground is drawn; it leans ${format(Math.acos(Math.min(1, dot(found.normal, unit(state.up)))) * 180 / Math.PI)}° against the up before. Saved, it lies at y = 0.`;
+  const layer = document.querySelector("#layers input[value=axes]");
+  if (!layer.checked) layer.click();
+  turnUp(found.normal, [...found.normal, found.level]);
+}
+async function leaveFloatersOut() {
+  state.clean = $("clean").checked;
+  if (state.clean && $("clean-text").hidden) {
+    const count = scene.views.filter((view) => !view.held_out).length;
+    $("clean").disabled = true;
+    $("clean-text").hidden = false;
+    const look = setInterval(async () => {
+      const far = await ask("floaters", { far: true }).catch(() => ({ done: 0 }));
+      if ($("clean").disabled) $("clean-text").textContent = `Asking the photographs, ${far.done} of ${count} …`;
+    }, 500);
+    try {
+      const found = await ask("floaters", {});
+      $("clean-text").textContent = `${found.count.toLocaleString()} of ${found.of.toLocaleString()} Gaussians are contradicted by the photographs, or seen by none.`;
+    } catch (error) {
+      state.clean = $("clean").checked = false;
+      $("clean-text").hidden = true;
+      throw error;
+    } finally {
+      clearInterval(look);
+      $("clean").disabled = false;
+    }
+  }
+  redraw(false);
+}
+function knownLength() {
+  const apart = norm(add(state.marks[1], state.marks[0], -1)), truth = Number($("length").value);
+  state.scale = truth > 0 && apart > 0 ? truth / apart : 1;
+  $("scale-text").textContent = state.scale === 1 ? "" : `lengths × ${format(state.scale)}`;
+}
+async function saveEdited() {
+  const { crop, clean, scale, up, ground, turned } = state;
+  $("save").disabled = true;
+  try {
+    const saved = await ask("save", { name: $("save-name").value, crop, clean, scale, up: turned ? up : null, level: ground?.[3] ?? null });
+    $("save-text").textContent = [`${saved.num_gaussians.toLocaleString()} of ${saved.of.toLocaleString()} Gaussians: ${saved.path}`, ...saved.left_out].join("; ");
+    $("save-text").hidden = false;
+  } finally { $("save").disabled = false; }
 }
 
 const held = new Set();
@@ -290,7 +347,7 @@ function walk(now) {
 const KEYS = {
   KeyO: () => choose("navigation", state.navigation === "walk" ? "orbit" : "walk"),
   KeyC: () => { const names = Object.keys(COMPARE_NAMES); choose("compare", names[(names.indexOf(state.compare) + 1) % names.length]); },
-  KeyL: levelled, Home: () => $("home").click(), KeyK: () => $("key-add").click(), KeyM: () => $("measure").click(),
+  KeyL: levelled, Home: () => $("home").click(), KeyK: () => $("key-add").click(), KeyM: () => $("measure").click(), KeyR: () => $("record").click(),
   KeyP: () => $("shot").click(), KeyT: () => $("panel-toggle").click(), KeyX: () => lossless(!state.lossless),
   BracketLeft: () => $("previous").click(), BracketRight: () => $("next").click(),
 };
@@ -400,7 +457,7 @@ function useLens(described, keepSliders = false) {
   if (!changed) return;
   const own = scene.lenses.some((each) => each.id === lens.id);
   if (own) reshape = null;
-  $("lens").value = own ? `id:${lens.id}` : `model:${lens.model}`;
+  $("lens").value = own ? `id:${lens.id}` : reshape?.model === "pinhole" && reshape.field_of_view ? "fill" : `model:${lens.model}`;
   const across = lens.field_of_view;
   $("lens-text").textContent = `${lens.model}, ${lens.width} × ${lens.height}` + (across ? `, ${Math.round(across)}° across` : "") + `, sees to ${Math.round(lens.max_angle)}° off its axis`;
   $("fov-row").hidden = !lens.can_zoom || !across;
@@ -461,6 +518,7 @@ function fillLenses() {
     $("lens").append(box);
   };
   group(scene.views.length ? "The photographs'" : "Plain", scene.lenses.map((each) => [`id:${each.id}`, `${each.model}, ${each.width} × ${each.height}`]));
+  group("Of our own", [["fill", "plain, fills the window"]]);
   group("Any model", Object.keys(scene.models).map((name) => [`model:${name}`, name]));
 }
 
@@ -490,6 +548,13 @@ function keysChanged() {
   const count = state.keys.length;
   $("keys-text").textContent = count ? `${count} keyframe${count > 1 ? "s" : ""}` : "No keyframes yet.";
   $("film-make").disabled = count < 2;
+}
+let recording;
+function record() { // a keyframe where the eye has moved
+  const pose = state.exact ?? poseOf(state.eye);
+  if (String(pose) === String(state.keys.at(-1))) return;
+  state.keys.push(pose);
+  keysChanged();
 }
 async function makeFilm() {
   const tall = Number($("film-height").value), even = (x) => 2 * Math.round(x / 2);
@@ -607,22 +672,32 @@ function connect() {
   on("lossless", "change", () => lossless($("lossless").checked));
   on("home", "click", () => { if (scene.views.length) goTo(0); else fly(eyeOf(scene.pose), () => redraw()); });
   on("level", "click", levelled);
-  on("up", "change", () => { state.up = JSON.parse($("up").value); levelled(); });
+  on("up", "change", () => turnUp(JSON.parse($("up").value)));
+  on("up-here", "click", () => turnUp(column(state.eye.R, 1).map((x) => -x)));
+  on("ground", "click", findGround);
+  on("clean", "change", leaveFloatersOut);
+  on("length", "input", knownLength);
+  on("save-form", "submit", (event) => { event.preventDefault(); return saveEdited(); });
   on("speed", "input", () => ($("speed-text").textContent = format(2 ** $("speed").value) + " ×"));
   on("measure", "click", () => {
     state.measuring = !state.measuring;
     $("measure").setAttribute("aria-pressed", String(state.measuring));
     $("canvas").classList.toggle("picking", state.measuring);
   });
-  on("measure-clear", "click", () => { state.marks = []; $("measured").hidden = true; redraw(false); });
+  on("measure-clear", "click", () => { state.marks = []; $("measured").hidden = $("length-row").hidden = true; state.scale = 1; redraw(false); });
   on("lens", "change", () => {
     const [kind, name] = $("lens").value.split(":");
+    if (kind === "fill") {
+      reshape = { model: "pinhole", field_of_view: PLAIN_FIELD };
+      return makeLens({ ...reshape, fit: windowShape() });
+    }
     if (kind === "id") { leavePhotograph(); return useLens(scene.lenses[Number(name)]); }
     reshape = { model: name };
     makeLens({ model: name, fit: windowShape() });
   });
   on("fov", "input", () => {
     $("fov-text").textContent = $("fov").value + "°";
+    if (reshape) reshape.field_of_view = Number($("fov").value);
     makeLens({ id: lens.id, field_of_view: Number($("fov").value) });
   });
   on("lens-form", "submit", (event) => { event.preventDefault(); return makeLens({ path: $("lens-path").value }); });
@@ -633,6 +708,13 @@ function connect() {
     await makeLens({ name: file.name, base64: btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join("")) });
   });
   on("key-add", "click", () => { state.keys.push(state.exact ?? poseOf(state.eye)); keysChanged(); toast(`keyframe ${state.keys.length}`, 1.5); });
+  on("record", "click", () => {
+    const going = $("record").getAttribute("aria-pressed") === "true";
+    clearInterval(recording);
+    $("record").setAttribute("aria-pressed", String(!going));
+    if (!going) recording = setInterval(record, 400);
+    record();
+  });
   on("key-remove", "click", () => { state.keys.pop(); keysChanged(); });
   on("key-save", "click", async () => {
     const [width, height] = [lens.width, lens.height];
@@ -666,6 +748,9 @@ async function begin() {
     $("layers").append(label);
   }
   $("mask-row").hidden = !scene.views.length;
+  $("edit").hidden = $("ground").hidden = !scene.folder;
+  $("clean-row").hidden = scene.kind !== "run";
+  $("edit-folder").textContent = `Folder: ${scene.folder}`;
   fillStrip();
   fillLenses();
   fillCrop();

@@ -39,7 +39,7 @@ def _same_machine_after():
 
 def small_options(**changes):
     given = {
-        "scenes": ["synthetic_2k_64x48"], "isas": _core.available_isas()[:1], "threads": (1, 2),
+        "scenes": ["synthetic_2k_64x48"], "isa": _core.available_isas()[:1], "threads": (1, 2),
         "repeats": 6, "scalar_repeats": 1, "steps": 2, "tiles": 6,
     }  # fmt: skip
     return render_bench.RenderBenchOptions(**given | changes)
@@ -75,7 +75,7 @@ def test_render_bench_of_a_wrong_result_prints_no_time(monkeypatch):
 
 def test_render_bench_with_an_unknown_instruction_set_lists_those_there():
     with pytest.raises(gsut.InputError, match=f'"avx1024" is not available.*{"scalar"}'):
-        render_bench.render_bench(small_options(isas=["avx1024"]))
+        render_bench.render_bench(small_options(isa=["avx1024"]))
 
 
 def test_knobs_turned_change_the_error_as_they_must():
@@ -192,11 +192,11 @@ def test_bench_train_writes_curves(tmp_path, capsys):
     [
         (("nothing",), "render.*train"),
         (("render", "--scenes", "nothing"), "synthetic_100k_640x480"),
-        (("render", "--threads", "two"), "--threads takes numbers"),
+        (("render", "--threads", "two"), "--threads must be a whole number"),
         (("scale", "--counts", "none"), "number of Gaussians is like"),
         (("render", "--plot", "rows.bmp"), "must end in .svg, .png, .pdf"),
         (("render", "--json", "no_such_folder/rows.json"), "no such folder"),
-        (("render", "--repeats", "0"), "at least 1"),
+        (("render", "--repeats", "0"), "--repeats must be >= 1"),
         (("train", "no_such_data", "--preset", "slow"), "fast, balanced, best"),
     ],
 )

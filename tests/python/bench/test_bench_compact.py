@@ -51,8 +51,8 @@ def test_bench_compact_refuses_wrong_options():
     with pytest.raises(InputError, match="known: ghap"):
         CompactBenchOptions(["run"], ["best"])
     with pytest.raises(InputError, match="keep must be above 0"):
-        CompactBenchOptions(["run"], keeps=[0.0])
-    with pytest.raises(InputError, match="--finetune must be at least 1"):
+        CompactBenchOptions(["run"], keep=[0.0])
+    with pytest.raises(InputError, match="--finetune must be >= 1"):
         CompactBenchOptions(["run"], finetune=0)
 
 
@@ -107,6 +107,6 @@ def test_bench_compact_trains_its_starts_once(run, tmp_path, capsys):
 
 def test_bench_compact_refuses_starts_without_a_folder():
     with pytest.raises(InputError, match="--start and --folder go together"):
-        CompactBenchOptions(["data"], starts=["mcmc"])
+        CompactBenchOptions(["data"], start=["mcmc"])
     with pytest.raises(InputError, match="known: mcmc, adc, lean"):
-        CompactBenchOptions(["data"], starts=["best"], folder="runs")
+        CompactBenchOptions(["data"], start=["best"], folder="runs")

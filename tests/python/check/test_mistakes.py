@@ -7,11 +7,11 @@ import pytest
 
 import gsut
 from gsut.check import check_scene, diagnose
-from gsut.check.geometry import angular_errors
 from gsut.check.photographs import rotation_vector
 from gsut.cli import main
 from gsut.data import inverse
 from gsut.demo import make_demo_scene
+from gsut.sfm import angular_errors
 from tests.bench.mistakes import MISTAKES, copy_of, write
 from tests.bench.mistakes_bench import NAMED, SAID, judge
 

@@ -1,11 +1,15 @@
 """Tests `gsut edit`: what it cuts, turns and scales, and refuses."""
 
+import importlib
 import json
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import gsut
+import small_run
 from formats.scene_cases import plain_scene
 from gsut.cli import main
 
@@ -70,3 +74,50 @@ def test_edit_refuses_in_one_sentence(ply, words, said, capsys):
     assert main(["edit", "in.ply", *words.split()]) == 2
     assert said in capsys.readouterr().err
     assert len(gsut.load_ply("in.ply")) == 400
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene = small_run.make_scene(tmp_path / "data")
+    small_run.install(monkeypatch, scene)
+    return small_run.finished_run(tmp_path / "run", scene, report=False), scene
+
+
+def test_edit_leaves_floaters_out_of_a_run(run, monkeypatch, capsys):
+    asked = []
+
+    def find_support(scene, gaussians, rows, **_):
+        asked.append(rows)
+        marks = np.arange(len(gaussians))
+        return SimpleNamespace(unseen=marks < 100, contradicted=marks % 2 == 0)
+
+    monkeypatch.setattr(importlib.import_module("gsut.compact"), "find_support", find_support)
+    found, figures = edited(capsys, "run", "--floaters", "--quiet")
+    assert asked == [(1, 2, 4, 5)]  # the training photographs
+    assert figures["floaters"] == 100 + (1234 - 100) // 2
+    assert len(found) == 1234 - figures["floaters"]
+
+
+def test_edit_makes_a_run_metric_by_positions(run, capsys):
+    lines = ["name,x,y,z"]
+    for view in run[1].views:
+        x, y, z = 3 * (view.camera_center + run[1].world_offset) + [100, 200, 300]
+        lines.append(f"{view.name},{x},{y},{z}")
+    Path("p.csv").write_text("\n".join(lines))
+    found, figures = edited(capsys, "run", "--positions", "p.csv")
+    assert figures["scale"] == pytest.approx(3.0)
+    assert figures["positions_rms"] == pytest.approx(0.0, abs=1e-9)
+    zero = [[100, -300, 200]] * len(found)  # of the dataset: east, down, north
+    np.testing.assert_allclose(found.means + found.origin, zero, rtol=1e-6)
+
+
+@pytest.mark.parametrize("flag", ["--scale 2", "--upright", "--up 0 0 1", "--ground"])
+def test_edit_takes_positions_alone(run, capsys, flag):
+    assert main(["edit", "run", "-o", "a.ply", "--positions", "p.csv", *flag.split()]) == 2
+    assert "--positions says scale and up" in capsys.readouterr().err
+
+
+def test_edit_asks_for_a_run_where_photographs_are_needed(ply, capsys):
+    assert main(["edit", "in.ply", "-o", "out.ply", "--floaters"]) == 2
+    assert "which has no cameras: give a run for --floaters" in capsys.readouterr().err

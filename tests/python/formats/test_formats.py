@@ -30,7 +30,14 @@ def write_table(path, columns, byte_order, types, before=b"", before_header=""):
     """A PLY file by an independent writer: numpy structured arrays, or text."""
     kind = {"<": "binary_little_endian", ">": "binary_big_endian", "a": "ascii"}[byte_order]
     count = len(next(iter(columns.values())))
-    names = {"f4": "float", "f8": "double", "u1": "uchar", "i2": "int16", "i4": "int"}
+    names = {
+        "f4": "float",
+        "f8": "double",
+        "u1": "uchar",
+        "i2": "int16",
+        "u2": "ushort",
+        "i4": "int",
+    }
     header = f"ply\nformat {kind} 1.0\ncomment made by a test\n{before_header}"
     header += f"element vertex {count}\n"
     header += "".join(f"property {names[types[name]]} {name}\n" for name in columns)
@@ -239,6 +246,25 @@ def test_load_points_ply_with_float_colors_scales_and_clamps(tmp_path):
         columns[name] = np.array([0.5, 2.0, np.nan], np.float32)
     write_table(tmp_path / "a.ply", columns, "<", dict.fromkeys(columns, "f4"))
     assert load_points_ply(tmp_path / "a.ply")[1][:, 0].tolist() == [128, 255, 0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "levels", "white"),
+    [("f4", [51, 255, 0], 255), ("f8", [13107, 65535, 0], 65535), ("u2", [13107, 65535, 0], 65535)],
+)
+def test_load_points_ply_with_colors_of_an_unusual_range_says_so(tmp_path, kind, levels, white):
+    columns = {name: np.zeros(3, np.float32) for name in "xyz"}
+    for name in ("red", "green", "blue"):
+        columns[name] = np.array(levels, kind)
+    types = dict.fromkeys("xyz", "f4") | dict.fromkeys(("red", "green", "blue"), kind)
+    write_table(tmp_path / "a.ply", columns, "<", types)
+    notes = []
+    assert load_points_ply(tmp_path / "a.ply", notes)[1][:, 0].tolist() == [51, 255, 0]
+    assert [f"numbers of 0 to {white}" in note for note in notes] == [True]
+    columns["red"] = np.array([0, 1e6, 0], np.float32)
+    write_table(tmp_path / "b.ply", columns, "<", types | {"red": "f4"})
+    with pytest.raises(InputError, match="neither of 0 to 1"):
+        load_points_ply(tmp_path / "b.ply")
 
 
 def test_load_points_ply_of_fox_has_its_points(shared):

@@ -12,7 +12,7 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut.cli import main
-from gsut.lens import find_lenses, horizontal_fov, is_lens_name, lens_by_name, load_lens
+from gsut.lens import field_of_view, find_lenses, is_lens_name, lens_by_name, load_lens
 from gsut.lens.database import LensProfile, lens_profiles
 from gsut.sfm.inputs import find_photographs
 
@@ -104,7 +104,7 @@ def test_sizes_readout_and_field_of_view_of_a_profile():
     assert profile.readout_share(30) == pytest.approx(0.48)
     assert profile.readout_share(100) is None  # longer than the frame: wrong
     lens = gsut.Camera("pinhole", [50.0, 50.0, 50.0, 50.0], 100, 100)
-    assert horizontal_fov(lens) == pytest.approx(90)
+    assert field_of_view(lens) == pytest.approx(90)
 
 
 def test_a_missing_lens_file_is_no_name(tmp_path):

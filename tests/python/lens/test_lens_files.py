@@ -418,3 +418,37 @@ def test_omnidir_file_written_by_opencv_is_read(tmp_path):
     storage.release()
     expected = [300, 310, 320, 240, 0.5, 1.25, -0.25, 0.01, 1e-3, -2e-3]
     assert load_camera(path) == Camera("mei", expected, 640, 480)
+
+
+ROS_INFO = """header:
+  stamp: {{sec: 1, nanosec: 2}}
+  frame_id: cam0_optical
+height: 480
+width: 640
+distortion_model: {model}
+{d}: {coefficients}
+{k}: [400.0, 0.0, 320.0, 0.0, 410.0, 240.0, 0.0, 0.0, 1.0]
+{r}: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+{p}: [400.0, 0.0, 320.0, 0.0, 0.0, 410.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+binning_x: 0
+---
+"""
+
+
+@pytest.mark.parametrize("letters", ["dkrp", "DKRP"])
+@pytest.mark.parametrize(
+    ("model", "coefficients", "lens"),
+    [
+        ("plumb_bob", [-0.2, 0.05, 0.001, -0.002, 0.0], "opencv5"),
+        ("rational_polynomial", [0.1, 0.02, 1e-3, 2e-3, 0.3, 0.4, 0.05, 0.01], "opencv8"),
+        ("equidistant", [0.1, -0.02, 0.003, -1e-4], "kannala_brandt"),
+        ("fisheye", [0.1, -0.02, 0.003, -1e-4], "kannala_brandt"),
+    ],
+)
+def test_load_echo_of_ros_camera_info(letters, model, coefficients, lens, tmp_path):
+    keys = dict(zip("dkrp", letters, strict=True))
+    path = tmp_path / "camera_info.yaml"
+    path.write_text(ROS_INFO.format(model=model, coefficients=coefficients, **keys))
+    camera = load_camera(path)
+    assert (camera.model, camera.width, camera.height) == (lens, 640, 480)
+    assert list(camera.params) == [400.0, 410.0, 320.5, 240.5, *coefficients]

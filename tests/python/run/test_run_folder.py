@@ -14,6 +14,7 @@ import pytest
 
 import gsut
 from gsut import InputError
+from gsut.output_folder import MARKER
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.folder import CHECKPOINT, ENVIRONMENT, HISTORY, METRICS, OPTIONS, SCENE, RunFolder
 from gsut.run.options import TrainOptions
@@ -113,7 +114,7 @@ def test_checkpoint_when_writing_fails_keeps_the_one_before(tmp_path, rng, monke
         run.save_checkpoint(2, {"a": np.arange(4)})
     monkeypatch.undo()
     assert run.load_checkpoint()[0] == 1
-    assert sorted(p.name for p in run.path.iterdir()) == [CHECKPOINT, OPTIONS]
+    assert sorted(p.name for p in run.path.iterdir()) == [CHECKPOINT, MARKER, OPTIONS]
 
 
 def test_checkpoint_of_a_killed_process_is_always_complete(tmp_path):
@@ -157,7 +158,7 @@ def test_create_in_a_folder_with_a_run_refuses_and_changes_nothing(tmp_path):
         path = tmp_path / name.replace(".", "_")
         path.mkdir()
         (path / name).write_text("precious")
-        with pytest.raises(InputError, match="already holds a run; add --resume"):
+        with pytest.raises(InputError, match=rf"other than gsut wrote \({name}\)"):
             RunFolder.create(path, OPTIONS_OF_RUN)
         assert [p.name for p in path.iterdir()] == [name]
         assert (path / name).read_text() == "precious"
@@ -165,18 +166,17 @@ def test_create_in_a_folder_with_a_run_refuses_and_changes_nothing(tmp_path):
     assert count == 4
 
 
-def test_create_with_overwrite_removes_only_files_of_a_run(tmp_path):
+def test_create_where_a_run_is_refuses_and_changes_nothing(tmp_path):
     run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
-    run.write_json(METRICS, {})
-    (run.renders / "a.png").write_text("")
-    (run.path / "mine.txt").write_text("mine")
-    RunFolder.create(run.path, OPTIONS_OF_RUN, overwrite=True)
-    assert sorted(p.name for p in run.path.iterdir()) == ["mine.txt", OPTIONS]
+    run.write_text(METRICS, "precious")
+    with pytest.raises(InputError, match="already holds a run; add --resume"):
+        RunFolder.create(run.path, OPTIONS_OF_RUN)
+    assert (run.path / METRICS).read_text() == "precious"
 
 
 def test_create_where_a_file_stands_says_so(tmp_path):
     (tmp_path / "run").write_text("")
-    with pytest.raises(InputError, match="cannot make the folder"):
+    with pytest.raises(InputError, match="is a file"):
         RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
     with pytest.raises(InputError, match="is a file"):
         RunFolder(tmp_path / "run").refuse_run()
@@ -208,10 +208,10 @@ def test_resume_keeps_the_environment_of_the_first_start(tmp_path):
 
 
 def test_resume_removes_unfinished_files(tmp_path):
-    run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
-    (run.path / f".writing-1-{CHECKPOINT}").write_bytes(b"half")
-    RunFolder.create(run.path, OPTIONS_OF_RUN, resume=True)
-    assert [p.name for p in run.path.iterdir()] == [OPTIONS]
+    path = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN).path
+    (path / f".writing-1-{CHECKPOINT}").write_bytes(b"half")
+    RunFolder.create(path, OPTIONS_OF_RUN, resume=True)
+    assert sorted(p.name for p in path.iterdir()) == [MARKER, OPTIONS]
 
 
 def test_resume_without_a_run_begins_one(tmp_path):

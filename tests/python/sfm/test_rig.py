@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -11,13 +12,13 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
+from gsut.data import centers_of, read_rig, relative_changes, write_rig
 from gsut.data.poses import inverse
-from gsut.sfm.align import centers_of, compare_poses
+from gsut.sfm.align import compare_poses
 from gsut.sfm.features import no_features
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.pairs import choose_pairs
 from gsut.sfm.rig import solve_rig
-from gsut.sfm.rig_file import read_rig, relative_changes, write_rig
 from gsut.sfm.rig_images import find_rig_photographs
 from gsut.sfm.rig_start import place_rig
 from gsut.sfm.solution import FEATURE_VARIANCE, OnRig, refine
@@ -386,6 +387,16 @@ def test_read_rig_reads_what_calibrate_wrote_with_the_exact_lenses():
     assert [camera.model for camera in rig.cameras] == ["kannala_brandt"] * 2  # not the splined
     said = json.loads(report.read_text())["cameras"]["right"]["distance_to_reference"]
     assert rig.baseline == pytest.approx(said, abs=1e-6)  # the report has six digits
+
+
+def test_read_rig_takes_a_splined_lens_itself_beside_another_lens_of_its_name(tmp_path):
+    lenses, name = ROOT / "calib" / "lenses", "fisheye_stereo"
+    for file in lenses.glob(f"{name}*"):
+        shutil.copy(file, tmp_path)
+    shutil.copy(lenses / f"{name}-left.yaml", tmp_path / f"{name}-right.yaml")
+    left, right = read_rig(tmp_path / f"{name}.report.json").cameras
+    assert left.model == "kannala_brandt"
+    assert right == gsut.load_camera(lenses / f"{name}-right.cameramodel")
 
 
 def test_read_rig_reads_a_camchain_of_kalibr(tmp_path):

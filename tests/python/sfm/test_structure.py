@@ -330,7 +330,7 @@ def test_poses_command_writes_figures_report_and_colmap(some_sponza, solved_spon
     assert not (solved_sponza / "stages").exists()
     # The COLMAP model says the same as transforms.json.
     scene = gsut.load_dataset(solved_sponza, test_every=0)
-    from gsut.data.colmap import read_colmap
+    from gsut.data.layouts.colmap import read_colmap
 
     colmap = solved_sponza / "sparse" / "0"
     (solved_sponza / "images").symlink_to(some_sponza[0] / "images")
@@ -594,7 +594,7 @@ def test_bench_poses_prints_errors_beside_seconds(some_sponza, solved_sponza, tm
 
 
 def test_bench_poses_of_images_without_poses_trains_on_what_it_finds(some_sponza, tmp_path):
-    options = poses_bench.PosesBenchOptions([str(some_sponza[0])], train_steps=20, train_scale=0.25)
+    options = poses_bench.PosesBenchOptions([str(some_sponza[0])], train=20, train_scale=0.25)
     kept = {"asked": {}, "data": "another"}
     (first, row) = poses_bench.poses_bench(options, done=[kept])
     assert first is kept and row["registered"] == IMAGES

@@ -9,7 +9,7 @@ import pytest
 import gsut
 from gsut import InputError, TrainOptions
 from gsut.cli import main
-from gsut.run.folder import METRICS, OPTIONS, SCENE
+from gsut.run.folder import METRICS, OPTIONS, SCENE, RunFolder
 from gsut.training.compact_run import CompactOptions, RunCompactor, count_for_bytes, parse_size
 from gsut.training.finetuning import finetune, finetune_options
 from gsut.training.growth import GrowthLimit
@@ -84,8 +84,8 @@ def test_target_psnr_drop_finds_fewer_gaussians_within_it(scene, run):
         on_try=lambda count, psnr: tried.append((count, psnr)),
     )  # fmt: skip
     small = compactor.make()
-    before = gsut.evaluate(whole, scene, scene.test_indices)["psnr"]
-    after = gsut.evaluate(small, scene, scene.test_indices)["psnr"]
+    before = gsut.evaluate(whole, scene, scene.test_indices, background=None)["psnr"]
+    after = gsut.evaluate(small, scene, scene.test_indices, background=None)["psnr"]
     assert len(small) < len(whole)
     assert after >= before - 0.5
     assert len(tried) >= 5
@@ -156,7 +156,7 @@ def test_wrong_arguments_are_refused_before_anything_is_written(
 
 def test_compact_into_a_run_is_refused(run, capsys):
     before = (run / OPTIONS).read_bytes()
-    assert "already holds a run" in refused(capsys, run, "--keep", "0.5", "-o", run)
+    assert "files that gsut train wrote" in refused(capsys, run, "--keep", "0.5", "-o", run)
     assert (run / OPTIONS).read_bytes() == before
 
 
@@ -167,11 +167,12 @@ def test_training_with_compact_at_keeps_the_number_from_there_on_and_resumes(sce
     before = max(count for step, count in counts.items() if step < 50)
     assert len(whole.gaussians) == counts[50] == counts[80] < 0.5 * before
     # Stopped after the compaction and resumed: the same bits.
-    loop = TrainingLoop(scene, TrainOptions(**options).resolved())
+    settled = RunFolder.open(tmp_path / "a").read_options()
+    loop = TrainingLoop(scene, settled)
     while loop.step < 60:
         loop.advance()
     state = loop.state_dict()
-    again = TrainingLoop(scene, TrainOptions(**options).resolved())
+    again = TrainingLoop(scene, settled)
     again.load_state_dict(state)
     while again.step < 80:
         again.advance()

@@ -133,7 +133,7 @@ def test_a_scene_that_is_still_dark_tells_nothing_of_the_photographs(data, brigh
     model = PhotographModel(scene, gsut.TrainOptions(exposure="auto").resolved())
     level, camera = gsut.data.Level(scene), scene.cameras[0]
     image = np.random.default_rng(6).uniform(0.1, 0.6, (camera.height, camera.width, 3))
-    for view in scene.train_indices:
+    for view in (*scene.train_indices, *scene.train_indices):
         lit = (image * GAINS[view]).astype(np.float32)
         target = _core.PhotometricTarget(lit, None, "partial", True)
         model.observe(0.1, level, view, target, (brightness * image).astype(np.float32))

@@ -34,10 +34,6 @@ def window(scene, gaussians):
         yield window
 
 
-def frame_of(window):
-    return window.run("return JSON.parse(document.body.dataset.frame);")
-
-
 def test_lossless_canvas_has_the_bits_of_render(window, scene, gaussians):
     window.run("goTo(1); state.lossless = true;")
     window.wait("JSON.parse(document.body.dataset.frame).view === 1")

@@ -1,14 +1,14 @@
 // How much each Gaussian counts in the last frame: significance, winners of pixels, Fisher
-// matrices.
+// matrices, and what a photograph says of it.
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <vector>
 
 #include "gsut/base/errors.h"
-#include "gsut/base/parallel.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/raster/render.h"
+#include "gsut/raster/scores/add_over_tiles.h"
 #include "gsut/raster/scores/tile_walk.h"
 
 namespace gsut {
@@ -16,37 +16,6 @@ namespace {
 
 using Eigen::Map;
 using Eigen::Vector3d;
-
-// Tiles whose sums are held at a time: memory does not grow with the image.
-constexpr int kTilesAtATime = 64;
-
-// tile(number, sums) leaves kSums numbers an entry of the tile; they are added to the Gaussians'
-// rows of out in the order of tiles and entries, whatever the number of threads.
-template <int kSums, class Tile>
-void AddOverTiles(const Frame& frame, int num_tiles, const Tile& tile, double* out) {
-  std::vector<double> sums;
-  std::vector<std::size_t> first;
-  for (int begin = 0; begin < num_tiles; begin += kTilesAtATime) {
-    const int end = std::min(begin + kTilesAtATime, num_tiles);
-    first.assign(1, 0);
-    for (int t = begin; t < end; ++t) {
-      first.push_back(first.back() + frame.entry_count[static_cast<std::size_t>(t)]);
-    }
-    sums.assign(first.back() * kSums, 0.0);
-    ParallelFor(end - begin, 1, [&](std::int64_t t, std::int64_t) {
-      tile(begin + static_cast<int>(t),
-           sums.data() + first[static_cast<std::size_t>(t)] * std::size_t{kSums});
-    });
-    const double* row = sums.data();
-    for (int t = begin; t < end; ++t) {
-      const std::size_t entry = frame.tile_begin[static_cast<std::size_t>(t)];
-      for (std::size_t e = 0; e < frame.entry_count[static_cast<std::size_t>(t)]; ++e) {
-        double* to = out + std::size_t{frame.entries[entry + e].gaussian} * kSums;
-        for (int k = 0; k < kSums; ++k) to[k] += *row++;
-      }
-    }
-  }
-}
 
 // The colour of a Gaussian as drawn and its derivative to the mean, world axes, a column a channel.
 struct ShadedColor {
@@ -75,6 +44,28 @@ ShadedColor ColorOf(const WalkScene& scene, const RasterTask& task, std::int64_t
     const Map<const Vector3d> to(dl_ddirection);
     out.dcolor_dmean.col(c) = (to - direction * direction.dot(to)) / relative.norm();
   }
+  return out;
+}
+
+// Of a tile: the colours of its entries, and the whole colour of each pixel, from which a walk
+// takes off what it passes: what lies behind is the rest.
+struct TileColors {
+  std::vector<ShadedColor> entries;
+  std::array<Vector3d, kTilePixels> whole;
+};
+
+TileColors ColorsOf(const WalkScene& scene, const RasterTask& task, const Vector3d& background,
+                    int tile, bool is_parallel, TileWalk* walk) {
+  TileColors out;
+  out.whole.fill(background);
+  out.entries.resize(scene.frame->entry_count[static_cast<std::size_t>(tile)]);
+  for (std::size_t e = 0; e < out.entries.size(); ++e) {
+    const std::size_t entry = scene.frame->tile_begin[static_cast<std::size_t>(tile)] + e;
+    out.entries[e] = ColorOf(scene, task, scene.frame->entries[entry].gaussian, is_parallel);
+  }
+  walk->Run([&](std::uint32_t e, const WalkGaussian&, int offset, const WalkHit& hit) {
+    out.whole[static_cast<std::size_t>(offset)] += hit.weight * (out.entries[e].color - background);
+  });
   return out;
 }
 
@@ -117,17 +108,7 @@ void Renderer::AddFisher(const std::uint8_t* chosen, double* fisher) const {
   const Map<const Vector3d> background(background_);
   const auto tile = [&](int number, double* sums) {
     TileWalk walk(scene, number, chosen);
-    // First the whole colours: what lies behind a Gaussian is the rest of them.
-    std::array<Vector3d, kTilePixels> rest;
-    rest.fill(background);
-    std::vector<ShadedColor> colors(frame_.entry_count[static_cast<std::size_t>(number)]);
-    for (std::size_t e = 0; e < colors.size(); ++e) {
-      const std::size_t entry = frame_.tile_begin[static_cast<std::size_t>(number)] + e;
-      colors[e] = ColorOf(scene, task_, frame_.entries[entry].gaussian, is_parallel);
-    }
-    walk.Run([&](std::uint32_t e, const WalkGaussian&, int offset, const WalkHit& hit) {
-      rest[static_cast<std::size_t>(offset)] += hit.weight * (colors[e].color - background);
-    });
+    auto [colors, rest] = ColorsOf(scene, task_, background, number, is_parallel, &walk);
     walk.Run([&](std::uint32_t e, const WalkGaussian& g, int offset, const WalkHit& hit) {
       Vector3d& behind = rest[static_cast<std::size_t>(offset)];
       const Vector3d& color = colors[e].color;
@@ -150,6 +131,31 @@ void Renderer::AddFisher(const std::uint8_t* chosen, double* fisher) const {
     });
   };
   AddOverTiles<kFisherSums>(frame_, scene.tiles->num_tiles(), tile, fisher);
+}
+
+void Renderer::AddSupport(const float* photograph, const std::uint8_t* chosen,
+                          double* support) const {
+  const WalkScene scene = LastScene();
+  const bool is_parallel = lines_ != nullptr && lines_->is_parallel;
+  const Map<const Vector3d> background(background_);
+  const auto tile = [&](int number, double* sums) {
+    TileWalk walk(scene, number, chosen);
+    auto [colors, rest] = ColorsOf(scene, task_, background, number, is_parallel, &walk);
+    const std::array<Vector3d, kTilePixels> whole = rest;
+    walk.Run([&](std::uint32_t e, const WalkGaussian&, int offset, const WalkHit& hit) {
+      Vector3d& behind = rest[static_cast<std::size_t>(offset)];
+      const Vector3d own = hit.weight * colors[e].color;
+      behind -= own;
+      const Vector3d change = behind * (hit.alpha / (1.0 - hit.alpha)) - own;  // without it
+      const Vector3d residual =
+          whole[static_cast<std::size_t>(offset)] -
+          Map<const Eigen::Vector3f>(photograph + 3 * walk.pixel(offset)).cast<double>();
+      double* sum = sums + std::size_t{kSupportSums} * e;
+      sum[0] += change.dot(2.0 * residual + change);
+      sum[1] += hit.weight;
+    });
+  };
+  AddOverTiles<kSupportSums>(frame_, scene.tiles->num_tiles(), tile, support);
 }
 
 }  // namespace gsut

@@ -88,6 +88,10 @@ class TileWalk {
     const auto at = static_cast<std::size_t>(offset);
     return origins_[at] + along * directions_[at];
   }
+  // Of the pixel's ray, world axes, of any length.
+  const Eigen::Vector3d& direction(int offset) const {
+    return directions_[static_cast<std::size_t>(offset)];
+  }
   // Row-major index of the pixel in the image; -1 outside of it.
   std::int64_t pixel(int offset) const { return pixels_[static_cast<std::size_t>(offset)]; }
 

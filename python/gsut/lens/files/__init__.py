@@ -22,6 +22,7 @@ from gsut.lens.files.colmap import (
     load_colmap_binary,
     load_colmap_text,
 )
+from gsut.lens.files.euroc import is_euroc, load_euroc
 from gsut.lens.files.kalibr import format_kalibr, is_camchain, load_kalibr
 from gsut.lens.files.matlab import format_matlab, is_matlab, load_matlab
 from gsut.lens.files.metashape import format_metashape, load_metashape
@@ -55,12 +56,12 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
     """Reads a lens file.
 
     Formats, told apart by name and content: mrcal .cameramodel, OpenCV YAML / JSON (FileStorage or
-    ROS camera_info), Open3D's intrinsics JSON, Kalibr camchain YAML, COLMAP cameras.txt and
-    cameras.bin, nerfstudio transforms.json, Project Aria calibration JSON, OCamCalib's
-    calib_results.txt, MATLAB's intrinsics as JSON (jsonencode(toStruct(intrinsics))), Metashape's
-    calibration XML, OpenSfM's camera_models.json, and gsut's own .lens.json. Pixel conventions are
-    converted: the centre of the top-left pixel is (0.5, 0.5) for gsut, COLMAP, nerfstudio and
-    Metashape, (1, 1) for MATLAB, and (0, 0) for the others.
+    ROS camera_info), Open3D's intrinsics JSON, Kalibr camchain YAML, EuRoC's sensor.yaml, COLMAP
+    cameras.txt and cameras.bin, nerfstudio transforms.json, Project Aria calibration JSON,
+    OCamCalib's calib_results.txt, MATLAB's intrinsics as JSON (jsonencode(toStruct(intrinsics))),
+    Metashape's calibration XML, OpenSfM's camera_models.json, and gsut's own .lens.json. Pixel
+    conventions are converted: the centre of the top-left pixel is (0.5, 0.5) for gsut, COLMAP,
+    nerfstudio and Metashape, (1, 1) for MATLAB, and (0, 0) for the others.
 
     Args:
         path: the file.
@@ -100,8 +101,8 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
         return _load_keys(_parse_yaml(text, source), source, text, camera_id)
     raise InputError(
         f"{source}: unknown kind of lens file; known: .cameramodel (mrcal), .yaml, .yml and .json"
-        " (gsut, OpenCV, Kalibr, nerfstudio, Project Aria, OpenSfM, MATLAB), cameras.txt and"
-        " cameras.bin (COLMAP), calib_results.txt (OCamCalib), .xml (Metashape)"
+        " (gsut, OpenCV, ROS, Kalibr, EuRoC, nerfstudio, Project Aria, OpenSfM, MATLAB),"
+        " cameras.txt and cameras.bin (COLMAP), calib_results.txt (OCamCalib), .xml (Metashape)"
     )
 
 
@@ -128,6 +129,8 @@ def _load_keys(values: Any, source: str, text: str, camera_id: int | str | None)
         return load_aria(values, source, text, camera_id)
     if is_camchain(values):
         return load_kalibr(values, source, text, camera_id)
+    if is_euroc(values):
+        return load_euroc(values, source, text)
     if has_camera_matrix(values):
         return load_opencv(values, source, text)
     if is_matlab(values):
@@ -167,6 +170,8 @@ def _parse_yaml(text: str, source: str) -> Any:
     # OpenCV's directive "%YAML:1.0" is not YAML; an empty line keeps the line numbers.
     first, newline, rest = text.partition("\n")
     body = newline + rest if first.startswith("%YAML:") else text
+    if body.rstrip().endswith("\n---"):  # `ros2 topic echo` ends each message so
+        body = body.rstrip()[:-3]
     try:
         return yaml.load(body, Loader=FileStorageLoader)  # a SafeLoader
     except yaml.YAMLError as error:

@@ -218,6 +218,16 @@ def _record_of(camera: Camera) -> tuple[str, list[float]]:
     return name, params
 
 
+def colmap_record(camera: Camera) -> tuple[str, int, list[float]]:
+    """COLMAP's name and number of a lens' model, and its parameters in COLMAP's order.
+
+    Raises:
+        InputError: COLMAP has no such lens.
+    """
+    name, params = _record_of(camera)
+    return name, _MODELS[name].number, params
+
+
 def format_colmap(camera: Camera) -> str:
     """The text of a cameras.txt with this camera as number 1.
 

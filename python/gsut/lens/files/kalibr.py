@@ -52,10 +52,11 @@ def load_kalibr(values: dict[str, Any], source: str, text: str, camera_id: Any) 
     # Lines are searched in this camera's part of the text.
     start = text.find(f"{wanted}:")
     reader = LensValues(entry, source, "\n" * text.count("\n", 0, start) + text[max(start, 0) :])
-    return _camera(reader)
+    return kalibr_camera(reader)
 
 
-def _camera(reader: LensValues) -> Camera:
+def kalibr_camera(reader: LensValues) -> Camera:
+    """The camera of one entry of a camchain."""
     model = str(reader.values[reader.need("camera_model")])
     if model not in _LEADING:
         known = ", ".join(_LEADING)
@@ -84,13 +85,22 @@ def format_kalibr(camera: Camera) -> str:
     Raises:
         InputError: Kalibr has no such lens.
     """
+    return "cam0:\n" + "".join(f"  {k}: {v}\n" for k, v in kalibr_values(camera).items())
+
+
+def kalibr_values(camera: Camera) -> dict[str, str]:
+    """The keys of one camera of a camchain, with their values as text.
+
+    Raises:
+        InputError: Kalibr has no such lens.
+    """
     if camera.model == "equirectangular":
         raise _no_model(camera)
     values = [float(value) for value in camera.params]
     fx, fy, cx, cy, *rest = values
     model, distortion, own, coefficients = "pinhole", "none", [], rest
-    if camera.model == "opencv4":
-        distortion = "radtan"
+    if camera.model == "opencv4" or (camera.model == "opencv5" and rest[4] == 0.0):
+        distortion, coefficients = "radtan", rest[:4]
     elif camera.model == "fov":
         distortion = "fov"
     elif camera.model == "kannala_brandt" and len(rest) <= _NUM_FISHEYE:
@@ -104,14 +114,13 @@ def format_kalibr(camera: Camera) -> str:
     elif camera.model != "pinhole":
         raise _no_model(camera)
     intrinsics = [*own, fx, fy, cx - _PIXEL_SHIFT, cy - _PIXEL_SHIFT]
-    return (
-        "cam0:\n"
-        f"  camera_model: {model}\n"
-        f"  intrinsics: {_list(intrinsics)}\n"
-        f"  distortion_model: {distortion}\n"
-        f"  distortion_coeffs: {_list(coefficients)}\n"
-        f"  resolution: [{camera.width}, {camera.height}]\n"
-    )
+    return {
+        "camera_model": model,
+        "intrinsics": _list(intrinsics),
+        "distortion_model": distortion,
+        "distortion_coeffs": _list(coefficients),
+        "resolution": f"[{camera.width}, {camera.height}]",
+    }
 
 
 def _no_model(camera: Camera) -> InputError:

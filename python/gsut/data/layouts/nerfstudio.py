@@ -10,17 +10,19 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from gsut._core import InputError, Shutter
 from gsut.data.assemble import Frame, Listing
-from gsut.data.colmap import find_model, read_points
 from gsut.data.findings import DatasetError, OnError, stop
 from gsut.data.images import read_header
+from gsut.data.layouts._layout import Layout
+from gsut.data.layouts._write_transforms import write_nerfstudio
+from gsut.data.layouts.colmap import find_model, read_points
 from gsut.data.points import load_points_ply
 from gsut.data.poses import OPENGL_FROM_OPENCV, halfway, rigid_transform
+from gsut.data.text_files import read_json
 from gsut.lens import Camera, frame_lens, nerfstudio_camera
 
 FILE_NAME = "transforms.json"
@@ -64,30 +66,6 @@ def read_nerfstudio(path: Path, *, on_error: OnError = stop) -> Listing:
     except InputError as error:
         on_error(error)
     return listing
-
-
-def read_json(source: Path) -> Any:
-    """Parses a JSON file.
-
-    Raises:
-        DatasetError: missing, not text, or not JSON (with line and column).
-    """
-    try:
-        return json.loads(source.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise DatasetError(
-            source, f"cannot be opened ({error.strerror})", "check the path"
-        ) from error
-    except UnicodeDecodeError as error:
-        raise DatasetError(
-            source, f"byte {error.start} is not UTF-8 text", "save the file as UTF-8"
-        ) from error
-    except json.JSONDecodeError as error:
-        raise DatasetError(
-            source,
-            f"not valid JSON at line {error.lineno}, column {error.colno} ({error.msg})",
-            "the file may be cut off: copy or export it again",
-        ) from error
 
 
 def _read_frame(
@@ -224,7 +202,7 @@ def _read_points(values: dict, listing: Listing) -> None:
                 f"the points' file '{name}' does not exist",
                 "add it, or drop 'ply_file_path' to start from random points",
             )
-        listing.points, listing.point_colors = load_points_ply(path)
+        listing.points, listing.point_colors = load_points_ply(path, listing.notes)
         return
     model = find_model(listing.path / "colmap")
     if model is None or "applied_transform" not in values:
@@ -238,3 +216,15 @@ def _read_points(values: dict, listing: Listing) -> None:
             listing.source, "'applied_transform' is not a 3 x 4 matrix", "correct it"
         ) from error
     listing.points, listing.point_colors = points, colors
+
+
+LAYOUT = Layout(
+    "nerfstudio",
+    f"{FILE_NAME} (nerfstudio, instant-ngp)",
+    rank=10,
+    holds=lambda path: (
+        path.suffix.lower() == ".json" if path.is_file() else (path / FILE_NAME).is_file()
+    ),
+    read=lambda path, on_error: read_nerfstudio(path, on_error=on_error),
+    write=write_nerfstudio,
+)

@@ -6,7 +6,7 @@ quaternions w, x, y, z; the centre of the first pixel is (0.5, 0.5).
 
 from __future__ import annotations
 
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from gsut.data.assemble import Frame, Listing
 from gsut.data.colmap_binary import read_cameras_bin, read_images_bin, read_points_bin
 from gsut.data.colmap_text import read_cameras_txt, read_images_txt, read_points_txt
 from gsut.data.findings import DatasetError, OnError, some_names, stop
+from gsut.data.layouts._layout import Layout
+from gsut.data.layouts._write_colmap import write_colmap
+from gsut.data.masks import find_mask
 from gsut.data.poses import inverse, pose_from_quaternion
 from gsut.lens import Camera, colmap_camera
 
@@ -125,14 +128,6 @@ def read_points(model: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
 
 
-def find_mask(folder: Path, name: str) -> Path | None:
-    """The mask of an image: folder/name.png, or folder/name with .png added (COLMAP's rule)."""
-    for candidate in (folder / f"{name}.png", folder / PurePosixPath(name).with_suffix(".png")):
-        if candidate.is_file():
-            return candidate
-    return None
-
-
 def _image_folder(path: Path, model: Path, names: list[str]) -> Path:
     """The folder that holds most of the images; the full-size one where there are several."""
     roots = list(dict.fromkeys([path, model.parent, model.parent.parent]))
@@ -146,3 +141,13 @@ def _other_models(path: Path, model: Path) -> list[str]:
         return []
     names = sorted(p.name for p in model.parent.iterdir() if p.name.isdigit() and p != model)
     return [f"{model.parent.name}/{name}" for name in names]
+
+
+LAYOUT = Layout(
+    "colmap",
+    "cameras and images (.bin or .txt) in sparse/0, sparse or the folder (COLMAP)",
+    rank=40,
+    holds=lambda path: path.is_dir() and find_model(path) is not None,
+    read=lambda path, on_error: read_colmap(path, on_error=on_error),
+    write=write_colmap,
+)

@@ -11,16 +11,18 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CalibrationError, InputError
-from gsut.data import DatasetError, inverse, rigid_transform
+from gsut.data.findings import DatasetError
+from gsut.data.poses import centers_of, inverse, rigid_transform
+from gsut.data.text_files import read_yaml
 from gsut.files import write_file
-from gsut.lens import Camera, is_camchain, load_camera
-from gsut.sfm.align import centers_of
+from gsut.lens import Camera, grid_pixels, is_camchain, load_camera
 
 _POSE = "camera_from_reference"
 _LENS = "file"
 _FEWEST_CAMERAS = 2
 # Of the exact lens beside a .cameramodel, and the model there that stands in for it.
 _EXACT_SUFFIXES, _STAND_IN = (".yaml", ".yml", ".json"), "splined_stereographic"
+_STAND_IN_PX = 0.01  # between the two; those of `gsut calibrate` differ by 0.0002
 _NO_BASELINE = 1e-9  # of the distance to the reference, in units in the last place of a file
 
 
@@ -59,8 +61,8 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
     Either JSON as `gsut calibrate --rig` writes it (report.json): {"cameras": {NAME: {"file": lens
     file, relative to this one, "camera_from_reference": six numbers (Rodrigues rotation,
     translation) or a 4x4 matrix}}}; or a camchain YAML of Kalibr (T_cn_cnm1), whose cameras are
-    cam0, cam1 ... Beside the .cameramodel of a splined lens the exact one that `gsut calibrate`
-    wrote there, of the same name, is taken.
+    cam0, cam1 ... Instead of a splined .cameramodel the exact lens that `gsut calibrate` wrote
+    beside it, of the same name, is taken if it is the same within 0.01 px.
 
     Raises:
         InputError: no such file, not a rig, one camera only, or all cameras in one place: then
@@ -74,10 +76,8 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
         raise InputError(f"--rig {file} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"--rig {file} is not text; give a JSON or camchain YAML file") from error
-    if file.suffix.lower() in (".yaml", ".yml"):
-        rig = _of_camchain(file, text)
-    else:
-        rig = _of_json(file, text)
+    is_yaml = file.suffix.lower() in (".yaml", ".yml")
+    rig = _of_camchain(file) if is_yaml else _of_json(file, text)
     if len(rig) < _FEWEST_CAMERAS:
         raise InputError(
             f"{file} holds {len(rig)} camera; a rig has at least {_FEWEST_CAMERAS}: calibrate all "
@@ -139,25 +139,57 @@ def _of_json(file: Path, text: str) -> Rig:
     return Rig(file, tuple(cameras), tuple(lenses), np.array(poses), tuple(files))
 
 
-def _of_camchain(file: Path, text: str) -> Rig:
-    import yaml
+def _of_camchain(file: Path) -> Rig:
+    rows = read_camchain(file)
+    for name, _, from_reference, *_ in rows:
+        if from_reference is None:
+            raise InputError(f"{file}, camera {name}: T_cn_cnm1, its pose, is missing")
+    names = tuple(row[0] for row in rows)
+    poses = np.array([row[2] for row in rows])
+    return Rig(file, names, tuple(row[1] for row in rows), poses, tuple((file, n) for n in names))
 
-    try:
-        values = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise InputError(f"{file}: not YAML ({error}); give a camchain of Kalibr") from error
-    if not isinstance(values, dict) or not is_camchain(values):
+
+def read_camchain(
+    file: Path,
+) -> list[tuple[str, Camera, np.ndarray | None, np.ndarray | None, float]]:
+    """The cameras of a Kalibr camchain.
+
+    Returns:
+        Of each its name, lens, camera_from_cam0 (by T_cn_cnm1) and camera_from_imu (T_cam_imu, or
+        that of another camera through T_cn_cnm1), both (4, 4) or None where the file does not say,
+        and timeshift_cam_imu: seconds, time of the IMU minus that of the camera.
+
+    Raises:
+        InputError: not YAML, or no camchain.
+        CalibrationError: a lens is broken.
+    """
+    values = read_yaml(file)
+    if not is_camchain(values):
         raise InputError(f"{file}: holds no cam0, cam1 ...; give a camchain of Kalibr, or JSON")
     names = [str(key) for key in values if str(key).startswith("cam")]
-    pose, poses = np.eye(4), []
+    from_first: list[np.ndarray | None] = []
+    from_imu: list[np.ndarray | None] = []
     for number, name in enumerate(names):
-        if number > 0:
-            if "T_cn_cnm1" not in values[name]:
-                raise InputError(f"{file}, camera {name}: T_cn_cnm1, its pose, is missing")
-            pose = _pose(values[name]["T_cn_cnm1"], f"{file}, camera {name}") @ pose
-        poses.append(pose)
-    cameras = tuple(load_camera(file, name) for name in names)
-    return Rig(file, tuple(names), cameras, np.array(poses), tuple((file, n) for n in names))
+        where, entry = f"{file}, camera {name}", values[name]
+        step = entry.get("T_cn_cnm1") if isinstance(entry, dict) else None
+        imu = entry.get("T_cam_imu") if isinstance(entry, dict) else None
+        pose = np.eye(4) if number == 0 else None
+        before = from_first[-1] if number else None
+        if number and step is not None and before is not None:
+            pose = _pose(step, where) @ before
+        from_first.append(pose)
+        from_imu.append(None if imu is None else _pose(imu, where))
+    known = next((k for k, pose in enumerate(from_imu) if pose is not None), None)
+    if known is not None:
+        for k, pose in enumerate(from_first):
+            first = from_first[known]
+            if from_imu[k] is None and pose is not None and first is not None:
+                from_imu[k] = pose @ inverse(first) @ from_imu[known]
+    return [
+        (name, load_camera(file, name), from_first[k], from_imu[k],
+         float(values[name].get("timeshift_cam_imu") or 0.0))
+        for k, name in enumerate(names)
+    ]  # fmt: skip
 
 
 def _pose(values: Any, where: str) -> np.ndarray:
@@ -193,10 +225,22 @@ def _lens(file: Path, camera_id: str | None, where: str) -> tuple[Path, Camera]:
         exact = file.with_suffix(suffix)
         if exact.is_file():
             try:
-                return exact, load_camera(exact)
+                other = load_camera(exact)
             except (CalibrationError, InputError):
                 continue  # some other file of that name
+            if _is_same(other, camera):
+                return exact, other
     return file, camera
+
+
+def _is_same(exact: Camera, splined: Camera) -> bool:
+    """Whether the splined lens is the other one, pixel by pixel."""
+    pixels = grid_pixels(exact.width, exact.height).reshape(-1, 2)
+    rays, valid = exact.unproject(pixels)
+    found, seen = splined.project(rays[valid])
+    off = np.abs(found - pixels[valid])[seen]
+    same_size = (exact.width, exact.height) == (splined.width, splined.height)
+    return same_size and off.size > 0 and bool(off.max() < _STAND_IN_PX)
 
 
 def relative_changes(given: Rig, found: np.ndarray) -> list[tuple[float, float]]:

@@ -1,0 +1,77 @@
+// Binds the double reference along rays that are given one by one.
+#include <pybind11/pybind11.h>
+
+#include "bindings/geometry.h"
+#include "bindings/module.h"
+#include "bindings/raster.h"
+
+namespace gsut::bindings {
+namespace {
+
+// Rays given one by one: lines (H, W, 6), origins and unit directions in the world.
+ViewRays RaysOfLines(const py::object& lines, const py::object& reference) {
+  const auto array = ReadArray<double>(lines, "lines", {kAny, kAny, 6});
+  ViewRays view;
+  view.height = static_cast<int>(array.shape(0));
+  view.width = static_cast<int>(array.shape(1));
+  view.reference = ReadPose(reference);
+  const std::size_t pixels = static_cast<std::size_t>(array.size()) / 6;
+  view.rays.resize(3 * pixels);
+  view.origins.resize(3 * pixels);
+  view.valid.assign(pixels, 1);
+  using Eigen::Vector3d;
+  for (std::size_t i = 0; i < pixels; ++i) {
+    const Eigen::Map<const Vector3d> origin(array.data() + 6 * i), ray(array.data() + 6 * i + 3);
+    Eigen::Map<Vector3d>(&view.rays[3 * i]) = view.reference.rotation * ray;
+    Eigen::Map<Vector3d>(&view.origins[3 * i]) =
+        view.reference.rotation * origin + view.reference.translation;
+  }
+  return view;
+}
+
+py::tuple RenderLines(const py::object& gaussians, const py::object& lines,
+                      const py::object& reference, const BlendRule& rule) {
+  const ViewRays rays = RaysOfLines(lines, reference);
+  const ReferenceImage result =
+      RenderReference(ConstGaussians<double>(gaussians), rays, Settings(rule, {0, 0, 0}, 3));
+  return ReferenceArrays(result, rays.height, rays.width);
+}
+
+// The gradients to the lines (H, W, 6), in the world.
+py::array_t<double> BackwardLines(const py::object& gaussians, const py::object& lines,
+                                  const py::object& reference, const BlendRule& rule,
+                                  const py::object& dimage, const py::object& dalpha,
+                                  const py::object& ddepth, const py::object& gradients) {
+  const ViewRays view = RaysOfLines(lines, reference);
+  const std::int64_t h = view.height, w = view.width;
+  RayGradients rays;
+  ShadingGradient shading;
+  RenderReferenceBackward(ConstGaussians<double>(gaussians), view, Settings(rule, {0, 0, 0}, 3),
+                          ConstData<double>(dimage, "dimage", {h, w, 3}),
+                          OptionalData<double>(dalpha, "dalpha", {h, w}),
+                          OptionalData<double>(ddepth, "ddepth", {h, w}),
+                          MutableGaussians<double>(gradients), &rays, &shading);
+  auto out = NewArray<double>({view.height, view.width, 6});
+  using Eigen::Vector3d;
+  const Eigen::Matrix3d to_world = view.reference.rotation.transpose();
+  double* line = out.mutable_data();
+  for (std::size_t i = 0; i < view.valid.size(); ++i) {
+    Eigen::Map<Vector3d>(line + 6 * i) =
+        to_world * Eigen::Map<const Vector3d>(&rays.origins[3 * i]);
+    Eigen::Map<Vector3d>(line + 6 * i + 3) =
+        to_world * Eigen::Map<const Vector3d>(&rays.rays[3 * i]);
+  }
+  return out;
+}
+
+}  // namespace
+
+void BindRasterLines(py::module_& m) {
+  m.def("render_lines_reference", &RenderLines, py::arg("gaussians"), py::arg("lines"),
+        py::arg("reference"), py::arg("rule"));
+  m.def("render_lines_reference_backward", &BackwardLines, py::arg("gaussians"), py::arg("lines"),
+        py::arg("reference"), py::arg("rule"), py::arg("dimage"), py::arg("dalpha"),
+        py::arg("ddepth"), py::arg("gradients"));
+}
+
+}  // namespace gsut::bindings

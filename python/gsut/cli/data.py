@@ -1,0 +1,125 @@
+"""`gsut data`: writes a dataset in another layout, or its poses as a trajectory."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from gsut.cli._flags import add_json, print_json
+from gsut.data import writable_layouts
+
+HELP = "convert a dataset, a run's poses or a ROS bag into another layout"
+DESCRIPTION = "Works on datasets: photographs with lenses and poses, in any layout."
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    convert = actions.add_parser(
+        "convert",
+        help="write a dataset in another layout",
+        description="Writes the dataset IN, of any layout that gsut reads, to the new folder OUT. "
+        "A run serves as IN, too: its dataset with the poses and lenses that it refined. OUT that "
+        "ends as .txt is a trajectory alone. The flags below say what a layout leaves open; a file "
+        "dataset.yaml with the same words says it to every command.",
+    )
+    convert.add_argument(
+        "source", metavar="IN", help="dataset, run, ROS bag, or a folder of pictures with --lens "
+        "and --poses",
+    )  # fmt: skip
+    convert.add_argument("out", metavar="OUT", help="new folder, or a trajectory's .txt")
+    convert.add_argument(
+        "--to", choices=sorted(writable_layouts()), default="nerfstudio",
+        help="layout [default: %(default)s]",
+    )  # fmt: skip
+    convert.add_argument(
+        "--link", action="store_true", help="link to the pictures in place of copying them"
+    )
+    _add_parts(convert)
+    add_json(convert)
+    convert.set_defaults(action=_convert)
+
+
+def _add_parts(parser: argparse.ArgumentParser) -> None:
+    """The keys of dataset.yaml."""
+    parts = parser.add_argument_group("what the layout leaves open")
+    parts.add_argument("--lens", metavar="FILE", help="lens file, camchain.yaml or rig.json")
+    parts.add_argument(
+        "--poses", metavar="FILE", help="trajectory: TUM, EuRoC, KITTI or poses.json"
+    )
+    parts.add_argument("--poses-topic", metavar="TOPIC", help="of a ROS bag's poses")
+    parts.add_argument("--points", metavar="FILE", help="point cloud, PLY")
+    parts.add_argument("--masks", metavar="FOLDER", help="masks, named as the pictures")
+    parts.add_argument(
+        "--poses-of", metavar="WHAT",
+        help="body, camera (each its own), or the name of one camera [default: as the lens file "
+        "has it]",
+    )  # fmt: skip
+    parts.add_argument("--cameras", metavar="NAMES", help="those to use, such as cam0,cam1")
+    parts.add_argument(
+        "--time-range", nargs=2, type=float, metavar=("FIRST", "LAST"),
+        help="seconds since the first picture, or since 1970",
+    )  # fmt: skip
+    parts.add_argument(
+        "--time-offset", type=float, metavar="S",
+        help="seconds: time of the poses' clock minus that of the pictures' [default 0]",
+    )  # fmt: skip
+    parts.add_argument(
+        "--time-tolerance", type=float, metavar="S",
+        help="between a picture and its nearest pose [default 0.02]",
+    )  # fmt: skip
+    for name, what in (("image", "pictures"), ("pose", "poses")):
+        parts.add_argument(
+            f"--{name}-times", choices=("s", "ms", "us", "ns"),
+            help=f"unit of the times of {what} [default: by their number of digits]",
+        )  # fmt: skip
+
+
+def run(arguments: argparse.Namespace) -> int:
+    return arguments.action(arguments)
+
+
+def _convert(arguments: argparse.Namespace) -> int:
+    from gsut.data import convert_dataset
+
+    parts = _parts(arguments)
+    source, scene = Path(arguments.source), None
+    if _is_run(source):
+        from gsut.run import RunFolder
+        from gsut.training import read_trained
+
+        scene = read_trained(RunFolder.open(source), None)[1]
+        source = scene.path
+    notes = convert_dataset(
+        source,
+        arguments.out,
+        arguments.to,
+        parts=parts,
+        link=arguments.link,
+        scene=scene,
+        poses_topic=arguments.poses_topic,
+        progress=sys.stderr.isatty(),
+    )
+    if arguments.json:
+        print_json({"out": arguments.out, "layout": arguments.to, "notes": notes})
+        return 0
+    for note in notes:
+        print(f"gsut: note: {note}", file=sys.stderr)
+    print(f"{arguments.out}: {arguments.to}")
+    return 0
+
+
+def _parts(arguments: argparse.Namespace) -> dict[str, Any]:
+    from gsut.data import PARTS
+
+    given = {key: getattr(arguments, key, None) for key in PARTS}
+    if given["cameras"] is not None:
+        given["cameras"] = [name.strip() for name in given["cameras"].split(",")]
+    return {key: value for key, value in given.items() if value is not None}
+
+
+def _is_run(source: Path) -> bool:
+    from gsut.run import OPTIONS, SCENE
+
+    return (source / OPTIONS).is_file() and (source / SCENE).is_file()

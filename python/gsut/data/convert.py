@@ -1,0 +1,284 @@
+"""Writes datasets in any layout: from another one, from a run, or from arrays."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gsut._core import InputError
+from gsut.data.assemble import Frame, Listing, assemble
+from gsut.data.export import Export, copy_file, link_file, move_file, plain_name
+from gsut.data.findings import DatasetError, stop
+from gsut.data.layouts import Layout, known_layout, layouts
+from gsut.data.layouts.description import described, with_parts
+from gsut.data.load import read_dataset
+from gsut.data.memory import cameras_of, checked_image, checked_points
+from gsut.data.mounts import BODY, OWN
+from gsut.data.poses import inverse, rigid_transform
+from gsut.data.recording import listing_of
+from gsut.data.scene import Scene
+from gsut.data.trajectory import format_kitti, format_tum, time_labels
+from gsut.files import UNFINISHED, whole_folder, write_file
+from gsut.lens import Camera
+
+_DEFAULT = "nerfstudio"
+_TRAJECTORIES = ("tum", "kitti")
+_PNG = ".png"
+
+
+def writable_layouts() -> dict[str, Layout]:
+    """The layouts that can be written, by name."""
+    return {each.name: each for each in layouts() if each.write is not None}
+
+
+def convert_dataset(
+    source: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    to: str = _DEFAULT,
+    *,
+    parts: Mapping[str, Any] | None = None,
+    poses_topic: str | None = None,
+    link: bool = False,
+    scene: Scene | None = None,
+    progress: bool = False,
+) -> list[str]:
+    """Writes a dataset in another layout, or its poses alone as a trajectory.
+
+    Args:
+        source: a dataset of any layout (docs/datasets.md), or a ROS bag; or a folder of pictures,
+            where `parts` say the rest.
+        out: a new folder; or, for a trajectory, a file that ends as .txt.
+        to: the layout: "nerfstudio", "colmap", "colmap-text", "euroc", "tum", "kitti", "folder".
+            For a trajectory "tum" (camera-to-world, by time where it is known, else by name) or
+            "kitti".
+        parts: what dataset.yaml would say, by its keys: lens, poses, points, cameras, time_range
+            and so on; relative paths begin at the working directory.
+        poses_topic: of a bag's poses, where several are there.
+        link: make symbolic links to the pictures in place of copies.
+        scene: take poses and lenses from here, by the names of its views.
+        progress: show a bar while a bag is read.
+
+    Returns:
+        What the layout cannot hold, and what was left out on reading, one sentence each.
+
+    Raises:
+        InputError: `out` exists, the layout is unknown, or it cannot hold this lens or rig.
+        DatasetError: the dataset is broken.
+    """
+    source, out = Path(source), Path(out)
+    if out.exists():
+        raise InputError(f"{out} exists; remove it or name another")
+    given = {key: value for key, value in (parts or {}).items() if value is not None}
+    layout = known_layout(source) if source.exists() else None
+    if layout is None or layout.unpack is None:
+        return _write(_read(source, given), out, to, copy_file if not link else link_file, scene)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=out.parent) as staging:
+        recording = layout.unpack(
+            source, Path(staging), poses_topic="" if given.get("poses") else poses_topic,
+            cameras=given.get("cameras", ()), poses_of=given.get("poses_of"), progress=progress,
+        )  # fmt: skip
+        names = [stream.name for stream in recording.streams]
+        if given.get("poses_of") not in (BODY, OWN, *names):
+            given.pop("poses_of", None)  # a frame of the bag, which is now the body
+        recording = with_parts(recording, _from_here(given), Path.cwd(), source)
+        return _write(listing_of(recording, stop), out, to, move_file, None)
+
+
+def _write(
+    listing: Listing, out: Path, to: str, place: Callable[[Path, Path], None], scene: Scene | None
+) -> list[str]:
+    """Writes a listing as `convert_dataset` says."""
+    if scene is not None:
+        _take_poses(listing, scene)
+    checked = assemble(listing, test_every=0)  # sizes, repeats, images that can be read
+    lenses = {view.name: checked.file_cameras[view.camera_index] for view in checked.views}
+    found = {frame.name: frame for frame in reversed(listing.frames) if frame.name in lenses}
+    frames = [dataclasses.replace(found[name], camera=lenses[name]) for name in sorted(found)]
+    notes = list(checked.notes)
+    if out.suffix.lower() == ".txt":
+        _write_trajectory(out, frames, to)
+        return notes
+    has_lists = listing.listed_test is not None or listing.listed_train is not None
+    test = [checked.views[i].name for i in checked.test_indices] if has_lists else None
+    export = Export(
+        frames, listing.points, listing.point_colors, test,
+        place,
+    )  # fmt: skip
+    return notes + write_layout(out, export, to)
+
+
+def _read(source: Path, parts: Mapping[str, Any]) -> Listing:
+    if not parts:
+        return read_dataset(source)
+    values = {"images": str(source.resolve()), **_from_here(parts)}
+    return listing_of(described(values, source.resolve(), source), stop)
+
+
+def _from_here(parts: Mapping[str, Any]) -> dict[str, Any]:
+    """The parts with paths from the working directory made absolute."""
+    found, here = dict(parts), Path.cwd()
+    for key in ("images", "lens", "poses", "points", "masks"):
+        value = found.get(key)
+        if isinstance(value, Mapping):
+            found[key] = {name: str(here / str(path)) for name, path in value.items()}
+        elif value is not None:
+            found[key] = str(here / str(value))
+    return found
+
+
+def _take_poses(listing: Listing, scene: Scene) -> None:
+    views = {view.name: view for view in scene.views}
+    for frame in listing.frames:
+        view = views.get(frame.name)
+        if view is not None:
+            frame.world_from_camera = inverse(scene.in_dataset(view.camera_from_world))
+            frame.camera = scene.file_cameras[view.camera_index]
+
+
+def _held_out(frames: Sequence[Frame], wanted: Sequence[str] | None) -> list[str] | None:
+    """The names of the frames in a list of names, file names or stems.
+
+    Raises:
+        InputError: one of them is no frame.
+    """
+    if wanted is None:
+        return None
+    aliases = {
+        alias: frame.name
+        for frame in frames
+        for alias in (Path(frame.name).stem, Path(frame.name).name, frame.name)
+    }
+    absent = [name for name in wanted if name not in aliases]
+    if absent:
+        raise InputError(f"{absent[0]} is held out, but there is no such image")
+    return sorted({aliases[name] for name in wanted})
+
+
+def _write_trajectory(out: Path, frames: Sequence[Frame], to: str) -> None:
+    if to not in _TRAJECTORIES:
+        raise InputError(
+            f"{out}: a .txt is a trajectory, which --to tum or --to kitti writes, not {to}"
+        )
+    poses = np.array([frame.world_from_camera for frame in frames])
+    labels = time_labels([frame.time_ns for frame in frames], [plain_name(f) for f in frames])
+    write_file(out, format_tum(labels, poses) if to == "tum" else format_kitti(poses))
+
+
+def write_layout(out: Path, export: Export, to: str) -> list[str]:
+    """Writes an export to a new folder, which appears only when it is complete.
+
+    Raises:
+        InputError: the folder exists, or there is no such layout.
+    """
+    known = writable_layouts()
+    if to not in known:
+        raise InputError(f"there is no layout '{to}' to write; known: {', '.join(sorted(known))}")
+    write = known[to].write
+    assert write is not None
+    with whole_folder(out) as folder:
+        return write(folder, export)
+
+
+def save_dataset(
+    out: str | os.PathLike[str],
+    images: Sequence[np.ndarray | str | os.PathLike[str]],
+    cameras: Camera | Sequence[Camera],
+    camera_from_world: ArrayLike,
+    *,
+    names: Sequence[str] | None = None,
+    times_ns: Sequence[int] | None = None,
+    masks: Sequence[np.ndarray | None] | None = None,
+    points: ArrayLike | None = None,
+    point_colors: ArrayLike | None = None,
+    test_names: Sequence[str] | None = None,
+    to: str = _DEFAULT,
+) -> list[str]:
+    """Writes arrays as a dataset that every command and `load_dataset` read.
+
+    Args:
+        out: a new folder, which appears only when it is complete.
+        images: N of (H, W, 3) uint8 RGB, written as PNG, or paths of files, which are copied.
+        cameras: one for all images, or one for each.
+        camera_from_world: (N, 4, 4), OpenCV axes.
+        names: of the images, with folders where wanted; None: 000000, 000001 ...; a name without
+            a suffix gets that of its file.
+        times_ns: (N,) whole nanoseconds, for the layouts that name images by time.
+        masks: (H, W) bool each, True where pixels count, or None.
+        points: (P, 3), in the same world, or None.
+        point_colors: (P, 3) uint8; mid-grey if None.
+        test_names: of the images held out; None: the reader chooses.
+        to: the layout, see `convert_dataset`.
+
+    Returns:
+        What the layout cannot hold, one sentence each.
+
+    Raises:
+        InputError: wrong shapes or counts, or the folder exists; see `convert_dataset`.
+    """
+    count = len(images)
+    lenses = cameras_of(cameras, count)
+    poses = np.asarray(camera_from_world, np.float64)
+    if poses.shape != (count, 4, 4):
+        raise InputError(f"camera_from_world has shape {poses.shape}, expected ({count}, 4, 4)")
+    for what, values in (("names", names), ("times_ns", times_ns), ("masks", masks)):
+        if values is not None and len(values) != count:
+            raise InputError(f"{what} has {len(values)} entries for {count} images")
+    xyz, rgb = checked_points(points, point_colors)
+    out = Path(out)
+    names = [f"{i:06d}" for i in range(count)] if names is None else list(names)
+    if out.exists():
+        raise InputError(f"{out} exists; remove it or name another folder")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=out.parent) as staging:
+        folder, frames = Path(staging), []
+        for i, name in enumerate(names):
+            path, name = _stored(images[i], name, lenses[i], folder / f"{i}{_PNG}")
+            valid, mask = None if masks is None else masks[i], None
+            if valid is not None:
+                mask = folder / f"{i}.mask{_PNG}"
+                _write_png(mask, np.asarray(valid, bool).astype(np.uint8) * 255)
+            frames.append(
+                Frame(
+                    name, path, lenses[i], inverse(rigid_transform(poses[i], f"pose {i}")),
+                    mask_path=mask, time_ns=None if times_ns is None else int(times_ns[i]),
+                )
+            )  # fmt: skip
+        return write_layout(
+            out,
+            Export(
+                frames, xyz, rgb, _held_out(frames, test_names),
+                lambda here, there: (
+                    move_file if here.is_relative_to(folder) else copy_file
+                )(here, there),
+            ),
+            to,
+        )  # fmt: skip
+
+
+def _stored(
+    image: np.ndarray | str | os.PathLike[str], name: str, camera: Camera, target: Path
+) -> tuple[Path, str]:
+    """Where a picture is stored, and its name with a suffix."""
+    if isinstance(image, (str, os.PathLike)):
+        path = Path(image)
+        if not path.is_file():
+            raise DatasetError(path, "the image does not exist", "correct the path")
+        return path, name if Path(name).suffix else name + path.suffix
+    pixels = checked_image(image, name, camera)
+    _write_png(target, pixels)
+    return target, name if Path(name).suffix else name + _PNG
+
+
+def _write_png(path: Path, pixels: np.ndarray) -> None:
+    import cv2
+
+    stored = pixels[..., ::-1] if pixels.ndim == 3 else pixels
+    write_file(path, cv2.imencode(_PNG, stored)[1].tobytes())

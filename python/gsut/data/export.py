@@ -1,0 +1,169 @@
+"""A dataset as layouts write it, and how its pictures get to their places."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.data.assemble import Frame
+from gsut.data.points import points_ply
+from gsut.data.poses import inverse
+from gsut.files import write_file
+from gsut.lens import Camera
+
+POINTS = "points3D.ply"
+_SAME_PLACE = 1e-6  # of a rig's poses against each other, relative to its distances
+_STEP_NS = 100_000_000  # between pictures whose times nobody knows
+
+
+@dataclasses.dataclass
+class Export:
+    """What is written.
+
+    Args:
+        frames: sorted by name; `image_path` is where a picture is now.
+        points, point_colors: (P, 3) float64 and uint8.
+        test: names of the frames held out by the dataset's own lists, or None.
+        place: puts a file to its new place.
+    """
+
+    frames: list[Frame]
+    points: np.ndarray
+    point_colors: np.ndarray
+    test: list[str] | None
+    place: Callable[[Path, Path], None]
+
+    def write_points(self, path: Path) -> None:
+        """Writes the points' PLY; nothing where there are none."""
+        if len(self.points):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_file(path, points_ply(self.points, self.point_colors))
+
+
+def copy_file(source: Path, target: Path) -> None:
+    """Copies a file, making the folders above it."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)
+
+
+def link_file(source: Path, target: Path) -> None:
+    """Makes a symbolic link to a file, and the folders above it."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    os.symlink(source.resolve(), target)
+
+
+def move_file(source: Path, target: Path) -> None:
+    """Moves a file within a file system, making the folders above it."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    os.replace(source, target)
+
+
+def plain_name(frame: Frame) -> str:
+    """A frame's name without the folder "images", in which layouts put pictures anyway."""
+    parts = PurePosixPath(frame.name).parts
+    kept = [part for part in parts if part not in ("..", "/", ".")]
+    return "/".join(kept[1:] if len(kept) > 1 and kept[0] == "images" else kept)
+
+
+def place_images(export: Export, folder: Path) -> list[Frame]:
+    """Puts pictures to folder/images and masks to folder/masks; the frames of the new files.
+
+    A mask is named as its picture, with .png added, once for each picture.
+    """
+    masks: dict[Path, Path] = {}
+    frames = []
+    for frame in export.frames:
+        name = plain_name(frame)
+        picture = folder / "images" / name
+        export.place(frame.image_path, picture)
+        mask = frame.mask_path
+        if mask is not None:
+            target = folder / "masks" / f"{name}.png"
+            source = masks.setdefault(mask, mask)
+            (copy_file if source != mask else export.place)(source, target)
+            masks[mask] = target if export.place is move_file else mask
+            mask = target
+        frames.append(dataclasses.replace(frame, name=name, image_path=picture, mask_path=mask))
+    return frames
+
+
+def losses(export: Export, layout: str, *, masks: bool = False) -> list[str]:
+    """What a layout with one pose an image has no place for, one sentence each."""
+    found = []
+    if any(frame.shutter is not None for frame in export.frames):
+        found.append(f"{layout} has the pose in the middle of each readout: it knows no other")
+    masked = sum(frame.mask_path is not None for frame in export.frames)
+    if masked and not masks:
+        found.append(f"{layout} has no place for masks: those of {masked} images are left out")
+    if export.test is not None:
+        found.append(f"{layout} has no place for lists of held-out images: give --test-names")
+    return found
+
+
+def frame_times_ns(frames: Sequence[Frame]) -> tuple[list[int], bool]:
+    """The time of each frame in nanoseconds, and whether they are known; else ten a second.
+
+    Frames of one stem in several folders then have one time: those of a rig.
+    """
+    known = [frame.time_ns for frame in frames]
+    if frames and all(time is not None for time in known):
+        return [time for time in known if time is not None], True
+    seconds = [frame.time for frame in frames]
+    if frames and all(time is not None for time in seconds):
+        return [round(time * 1e9) for time in seconds if time is not None], True
+    stems = {stem: i for i, stem in enumerate(sorted({f.image_path.stem for f in frames}))}
+    if len({(f.image_path.parent, f.image_path.stem) for f in frames}) < len(frames):
+        return [i * _STEP_NS for i in range(len(frames))], False
+    return [stems[f.image_path.stem] * _STEP_NS for f in frames], False
+
+
+@dataclasses.dataclass
+class Seat:
+    """One camera of a body: its lens, its place, and its frames with their times."""
+
+    camera: Camera
+    body_from_camera: np.ndarray
+    frames: list[Frame]
+    times: list[int]
+
+
+def seats_of(frames: Sequence[Frame], layout: str) -> tuple[list[Seat], dict[int, np.ndarray]]:
+    """Frames as cameras on one body.
+
+    Returns:
+        One seat for each lens and folder, the body being the first camera, and world_from_body by
+        time in nanoseconds.
+
+    Raises:
+        InputError: cameras that took pictures at the same times do not move as one body.
+    """
+    times, _ = frame_times_ns(frames)
+    groups: dict[tuple, Seat] = {}
+    for frame, time in zip(frames, times, strict=True):
+        key = (PurePosixPath(plain_name(frame)).parent, frame.camera)
+        seat = groups.setdefault(key, Seat(frame.camera, np.eye(4), [], []))
+        seat.frames.append(frame)
+        seat.times.append(time)
+    bodies: dict[int, np.ndarray] = {}
+    for seat in groups.values():
+        met = [i for i, time in enumerate(seat.times) if time in bodies]
+        if met:
+            first = inverse(bodies[seat.times[met[0]]]) @ seat.frames[met[0]].world_from_camera
+            seat.body_from_camera = first
+        for frame, time in zip(seat.frames, seat.times, strict=True):
+            body = frame.world_from_camera @ inverse(seat.body_from_camera)
+            before = bodies.setdefault(time, body)
+            scale = 1 + np.abs(before[:3, 3]).max() + np.abs(seat.body_from_camera[:3, 3]).max()
+            if np.abs(before - body).max() > _SAME_PLACE * scale:
+                raise InputError(
+                    f"{layout} holds one body's poses, and the cameras of {frame.name} and others "
+                    f"of its time differ in place by {np.abs(before - body).max():.2g} from image "
+                    "to image; write one camera at a time with --cameras, or as nerfstudio"
+                )
+    return list(groups.values()), bodies

@@ -1,0 +1,197 @@
+"""ROS messages as values: pictures, lenses, poses and the tree of frames."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.data.poses import inverse, pose_from_quaternion
+from gsut.data.times import NANOSECONDS
+from gsut.files import write_file
+from gsut.lens import Camera, load_camera
+
+_SUFFIXES = {b"\xff\xd8": ".jpg", b"\x89P": ".png"}  # of compressed pictures, by their first bytes
+# Bayer patterns by the colours of the first two pixels of the first row: OpenCV names the second
+# row's second and third pixel.
+_BAYER = {"rggb": "BG", "bggr": "RG", "gbrg": "GR", "grbg": "GB"}
+_YUV = {"yuv422": "UYVY", "uyvy": "UYVY", "yuv422_yuy2": "YUYV", "yuyv": "YUYV"}
+_CHANNELS = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4}
+
+
+def stamp_of(message: Any, received: int) -> int:
+    """The time of a message in nanoseconds: its header's, else when it was recorded."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    if stamp is None:
+        return received
+    time = int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+    return time or received
+
+
+def write_picture(message: Any, path: Path, where: str) -> Path:
+    """Writes a picture without a loss: a compressed one as it is, a raw one as PNG.
+
+    Args:
+        message: sensor_msgs Image or CompressedImage.
+        path: without a suffix.
+        where: topic, for messages.
+
+    Returns:
+        The file.
+
+    Raises:
+        InputError: an encoding that is not known, or too few bytes.
+    """
+    import cv2
+
+    if not hasattr(message, "encoding"):
+        data = np.asarray(message.data, np.uint8).tobytes()
+        suffix = _SUFFIXES.get(data[:2])
+        if suffix is None:
+            raise InputError(
+                f"{where}: a compressed picture of format '{message.format}' is neither JPEG nor "
+                "PNG; republish the topic as raw or JPEG"
+            )
+        file = path.with_name(path.name + suffix)
+        write_file(file, data)
+        return file
+    file = path.with_name(path.name + ".png")
+    write_file(file, cv2.imencode(".png", _pixels(message, where))[1].tobytes())
+    return file
+
+
+def _pixels(message: Any, where: str) -> np.ndarray:
+    """A raw picture as OpenCV stores it: grey or blue, green, red; 8 or 16 bits."""
+    import cv2
+
+    name = str(message.encoding).lower()
+    width, height, step = int(message.width), int(message.height), int(message.step)
+    deep = name.endswith("16") or name.startswith("16u")
+    kind = np.dtype(np.uint16 if deep else np.uint8).newbyteorder(
+        ">" if message.is_bigendian else "<"
+    )
+    data = np.asarray(message.data, np.uint8).tobytes()
+    base = name.rstrip("0123456789")
+    pattern = next((code for key, code in _BAYER.items() if f"bayer_{key}" in name), None)
+    yuv = _YUV.get(name)
+    channels = 2 if yuv else 1 if pattern else _CHANNELS.get(base)
+    channels = {"8uc": 1, "16uc": 1}.get(base, channels) if name[-1:] == "1" else channels
+    channels = 3 if name == "8uc3" else channels
+    if channels is None:
+        known = "mono8, mono16, rgb8, bgr8, rgba8, bgra8, bayer_*, yuv422, yuv422_yuy2"
+        raise InputError(f"{where}: pictures of encoding '{name}' are not read; known: {known}")
+    row = width * channels * kind.itemsize
+    if step < row or len(data) < step * height:
+        raise InputError(
+            f"{where}: a picture of {width} x {height} '{name}' has {len(data)} bytes and a step "
+            f"of {step}; the bag may be damaged"
+        )
+    rows = np.frombuffer(data, np.uint8, step * height).reshape(height, step)[:, :row]
+    pixels = np.ascontiguousarray(rows).view(kind).reshape(height, width, channels)
+    pixels = pixels.astype(kind.newbyteorder("="))
+    if pattern is not None:
+        return cv2.cvtColor(pixels, getattr(cv2, f"COLOR_Bayer{pattern}2BGR"))
+    if yuv is not None:
+        return cv2.cvtColor(pixels, getattr(cv2, f"COLOR_YUV2BGR_{yuv}"))
+    if channels == 1:
+        return pixels[:, :, 0]
+    pixels = pixels[:, :, :3]
+    return pixels[:, :, ::-1] if base.startswith("rgb") else pixels
+
+
+def camera_of(message: Any, folder: Path, where: str, rectified: bool) -> Camera:
+    """The lens of a sensor_msgs CameraInfo.
+
+    Args:
+        message: the message.
+        folder: to write the lens file to that is read, which stays there.
+        where: topic, for messages.
+        rectified: the pictures are rectified: then P, without distortion, is their lens.
+
+    Raises:
+        InputError: the camera is not calibrated, or the pictures are a part of its.
+        CalibrationError: a distortion that gsut does not have.
+    """
+    k, d, p = (np.ravel(_either(message, name)) for name in ("k", "d", "p"))
+    matrix = np.reshape(p, (3, 4))[:, :3] if rectified else np.reshape(k, (3, 3))
+    if not matrix.any():
+        raise InputError(
+            f"{where}: the camera is not calibrated ({'P' if rectified else 'K'} is all zero); "
+            "give its lens with --lens"
+        )
+    roi = message.roi
+    parts = {"binning_x": message.binning_x > 1, "binning_y": message.binning_y > 1,
+             "roi": bool(roi.x_offset or roi.y_offset)}  # fmt: skip
+    for name, is_part in parts.items():
+        if is_part:
+            raise InputError(
+                f"{where}: '{name}' says that the pictures are a part of the camera's, or smaller; "
+                "give the lens of these pictures with --lens"
+            )
+    values = {
+        "image_width": int(message.width),
+        "image_height": int(message.height),
+        "distortion_model": "plumb_bob" if rectified else str(message.distortion_model),
+        "camera_matrix": matrix.ravel().tolist(),
+        "distortion_coefficients": [] if rectified else d.tolist(),
+    }
+    file = folder / "camera_info.json"
+    write_file(file, json.dumps(values))
+    return load_camera(file)
+
+
+def _either(message: Any, name: str) -> Any:
+    """A field that ROS 1 calls by a capital letter and ROS 2 by a small one."""
+    return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
+
+
+def pose_of(message: Any, where: str) -> np.ndarray | None:
+    """(4, 4) the pose that a message holds; None where it holds none."""
+    if hasattr(message, "transform"):
+        place, turn = message.transform.translation, message.transform.rotation
+    elif hasattr(message, "pose"):
+        pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
+        place, turn = pose.position, pose.orientation
+    else:
+        return None
+    return pose_from_quaternion(
+        [turn.w, turn.x, turn.y, turn.z], [place.x, place.y, place.z], where
+    )
+
+
+class FrameTree:
+    """Places of coordinate frames that do not move against each other (/tf_static)."""
+
+    def __init__(self) -> None:
+        self._parents: dict[str, tuple[str, np.ndarray]] = {}
+
+    def add(self, parent: str, child: str, parent_from_child: np.ndarray) -> None:
+        self._parents[plain_frame(child)] = (plain_frame(parent), parent_from_child)
+
+    def _to_root(self, frame: str) -> tuple[str, np.ndarray]:
+        root_from_frame, seen = np.eye(4), {frame}
+        while frame in self._parents:
+            frame, step = self._parents[frame]
+            root_from_frame = step @ root_from_frame
+            if frame in seen:
+                break
+            seen.add(frame)
+        return frame, root_from_frame
+
+    def between(self, target: str, source: str) -> np.ndarray | None:
+        """(4, 4) target_from_source; None where the two are not connected."""
+        (root, root_from_target), (other, root_from_source) = (
+            self._to_root(plain_frame(frame)) for frame in (target, source)
+        )
+        return inverse(root_from_target) @ root_from_source if root == other else None
+
+    def root_of(self, frame: str) -> str:
+        return self._to_root(plain_frame(frame))[0]
+
+
+def plain_frame(name: str) -> str:
+    """A frame's name without the slash that ROS 1 puts before it."""
+    return name.lstrip("/")

@@ -1,0 +1,144 @@
+"""EuRoC and TUM-VI: mav0/cam0/data/TIME.png, sensor.yaml or camchain.yaml, poses of the body.
+
+DATA/mav0/cam0/data.csv        times [ns] and file names; without it, names are the times
+DATA/mav0/cam0/data/*.png
+DATA/mav0/cam0/sensor.yaml     lens and T_BS; else camchain.yaml (T_cam_imu), in DATA, mav0 or dso
+DATA/mav0/state_groundtruth_estimate0/data.csv    or vicon0, mocap0; or dso/gt_imu.csv;
+                               or a TUM trajectory: groundtruth.txt, trajectory.txt, poses.txt
+DATA/mav0/pointcloud0/data.ply may be there
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+from pathlib import Path
+
+import numpy as np
+
+from gsut.data.findings import DatasetError
+from gsut.data.layouts._layout import Layout
+from gsut.data.layouts._write_euroc import write_euroc
+from gsut.data.mounts import BODY, matrix_of, read_mounts
+from gsut.data.poses import rigid_transform
+from gsut.data.recording import Recording, Stream, pictures_in, stream_of
+from gsut.data.text_files import read_yaml, rows_of
+
+ROOT = "mav0"
+_CAMERA = re.compile(r"cam\d+$")
+_POSE_SENSORS = ("state_groundtruth_estimate0", "vicon0", "mocap0")
+_POSE_FILES = (
+    "dso/gt_imu.csv", "groundtruth.txt", "trajectory.txt", "poses.txt", "groundtruth.csv",
+)  # fmt: skip
+_POINTS = ("pointcloud0/data.ply", "points3D.ply", "points.ply")
+
+
+def _camera_folders(root: Path) -> list[Path]:
+    """cam0, cam1 ... with pictures in data/ (EuRoC) or right there."""
+    if not root.is_dir():
+        return []
+    return sorted(
+        folder
+        for folder in root.iterdir()
+        if _CAMERA.match(folder.name) and folder.is_dir() and _pictures_folder(folder) is not None
+    )
+
+
+def _pictures_folder(folder: Path) -> Path | None:
+    return next((f for f in (folder / "data", folder) if f.is_dir() and pictures_in(f)), None)
+
+
+def _root(path: Path) -> Path | None:
+    """The folder of cam0, cam1 ...: mav0 in this one, or this one itself."""
+    return next((root for root in (path / ROOT, path) if _camera_folders(root)), None)
+
+
+def holds(path: Path) -> bool:
+    """A folder with cam0, cam1 ..., or one of these: then that camera alone is used."""
+    if not path.is_dir():
+        return False
+    if _CAMERA.match(path.name) and _pictures_folder(path) is not None:
+        return True
+    return _root(path) is not None
+
+
+def record(path: Path) -> Recording:
+    """What a folder holds; poses and lenses may be absent."""
+    chosen = (path.name,) if _CAMERA.match(path.name) and _root(path) is None else ()
+    root = path.parent if chosen else _root(path) or path
+    base = root.parent if root.name == ROOT else root
+    folders = _camera_folders(root)
+    streams = [_stream(folder) for folder in folders]
+    recording = Recording(path, streams, cameras=chosen, names_from=base)
+    sensors = {f.name: f / "sensor.yaml" for f in folders if (f / "sensor.yaml").is_file()}
+    chains = [
+        chain
+        for place in dict.fromkeys((root, base, base / "dso"))
+        for chain in sorted(place.glob("*camchain*.yaml"))
+    ]
+    if sensors:
+        recording.mounts = functools.partial(read_mounts, sensors)
+        if chains:
+            recording.notes.append(f"{chains[0]} is not used: the cameras have a sensor.yaml each")
+    elif chains:
+        recording.mounts = functools.partial(read_mounts, chains[0])
+    recording.poses_of = BODY
+    if not any("." in text for stream in streams for text in stream.time_texts()):
+        recording.image_times = "ns"
+    recording.points = next((root / n for n in _POINTS if (root / n).is_file()), None) or next(
+        (base / n for n in _POINTS if (base / n).is_file()), None
+    )
+    _find_poses(recording, root, base)
+    return recording
+
+
+def _stream(folder: Path) -> Stream:
+    pictures = _pictures_folder(folder) or folder
+    table = folder / "data.csv"
+    stream = stream_of(folder.name, pictures)
+    if stream.mask is None and (folder / "mask.png").is_file():
+        stream.mask = folder / "mask.png"
+    if not table.is_file():
+        return stream
+    present = {path.name: path for path in stream.images}
+    images, times = [], []
+    for number, fields in rows_of(table):
+        if len(fields) < 2:
+            raise DatasetError(
+                f"{table}, line {number}",
+                f"expected a time [ns] and a file name, found '{' '.join(fields)}'",
+                "copy the file again",
+            )
+        if fields[1] in present:
+            times.append(fields[0])
+            images.append(present[fields[1]])
+    stream.images, stream.times = images, times
+    return stream
+
+
+def _find_poses(recording: Recording, root: Path, base: Path) -> None:
+    for name in _POSE_SENSORS:
+        table = root / name / "data.csv"
+        if table.is_file():
+            recording.poses, recording.pose_times = table, "ns"
+            sensor = root / name / "sensor.yaml"
+            values = read_yaml(sensor) if sensor.is_file() else {}
+            if "T_BS" in values:
+                place = rigid_transform(matrix_of(values["T_BS"]), f"{sensor}, key 'T_BS'")
+                recording.body_from_poses = None if np.array_equal(place, np.eye(4)) else place
+            return
+    for folder in dict.fromkeys((root, base)):
+        for name in _POSE_FILES:
+            if (folder / name).is_file():
+                recording.poses = folder / name
+                return
+
+
+LAYOUT = Layout(
+    "euroc",
+    "mav0/cam0 ... (EuRoC, TUM-VI)",
+    rank=30,
+    holds=holds,
+    record=record,
+    write=write_euroc,
+)

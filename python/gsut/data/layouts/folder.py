@@ -1,0 +1,131 @@
+"""A plain folder: images, a lens file, and poses as a TUM trajectory or poses.json.
+
+DATA/images/*.jpg   or the images in DATA itself; of several cameras a folder each, images/cam0 ...
+DATA/lens.yaml      any lens file that `gsut.load_camera` reads; of several cameras camchain.yaml or
+                    rig.json, which name those folders, or a lens file each, named as they are
+DATA/poses.txt      lines `name tx ty tz qx qy qz qw`: camera-to-world, OpenCV axes; `name` may be a
+                    time instead. Also trajectory.txt, groundtruth.txt
+DATA/poses.json     or: {"name": 4x4 matrix, camera-to-world, OpenCV axes}
+DATA/points3D.ply, DATA/mask.png, DATA/masks/*.png      may be there
+"""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+from gsut._core import InputError
+from gsut.data.findings import DatasetError
+from gsut.data.images import IMAGE_SUFFIXES
+from gsut.data.layouts._layout import Layout
+from gsut.data.layouts._write_folder import write_folder
+from gsut.data.mounts import is_rig_file, read_mounts
+from gsut.data.recording import MASK, Recording, Stream, pictures_in, stream_of
+
+DESCRIPTION = "dataset.yaml"
+LENS_PATTERNS = (
+    "lens.*", "camera.*", "*.cameramodel", "calibration.*", "camchain*.yaml", "rig.json",
+    "*.yaml", "*.yml", "cameras.txt",
+)  # fmt: skip
+POSE_FILES = ("poses.txt", "poses.json", "trajectory.txt", "groundtruth.txt")
+POINT_FILES = ("points3D.ply", "points.ply")
+_LENS_ENDINGS = (".lens.json", ".cameramodel", ".yaml", ".yml", ".json")
+
+
+def find_lens_file(path: Path) -> Path | None:
+    """The lens file of a plain folder, or None."""
+    for pattern in LENS_PATTERNS:
+        for candidate in sorted(path.glob(pattern)):
+            if (
+                candidate.is_file()
+                and candidate.suffix.lower() not in IMAGE_SUFFIXES
+                and candidate.name != DESCRIPTION
+            ):
+                return candidate
+    return None
+
+
+def find_images(path: Path) -> list[Path]:
+    """All images below DATA/images, or in DATA itself if that does not exist, sorted."""
+    folder = path / "images"
+    found = pictures_in(folder, below=True) if folder.is_dir() else pictures_in(path)
+    return [p for p in found if p != path / MASK]
+
+
+def record(path: Path) -> Recording:
+    """What the folder holds.
+
+    Raises:
+        DatasetError: no images, no lens or no poses.
+    """
+    images = find_images(path)
+    if not images:
+        raise DatasetError(path, "there are no images", "put PNG or JPEG files into 'images'")
+    root = path / "images" if (path / "images").is_dir() else path
+    lens_path = find_lens_file(path)
+    if lens_path is None:
+        raise DatasetError(
+            path,
+            f"there is no lens file ({', '.join(LENS_PATTERNS)})",
+            f"`gsut scene {path} -o RUN` makes a scene of photographs, `gsut poses` finds lens and "
+            "poses alone; a lens file of `gsut calibrate` beside them is used",
+        )
+    poses = next((path / n for n in POSE_FILES if (path / n).is_file()), None)
+    if poses is None:
+        raise DatasetError(
+            path,
+            f"{len(images)} images and a lens, but neither of {POSE_FILES[:2]}",
+            "`gsut scene` makes a scene of photographs, `gsut poses` finds their poses alone; or "
+            "give a TUM trajectory: poses.txt (or trajectory.txt) with lines 'name tx ty tz "
+            "qx qy qz qw' (camera-to-world, OpenCV axes)",
+        )
+    streams, lens = _streams(root, images, lens_path)
+    mask = path / MASK
+    if mask.is_file():
+        for stream in streams:
+            stream.mask = stream.mask or mask
+    return Recording(
+        path, streams, functools.partial(read_mounts, lens), poses, names_from=root,
+        points=next((path / n for n in POINT_FILES if (path / n).is_file()), None),
+        masks=path / "masks",
+    )  # fmt: skip
+
+
+def _streams(
+    root: Path, images: list[Path], lens_path: Path
+) -> tuple[list[Stream], Path | dict[str, Path]]:
+    """One stream; or one a folder, where lens files name the folders of the images."""
+    folders = sorted({p.relative_to(root).parts[0] for p in images if p.parent != root})
+    if folders and len(images) == sum(len(pictures_in(root / name)) for name in folders):
+        streams = [stream_of(name, root / name) for name in folders]
+        if _is_rig(lens_path):
+            return streams, lens_path
+        beside = {name: _lens_named(root, name) for name in folders}
+        lenses = {name: found for name, found in beside.items() if found is not None}
+        if len(lenses) == len(folders):
+            return streams, lenses
+    return [Stream("", images)], lens_path
+
+
+def _is_rig(lens_path: Path) -> bool:
+    try:
+        return is_rig_file(lens_path)
+    except InputError:
+        return False  # read again as a lens file, which says what is wrong
+
+
+def _lens_named(root: Path, name: str) -> Path | None:
+    """NAME.yaml or the like, beside the folder of the images or above it."""
+    places = (root, root.parent) if root.name == "images" else (root,)
+    files = (place / f"{name}{ending}" for place in places for ending in _LENS_ENDINGS)
+    return next((file for file in files if file.is_file()), None)
+
+
+LAYOUT = Layout(
+    "folder",
+    "images beside a lens file and poses",
+    rank=90,
+    holds=lambda path: path.is_dir() and bool(find_images(path)),
+    record=record,
+    write=write_folder,
+)

@@ -1,0 +1,136 @@
+"""A scene made of arrays in memory, without files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gsut._core import InputError
+from gsut.data.points import NO_COLOR
+from gsut.data.poses import rigid_transform
+from gsut.data.scene import Scene, View
+from gsut.data.split import TEST_EVERY, split_views
+from gsut.lens import Camera
+
+IN_MEMORY = Path("arrays in memory")  # what such a scene has for a dataset's path
+
+
+def make_scene(
+    images: Sequence[np.ndarray],
+    cameras: Camera | Sequence[Camera],
+    camera_from_world: ArrayLike,
+    *,
+    points: ArrayLike | None = None,
+    point_colors: ArrayLike | None = None,
+    masks: Sequence[np.ndarray | None] | None = None,
+    names: Sequence[str] | None = None,
+    test_every: int = TEST_EVERY,
+    test_names: Sequence[str] | None = None,
+) -> Scene:
+    """A scene of arrays, for `train`, `evaluate` and all else that takes one; nothing is written.
+
+    Args:
+        images: N of (H, W, 3) uint8 RGB; kept, not copied.
+        cameras: one for all images, or one for each.
+        camera_from_world: (N, 4, 4), OpenCV axes.
+        points: (P, 3) to start from, or None: then train with init="random".
+        point_colors: (P, 3) uint8; mid-grey if None.
+        masks: (H, W) bool each, True where pixels count, or None.
+        names: of the images; None: 000000, 000001 ...; views are sorted by name.
+        test_every: hold out every n-th image by name, 0 for none.
+        test_names: names to hold out instead.
+
+    Returns:
+        The scene. A command such as `gsut eval` needs files: see `save_dataset`.
+
+    Raises:
+        InputError: wrong shapes, types or counts, or a name twice.
+        DatasetError: a pose is no rigid transform.
+    """
+    count = len(images)
+    lenses = cameras_of(cameras, count)
+    poses = np.asarray(camera_from_world, np.float64)
+    if poses.shape != (count, 4, 4):
+        raise InputError(f"camera_from_world has shape {poses.shape}, expected ({count}, 4, 4)")
+    names = [f"{i:06d}" for i in range(count)] if names is None else list(names)
+    for name, values in (("names", names), ("masks", masks)):
+        if values is not None and len(values) != count:
+            raise InputError(f"{name} has {len(values)} entries for {count} images")
+    if len(set(names)) < count:
+        raise InputError("two images have the same name; give each its own")
+    known = list(dict.fromkeys(lenses))
+    views = []
+    for i in np.argsort(names, kind="stable"):
+        pixels = checked_image(images[i], names[i], lenses[i])
+        valid = None if masks is None else masks[i]
+        if valid is not None:
+            valid = np.asarray(valid, bool)
+            if valid.shape != pixels.shape[:2]:
+                raise InputError(
+                    f"the mask of {names[i]} has shape {valid.shape}, its image {pixels.shape[:2]}"
+                )
+        pose = rigid_transform(poses[i], f"camera_from_world[{i}]")
+        views.append(
+            View(names[i], IN_MEMORY / names[i], known.index(lenses[i]), pose,
+                 pixels=pixels, valid=valid)
+        )  # fmt: skip
+    train, test, notes = split_views(
+        [view.name for view in views], IN_MEMORY, test_every=test_every, test_names=test_names,
+        listed_train=None, listed_test=None, missing=[],
+    )  # fmt: skip
+    xyz, rgb = checked_points(points, point_colors)
+    return Scene(
+        IN_MEMORY, tuple(known), tuple(views), xyz, rgb, tuple(train), tuple(test), np.zeros(3),
+        tuple(notes),
+    )  # fmt: skip
+
+
+def cameras_of(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:
+    """One camera for each image.
+
+    Raises:
+        InputError: another number of them.
+    """
+    lenses = [cameras] * count if isinstance(cameras, Camera) else list(cameras)
+    if len(lenses) != count:
+        raise InputError(f"cameras has {len(lenses)} entries for {count} images")
+    return lenses
+
+
+def checked_image(image: np.ndarray, name: str, camera: Camera) -> np.ndarray:
+    """The image as an array of its camera's size.
+
+    Raises:
+        InputError: another shape or type.
+    """
+    pixels = np.asarray(image)
+    if pixels.shape != (camera.height, camera.width, 3) or pixels.dtype != np.uint8:
+        raise InputError(
+            f"image {name} is {pixels.dtype} of shape {pixels.shape}, expected uint8 of "
+            f"({camera.height}, {camera.width}, 3), as its camera's"
+        )
+    return pixels
+
+
+def checked_points(
+    points: ArrayLike | None, point_colors: ArrayLike | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """(P, 3) float64 and (P, 3) uint8, mid-grey without colours.
+
+    Raises:
+        InputError: other shapes, or points that are not finite.
+    """
+    xyz = np.zeros((0, 3)) if points is None else np.asarray(points, np.float64)
+    rgb = (
+        np.full(xyz.shape, NO_COLOR, np.uint8) if point_colors is None else np.asarray(point_colors)
+    )
+    if xyz.ndim != 2 or xyz.shape[1] != 3 or not np.isfinite(xyz).all():
+        raise InputError(f"points has shape {xyz.shape}; give (P, 3) finite numbers")
+    if rgb.shape != xyz.shape or rgb.dtype != np.uint8:
+        raise InputError(
+            f"point_colors is {rgb.dtype} of shape {rgb.shape}, expected uint8 of {xyz.shape}"
+        )
+    return xyz, rgb

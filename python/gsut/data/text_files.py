@@ -1,0 +1,80 @@
+"""Reads the text files of datasets; errors name the file and, where known, the line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from gsut.data.findings import DatasetError
+
+
+def read_text(source: Path) -> str:
+    """The text of a file.
+
+    Raises:
+        DatasetError: missing, or not UTF-8 text.
+    """
+    try:
+        return source.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise DatasetError(
+            source, f"cannot be opened ({error.strerror})", "check the path"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise DatasetError(
+            source, f"byte {error.start} is not UTF-8 text", "save the file as UTF-8"
+        ) from error
+
+
+def read_json(source: Path) -> Any:
+    """Parses a JSON file.
+
+    Raises:
+        DatasetError: missing, not text, or not JSON (with line and column).
+    """
+    try:
+        return json.loads(read_text(source))
+    except json.JSONDecodeError as error:
+        raise DatasetError(
+            source,
+            f"not valid JSON at line {error.lineno}, column {error.colno} ({error.msg})",
+            "the file may be cut off: copy or export it again",
+        ) from error
+
+
+def read_yaml(source: Path) -> dict[str, Any]:
+    """The keys and values of a YAML file.
+
+    Raises:
+        DatasetError: missing, not text, not YAML (with line), or no keys and values.
+    """
+    import yaml  # here, because gsut --help needs none
+
+    try:
+        values = yaml.safe_load(read_text(source))
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}" if mark is not None else ""
+        problem = getattr(error, "problem", None) or "cannot be parsed"
+        raise DatasetError(f"{source}{line}", f"not YAML ({problem})", "correct it") from error
+    if not isinstance(values, dict):
+        raise DatasetError(
+            source, f"expected keys with values, found {type(values).__name__}", "correct it"
+        )
+    return values
+
+
+def rows_of(source: Path) -> list[tuple[int, list[str]]]:
+    """Line numbers from 1 and fields of a table; commas or blanks part them, '#' begins a comment.
+
+    Raises:
+        DatasetError: missing, or not UTF-8 text.
+    """
+    rows = []
+    for number, line in enumerate(read_text(source).splitlines(), 1):
+        text = line.strip()
+        if text and not text.startswith("#"):
+            fields = text.split(",") if "," in text else text.split()
+            rows.append((number, [field.strip() for field in fields]))
+    return rows

@@ -1,0 +1,55 @@
+"""Times as whole nanoseconds, read from decimal text without a rounding."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from decimal import Decimal, InvalidOperation
+
+import numpy as np
+
+NANOSECONDS = 1_000_000_000  # in a second
+UNITS = {"s": NANOSECONDS, "ms": 1_000_000, "us": 1_000, "ns": 1}
+_FARTHEST = 2**62  # so that differences fit into 64 bits
+# Seconds since 1970 have 10 digits before the point today, and each finer unit three more.
+_LEAST = {"ns": Decimal(10) ** 17, "us": Decimal(10) ** 14, "ms": Decimal(10) ** 11}
+
+
+def is_time(text: str) -> bool:
+    """Whether this is a finite decimal number."""
+    return _decimal(text) is not None
+
+
+def unit_of(texts: Iterable[str]) -> str:
+    """The unit of times since 1970, by the largest one's digits; "s" where they are smaller."""
+    largest = max((abs(_decimal(text) or Decimal(0)) for text in texts), default=Decimal(0))
+    return next((unit for unit, least in _LEAST.items() if largest >= least), "s")
+
+
+def in_nanoseconds(texts: Sequence[str], unit: str) -> np.ndarray:
+    """(N,) int64 of decimal numbers in this unit, see `UNITS`; at most 146 years either way."""
+    times = (_nanoseconds(text, unit) for text in texts)
+    return np.array([max(-_FARTHEST, min(time, _FARTHEST)) for time in times], np.int64)
+
+
+def range_text(texts: Iterable[str], unit: str) -> str:
+    """From when to when, in seconds."""
+    times = [_nanoseconds(text, unit) for text in texts]
+    return f"{seconds_text(min(times))} to {seconds_text(max(times))} s"
+
+
+def _nanoseconds(text: str, unit: str) -> int:
+    return round((_decimal(text) or Decimal(0)) * UNITS[unit])
+
+
+def seconds_text(nanoseconds: int) -> str:
+    """A time as decimal seconds with nine digits."""
+    sign, rest = "-" if nanoseconds < 0 else "", abs(int(nanoseconds))
+    return f"{sign}{rest // NANOSECONDS}.{rest % NANOSECONDS:09d}"
+
+
+def _decimal(text: str) -> Decimal | None:
+    try:
+        value = Decimal(text)
+    except InvalidOperation:
+        return None
+    return value if value.is_finite() else None

@@ -1,0 +1,72 @@
+"""EuRoC's sensor.yaml: one camera, with Kalibr's lenses under other names, and its place."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gsut._core import InputError
+from gsut.lens.camera import Camera
+from gsut.lens.files.kalibr import kalibr_camera, kalibr_values
+from gsut.lens.files.values import LensValues
+
+_DISTORTIONS = {
+    "radial-tangential": "radtan",
+    "radtan": "radtan",
+    "plumb_bob": "radtan",
+    "equidistant": "equi",
+    "equi": "equi",
+    "none": "none",
+    "fov": "fov",
+}
+_WRITTEN = {"radtan": "radial-tangential", "equi": "equidistant"}
+
+
+def is_euroc(values: dict[str, Any]) -> bool:
+    """Whether the top level of a file is a camera's as EuRoC writes it."""
+    return "intrinsics" in values and "camera_model" in values and "resolution" in values
+
+
+def load_euroc(values: dict[str, Any], source: str, text: str) -> Camera:
+    """The camera of a sensor.yaml."""
+    reader = LensValues(values, source, text)
+    given = str(values.get("distortion_model") or "none")
+    if given not in _DISTORTIONS:
+        known = ", ".join(_DISTORTIONS)
+        reader.fail("distortion_model", f"{given!r} is not supported; supported: {known}")
+    coefficients = values.get("distortion_coefficients", values.get("distortion_coeffs"))
+    kalibr = {
+        **values,
+        "distortion_model": _DISTORTIONS[given],
+        "distortion_coeffs": coefficients,
+    }
+    return kalibr_camera(LensValues(kalibr, source, text))
+
+
+def format_euroc(camera: Camera, body_from_camera: Any) -> str:
+    """The text of a sensor.yaml.
+
+    Args:
+        camera: the lens.
+        body_from_camera: (4, 4), as T_BS.
+
+    Raises:
+        InputError: Kalibr, whose lenses EuRoC's are, has no such lens.
+    """
+    keys = kalibr_values(camera)
+    if keys["camera_model"] != "pinhole":
+        raise InputError(
+            f"EuRoC's sensor.yaml has no camera model for '{camera.model}': convert the lens with "
+            "`gsut camera convert`, or choose another layout"
+        )
+    numbers = ", ".join(repr(float(v)) for row in body_from_camera for v in row)
+    return (
+        "# Camera\n"
+        "sensor_type: camera\n"
+        "comment: written by gsut\n"
+        f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{numbers}]\n"
+        f"resolution: {keys['resolution']}\n"
+        f"camera_model: {keys['camera_model']}\n"
+        f"intrinsics: {keys['intrinsics']}\n"
+        f"distortion_model: {_WRITTEN.get(keys['distortion_model'], keys['distortion_model'])}\n"
+        f"distortion_coefficients: {keys['distortion_coeffs']}\n"
+    )

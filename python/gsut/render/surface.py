@@ -1,0 +1,106 @@
+"""The surface behind each pixel of a render: kinds of depth, normals, their gradients."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.gaussians import Gaussians
+from gsut.lens import Camera
+from gsut.render.renderer import Render
+
+
+@dataclasses.dataclass(frozen=True)
+class Surface:
+    """The surface behind each pixel, all in world units along the pixel's ray from its origin.
+
+    Attributes:
+        expected: (H, W) weighted mean of the Gaussians' distances; blurs where a pixel sees a near
+            and a far surface. NaN where nothing is.
+        median: (H, W) distance of the Gaussian at which half of the light is gone (2DGS, RaDe-GS);
+            NaN where that never happens.
+        strongest: (H, W) distance of the Gaussian with the largest blend weight; NaN: none.
+        normals: (H, W, 3) world axes, towards the camera: sum of weight x unit normal, each taken
+            analytically where the ray meets the Gaussian. Shorter than alpha where they disagree.
+        spread: (H, W) standard deviation of the blended distances; NaN where nothing is.
+    """
+
+    expected: np.ndarray
+    median: np.ndarray
+    strongest: np.ndarray
+    normals: np.ndarray
+    spread: np.ndarray
+
+
+def render_surface(result: Render) -> Surface:
+    """Depth of several kinds, normals and the spread of a render.
+
+    A Gaussian's distance is that of its strongest response along the ray, which is exact for any
+    lens and shutter. Evaluated in double along the rays of the render.
+
+    Args:
+        result: what `render` returned in float32; its Gaussians must not have changed since.
+
+    Returns:
+        The maps, float32.
+
+    Raises:
+        InputError: a render of the double reference.
+    """
+    median, strongest, normals, spread = _renderer(result).surface()
+    with np.errstate(invalid="ignore", divide="ignore"):
+        expected = np.where(result.alpha > 0, result.depth / result.alpha, np.float32(np.nan))
+    return Surface(expected.astype(np.float32), median, strongest, normals, spread)
+
+
+def render_surface_backward(result: Render, dnormals: np.ndarray) -> Gaussians:
+    """Gradients of L = sum(dnormals * normals), exact but for the cut-offs of the blend rule.
+
+    The expected distance has its gradient through `render_backward`; median and strongest distance
+    jump from Gaussian to Gaussian and have none worth the name.
+
+    Args:
+        result: what `render` returned in float32; its Gaussians must not have changed since.
+        dnormals: (H, W, 3) dL_dnormals.
+
+    Returns:
+        Shaped like the Gaussians; 0 to the harmonics.
+
+    Raises:
+        InputError: shapes differ from the image's.
+    """
+    gradients = result.gaussians.zeros_like()
+    _renderer(result).surface_backward(np.ascontiguousarray(dnormals, np.float32), gradients)
+    return gradients
+
+
+def z_of_distance(distance: np.ndarray, camera: Camera) -> np.ndarray:
+    """The distance along the camera's axis (z) of points at a distance along each pixel's ray.
+
+    Args:
+        distance: (H, W) along the rays; NaN stays NaN.
+        camera: the lens.
+
+    Returns:
+        (H, W) z, NaN where the pixel has no ray.
+
+    Raises:
+        InputError: the lens sees 90 degrees from its axis or more, where z says nothing.
+    """
+    rays, valid = camera.rays()
+    widest = float(rays[..., 2][valid].min(initial=1.0))
+    if widest <= 0.0 and not camera.is_parallel:
+        raise InputError(
+            f"the lens sees {math.degrees(math.acos(widest)):.0f} degrees from its axis, where z "
+            "is not positive; use the distance along the ray (--depth ray)"
+        )
+    return distance * np.where(valid, rays[..., 2], np.nan) + camera.origins()[..., 2]
+
+
+def _renderer(result: Render):
+    if result.renderer is None:
+        raise InputError('depth kinds and normals are of float32 renders; use dtype="float32"')
+    return result.renderer

@@ -1,0 +1,69 @@
+"""What stands where no Gaussian was ever placed: a soft colour, carried in from all around.
+
+A pull-push pyramid: an image and how much of it is covered are halved until one pixel is left; on
+the way back each level keeps what it knows and takes the rest from the coarser one.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gsut.render.light import field_angles
+
+# Share of a pixel that may be open before anything is filled in: half a grey level at most.
+_OPEN = 0.002
+_FIRST = 4  # pixels a side that the finest level of the pyramid joins: what is filled in is soft
+# Training without a background of its own draws one a step from this stream of the run's seed.
+_STREAM = 0xBAC6
+
+
+def solid(background: tuple[float, float, float] | None) -> tuple[float, float, float]:
+    """A colour for code that needs one: black for None, the surroundings."""
+    return (0.0, 0.0, 0.0) if background is None else background
+
+
+def random_background(seed: int, step: int) -> tuple[float, float, float]:
+    """The colour behind all Gaussians in one step of training."""
+    red, green, blue = np.random.default_rng([seed, _STREAM, step]).random(3).tolist()
+    return red, green, blue
+
+
+def surroundings(image: np.ndarray, alpha: np.ndarray, camera: Any) -> np.ndarray | None:
+    """The mean colour of what is covered around each pixel, near things counting most.
+
+    Args:
+        image: (H, W, 3) float32 over a black background.
+        alpha: (H, W) share of each pixel that is covered.
+        camera: which pixels have a ray.
+
+    Returns:
+        (H, W, 3) float32; None where all is covered. Black where nothing is.
+    """
+    import cv2
+
+    has_ray = ~np.isnan(field_angles(camera))
+    if not (has_ray & (alpha < 1.0 - _OPEN)).any():
+        return None
+    known = np.where(has_ray[..., None], np.concatenate([image, alpha[..., None]], axis=2), 0.0)
+    height, width = alpha.shape
+    levels: list[Any] = [known.astype(np.float32)]
+    factor = _FIRST
+    while max(levels[-1].shape[:2]) > 1:
+        rows, columns = (-(-side // factor) for side in levels[-1].shape[:2])
+        levels.append(cv2.resize(levels[-1], (columns, rows), interpolation=cv2.INTER_AREA))
+        factor = 2
+    out: Any = levels.pop().reshape(1, 1, 4)
+    out = out[..., :3] / max(float(out[..., 3].max()), float(np.finfo(np.float32).tiny))
+    for level in reversed(levels[1:]):
+        out = cv2.resize(out, level.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+        out = level[..., :3] + (1.0 - level[..., 3:]) * out
+    out = cv2.resize(out, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.where(has_ray[..., None], out, np.float32(0.0))
+
+
+def with_surroundings(image: np.ndarray, alpha: np.ndarray, camera: Any) -> np.ndarray:
+    """An image (H, W, 3) over black whose open share takes the colour of its surroundings."""
+    behind = surroundings(image, alpha, camera)
+    return image if behind is None else image + (1.0 - alpha)[..., None] * behind

@@ -1,0 +1,92 @@
+"""What the page does to a scene: finds its ground and floaters, and saves it anew as a file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.compact import find_support
+from gsut.formats import WriteSettings, format_of, save_gaussians
+from gsut.gaussians import ground_of, transformed, upright
+from gsut.view.frames import Frames
+
+_DEFAULT_NAME = "edited.ply"
+
+
+def find_ground(frames: Frames, up: Any) -> dict[str, Any]:
+    """The plane that the scene stands on, near to this up: "normal" (3,) and "level"."""
+    normal, level = ground_of(frames.whole(), _direction(up))
+    return {"normal": normal, "level": level}
+
+
+def find_floaters(frames: Frames, on_view: Callable[[int], object]) -> dict[str, int]:
+    """Has `frames` know its floaters; how many there are.
+
+    Raises:
+        InputError: the stage has no training photographs.
+    """
+    stage = frames.stage
+    if stage.scene is None or stage.kind != "run":
+        raise InputError("floaters are found by a run's photographs, and there are none here")
+    if frames.floaters is None:
+        support = find_support(
+            stage.scene, frames.whole(), stage.scene.train_indices,
+            background=stage.background, light=stage.light, on_view=on_view,
+        )  # fmt: skip
+        frames.floaters = support.contradicted | support.unseen
+    return {"count": int(np.count_nonzero(frames.floaters)), "of": len(frames.floaters)}
+
+
+def save_edited(frames: Frames, values: dict[str, Any]) -> dict[str, Any]:
+    """Writes the scene as it is seen to a new file beside the run or file that is looked at.
+
+    Args:
+        frames: of the stage.
+        values: "name" of the file; "crop" and "clean" as in a frame; "up" (3,) is turned to -y, and
+            with "level" the ground, which lies there along "up", to y = 0; lengths times "scale".
+
+    Returns:
+        "path", "num_gaussians", "of" and sentences of what the format "left_out".
+
+    Raises:
+        InputError: the name is of a file that exists, of another folder or of no format.
+    """
+    folder = frames.stage.folder
+    if folder is None:
+        raise InputError("this scene is not a file yet: it is saved when the training ends")
+    name = str(values.get("name") or _DEFAULT_NAME)
+    if Path(name).name != name or name.startswith("."):
+        raise InputError(f"give a file's name, without folders: it is saved in {folder}")
+    path = folder / name
+    format_of(path)
+    if path.exists():
+        raise InputError(f"{path} exists; give another name (nothing was overwritten)")
+    scale = float(values.get("scale") or 1)
+    if not 0 < scale < np.inf:
+        raise InputError(f"lengths cannot be multiplied by {scale}")
+    crop = None if not values.get("crop") else np.array(values["crop"], np.float64).reshape(2, 3)
+    whole = frames.whole()
+    kept = whole[frames.kept(whole, crop, bool(values.get("clean")))]
+    if not len(kept):
+        raise InputError("nothing is left; crop less")
+    turn, height = np.eye(3), 0.0
+    if values.get("up") is not None:
+        turn = upright(_direction(values["up"]))
+        height = float(values.get("level") or 0)
+    moved = transformed(kept, turn, scale, scale * np.array([0.0, height, 0.0]))
+    written = save_gaussians(path, moved, WriteSettings(antialiased=frames.stage.antialiased))
+    return {
+        "path": str(path), "num_gaussians": len(moved), "of": len(whole),
+        "left_out": list(written.left_out),
+    }  # fmt: skip
+
+
+def _direction(up: Any) -> np.ndarray:
+    value = np.array(up, np.float64).reshape(3)
+    if not np.isfinite(value).all() or not value.any():
+        raise InputError(f"up must be a direction, found {up}")
+    return value / np.linalg.norm(value)

@@ -1,0 +1,129 @@
+"""What goes wrong around a command ends in one sentence and an exit status, never a traceback."""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import gsut
+from formats.scene_cases import plain_scene
+from gsut.cli import EXIT_INPUT, EXIT_PIPE, run_command
+
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(gsut.__file__).parent.parent)}
+GSUT = [sys.executable, "-m", "gsut"]
+# Runs many commands in one process whose files cannot grow beyond 64 bytes, as on a full disk.
+ON_FULL_DISK = """
+import contextlib, io, json, resource, sys
+import av, cv2, numpy  # what opens files of its own
+from gsut.cli import main
+
+commands = json.loads(sys.stdin.read())
+resource.setrlimit(resource.RLIMIT_FSIZE, (64, 64))
+told = []
+for words in commands:
+    errors = io.StringIO()
+    with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(io.StringIO()):
+        status = main(words)
+    told.append([status, errors.getvalue()])
+print(json.dumps(told))
+"""
+
+
+def status_of(error: Exception) -> int:
+    def run(_):
+        raise error
+
+    def parser_of(_):
+        parser = argparse.ArgumentParser()
+        parser.set_defaults(run=run)
+        return parser
+
+    return run_command(parser_of, [])
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError(), "memory does not suffice: use smaller images"),
+        (RecursionError("maximum"), "nested too deeply"),
+        (OSError(28, "No space left on device"), "No space left on device"),
+        (OSError(28, "No space left on device", "a.ply"), "a.ply: No space left on device"),
+        (UnicodeDecodeError("utf-8", b"x", 0, 1, "bad"), None),
+    ],
+)
+def test_failures_of_the_system_are_one_sentence(error, said, capsys):
+    if said is None:  # a bug of ours is shown as one
+        with pytest.raises(UnicodeDecodeError):
+            status_of(error)
+        return
+    assert status_of(error) == EXIT_INPUT
+    told = capsys.readouterr().err
+    assert told.startswith("gsut: error: ")
+    assert said in told
+    assert told.count("\n") == 1
+
+
+def test_output_that_nobody_reads_ends_quietly():
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [*GSUT, "camera", "find", "gopro"], stdout=writer, stderr=subprocess.PIPE, env=ENVIRONMENT,
+        check=False,
+    )  # fmt: skip
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (EXIT_PIPE, b"")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_output_onto_a_full_disk_is_told():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*GSUT, "camera", "find", "gopro"], stdout=full, stderr=subprocess.PIPE,
+            env=ENVIRONMENT, check=False,
+        )  # fmt: skip
+    assert done.returncode == EXIT_INPUT
+    assert done.stderr == b"gsut: error: No space left on device\n"
+
+
+def test_name_that_the_terminal_cannot_show_is_shown_escaped(tmp_path):
+    name = os.fsdecode(b"caf\xe9-\xff.ply")
+    done = subprocess.run(
+        [*GSUT, "convert", str(tmp_path / name), str(tmp_path / "out.ply")], capture_output=True,
+        env=ENVIRONMENT | {"PYTHONIOENCODING": "ascii"}, check=False,
+    )  # fmt: skip
+    assert done.returncode == EXIT_INPUT
+    assert done.stderr.startswith(b"gsut: error: ")
+    assert b"Traceback" not in done.stderr
+
+
+def test_every_writer_on_a_full_disk_fails_and_names_the_file(tmp_path, rng):
+    ply, lens = tmp_path / "in.ply", tmp_path / "in.yaml"
+    gsut.save_ply(ply, plain_scene(rng, 200, 16))
+    gsut.Camera("kannala_brandt", [99, 99, 64, 48, 0.1, 0, 0, 0], 128, 96).save(lens)
+    (tmp_path / "out").mkdir()
+    scenes = ("a.ply", "b.compressed.ply", "c.spz", "d.sog", "e.glb", "f.splat")
+    films = ("h.mp4", "i.webm", "j.gif", "folder")
+    size = ["--frames", "2", "--size", "128x96"]
+    asked = [
+        *(["convert", str(ply), name] for name in scenes),
+        *(["render", str(ply), *size, "-o", name] for name in films),
+        ["edit", str(ply), "-o", "k.ply", "--scale", "2"],
+        ["compact", str(ply), "-o", "l.ply", "--keep", "0.5"],
+        ["camera", "convert", str(lens), "kannala_brandt", "-o", "m.json"],
+        ["demo", "--no-open", "-o", "demo"],
+        ["train", str(tmp_path), "-o", "run"],
+    ]
+    done = subprocess.run(
+        [sys.executable, "-c", ON_FULL_DISK], input=json.dumps(asked), capture_output=True,
+        env=ENVIRONMENT, check=True, text=True, cwd=tmp_path / "out",
+    )  # fmt: skip
+    told = json.loads(done.stdout)
+    for words, (status, said) in zip(asked, told, strict=True):
+        name = {"edit": "k.ply", "compact": "l.ply"}.get(words[0], words[-1])
+        assert status == EXIT_INPUT and "error: " in said and name in said, (words, said)
+    left = [p for p in (tmp_path / "out").rglob("*") if p.is_file()]
+    assert left == []

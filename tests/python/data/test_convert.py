@@ -1,0 +1,277 @@
+"""Datasets written in every layout and read again; from arrays, from runs; scenes in memory."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import gsut
+import small_datasets as small
+import small_recordings as made
+import tolerances
+from gsut.cli import main
+from gsut.data import writable_layouts
+from gsut.data.export import Export, link_file
+from gsut.files import UNFINISHED
+
+LAYOUTS = sorted(writable_layouts())
+
+
+def assert_same(scene: gsut.Scene, other: gsut.Scene, order=None) -> None:
+    """Poses, lenses, pixels, masks and points are equal, view by view."""
+    assert len(scene) == len(other) > 0
+    for i, k in enumerate(range(len(scene)) if order is None else order):
+        np.testing.assert_allclose(
+            scene.views[i].camera_from_world, other.views[k].camera_from_world,
+            rtol=0, atol=tolerances.LAYOUT_POSE,
+        )  # fmt: skip
+        mine, theirs = scene.camera(i), other.camera(k)
+        np.testing.assert_allclose(mine.params[:4], theirs.params[:4], rtol=tolerances.LAYOUT_POSE)
+        np.testing.assert_array_equal(scene.image(i), other.image(k))
+    np.testing.assert_array_equal(scene.points, other.points)
+    np.testing.assert_array_equal(scene.point_colors, other.point_colors)
+
+
+@pytest.mark.parametrize("to", LAYOUTS)
+def test_a_dataset_is_the_same_in_every_layout(to, tmp_path):
+    scene = gsut.load_dataset(small.write_nerfstudio(tmp_path / "in"), test_every=0)
+    gsut.convert_dataset(tmp_path / "in", tmp_path / "out", to)
+    assert_same(gsut.load_dataset(tmp_path / "out", test_every=0), scene)
+    assert [p.name for p in tmp_path.iterdir() if p.name.startswith(UNFINISHED)] == []
+
+
+@pytest.mark.parametrize("to", ["colmap", "colmap-text", "euroc", "folder", "nerfstudio"])
+def test_a_rig_is_the_same_in_the_layouts_that_hold_it(to, tmp_path):
+    scene = gsut.load_dataset(made.write_euroc(tmp_path / "in"), test_every=0)
+    gsut.convert_dataset(tmp_path / "in", tmp_path / "out", to, link=True)
+    found = gsut.load_dataset(tmp_path / "out", test_every=0)
+    assert_same(found, scene)
+    assert all(view.image_path.is_symlink() for view in found.views)
+    if to == "euroc":  # names are the times, to the nanosecond
+        names = [view.name for view in found.views]
+        assert names == [view.name for view in scene.views]
+
+
+def test_one_camera_of_a_rig_becomes_a_tum_dataset_with_exact_times(tmp_path):
+    made.write_euroc(tmp_path / "in")
+    gsut.convert_dataset(tmp_path / "in", tmp_path / "out", "tum", parts={"cameras": ["cam1"]})
+    scene = gsut.load_dataset(tmp_path / "out", test_every=0)
+    assert len(scene) == small.VIEWS
+    for view, time in zip(scene.views, made.times(), strict=True):
+        assert view.image_path.stem == f"{time // 10**9}.{time % 10**9:09d}"
+        expected = np.linalg.inv(made.world_from_camera(1, time))
+        np.testing.assert_allclose(
+            view.camera_from_world, expected, rtol=0, atol=tolerances.LAYOUT_POSE
+        )
+
+
+def fisheye(values: dict) -> dict:
+    for key in ("k1", "k2", "k3", "k4"):
+        values[key] = 0.01
+    return {**values, "camera_model": "OPENCV_FISHEYE"}
+
+
+REFUSED = {
+    "kitti": ("KITTI's calib.txt holds pinhole cameras without distortion only", "kannala_brandt"),
+    "nothing": ("there is no layout 'nothing'", "known: colmap"),
+}
+
+
+@pytest.mark.parametrize("to", REFUSED)
+def test_what_a_layout_cannot_hold_is_refused_and_nothing_is_written(to, tmp_path):
+    small.write_nerfstudio(tmp_path / "in", fisheye(small.transforms()))
+    with pytest.raises(gsut.InputError) as caught:
+        gsut.convert_dataset(tmp_path / "in", tmp_path / "out", to)
+    assert [part for part in REFUSED[to] if part not in str(caught.value)] == []
+    assert [path.name for path in tmp_path.iterdir()] == ["in"]
+
+
+def test_cameras_that_do_not_move_as_one_body_are_no_euroc_dataset(tmp_path):
+    scene = gsut.load_dataset(made.write_euroc(tmp_path / "in"), test_every=0)
+    views = list(scene.views)
+    moved = views[-1].camera_from_world.copy()
+    moved[0, 3] += 0.1
+    views[-1] = dataclasses.replace(views[-1], camera_from_world=moved)
+    with pytest.raises(gsut.InputError, match=r"one body's poses, .* differ in place by 0\.09"):
+        gsut.convert_dataset(
+            tmp_path / "in", tmp_path / "out", "euroc", scene=scene.replace(views=views)
+        )
+
+
+def test_two_cameras_are_no_tum_dataset_of_one_time_each(tmp_path):
+    made.write_euroc(tmp_path / "in")
+    with pytest.raises(gsut.InputError, match="holds one camera"):
+        gsut.convert_dataset(tmp_path / "in", tmp_path / "out", "tum")
+
+
+def test_an_output_folder_that_holds_something_is_left_alone(tmp_path):
+    small.write_nerfstudio(tmp_path / "in")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/mine.txt").write_text("kept")
+    with pytest.raises(gsut.InputError, match="exists"):
+        gsut.convert_dataset(tmp_path / "in", tmp_path / "out")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["mine.txt"]
+
+
+def test_an_interrupted_conversion_leaves_nothing(tmp_path, monkeypatch):
+    small.write_nerfstudio(tmp_path / "in")
+    monkeypatch.setattr(Export, "write_points", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        gsut.convert_dataset(tmp_path / "in", tmp_path / "out")
+    assert [path.name for path in tmp_path.iterdir()] == ["in"]
+
+
+def test_what_layouts_have_no_place_for_is_said(tmp_path):
+    values = small.transforms()
+    values["test_filenames"] = small.names()[:2]
+    values["mask_path"] = "mask.png"
+    small.write_nerfstudio(tmp_path / "in", values)
+    small.write_png(tmp_path / "in/mask.png", np.full((small.HEIGHT, small.WIDTH), 255, np.uint8))
+    notes = gsut.convert_dataset(tmp_path / "in", tmp_path / "out", "euroc")
+    assert any("no place for masks: those of 10 images" in note for note in notes)
+    assert any("no place for lists of held-out images" in note for note in notes)
+    assert any("named as if taken ten a second" in note for note in notes)
+    assert gsut.convert_dataset(tmp_path / "in", tmp_path / "same", "nerfstudio") == []
+    scene = gsut.load_dataset(tmp_path / "same")
+    assert len(scene.test_indices) == 2 and scene.views[0].mask_path is not None
+
+
+# --- the command
+
+
+def test_convert_command_takes_a_folder_of_pictures_a_lens_and_a_trajectory(tmp_path, capsys):
+    made.write_pictures(tmp_path / "cam0", 0)
+    (tmp_path / "chain.yaml").write_text(made.camchain())
+    (tmp_path / "slam.txt").write_text(made.trajectory(made.times()))
+    words = [
+        "data", "convert", str(tmp_path / "cam0"), str(tmp_path / "out"), "--to", "colmap",
+        "--lens", str(tmp_path / "chain.yaml"), "--poses", str(tmp_path / "slam.txt"),
+        "--time-range", "0.15", "0.75", "--json",
+    ]  # fmt: skip
+    assert main(words) == 0
+    assert json.loads(capsys.readouterr().out)["layout"] == "colmap"
+    scene = gsut.load_dataset(tmp_path / "out")
+    assert [view.image_path.stem for view in scene.views] == [str(t) for t in made.times()[2:8]]
+
+
+@pytest.mark.parametrize("to", ["tum", "kitti"])
+def test_poses_go_out_as_a_trajectory_and_come_back(to, tmp_path, capsys):
+    made.write_euroc(tmp_path / "in")
+    out = tmp_path / "poses.txt"
+    words = ["data", "convert", str(tmp_path / "in"), str(out), "--to", to, "--cameras", "cam0"]
+    assert main(words) == 0
+    first = out.read_text().splitlines()[1 if to == "tum" else 0].split()
+    assert (first[0] == "1403636579.763555584") == (to == "tum")
+    made.write_pictures(tmp_path / "again/images", 0)
+    (tmp_path / "again/lens.yaml").write_text(made.camchain(with_imu=False).split("cam1:")[0])
+    out.rename(tmp_path / "again/poses.txt")
+    scene = gsut.load_dataset(tmp_path / "again")
+    for view, time in zip(scene.views, made.times(), strict=True):
+        expected = np.linalg.inv(made.world_from_camera(0, time))
+        np.testing.assert_allclose(
+            view.camera_from_world, expected, rtol=0, atol=tolerances.LAYOUT_POSE
+        )
+    assert "poses.txt" in capsys.readouterr().out
+
+
+def test_a_trajectory_in_another_layout_is_refused(tmp_path, capsys):
+    small.write_nerfstudio(tmp_path / "in")
+    words = ["data", "convert", str(tmp_path / "in"), str(tmp_path / "poses.txt")]
+    assert main([*words, "--to", "colmap"]) == 2
+    assert "a .txt is a trajectory" in capsys.readouterr().err
+
+
+# --- from arrays
+
+
+def arrays() -> dict:
+    poses = np.array(small.world_from_cameras())
+    points, colors = small.points()
+    return {
+        "images": [small.render(pose) for pose in poses],
+        "cameras": gsut.Camera(
+            "pinhole", [small.FX, small.FY, small.CX, small.CY], small.WIDTH, small.HEIGHT
+        ),
+        "camera_from_world": np.linalg.inv(poses),
+        "points": points,
+        "point_colors": colors,
+    }
+
+
+def test_save_dataset_writes_what_load_dataset_reads(tmp_path):
+    given = arrays()
+    valid = np.ones((small.HEIGHT, small.WIDTH), bool)
+    valid[:4] = False
+    masks = [valid] + [None] * (small.VIEWS - 1)
+    gsut.save_dataset(tmp_path / "out", **given, masks=masks, test_names=["000003"])
+    scene = gsut.load_dataset(tmp_path / "out")
+    np.testing.assert_allclose(
+        scene.poses(range(small.VIEWS)), given["camera_from_world"],
+        rtol=0, atol=tolerances.LAYOUT_POSE,
+    )  # fmt: skip
+    for i, image in enumerate(given["images"]):
+        np.testing.assert_array_equal(scene.image(i), image)
+    np.testing.assert_allclose(scene.points, given["points"], rtol=0, atol=tolerances.LAYOUT_POSE)
+    assert scene.test_indices == (3,)
+    np.testing.assert_array_equal(scene.mask(0), valid)
+    assert scene.mask(1).all()
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_save_dataset_names_pictures_by_nanoseconds(tmp_path):
+    notes = gsut.save_dataset(tmp_path / "out", **arrays(), times_ns=made.times(), to="euroc")
+    assert notes == []
+    names = [view.image_path.stem for view in gsut.load_dataset(tmp_path / "out").views]
+    assert names == [str(time) for time in made.times()]
+
+
+WRONG = {
+    "images": (lambda a: [image[:-1] for image in a], "image 000000 is uint8 of shape (35, 48, 3)"),
+    "camera_from_world": (lambda a: a[:-1], "camera_from_world has shape (9, 4, 4)"),
+    "points": (lambda a: a[:, :2], "points has shape (400, 2)"),
+    "point_colors": (lambda a: a / 255.0, "point_colors is float64"),
+    "cameras": (lambda a: [a] * 3, "cameras has 3 entries for 10 images"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+@pytest.mark.parametrize("call", ["save_dataset", "make_scene"])
+def test_wrong_arrays_are_refused_by_name(call, name, tmp_path):
+    change, message = WRONG[name]
+    given = arrays()
+    given[name] = change(given[name])
+    place = (tmp_path / "out",) if call == "save_dataset" else ()
+    with pytest.raises(gsut.InputError) as caught:
+        getattr(gsut, call)(*place, **given)
+    assert message in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_make_scene_is_the_scene_of_the_files(tmp_path):
+    given = arrays()
+    scene = gsut.make_scene(**given, test_every=4)
+    small.write_nerfstudio(tmp_path)
+    files = gsut.load_dataset(tmp_path, test_every=4)
+    assert (scene.train_indices, scene.test_indices) == (files.train_indices, files.test_indices)
+    half, small_files = scene.scaled(0.5), files.scaled(0.5)
+    for i in range(small.VIEWS):
+        np.testing.assert_array_equal(half.image(i), small_files.image(i))
+        np.testing.assert_array_equal(scene.mask(i), files.mask(i))
+
+
+def test_make_scene_trains_and_is_judged_without_files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene = gsut.make_scene(**arrays(), test_every=4)
+    result = gsut.train(scene, gsut.TrainOptions(preset="fast", steps=20), progress=False)
+    figures = gsut.evaluate(result.gaussians, scene, scene.test_indices)
+    assert len(figures["views"]) == len(scene.test_indices) == 3
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_links_are_made_only_where_asked(tmp_path):
+    small.write_nerfstudio(tmp_path / "in")
+    gsut.convert_dataset(tmp_path / "in", tmp_path / "out")
+    assert not any(path.is_symlink() for path in (tmp_path / "out").rglob("*"))
+    link_file(tmp_path / "in/transforms.json", tmp_path / "a/b.json")
+    assert (tmp_path / "a/b.json").is_symlink()

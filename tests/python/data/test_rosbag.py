@@ -1,0 +1,114 @@
+"""Bags of ROS 1 and 2 become datasets; what is missing in them is said."""
+
+import sys
+
+import numpy as np
+import pytest
+
+import gsut
+import small_datasets as small
+import small_recordings as made
+import tolerances
+from gsut.cli import main
+from gsut.files import UNFINISHED
+
+STORES = {"ROS1_NOETIC": "walk.bag", "ROS2_HUMBLE": "walk"}
+
+
+@pytest.fixture
+def write_bag():
+    pytest.importorskip("rosbags", reason="rosbags writes and reads bags")
+    from small_bags import write_bag
+
+    return write_bag
+
+
+def assert_truth(scene: gsut.Scene) -> None:
+    assert len(scene) == small.VIEWS
+    np.testing.assert_allclose(
+        scene.cameras[0].params[:4], [small.FX, small.FY, small.CX, small.CY],
+        rtol=tolerances.LAYOUT_POSE,
+    )  # fmt: skip
+    for i, (view, time) in enumerate(zip(scene.views, made.times(), strict=True)):
+        assert view.image_path.stem == str(time)
+        expected = np.linalg.inv(made.world_from_camera(0, time))
+        np.testing.assert_allclose(
+            view.camera_from_world, expected, rtol=0, atol=tolerances.LAYOUT_POSE
+        )
+        picture = small.render(made.world_from_camera(0, time))
+        np.testing.assert_array_equal(scene.image(i), picture)
+
+
+@pytest.mark.parametrize("store", STORES)
+@pytest.mark.parametrize("compressed", [False, True])
+def test_bag_becomes_a_dataset_with_exact_times(store, compressed, write_bag, tmp_path, capsys):
+    bag = write_bag(tmp_path / STORES[store], store, compressed=compressed)
+    assert main(["data", "convert", str(bag), str(tmp_path / "out")]) == 0
+    assert "poses of 'base' in 'map' from /odom" in capsys.readouterr().err
+    assert_truth(gsut.load_dataset(tmp_path / "out"))
+    assert [p.name for p in tmp_path.iterdir() if p.name.startswith(UNFINISHED)] == []
+
+
+def test_poses_of_tf_serve_without_odometry(write_bag, tmp_path):
+    bag = write_bag(tmp_path / "walk", "ROS2_HUMBLE", odometry=(), tf=True)
+    gsut.convert_dataset(bag, tmp_path / "out", "euroc")
+    assert_truth(gsut.load_dataset(tmp_path / "out"))
+
+
+def test_a_camchain_places_the_camera_where_tf_does_not(write_bag, tmp_path):
+    bag = write_bag(tmp_path / "walk", "ROS2_HUMBLE", static=False)
+    (tmp_path / "chain.yaml").write_text(made.camchain())
+    gsut.convert_dataset(bag, tmp_path / "out", parts={"lens": str(tmp_path / "chain.yaml")})
+    scene = gsut.load_dataset(tmp_path / "out")
+    expected = np.linalg.inv(made.world_from_camera(0, made.START))
+    np.testing.assert_allclose(
+        scene.views[0].camera_from_world, expected, rtol=0, atol=tolerances.LAYOUT_POSE
+    )
+
+
+def test_a_trajectory_in_a_file_serves_a_bag_without_poses(write_bag, tmp_path):
+    bag = write_bag(tmp_path / "walk", "ROS2_HUMBLE", odometry=())
+    (tmp_path / "slam.txt").write_text(made.trajectory(made.times()))
+    parts = {"poses": str(tmp_path / "slam.txt"), "poses_of": "base"}
+    gsut.convert_dataset(bag, tmp_path / "out", parts=parts)
+    assert_truth(gsut.load_dataset(tmp_path / "out"))
+
+
+REFUSED = {
+    "no_place": ({"static": False}, {}, ("no transform to 'cam0_optical' from 'base'", "poses_of")),
+    "two_odometries": ({"odometry": ("/a", "/b")}, {}, ("2 topics of poses: /a, /b",
+                                                        "--poses-topic")),
+    "no_poses": ({"odometry": ()}, {}, ("no topic of poses", "--poses FILE")),
+    "not_calibrated": ({"calibrated": False}, {}, ("not calibrated (K is all zero)", "--lens")),
+    "wrong_topic": ({}, {"poses_topic": "/gps"}, ("/gps is no topic of poses", "/odom")),
+    "wrong_camera": ({}, {"parts": {"cameras": ["left"]}}, ("no camera left, only cam0",)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_a_bag_lacks_is_one_sentence(name, write_bag, tmp_path):
+    made_with, asked, parts = REFUSED[name]
+    bag = write_bag(tmp_path / "walk", "ROS2_HUMBLE", **made_with)
+    with pytest.raises(gsut.InputError) as caught:
+        gsut.convert_dataset(bag, tmp_path / "out", **asked)
+    assert [part for part in parts if part not in str(caught.value)] == [], str(caught.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["walk"]
+
+
+def test_a_bag_is_no_dataset_until_it_is_converted(tmp_path):
+    (tmp_path / "walk.bag").write_bytes(b"#ROSBAG V2.0\n")
+    with pytest.raises(gsut.InputError, match="gsut data convert"):
+        gsut.load_dataset(tmp_path / "walk.bag")
+
+
+def test_a_damaged_bag_is_said_to_be_one(write_bag, tmp_path):
+    (tmp_path / "walk.bag").write_bytes(b"#ROSBAG V2.0\nnothing")
+    with pytest.raises(gsut.InputError, match="cannot be read as a ROS bag"):
+        gsut.convert_dataset(tmp_path / "walk.bag", tmp_path / "out")
+
+
+def test_without_the_library_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    (tmp_path / "walk.bag").write_bytes(b"#ROSBAG V2.0\n")
+    with pytest.raises(gsut.InputError, match=r"pip install 'gsut\[ros\]'"):
+        gsut.convert_dataset(tmp_path / "walk.bag", tmp_path / "out")

@@ -1,0 +1,210 @@
+"""Median and strongest distance, normals, spread: against a scalar double model of one ray."""
+
+import numpy as np
+import pytest
+
+import gsut
+import tolerances
+from gsut import InputError, _core
+from gsut.render import z_of_distance
+from random_scenes import (
+    fisheye,
+    gaussians_in_view,
+    pinhole,
+    random_pose,
+    relative_error,
+    small_camera,
+)
+
+STEP = 1e-5
+
+
+def open_rule():
+    """No cut-offs, which central differences would see."""
+    rule = gsut.BlendRule()
+    rule.alpha_min, rule.transmittance_min = 1e-30, 0.0
+    return rule
+
+
+def lines_of(camera, motion):
+    """Origins and unit rays (H, W, 3) in the world, each line from its own pose."""
+    rays, valid = camera.rays()
+    origins, world = np.empty_like(rays), np.empty_like(rays)
+    for row in range(camera.height):
+        pose = motion if isinstance(motion, np.ndarray) else motion.at((row + 0.5) / camera.height)
+        rotation, shift = pose[:3, :3], pose[:3, 3]
+        origins[row] = (camera.origins()[row] - shift) @ rotation
+        world[row] = rays[row] @ rotation
+    return origins.reshape(-1, 3), world.reshape(-1, 3), valid.reshape(-1)
+
+
+def rotation_of(quat):
+    w, x, y, z = quat / np.linalg.norm(quat)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def blended(g, center, origins, rays):
+    """(weights, distances, transmittances (N, P), normals (N, P, 3)), nearest Gaussian first."""
+    order = np.argsort(np.linalg.norm(g.means - center, axis=1), kind="stable")
+    transmittance = np.ones(len(rays))
+    rows = []
+    for i in order:
+        inverse = rotation_of(g.quats[i]) @ np.diag(np.exp(-2 * g.log_scales[i]))
+        inverse = inverse @ rotation_of(g.quats[i]).T
+        relative = g.means[i] - origins
+        along = np.sum(relative @ inverse * rays, 1) / np.sum(rays @ inverse * rays, 1)
+        miss = along[:, None] * rays - relative
+        response = np.exp(-0.5 * np.sum(miss @ inverse * miss, 1))
+        alpha = np.minimum(0.99, response / (1 + np.exp(-g.opacity_logits[i])))
+        alpha = np.where(along > 0, alpha, 0.0)
+        normal = -(2 * along[:, None] * rays - relative) @ inverse
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        rows.append((alpha * transmittance, along, transmittance, normal))
+        transmittance = transmittance * (1 - alpha)
+    return [np.stack(column) for column in zip(*rows, strict=True)]
+
+
+def sum_of_normals(g, center, origins, rays):
+    weights, _, _, normals = blended(g, center, origins, rays)
+    return np.einsum("np,npc->pc", weights, normals)
+
+
+def first_true(mask):
+    return np.where(mask.any(0), mask.argmax(0), -1)
+
+
+def take(values, row):
+    return np.where(row >= 0, values[row, np.arange(values.shape[1])], np.nan)
+
+
+CAMERAS = {
+    "pinhole": lambda: pinhole(12),
+    "fisheye": lambda: fisheye(32),
+    "moving pupil": lambda: small_camera("cahvore", width=12),
+    "rolling shutter": lambda: pinhole(12),
+}
+
+
+def scene_of(rng, kind, count=20):
+    camera, pose = CAMERAS[kind](), random_pose(rng)
+    g = gaussians_in_view(rng, camera, pose, count, opacity=1.0)
+    motion = pose
+    if kind == "rolling shutter":
+        end = gsut.exp_pose(np.array([0.1, -0.05, 0.08, 0.05, 0.08, -0.04])) @ pose
+        motion = _core.CameraMotion(pose, end, gsut.Shutter("top_to_bottom"))
+    middle = pose if motion is pose else motion.at(0.5)
+    return camera, g, motion, -middle[:3, :3].T @ middle[:3, 3]
+
+
+@pytest.mark.parametrize("kind", CAMERAS)
+def test_surface_maps_equal_a_scalar_double_model(rng, kind):
+    camera, g, motion, center = scene_of(rng, kind)
+    surface = gsut.render_surface(gsut.render(g, camera, motion, blend=open_rule()))
+    origins, rays, valid = lines_of(camera, motion)
+    origins, rays = origins[valid], rays[valid]
+    g = g.astype(np.float64)
+    weights, along, before, normals = blended(g, center, origins, rays)
+    crossed = first_true((before >= 0.5) & (before - weights < 0.5))
+    mean = (weights * along).sum(0) / weights.sum(0)
+    spread = np.sqrt((weights * (along - mean) ** 2).sum(0) / weights.sum(0))
+    expected = {
+        "median": take(along, crossed),
+        "strongest": take(along, weights.argmax(0)),
+        "expected": mean,
+        "spread": spread,
+        "normals": np.einsum("np,npc->pc", weights, normals),
+    }
+    assert np.isfinite(expected["median"]).sum() > 20
+    for name, values in expected.items():
+        found = getattr(surface, name).reshape(camera.height * camera.width, -1)[valid]
+        # Where two Gaussians weigh the same to rounding, either may be named: few pixels.
+        if name in ("expected", "spread"):  # in float a ratio of nothing to nothing
+            solid = weights.sum(0) > 1e-3
+            found, values = found[solid], values[solid]
+        error = np.abs(found.reshape(values.shape) - values) / (1 + np.abs(values))
+        wrong = (error > tolerances.SURFACE_MAPS) | (
+            np.isnan(found.reshape(values.shape)) != np.isnan(values)
+        )
+        assert wrong.sum() == 0, (name, np.nanmax(error))
+
+
+@pytest.mark.parametrize("kind", CAMERAS)
+def test_gradient_of_normals_equals_central_differences(rng, kind):
+    camera, g, motion, center = scene_of(rng, kind, 12)
+    result = gsut.render(g, camera, motion, blend=open_rule())
+    origins, rays, valid = lines_of(camera, motion)
+    to = rng.normal(size=(camera.height, camera.width, 3)).astype(np.float32)
+    to[~valid.reshape(to.shape[:2])] = 0
+    found = gsut.render_surface_backward(result, to)
+    exact, weights = g.astype(np.float64), to.reshape(-1, 3)[valid].astype(np.float64)
+    for name in ("means", "quats", "log_scales", "opacity_logits"):
+        array = getattr(exact, name)
+        numeric = np.zeros_like(array)
+        for index in np.ndindex(array.shape):
+            sides, kept = [], array[index]
+            for sign in (1, -1):
+                array[index] = kept + sign * STEP
+                sides.append(
+                    (weights * sum_of_normals(exact, center, origins[valid], rays[valid])).sum()
+                )
+            array[index] = kept
+            numeric[index] = (sides[0] - sides[1]) / (2 * STEP)
+        error = relative_error(getattr(found, name), numeric)
+        assert error < tolerances.SURFACE_GRADIENTS, name
+    assert not found.sh.any()
+
+
+def test_normal_of_a_disc_is_its_axis_towards_the_camera():
+    camera, pose = pinhole(16), np.eye(4)
+    tilt = np.array([np.cos(0.3), np.sin(0.3), 0, 0], np.float32)
+    g = gsut.Gaussians(
+        np.array([[0, 0, 3]], np.float32), tilt[None], np.log([[1, 1, 1e-3]]).astype(np.float32),
+        np.array([8], np.float32), np.zeros((1, 1, 3), np.float32),
+    )  # fmt: skip
+    surface = gsut.render_surface(gsut.render(g, camera, pose))
+    axis = rotation_of(tilt.astype(float))[:, 2]
+    middle = surface.normals[8, 8] / np.linalg.norm(surface.normals[8, 8])
+    assert np.abs(middle + axis).max() < tolerances.SURFACE_DISC
+    # On the plane of the disc, along every ray.
+    rays = camera.rays()[0]
+    plane = (axis @ [0, 0, 3]) / (rays @ axis)
+    seen = np.isfinite(surface.median)
+    assert seen.sum() > 100
+    assert np.abs(surface.median / plane - 1)[seen].max() < tolerances.SURFACE_DISC
+
+
+def test_normals_of_gaussians_add_up_to_the_same_bits_on_any_threads(rng):
+    camera, pose = fisheye(64), random_pose(rng)
+    g = gaussians_in_view(rng, camera, pose, 300)
+    to = rng.normal(size=(64, 64, 3)).astype(np.float32)
+    found = []
+    for threads in (1, 2, 3):
+        gsut.set_num_threads(threads)
+        result = gsut.render(g, camera, pose)
+        found.append(
+            (gsut.render_surface(result).normals.tobytes(),
+             gsut.render_surface_backward(result, to).means.tobytes())
+        )  # fmt: skip
+    gsut.set_num_threads(0)
+    assert found[0] == found[1] == found[2]
+
+
+def test_z_is_refused_where_the_lens_sees_beyond_90_degrees():
+    camera = pinhole(8)
+    z = z_of_distance(np.full((8, 8), 2.0), camera)
+    assert np.allclose(z, 2 * camera.rays()[0][..., 2])
+    with pytest.raises(InputError, match="--depth ray"):
+        z_of_distance(np.ones((16, 16)), fisheye(16))
+
+
+def test_surface_of_the_double_reference_is_refused(rng):
+    camera, pose = pinhole(8), random_pose(rng)
+    g = gaussians_in_view(rng, camera, pose, 3)
+    with pytest.raises(InputError, match="float32"):
+        gsut.render_surface(gsut.render(g, camera, pose, dtype="float64"))

@@ -1,0 +1,73 @@
+"""Positions of photographs: read, and what they make of a scene."""
+
+import numpy as np
+import pytest
+
+from gsut import InputError
+from gsut.sfm import fit_positions, read_positions
+from random_scenes import random_pose
+from tolerances import GEODETIC_METRES, POSITIONS_FIT
+
+
+@pytest.fixture
+def poses(rng):
+    return {f"images/{i}.jpg": random_pose(rng) for i in range(6)}
+
+
+def centers(poses):
+    return np.array([-pose[:3, :3].T @ pose[:3, 3] for pose in poses.values()])
+
+
+def test_positions_give_scale_up_and_north(poses, rng, tmp_path):
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    rotation *= np.linalg.det(rotation)
+    places = 2.5 * centers(poses) @ rotation.T + [3e5, 5e6, 400]
+    lines = ["name, x, y, z"] + [
+        f"{name.rsplit('/')[-1]}, {x!r}, {y!r}, {z!r}"
+        for name, (x, y, z) in zip(poses, places.tolist(), strict=True)
+    ]
+    (tmp_path / "p.csv").write_text("\n".join(lines))
+    fit = fit_positions(poses, read_positions(tmp_path / "p.csv"), "p.csv")
+    assert fit.count == 6 and fit.rms < POSITIONS_FIT
+    assert fit.scale == pytest.approx(2.5)
+    found = fit.scale * centers(poses) @ fit.rotation.T + fit.translation
+    x, down, north = found.T
+    np.testing.assert_allclose(np.stack([x, north, -down], axis=1), places, atol=POSITIONS_FIT)
+
+
+def test_latitudes_are_metres_about_the_first(tmp_path):
+    (tmp_path / "p.csv").write_text(
+        "altitude,name,latitude,longitude\n400,a,45,7\n400,b,45.001,7\n400,c,45,7.001\n412.5,d,45,7\n"
+    )
+    found = read_positions(tmp_path / "p.csv")
+    # Radii of curvature of WGS 84 at 45 degrees: 6 367 382 m along, 6 388 838 m across a meridian.
+    step = np.radians(0.001)
+    expected = {
+        "a": [0, 0, 0], "b": [0, (6367381.8 + 400) * step, 0],
+        "c": [(6388838.3 + 400) * np.cos(np.radians(45)) * step, 0, 0], "d": [0, 0, 12.5],
+    }  # fmt: skip
+    for name, place in expected.items():
+        np.testing.assert_allclose(found[name], place, atol=GEODETIC_METRES)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "found nothing"),
+        ("name,x,y\n", "found name,x,y"),
+        ("name,x,y,z\na.jpg,1,2\n", "p.csv:2: a name and three numbers"),
+        ("name,x,y,z\na.jpg,1,2,nan\n", "p.csv:2: a name and three numbers"),
+        ("name,x,y,z\nb.jpg,1,2,3\n", "0 of its 1 names .* like images/0.jpg"),
+        ("name,x,y,z\n0.jpg,1,2,3\n1.jpg,2,3,4\n2.jpg,3,4,5\n", "on a line"),
+    ],
+)
+def test_wrong_positions_are_refused(poses, tmp_path, monkeypatch, text, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "p.csv").write_text(text)
+    with pytest.raises(InputError, match=said):
+        fit_positions(poses, read_positions("p.csv"), "p.csv")
+
+
+def test_absent_positions_are_refused(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        read_positions(tmp_path / "none.csv")
