@@ -24,7 +24,7 @@ from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_candidates import guess_lenses
 from gsut.sfm.lens_search import search_lens
-from gsut.sfm.lens_start import compare_with_profile, contradiction, start_words
+from gsut.sfm.lens_start import compare_lens
 from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.models import further_models, write_models
 from gsut.sfm.options import PosesOptions
@@ -41,6 +41,7 @@ from gsut.sfm.stages import Stages, digest
 from gsut.sfm.video_shutter import VideoShutter, find_video_shutter
 
 RIG = "rig.json"
+_BEFORE_SHUTTER = 0.6  # of the time that mapping takes where a rolling shutter is sought
 # (photographs, features, pairs, options, on_progress) -> poses and points; lenses are known.
 Mapper = Callable[
     [
@@ -126,6 +127,8 @@ def estimate_poses(
     log = PosesLog(on_progress, notes_to)
     photographs, on_rig = _inputs(Path(images), camera, rig, unknown_lens, mapper, options)
     shutter = _shutter(photographs, options, mapper)
+    if _seeks_shutter(photographs, shutter, options):
+        log.mapping_share = _BEFORE_SHUTTER
     claimed = claim_folder(out, "poses", images)
     folder = claimed.path
     key = _key(photographs, options, fov_degrees)
@@ -170,7 +173,8 @@ def estimate_poses(
         log.watch.lap("mapping")
     agreeing = None if mapper else matches_in_points(solution, pairs)
     extra["matches_in_points"] = agreeing
-    _compare_lens(photographs, solution, options, log, extra)
+    for text in compare_lens(photographs, solution.cameras[0], options, extra):
+        log.note(text)
     for text in write_models(models, photographs, folder):
         log.note(text)
     extra["models"] = [int(model.num_registered) for model in models]
@@ -232,10 +236,11 @@ def _finished(
 ) -> tuple[Solution, LensDoubt | None]:
     """The solution with the shutter of its video, in the world of the earth, and what is open."""
     lines: VideoShutter | None = None
-    if solution.shutter is None and options.shutter == "auto" and photographs.flows:
+    if _seeks_shutter(photographs, solution.shutter, options):
         lines = find_video_shutter(
-            solution, features, pairs, options, photographs.flows, flags, log.on_images("mapping")
-        )
+            solution, features, pairs, options, photographs.flows, flags,
+            log.on_images("mapping", log.mapping_share),
+        )  # fmt: skip
         solution = lines.solution
         log.note(lines.words())
     doubt: LensDoubt | None = None
@@ -252,22 +257,11 @@ def _finished(
     return moved_solution(solution, earth), doubt
 
 
-def _compare_lens(
-    photographs: Photographs,
-    solution: Solution,
-    options: PosesOptions,
-    log: PosesLog,
-    extra: dict[str, Any],
-) -> None:
-    """What was said of the lens, and what was found."""
-    if extra["lens"] == "estimated" and photographs.said_focal_px is not None:
-        for text in contradiction(photographs.said_focal_px, solution.cameras[0]):
-            log.note(text)
-    if photographs.profile is not None:
-        extra["lens_start"] = compare_with_profile(
-            photographs.profile, solution.cameras[0], extra.get("readout"), options
-        )
-        log.note(start_words(extra["lens_start"]))
+def _seeks_shutter(
+    photographs: Photographs, shutter: Shutter | None, options: PosesOptions
+) -> bool:
+    """Whether these are frames of a video of whose shutter nothing was said."""
+    return shutter is None and options.shutter == "auto" and bool(photographs.flows)
 
 
 def _shutter_figures(

@@ -17,9 +17,10 @@ from gsut.sfm.align import similarity
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.matching import PairMatches
+from gsut.sfm.moving import Moving
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import FIGURES, figures, write_dataset
-from gsut.sfm.solution import Moving, Solution, refine, solve
+from gsut.sfm.solution import Solution, refine, solve
 
 _FEWEST = 4  # images of a model
 _MOST = 20  # models

@@ -15,6 +15,7 @@ from gsut.data import frame_times
 from gsut.lens import Camera
 from gsut.sfm.features import Features
 from gsut.sfm.matching import PairMatches
+from gsut.sfm.moving import Moving
 from gsut.sfm.options import PosesOptions
 
 # Variance of what is found from photographs' features, over that which independent normal errors of
@@ -138,32 +139,6 @@ class OnRig:
             "camera_from_body": list(self.camera_from_body),
             "refine": self.adjust,
         }
-
-
-@dataclasses.dataclass(frozen=True)
-class Moving:
-    """What `refine` knows of images that are read line by line.
-
-    Args:
-        shutter: the order of the lines.
-        readout: seconds from the first line to the last.
-        rates: (N, 6) velocities in a second (see Solution.velocities); NaN: not known.
-        sigma: share of them that images' own velocities differ by.
-        extend: tracks are extended at the end.
-    """
-
-    shutter: Shutter
-    readout: float
-    rates: np.ndarray
-    sigma: float = 0.1
-    extend: bool = True
-
-    def as_settings(self) -> dict[str, Any]:
-        """As the solver takes it."""
-        return {
-            "shutter": self.shutter.direction, "readout_time": self.readout,
-            "image_rates": self.rates.tolist(), "rate_sigma": self.sigma,
-        }  # fmt: skip
 
 
 def matches_in_points(solution: Solution, pairs: Sequence[PairMatches]) -> float:

@@ -7,6 +7,7 @@ a rolling shutter tell whether lines were bent by that, and how long a readout t
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -19,9 +20,10 @@ from gsut.sfm.frame_motion import rates_of_frames
 from gsut.sfm.lens_pairs import choose_connected_pairs, keep_most_distinct
 from gsut.sfm.matching import PairMatches
 from gsut.sfm.models import refine_registered
+from gsut.sfm.moving import Moving
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.readout_by_flow import FlowReadout, readout_by_flow
-from gsut.sfm.solution import Moving, Solution
+from gsut.sfm.solution import Solution
 
 _FEWEST = 8  # images whose motion is known
 _LONGEST = 0.05  # seconds that a readout takes at most
@@ -32,6 +34,9 @@ _CLEAR, _KEPT = 4.0, 0.95
 # correction falls short by no more than that share. Velocities are held to this share meanwhile.
 _CORRECTIONS, _IMAGES, _SETTLED, _MOST_SHARE, _HELD = 4, 30, 0.03, 0.7, 1e-4
 _MATCHES = 150  # of a pair meanwhile: the most distinct
+# Of the diagonal: less motion during a readout is not worth the time that training takes longer.
+# The first estimate falls short by about that factor.
+_MATTERS, _SHORT = 1e-3, 2.0
 _OBLONG = 1.2  # sides of a picture: less tells nothing of how the sensor was held
 _BACKWARDS = {"top_to_bottom": "bottom_to_top", "left_to_right": "right_to_left"}
 
@@ -59,8 +64,8 @@ class VideoShutter:
         if found is None or self.solution.shutter is None:
             return (
                 "the readout time of the shutter is not determined by this video, and each frame "
-                "counts as taken in one moment: the camera moved little, its shutter is global, or "
-                "the video was stabilised in the camera"
+                "counts as taken in one moment: the camera moved too little for it to matter, its "
+                "shutter is global, or the video was stabilised in the camera"
             )
         order = self.solution.shutter.direction.replace("_", " ")
         doubt = "" if self.is_known else ", which is not known to 10 %"
@@ -109,6 +114,8 @@ def find_video_shutter(
         if other and (found is None or other.clearness > found.clearness):
             found, forward = other, direction
     if found is None or found.clearness < _CLEAR or abs(found.time) > _LONGEST:
+        return nothing
+    if _SHORT * abs(found.time) * _speed(solution, flows) < _MATTERS:
         return nothing
     sign = 1 if found.time > 0 else -1
     shutter = Shutter(forward if sign > 0 else _BACKWARDS[forward])
@@ -170,6 +177,13 @@ def _some_images(solution: Solution, pairs: Sequence[PairMatches], rates: np.nda
     own = [pair for pair in pairs if good[pair.first] and good[pair.second]]
     chosen = choose_connected_pairs(own, _IMAGES) if own else []
     return sorted({image for pair in chosen for image in (pair.first, pair.second)})
+
+
+def _speed(solution: Solution, flows: Mapping[str, np.ndarray]) -> float:
+    """How far the pictures move in a second, in the median, of their diagonal."""
+    camera = solution.cameras[0]
+    speeds = [np.linalg.norm(flow[:, 2:], axis=1) for flow in flows.values()]
+    return float(np.median(np.concatenate(speeds))) / math.hypot(camera.width, camera.height)
 
 
 def _directions(camera: Camera) -> list[str]:
