@@ -29,7 +29,9 @@ py::tuple ReadPly(const std::string& path) {
     const py::gil_scoped_release release;
     not_finite = reader.Read(view);
   }
-  return py::make_tuple(means, quats, log_scales, opacity_logits, sh, not_finite);
+  const auto& [x, y, z] = reader.origin();
+  return py::make_tuple(means, quats, log_scales, opacity_logits, sh, not_finite,
+                        py::make_tuple(x, y, z));
 }
 
 void WritePlyFile(const std::string& path, const py::object& gaussians,
@@ -58,8 +60,8 @@ py::tuple ReadPoints(const std::string& path) {
 void BindFormats(pybind11::module_& m) {
   m.def(
       "read_ply", &ReadPly, py::arg("path"),
-      "Means, quats, log_scales, opacity_logits, sh (float32) and the number of rows that are not "
-      "finite, of a PLY file.");
+      "Means, quats, log_scales, opacity_logits, sh (float32), the number of rows that are not "
+      "finite, and what was taken off the means (3 numbers), of a PLY file.");
   m.def("write_ply", &WritePlyFile, py::arg("path"), py::arg("gaussians"),
         py::arg("comments") = std::vector<std::string>(),
         "Writes float32 Gaussians as a binary PLY file, atomically.");

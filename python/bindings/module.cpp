@@ -35,5 +35,6 @@ PYBIND11_MODULE(_core, m) {
   BindSfmMatching(m);
   BindSfmStructure(m);
   BindSfmPhotometric(m);
+  BindSurface(m);
   BindFormats(m);
 }

@@ -64,7 +64,7 @@ from gsut.optimize import (
     densify_mcmc,
     learning_rates,
 )
-from gsut.refine import Localized, RefinedPose, localize_image, refine_pose
+from gsut.refine import Localized, RefinedPose, localize, localize_image, refine_pose
 from gsut.render import METHODS as PROJECTION_METHODS
 from gsut.render import (
     Gradients,
@@ -98,7 +98,17 @@ from gsut.sfm import (
     estimate_poses,
     triangulate,
 )
+from gsut.surface import (
+    DepthMap,
+    Mesh,
+    MeshOptions,
+    extract_mesh,
+    fuse_depth,
+    load_mesh,
+    save_mesh,
+)
 from gsut.train import TrainResult, train
+from gsut.training import TrainedRun, load_run
 
 # By task: docs/api.md is made from this list and its comments, in this order.
 __all__ = [  # noqa: RUF022
@@ -127,6 +137,7 @@ __all__ = [  # noqa: RUF022
     "PoseErrors",
     "refine_pose",
     "RefinedPose",
+    "localize",
     "localize_image",
     "Localized",
     "triangulate",
@@ -136,6 +147,8 @@ __all__ = [  # noqa: RUF022
     "train",
     "TrainOptions",
     "TrainResult",
+    "load_run",
+    "TrainedRun",
     # Write a training loop
     "Gaussians",
     "seed_from_points",
@@ -171,6 +184,14 @@ __all__ = [  # noqa: RUF022
     "to_uint8",
     "write_png",
     "write_video",
+    # Make a mesh
+    "extract_mesh",
+    "MeshOptions",
+    "fuse_depth",
+    "DepthMap",
+    "Mesh",
+    "save_mesh",
+    "load_mesh",
     # Judge
     "evaluate",
     "psnr",

@@ -7,8 +7,10 @@ import json
 import math
 import os
 import shutil
+import struct
 import tempfile
-from collections.abc import Iterator
+import zlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ import numpy as np
 
 from gsut._core import InputError
 
+_MOST_ALIASES = 16  # of a YAML file
 UNFINISHED = ".writing-"  # start of the names of files that are being written
 _FOLDER_MODE = 0o755
 
@@ -90,6 +93,69 @@ def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:
 def write_json(path: str | os.PathLike[str], value: Any) -> None:
     """Writes `json_text`, see `whole_file`."""
     write_file(path, json_text(value) + "\n")
+
+
+# What parsers raise where a file is not what they expect: words for numbers, lists for keys ...
+_PARSER_FAILURES = (
+    ValueError, TypeError, LookupError, ArithmeticError, AttributeError, RecursionError, EOFError,
+    struct.error, zlib.error,
+)  # fmt: skip
+
+
+@contextlib.contextmanager
+def reading(fails: Callable[[str], Exception]) -> Iterator[None]:
+    """Turns every failure of a parser within into one that names the file.
+
+    Args:
+        fails: makes the error of what was wrong, in a few words. Errors of ours pass as they are.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except _PARSER_FAILURES as error:
+        what = " ".join(str(error).split())[:120]
+        raise fails(f"cannot be understood ({type(error).__name__}: {what})") from error
+
+
+def parse_yaml(text: str, fails: Callable[[str, str], Exception]) -> Any:
+    """YAML, also as OpenCV writes it: with a directive of its own and tagged matrices.
+
+    Args:
+        text: the file's content.
+        fails: makes the error, of the place (", line 3" or "") and the problem.
+    """
+    import yaml  # here, because gsut --help needs none
+
+    class Loader(yaml.SafeLoader):
+        """Stops at many aliases: each can double what it stands for."""
+
+        aliases = 0
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            self.aliases += self.check_event(yaml.AliasEvent)
+            if self.aliases > _MOST_ALIASES:
+                mark = self.peek_event().start_mark
+                raise yaml.composer.ComposerError(
+                    None, None, f"more than {_MOST_ALIASES} aliases", mark
+                )
+            return super().compose_node(parent, index)
+
+    Loader.add_constructor(
+        "tag:yaml.org,2002:opencv-matrix",
+        lambda loader, node: loader.construct_mapping(node, deep=True),
+    )
+    # OpenCV's directive "%YAML:1.0" is not YAML; an empty line keeps the line numbers.
+    first, newline, rest = text.partition("\n")
+    body = newline + rest if first.startswith("%YAML:") else text
+    if body.rstrip().endswith("\n---"):  # `ros2 topic echo` ends each message so
+        body = body.rstrip()[:-3]
+    try:
+        return yaml.load(body, Loader=Loader)  # a SafeLoader
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}" if mark is not None else ""
+        raise fails(line, getattr(error, "problem", None) or "cannot be parsed") from error
 
 
 def json_text(value: Any) -> str:

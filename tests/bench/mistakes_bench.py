@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import gsut
-from gsut.check import check_scene
+from gsut.check import check_scene, look_closer
 from gsut.check.matches import neighbouring_matches
 from gsut.cli._flags import add_json, print_json
 from gsut.demo import make_demo_scene
@@ -65,7 +65,7 @@ def judge(
         "data": data.name, "mistake": "none", "with_points": True, "said": alarms,
         "verdict": "false alarm" if alarms else "good", "cpu_seconds": seconds,
     })  # fmt: skip
-    matches = neighbouring_matches(good)
+    matches, close = neighbouring_matches(good), None
     for number, mistake in enumerate(MISTAKES):
         if only not in mistake.name:
             continue
@@ -77,9 +77,14 @@ def judge(
             if mistake.make(values, folder) is False:
                 continue
             said = _findings(mistake, write(values, folder, with_points), matches)
+            doctor = not said and not mistake.images
+            if doctor:
+                close = neighbouring_matches(good, closely=True) if close is None else close
+                scene = gsut.load_dataset(folder)
+                said = [str(finding) for finding in look_closer(scene, close)]
             rows.append({
                 "data": data.name, "mistake": mistake.name, "with_points": with_points,
-                "said": said, "verdict": _verdict(mistake, said),
+                "said": said, "verdict": _verdict(mistake, said), "by_doctor": doctor,
             })  # fmt: skip
     return rows
 
@@ -106,7 +111,8 @@ def _print(rows: list[dict[str, Any]], verbose: bool) -> None:
     )
     for row in rows[1:]:
         points = "with points" if row["with_points"] else "without"
-        print(f"  {row['verdict']:7} {row['mistake']} ({points})")
+        doctor = ", by gsut doctor only" if row["by_doctor"] else ""
+        print(f"  {row['verdict']:7} {row['mistake']} ({points}{doctor})")
         if verbose:
             for text in row["said"]:
                 print(f"            {text}")

@@ -26,7 +26,8 @@ _SCENES = "synthetic_100k_640x480,synthetic_1m_640x480"
 # Twist of the eye from frame to frame: a slow walk in a room of 5 to 10 m.
 _STEP = np.array([0.01, 0.0, 0.01, 0.0, 0.01, 0.0])
 _QUALITY = 75  # of the JPEG, as the page asks for while it moves
-_SHARES = (1.0, 0.5)  # of the Gaussians; the page asks for fewer where frames come late
+# Of the image's sides and of the Gaussians; the page asks for less while frames come late.
+_STEPS = ((1.0, 1.0), (0.5, 1.0), (0.5, 0.5))
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -46,10 +47,11 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     for row in rows:
         print(
-            f"{row['scene']}, {100 * row['share']:.0f} % of the Gaussians: "
-            f"{row['frames_per_second']:.1f} frames/s, slowest {row['slowest_ms']:.0f} ms, "
-            f"{row['cpu_ms']:.0f} ms of processor time and {row['kilobytes']:.0f} kB a frame, "
-            f"{row['threads']} threads; {_likeness(row['psnr'])}"
+            f"{row['scene']}, at {row['scale']:g} of the size, {100 * row['share']:.0f} % of the "
+            f"Gaussians: {row['frames_per_second']:.1f} frames/s, slowest "
+            f"{row['slowest_ms']:.0f} ms, {row['cpu_ms']:.0f} ms of processor time and "
+            f"{row['kilobytes']:.0f} kB a frame, {row['threads']} threads; "
+            f"{_likeness(row['psnr'])}"
         )
     return 0
 
@@ -68,28 +70,33 @@ class _Page:
     def __init__(self, server: ViewServer, scene: BenchScene, lens: int) -> None:
         self._connection = http.client.HTTPConnection(LOOPBACK, server.port, timeout=600)
         self._path = f"/{server.token}/frame"
-        size = {"width": scene.camera.width, "height": scene.camera.height}
-        self._values = {"lens": lens, **size}
+        self._lens, self._size = lens, np.array([scene.camera.width, scene.camera.height])
 
     def close(self) -> None:
         self._connection.close()
 
-    def ask(self, pose: np.ndarray, quality: int | None, share: float) -> bytes:
-        asked = {"pose": pose.ravel().tolist(), "quality": quality, "share": share}
-        self._connection.request("POST", self._path, json.dumps({**self._values, **asked}))
+    def ask(self, pose: np.ndarray, quality: int | None, scale: float, share: float) -> bytes:
+        width, height = (round(scale * side) for side in self._size)
+        asked = {
+            "lens": self._lens, "width": width, "height": height, "pose": pose.ravel().tolist(),
+            "quality": quality, "share": share,
+        }  # fmt: skip
+        self._connection.request("POST", self._path, json.dumps(asked))
         reply = self._connection.getresponse()
         data = reply.read()
         if reply.status != 200:
             raise InputError(data.decode())
         return data
 
-    def picture(self, pose: np.ndarray, share: float) -> np.ndarray:
-        data = np.frombuffer(self.ask(pose, None, share), np.uint8)
-        return cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    def picture(self, pose: np.ndarray, scale: float, share: float) -> np.ndarray:
+        """At the shown size, as the page enlarges it."""
+        data = np.frombuffer(self.ask(pose, None, scale, share), np.uint8)
+        drawn = cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+        return cv2.resize(drawn, self._size.tolist(), interpolation=cv2.INTER_LINEAR)
 
 
 def measure(name: str, frames: int) -> list[dict[str, Any]]:
-    """Walks through a scene, with all and with a part of its Gaussians.
+    """Walks through a scene, whole and as the page asks for it while frames come late.
 
     Raises:
         InputError: the lossless frame differs from the renderer's: a wrong frame has no speed.
@@ -104,20 +111,20 @@ def measure(name: str, frames: int) -> list[dict[str, Any]]:
         ViewServer(session.routes) as server,
         contextlib.closing(_Page(server, scene, lens)) as page,
     ):
-        for share in _SHARES:
-            found = page.picture(start, share)
-            if share == 1 and not np.array_equal(found, whole):
+        for scale, share in _STEPS:
+            found = page.picture(start, scale, share)
+            if scale == share == 1 and not np.array_equal(found, whole):
                 raise InputError(f"{name}: the lossless frame is not the renderer's")
-            page.ask(start, _QUALITY, share)
+            page.ask(start, _QUALITY, scale, share)
             pose, size, times = start, 0, [time.perf_counter()]
             cpu = time.process_time()
             for _ in range(frames):
                 pose = exp_pose(_STEP) @ pose
-                size += len(page.ask(pose, _QUALITY, share))
+                size += len(page.ask(pose, _QUALITY, scale, share))
                 times.append(time.perf_counter())
             cpu = time.process_time() - cpu
             rows.append({
-                "scene": name, "share": share, "threads": _core.num_threads(),
+                "scene": name, "scale": scale, "share": share, "threads": _core.num_threads(),
                 "frames_per_second": frames / (times[-1] - times[0]),
                 "slowest_ms": 1e3 * max(np.diff(times)), "cpu_ms": 1e3 * cpu / frames,
                 "kilobytes": size / 1e3 / frames, "psnr": psnr(found / 255.0, whole / 255.0),

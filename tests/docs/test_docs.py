@@ -135,6 +135,12 @@ def test_training_loop_fits_forty_lines():
     assert len(block.text.splitlines()) <= 40
 
 
+def test_calls_of_the_commands_are_public_names():
+    text = (ROOT / "docs" / "python.md").read_text()
+    names = re.findall(r"`gsut\.(\w+)", text)
+    assert len(names) >= 15 and [name for name in names if name not in gsut.__all__] == []
+
+
 def test_blocks_were_found():
     assert len(of("python", runs=True)) >= 8 and len(of("bash")) >= 8
     assert {b.language for b in blocks()} <= {"python", "bash", "text"}

@@ -68,14 +68,19 @@ class Browser:
         """A PNG of the window."""
         return base64.b64decode(self._ask("/screenshot"))
 
+    def devtools(self, command: str, **values: Any) -> Any:
+        return self._ask("/goog/cdp/execute", {"cmd": command, "params": values})
+
 
 @contextlib.contextmanager
-def browser(width: int = 1280, height: int = 800) -> Iterator[Browser]:
+def browser(
+    width: int = 1280, height: int = 800, more_flags: tuple[str, ...] = ()
+) -> Iterator[Browser]:
     """A browser; the test is skipped where there is none."""
     driver, program = shutil.which("chromedriver"), shutil.which("chromium")
     if driver is None or program is None:
         pytest.skip("chromium and chromium-driver are not installed")
-    with tempfile.TemporaryDirectory(prefix="gsut-browser-") as folder:
+    with tempfile.TemporaryDirectory(prefix="gsut-browser-", ignore_cleanup_errors=True) as folder:
         process = subprocess.Popen(
             [driver, "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
         )
@@ -84,7 +89,8 @@ def browser(width: int = 1280, height: int = 800) -> Iterator[Browser]:
             line = next(text for text in process.stdout if "successfully on port" in text)
             port = line.rstrip(".\n").split()[-1]
             address = f"http://127.0.0.1:{port}/session"
-            flags = [*_FLAGS, f"--user-data-dir={folder}", f"--window-size={width},{height}"]
+            flags = [*_FLAGS, f"--user-data-dir={folder}", f"--window-size={width},{height}",
+                     *more_flags]  # fmt: skip
             wanted = {
                 "goog:chromeOptions": {"binary": program, "args": flags},
                 "goog:loggingPrefs": {"browser": "ALL"},

@@ -23,6 +23,7 @@ CPP_MAY_USE: dict[str, set[str]] = {
     "loss": {"base"},
     "optimize": {"base", "gaussians"},
     "sfm": {"base", "geometry", "cameras"},
+    "surface": {"base", "geometry", "cameras"},
     "formats": {"base", "cameras", "gaussians"},
 }
 # C++ library (start of its include) -> folders that may use it.

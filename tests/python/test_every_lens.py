@@ -22,7 +22,7 @@ import tolerances as tol
 from gsut import _core
 from gsut.cli import main
 from gsut.data import Frame, TrainingViews, diagnose, write_transforms
-from gsut.data.write_nerfstudio import points_ply
+from gsut.data.points import points_ply
 from gsut.evaluate import evaluate
 from gsut.gaussians import SH_C0
 from gsut.lens import Camera, load_camera

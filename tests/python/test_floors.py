@@ -15,8 +15,8 @@ FLOORS = {
     "output_folder": 0.5,  # above `files`
     **dict.fromkeys(("gaussians", "lens", "run", "page"), 1),
     **dict.fromkeys(("render", "optimize", "data", "formats"), 2),
-    **dict.fromkeys(("capture", "sfm", "evaluate", "compact", "surface", "demo"), 3),
-    **dict.fromkeys(("refine", "check"), 4),
+    **dict.fromkeys(("capture", "sfm", "evaluate", "compact", "surface"), 3),
+    **dict.fromkeys(("refine", "check", "demo"), 4),
     "training": 5,
     **dict.fromkeys(("train", "blocks", "view"), 6),
     **dict.fromkeys(("__init__", "torch"), 7),
@@ -24,8 +24,9 @@ FLOORS = {
     "__main__": 9,
 }
 LIBRARIES = {
-    *("av", "cv2", "gsut_scalar_baseline", "jinja2", "matplotlib", "numpy", "PIL", "tqdm", "yaml"),
-    *("pillow_heif", "rawpy"),  # optional
+    *("av", "cv2", "gsut_scalar_baseline", "jinja2", "matplotlib", "numpy", "PIL", "simplejpeg"),
+    *("tqdm", "yaml"),
+    *("fast_simplification", "pillow_heif", "rawpy"),  # optional
 }
 LIBRARIES |= {"pxr", "zstandard"}  # optional: one format of scene files each
 LIBRARIES |= {"rosbags"}  # optional: ROS bags

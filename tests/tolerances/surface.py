@@ -4,3 +4,11 @@
 SURFACE_MAPS = 2e-4
 SURFACE_GRADIENTS = 1e-4  # relative L2: exact formulae along float rays
 SURFACE_DISC = 2e-3  # a disc of a thousandth's thickness in place of a plane
+MESH_VOXELS = 0.25  # of exact depths; worst PLACE
+MESH_VOLUME = 0.02  # relative: a shift of a tenth of a voxel; worst 1.44e-2
+MARCHING_CUBES = 2e-6  # voxels: float values, vertices in double here
+MESH_FILE = 1e-6  # world units: float32 about zero; 9 digits
+MESH_OBJ_FAR = 1e-2  # 9 digits of 5.5e6
+MESH_COLORS = 3e-3  # 8 bits, 4 digits
+HALL_MESH = 5e-3  # metres: circles of 64 sides at a slant
+PLANE_DEPTH = 2e-3  # relative: discs of a thousandth's thickness, depths in millimetres

@@ -19,6 +19,8 @@ namespace {
 
 // Stands for an infinite logit; the opacity 1 - 2e-9 rounds to 1 in float.
 constexpr float kLargestLogit = 20.0f;
+// Farther from zero, neighbouring floats lie 0.5 mm apart, or more, of coordinates in metres.
+constexpr double kFarFromZero = 4096.0;
 
 std::ifstream Open(const std::string& path) {
   std::ifstream stream(path, std::ios::binary);
@@ -156,9 +158,18 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
       sh.push_back(rest[static_cast<std::size_t>(channel * (k_count - 1) + k - 1)]);
     }
   }
+  const bool has_digits = header_.format == PlyFormat::kAscii ||
+                          element.properties[means[0]].type == PlyType::kFloat64;
   std::int64_t row = 0, not_finite = 0;
   ReadPlyRows(stream_, path_, header_, element_, [&](const double* values) {
     bool finite = true;
+    if (row == 0 && has_digits) {
+      double largest = 0.0;
+      for (const std::size_t column : means) largest = std::max(largest, std::abs(values[column]));
+      for (std::size_t k = 0; std::isfinite(largest) && largest >= kFarFromZero && k < 3; ++k) {
+        origin_[k] = std::round(values[means[k]]);
+      }
+    }
     const auto get = [&](const std::vector<std::size_t>& columns, float* to) {
       for (const std::size_t column : columns) {
         *to = static_cast<float>(values[column]);
@@ -166,7 +177,11 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
         ++to;
       }
     };
-    get(means, out.means + 3 * row);
+    for (std::size_t k = 0; k < 3; ++k) {
+      float& mean = out.means[3 * row + static_cast<std::int64_t>(k)];
+      mean = static_cast<float>(values[means[k]] - origin_[k]);
+      finite = finite && std::isfinite(mean);
+    }
     get(rotations, out.quats + 4 * row);
     get(scales, out.log_scales + 3 * row);
     float& logit = out.opacity_logits[row];

@@ -1,6 +1,7 @@
 // PLY files of Gaussians (the layout of 3DGS) and of point clouds, read by property name.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <fstream>
 #include <string>
@@ -27,6 +28,9 @@ class PlyGaussianReader {
   // opacity logits, which some writers use for opacities of exactly 0 and 1, become -20 and 20.
   // Throws InputError naming file and row if the data is truncated.
   std::int64_t Read(const GaussiansView<float>& out);
+  // What Read took off the means: 0, but for coordinates far from zero (UTM) in a file that holds
+  // more digits of them than float does, as text or in double.
+  const std::array<double, 3>& origin() const { return origin_; }
 
  private:
   std::string path_;
@@ -35,6 +39,7 @@ class PlyGaussianReader {
   std::size_t element_ = 0;
   std::int64_t size_ = 0;
   int sh_coefficients_ = 1;
+  std::array<double, 3> origin_ = {0.0, 0.0, 0.0};
 };
 
 // Writes binary little-endian float32 with nx ny nz = 0, as 3DGS does: to "PATH.partial" first,

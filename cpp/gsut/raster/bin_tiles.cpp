@@ -75,28 +75,53 @@ void RadixSort(std::vector<Keyed>* items, std::vector<Keyed>* scratch) {
   }
 }
 
-}  // namespace
-
-void BinTiles(const TileGrid& grid, Frame* frame) {
+// Numbers the slots by Gaussian and lists the seen ones, in index order.
+void NumberSlots(Frame* frame, std::vector<Keyed>* seen) {
+  struct Sums {
+    std::uint64_t slots = 0, seen = 0;
+  };
   const std::int64_t n = frame->size;
-  // Slots by Gaussian; the seen ones in index order.
-  frame->slot_begin.resize(static_cast<std::size_t>(n) + 1);
-  thread_local std::vector<Keyed> seen, scratch;
-  seen.clear();
-  std::uint64_t slots = 0;
-  for (std::int64_t i = 0; i < n; ++i) {
-    const std::size_t j = static_cast<std::size_t>(i);
-    frame->slot_begin[j] = static_cast<std::uint32_t>(slots);
-    const TileRect& rect = frame->rects[j];
-    if (rect.x0 >= rect.x1) continue;
-    slots += rect.NumTiles(frame->SpansOf(j));
-    seen.push_back({SortableBits(frame->order_key[j]), static_cast<std::uint32_t>(i)});
+  const Parts parts(n);
+  std::vector<Sums> sums(static_cast<std::size_t>(parts.count) + 1);
+  ParallelFor(n, parts.grain, [&](std::int64_t begin, std::int64_t end) {
+    Sums sum;
+    for (std::size_t j = static_cast<std::size_t>(begin); j < static_cast<std::size_t>(end); ++j) {
+      const TileRect& rect = frame->rects[j];
+      if (rect.x0 >= rect.x1) continue;
+      sum.slots += rect.NumTiles(frame->SpansOf(j));
+      ++sum.seen;
+    }
+    sums[static_cast<std::size_t>(begin / parts.grain) + 1] = sum;
+  });
+  for (std::size_t part = 1; part < sums.size(); ++part) {
+    sums[part].slots += sums[part - 1].slots;
+    sums[part].seen += sums[part - 1].seen;
   }
-  frame->slot_begin[static_cast<std::size_t>(n)] = static_cast<std::uint32_t>(slots);
+  const std::uint64_t slots = sums.back().slots;
   if (slots >= (std::uint64_t{1} << 32)) {
     throw InputError("the frame has " + std::to_string(slots) +
                      " (tile, Gaussian) pairs, more than 4294967295: render a smaller image");
   }
+  frame->slot_begin.resize(static_cast<std::size_t>(n) + 1);
+  frame->slot_begin[static_cast<std::size_t>(n)] = static_cast<std::uint32_t>(slots);
+  seen->resize(sums.back().seen);
+  ParallelFor(n, parts.grain, [&](std::int64_t begin, std::int64_t end) {
+    Sums at = sums[static_cast<std::size_t>(begin / parts.grain)];
+    for (std::size_t j = static_cast<std::size_t>(begin); j < static_cast<std::size_t>(end); ++j) {
+      frame->slot_begin[j] = static_cast<std::uint32_t>(at.slots);
+      const TileRect& rect = frame->rects[j];
+      if (rect.x0 >= rect.x1) continue;
+      at.slots += rect.NumTiles(frame->SpansOf(j));
+      (*seen)[at.seen++] = {SortableBits(frame->order_key[j]), static_cast<std::uint32_t>(j)};
+    }
+  });
+}
+
+}  // namespace
+
+void BinTiles(const TileGrid& grid, Frame* frame) {
+  thread_local std::vector<Keyed> seen, scratch;
+  NumberSlots(frame, &seen);
   RadixSort(&seen, &scratch);
   const std::int64_t visible = static_cast<std::int64_t>(seen.size());
   frame->order.resize(seen.size());

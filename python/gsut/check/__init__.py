@@ -1,7 +1,8 @@
 """The usual mistakes, found before time is spent: poses, lens, points against the photographs."""
 
-from gsut.check.before import check_scene, diagnose, stop_at_errors
-from gsut.check.photographs import Evidence, check_photographs, gather_evidence
+from gsut.check.before import check_scene, diagnose, look_closer, stop_at_errors
+from gsut.check.evidence import Evidence, gather_evidence
+from gsut.check.photographs import check_photographs
 
 __all__ = [
     "Evidence",
@@ -9,5 +10,6 @@ __all__ = [
     "check_scene",
     "diagnose",
     "gather_evidence",
+    "look_closer",
     "stop_at_errors",
 ]

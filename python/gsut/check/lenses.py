@@ -14,12 +14,18 @@ from gsut.lens import Camera
 from gsut.sfm import angular_errors, pixels_per_radian
 
 _SIZES = (0.25, 1 / 3, 0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0, 3.0, 4.0)
-_FOCALS = tuple(np.exp(np.arange(-70, 71) / 100))  # a hundredth apart, to half and double
+# Hundredths of the logarithm of a factor on the focal length, to half and double, as they are
+# tried, and around the best of these.
+_FOCALS, _NEAR = range(-68, 69, 4), (-3, -2, -1, 1, 2, 3)
 _FISHEYE_K1 = (0.0, 0.02, 0.05, -0.02, -0.05)
 _BARREL_K1 = (-0.4, -0.3, -0.2, -0.1, -0.05, 0.05, 0.1)
 _ITERATIONS = 8
+_SETTLED = 0.05  # of the differences' steps
 _NORMAL = 1.4826  # standard deviation of a normal law over the median of its sizes
 _FEWEST = 40  # matches that four numbers are fitted to
+
+
+Change = Callable[[Camera], "Camera | None"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,13 +50,23 @@ class LensFit:
     Args:
         values: (4,) logarithm of the factor on the focal lengths; pixels to add to cx and cy;
             factor minus 1 on the distance from the centre, at half the image's diagonal.
-        sigmas: (4,) standard deviations, pairs of images taken as independent.
+        covariance: (4, 4) of them, pairs of images taken as independent.
         diagonal: of the image, pixels.
     """
 
     values: np.ndarray
-    sigmas: np.ndarray
+    covariance: np.ndarray
     diagonal: float
+
+    @property
+    def sigmas(self) -> np.ndarray:
+        """(4,) standard deviations."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def shift_distance(self, shift: np.ndarray) -> float:
+        """How far cx and cy to add are from a shift (2,), in standard deviations (Mahalanobis)."""
+        off = self.values[1:3] - shift
+        return float(np.sqrt(off @ np.linalg.pinv(self.covariance[1:3, 1:3]) @ off))
 
     def apply(self, cameras: Sequence[Camera], matches: Matches) -> np.ndarray:
         """(2, M, 3) the rays of the matches through the lenses as they were fitted."""
@@ -101,8 +117,11 @@ def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> 
             [np.bincount(matches.pair[good], column, len(matches.pairs)) for column in pull.T]
         )
         covariance = bread @ (of_pairs @ of_pairs.T) @ bread
-        x = x - np.clip(bread @ pull.sum(axis=0), [-0.2, -50, -50, -0.1], [0.2, 50, 50, 0.1])
-    return LensFit(x, np.sqrt(np.maximum(np.diag(covariance), 0.0)), matches.diagonal)
+        step = np.clip(bread @ pull.sum(axis=0), [-0.2, -50, -50, -0.1], [0.2, 50, 50, 0.1])
+        x = x - step
+        if np.all(np.abs(step) < _SETTLED * steps.max(axis=1)):
+            break
+    return LensFit(x, covariance, matches.diagonal)
 
 
 def _moved_rays(cameras: Sequence[Camera], matches: Matches, x: np.ndarray) -> np.ndarray:
@@ -114,26 +133,55 @@ def _moved_rays(cameras: Sequence[Camera], matches: Matches, x: np.ndarray) -> n
     return rays_of(cameras, dataclasses.replace(matches, pixels=moved))
 
 
-def other_lenses(cameras: Sequence[Camera]) -> Iterator[OtherLens]:
-    """All other lenses that are tried, the likelier first."""
+def other_lenses(
+    cameras: Sequence[Camera], cost_of: Callable[[list[Camera]], float]
+) -> Iterator[OtherLens]:
+    """All other lenses that are tried, the likelier first.
+
+    Args:
+        cameras: the dataset's.
+        cost_of: of lenses: focal lengths are tried more finely near the best.
+    """
+    focals = {k: _made(cameras, *_focal(k)) for k in _FOCALS}
+    costs = {k: cost_of(lens.cameras) for k, lens in focals.items() if lens is not None}
+    if costs:
+        best = min(costs, key=lambda k: costs[k])
+        focals |= {best + k: _made(cameras, *_focal(best + k)) for k in _NEAR}
     for name, advice, change in _changes():
-        try:
-            made = [change(camera) for camera in cameras]
-        except (InputError, ValueError, KeyError):
+        if change is None:
+            yield from (lens for _, lens in sorted(focals.items()) if lens is not None)
             continue
-        known = [camera for camera in made if camera is not None]
-        if len(known) == len(cameras) and known != list(cameras):
-            yield OtherLens(name, advice, known)
+        made = _made(cameras, name, advice, change)
+        if made is not None:
+            yield made
 
 
-Change = Callable[[Camera], "Camera | None"]
+def _made(cameras: Sequence[Camera], name: str, advice: str, change: Change) -> OtherLens | None:
+    """None where a lens cannot be changed so, or is the same."""
+    try:
+        made = [change(camera) for camera in cameras]
+    except (InputError, ValueError, KeyError):
+        return None
+    known = [camera for camera in made if camera is not None]
+    same = len(known) < len(cameras) or known == list(cameras)
+    return None if same else OtherLens(name, advice, known)
 
 
-def _changes() -> Iterator[tuple[str, str, Change]]:
+def _focal(hundredths: int) -> tuple[str, str, Change]:
+    s = float(np.exp(hundredths / 100))
+    return (
+        f"a focal length times {s:.3f}",
+        f"multiply fx and fy by about {s:.3f}, or calibrate anew",
+        functools.partial(_with, scale=s),
+    )
+
+
+def _changes() -> Iterator[tuple[str, str, Change | None]]:
+    """Name, advice and change; without a change stand the focal lengths."""
     yield (
         "a lens without distortion: they have been undistorted",
         "give the lens that the undistorted photographs have (pinhole, no k), or the originals",
-        _undistorted,
+        undistorted,
     )
     yield (
         "a fisheye (Kannala-Brandt) with these coefficients, not radial-tangential ones",
@@ -172,12 +220,7 @@ def _changes() -> Iterator[tuple[str, str, Change]]:
             f"multiply cx and cy by {s:.4g}: they are for images of another size",
             functools.partial(_scaled, scale=1.0, center=s),
         )
-    for s in _FOCALS:
-        yield (
-            f"a focal length times {s:.3f}",
-            f"multiply fx and fy by about {s:.3f}, or calibrate anew",
-            functools.partial(_with, scale=s),
-        )
+    yield "", "", None
     for k in _FISHEYE_K1:
         yield (
             "a fisheye: they are not undistorted, as the lens says",
@@ -231,14 +274,20 @@ def _with_distortion(camera: Camera, values: np.ndarray) -> Camera | None:
     return camera.with_valid_field_angle(None).with_params(params)
 
 
-def _undistorted(camera: Camera) -> Camera | None:
+def undistorted(camera: Camera) -> Camera | None:
+    """The pinhole of a lens, or None where it is one, or has none."""
     if not _has_four(camera) or camera.model == "pinhole":
         return None
     return Camera("pinhole", camera.params[:4], camera.width, camera.height)
 
 
+def is_free_of_distortion(camera: Camera) -> bool:
+    """Whether the lens is a pinhole, or its coefficients are all zero."""
+    return _has_four(camera) and not np.any(camera.params[4:])
+
+
 def _distorted(camera: Camera, model: str, k1: float) -> Camera | None:
-    if not _has_four(camera) or (len(camera.params) > 4 and np.any(camera.params[4:])):
+    if not is_free_of_distortion(camera):
         return None
     return Camera(model, [*camera.params[:4], k1, 0, 0, 0], camera.width, camera.height)
 

@@ -14,14 +14,32 @@ from gsut._core import InputError
 from gsut.data import Scene, decode_mask, frame_times
 from gsut.sfm import Features, PosesOptions, features_in
 
-_ANCHORS = 9  # places along the dataset at which neighbours are compared
-_STEPS = (1, 2)  # each anchor with the images so many places further
-_OPTIONS = PosesOptions(
+
+@dataclasses.dataclass(frozen=True)
+class _Look:
+    """How closely photographs are looked at.
+
+    Args:
+        anchors: places along the dataset at which neighbours are compared.
+        steps: each anchor with the images so many places further.
+        most: matches of a pair.
+        options: of the features.
+    """
+
+    anchors: int
+    steps: tuple[int, ...]
+    most: int
+    options: PosesOptions
+
+
+_QUICK = _Look(9, (1, 2), 250, PosesOptions(
     max_features=700, max_megapixels=0.2, contrast=0.01, max_ratio=0.75, threads=0
-)
+))  # fmt: skip
+_CLOSE = _Look(24, (1, 3, 6), 600, PosesOptions(
+    max_features=1500, max_megapixels=0.8, contrast=0.01, max_ratio=0.75, threads=0
+))  # fmt: skip
 _FEWEST = 16  # matches of a pair that counts
 _STILL = 0.004  # of the image's diagonal: what moves less, in a pair that moves, is on the lens
-_PER_PAIR = 250
 _BEFORE_NUMBER = re.compile(r"\d+\D*$")
 
 
@@ -39,23 +57,28 @@ class ImagePair:
     pixels: np.ndarray
 
 
-def neighbouring_matches(scene: Scene) -> list[ImagePair]:
+def neighbouring_matches(scene: Scene, closely: bool = False) -> list[ImagePair]:
     """Matches of some images with the next ones of the same camera, in the order of their names.
 
     Args:
         scene: some of its images are decoded and stay in its cache.
+        closely: more images, larger ones: for errors of a fraction of a pixel, in several times the
+            time.
 
     Returns:
         Pairs with enough matches; empty where images show too little, or not the same.
     """
-    wanted = _pairs(scene)
+    look = _CLOSE if closely else _QUICK
+    wanted = _pairs(scene, look)
     used = sorted({index for pair in wanted for index in pair})
     with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as threads:
-        features = dict(zip(used, threads.map(lambda i: _features(scene, i), used), strict=True))
+        features = dict(
+            zip(used, threads.map(lambda i: _features(scene, i, look.options), used), strict=True)
+        )
     place = {index: number for number, index in enumerate(used)}
     rows = np.array([[place[a], place[b]] for a, b in wanted], np.int64).reshape(-1, 2)
     descriptors = [features[index].descriptors for index in used]
-    found = _core.match_pairs(descriptors, rows, _OPTIONS.max_ratio, _OPTIONS.max_distance)
+    found = _core.match_pairs(descriptors, rows, look.options.max_ratio, look.options.max_distance)
     pairs = []
     for (a, b), matches in zip(wanted, found, strict=True):
         pixels = np.stack([features[a].pixels[matches[:, 0]], features[b].pixels[matches[:, 1]]])
@@ -65,7 +88,7 @@ def neighbouring_matches(scene: Scene) -> list[ImagePair]:
         if np.count_nonzero(~still) >= _FEWEST:
             pixels = pixels[:, ~still]
         if pixels.shape[1] >= _FEWEST:
-            pairs.append(ImagePair(a, b, pixels[:, :_PER_PAIR]))
+            pairs.append(ImagePair(a, b, pixels[:, : look.most]))
     return pairs
 
 
@@ -82,22 +105,22 @@ def order_in_time(scene: Scene) -> list[list[int]]:
     return ordered
 
 
-def _pairs(scene: Scene) -> list[tuple[int, int]]:
+def _pairs(scene: Scene, look: _Look) -> list[tuple[int, int]]:
     groups = order_in_time(scene)
     total = sum(len(group) for group in groups)
     pairs = []
     for group in groups:
-        anchors = max(1, round(_ANCHORS * len(group) / total))
+        anchors = max(1, round(look.anchors * len(group) / total))
         for place in np.unique(np.linspace(0, len(group) - 2, anchors).astype(int)):
             pairs += [
                 (group[place], group[place + step])
-                for step in _STEPS
+                for step in look.steps
                 if place >= 0 and place + step < len(group)
             ]
     return pairs
 
 
-def _features(scene: Scene, index: int) -> Features:
+def _features(scene: Scene, index: int, options: PosesOptions) -> Features:
     """Wherever the dataset lets pixels count: which of them have a ray is what is asked."""
     view = scene.views[index]
     try:
@@ -105,7 +128,7 @@ def _features(scene: Scene, index: int) -> Features:
         valid = None if view.mask_path is None else decode_mask(view.mask_path)
     except InputError:  # said by the checks of the files
         pixels, valid = np.zeros((8, 8, 3), np.uint8), None
-    return features_in(pixels, valid, _OPTIONS)
+    return features_in(pixels, valid, options)
 
 
 def describe(pairs: Sequence[ImagePair]) -> str:

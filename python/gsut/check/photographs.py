@@ -2,78 +2,40 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
+from collections.abc import Callable
 
 import numpy as np
 
-from gsut import _core
-from gsut.check.geometry import (
-    TOLERANCE,
-    Matches,
-    PoseTable,
-    cost,
-    gather,
-    pair_costs,
-    pose_table,
-    rays_of,
-)
-from gsut.check.lenses import LensFit, fit_lens, other_lenses
-from gsut.check.matches import ImagePair, neighbouring_matches
+from gsut.check.evidence import Evidence
+from gsut.check.geometry import cost, pair_costs
+from gsut.check.lenses import LensFit, fit_lens, is_free_of_distortion, other_lenses, undistorted
 from gsut.check.readings import readings
+from gsut.check.turns import (
+    MATCHED,
+    clock_of_turns,
+    read_in_degrees,
+    rotation_vector,
+    turn_of_body,
+)
 from gsut.data import Finding, Scene, some_names
 from gsut.sfm import angular_errors, pixels_per_radian
 
-_FEWEST_PAIRS, _FEWEST_MATCHES = 2, 60
 # Costs are between 0 and 1: good data of ours lie at 0.1 to 0.5, wrong ones at 0.7 to 1.
 _POOR = 0.62  # from here on something is wrong, whether or not another reading fits
 _GAIN, _RATIO = 0.12, 0.8  # another reading is named if its cost is so much less, and in ratio
+_SAMPLE_NOISE = 0.06  # of a cost by the sample of the matches
+_WELL = 0.5  # what fits so needs no estimate beside it
 _LEAST_ALIKE = 0.03  # readings whose costs differ by less are alike: the likelier one is named
-_MATCHED = 0.5  # of the matches must fit one relative pose a pair, for there to be evidence
 # A lens is off from so many thousandths of the diagonal (focal length, principal point, distortion)
 # and standard deviations, by so many pairs or more.
 _MOVES, _SIGMAS, _FEWEST_FOR_LENS = np.array([2.0, 0.8, 2.0]), 5.0, 6
+# A principal point is half a pixel off where that is far from none and near a half, in standard
+# deviations.
+_SURE, _NEAR_HALF = 4.0, 2.5
 _BAD_PAIR = 0.85  # cost of a pair that contradicts its poses, among others that do not
 _MANY_BAD = 0.2  # of the pairs: more than a few bad poses
 _FITTED_LENSES = 4  # other lenses from which a fit is tried
-_FEWEST_TURNS = 4  # pairs from which a turn of the camera on its body is estimated
-
-
-@dataclasses.dataclass(frozen=True)
-class Evidence:
-    """What the photographs have to say: matches, and the given poses and lenses."""
-
-    scene: Scene
-    pairs: list[ImagePair]
-    matches: Matches
-    table: PoseTable
-    rays: np.ndarray
-
-    @functools.cached_property
-    def focal(self) -> float:
-        return pixels_per_radian(self.scene.cameras[0])
-
-    def cost_of_poses(self, poses: np.ndarray) -> float:
-        errors = angular_errors(self.rays, self.table.of_matches(poses))
-        return cost(errors, self.matches, self.focal)
-
-    def words(self) -> str:
-        return f"{len(self.matches):,} matches in {len(self.pairs)} pairs of neighbouring images"
-
-
-def gather_evidence(scene: Scene, pairs: list[ImagePair] | None = None) -> Evidence | None:
-    """Matches of some neighbouring photographs; None where they share too few features.
-
-    Args:
-        scene: in the dataset's coordinates; some of its images are decoded.
-        pairs: from `neighbouring_matches`, where they are known already.
-    """
-    pairs = neighbouring_matches(scene) if pairs is None else pairs
-    if len(pairs) < _FEWEST_PAIRS or sum(p.pixels.shape[1] for p in pairs) < _FEWEST_MATCHES:
-        return None
-    matches = gather(scene, pairs)
-    rays = rays_of(scene.cameras, matches)
-    return Evidence(scene, pairs, matches, pose_table(scene, matches), rays)
 
 
 def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
@@ -121,20 +83,22 @@ def _best_other(evidence: Evidence, given: float) -> tuple[float, str, str, str]
     """Cost, name, advice and subject of the reading or lens that fits better by far."""
     noise = 1 / np.sqrt(len(evidence.matches))
     most = min(given - _GAIN - noise, _RATIO * given)
-    found = []
+    found: list[tuple[float, str, str, str]] = []
+
+    def judge(cost_of: Callable[[Evidence], float], name: str, advice: str, subject: str) -> None:
+        if cost_of(evidence.sample) < most + _SAMPLE_NOISE:
+            value = cost_of(evidence)
+            if value < most:
+                found.append((value, name, advice, subject))
+
     for reading in readings(evidence.scene, evidence.table.poses):
-        value = evidence.cost_of_poses(reading.poses)
-        if value < most:
-            text = f"these poses {reading.name}"
-            found.append((value, text, reading.advice, "poses"))
-    poses = evidence.table.of_matches()
-    for lens in other_lenses(evidence.scene.cameras):
-        errors = angular_errors(rays_of(lens.cameras, evidence.matches), poses)
-        value = cost(errors, evidence.matches, pixels_per_radian(lens.cameras[0]))
-        if value < most:
-            found.append((value, lens.name, lens.advice, "lens"))
-    if not found and given > _POOR:
-        found = _fitted(evidence, most)
+        cost_of = functools.partial(Evidence.cost_of_poses, poses=reading.poses)
+        judge(cost_of, f"these poses {reading.name}", reading.advice, "poses")
+    for lens in other_lenses(evidence.scene.cameras, evidence.sample.cost_of_lenses):
+        cost_of = functools.partial(Evidence.cost_of_lenses, cameras=lens.cameras)
+        judge(cost_of, lens.name, lens.advice, "lens")
+    if given > _POOR and min([row[0] for row in found], default=1.0) > _WELL:
+        found += _fitted(evidence, most)
     if not found:
         return None
     best = min(row[0] for row in found)
@@ -144,8 +108,7 @@ def _best_other(evidence: Evidence, given: float) -> tuple[float, str, str, str]
 def _fitted(evidence: Evidence, most: float) -> list[tuple[float, str, str, str]]:
     """What fits once something is estimated: the lens near another one, or a turn of the camera."""
     found = []
-    matches, poses = evidence.matches, evidence.table.of_matches()
-    turn = _turn_of_body(evidence)
+    turn = turn_of_body(evidence)
     if turn is not None:
         value = evidence.cost_of_poses(evidence.table.poses @ turn)
         if value < most:
@@ -155,11 +118,11 @@ def _fitted(evidence: Evidence, most: float) -> list[tuple[float, str, str, str]
                 f"camera-to-world matrix by the camera's place on the body (inverse of Kalibr's "
                 f"T_cam_imu); its rotation is about [{rows}]", "poses",
             ))  # fmt: skip
-    tried = []
-    for lens in other_lenses(evidence.scene.cameras):
-        errors = angular_errors(rays_of(lens.cameras, matches), poses)
-        tried.append((cost(errors, matches, pixels_per_radian(lens.cameras[0])), lens))
-    for _, lens in sorted(tried, key=lambda row: row[0])[:_FITTED_LENSES]:
+    cameras, sample = evidence.scene.cameras, evidence.sample
+    tried = other_lenses(cameras, sample.cost_of_lenses)
+    lenses = sorted(tried, key=lambda lens: sample.cost_of_lenses(lens.cameras))
+    matches, poses = evidence.matches, evidence.table.of_matches()
+    for lens in lenses[:_FITTED_LENSES]:
         rays = fit_lens(lens.cameras, matches, poses).apply(lens.cameras, matches)
         value = cost(angular_errors(rays, poses), matches, pixels_per_radian(lens.cameras[0]))
         if value < most:
@@ -167,35 +130,11 @@ def _fitted(evidence: Evidence, most: float) -> list[tuple[float, str, str, str]
     return found
 
 
-def _turn_of_body(evidence: Evidence) -> np.ndarray | None:
-    """(4, 4) body_from_camera, a rotation: turns of cameras against turns of the given poses.
-
-    Rotation vectors of both differ by the rotation sought (hand-eye calibration; Kabsch).
-    """
-    given, found = [], []
-    for number, turn, share in _free_turns(evidence):
-        if share < _MATCHED:
-            continue
-        pair = evidence.pairs[number]
-        one, two = (
-            evidence.scene.views[i].camera_from_world[:3, :3] for i in (pair.first, pair.second)
-        )
-        given.append(rotation_vector(two @ one.T))
-        found.append(rotation_vector(turn))
-    if len(given) < _FEWEST_TURNS:
-        return None
-    left, _, right = np.linalg.svd(np.array(given).T @ np.array(found))
-    flip = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
-    turn = np.eye(4)
-    turn[:3, :3] = left @ flip @ right
-    return turn
-
-
 def _unexplained(evidence: Evidence, given: float) -> Finding:
     """Nothing that is known fits: is it the poses, or do the photographs say nothing?"""
     where = str(evidence.scene.path)
     share, turn = _free_fit(evidence)
-    if share < _MATCHED:
+    if share < MATCHED:
         return Finding(
             "warning",
             where,
@@ -203,6 +142,27 @@ def _unexplained(evidence: Evidence, given: float) -> Finding:
             f"hardly fit any ({share:.0%} with free poses; {evidence.words()})",
             "check lens model and focal length (gsut calibrate); blurred, repeated or moving "
             "things can be a reason, too",
+        )
+    contradiction = (
+        f"the photographs contradict the poses ({evidence.words()}: {_share(given)} fit)"
+    )
+    degrees = read_in_degrees(evidence)
+    if degrees is not None:
+        return Finding(
+            "error",
+            where,
+            f"{contradiction}; {degrees:.0%} of the turns between neighbours fit these poses with "
+            "their rotation vectors read in degrees",
+            "convert rotation vectors to radians (np.radians) before matrices are made of them",
+        )
+    late = clock_of_turns(evidence)
+    if late is not None:
+        return Finding(
+            "error",
+            where,
+            f"{contradiction}; the turns between neighbours fit poses that are about {abs(late):g} "
+            f"of a frame {'late' if late > 0 else 'early'}",
+            "shift the poses' clock against the images' by as much, and interpolate anew",
         )
     return Finding(
         "error",
@@ -215,34 +175,11 @@ def _unexplained(evidence: Evidence, given: float) -> Finding:
     )
 
 
-def _free_turns(evidence: Evidence) -> list[tuple[int, np.ndarray, float]]:
-    """Of each pair that one relative pose explains: its number, the rotation second_from_first
-    and the share of the matches; through the given lenses, without the given poses."""
-    scene, result = evidence.scene, []
-    for number, pair in enumerate(evidence.pairs):
-        cameras = [
-            scene.cameras[scene.views[index].camera_index] for index in (pair.first, pair.second)
-        ]
-        if not all(camera.is_central for camera in cameras):
-            continue
-        images = [
-            _core.ImageBearings(camera, np.ascontiguousarray(pixels))
-            for camera, pixels in zip(cameras, pair.pixels, strict=True)
-        ]
-        count = pair.pixels.shape[1]
-        rows = np.repeat(np.arange(count, dtype=np.int32)[:, None], 2, axis=1)
-        rows = rows[images[0].valid & images[1].valid]
-        max_error = TOLERANCE * evidence.matches.diagonal / 1000
-        ((kept, found, *_),) = _core.verify_pairs(images, np.array([[0, 1]]), [rows], max_error, 0)
-        result.append((number, found[:3, :3], np.count_nonzero(kept) / count))
-    return result
-
-
 def _free_fit(evidence: Evidence) -> tuple[float, float]:
     """Share of the matches that free relative poses explain; median degrees between the turns of
     these and of the given ones."""
     turns = []
-    free = _free_turns(evidence)
+    free = evidence.free_turns
     for number, turn, _ in free:
         pair = evidence.pairs[number]
         given = [
@@ -260,7 +197,7 @@ def _small_errors(evidence: Evidence, given: float) -> list[Finding]:
     poses = evidence.table.of_matches()
     costs = pair_costs(angular_errors(evidence.rays, poses), evidence.matches, evidence.focal)
     findings = []
-    free = {number: share for number, _, share in _free_turns(evidence) if share > _MATCHED}
+    free = {number: share for number, _, share in evidence.free_turns if share > MATCHED}
     bad = [i for i in np.flatnonzero(costs > _BAD_PAIR) if i in free]
     if bad:
         names = [scene.views[evidence.pairs[i].second].name for i in bad]
@@ -275,7 +212,7 @@ def _small_errors(evidence: Evidence, given: float) -> list[Finding]:
         )
     if len(costs) >= _FEWEST_FOR_LENS:
         fit = fit_lens(scene.cameras, evidence.matches, poses)
-        findings += _lens_findings(fit, where)
+        findings += _lens_findings(evidence, fit, where)
     if not findings:
         findings.append(
             Finding(
@@ -288,10 +225,78 @@ def _small_errors(evidence: Evidence, given: float) -> list[Finding]:
     return findings
 
 
-def _lens_findings(fit: LensFit, where: str) -> list[Finding]:
-    off = (fit.moves > _MOVES) & (fit.significance > _SIGMAS)
+def _distortion_named(evidence: Evidence, where: str) -> Finding | None:
+    """Where the distortion is off: undistorted photographs, or a lens that leaves it out."""
+    cameras = evidence.scene.cameras
+    plain = [undistorted(camera) for camera in cameras]
+    known = [camera for camera in plain if camera is not None]
+    if len(known) == len(cameras):
+        if _off(fit_lens(known, evidence.matches, evidence.table.of_matches())).any():
+            return None
+        return Finding(
+            "warning",
+            where,
+            "the photographs fit better a lens without distortion: they have been undistorted",
+            "give the lens that the undistorted photographs have (pinhole, no k), or the originals",
+        )
+    if not all(is_free_of_distortion(camera) for camera in cameras):
+        return None
+    return Finding(
+        "warning",
+        where,
+        "the photographs fit better a lens with distortion: they are not undistorted, as the lens "
+        "says",
+        "give the lens file of the original photographs, or calibrate (gsut calibrate)",
+    )
+
+
+def check_half_pixel(evidence: Evidence, where: str) -> list[Finding]:
+    """Whether the principal point is half a pixel off, as where two conventions meet.
+
+    Args:
+        evidence: of a close look.
+        where: for the finding.
+    """
+    fit = fit_lens(evidence.scene.cameras, evidence.matches, evidence.table.of_matches())
+    for half in (0.5, -0.5):
+        if (
+            fit.shift_distance(np.zeros(2)) > _SURE
+            and fit.shift_distance(np.full(2, half)) < _NEAR_HALF
+        ):
+            dx, dy = fit.values[1:3]
+            return [
+                Finding(
+                    "warning",
+                    where,
+                    f"the photographs fit better cx {dx:+.2f} +- {fit.sigmas[1]:.2f} and cy "
+                    f"{dy:+.2f} +- {fit.sigmas[2]:.2f} pixels",
+                    _half_pixel(half),
+                )
+            ]
+    return []
+
+
+def _half_pixel(half: float) -> str:
+    sign = "add 0.5 to" if half > 0 else "subtract 0.5 from"
+    return (
+        f"{sign} cx and cy: here the centre of the top-left pixel is (0.5, 0.5), in OpenCV, "
+        "Kalibr and mrcal files (0, 0)"
+    )
+
+
+def _off(fit: LensFit) -> np.ndarray:
+    """(3,) bool: focal length, principal point, distortion."""
+    return (fit.moves > _MOVES) & (fit.significance > _SIGMAS)
+
+
+def _lens_findings(evidence: Evidence, fit: LensFit, where: str) -> list[Finding]:
+    off = _off(fit)
     if not off.any():
         return []
+    if off[2] and not off[1]:
+        named = _distortion_named(evidence, where)
+        if named is not None:
+            return [named]
     log_scale, dx, dy, radial = fit.values
     words = []
     if off[0]:
@@ -304,11 +309,7 @@ def _lens_findings(fit: LensFit, where: str) -> list[Finding]:
         words.append(f"a distortion of {1000 * radial / 2:+.1f} thousandths of the diagonal more")
     half = off[1] and np.abs(np.abs([dx, dy]) - 0.5).max() < max(0.2, 3 * fit.sigmas[1:3].max())
     if half and dx * dy > 0 and not off[0]:
-        sign = "add 0.5 to" if dx > 0 else "subtract 0.5 from"
-        advice = (
-            f"{sign} cx and cy: here the centre of the top-left pixel is (0.5, 0.5), in OpenCV, "
-            "Kalibr and mrcal files (0, 0)"
-        )
+        advice = _half_pixel(dx)
     elif off[2] and not off[1]:
         advice = "check the lens model and its coefficients, or calibrate: gsut calibrate"
     else:
@@ -317,12 +318,3 @@ def _lens_findings(fit: LensFit, where: str) -> list[Finding]:
             "gsut train --refine-poses --refine-lens"
         )
     return [Finding("warning", where, f"the photographs fit better {' and '.join(words)}", advice)]
-
-
-def rotation_vector(rotation: np.ndarray) -> np.ndarray:
-    """(3,) axis times angle of a rotation (3, 3)."""
-    r = rotation
-    sine = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / 2
-    length = np.linalg.norm(sine)
-    angle = np.arctan2(length, (np.trace(r) - 1) / 2)
-    return sine * (angle / length if length > 1e-12 else 1.0)

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsut._core import InputError
+from gsut.check.evidence import Evidence
 from gsut.check.geometry import TOLERANCE
-from gsut.check.photographs import Evidence
-from gsut.data import Finding, Scene, view_agreement
+from gsut.data import Finding, Scene, has_colors, view_agreement
 from gsut.sfm import angular_errors
 
 _FEWEST = 30  # points, or triangulated matches
@@ -40,21 +40,31 @@ def check_points_frame(scene: Scene, evidence: Evidence | None) -> list[Finding]
         return []
     where = str(scene.path)
     ratio = None if evidence is None else _spread_ratio(scene, evidence)
-    for unit, (name, other) in _UNITS.items():
-        if ratio is not None and 1 / _NEAR_UNIT < ratio / unit < _NEAR_UNIT:
-            larger = unit > 1
-            return [
-                Finding(
-                    "error",
-                    where,
-                    f"the points spread {ratio:.3g} times as far as the things that the "
-                    f"photographs show: points are in {name}, poses in "
-                    f"{other}?",
-                    f"{'divide' if larger else 'multiply'} the points by "
-                    f"{unit if larger else 1 / unit:g}, or scale the poses' positions",
-                )
-            ]
-    return _other_axes(scene, where)
+    colors = _Colors(scene) if has_colors(scene) else None
+    if colors is not None and colors.given >= _AGREE:
+        return []
+    for unit in _UNITS:
+        if colors is not None:
+            value = colors.agreement(np.eye(3) / unit)
+            if value >= max(_AGREE, colors.given + _GAIN):
+                seen = f"the points' colours agree with the photographs at r = {value:.2f} if they "
+                seen += f"are {'divided' if unit > 1 else 'multiplied'} by {max(unit, 1 / unit):g}"
+                return [_in_unit(where, unit, f"{seen}, as they are at {colors.given:.2f}")]
+        elif ratio is not None and 1 / _NEAR_UNIT < ratio / unit < _NEAR_UNIT:
+            seen = f"the points spread {ratio:.3g} times as far as the things that the photographs"
+            return [_in_unit(where, unit, f"{seen} show")]
+    return [] if colors is None else _other_axes(colors, where)
+
+
+def _in_unit(where: str, unit: float, seen: str) -> Finding:
+    name, other = _UNITS[unit]
+    return Finding(
+        "error",
+        where,
+        f"{seen}: points are in {name}, poses in {other}?",
+        f"{'divide' if unit > 1 else 'multiply'} the points by {max(unit, 1 / unit):g}, or scale "
+        "the poses' positions",
+    )
 
 
 def _spread_ratio(scene: Scene, evidence: Evidence) -> float | None:
@@ -78,32 +88,35 @@ def _spread(points: np.ndarray) -> float:
     return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
 
 
-def _other_axes(scene: Scene, where: str) -> list[Finding]:
-    """Axes permuted or mirrored, where the colours say so."""
-    if np.ptp(scene.point_colors) == 0:
-        return []
-    views = np.unique(np.linspace(0, len(scene) - 1, _VIEWS).round().astype(int))
-    step = -(-len(scene.points) // _MOST_POINTS)
-    colors = scene.point_colors[::step]
+class _Colors:
+    """How well the colours of some points agree with some photographs, the points moved or not."""
 
-    def agreement(axes: np.ndarray) -> float:
-        turned = scene.replace(points=scene.points[::step] @ axes.T, point_colors=colors)
-        found = [_agreement(turned, int(index)) for index in views]
+    def __init__(self, scene: Scene) -> None:
+        step = -(-len(scene.points) // _MOST_POINTS)
+        self._points, self._colors = scene.points[::step], scene.point_colors[::step]
+        self._scene = scene
+        self._views = np.unique(np.linspace(0, len(scene) - 1, _VIEWS).round().astype(int))
+        self.given = self.agreement(np.eye(3))
+
+    def agreement(self, change: np.ndarray) -> float:
+        """Median correlation with the points multiplied by a (3, 3) matrix; -1: nothing is seen."""
+        moved = self._scene.replace(points=self._points @ change.T, point_colors=self._colors)
+        found = [_agreement(moved, int(index)) for index in self._views]
         known = [value for value in found if value is not None]
         return float(np.median(known)) if known else -1.0
 
-    given = agreement(np.eye(3))
-    if given >= _AGREE:
-        return []
-    best = max((agreement(axes), text) for text, axes in _axes())
-    if best[0] < max(_AGREE, given + _GAIN):
+
+def _other_axes(colors: _Colors, where: str) -> list[Finding]:
+    """Axes permuted or mirrored, where the colours say so."""
+    best = max((colors.agreement(axes), text) for text, axes in _axes())
+    if best[0] < max(_AGREE, colors.given + _GAIN):
         return []
     return [
         Finding(
             "error",
             where,
             f"the points' colours agree with the photographs at r = {best[0]:.2f} if their x, y, z "
-            f"are read as {best[1]}, as they are at {given:.2f}",
+            f"are read as {best[1]}, as they are at {colors.given:.2f}",
             f"write the points' coordinates as {best[1]}: they are in other axes than the poses",
         )
     ]

@@ -14,9 +14,10 @@ from gsut.files import json_text
 FILE_SUFFIXES = frozenset(
     f".{name}"
     for names in (
-        "avi gif mkv mov mp4 webm jpeg jpg png",
-        "glb gltf ply sog splat spz usd usda usdc usdz",
-        "html json npz zip",
+        "avi gif insv m4v mkv mov mp4 mpeg mpg webm",
+        "bmp heic jpeg jpg png tif tiff webp",
+        "fbx glb gltf ksplat las laz obj ply rad sog splat spz stl usd usda usdc usdz xyz",
+        "csv html json npz pdf txt zip",
     )
     for name in names.split()
 )

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.cli._flags import add_json, print_json
+from gsut.cli._flags import add_json, folder_name, print_json
 from gsut.cli.train import print_figures, train_into
 from gsut.cli.view import has_display
 from gsut.run import OPTIONS, REPORT, RunFolder, TrainOptions, Verdict
@@ -24,7 +24,12 @@ DESCRIPTION = (
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "-o", "--out", metavar="FOLDER", default="demo", help="folder for all of it [default demo]"
+        "-o",
+        "--out",
+        type=folder_name,
+        metavar="FOLDER",
+        default="demo",
+        help="folder for all of it [default demo]",
     )
     parser.add_argument(
         "--steps", type=int, metavar="N", default=1000, help="training steps [default 1000]"

@@ -46,7 +46,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--floaters", action="store_true",
-        help="leave out what a run's training photographs contradict, or none of them shows",
+        help="leave out what a run's training photographs contradict",
+    )  # fmt: skip
+    parser.add_argument(
+        "--unseen", action="store_true",
+        help="leave out what none of a run's training photographs shows",
     )  # fmt: skip
     parser.add_argument(
         "--up", type=float, nargs=3, metavar=("X", "Y", "Z"),
@@ -91,10 +95,9 @@ def run(arguments: argparse.Namespace) -> int:
         )
     found = sum(len(file.gaussians) for file in files)
     parts = [file.gaussians for file in files]
-    if arguments.floaters:
+    if arguments.floaters or arguments.unseen:
         parts = [
-            _without_floaters(arguments, *each)
-            for each in zip(arguments.sources, parts, strict=True)
+            _by_photographs(arguments, *each) for each in zip(arguments.sources, parts, strict=True)
         ]
     whole = merged(parts)
     kept = whole[_kept(whole, arguments)]
@@ -132,7 +135,7 @@ def _print_summary(figures: dict[str, Any]) -> None:
         f"times {figures['scale']:.6g}: {figures['out']}"
     )
     if figures["floaters"]:
-        print(f"{figures['floaters']:,} floated: photographs contradict them, or none shows them")
+        print(f"{figures['floaters']:,} left out by what the photographs say")
     if figures["positions_rms"] is not None:
         print(f"the cameras are {figures['positions_rms']:.3g} m (rms) from where the file says")
     for sentence in figures["left_out"]:
@@ -209,19 +212,22 @@ def _trained(arguments: argparse.Namespace, source: str, otherwise: str) -> tupl
     return (run, *read_trained(run, arguments.data))
 
 
-def _without_floaters(arguments: argparse.Namespace, source: str, gaussians: Any) -> Any:
+def _by_photographs(arguments: argparse.Namespace, source: str, gaussians: Any) -> Any:
     from gsut.compact import find_support
     from gsut.run import Progress
     from gsut.training import read_light
 
-    run, options, scene, _ = _trained(arguments, source, "give a run for --floaters")
+    run, options, scene, _ = _trained(arguments, source, "give a run for --floaters and --unseen")
     rows = scene.train_indices
     with Progress(not arguments.quiet) as bars:
         support = find_support(
             scene, gaussians, rows, background=options.background, light=read_light(run, scene),
             on_view=lambda done: bars.show("photographs", done, len(rows)),
         )  # fmt: skip
-    return gaussians[~(support.unseen | support.contradicted)]
+    out = np.zeros(len(gaussians), bool)
+    for asked, found in (("floaters", support.contradicted), ("unseen", support.unseen)):
+        out |= found & getattr(arguments, asked)
+    return gaussians[~out]
 
 
 def _fit_of_positions(arguments: argparse.Namespace) -> Any:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from gsut._core import InputError
 from gsut.cli._flags import (
@@ -37,6 +39,25 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         type=folder_name,
         metavar="FOLDER",
         help="new folder for the pictures (truth, render, 16-bit distance) and metrics.json",
+    )
+    parser.add_argument(
+        "--geometry",
+        nargs="?",
+        const="",
+        metavar="TRUTH",
+        help="also judge depth and mesh: a mesh (.ply, .obj; only what training views see of it "
+        "counts), a point cloud (.ply), or a folder of depths along the rays named like the images "
+        "(.npy, or .png of 16 bits) [alone: the depth files that the dataset names]",
+    )
+    parser.add_argument(
+        "--depth-unit",
+        type=float,
+        default=1e-3,
+        metavar="X",
+        help="the dataset's units in a level of 16-bit depths [default 0.001: millimetres]",
+    )
+    parser.add_argument(
+        "--mesh", metavar="FILE", help="the mesh to judge [default: as `gsut mesh` makes it]"
     )
     add_force(parser)
     add_json(parser)
@@ -77,10 +98,70 @@ def run(arguments: argparse.Namespace) -> int:
         print("gsut: note: poses as the run refined them, held-out views aligned", file=sys.stderr)
     if out is not None:
         RunFolder(out).write_json(METRICS, figures)
+    if arguments.geometry is not None:
+        figures["geometry"] = _geometry(arguments, gaussians, scene, indices, options.background)
+        if out is not None:
+            RunFolder(out).write_json(METRICS, figures)
     if arguments.json:
         print_json(figures)
     else:
         for row in figures["views"]:
             print(f"{row['psnr']:7.2f} dB  SSIM {row['ssim']:.4f}  {row['name']}")
         print_figures(figures)
+        print_geometry(figures.get("geometry", {}))
     return 0
+
+
+def _geometry(
+    arguments: argparse.Namespace,
+    gaussians: Any,
+    scene: Any,
+    indices: Sequence[int],
+    background: Any,
+) -> dict[str, Any]:
+    from gsut.run import Progress
+    from gsut.surface import geometry_figures, load_mesh
+
+    with Progress(sys.stderr.isatty()) as bars:
+        return geometry_figures(
+            gaussians,
+            scene,
+            indices,
+            Path(arguments.geometry) if arguments.geometry else None,
+            depth_unit=arguments.depth_unit,
+            mesh=load_mesh(arguments.mesh) if arguments.mesh else None,
+            background=background,
+            progress=bars.show,
+        )
+
+
+def print_geometry(geometry: dict[str, Any]) -> None:
+    """A line for each kind of depth, with its rings, and for the mesh."""
+    depth = dict(geometry.get("depth", {}))
+    views = depth.pop("views", 0)
+    for kind, row in depth.items():
+        if row["abs_rel"] is None:
+            print(f"depth, {kind}: none where the truth is known")
+            continue
+        rings = ", ".join(
+            f"{100 * ring['abs_rel_median']:.2f} % to {ring['to_degrees']:.0f}°"
+            for ring in row["rings"]
+            if ring["abs_rel_median"] is not None
+        )
+        print(
+            f"depth, {kind}: AbsRel {100 * row['abs_rel']:.2f} % (median "
+            f"{100 * row['abs_rel_median']:.2f} %; {rings}), RMSE {row['rmse']:.4g}, delta < 1.25 "
+            f"{100 * row['delta1']:.1f} %, on {100 * row['coverage']:.1f} % of {views} views"
+        )
+    if mesh := geometry.get("mesh"):
+        normals = mesh["normal_consistency"]
+        print(
+            f"mesh: accuracy {mesh['accuracy']:.4g}, completeness {mesh['completeness']:.4g}, "
+            f"Chamfer {mesh['chamfer']:.4g}"
+            + ("" if normals is None else f", normal consistency {normals:.3f}")
+        )
+        for row in mesh["fscores"]:
+            print(
+                f"mesh: F-score {row['fscore']:.3f} at {row['distance']:g} (precision "
+                f"{row['precision']:.3f}, recall {row['recall']:.3f})"
+            )

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from gsut._core import InputError
 from gsut.cli._flags import add_force, add_json, add_moved_data, check_first, print_json
 
 _FOCAL_OFF = 0.025  # relative; told from here on
@@ -36,39 +32,24 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.data import decode_image, decode_mask, shrink_image, shrink_mask
-    from gsut.refine import localize_image
+    from gsut.refine import localize
     from gsut.render import solid
     from gsut.run import Progress, RunFolder
     from gsut.training import read_trained
 
-    path = Path(arguments.image)
-    pixels, alpha = decode_image(path)
     options, scene, gaussians = read_trained(RunFolder.open(arguments.folder), arguments.data)
     check_first(scene, arguments.force, quiet=True)
-    mask = np.ones(pixels.shape[:2], bool) if alpha is None else np.asarray(alpha, bool)
-    if arguments.mask:
-        drawn = decode_mask(Path(arguments.mask))
-        if drawn.shape != mask.shape:
-            raise InputError(
-                f"{arguments.mask} is {drawn.shape[1]} x {drawn.shape[0]}, {path} is "
-                f"{mask.shape[1]} x {mask.shape[0]}: a mask has its image's size"
-            )
-        mask = mask & drawn
-    camera = _camera_of(path, pixels, scene, arguments.camera)
-    size = (camera.width, camera.height)
-    pixels, mask = shrink_image(pixels, *size), shrink_mask(mask, *size)
-    indices = scene.train_indices or range(len(scene.views))
     with Progress(sys.stderr.isatty()) as bars:
-        found = localize_image(
+        found = localize(
+            arguments.image,
+            scene,
             gaussians,
-            [(scene.camera(index), scene.views[index].camera_from_world) for index in indices],
-            camera,
-            pixels,
-            mask,
+            camera=arguments.camera,
+            mask=arguments.mask,
             background=solid(options.background),
             on_progress=bars.show,
         )
+    indices = scene.train_indices or range(len(scene.views))
     start = found.start if isinstance(found.start, str) else scene.views[indices[found.start]].name
     figures = _figures(found, scene, start)
     if arguments.json:
@@ -76,30 +57,6 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         _print_pose(figures)
     return 0
-
-
-def _camera_of(path: Path, pixels: np.ndarray, scene: Any, lens_file: str | None) -> Any:
-    """The photograph's lens at the photograph's size, or at the training images' if smaller."""
-    from gsut.lens import load_lens
-
-    if lens_file is not None:
-        camera, source = load_lens(lens_file, (pixels.shape[1], pixels.shape[0])), lens_file
-    elif len(scene.cameras) == 1:
-        camera, source = scene.cameras[0], str(scene.path)
-    else:
-        raise InputError(
-            f"{scene.path} has {len(scene.cameras)} cameras: say with --camera LENS which lens "
-            f"took {path}"
-        )
-    height, width = pixels.shape[:2]
-    if abs(width * camera.height - height * camera.width) > max(camera.width, camera.height):
-        raise InputError(
-            f"{path} is {width} x {height}, but the lens of {source} is for images of "
-            f"{camera.width} x {camera.height}; give the lens of this photograph with --camera"
-        )
-    trained = max(c.width for c in scene.cameras)
-    width = min(width, trained)
-    return camera.resized(width, round(camera.height * width / camera.width))
 
 
 def _figures(localized: Any, scene: Any, start: str) -> dict[str, Any]:

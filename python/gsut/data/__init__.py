@@ -11,6 +11,7 @@ from gsut.data.capture_file import (
 )
 from gsut.data.check_colors import check_colors, view_agreement
 from gsut.data.check_geometry import check_lenses, check_points, check_poses
+from gsut.data.check_images import check_bits
 from gsut.data.color_points import UNCOLORED, color_points, has_colors
 from gsut.data.convert import convert_dataset, save_dataset, writable_layouts
 from gsut.data.digests import scene_digests
@@ -63,6 +64,7 @@ __all__ = [
     "View",
     "capture_state",
     "centers_of",
+    "check_bits",
     "check_colors",
     "check_lenses",
     "check_points",

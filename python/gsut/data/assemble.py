@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from gsut._core import InputError, Shutter
 from gsut.data.findings import DatasetError, OnError, some_names, stop
-from gsut.data.images import read_header
+from gsut.data.images import IMAGE_SUFFIXES, read_header
 from gsut.data.points import TRIANGULATED, load_points_ply
-from gsut.data.poses import inverse
+from gsut.data.poses import FARTHEST, inverse
 from gsut.data.scene import Scene, View
 from gsut.data.split import TEST_EVERY, split_views
 from gsut.lens import Camera
 
+MASKS = "masks"  # the folder of a mask an image
 HALF_PIXEL = 0.5  # a down-scaled copy's size may be rounded by this much
 SAME_POSE = 1e-9  # relative difference of two poses of a frame that is listed twice
 
@@ -92,12 +93,14 @@ def assemble(
     if not frames:
         raise _nothing_left(listing, total)
     frames.sort(key=lambda frame: frame.name)
-    finite = np.isfinite(listing.points).all(axis=1)
+    notes += [*_mask_notes(listing, frames, on_error), *_lens_notes(frames)]
+    finite = (np.abs(listing.points) <= FARTHEST).all(axis=1)  # NaN is not
     if not finite.all():
         on_error(
             DatasetError(
                 listing.source,
-                f"{np.sum(~finite)} of {len(finite)} points have NaN or infinite coordinates",
+                f"{np.sum(~finite)} of {len(finite)} points have NaN, infinite or absurdly large "
+                "coordinates",
                 "remove these points",
             )
         )
@@ -131,6 +134,44 @@ def _take_triangulated(listing: Listing, on_error: OnError) -> None:
         listing.notes.append(f"{path}: the points of `gsut points` are used: there are no others")
     except InputError as error:
         on_error(error)
+
+
+def _mask_notes(listing: Listing, frames: list[Frame], on_error: OnError) -> Iterator[str]:
+    """Masks that belong to no image, and images without one among others that have one."""
+    used = {frame.mask_path.resolve() for frame in frames if frame.mask_path is not None}
+    without = [frame.name for frame in frames if frame.mask_path is None]
+    folder = listing.path / MASKS
+    found = sorted(p for p in folder.rglob("*") if p.suffix.lower() in IMAGE_SUFFIXES)
+    idle = [path.relative_to(folder).as_posix() for path in found if path.resolve() not in used]
+    named = listing.source.suffix == ".json"  # each frame names its mask
+    advice = (
+        "name them by 'mask_path'"
+        if named
+        else f"a mask is called as its image: {MASKS}/{Path(frames[0].name).name}.png"
+    )
+    if idle and len(idle) == len(found) and not named:
+        what = f"none of {len(found)} masks belongs to an image: {some_names(idle)}"
+        on_error(DatasetError(folder, what, f"{advice}; or remove the folder"))
+    elif idle:
+        yield f"{folder}: {len(idle)} masks are of no image: {some_names(idle)}; {advice}"
+    if without and len(without) < len(frames):
+        yield (
+            f"{len(without)} of {len(frames)} images have no mask and count as a whole"
+            f" ({some_names(without)}); {advice}"
+        )
+
+
+def _lens_notes(frames: list[Frame]) -> Iterator[str]:
+    """Lenses whose coefficients of distortion are all zero."""
+    for camera in dict.fromkeys(frame.camera for frame in frames):
+        names = camera.param_names.split()
+        rows = [i for i, name in enumerate(names) if name[0] in "kp" and name[1:].isdigit()]
+        if rows and not np.any(np.asarray(camera.params)[rows]):
+            what = "an equidistant fisheye" if camera.model == "kannala_brandt" else "free of it"
+            yield (
+                f"the lens ({camera.model}) has distortion coefficients that are all 0 and is taken"
+                f" to be {what}: if the photographs are as the camera took them, calibrate it"
+            )
 
 
 def _nothing_left(listing: Listing, total: int) -> DatasetError:

@@ -10,6 +10,7 @@ from gsut.data.color_points import UNCOLORED, has_colors
 from gsut.data.findings import Finding, some_names
 from gsut.data.scene import Scene
 
+LENS_SIDE = 800  # pixels: lenses are looked at on images of at most this longer side
 NO_RAY_MUCH = 0.4  # share of pixels; a 180-degree circle in a square image leaves 0.21
 SAME_PLACE = 1e-6  # of the extent: two cameras at one place
 COLLINEAR = 1e-3  # second over first singular value of the centres
@@ -29,7 +30,9 @@ def check_lenses(scene: Scene) -> Iterator[Finding]:
     """Share of pixels without a ray, principal point, focal lengths."""
     for number, camera in enumerate(scene.cameras):
         where = f"camera {number} ({camera.model}, {camera.width} x {camera.height})"
-        rays, valid = camera.rays()
+        longer = max(camera.width, camera.height)
+        sizes = [max(1, side * LENS_SIDE // longer) for side in (camera.width, camera.height)]
+        rays, valid = (camera if longer <= LENS_SIDE else camera.resized(*sizes)).rays()
         blind = 1 - float(np.mean(valid))
         angles = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])
         angles = np.degrees(angles[np.asarray(valid, bool)])

@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.findings import DatasetError, Finding, some_names
-from gsut.data.images import shrink_mask
+from gsut.data.images import largest_of_16_bits, shrink_mask
 from gsut.data.scene import Scene
 from gsut.run import Progress
 
@@ -22,6 +22,8 @@ OVER_EXPOSED = 254
 BLACK = 0.5  # share of valid pixels at DARKEST or below
 DARKEST = 2
 REPEATED = 0.3  # grey levels rms between the thumbnails of two files
+BITS_TESTED = 4  # pictures; in all of them the largest values are small, if so few bits are used
+SURELY_BITS = 12  # photographs of a 16th of the brightness are no photographs
 MASKED_MOST = 0.9  # share of masked pixels
 
 
@@ -38,6 +40,30 @@ class ImageStats:
     thumb: np.ndarray  # (THUMB * THUMB,) grey
 
 
+def check_bits(scene: Scene) -> Iterator[Finding]:
+    """Whether files of 16 bits hold 10, 12 or 14: some of them are decoded."""
+    chosen = np.unique(np.linspace(0, len(scene) - 1, BITS_TESTED).round().astype(int))
+    largest = 0
+    for index in chosen:
+        try:
+            found = largest_of_16_bits(scene.views[index].image_path)
+        except InputError:  # said by others
+            continue
+        if found is None:
+            return
+        largest = max(largest, found)
+    bits = next((bits for bits in (10, 12, 14) if 0 < largest < 2**bits), None)
+    if bits is None:
+        return
+    yield Finding(
+        "warning" if bits > SURELY_BITS else "error",
+        str(scene.path),
+        f"the pictures have 16 bits a channel and values of up to {largest} of 65535: do they hold "
+        f"{bits} bits?",
+        f"multiply their values by {2 ** (16 - bits)}, or write them with 8 bits",
+    )
+
+
 def check_images(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
     """Decodes every image once and yields findings about files and pixels.
 
@@ -45,6 +71,7 @@ def check_images(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
         scene: at full size.
         progress: show a bar.
     """
+    yield from check_bits(scene)
     stats: list[ImageStats] = []
     for index in Progress(progress).through("images", range(len(scene))):
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import zlib
 from pathlib import Path
@@ -17,6 +18,9 @@ _PNG_TYPES_WITH_ALPHA = (3, 4, 6)  # palette (may carry alpha), grey + alpha, RG
 # Start-of-frame markers of JPEG; C4, C8 and CC are tables, not frames.
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _JPEG_BARE = frozenset({0x01, *range(0xD0, 0xD9)})  # markers without a length
+_JPEG_START = b"\xff\xd8"
+# What the decoder says of data that no encoder writes, and of which it made the picture up.
+_JPEG_DAMAGE = ("premature end", "bad Huffman code", "extraneous bytes")
 _COPY_AGAIN = "copy or export the file again"
 
 
@@ -41,7 +45,7 @@ def read_header(path: Path) -> ImageHeader:
         if head.startswith(_PNG_SIGNATURE) and len(head) == 26:
             width, height = struct.unpack(">II", head[16:24])
             return ImageHeader(width, height, head[25] in _PNG_TYPES_WITH_ALPHA)
-        if head.startswith(b"\xff\xd8"):
+        if head.startswith(_JPEG_START):
             file.seek(2)
             return ImageHeader(*_jpeg_size(file, path), False)
     pixels, valid = decode_image(path)
@@ -109,6 +113,21 @@ def decode_image(path: Path, reduction: int = 1) -> tuple[np.ndarray, np.ndarray
     )
 
 
+def largest_of_16_bits(path: Path) -> int | None:
+    """The largest value of an image file of 16 bits a channel; None: it has 8.
+
+    Raises:
+        DatasetError: see `decode_image`.
+    """
+    with _open(path) as file:
+        head = file.read(26)
+    png = head.startswith(_PNG_SIGNATURE) and len(head) == 26
+    if head.startswith(b"\xff\xd8") or (png and head[24] != 16):
+        return None
+    pixels = _decode(path)
+    return int(pixels.max(initial=0)) if pixels.dtype == np.uint16 else None
+
+
 def decode_scaled(
     path: Path, full: tuple[int, int], size: tuple[int, int], *, in_parts: bool
 ) -> tuple[np.ndarray, np.ndarray | None]:
@@ -149,20 +168,41 @@ def _decode(path: Path, reduction: int = 1) -> np.ndarray:
     if not data:
         raise DatasetError(path, "the file is empty", _COPY_AGAIN)
     _require_complete(data, path)
-    flags = cv2.IMREAD_UNCHANGED
-    if reduction > 1 and data.startswith(b"\xff\xd8"):
-        reduced = {
-            2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4,
-            8: cv2.IMREAD_REDUCED_COLOR_8,
-        }  # fmt: skip
-        flags = reduced[reduction] | cv2.IMREAD_IGNORE_ORIENTATION
-    try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error:
-        pixels = None
+    pixels = _decode_jpeg(data, path, reduction) if data.startswith(_JPEG_START) else None
+    if pixels is None:
+        with contextlib.suppress(cv2.error):
+            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None:
         raise DatasetError(path, "cannot be decoded as an image", f"{_COPY_AGAIN} as PNG or JPEG")
     return pixels
+
+
+def _decode_jpeg(data: bytes, path: Path, reduction: int) -> np.ndarray | None:
+    """(H, W) grey or (H, W, 3) BGR, the bits of OpenCV's decoder; None: a kind for OpenCV.
+
+    Raises:
+        DatasetError: the decoder met data that no encoder writes, and made up the rest.
+    """
+    import simplejpeg
+
+    try:
+        height, width, kind, _ = simplejpeg.decode_jpeg_header(data)
+        if kind not in ("Gray", "YCbCr", "RGB"):
+            return None
+        color = "GRAY" if kind == "Gray" else "BGR"
+        least = {"min_height": -(-height // reduction), "min_width": -(-width // reduction)}
+        pixels = simplejpeg.decode_jpeg(data, color, **least)
+    except ValueError as error:
+        if any(words in str(error) for words in _JPEG_DAMAGE) and not _is_padded(data):
+            raise DatasetError(path, f"the JPEG file is damaged: {error}", _COPY_AGAIN) from None
+        return None  # OpenCV reads past it
+    return pixels[:, :, 0] if color == "GRAY" else pixels
+
+
+def _is_padded(data: bytes) -> bool:
+    """Whether blanks stand between a JPEG's pixels and its end: some cameras write them."""
+    end = data.rfind(b"\xff\xd9")
+    return end > 0 and data[end - 4 : end] in (bytes(4), b"\xff" * 4)
 
 
 def _require_complete(data: bytes, path: Path) -> None:
@@ -191,7 +231,7 @@ def _require_complete(data: bytes, path: Path) -> None:
             raise DatasetError(
                 path, f"the PNG file is truncated: it ends after {len(data)} bytes", _COPY_AGAIN
             )
-    elif data.startswith(b"\xff\xd8"):
+    elif data.startswith(_JPEG_START):
         # In the compressed data FF is always followed by 00 or a marker: FF D9 is the end.
         # Previews in the header have an end of their own, so search after the start of scan.
         scan = _jpeg_scan_start(data)

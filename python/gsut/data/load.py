@@ -12,6 +12,7 @@ from gsut.data.layouts import known_layout, layouts
 from gsut.data.recording import listing_of
 from gsut.data.scene import Scene
 from gsut.data.split import TEST_EVERY
+from gsut.files import reading
 
 
 def load_dataset(
@@ -36,7 +37,8 @@ def load_dataset(
         DatasetError (an InputError): the first thing that is wrong with the dataset. `gsut doctor`
             lists all of them.
     """
-    listing = read_dataset(Path(path))
+    with reading(lambda what: DatasetError(path, what, "is one of its files damaged?")):
+        listing = read_dataset(Path(path))
     scene = assemble(listing, test_every=test_every, test_names=test_names)
     return scene if scale == 1 else scene.scaled(scale)
 

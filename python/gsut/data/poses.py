@@ -9,6 +9,7 @@ from gsut.data.findings import DatasetError
 
 # Largest entry of R^T R - I. Files with 4 decimals reach 2e-4, a real scale or shear is far above.
 ROTATION_TOLERANCE = 1e-3
+FARTHEST = 1e12  # a coordinate in any unit: the Earth is 1e10 millimetres wide
 # OpenGL's camera (x right, y up, z backward) against OpenCV's (x right, y down, z forward).
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -36,8 +37,9 @@ def rigid_transform(values: object, where: object) -> np.ndarray:
             f"the pose has shape {matrix.shape}, expected (4, 4)",
             "write 4 rows of 4 numbers",
         )
-    if not np.isfinite(matrix).all():
-        row, column = np.argwhere(~np.isfinite(matrix))[0]
+    usable = np.abs(matrix) <= FARTHEST  # NaN is not
+    if not usable.all():
+        row, column = np.argwhere(~usable)[0]
         raise DatasetError(
             where,
             f"the pose holds {matrix[row, column]} in row {row}, column {column}",
@@ -91,9 +93,11 @@ def pose_from_quaternion(quat_wxyz: ArrayLike, translation: ArrayLike, where: ob
     quat = np.array(quat_wxyz, dtype=np.float64)
     pose = np.eye(4)
     pose[:3, 3] = np.asarray(translation, dtype=np.float64)
-    if not (np.isfinite(quat).all() and np.isfinite(pose).all()):
+    if not ((np.abs(quat) <= FARTHEST).all() and (np.abs(pose) <= FARTHEST).all()):
         raise DatasetError(
-            where, "the pose holds NaN or infinity", "estimate it again or leave the image out"
+            where,
+            "the pose holds NaN or infinity, or an absurd number",
+            "estimate it again, or leave it out",
         )
     norm = np.linalg.norm(quat)
     if abs(norm - 1) > ROTATION_TOLERANCE:

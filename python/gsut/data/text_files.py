@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut.data.findings import DatasetError
+from gsut.files import parse_yaml
 
 
 def read_text(source: Path) -> str:
@@ -49,15 +50,10 @@ def read_yaml(source: Path) -> dict[str, Any]:
     Raises:
         DatasetError: missing, not text, not YAML (with line), or no keys and values.
     """
-    import yaml  # here, because gsut --help needs none
-
-    try:
-        values = yaml.safe_load(read_text(source))
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f", line {mark.line + 1}" if mark is not None else ""
-        problem = getattr(error, "problem", None) or "cannot be parsed"
-        raise DatasetError(f"{source}{line}", f"not YAML ({problem})", "correct it") from error
+    values = parse_yaml(
+        read_text(source),
+        lambda at, what: DatasetError(f"{source}{at}", f"not YAML ({what})", "correct it"),
+    )
     if not isinstance(values, dict):
         raise DatasetError(
             source, f"expected keys with values, found {type(values).__name__}", "correct it"

@@ -14,16 +14,19 @@ import numpy as np
 from gsut._core import InputError, num_threads
 from gsut.data import Frame, points_ply, write_transforms
 from gsut.demo.hall import Hall, make_hall
+from gsut.demo.hall_mesh import hall_mesh
 from gsut.demo.tracing import Tracer
 from gsut.demo.views import camera_path, demo_camera
 from gsut.files import whole_folder
 from gsut.lens import Camera
 from gsut.run import Progress
+from gsut.surface import save_mesh
 
 SAMPLES_PER_SIDE = 4  # rays a pixel: a grid of 4 x 4
 _BLOCK = 32  # pixels; rays of a block are traced together
 _POINTS = 4000
 _POINTS_FILE = "points3D.ply"
+_TRUTH_FILE = "truth.ply"
 _POINT_NOISE = 0.01  # metres, standard deviation: as good as structure from motion gets
 _MILLIMETRES = 1000.0
 
@@ -42,7 +45,8 @@ def make_demo_scene(
     Writes a nerfstudio data set: transforms.json (OPENCV_FISHEYE, camera-to-world with OpenGL
     axes, metres, pixel centre 0.5), images/*.png, mask.png (255 where a pixel lies wholly inside
     the image circle), points3D.ply (4000 surface points that cameras see, off by 1 cm), depth/*.png
-    of the test views (distance along the ray in mm, 16 bit, 0 outside the circle).
+    of the test views (distance along the ray in mm, 16 bit, 0 outside the circle), truth.ply (the
+    hall's surfaces as a mesh, for `gsut eval --geometry`).
 
     Args:
         folder: is created; appears only when it is complete.
@@ -95,6 +99,7 @@ def _write_dataset(
         hall, camera, mask, [poses[i] for i in train], [images[i] for i in train], seed
     )
     (folder / _POINTS_FILE).write_bytes(points_ply(points, colors))
+    save_mesh(folder / _TRUTH_FILE, hall_mesh(hall))
     frames = [
         Frame(
             name, folder / "images" / name, camera, pose, mask_path=folder / "mask.png",

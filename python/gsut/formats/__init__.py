@@ -94,7 +94,8 @@ def load_gaussians(path: str | os.PathLike[str]) -> Gaussians:
         a rotation of norm 0, are left out, and a warning says how many.
 
     Raises:
-        InputError: the file cannot be opened, is of no known format, is truncated or damaged.
+        InputError: the file cannot be opened, is of no known format, is truncated or damaged, or
+            holds no Gaussians that can be drawn.
     """
     return read_scene_file(path).gaussians
 
@@ -115,6 +116,8 @@ def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
         raise InputError(f"{path}: by its name {names}, but {why}")
     found = readers[0](path)
     good = drawable(found.gaussians)
+    if not good.any():
+        raise InputError(f"{path}: none of its {len(good)} Gaussians can be drawn")
     if not good.all():
         warnings.warn(
             f"{path}: {np.count_nonzero(~good)} of {len(good)} Gaussians have values that are not "
@@ -165,5 +168,5 @@ def drawable(gaussians: Gaussians) -> np.ndarray:
     g = gaussians
     finite = np.isfinite(g.opacity_logits)
     for array in (g.means, g.quats, g.log_scales, g.sh):
-        finite &= np.isfinite(array.reshape(len(g), -1)).all(axis=1)
+        finite &= np.isfinite(array).reshape(len(g), array[:1].size).all(axis=1)
     return finite & (np.abs(g.quats).max(axis=1, initial=0.0) > 0)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from gsut.gaussians import Gaussians
+from gsut._core import InputError
+from gsut.gaussians import Gaussians, transformed
 
 _AXES = np.array([-1.0, -1.0, 1.0], np.float32)
+_ALIKE = 1e-3  # relative difference of scales: of writers in float32
 
 
 def half_turned(gaussians: Gaussians) -> Gaussians:
@@ -24,4 +26,30 @@ def half_turned(gaussians: Gaussians) -> Gaussians:
         gaussians.log_scales,
         gaussians.opacity_logits,
         gaussians.sh * signs[:, None],
+        gaussians.origin * _AXES,
     )
+
+
+def placed(gaussians: Gaussians, matrix: np.ndarray, what: str) -> Gaussians:
+    """Gaussians of a node, in the world.
+
+    Args:
+        gaussians: of the node.
+        matrix: (4, 4), world <- node.
+        what: the node, for errors.
+
+    Raises:
+        InputError: the matrix mirrors, or stretches one axis more than another.
+    """
+    linear = matrix[:3, :3]
+    determinant = np.linalg.det(linear) if np.isfinite(matrix).all() else 0.0
+    scale = np.cbrt(determinant)
+    if not (determinant > 0 and np.allclose(linear @ linear.T / scale**2, np.eye(3), atol=_ALIKE)):
+        raise InputError(
+            f"{what} is moved by a transform that mirrors or stretches it; gsut reads files whose "
+            "Gaussians are turned, moved and scaled alike in all directions"
+        )
+    if np.array_equal(matrix, np.eye(4)):
+        return gaussians
+    left, _, right = np.linalg.svd(linear)
+    return transformed(gaussians, left @ right, float(scale), matrix[:3, 3])

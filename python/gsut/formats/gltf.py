@@ -11,10 +11,10 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.files import whole_file
-from gsut.formats._axes import half_turned
+from gsut.formats._axes import half_turned, placed
 from gsut.formats._format import WRONG_JSON, Format, SceneFile, WriteSettings, Written
 from gsut.formats._quantize import logit_of, opacity_of, to_bytes, unit_quats
-from gsut.gaussians import SH_C0, Gaussians
+from gsut.gaussians import SH_C0, Gaussians, rotations_of
 
 _EXTENSION = "KHR_gaussian_splatting"
 _HEAD = struct.Struct("<4sII")
@@ -117,7 +117,8 @@ def _read(path: Path) -> SceneFile:
             for name, index in attributes.items()
             if name == "POSITION" or name.startswith(_EXTENSION)
         }
-        return SceneFile(half_turned(_gaussians_of(arrays)))
+        placed_so = placed(_gaussians_of(arrays), _place_of(path, document), f"{path}: its mesh")
+        return SceneFile(half_turned(placed_so))
     except WRONG_JSON as error:
         if isinstance(error, InputError):
             raise
@@ -163,13 +164,42 @@ def _attributes_of(path: Path, document: dict[str, Any]) -> dict[str, int]:
     inner = found[0]["extensions"][_EXTENSION].get("extensions", {})
     if inner:
         raise InputError(f"{path}: compressed by {', '.join(inner)}, which gsut does not read")
-    for node in document.get("nodes", []):
-        moved = {"matrix", "rotation", "translation", "scale"} & set(node)
-        if moved:
-            raise InputError(
-                f"{path}: a node has a {moved.pop()}; gsut reads files whose nodes have none"
-            )
     return found[0]["attributes"]
+
+
+def _place_of(path: Path, document: dict[str, Any]) -> np.ndarray:
+    """(4, 4) world <- mesh with Gaussians, by the nodes above it."""
+    (mesh,) = (
+        number
+        for number, each in enumerate(document["meshes"])
+        if any(_EXTENSION in primitive.get("extensions", {}) for primitive in each["primitives"])
+    )
+    nodes = document.get("nodes", [])
+    users = [number for number, node in enumerate(nodes) if node.get("mesh") == mesh]
+    if len(users) > 1:
+        raise InputError(f"{path}: {len(users)} nodes show its Gaussians; gsut reads one")
+    parents = {child: number for number, node in enumerate(nodes)
+               for child in node.get("children", [])}  # fmt: skip
+    place, at, seen = np.eye(4), users[0] if users else None, set[int]()
+    while at is not None:
+        if at in seen:
+            raise InputError(f"{path}: its nodes are their own parents")
+        seen.add(at)
+        place = _matrix_of(nodes[at]) @ place
+        at = parents.get(at)
+    return place
+
+
+def _matrix_of(node: dict[str, Any]) -> np.ndarray:
+    """(4, 4) of one node: its matrix, by columns, or its translation, rotation and scale."""
+    if "matrix" in node:
+        return np.array(node["matrix"], np.float64).reshape(4, 4).T
+    x, y, z, w = np.array(node.get("rotation", [0, 0, 0, 1]), np.float64)
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotations_of(np.array([[w, x, y, z]]) / np.linalg.norm([w, x, y, z]))[0]
+    matrix[:3, :3] *= np.array(node.get("scale", [1, 1, 1]), np.float64).reshape(3)
+    matrix[:3, 3] = np.array(node.get("translation", [0, 0, 0]), np.float64).reshape(3)
+    return matrix
 
 
 def _array(path: Path, document: dict[str, Any], index: int, begin: int, size: int) -> np.ndarray:

@@ -32,8 +32,9 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
             dataset coordinates = these + X Y Z" is where the file's zero lies in the world.
 
     Returns:
-        float32 Gaussians in world coordinates, with the comment's `origin`; the degree of the
-        harmonics follows from the number of f_rest properties.
+        float32 Gaussians in world coordinates, with the comment's `origin`, or one near the first
+        Gaussian where text or float64 holds coordinates beyond 4096; the degree of the harmonics
+        follows from the number of f_rest properties.
         Bits of float32 files are kept, but infinite opacity logits, which some writers use for
         opacities of exactly 0 and 1, become -20 and 20. Rows with other values that are not finite
         are left out, and a warning says how many.
@@ -42,9 +43,10 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
         InputError: the file cannot be opened, is no PLY file, misses a property (the message names
             it and what is there), its comment on the origin is damaged, or it is truncated.
     """
-    *arrays, not_finite = _core.read_ply(os.fspath(path))
-    gaussians = Gaussians(*arrays).translated(origin_in(comments_of(path), path))
+    *arrays, not_finite, origin = _core.read_ply(os.fspath(path))
+    gaussians = Gaussians(*arrays).translated(origin_in(comments_of(path), path)).translated(origin)
     if not_finite == 0:
+        _warn_of_rounding(path, gaussians)
         return gaussians
     warnings.warn(
         f"{os.fspath(path)}: {not_finite} of {len(gaussians)} Gaussians have values that are not "
@@ -55,6 +57,20 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
     for array in arrays:
         finite &= np.isfinite(array.reshape(len(array), -1)).all(axis=1)
     return gaussians[finite]
+
+
+def _warn_of_rounding(path: str | os.PathLike[str], gaussians: Gaussians) -> None:
+    """Where the file's own float32 could not tell places apart that its Gaussians do."""
+    if not len(gaussians):
+        return
+    step = np.spacing(np.median(np.abs(gaussians.means), axis=0).max())
+    size = np.exp(np.median(gaussians.log_scales))
+    if step > size:
+        warnings.warn(
+            f"{os.fspath(path)}: its float32 coordinates lie {step:g} apart, its Gaussians are "
+            f"{size:.2g} large: the scene was rounded by whoever wrote it so far from zero",
+            stacklevel=3,
+        )
 
 
 def save_ply(

@@ -32,6 +32,9 @@ _GZIP = b"\x1f\x8b"
 _ANTIALIASED = 1  # a bit of the flags
 _LARGEST = 2**23 - 1  # of a position, in steps
 _MOST_FRACTIONAL_BITS = 24
+# Positions are rounded by so much of a Gaussian's size in the median, if no more than this share of
+# the scene lies too far for that.
+_ROUNDING, _MOST_FAR = 1 / 16, 0.01
 _LOG_SCALE_STEPS, _LOG_SCALE_ZERO = 16.0, 10.0  # byte = (log scale + 10) 16
 _COLOR_SCALE = 0.15  # byte = 255 (0.15 harmonic + 0.5)
 # Harmonics lie on every second of the 256 steps from -1 to 1. The format's first writers keep 5 and
@@ -59,10 +62,8 @@ class _Layout:
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
-    g = gaussians
-    extent = float(np.max(np.abs(g.means), initial=0.0))
-    bits = _fractional_bits(path, extent)
     clipped = {}
+    g, bits, clipped["distance"] = _within(path, gaussians)
     steps = np.rint(g.means.astype(np.float64) * 2.0**bits).astype("<i4")
     positions = steps.reshape(-1, 1).view(np.uint8)[:, :3]
     alphas, _ = to_bytes(255 * opacity_of(g.opacity_logits))
@@ -82,6 +83,26 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     else:
         raise InputError(f"SPZ version {settings.spz_version} is not written; 3 and 4 are")
     return Written(None, clipped)
+
+
+def _within(path: Path, g: Gaussians) -> tuple[Gaussians, int, int]:
+    """Gaussians that fit, their fractional bits, and how many were brought nearer for that.
+
+    A few far ones, of a sky, would take the digits that all others need: they come nearer along
+    their direction from the file's zero and get smaller alike.
+    """
+    far = np.max(np.abs(g.means), axis=1)
+    bits = _fractional_bits(path, float(far.max(initial=0.0)))
+    size = float(np.exp(np.median(g.log_scales)))
+    wanted = min(_MOST_FRACTIONAL_BITS, math.ceil(-math.log2(2 * _ROUNDING * max(size, 1e-30))))
+    most = (_LARGEST - 0.5) / 2.0**wanted
+    beyond = far > most
+    count = int(np.count_nonzero(beyond))
+    if bits >= wanted or count > _MOST_FAR * len(g):
+        return g, bits, 0
+    nearer = np.where(beyond, most / np.maximum(far, most), 1.0).astype(np.float32)[:, None]
+    g = dataclasses.replace(g, means=g.means * nearer, log_scales=g.log_scales + np.log(nearer))
+    return g, wanted, count
 
 
 def _fractional_bits(path: Path, extent: float) -> int:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from gsut._core import InputError
 from gsut.files import whole_file
-from gsut.formats._axes import half_turned
+from gsut.formats._axes import half_turned, placed
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
 from gsut.formats._quantize import logit_of, opacity_of, unit_quats
 from gsut.gaussians import Gaussians
@@ -34,8 +36,10 @@ def _library() -> tuple[Any, ...]:
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
     _, _, usd, geometry, volume, vt = _library()
     g = half_turned(gaussians)
-    with whole_file(path) as temporary:
-        stage = usd.Stage.CreateNew(str(temporary))
+    packed = path.suffix.lower() == ".usdz"
+    with whole_file(path) as temporary, TemporaryDirectory(prefix="gsut-") as folder:
+        layer = Path(folder) / f"{path.stem}.usdc" if packed else temporary
+        stage = usd.Stage.CreateNew(str(layer))
         geometry.SetStageUpAxis(stage, geometry.Tokens.y)
         geometry.SetStageMetersPerUnit(stage, 1.0)
         field = volume.ParticleField3DGaussianSplat.Define(stage, "/Gaussians")
@@ -54,6 +58,12 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
         field.CreateSortingModeHintAttr("cameraDistance")
         field.CreateProjectionModeHintAttr("perspective")
         stage.GetRootLayer().Save()
+        if packed:
+            from pxr import Sdf
+
+            package = Sdf.ZipFileWriter.CreateNew(str(temporary))
+            package.AddFile(str(layer), layer.name)
+            package.Save()
     left_out = ("USD cannot say that a scene is antialiased",) if settings.antialiased else ()
     return Written(None, {}, left_out)
 
@@ -63,17 +73,17 @@ def _read(path: Path) -> SceneFile:
     try:
         return _read_stage(path, usd.Stage.Open(str(path)), geometry)
     except (tf.ErrorException, MemoryError) as error:
-        raise InputError(f"{path}: no USD file, or damaged: {error}") from None
+        first = re.search(r": '(.*)'$", str(error), re.MULTILINE)
+        why = first[1] if first else " ".join(str(error).split())
+        raise InputError(f"{path}: no USD file, or damaged: {why}") from None
 
 
 def _read_stage(path: Path, stage: Any, geometry: Any) -> SceneFile:
     found = [prim for prim in stage.Traverse() if prim.GetTypeName() == _SCHEMA]
     if len(found) != 1:
         raise InputError(f"{path}: {len(found)} prims of type {_SCHEMA}; gsut reads one")
-    place = geometry.XformCache().GetLocalToWorldTransform(found[0])
-    if not np.array_equal(np.array(place), np.eye(4)):
-        raise InputError(f"{path}: {found[0].GetPath()} is moved by a transform; apply it first")
-    g = _gaussians_of(path, found[0])
+    place = np.array(geometry.XformCache().GetLocalToWorldTransform(found[0])).T  # rows to columns
+    g = placed(_gaussians_of(path, found[0]), place, f"{path}: {found[0].GetPath()}")
     # gsut's own have y up; what has z up is left as it is.
     up = geometry.GetStageUpAxis(stage)
     return SceneFile(half_turned(g) if up == geometry.Tokens.y else g)
@@ -117,4 +127,4 @@ def _gaussians_of(path: Path, prim: Any) -> Gaussians:
     )
 
 
-FORMAT = Format("USD", (".usdc", ".usda", ".usd"), _write, _read, lambda head: True)
+FORMAT = Format("USD", (".usdc", ".usda", ".usd", ".usdz"), _write, _read, lambda head: True)

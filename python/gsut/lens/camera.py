@@ -13,6 +13,7 @@ from gsut import _core
 from gsut._core import InputError
 
 _NO_LIMIT = math.inf
+MOST_PIXELS = 1 << 16  # of a side of an image: more than any file format in use holds
 
 
 def camera_models() -> list[str]:
@@ -68,7 +69,7 @@ class Camera(_core.Camera):
     ) -> None:
         limit = _NO_LIMIT if valid_field_angle is None else float(valid_field_angle)
         values = [float(value) for value in np.asarray(params, dtype=np.float64).ravel()]
-        super().__init__(str(model), values, int(width), int(height), limit)
+        super().__init__(str(model), values, _pixels(width), _pixels(height), limit)
         self.extrinsics = _checked_copy(extrinsics, "extrinsics", (6,))
         self.valid_region = _checked_copy(valid_region, "valid_region", (None, 2))
 
@@ -305,6 +306,20 @@ def _restore(
     model: str, params: np.ndarray, width: int, height: int, keywords: dict[str, Any]
 ) -> Camera:
     return Camera(model, params, width, height, **keywords)
+
+
+def _pixels(number: object) -> int:
+    """A side of the image; 640.0 counts as 640."""
+    try:
+        whole = int(number)  # type: ignore[call-overload]
+        good = whole == number and 0 < whole <= MOST_PIXELS
+    except (TypeError, ValueError, OverflowError):
+        good = False
+    if not good:
+        raise InputError(
+            f"width and height are whole numbers of pixels from 1 to {MOST_PIXELS}, found {number}"
+        )
+    return whole
 
 
 def _checked_copy(values: Any, name: str, shape: tuple[int | None, ...]) -> np.ndarray | None:

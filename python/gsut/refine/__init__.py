@@ -3,6 +3,7 @@
 from gsut.refine.alignment import evaluate_aligned
 from gsut.refine.localization import Localized, localize_image
 from gsut.refine.motion import pose_changes
+from gsut.refine.photograph import localize
 from gsut.refine.pose import RefinedPose, refine_pose
 from gsut.refine.pose_files import read_refined, write_refined
 from gsut.refine.refiner import TrainingRefiner, check_refinable
@@ -17,6 +18,7 @@ __all__ = [
     "check_refinable",
     "evaluate_aligned",
     "lens_distance",
+    "localize",
     "localize_image",
     "pose_changes",
     "read_refined",

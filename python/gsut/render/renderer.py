@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -40,6 +41,10 @@ class Render:
     sh_degree: int
     renderer: Any  # _core.Renderer, or None for the double reference
     behind: np.ndarray | None = None
+    # Backward passes of one image share its renderer's buffers: one at a time.
+    _turn: threading.Lock = dataclasses.field(
+        default_factory=threading.Lock, init=False, repr=False, compare=False
+    )
 
     def __repr__(self) -> str:
         height, width = self.alpha.shape
@@ -213,6 +218,7 @@ def render_backward(
         )
         return Gradients(out, pose, None, *(of_lens or (None, None)))
     touched = np.zeros(len(g), np.uint8)
-    pose = result.renderer.backward(dimage, dalpha, ddepth, out, touched, True, True, with_lens)
-    of_tiles = result.renderer.lens_gradients() or (None, None)
+    with result._turn:
+        pose = result.renderer.backward(dimage, dalpha, ddepth, out, touched, True, True, with_lens)
+        of_tiles = result.renderer.lens_gradients() or (None, None)
     return Gradients(out, pose, touched.astype(bool), *of_tiles)

@@ -20,13 +20,14 @@ from gsut.training.start import (
     refine_first_poses,
     size_note,
 )
-from gsut.training.trained_run import read_light, read_trained
+from gsut.training.trained_run import TrainedRun, load_run, read_light, read_trained
 
 __all__ = [
     "VIEWER_STEPS",
     "CompactOptions",
     "ForViewers",
     "RunCompactor",
+    "TrainedRun",
     "TrainingLoop",
     "TrainingRecord",
     "about_cameras",
@@ -34,6 +35,7 @@ __all__ = [
     "finetune",
     "finetune_options",
     "grow_poses",
+    "load_run",
     "measure_training",
     "parse_size",
     "plain_background",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import NamedTuple
 
 from gsut._core import InputError
 from gsut.data import Scene, load_dataset
@@ -35,6 +36,42 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene,
     scene = load_dataset(data, test_every=options.test_every, test_names=options.test_names)
     scene = read_refined(run, prepare_scene(scene, options))
     return options, scene, load_ply(path)
+
+
+class TrainedRun(NamedTuple):
+    """A finished run, in the dataset's coordinates.
+
+    Attributes:
+        options: it was trained with.
+        scene: its dataset, with the poses and lenses that the run refined, if it did.
+        gaussians: of its scene.ply.
+        light: exposure and falloff that training found of the photographs, or None.
+    """
+
+    options: TrainOptions
+    scene: Scene
+    gaussians: Gaussians
+    light: Light | None
+
+
+def load_run(
+    folder: str | os.PathLike[str], data: str | os.PathLike[str] | None = None
+) -> TrainedRun:
+    """Reads the folder of a finished run.
+
+    Args:
+        folder: RUN of `gsut train` or `train(..., out=RUN)`.
+        data: the dataset, if it is not where training read it.
+
+    Returns:
+        Options, scene, Gaussians, light.
+
+    Raises:
+        InputError: it holds no finished run, or the dataset is not there.
+    """
+    run = RunFolder.open(folder)
+    options, scene, gaussians = read_trained(run, None if data is None else os.fspath(data))
+    return TrainedRun(options, scene, gaussians, read_light(run, scene))
 
 
 def read_light(run: RunFolder, scene: Scene) -> Light | None:

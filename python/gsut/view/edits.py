@@ -37,7 +37,7 @@ def find_floaters(frames: Frames, on_view: Callable[[int], object]) -> dict[str,
             stage.scene, frames.whole(), stage.scene.train_indices,
             background=stage.background, light=stage.light, on_view=on_view,
         )  # fmt: skip
-        frames.floaters = support.contradicted | support.unseen
+        frames.floaters = support.contradicted
     return {"count": int(np.count_nonzero(frames.floaters)), "of": len(frames.floaters)}
 
 

@@ -6,10 +6,13 @@ const $ = (id) => document.getElementById(id);
 const MODE_NAMES = { color: "Colour", distance: "Distance", normal: "Normals", alpha: "Alpha", centers: "Centres", error: "Error" };
 const COMPARE_NAMES = { render: "Render", photo: "Photo", fade: "Fade", wipe: "Wipe", flicker: "Flicker" };
 const LAYER_NAMES = { cameras: "Cameras", points: "Points", domain: "No ray", axes: "Ground" };
-const SCALES = [0.2, 0.25, 0.35, 0.5, 0.7, 1]; // of the shown size, while moving
-const SHARES = [0.25, 0.25, 0.5, 1, 1, 1]; // of the Gaussians, likewise: worth it for large scenes
+// Of the shown size, and of the Gaussians, while moving. Large scenes cost by their Gaussians: a
+// smaller picture of all of them comes first, and fewer of them only where that is not enough.
 const LARGE = 200000;
-const SLOW_MS = 60, FAST_MS = 25; // of a frame, beyond which the size while moving changes
+const SCALES = { small: [0.2, 0.25, 0.35, 0.5, 0.7, 1], large: [0.35, 0.5, 0.5, 0.5, 0.7, 1] };
+const SHARES = { small: [1, 1, 1, 1, 1, 1], large: [0.25, 0.25, 0.5, 1, 1, 1] };
+const SLOW_MS = 60, FAST_MS = 25; // of a frame, beyond which this changes
+const SLOWEST_MS = 100; // beyond which Gaussians are left out: ten frames a second
 const REST_MS = 140; // after the last movement the frame comes whole
 const MOST_PIXELS = 3e6;
 const PLAIN_FIELD = 80; // degrees across the window
@@ -77,6 +80,7 @@ const guarded = (action) => async (...event) => { try { await action(...event); 
 // --- frames --------------------------------------------------------------------------------------
 let wanted = false, busy = false, lastMove = -1e9, level = 3, latency = 40, restTimer, shown = 0, drawnTimes = [];
 
+const kind = () => (scene.num_gaussians > LARGE ? "large" : "small");
 function size() { // of the picture on the page, CSS pixels
   const area = $("stage").getBoundingClientRect(), shape = lens.width / lens.height;
   const width = Math.max(16, Math.floor(Math.min(area.width, area.height * shape)));
@@ -87,7 +91,7 @@ function request(moving) {
   if (state.lossless && !moving) [width, height] = [lens.width, lens.height];
   else {
     const room = Math.sqrt(Math.min(1, MOST_PIXELS / (width * height * devicePixelRatio ** 2)));
-    const factor = moving ? Math.min(1, SCALES[level]) : devicePixelRatio * room;
+    const factor = moving ? SCALES[kind()][level] : devicePixelRatio * room;
     [width, height] = [width, height].map((side) => Math.max(8, Math.round(side * factor)));
   }
   const mode = state.mode === "error" && state.view === null ? "color" : state.mode;
@@ -96,7 +100,7 @@ function request(moving) {
     pose: state.exact ?? poseOf(state.eye), lens: lens.id, width, height, mode, view: state.view, shutter: rolling,
     layers: [...state.layers, ...($("crop-box").open ? ["box"] : [])], crop: state.crop,
     marks: state.marks, quality: moving ? 75 : state.lossless ? null : 92,
-    clean: state.clean, ground: state.ground, share: moving && scene.num_gaussians > LARGE ? SHARES[level] : 1,
+    clean: state.clean, ground: state.ground, share: moving ? SHARES[kind()][level] : 1,
   };
 }
 function redraw(moved = true) {
@@ -120,7 +124,8 @@ async function frame() {
     }
     if (moving) {
       latency += 0.3 * (performance.now() - began - latency);
-      if (latency > SLOW_MS && level > 0) { level--; latency *= 0.6; }
+      const shares = SHARES[kind()];
+      if (level > 0 && latency > (shares[level - 1] < shares[level] ? SLOWEST_MS : SLOW_MS)) { level--; latency *= 0.6; }
       if (latency < FAST_MS && level < SCALES.length - 1) { level++; latency *= 1.5; }
       clearTimeout(restTimer);
       restTimer = setTimeout(() => redraw(false), REST_MS + 20);
@@ -299,7 +304,7 @@ async function leaveFloatersOut() {
     }, 500);
     try {
       const found = await ask("floaters", {});
-      $("clean-text").textContent = `${found.count.toLocaleString()} of ${found.of.toLocaleString()} Gaussians are contradicted by the photographs, or seen by none.`;
+      $("clean-text").textContent = `${found.count.toLocaleString()} of ${found.of.toLocaleString()} Gaussians are contradicted by the photographs.`;
     } catch (error) {
       state.clean = $("clean").checked = false;
       $("clean-text").hidden = true;

@@ -250,7 +250,7 @@ def test_bench_view_measures_frames_over_the_wire(capsys):
     words = ["view", "--scenes", "synthetic_1k_64x48", "--frames", "3", "--json"]
     assert main(words) == 0
     rows = json.loads(capsys.readouterr().out)
-    assert [row["share"] for row in rows] == [1.0, 0.5]
+    assert [(row["scale"], row["share"]) for row in rows] == [(1.0, 1.0), (0.5, 1.0), (0.5, 0.5)]
     assert all(row["frames_per_second"] > 0 and row["kilobytes"] > 0 for row in rows)
     assert rows[0]["psnr"] is None  # infinite: the whole frame is the renderer's
     assert rows[1]["psnr"] > 10

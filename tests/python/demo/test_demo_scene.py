@@ -60,14 +60,14 @@ def test_demo_scene_same_seed_same_bytes(made, tmp_path):
     make_demo_scene(again, VIEWS, TEST_VIEWS, SIZE, SEED, progress=False)
     make_demo_scene(other, VIEWS, TEST_VIEWS, SIZE, SEED + 1, progress=False)
     files = sorted(path.relative_to(made) for path in made.rglob("*") if path.is_file())
-    assert len(files) == VIEWS + 2 * TEST_VIEWS + 3
+    assert len(files) == VIEWS + 2 * TEST_VIEWS + 4
     assert files == sorted(path.relative_to(again) for path in again.rglob("*") if path.is_file())
     for file in files:
         assert (made / file).read_bytes() == (again / file).read_bytes(), file
     different = [
         file for file in files if (made / file).read_bytes() != (other / file).read_bytes()
     ]
-    assert len(different) == len(files) - 1  # all but the mask
+    assert len(different) == len(files) - 2  # all but the mask and the geometry
 
 
 def test_demo_scene_transforms_are_complete(made, transforms):

@@ -10,7 +10,7 @@ import pytest
 from formats.scene_cases import plain_scene
 from gsut import InputError, formats
 from gsut.formats import WriteSettings
-from tolerances import FORMAT_ERRORS
+from tolerances import FORMAT_ERRORS, SPZ_DIRECTION
 
 ALL = {each.name: each for each in formats.formats()}
 READ = [each for each in ALL.values() if each.read is not None]
@@ -167,6 +167,21 @@ def test_spz_bits_follow_the_extent_and_what_cannot_fit_is_refused(tmp_path, rng
     g.means *= 100
     with pytest.raises(InputError, match="do not fit into SPZ"):
         formats.save_gaussians(tmp_path / "a.spz", g)
+
+
+def test_spz_keeps_the_digits_of_a_scene_with_a_far_sky(tmp_path, rng):
+    g = plain_scene(rng, 1000)
+    g.log_scales[:] = -4
+    g.means[7] = [3e5, -2e5, 1e5]
+    written = formats.save_gaussians(tmp_path / "a.spz", g)
+    found = formats.load_gaussians(tmp_path / "a.spz")
+    assert written.clipped == {"distance": 1}
+    near = np.arange(1000) != 7
+    assert np.abs(found.means - g.means)[near].max() <= np.exp(-4) / 16
+    # The far one is seen in the same direction, as large as before.
+    ratio = np.linalg.norm(found.means[7]) / np.linalg.norm(g.means[7])
+    np.testing.assert_allclose(found.means[7], ratio * g.means[7], rtol=SPZ_DIRECTION)
+    np.testing.assert_allclose(found.log_scales[7], -4 + np.log(ratio), atol=1 / 32)
 
 
 def test_values_beyond_a_format_are_brought_to_its_edge_and_counted(tmp_path, rng):

@@ -37,7 +37,7 @@ HOLDS = {
     "opencv": {"pinhole", *RADIAL, "opencv12", "opencv14", "kannala_brandt", "mei"},
     "opencv-json": {"pinhole", *RADIAL, "opencv12", "opencv14", "kannala_brandt", "mei"},
     "kalibr": {"pinhole", "opencv4", "kannala_brandt", "fov", "mei", "double_sphere"}
-    | {"extended_unified", "unified"},
+    | {"extended_unified", "unified", "opencv5"},
     "nerfstudio": {"pinhole", *RADIAL, "kannala_brandt", "fisheye624", "equirectangular"},
     "colmap": {"pinhole", *RADIAL, "kannala_brandt", "fov", "thin_prism_fisheye", "fisheye624"}
     | {"division", "extended_unified", "unified", "equirectangular"},
@@ -87,7 +87,8 @@ def test_saved_camera_reads_back_or_is_refused(kind, tmp_path):
         if kind == "gsut":
             too_long = False
         four_radial = kind == "matlab" and camera.model == "brown_conrady" and camera.params[8]
-        refused_too = skewed or two_focals or four_radial
+        three_radial = kind == "kalibr" and camera.model == "opencv5" and camera.params[8] != 0.0
+        refused_too = skewed or two_focals or four_radial or three_radial
         if camera.model not in HOLDS[kind] or too_long or refused_too:
             with pytest.raises(InputError, match=camera.model):
                 camera.save(path)

@@ -8,6 +8,7 @@ import small_run
 from browser import browser
 from gsut.view import Session, Stage, ViewServer
 from random_scenes import fisheye, gaussians_in_view, rng_of
+from tolerances.view import MEASURED
 
 _PIXELS = """
   const canvas = document.getElementById("canvas");
@@ -26,8 +27,13 @@ def gaussians(scene):
 
 
 @pytest.fixture(scope="module")
-def window(scene, gaussians):
-    session = Session(Stage("small", "run", gaussians, scene))
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("saved")
+
+
+@pytest.fixture(scope="module")
+def window(scene, gaussians, folder):
+    session = Session(Stage("small", "run", gaussians, scene, folder=folder))
     with browser() as window, ViewServer(session.routes) as server:
         window.open(server.address)
         window.wait("document.body.dataset.frames > 0")
@@ -66,6 +72,78 @@ def test_page_moves_by_keys_and_pointer_and_compares(window):
       at("pointerdown", 40); at("pointermove", 50); at("pointermove", 90); at("pointerup", 90);
       return Math.hypot(...state.eye.R.map((value, k) => value - before[k]));""")
     assert turned > 0.05
+    window.wait("!busy && !wanted")
+
+
+def test_two_fingers_move_sideways_and_forward(window):
+    window.run("goTo(0);")
+    window.wait("JSON.parse(document.body.dataset.frame).view === 0 && !busy && !wanted")
+    sideways, forward = window.run("""
+      const canvas = $("canvas"), box = canvas.getBoundingClientRect();
+      canvas.setPointerCapture = () => {};
+      const at = (type, id, x, y) => canvas.dispatchEvent(new PointerEvent(type, {
+        pointerId: id, pointerType: "touch", clientX: box.left + x, clientY: box.top + y }));
+      const moved = (from) => add(state.eye.c, from, -1);
+      const begin = () => { at("pointerdown", 11, 60, 60); at("pointerdown", 12, 120, 60); };
+      const end = () => { at("pointerup", 11, 0, 0); at("pointerup", 12, 0, 0); };
+      let from = [...state.eye.c];
+      begin();
+      for (let k = 1; k <= 8; k++) {
+        at("pointermove", 11, 60 + 4 * k, 60);
+        at("pointermove", 12, 120 + 4 * k, 60);
+      }
+      end();
+      const right = dot(moved(from), column(state.eye.R, 0)) / norm(moved(from));
+      from = [...state.eye.c];
+      begin();
+      for (let k = 1; k <= 8; k++) {
+        at("pointermove", 11, 60 - 3 * k, 60);
+        at("pointermove", 12, 120 + 3 * k, 60);
+      }
+      end();
+      return [right, dot(moved(from), column(state.eye.R, 2)) / norm(moved(from))];""")
+    assert sideways < -0.8  # the scene follows the fingers
+    assert forward > 0.8
+    window.wait("!busy && !wanted")
+
+
+def test_page_measures_scales_and_saves_a_new_file(window, gaussians, folder):
+    text = window.run("""
+      state.marks = [[0, 0, 0], [0, 0, 2]];
+      $("length").value = "5";
+      knownLength();
+      $("up-here").click();
+      $("save-name").value = "new.ply";
+      await saveEdited();
+      return [$("scale-text").textContent, $("save-text").textContent];""")
+    assert text == ["lengths × 2.5", f"300 of 300 Gaussians: {folder / 'new.ply'}"]
+    found = gsut.load_ply(folder / "new.ply")
+    scales = gaussians.log_scales + np.log(2.5)
+    np.testing.assert_allclose(found.log_scales, scales, atol=MEASURED)
+    again = window.run("try { await saveEdited(); } catch (error) { return error.message; }")
+    assert "exists; give another name" in again
+    window.run("state.marks = []; state.scale = 1;")
+
+
+def test_recording_keeps_the_way_of_the_eye(window):
+    keys = window.run("""
+      state.keys = [];
+      $("record").click();
+      for (let k = 0; k < 3; k++) {
+        move(0.1, 0, 0);
+        await new Promise((done) => setTimeout(done, 450));
+      }
+      $("record").click();
+      return [state.keys.length, $("film-make").disabled];""")
+    assert keys[0] >= 3 and keys[1] is False
+    window.wait("!busy && !wanted")
+
+
+def test_plain_lens_fills_the_window(window):
+    window.run("$('lens').value = 'fill'; $('lens').dispatchEvent(new Event('change'));")
+    window.wait("lens.model === 'pinhole'")
+    shape = window.run("return [lens.width / lens.height, windowShape()[0] / windowShape()[1]];")
+    assert shape[0] == pytest.approx(shape[1], rel=0.01)
     window.wait("!busy && !wanted")
 
 

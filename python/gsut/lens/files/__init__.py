@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import CalibrationError, InputError
-from gsut.files import write_file
+from gsut.files import parse_yaml, reading, write_file
 from gsut.lens.camera import Camera
 from gsut.lens.files.aria import format_aria, is_aria, load_aria
 from gsut.lens.files.colmap import (
@@ -77,8 +77,12 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
         InputError: the file holds several cameras and camera_id is not given or not among them.
         OSError: the file cannot be read.
     """
-    file = Path(path)
     source = str(path)
+    with reading(lambda what: CalibrationError(f"{source}: {what}; is it a lens file, and whole?")):
+        return _load(Path(path), source, camera_id)
+
+
+def _load(file: Path, source: str, camera_id: int | str | None) -> Camera:
     data = file.read_bytes()
     suffix = file.suffix.lower()
     if suffix == ".bin":
@@ -158,27 +162,7 @@ def _parse_json(text: str, source: str) -> Any:
 
 
 def _parse_yaml(text: str, source: str) -> Any:
-    import yaml  # here, because gsut --help needs none
-
-    class FileStorageLoader(yaml.SafeLoader):
-        """YAML as OpenCV writes it: its matrices are tagged dictionaries."""
-
-    FileStorageLoader.add_constructor(
-        "tag:yaml.org,2002:opencv-matrix",
-        lambda loader, node: loader.construct_mapping(node, deep=True),
-    )
-    # OpenCV's directive "%YAML:1.0" is not YAML; an empty line keeps the line numbers.
-    first, newline, rest = text.partition("\n")
-    body = newline + rest if first.startswith("%YAML:") else text
-    if body.rstrip().endswith("\n---"):  # `ros2 topic echo` ends each message so
-        body = body.rstrip()[:-3]
-    try:
-        return yaml.load(body, Loader=FileStorageLoader)  # a SafeLoader
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f", line {mark.line + 1}" if mark is not None else ""
-        problem = getattr(error, "problem", None) or "cannot be parsed"
-        raise CalibrationError(f"{source}{line}: not YAML ({problem})") from error
+    return parse_yaml(text, lambda at, what: CalibrationError(f"{source}{at}: not YAML ({what})"))
 
 
 def _format_mrcal(camera: Camera) -> str:

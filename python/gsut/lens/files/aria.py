@@ -7,7 +7,7 @@ from typing import Any
 
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files.values import LensValues
+from gsut.lens.files.values import LensValues, chosen_name
 
 # Aria's pixel (0, 0) is gsut's (0.5, 0.5).
 _PIXEL_SHIFT = 0.5
@@ -35,12 +35,7 @@ def load_aria(values: dict[str, Any], source: str, text: str, camera_id: Any) ->
     max_solid_angle: the largest angle from the axis in radians.
     """
     cameras = values["cameras"]
-    known = ", ".join(cameras)
-    if camera_id is None and len(cameras) > 1:
-        raise InputError(f"{source}: holds {len(cameras)} cameras; give camera_id, one of {known}")
-    label = next(iter(cameras)) if camera_id is None else str(camera_id)
-    if label not in cameras:
-        raise InputError(f"{source}: has no camera {camera_id}; it holds {known}")
+    label = chosen_name(cameras, camera_id, source)
     entry = cameras[label]
     if not isinstance(entry, dict):
         raise CalibrationError(f"{source}, key '{label}': expected a dictionary, found {entry!r}")

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files.values import LensValues
+from gsut.lens.files.values import LensValues, chosen_name
 
 _Values = Sequence[float]
 
@@ -180,16 +180,12 @@ def load_colmap_binary(data: bytes, source: str, camera_id: int | str | None) ->
 
 
 def _choose(records: list[_Record], source: str, camera_id: int | str | None) -> Camera:
-    known = ", ".join(str(record.camera_id) for record in records)
     if not records:
         raise CalibrationError(f"{source}: holds no camera")
-    if camera_id is None and len(records) > 1:
-        raise InputError(f"{source}: holds {len(records)} cameras; give camera_id, one of {known}")
-    for record in records:
-        if camera_id is None or str(record.camera_id) == str(camera_id):
-            where = f"{record.where} (camera {record.camera_id})"
-            return colmap_camera(record.model, record.params, record.width, record.height, where)
-    raise InputError(f"{source}: has no camera {camera_id}; it holds {known}")
+    by_number = {str(record.camera_id): record for record in records}
+    record = by_number[chosen_name(by_number, camera_id, source)]
+    where = f"{record.where} (camera {record.camera_id})"
+    return colmap_camera(record.model, record.params, record.width, record.height, where)
 
 
 def _record_of(camera: Camera) -> tuple[str, list[float]]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files.values import LensValues
+from gsut.lens.files.values import LensValues, chosen_name
 
 # Kalibr's pixel (0, 0) is gsut's (0.5, 0.5).
 _PIXEL_SHIFT = 0.5
@@ -37,15 +37,8 @@ def is_camchain(values: dict[str, Any]) -> bool:
 def load_kalibr(values: dict[str, Any], source: str, text: str, camera_id: Any) -> Camera:
     """The only camera of a camchain, or the one of this name ("cam1" or 1)."""
     names = [str(key) for key in values if _CAMERA_NAME.match(str(key))]
-    if camera_id is None and len(names) > 1:
-        raise InputError(
-            f"{source}: holds {len(names)} cameras; give camera_id, one of {', '.join(names)}"
-        )
-    wanted = names[0] if camera_id is None else str(camera_id)
-    if wanted.isdigit():
-        wanted = f"cam{wanted}"
-    if wanted not in names:
-        raise InputError(f"{source}: has no camera {camera_id}; it holds {', '.join(names)}")
+    numbered = str(camera_id).isdigit()
+    wanted = chosen_name(names, f"cam{camera_id}" if numbered else camera_id, source)
     entry = values[wanted]
     if not isinstance(entry, dict):
         raise CalibrationError(f"{source}, key '{wanted}': expected a dictionary, found {entry!r}")

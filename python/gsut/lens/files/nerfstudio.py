@@ -166,7 +166,10 @@ def nerfstudio_camera(
         return reader.camera("opencv8", full, width, height, limit)
     for key, value in (("k5", k5), ("k6", k6), ("p1", p1), ("p2", p2)):
         if value != 0.0:
-            reader.fail(key, f"is {value:g}, but {model} has k1 to k4 only")
+            reader.fail(
+                key,
+                f"is {value:g}, but {model} has k1 to k4 only: name the model OPENCV for p1, p2",
+            )
     return reader.camera("kannala_brandt", [*params, k1, k2, k3, k4], width, height, limit)
 
 
@@ -189,7 +192,8 @@ def _focal(reader: LensValues, key: str, angle_key: str, size: int) -> float:
         reader.fail(key, f"is missing (and so is {angle_key}); add the focal length in pixels")
     angle = reader.number(angle_key)
     if not 0.0 < angle < math.pi:
-        reader.fail(angle_key, f"expected radians between 0 and pi, found {angle:g}")
+        degrees = f" (degrees? write {math.radians(angle):.6g})" if math.pi < angle < 360 else ""
+        reader.fail(angle_key, f"expected radians between 0 and pi, found {angle:g}{degrees}")
     return 0.5 * size / math.tan(0.5 * angle)
 
 

@@ -17,6 +17,8 @@ _DISTORTION_KEYS = ("distortion_coefficients", "D", "distCoeffs", "dist_coeffs",
 _FISHEYE_FLAGS = ("fisheye", "fisheye_model")
 _MODEL_KEYS = ("distortion_model", "camera_model", "model")
 _FISHEYE_NAMES = ("equidistant", "fisheye", "equi", "kannala_brandt", "opencv_fisheye")
+_RADIAL_NAMES = ("plumb_bob", "radtan", "rational_polynomial", "brown_conrady", "opencv", "pinhole")
+_AMBIGUOUS = 4  # coefficients: k1 k2 p1 p2, or a fisheye's k1 to k4
 _RADIAL_LENSES = {4: "opencv4", 5: "opencv5", 8: "opencv8", 12: "opencv12", 14: "opencv14"}
 _NUM_FISHEYE = 4
 # Its presence makes the lens one of the module omnidir: xi, skew, k1 k2 p1 p2.
@@ -55,7 +57,14 @@ def load_opencv(values: dict[str, Any], source: str, text: str) -> Camera:
             )
         params += [matrix[1], xi, *coefficients]
         return reader.camera("mei", params, width, height, limit)
-    if _is_fisheye(reader):
+    fisheye = _is_fisheye(reader)
+    if fisheye is None and len(coefficients) == _AMBIGUOUS:
+        reader.fail(
+            str(key),
+            "4 coefficients are k1 k2 p1 p2, or a fisheye's k1 to k4, and nothing says which: add "
+            "'distortion_model: plumb_bob' or 'distortion_model: equidistant'",
+        )
+    if fisheye:
         if len(coefficients) != _NUM_FISHEYE:
             reader.fail(
                 key or _DISTORTION_KEYS[0],
@@ -89,12 +98,14 @@ def _size(reader: LensValues) -> tuple[int, int]:
     return reader.pixels(width_key), reader.pixels(height_key)
 
 
-def _is_fisheye(reader: LensValues) -> bool:
+def _is_fisheye(reader: LensValues) -> bool | None:
+    """What the file says; None: nothing that is known."""
     flag = reader.find(*_FISHEYE_FLAGS)
     if flag is not None:
         return str(reader.values[flag]).lower() not in ("0", "false", "no", "none")
     key = reader.find(*_MODEL_KEYS)
-    return key is not None and str(reader.values[key]).lower() in _FISHEYE_NAMES
+    name = None if key is None else str(reader.values[key]).lower()
+    return True if name in _FISHEYE_NAMES else False if name in _RADIAL_NAMES else None
 
 
 def _keys(camera: Camera) -> tuple[dict[str, int | float], list[float], list[float]]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files.values import LensValues
+from gsut.lens.files.values import LensValues, chosen_name
 
 # gsut's lens and the names of its coefficients, "" for one that is 0, by projection_type.
 _LENSES = {
@@ -41,12 +41,7 @@ def is_opensfm(values: dict[str, Any]) -> bool:
 
 def load_opensfm(values: dict[str, Any], source: str, text: str, camera_id: Any) -> Camera:
     """The only camera, or the one of this name."""
-    known = ", ".join(values)
-    if camera_id is None and len(values) > 1:
-        raise InputError(f"{source}: holds {len(values)} cameras; give camera_id, one of {known}")
-    name = next(iter(values)) if camera_id is None else str(camera_id)
-    if name not in values:
-        raise InputError(f"{source}: has no camera {camera_id}; it holds {known}")
+    name = chosen_name(values, camera_id, source)
     start = max(text.find(json.dumps(name)), 0)
     reader = LensValues(values[name], source, "\n" * text.count("\n", 0, start) + text[start:])
     kind = str(values[name][_TYPE_KEY])

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NoReturn
 
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
+from gsut.lens.plausible import implausible
 
 
 class LensValues:
@@ -97,11 +98,35 @@ class LensValues:
         valid_field_angle: float | None = None,
     ) -> Camera:
         """The camera; what makes it no camera is an error of the file."""
+        prefix = f"{self.source}: " if self.source else ""
+        if valid_field_angle is not None and valid_field_angle > math.pi:
+            raise CalibrationError(
+                f"{prefix}the valid field angle is {valid_field_angle:g} radians, and pi is the "
+                f"most (degrees? write {math.radians(valid_field_angle):.6g})"
+            )
         try:
-            return Camera(model, params, width, height, valid_field_angle=valid_field_angle)
+            camera = Camera(model, params, width, height, valid_field_angle=valid_field_angle)
         except InputError as error:
-            prefix = f"{self.source}: " if self.source else ""
             raise CalibrationError(f"{prefix}{error}") from error
+        doubt = implausible(camera)
+        if doubt is not None:
+            raise CalibrationError(f"{prefix}this is no lens: {doubt}; correct it")
+        return camera
+
+
+def chosen_name(names: Collection[str], camera_id: int | str | None, source: str) -> str:
+    """The only camera's name, or the one asked for.
+
+    Raises:
+        InputError: there are several and none is asked for, or not this one.
+    """
+    known = ", ".join(names)
+    if camera_id is None and len(names) > 1:
+        raise InputError(f"{source}: holds {len(names)} cameras; give camera_id, one of {known}")
+    name = next(iter(names)) if camera_id is None else str(camera_id)
+    if name not in names:
+        raise InputError(f"{source}: has no camera {camera_id}; it holds {known}")
+    return name
 
 
 def _flatten(value: Any) -> list[Any] | None:

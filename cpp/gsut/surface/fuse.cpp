@@ -1,0 +1,235 @@
+// First which blocks the depths touch, then each block against all views.
+#include "gsut/surface/fuse.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "gsut/base/errors.h"
+#include "gsut/base/parallel.h"
+
+namespace gsut {
+namespace {
+
+using Eigen::Vector3d;
+using Block = std::array<std::int32_t, 3>;
+
+// Blocks seen lately, so that neighbouring pixels do not name them again.
+constexpr std::size_t kRecent = 4096;
+// A distant pixel covers more voxels than this at most, to each side.
+constexpr double kMostVoxelsOfPixel = 12;
+// How far behind a surface its distance counts along the ray, in truncations.
+constexpr float kSlant = 1.5f;
+// Points that stand for a block: its corners and its middle, filled up.
+constexpr int kCorners = 16;
+
+struct BlockCollector {
+  std::vector<Block> found;
+  std::vector<Block> recent = std::vector<Block>(kRecent, Block{INT32_MIN, 0, 0});
+
+  // Blocks with voxels within `margin` of a point in grid coordinates.
+  void Add(const Vector3d& grid, double margin) {
+    Block low, high;
+    for (int k = 0; k < 3; ++k) {
+      const auto at = static_cast<std::size_t>(k);
+      low[at] = static_cast<std::int32_t>(std::floor((grid[k] - margin) / kBlockSide));
+      high[at] = static_cast<std::int32_t>(std::floor((grid[k] + margin) / kBlockSide));
+    }
+    for (std::int32_t z = low[2]; z <= high[2]; ++z) {
+      for (std::int32_t y = low[1]; y <= high[1]; ++y) {
+        for (std::int32_t x = low[0]; x <= high[0]; ++x) {
+          const Block block = {x, y, z};
+          const std::uint32_t hash = static_cast<std::uint32_t>(x) * 73856093u ^
+                                     static_cast<std::uint32_t>(y) * 19349663u ^
+                                     static_cast<std::uint32_t>(z) * 83492791u;
+          Block& seen = recent[hash % kRecent];
+          if (seen == block) continue;
+          seen = block;
+          found.push_back(block);
+        }
+      }
+    }
+  }
+};
+
+void SortUnique(std::vector<Block>* blocks) {
+  std::sort(blocks->begin(), blocks->end());
+  blocks->erase(std::unique(blocks->begin(), blocks->end()), blocks->end());
+}
+
+std::vector<Block> BlocksOf(const DepthView& view, const VoxelSpace& space, double truncation) {
+  BlockCollector collector;
+  for (int y = 0; y < view.height(); ++y) {
+    for (int x = 0; x < view.width(); ++x) {
+      DepthSample sample;
+      if (!view.At(x, y, &sample) || sample.depth > DepthSample::kFree) continue;
+      const double depth = double{sample.depth};
+      const Vector3d point = view.PointOf(x, y, depth);
+      const Vector3d grid = space.GridOf(space.center + point);
+      if (!space.Holds(grid)) continue;
+      const double voxel = space.VoxelAt(grid);
+      // A cell that the surface crosses has voxels within 1 of it; pixels lie this far apart there.
+      const double apart = depth * view.pixel_angle() / (double{sample.cosine} * voxel);
+      const double margin = 1.0 + std::min(apart, kMostVoxelsOfPixel);
+      const Vector3d step = 0.5 * truncation * voxel * (point - view.place()).normalized();
+      for (const double side : {-1.0, 0.0, 1.0}) {
+        const Vector3d at = space.GridOf(space.center + point + side * step);
+        if (space.Holds(at)) collector.Add(at, margin);
+      }
+    }
+  }
+  SortUnique(&collector.found);
+  return std::move(collector.found);
+}
+
+// One block's voxels about the centre, its corners, and what the views add up to.
+class BlockFusion {
+ public:
+  BlockFusion(const VoxelSpace& space, const FuseOptions& options)
+      : space_(space),
+        truncation_(static_cast<float>(options.truncation)),
+        free_weight_(static_cast<float>(options.free_weight)) {}
+
+  void Fuse(const std::vector<DepthView>& views, const Block& block, float* values) {
+    Place(block);
+    std::fill(std::begin(sum_), std::end(sum_), 0.0f);
+    std::fill(std::begin(weight_), std::end(weight_), 0.0f);
+    for (const DepthView& view : views) {
+      if (MaySee(view)) Add(view);
+    }
+    for (int i = 0; i < kBlockVoxels; ++i) {
+      values[i] =
+          weight_[i] > 0.0f ? sum_[i] / weight_[i] : std::numeric_limits<float>::quiet_NaN();
+    }
+  }
+
+ private:
+  void Place(const Block& block) {
+    const Vector3d first(block[0], block[1], block[2]);
+    int i = 0;
+    for (int z = 0; z < kBlockSide; ++z) {
+      for (int y = 0; y < kBlockSide; ++y) {
+        for (int x = 0; x < kBlockSide; ++x, ++i) {
+          const Vector3d grid = kBlockSide * first + Vector3d(x, y, z);
+          const bool inside = space_.Holds(grid);
+          Set(&voxels_, i, inside ? space_.AboutCenter(grid) : Vector3d::Zero());
+          size_[i] = inside ? static_cast<float>(space_.VoxelAt(grid)) : 0.0f;
+        }
+      }
+    }
+    for (int corner = 0; corner < kCorners; ++corner) {
+      const int side = kBlockSide - 1;
+      const int of = corner < 8 ? (corner & 1) * side + (corner >> 1 & 1) * side * kBlockSide +
+                                      (corner >> 2 & 1) * side * kBlockSide * kBlockSide
+                                : kBlockVoxels / 2 + kBlockSide * kBlockSide / 2 + kBlockSide / 2;
+      Set(&corners_, corner, Vector3d(voxels_.x[of], voxels_.y[of], voxels_.z[of]));
+    }
+    middle_ = Vector3d(corners_.x[8], corners_.y[8], corners_.z[8]);
+    radius_ = 0.0;
+    for (int k = 0; k < 8; ++k) {
+      radius_ = std::max(radius_,
+                         (Vector3d(corners_.x[k], corners_.y[k], corners_.z[k]) - middle_).norm());
+    }
+    const float* largest = std::max_element(std::begin(size_), std::end(size_));
+    reach_ = *largest * truncation_;
+  }
+
+  static void Set(PointBatch* batch, int i, const Vector3d& point) {
+    batch->x[i] = static_cast<float>(point[0]);
+    batch->y[i] = static_cast<float>(point[1]);
+    batch->z[i] = static_cast<float>(point[2]);
+  }
+
+  // False where no voxel lies in the image, or all lie well behind what the view sees there.
+  bool MaySee(const DepthView& view) {
+    if ((view.place() - middle_).norm() < 2.0 * radius_) return true;
+    view.Project(kCorners, corners_, &viewed_);
+    const float width = static_cast<float>(view.width());
+    const float height = static_cast<float>(view.height());
+    float low[2] = {width, height}, high[2] = {0.0f, 0.0f};
+    bool all_behind = true;
+    for (int i = 0; i < kCorners; ++i) {
+      const float u = viewed_.u[i], v = viewed_.v[i];
+      if (!(std::isfinite(u) && std::isfinite(v))) continue;
+      low[0] = std::min(low[0], u), low[1] = std::min(low[1], v);
+      high[0] = std::max(high[0], u), high[1] = std::max(high[1], v);
+      DepthSample sample;
+      all_behind = all_behind && view.Sample(u, v, &sample) &&
+                   viewed_.distance[i] > 1.1f * sample.depth + 2.0f * kSlant * reach_;
+    }
+    const bool in_image = low[0] < width && low[1] < height && high[0] > 0.0f && high[1] > 0.0f;
+    return in_image && !all_behind;
+  }
+
+  void Add(const DepthView& view) {
+    view.Project(kBlockVoxels, voxels_, &viewed_);
+    for (int i = 0; i < kBlockVoxels; ++i) {
+      DepthSample sample;
+      if (!(size_[i] > 0.0f) || !view.Sample(viewed_.u[i], viewed_.v[i], &sample)) continue;
+      const float distance = viewed_.distance[i];
+      const float in_voxels = (sample.depth - distance) * sample.cosine / size_[i];
+      // Behind a surface seen at a slant its plane soon says nothing.
+      const float behind = (distance - sample.depth) / size_[i];
+      if (!(in_voxels > -truncation_ && behind < kSlant * truncation_)) continue;
+      float weight = sample.weight * sample.cosine / (distance * distance);
+      if (in_voxels < -1.0f) weight *= (truncation_ + in_voxels) / (truncation_ - 1.0f);
+      if (in_voxels > truncation_) weight *= free_weight_;
+      sum_[i] += weight * std::min(in_voxels, truncation_);
+      weight_[i] += weight;
+    }
+  }
+
+  const VoxelSpace& space_;
+  const float truncation_, free_weight_;
+  PointBatch voxels_, corners_;
+  ViewedBatch viewed_;
+  float size_[kBlockVoxels], sum_[kBlockVoxels], weight_[kBlockVoxels];
+  Vector3d middle_;
+  double radius_ = 0;
+  float reach_ = 0;
+};
+
+}  // namespace
+
+std::int64_t DistanceField::Find(const Block& block) const {
+  const auto at = std::lower_bound(blocks.begin(), blocks.end(), block);
+  return at != blocks.end() && *at == block ? at - blocks.begin() : -1;
+}
+
+DistanceField FuseDepth(const std::vector<DepthView>& views, const VoxelSpace& space,
+                        const FuseOptions& options) {
+  DistanceField field;
+  field.space = space;
+  std::vector<std::vector<Block>> of_views(views.size());
+  ParallelFor(static_cast<std::int64_t>(views.size()), 1, [&](std::int64_t i, std::int64_t) {
+    const auto at = static_cast<std::size_t>(i);
+    of_views[at] = BlocksOf(views[at], space, options.truncation);
+  });
+  for (std::vector<Block>& of_view : of_views) {
+    const auto before = static_cast<std::ptrdiff_t>(field.blocks.size());
+    field.blocks.insert(field.blocks.end(), of_view.begin(), of_view.end());
+    std::inplace_merge(field.blocks.begin(), field.blocks.begin() + before, field.blocks.end());
+    field.blocks.erase(std::unique(field.blocks.begin(), field.blocks.end()), field.blocks.end());
+    of_view = {};
+  }
+  const auto count = static_cast<std::int64_t>(field.blocks.size());
+  if (options.max_blocks > 0 && count > options.max_blocks) {
+    throw InputError("the surface fills " + std::to_string(count) +
+                     " blocks of 8 x 8 x 8 voxels, " + "more than the " +
+                     std::to_string(options.max_blocks) +
+                     " that memory is allowed for; take larger voxels");
+  }
+  field.values.resize(static_cast<std::size_t>(count) * kBlockVoxels);
+  constexpr std::int64_t kGrain = 16;
+  ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    BlockFusion fusion(field.space, options);
+    for (std::int64_t i = begin; i < end; ++i) {
+      const auto at = static_cast<std::size_t>(i);
+      fusion.Fuse(views, field.blocks[at], &field.values[at * kBlockVoxels]);
+    }
+  });
+  return field;
+}
+
+}  // namespace gsut

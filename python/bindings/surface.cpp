@@ -1,0 +1,214 @@
+// Binds gsut/surface: depth maps of views, their fusion, marching cubes.
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "bindings/arrays.h"
+#include "bindings/geometry.h"
+#include "bindings/module.h"
+#include "gsut/surface/across_views.h"
+#include "gsut/surface/marching_cubes.h"
+#include "gsut/surface/triangle_tree.h"
+
+namespace gsut::bindings {
+namespace {
+
+Eigen::Vector3d Vector(const std::array<double, 3>& values) {
+  return {values[0], values[1], values[2]};
+}
+
+VoxelSpace Space(const std::array<double, 3>& center, double voxel, double inner) {
+  if (!(voxel > 0.0) || !(inner > 0.0)) throw InputError("voxel and inner must be positive");
+  return {Vector(center), voxel, inner / voxel};
+}
+
+// The depth maps of a scene, and the images beside them.
+class DepthViews {
+ public:
+  explicit DepthViews(const std::array<double, 3>& center) : center_(center) {}
+
+  void Add(const Camera& camera, const py::object& pose, const py::object& depth,
+           const py::object& weight, const py::object& image) {
+    const std::int64_t h = camera.height(), w = camera.width();
+    const float* depths = ConstData<float>(depth, "depth", {h, w});
+    const float* weights = OptionalData<float>(weight, "weight", {h, w});
+    images_.push_back(OptionalData<std::uint8_t>(image, "image", {h, w, 3}));
+    kept_.append(image);
+    const CameraMotion motion = ReadMotion(pose);
+    const py::gil_scoped_release release;
+    views_.emplace_back(camera, motion, depths, weights, Vector(center_));
+  }
+
+  py::array_t<std::uint8_t> Support(std::size_t which, const std::vector<std::size_t>& others,
+                                    double tolerance) const {
+    Check(which);
+    for (const std::size_t other : others) Check(other);
+    auto out = NewArray<std::uint8_t>({views_[which].height(), views_[which].width()});
+    std::uint8_t* data = out.mutable_data();
+    const py::gil_scoped_release release;
+    CountSupport(views_, which, others, tolerance, data);
+    return out;
+  }
+
+  DistanceField Fuse(double voxel, double inner, double truncation, double free_weight,
+                     std::int64_t max_blocks) const {
+    const VoxelSpace space = Space(center_, voxel, inner);
+    if (!(truncation >= 2.0)) throw InputError("truncation must be at least 2 voxels");
+    const py::gil_scoped_release release;
+    return FuseDepth(views_, space, {truncation, free_weight, max_blocks});
+  }
+
+  py::array_t<float> Colors(const py::object& points, double tolerance) const {
+    const auto array = ReadArray<double>(points, "points", {kAny, 3});
+    auto out = NewArray<float>({array.shape(0), 3});
+    float* colors = out.mutable_data();
+    std::vector<double> about(array.data(), array.data() + array.size());
+    for (std::size_t i = 0; i < about.size(); ++i) about[i] -= center_[i % 3];
+    const py::gil_scoped_release release;
+    ColorPoints(views_, images_, array.shape(0), about.data(), tolerance, colors);
+    return out;
+  }
+
+  std::size_t size() const { return views_.size(); }
+
+ private:
+  void Check(std::size_t which) const {
+    if (which >= views_.size()) throw InputError("no such view");
+  }
+
+  std::array<double, 3> center_;
+  std::vector<DepthView> views_;
+  std::vector<const std::uint8_t*> images_;
+  py::list kept_;  // the images
+};
+
+DistanceField FieldOf(const py::object& blocks, const py::object& values,
+                      const std::array<double, 3>& center, double voxel, double inner) {
+  const auto places = ReadArray<std::int32_t>(blocks, "blocks", {kAny, 3});
+  const auto numbers = ReadArray<float>(values, "values", {places.shape(0), kBlockVoxels});
+  DistanceField field;
+  field.space = Space(center, voxel, inner);
+  for (py::ssize_t i = 0; i < places.shape(0); ++i) {
+    field.blocks.push_back({places.at(i, 0), places.at(i, 1), places.at(i, 2)});
+  }
+  for (std::size_t i = 1; i < field.blocks.size(); ++i) {
+    if (!(field.blocks[i - 1] < field.blocks[i])) {
+      throw InputError("blocks must be in increasing order, none twice");
+    }
+  }
+  field.values.assign(numbers.data(), numbers.data() + numbers.size());
+  return field;
+}
+
+py::tuple MeshOf(const DistanceField& field) {
+  Mesh mesh;
+  {
+    const py::gil_scoped_release release;
+    mesh = MarchingCubes(field);
+  }
+  auto vertices = NewArray<double>({static_cast<py::ssize_t>(mesh.vertices.size() / 3), 3});
+  auto faces = NewArray<std::uint32_t>({static_cast<py::ssize_t>(mesh.faces.size() / 3), 3});
+  std::copy(mesh.vertices.begin(), mesh.vertices.end(), vertices.mutable_data());
+  std::copy(mesh.faces.begin(), mesh.faces.end(), faces.mutable_data());
+  return py::make_tuple(vertices, faces);
+}
+
+TriangleTree TreeOf(const py::object& vertices, const py::object& faces) {
+  const auto places = ReadArray<double>(vertices, "vertices", {kAny, 3});
+  const auto corners = ReadArray<std::uint32_t>(faces, "faces", {kAny, 3});
+  return {{places.data(), places.data() + places.size()},
+          {corners.data(), corners.data() + corners.size()}};
+}
+
+// (distances (N,), faces (N,)).
+template <class Search>
+py::tuple Searched(py::ssize_t count, const Search& search) {
+  auto distances = NewArray<double>({count});
+  auto faces = NewArray<std::int64_t>({count});
+  double* distances_data = distances.mutable_data();
+  std::int64_t* faces_data = faces.mutable_data();
+  {
+    const py::gil_scoped_release release;
+    search(distances_data, faces_data);
+  }
+  return py::make_tuple(distances, faces);
+}
+
+py::tuple NearestOf(const TriangleTree& tree, const py::object& queries) {
+  const auto points = ReadArray<double>(queries, "queries", {kAny, 3});
+  return Searched(points.shape(0), [&](double* distances, std::int64_t* faces) {
+    tree.Nearest(points.shape(0), points.data(), distances, faces);
+  });
+}
+
+py::tuple CastOf(const TriangleTree& tree, const py::object& origins,
+                 const py::object& directions) {
+  const auto from = ReadArray<double>(origins, "origins", {kAny, 3});
+  const auto along = ReadArray<double>(directions, "directions", {from.shape(0), 3});
+  return Searched(from.shape(0), [&](double* distances, std::int64_t* faces) {
+    tree.Cast(from.shape(0), from.data(), along.data(), distances, faces);
+  });
+}
+
+py::array_t<std::uint32_t> Parts(std::int64_t num_vertices, const py::object& faces) {
+  const auto corners = ReadArray<std::uint32_t>(faces, "faces", {kAny, 3});
+  for (py::ssize_t i = 0; i < corners.size(); ++i) {
+    if (corners.data()[i] >= num_vertices) {
+      throw InputError("a face names a vertex that is not there");
+    }
+  }
+  auto labels = NewArray<std::uint32_t>({num_vertices});
+  LabelParts(num_vertices, corners.shape(0), corners.data(), labels.mutable_data());
+  return labels;
+}
+
+}  // namespace
+
+void BindSurface(py::module_& m) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  py::class_<DistanceField>(m, "DistanceField", "A sparse truncated signed distance field.")
+      .def(py::init(&FieldOf), py::arg("blocks"), py::arg("values"), py::arg("center"),
+           py::arg("voxel"), py::arg("inner") = kInfinity)
+      .def_property_readonly(
+          "blocks",
+          [](const DistanceField& field) {
+            auto out = NewArray<std::int32_t>({static_cast<py::ssize_t>(field.blocks.size()), 3});
+            std::int32_t* to = out.mutable_data();
+            for (const auto& block : field.blocks) to = std::copy(block.begin(), block.end(), to);
+            return out;
+          },
+          "(B, 3) grid coordinates of the first voxels, in eights.")
+      .def_property_readonly(
+          "values",
+          [](const DistanceField& field) {
+            auto out = NewArray<float>(
+                {static_cast<py::ssize_t>(field.blocks.size()), py::ssize_t{kBlockVoxels}});
+            std::copy(field.values.begin(), field.values.end(), out.mutable_data());
+            return out;
+          },
+          "(B, 512) signed distances in voxels, x fastest; NaN where nothing is known.")
+      .def("__len__", [](const DistanceField& field) { return field.blocks.size(); })
+      .def("mesh", &MeshOf, "Vertices (V, 3) and faces (F, 3) of the zero level.");
+  py::class_<TriangleTree>(m, "TriangleTree", "Nearest points and ray hits on triangles.")
+      .def(py::init(&TreeOf), py::arg("vertices"), py::arg("faces"))
+      .def("nearest", &NearestOf, py::arg("queries"))
+      .def("cast", &CastOf, py::arg("origins"), py::arg("directions"));
+  m.def("mesh_parts", &Parts, py::arg("num_vertices"), py::arg("faces"));
+  py::class_<DepthViews>(m, "DepthViews", "Depth maps of views, to be fused.")
+      .def(py::init<const std::array<double, 3>&>(), py::arg("center"))
+      .def("add", &DepthViews::Add, py::arg("camera"), py::arg("camera_from_world"),
+           py::arg("depth"), py::arg("weight"), py::arg("image"))
+      .def("support", &DepthViews::Support, py::arg("which"), py::arg("others"),
+           py::arg("tolerance"))
+      .def("fuse", &DepthViews::Fuse, py::arg("voxel"), py::arg("inner"), py::arg("truncation"),
+           py::arg("free_weight"), py::arg("max_blocks"))
+      .def("colors", &DepthViews::Colors, py::arg("points"), py::arg("tolerance"))
+      .def("__len__", &DepthViews::size);
+}
+
+}  // namespace gsut::bindings

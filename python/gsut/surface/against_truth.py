@@ -1,0 +1,149 @@
+"""A run's depths and mesh against a truth: depth files, a mesh, or a cloud of points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from gsut._core import CameraMotion, InputError
+from gsut.render import field_angles, render, render_surface
+from gsut.surface.extract import MeshOptions, OnProgress, _silent, extract_mesh
+from gsut.surface.mesh import Mesh
+from gsut.surface.mesh_files import load_mesh
+from gsut.surface.worth import depth_figures, mesh_figures, tree_of
+
+KINDS = ("expected", "median", "strongest")
+_MILLIMETRE = 1e-3  # what a level of a 16-bit depth picture is
+
+
+def geometry_figures(
+    gaussians: Any,
+    scene: Any,
+    indices: Sequence[int],
+    truth: Path | None,
+    *,
+    depth_unit: float = _MILLIMETRE,
+    mesh: Mesh | None = None,
+    options: MeshOptions | None = None,
+    background: Sequence[float] | None = (0.0, 0.0, 0.0),
+    progress: OnProgress = _silent,
+) -> dict[str, Any]:
+    """Figures of depth on views, and of the mesh where the truth is one.
+
+    Args:
+        gaussians: the Gaussians, in the dataset's coordinates.
+        scene: the dataset.
+        indices: of the views whose depth is judged.
+        truth: a mesh (.ply, .obj), from which depths are cast through each view's lens; a cloud
+            (a .ply without faces), by which only the mesh is judged; a folder of depth files named
+            like the images; None: the dataset's own depth files.
+        depth_unit: world units of a level of 16-bit pictures; files .npy hold world units.
+        mesh: what is judged; None: `extract_mesh` with `options`.
+        background: colour behind the Gaussians; None: see `render`.
+        progress: called with (stage, done, total).
+
+    Returns:
+        dict depth: for each kind of depth the figures of `depth_figures` over all pixels of the
+        views; mesh: those of `mesh_figures`. Either is absent where the truth says nothing.
+
+    Raises:
+        InputError: the truth is absent, empty or of another size than the images.
+    """
+    of_mesh = load_mesh(truth) if truth is not None and truth.is_file() else None
+    figures: dict[str, Any] = {}
+    if of_mesh is None or len(of_mesh.faces):
+        tree = None if of_mesh is None else tree_of(of_mesh)
+        rows = []
+        for done, index in enumerate(indices):
+            progress("depth", done, len(indices))
+            true = (
+                _read_depth(scene, index, truth, depth_unit)
+                if tree is None
+                else cast_depth(tree, scene.camera(index), scene.views[index].motion)
+            )
+            if true is not None:
+                rows.append((index, np.where(scene.mask(index), true, np.nan)))
+        progress("depth", len(indices), len(indices))
+        if not rows:
+            raise InputError(
+                f"{truth or scene.path} has no depth of these views (NAME.png in 16 bits, or "
+                "NAME.npy); try --split all"
+            )
+        figures["depth"] = _of_views(gaussians, scene, rows, background)
+        figures["depth"]["views"] = len(rows)
+    if of_mesh is not None:
+        if mesh is None:
+            mesh = extract_mesh(gaussians, scene, options, background=background, progress=progress)
+        figures["mesh"] = mesh_figures(mesh, of_mesh, scene)
+    return figures
+
+
+def _of_views(
+    gaussians: Any,
+    scene: Any,
+    rows: list[tuple[int, np.ndarray]],
+    background: Sequence[float] | None,
+) -> dict[str, Any]:
+    columns: dict[str, list[np.ndarray]] = {kind: [] for kind in (*KINDS, "truth", "angle")}
+    for index, true in rows:
+        camera = scene.camera(index)
+        result = render(gaussians, camera, scene.views[index].motion, background=background)
+        surface = render_surface(result)
+        for kind in KINDS:
+            columns[kind].append(getattr(surface, kind).ravel())
+        columns["truth"].append(true.ravel())
+        columns["angle"].append(np.degrees(field_angles(camera)).ravel())
+    joined = {name: np.concatenate(parts)[None] for name, parts in columns.items()}
+    return {kind: depth_figures(joined[kind], joined["truth"], joined["angle"]) for kind in KINDS}
+
+
+def cast_depth(tree: Any, camera: Any, motion: np.ndarray | CameraMotion) -> np.ndarray:
+    """(H, W) distance along each pixel's ray to the triangles of a tree; NaN: none met."""
+    rays, _ = camera.rays()
+    origins, world = np.empty_like(rays), np.empty_like(rays)
+    lines: list[tuple[Any, np.ndarray]] = [(slice(None), np.asarray(motion))]
+    if isinstance(motion, CameraMotion):
+        times = motion.shutter.line_times(camera.width, camera.height)
+        over_rows = "left" not in motion.shutter.direction
+        lines = [
+            ((line if over_rows else (slice(None), line)), motion.at(time))
+            for line, time in enumerate(times)
+        ]
+    for where, pose in lines:
+        rotation, shift = pose[:3, :3], pose[:3, 3]
+        origins[where] = (camera.origins()[where] - shift) @ rotation
+        world[where] = rays[where] @ rotation
+    flat = np.ascontiguousarray(origins.reshape(-1, 3)), np.ascontiguousarray(world.reshape(-1, 3))
+    return tree.cast(*flat)[0].reshape(rays.shape[:2])
+
+
+def _read_depth(scene: Any, index: int, folder: Path | None, unit: float) -> np.ndarray | None:
+    view = scene.views[index]
+    path = view.depth_path
+    if folder is not None:
+        if not folder.is_dir():
+            raise InputError(f"{folder}: no such file or folder")
+        stem = Path(view.name).with_suffix("")
+        choices = [folder / base.with_suffix(s) for base in (stem, Path(stem.name))
+                   for s in (".npy", ".png")]  # fmt: skip
+        path = next((choice for choice in choices if choice.is_file()), None)
+    if path is None or not path.is_file():
+        return None
+    if path.suffix == ".npy":
+        depth = np.load(path, allow_pickle=False).astype(np.float64)
+    else:
+        picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        if picture is None or picture.ndim != 2:
+            raise InputError(f"{path}: no depth picture of one channel")
+        depth = picture * unit
+    camera = scene.camera(index)
+    if depth.shape != (camera.height, camera.width):
+        raise InputError(
+            f"{path} is {depth.shape[1]} x {depth.shape[0]}, its image {camera.width} x "
+            f"{camera.height}; give depths at the size that the run was trained at"
+        )
+    return depth

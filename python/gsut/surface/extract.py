@@ -1,0 +1,276 @@
+"""From Gaussians and the cameras that saw them to a mesh: depth of every view, filtered, fused."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+
+from gsut import _core
+from gsut._core import CameraMotion, InputError
+from gsut.render import render, render_surface, to_uint8
+from gsut.surface.mesh import Mesh
+
+# Views against which each depth map is checked: those nearest by place and direction.
+_NEIGHBOURS = 8
+# How far depths of two views of one point may lie apart, relative to the distance (PGSR: 1 %).
+_AGREEMENT = 0.01
+# The voxel: a pixel's width at the median depth, and at most so many to the scene's extent.
+_MOST_VOXELS = 1024
+_NOTHING = 0.05  # alpha of pixels whose rays meet nothing
+# Depths of an open scene reach this many times farther than half of them.
+_OPEN_RATIO = 5.0
+_EVEN_SHARE = 1.5  # of the median distance: how far voxels are even in an open scene
+_MOST_BLOCKS = 1_000_000  # of 8 x 8 x 8 voxels: 2.3 GB
+_SAMPLED = 20_000  # points by which a scene's size is judged
+_BEHIND = 2.0  # voxels that a coloured point may lie behind a view's surface
+
+
+@dataclasses.dataclass(frozen=True)
+class MeshOptions:
+    """How a mesh is made.
+
+    Attributes:
+        voxel: world units; None: a pixel's width at the median depth, at least a 1024th of the
+            scene.
+        truncation: voxels on both sides of the surface that a depth says something about.
+        support: other views, of the 8 nearest, that must see a pixel's point at its depth.
+        open: whether voxels grow with the distance beyond the middle of the scene; None: where
+            depths reach farther than 5 times their median.
+        depth: "median", "expected" or "strongest"; see `gsut.Surface`.
+        max_side: of the depth maps, pixels: larger images are rendered at this size.
+        photographs: colours from the photographs in place of the renders.
+        parts: keep so many of the largest connected parts; None: all of a thousandth of the faces.
+        faces: reduce to about so many.
+        crop: (2, 3) corners of a box in the dataset's coordinates, outside of which nothing stays.
+    """
+
+    voxel: float | None = None
+    truncation: float = 4.0
+    support: int = 2
+    open: bool | None = None
+    depth: str = "median"
+    max_side: int = 1024
+    photographs: bool = False
+    parts: int | None = None
+    faces: int | None = None
+    crop: np.ndarray | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class DepthMap:
+    """One view's depth along its rays.
+
+    Attributes:
+        camera, motion: as the map was rendered.
+        depth: (H, W) float32 from the rays' origins; infinity: the ray meets nothing, NaN: unknown.
+        weight: (H, W) float32 in [0, 1], or None: 1.
+        image: (H, W, 3) uint8, or None.
+    """
+
+    camera: Any
+    motion: np.ndarray | CameraMotion
+    depth: np.ndarray
+    weight: np.ndarray | None = None
+    image: np.ndarray | None = None
+
+
+OnProgress = Callable[[str, int, int], None]
+
+
+def _silent(stage: str, done: int, total: int) -> None: ...
+
+
+def extract_mesh(
+    gaussians: Any,
+    scene: Any,
+    options: MeshOptions | None = None,
+    *,
+    background: Sequence[float] | None = (0.0, 0.0, 0.0),
+    progress: OnProgress = _silent,
+) -> Mesh:
+    """The surface of trained Gaussians as a mesh, through the lenses that saw them.
+
+    Each training view's depth is rendered, kept where neighbouring views agree, and fused into a
+    truncated signed distance field whose voxels are projected with the lens itself.
+
+    Args:
+        gaussians: the Gaussians, in the dataset's coordinates.
+        scene: the dataset, from `load_dataset`.
+        options: None: the defaults.
+        background: colour behind the Gaussians; None: see `render`.
+        progress: called with (stage, done, total).
+
+    Returns:
+        The mesh, in the dataset's coordinates, with colours. The same bits on any number of
+        threads. Memory: 20 bytes a pixel of all depth maps, and 2.3 kB a block of 8 x 8 x 8 voxels
+        near the surface.
+
+    Raises:
+        InputError: an option out of range, no view, or no surface.
+    """
+    o = options or MeshOptions()
+    if o.depth not in ("median", "expected", "strongest"):
+        raise InputError(f'depth "{o.depth}" is unknown; known: median, expected, strongest')
+    rows = list(scene.train_indices) or list(range(len(scene.views)))
+    maps = []
+    for done, index in enumerate(rows):
+        progress("depth", done, len(rows))
+        maps.append(_rendered(gaussians, scene, index, o, background))
+    progress("depth", len(rows), len(rows))
+    return fuse_depth(maps, o, progress=progress)
+
+
+def fuse_depth(
+    maps: Sequence[DepthMap], options: MeshOptions | None = None, *, progress: OnProgress = _silent
+) -> Mesh:
+    """Fuses depth maps of any lenses and shutters to a mesh, as `extract_mesh` does.
+
+    Args:
+        maps: distances along the rays.
+        options: its voxel, truncation, support, open, parts, faces and crop; None: the defaults.
+        progress: called with (stage, done, total).
+
+    Returns:
+        The mesh, with colours if maps have images.
+
+    Raises:
+        InputError: an option out of range, no view, or no surface.
+    """
+    o = options or MeshOptions()
+    if not maps:
+        raise InputError("a mesh needs at least one view")
+    places = np.stack([_middle(m.motion) for m in maps])
+    centers = -np.einsum("nji,nj->ni", places[:, :3, :3], places[:, :3, 3])
+    center = centers.mean(axis=0)
+    if o.support > 0 and len(maps) > o.support:
+        maps = _agreeing(maps, places, centers, center, o.support, progress)
+    voxel, inner = _space(maps, places, centers, center, o)
+    views = _views(maps, center)
+    progress("fusing", 0, 1)
+    field = views.fuse(voxel, inner, o.truncation, 0.1, _MOST_BLOCKS)
+    vertices, faces = field.mesh()
+    del field
+    progress("fusing", 1, 1)
+    mesh = Mesh(vertices, faces)
+    if o.crop is not None:
+        mesh = mesh.cropped(*np.sort(np.asarray(o.crop, np.float64).reshape(2, 3), axis=0))
+    mesh = mesh.without_small_parts(1e-3) if o.parts is None else mesh.largest_parts(o.parts)
+    if not len(mesh):
+        raise InputError(
+            "no surface was found: no two views agree on one; try --support 0, larger voxels or "
+            "another --depth, or look at the renders"
+        )
+    if any(m.image is not None for m in maps):
+        reach = _BEHIND * voxel
+        colors = views.colors(mesh.vertices, reach)
+        gray = np.float32(0.5)
+        mesh = dataclasses.replace(mesh, colors=np.where(np.isnan(colors), gray, colors))
+    return mesh if o.faces is None else mesh.decimated(o.faces)
+
+
+def _rendered(
+    gaussians: Any,
+    scene: Any,
+    index: int,
+    o: MeshOptions,
+    background: Sequence[float] | None,
+) -> DepthMap:
+    camera, motion, mask = scene.camera(index), scene.views[index].motion, scene.mask(index)
+    share = o.max_side / max(camera.width, camera.height)
+    if share < 1:
+        width, height = (max(1, round(side * share)) for side in (camera.width, camera.height))
+        camera = camera.resized(width, height)
+        mask = cv2.resize(mask.astype(np.uint8), (width, height), interpolation=0) > 0
+    result = render(gaussians, camera, motion, background=background)
+    surface = render_surface(result)
+    depth = np.where(result.alpha < _NOTHING, np.inf, getattr(surface, o.depth))
+    depth = np.where(mask & camera.rays()[1], depth, np.nan).astype(np.float32)
+    with np.errstate(invalid="ignore"):
+        wide = surface.spread / (_AGREEMENT * depth)  # uncertain where a pixel's Gaussians disagree
+        weight = np.nan_to_num(result.alpha / (1 + wide * wide)).astype(np.float32)
+    weight[np.isinf(depth)] = 1
+    image = to_uint8(result.image)
+    if o.photographs:
+        image = scene.image(index)
+        if image.shape[:2] != depth.shape:
+            image = cv2.resize(image, depth.shape[::-1], interpolation=cv2.INTER_AREA)
+    return DepthMap(camera, motion, depth, weight, np.ascontiguousarray(image))
+
+
+def _middle(motion: np.ndarray | CameraMotion) -> np.ndarray:
+    return motion.at(0.5) if isinstance(motion, CameraMotion) else np.asarray(motion)
+
+
+def _views(maps: Sequence[DepthMap], center: np.ndarray) -> _core.DepthViews:
+    views = _core.DepthViews(list(center))
+    for m in maps:
+        views.add(m.camera, m.motion, m.depth, m.weight, m.image)
+    return views
+
+
+def _agreeing(
+    maps: Sequence[DepthMap],
+    places: np.ndarray,
+    centers: np.ndarray,
+    center: np.ndarray,
+    support: int,
+    progress: OnProgress,
+) -> list[DepthMap]:
+    """The maps without pixels that too few of their neighbours confirm."""
+    views = _views(maps, center)
+    apart = np.linalg.norm(centers[:, None] - centers, axis=2)
+    axes = places[:, 2, :3]
+    turned = np.arccos(np.clip(axes @ axes.T, -1, 1))
+    far = apart / max(float(np.median(apart)), 1e-12) + turned
+    np.fill_diagonal(far, np.inf)
+    kept = []
+    for which, m in enumerate(maps):
+        progress("agreement", which, len(maps))
+        others = np.argsort(far[which], kind="stable")[: min(_NEIGHBOURS, len(maps) - 1)]
+        confirmed = views.support(which, others.tolist(), _AGREEMENT) >= support
+        depth = np.where(confirmed | np.isinf(m.depth), m.depth, np.float32(np.nan))
+        kept.append(dataclasses.replace(m, depth=depth))
+    progress("agreement", len(maps), len(maps))
+    return kept
+
+
+def _space(
+    maps: Sequence[DepthMap],
+    places: np.ndarray,
+    centers: np.ndarray,
+    center: np.ndarray,
+    o: MeshOptions,
+) -> tuple[float, float]:
+    """Voxel and radius of even voxels, in world units."""
+    each = max(1, _SAMPLED // len(maps))
+    away, widths = [], []
+    for m, place, at in zip(maps, places, centers, strict=True):
+        rays = m.camera.rays()[0].reshape(-1, 3)
+        depth = m.depth.reshape(-1)
+        has = np.flatnonzero(np.isfinite(depth))
+        has = has[:: max(1, len(has) // each)]
+        away.append(at + depth[has, None] * (rays[has] @ place[:3, :3]) - center)
+        widths.append(depth[has] * _pixel_angle(m.camera))
+    points = np.concatenate(away)
+    if not len(points):
+        raise InputError("no view has a depth: nothing to make a mesh of; try --support 0")
+    distance = np.linalg.norm(points, axis=1)
+    middle, farthest = np.percentile(distance, (50, 99))
+    is_open = farthest > _OPEN_RATIO * middle if o.open is None else o.open
+    inner = _EVEN_SHARE * float(middle) if is_open else float("inf")
+    if o.voxel is not None:
+        if not o.voxel > 0:
+            raise InputError(f"voxel is {o.voxel:g}; it must be positive")
+        return float(o.voxel), inner
+    low, high = np.percentile(points, (1, 99), axis=0)
+    extent = 2 * inner if is_open else float((high - low).max())
+    return max(float(np.median(np.concatenate(widths))), extent / _MOST_VOXELS), inner
+
+
+def _pixel_angle(camera: Any) -> float:
+    rays = camera.rays()[0]
+    return float(np.nanmedian(np.linalg.norm(np.diff(rays, axis=1), axis=2)))

@@ -1,0 +1,118 @@
+"""Triangle meshes: parts, cuts, fewer faces, normals, colours."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError
+
+
+@dataclasses.dataclass(frozen=True)
+class Mesh:
+    """Triangles in the dataset's coordinates.
+
+    Attributes:
+        vertices: (V, 3) float64.
+        faces: (F, 3) uint32, counterclockwise seen from outside; (0, 3): a cloud of points.
+        colors: (V, 3) float32 in [0, 1], as displayed; None without.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    colors: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.faces)
+
+    def __repr__(self) -> str:
+        colored = "" if self.colors is None else ", colours"
+        return f"Mesh({len(self.vertices):,} vertices, {len(self.faces):,} faces{colored})"
+
+    def _corners(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        return a, b, c
+
+    def face_vectors(self) -> np.ndarray:
+        """(F, 3) normals of the faces, as long as twice their areas."""
+        a, b, c = self._corners()
+        return np.cross(b - a, c - a)
+
+    def normals(self) -> np.ndarray:
+        """(V, 3) unit normals of the vertices: of their faces by area; 0 where there is no face."""
+        of_faces = self.face_vectors()
+        sums = np.stack(
+            [
+                sum(
+                    np.bincount(self.faces[:, k], of_faces[:, axis], len(self.vertices))
+                    for k in range(3)
+                )
+                for axis in range(3)
+            ],
+            axis=1,
+        )
+        return sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)
+
+    def with_faces(self, keep: np.ndarray) -> Mesh:
+        """The mesh of some of its faces, without vertices that they do not use.
+
+        Args:
+            keep: (F,) bool.
+        """
+        faces = self.faces[keep]
+        used = np.zeros(len(self.vertices), bool)
+        used[faces] = True
+        renamed = np.cumsum(used) - 1
+        colors = None if self.colors is None else self.colors[used]
+        return Mesh(self.vertices[used], renamed[faces].astype(np.uint32), colors)
+
+    def largest_parts(self, count: int) -> Mesh:
+        """The `count` connected parts with the most faces."""
+        if not len(self.faces):
+            return self
+        labels = _core.mesh_parts(len(self.vertices), self.faces)[self.faces[:, 0]]
+        names, sizes = np.unique(labels, return_counts=True)
+        kept = names[np.argsort(-sizes, kind="stable")[:count]]
+        return self.with_faces(np.isin(labels, kept))
+
+    def without_small_parts(self, share: float) -> Mesh:
+        """Without connected parts of less than this share of all faces."""
+        if not len(self.faces):
+            return self
+        labels = _core.mesh_parts(len(self.vertices), self.faces)[self.faces[:, 0]]
+        _, of_face, sizes = np.unique(labels, return_inverse=True, return_counts=True)
+        return self.with_faces(sizes[of_face] >= share * len(self.faces))
+
+    def cropped(self, low: np.ndarray, high: np.ndarray) -> Mesh:
+        """The faces whose middles lie within a box (two corners (3,))."""
+        a, b, c = self._corners()
+        middle = (a + b + c) / 3
+        return self.with_faces(np.all((middle >= low) & (middle <= high), axis=1))
+
+    def decimated(self, faces: int) -> Mesh:
+        """About this many faces, by quadric error metrics; colours from the nearest old surface.
+
+        Raises:
+            InputError: fast-simplification is not installed.
+        """
+        if len(self.faces) <= faces:
+            return self
+        try:
+            import fast_simplification
+        except ImportError:
+            raise InputError(
+                "fewer faces need fast-simplification: pip install 'gsut[mesh]'"
+            ) from None
+        center = self.vertices.mean(axis=0)
+        vertices, triangles = fast_simplification.simplify(
+            (self.vertices - center).astype(np.float32),
+            self.faces.astype(np.int32),
+            target_count=int(faces),
+        )[:2]
+        small = Mesh(vertices.astype(np.float64) + center, triangles.astype(np.uint32))
+        if self.colors is None or not len(small):
+            return small
+        nearest = _core.TriangleTree(self.vertices, self.faces).nearest(small.vertices)[1]
+        return dataclasses.replace(small, colors=self.colors[self.faces[nearest]].mean(axis=1))

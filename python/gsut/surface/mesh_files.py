@@ -1,0 +1,253 @@
+"""Meshes in files: PLY, OBJ and GLB out; PLY and OBJ in."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.files import write_file
+from gsut.surface.mesh import Mesh
+
+# Coordinates that float32 would move by more than this share of their extent are written in double.
+_FLOAT_SHARE = 1e-6
+_PLY_TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"), **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"), **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"), **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"), **dict.fromkeys(("double", "float64"), "f8"),
+}  # fmt: skip
+_GLB_HEAD, _GLB_CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
+_FLOAT, _UNSIGNED, _VERTICES, _INDICES = 5126, 5125, 34962, 34963
+
+
+def save_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
+    """Writes a mesh with normals and colours, in the dataset's coordinates and axes.
+
+    Args:
+        path: .ply (binary), .obj or .glb. In a .glb the vertices lie about their middle, which is
+            the node's translation; colours are linear there, as glTF wants them.
+        mesh: what to write.
+
+    Raises:
+        InputError: another suffix.
+        InputError, also an OSError: the file cannot be written.
+    """
+    path = Path(path)
+    content = _writer(path)(mesh)
+    write_file(path, content)
+
+
+def check_mesh_name(path: str | os.PathLike[str]) -> None:
+    """Raises InputError unless a mesh can be written by this name."""
+    _writer(Path(path))
+
+
+def _writer(path: Path) -> Callable[[Mesh], bytes]:
+    writers = {".ply": _ply, ".obj": _obj, ".glb": _glb}
+    if path.suffix.lower() not in writers:
+        raise InputError(f"{path}: meshes are written as {', '.join(writers)}")
+    return writers[path.suffix.lower()]
+
+
+def _levels(colors: np.ndarray) -> np.ndarray:
+    return np.rint(255 * np.clip(colors, 0, 1)).astype(np.uint8)
+
+
+def _ply(mesh: Mesh) -> bytes:
+    extent = float(np.ptp(mesh.vertices, axis=0).max()) if len(mesh.vertices) else 1.0
+    moved = np.abs(mesh.vertices - mesh.vertices.astype(np.float32)).max(initial=0.0)
+    kind = ("double", "<f8") if moved > _FLOAT_SHARE * extent else ("float", "<f4")
+    fields = [(axis, kind[1]) for axis in "xyz"] + [(f"n{axis}", "<f4") for axis in "xyz"]
+    names = [f"property {kind[0]} {axis}" for axis in "xyz"]
+    names += [f"property float n{axis}" for axis in "xyz"]
+    if mesh.colors is not None:
+        fields += [(name, "u1") for name in ("red", "green", "blue")]
+        names += [f"property uchar {name}" for name in ("red", "green", "blue")]
+    rows = np.zeros(len(mesh.vertices), fields)
+    normals = mesh.normals()
+    for k, axis in enumerate("xyz"):
+        rows[axis], rows[f"n{axis}"] = mesh.vertices[:, k], normals[:, k]
+    if mesh.colors is not None:
+        for k, name in enumerate(("red", "green", "blue")):
+            rows[name] = _levels(mesh.colors[:, k])
+    faces = np.zeros(len(mesh.faces), [("count", "u1"), ("of", "<i4", 3)])
+    faces["count"], faces["of"] = 3, mesh.faces
+    header = [
+        *("ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}", *names),
+        *(f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"),
+    ]
+    return ("\n".join(header) + "\n").encode() + rows.tobytes() + faces.tobytes()
+
+
+def _obj(mesh: Mesh) -> bytes:
+    tail = [""] * len(mesh.vertices)
+    if mesh.colors is not None:
+        tail = [" {:.4f} {:.4f} {:.4f}".format(*color) for color in mesh.colors]
+    rows = [
+        "v {:.9g} {:.9g} {:.9g}".format(*vertex) + color
+        for vertex, color in zip(mesh.vertices, tail, strict=True)
+    ]
+    rows += ["vn {:.4f} {:.4f} {:.4f}".format(*normal) for normal in mesh.normals()]
+    rows += ["f {0}//{0} {1}//{1} {2}//{2}".format(*face) for face in mesh.faces + np.uint32(1)]
+    return ("\n".join(rows) + "\n").encode()
+
+
+def _glb(mesh: Mesh) -> bytes:
+    middle = mesh.vertices.mean(axis=0) if len(mesh.vertices) else np.zeros(3)
+    places = (mesh.vertices - middle).astype(np.float32)
+    arrays: list[tuple[str, np.ndarray]] = [("POSITION", places)]
+    arrays.append(("NORMAL", mesh.normals().astype(np.float32)))
+    if mesh.colors is not None:
+        c = np.clip(mesh.colors, 0, 1).astype(np.float64)
+        linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+        arrays.append(("COLOR_0", linear.astype(np.float32)))
+    arrays.append(("", mesh.faces.astype(np.uint32)))
+    views, accessors, begin = [], [], 0
+    for number, (name, array) in enumerate(arrays):
+        target = _VERTICES if name else _INDICES
+        view = {"buffer": 0, "byteOffset": begin, "byteLength": array.nbytes, "target": target}
+        views.append(view)
+        accessors.append(
+            {"bufferView": number, "componentType": _FLOAT, "count": len(array), "type": "VEC3"}
+            if name
+            else {"bufferView": number, "componentType": _UNSIGNED, "count": array.size,
+                  "type": "SCALAR"}
+        )  # fmt: skip
+        begin += array.nbytes
+    bounds = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
+    accessors[0] |= bounds if len(places) else {}
+    primitive = {
+        "attributes": {name: number for number, (name, _) in enumerate(arrays) if name},
+        "indices": len(arrays) - 1,
+        "material": 0,
+    }
+    matt = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
+    document = {
+        "asset": {"version": "2.0", "generator": "gsut"},
+        "scene": 0, "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "translation": middle.tolist()}],
+        "meshes": [{"primitives": [primitive]}],
+        "materials": [{"pbrMetallicRoughness": matt, "doubleSided": True}],
+        "buffers": [{"byteLength": begin}], "bufferViews": views, "accessors": accessors,
+    }  # fmt: skip
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    total = _GLB_HEAD.size + 2 * _GLB_CHUNK.size + len(text) + begin
+    if total >= 2**32:
+        raise InputError(f"{total:,} bytes are more than a .glb file can have; write a .ply")
+    head = _GLB_HEAD.pack(b"glTF", 2, total) + _GLB_CHUNK.pack(len(text), b"JSON") + text
+    return b"".join(
+        [head, _GLB_CHUNK.pack(begin, b"BIN\0"), *(array.tobytes() for _, array in arrays)]
+    )
+
+
+def load_mesh(path: str | os.PathLike[str]) -> Mesh:
+    """Reads a mesh, or a cloud of points, without its colours.
+
+    Args:
+        path: .ply (ascii, or binary little-endian) or .obj; faces of more corners are cut into
+            triangles from their first.
+
+    Returns:
+        The mesh; of a cloud without faces.
+
+    Raises:
+        InputError: the file is absent, damaged or of another format.
+    """
+    path = Path(path)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    readers = {".ply": _read_ply, ".obj": _read_obj}
+    if path.suffix.lower() not in readers:
+        raise InputError(f"{path}: meshes are read from {', '.join(readers)}")
+    try:
+        mesh = readers[path.suffix.lower()](content)
+    except (ValueError, IndexError, KeyError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is damaged, or no mesh that gsut reads: {error}") from None
+    if len(mesh.faces) and int(mesh.faces.max()) >= len(mesh.vertices):
+        raise InputError(f"{path} is damaged: a face names a vertex that is not there")
+    return mesh
+
+
+def _triangles(polygons: list[np.ndarray]) -> np.ndarray:
+    rows = [(row[0], row[k], row[k + 1]) for row in polygons for k in range(1, len(row) - 1)]
+    return np.array(rows, dtype=np.uint32).reshape(-1, 3)
+
+
+def _read_obj(content: bytes) -> Mesh:
+    vertices: list[list[float]] = []
+    polygons = []
+    for line in content.decode().splitlines():
+        words = line.split()
+        if words[:1] == ["v"]:
+            vertices.append([float(word) for word in words[1:4]])
+        elif words[:1] == ["f"]:
+            named = np.array([int(word.split("/")[0]) for word in words[1:]])
+            polygons.append(np.where(named < 0, len(vertices) + named, named - 1))
+    return Mesh(np.array(vertices, np.float64).reshape(-1, 3), _triangles(polygons))
+
+
+def _read_ply(content: bytes) -> Mesh:
+    end = content.index(b"end_header")
+    begin = content.index(b"\n", end) + 1
+    elements: list[tuple[str, int, list[list[str]]]] = []
+    order = ""
+    for line in content[:end].decode().splitlines():
+        words = line.split()
+        if words[:1] == ["format"]:
+            order = words[1]
+        elif words[:1] == ["element"]:
+            elements.append((words[1], int(words[2]), []))
+        elif words[:1] == ["property"]:
+            elements[-1][2].append(words[1:])
+    if order == "ascii":
+        return _ply_of_text(content[begin:].split(), elements)
+    if order != "binary_little_endian":
+        raise ValueError(f"format {order or 'missing'}")
+    vertices, faces = np.zeros((0, 3)), np.zeros((0, 3), np.uint32)
+    for name, count, properties in elements:
+        if properties and properties[0][0] == "list":
+            kinds = [_PLY_TYPES[word] for word in properties[0][1:3]]
+            # Triangles only, which is what meshes are.
+            row = np.dtype([("count", f"<{kinds[0]}"), ("of", f"<{kinds[1]}", 3)])
+            if len(properties) > 1:
+                raise ValueError(f"element {name} has more than its list")
+            rows = np.frombuffer(content, row, count, begin)
+            if np.any(rows["count"] != 3):
+                raise ValueError("binary faces must be triangles")
+            if name == "face":
+                faces = rows["of"].astype(np.uint32)
+        else:
+            row = np.dtype([(words[1], f"<{_PLY_TYPES[words[0]]}") for words in properties])
+            rows = np.frombuffer(content, row, count, begin)
+            if name == "vertex":
+                vertices = np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1)
+        begin += row.itemsize * count
+    return Mesh(vertices, faces)
+
+
+def _ply_of_text(words: list[bytes], elements: list[tuple[str, int, list[list[str]]]]) -> Mesh:
+    vertices, polygons, at = np.zeros((0, 3)), [], 0
+    for name, count, properties in elements:
+        if properties and properties[0][0] == "list":
+            for _ in range(count):
+                size = int(words[at])
+                if name == "face":
+                    polygons.append(np.array(words[at + 1 : at + 1 + size], dtype=np.int64))
+                at += 1 + size
+        else:
+            width = len(properties)
+            rows = np.array(words[at : at + width * count], dtype=np.float64).reshape(count, width)
+            if name == "vertex":
+                columns = [words[1] for words in properties]
+                vertices = rows[:, [columns.index(axis) for axis in "xyz"]]
+            at += width * count
+    return Mesh(vertices, _triangles(polygons))

@@ -1,0 +1,133 @@
+"""What a dataset leaves open is asked for, converted with a note, or refused; never guessed."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+import gsut
+import small_datasets as small
+from gsut.check import check_scene
+
+OPENCV = """%YAML:1.0
+---
+image_width: 48
+image_height: 36
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 40., 0., 24., 0., 41., 17., 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 1
+   cols: {count}
+   dt: d
+   data: [ {values} ]
+"""
+
+
+def plain(path, count=4, values="0.1, 0.01, 0.0, 0.001", model=""):
+    """A plain folder whose lens is an OpenCV file."""
+    small.write_folder(path)
+    for file in path.glob("lens.*"):
+        file.unlink()
+    (path / "lens.yaml").write_text(OPENCV.format(count=count, values=values) + model)
+
+
+def edited(path, **keys):
+    small.write_nerfstudio(path)
+    values = json.loads((path / "transforms.json").read_text())
+    for key, value in keys.items():
+        values.pop(key, None) if value is None else values.update({key: value})
+    (path / "transforms.json").write_text(json.dumps(values))
+
+
+def twelve_bits(path):
+    small.write_nerfstudio(path)
+    for file in (path / "images").iterdir():
+        pixels = cv2.imread(str(file)).astype(np.uint16) * 16
+        cv2.imwrite(str(file), pixels)
+
+
+def masks(path, names):
+    small.write_folder(path)
+    for name in names:
+        (path / "masks").mkdir(exist_ok=True)
+        cv2.imwrite(str(path / "masks" / name), np.full((small.HEIGHT, small.WIDTH), 255, np.uint8))
+
+
+def float_colours(path):
+    small.write_nerfstudio(path)
+    values = json.loads((path / "transforms.json").read_text())
+    header = "ply\nformat ascii 1.0\nelement vertex 2\n"
+    for name in ("x", "y", "z", "red", "green", "blue"):
+        header += f"property float {name}\n"
+    rows = "0 0 0 10 20 255\n1 0 0 30 40 50\n"
+    (path / values["ply_file_path"]).write_text(header + "end_header\n" + rows)
+
+
+HALF = [f"{i:03d}.png" for i in range(0, small.VIEWS, 2)]
+# What is open, how it is made, and the words of the refusal.
+REFUSED = [
+    ("four coefficients, no model", plain, "nothing says which"),
+    ("four coefficients, unknown model", lambda p: plain(p, model="distortion_model: best\n"),
+     "nothing says which"),
+    ("field of view in degrees",
+     lambda p: edited(p, fl_x=None, fl_y=None, camera_angle_x=61.9), "degrees\\? write 1.08"),
+    ("valid field angle in degrees", lambda p: edited(p, max_theta_rad=95.0),
+     "degrees\\? write 1.658"),
+    ("masks under other names", lambda p: masks(p, ["mask_0.png", "mask_1.png"]),
+     "none of 2 masks belongs to an image: mask_0.png, mask_1.png; a mask is called as its image"),
+]  # fmt: skip
+# ... and the words of the note.
+NOTED = [
+    ("colours of 0 to 255 as floating-point numbers", float_colours, "numbers of 0 to 255"),
+    ("masks for half of the images", lambda p: masks(p, HALF), "5 of 10 images have no mask"),
+    ("masks for more than the images", lambda p: masks(p, [*HALF, "x.png"]),
+     "1 masks are of no image: x.png"),
+    ("all k zero", lambda p: plain(p, 5, "0.0, 0.0, 0.0, 0.0, 0.0"), "coefficients that are all 0"),
+    ("all k of a fisheye zero",
+     lambda p: plain(p, 4, "0.0, 0.0, 0.0, 0.0", "distortion_model: equidistant\n"),
+     "taken to be an equidistant fisheye"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("make", "words"), [row[1:] for row in REFUSED], ids=[r[0] for r in REFUSED]
+)
+def test_what_is_open_is_refused_with_what_to_do(make, words, tmp_path):
+    make(tmp_path / "data")
+    with pytest.raises(gsut.InputError, match=words):
+        gsut.load_dataset(tmp_path / "data")
+
+
+@pytest.mark.parametrize(("make", "words"), [row[1:] for row in NOTED], ids=[r[0] for r in NOTED])
+def test_what_is_converted_is_noted(make, words, tmp_path):
+    make(tmp_path / "data")
+    notes = gsut.load_dataset(tmp_path / "data").notes
+    assert len([note for note in notes if words in note]) == 1, notes
+    findings = gsut.diagnose(tmp_path / "data", progress=False)
+    assert any(words in finding.what and finding.severity == "warning" for finding in findings)
+
+
+@pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])
+def test_four_coefficients_with_a_model_are_read(model, tmp_path):
+    plain(tmp_path / "data", model=f"distortion_model: {model}\n")
+    (camera,) = gsut.load_dataset(tmp_path / "data").cameras
+    assert camera.model == {"plumb_bob": "opencv4", "equidistant": "kannala_brandt"}[model]
+
+
+def test_twelve_bits_in_files_of_sixteen_are_refused_before_training(tmp_path):
+    twelve_bits(tmp_path / "data")
+    findings = check_scene(gsut.load_dataset(tmp_path / "data"))
+    (said,) = [f for f in findings if "bits a channel" in f.what]
+    assert said.severity == "error" and "12 bits?" in said.what and "by 16" in said.advice
+
+
+def test_files_that_use_their_sixteen_bits_are_not_refused(tmp_path):
+    small.write_nerfstudio(tmp_path / "data")
+    for file in (tmp_path / "data" / "images").iterdir():
+        cv2.imwrite(str(file), cv2.imread(str(file)).astype(np.uint16) * 257)
+    findings = check_scene(gsut.load_dataset(tmp_path / "data"))
+    assert [f for f in findings if "bits a channel" in f.what] == []

@@ -1,0 +1,79 @@
+"""What real viewers show of our files: axes and half turns, compared as pictures."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut import formats
+from gsut.formats import StartView, WriteSettings
+from gsut.gaussians import transformed, upright
+from gsut.render import psnr, render_ewa
+from real_viewers import (
+    level_pose,
+    picture_of,
+    pinhole,
+    spark_pages,
+    supersplat_pictures,
+    viewer_window,
+)
+from tolerances import REAL_VIEWER_DB, REAL_VIEWER_TURNED_DB
+
+WIDTH, HEIGHT, FIELD = 480, 360, 70.0
+UP = np.array([0.2, -1.0, 0.3])
+UP /= np.linalg.norm(UP)
+EYE, FORWARD = np.array([0.5, -0.4, -6.0]), np.array([0.05, 0.1, 1.0])
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Blobs without symmetry, with harmonics that turn with them."""
+    rng = np.random.default_rng(5)
+    count = 400
+    sh = 0.25 * rng.normal(size=(count, 16, 3))
+    sh[:, 0] = rng.uniform(-1.5, 1.5, (count, 3))
+    return gsut.Gaussians(
+        (rng.uniform([-2.5, -1.5, -2], [3, 1, 2.5], (count, 3))).astype(np.float32),
+        rng.normal(size=(count, 4)), np.log(rng.uniform(0.04, 0.3, (count, 3))),
+        rng.uniform(-1, 3, count), sh,
+    )  # fmt: skip
+
+
+def assert_shows(found, scene, camera, pose):
+    """The scene's picture, and not that of the scene mirrored or half turned."""
+    truth = np.clip(render_ewa(scene, camera, pose).image, 0, 1)
+    assert truth.std() > 0.1
+    assert psnr(found, truth) >= REAL_VIEWER_DB
+    for turn in (np.diag([-1.0, -1, 1]), np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1])):
+        other = np.clip(render_ewa(transformed(scene, turn), camera, pose).image, 0, 1)
+        assert psnr(found, other) <= REAL_VIEWER_TURNED_DB
+    if not scene.sh[:, 1:].any():
+        return
+    plain = gsut.Gaussians(scene.means, scene.quats, scene.log_scales, scene.opacity_logits,
+                           scene.sh[:, :1])  # fmt: skip
+    without = np.clip(render_ewa(plain, camera, pose).image, 0, 1)
+    assert psnr(found, without) <= REAL_VIEWER_TURNED_DB
+
+
+def test_supersplat_page_opened_as_a_file_shows_the_scene(scene, tmp_path):
+    view = StartView(EYE, EYE + FORWARD, UP, FIELD)
+    formats.save_gaussians(tmp_path / "scene.html", scene, WriteSettings(view=view))
+    pose = level_pose(EYE, FORWARD, UP)
+    with viewer_window(WIDTH, HEIGHT) as window:
+        shown = supersplat_pictures(window, tmp_path / "scene.html", [(pose, FIELD)], upright(UP))
+        (found,) = shown
+    assert_shows(found, scene, pinhole(WIDTH, HEIGHT, FIELD), pose)
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.compressed.ply", "a.spz", "a.sog", "a.splat"])
+def test_spark_shows_the_scene(scene, tmp_path, name):
+    camera, pose = pinhole(WIDTH, HEIGHT, FIELD), level_pose(EYE, FORWARD, UP)
+    if name == "a.splat":  # holds no harmonics
+        scene = dataclasses.replace(scene, sh=scene.sh * (np.arange(16) == 0)[:, None])
+    formats.save_gaussians(tmp_path / name, scene)
+    with spark_pages(tmp_path) as page, viewer_window(WIDTH, HEIGHT) as window:
+        window.open(page(name, camera, pose))
+        window.wait("document.body.dataset.ready")
+        found = picture_of(window)
+    assert_shows(found, scene, camera, pose)

@@ -1,0 +1,170 @@
+"""Viewers that nobody here wrote, in headless Chromium: their pictures of our files.
+
+The SuperSplat viewer is in gsut's own pages. Spark and three.js are found in the folder that
+GSUT_VIEWER_MODULES names: npm install @sparkjsdev/spark@2.2.0 three.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import http.server
+import json
+import os
+import re
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from browser import Browser, browser
+from gsut.lens import Camera
+
+SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+_HALF_TURN = np.diag([-1.0, -1.0, 1.0])  # from a file's axes to the viewers', where y is up
+_SPARK = """<!doctype html>
+<style>body {{ margin: 0; background: #000; }} canvas {{ display: block; }}</style>
+<script type="importmap">{{"imports": {{"three": "/three/build/three.module.js",
+"three/addons/": "/three/examples/jsm/",
+"@sparkjsdev/spark": "/@sparkjsdev/spark/dist/spark.module.js"}}}}</script>
+<script type="module">
+import * as THREE from "three";
+import {{ SplatMesh, SparkRenderer }} from "@sparkjsdev/spark";
+const renderer = new THREE.WebGLRenderer({{ antialias: false, preserveDrawingBuffer: true }});
+renderer.setPixelRatio(1);
+renderer.setSize({width}, {height});
+document.body.append(renderer.domElement);
+const scene = new THREE.Scene(), spark = new SparkRenderer({{ renderer }});
+scene.add(spark);
+const mesh = new SplatMesh({{ url: "/files/{name}" }});
+await mesh.initialized;
+mesh.quaternion.set(0, 0, 1, 0);  // viewers' half turn about z
+scene.add(mesh);
+const camera = new THREE.PerspectiveCamera({fov}, {width} / {height}, 0.05, 1000);
+camera.matrixAutoUpdate = false;
+camera.matrix.fromArray({matrix});
+camera.matrix.decompose(camera.position, camera.quaternion, camera.scale);
+camera.matrixWorldNeedsUpdate = true;
+for (let k = 0; k < 12; k++) {{
+  renderer.render(scene, camera);
+  await new Promise((done) => setTimeout(done, 60));
+}}
+document.body.dataset.ready = "1";
+</script>"""
+
+
+@contextlib.contextmanager
+def viewer_window(width: int, height: int) -> Iterator[Browser]:
+    """A window of so many pixels, with WebGL in software."""
+    with browser(width, height, SOFTWARE_WEBGL) as window:
+        window.devtools(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height,
+            deviceScaleFactor=1, mobile=False,
+        )  # fmt: skip
+        yield window
+
+
+def pinhole(width: int, height: int, field_degrees: float) -> Camera:
+    """Across the longer side, as the SuperSplat viewer counts fields."""
+    focal = max(width, height) / 2 / np.tan(np.radians(field_degrees) / 2)
+    return Camera("pinhole", [focal, focal, width / 2, height / 2], width, height)
+
+
+def level_pose(position: np.ndarray, forward: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """(4, 4) camera_from_world of a camera that holds its horizon level."""
+    z = forward / np.linalg.norm(forward)
+    x = np.cross(z, up)
+    x /= np.linalg.norm(x)
+    pose = np.eye(4)
+    pose[:3, :3] = [x, np.cross(z, x), z]
+    pose[:3, 3] = -pose[:3, :3] @ position
+    return pose
+
+
+def picture_of(window: Browser) -> np.ndarray:
+    """(H, W, 3) in 0 to 1, once two pictures are alike."""
+    before = None
+    end = time.monotonic() + 60
+    while True:
+        data = np.frombuffer(window.picture(), np.uint8)
+        now = cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+        if before is not None and np.array_equal(before, now) and now.any():
+            return now / 255.0
+        assert time.monotonic() < end, "the viewer never comes to rest"
+        before = now
+        time.sleep(0.4)
+
+
+def supersplat_pictures(
+    window: Browser, page: Path, cameras: list[tuple[np.ndarray, float]], upright: np.ndarray
+) -> Iterator[np.ndarray]:
+    """What a page of `gsut convert` shows, opened by its file's address.
+
+    Args:
+        window: of the size of the pictures.
+        page: the file.
+        cameras: level poses in the scene's coordinates, and fields of view in degrees.
+        upright: (3, 3) the rotation from the scene to the page's file.
+    """
+    text = page.read_text()
+    (line,) = re.findall(r"^  settings: (\{.*\}),$", text, re.M)
+    settings = json.loads(line)
+    for pose, field in cameras:
+        eye = -pose[:3, :3].T @ pose[:3, 3]
+        initial = {
+            "position": (_HALF_TURN @ upright @ eye).tolist(),
+            "target": (_HALF_TURN @ upright @ (eye + pose[2, :3])).tolist(), "fov": field,
+        }  # fmt: skip
+        asked = json.dumps(settings | {"cameras": [{"initial": initial}]})
+        at = page.with_name("at-pose.html")
+        at.write_text(text.replace(line, asked))
+        window.open(f"{at.resolve().as_uri()}?webgl&noui")
+        window.wait("window.scrubTo")  # there once a first frame is
+        yield picture_of(window)
+
+
+@contextlib.contextmanager
+def spark_pages(folder: Path) -> Iterator[Any]:
+    """A function (name of a file in `folder`, camera, pose) -> address of a page of Spark."""
+    modules = os.environ.get("GSUT_VIEWER_MODULES")
+    if not modules or not (Path(modules) / "@sparkjsdev/spark").is_dir():
+        pytest.skip("GSUT_VIEWER_MODULES names no node_modules with Spark and three.js")
+    (folder / "pages").mkdir(exist_ok=True)
+
+    class Handler(http.server.SimpleHTTPRequestHandler):
+        def translate_path(self, path: str) -> str:
+            path = path.partition("?")[0].lstrip("/")
+            for prefix, where in (("files/", folder), ("pages/", folder / "pages")):
+                if path.startswith(prefix):
+                    return str(where / path.removeprefix(prefix))
+            return str(Path(modules) / path)
+
+        def log_message(self, *_: Any) -> None:
+            pass
+
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler))
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+
+    def page(name: str, camera: Camera, pose: np.ndarray) -> str:
+        axes = _HALF_TURN @ pose[:3, :3].T @ np.diag([1.0, -1.0, -1.0])
+        matrix = np.eye(4)
+        matrix[:3, :3] = axes
+        matrix[:3, 3] = _HALF_TURN @ (-pose[:3, :3].T @ pose[:3, 3])
+        field = 2 * np.degrees(np.arctan(camera.height / 2 / camera.params[1]))
+        text = _SPARK.format(
+            width=camera.width, height=camera.height, name=name, fov=field,
+            matrix=matrix.T.ravel().tolist(),
+        )  # fmt: skip
+        (folder / "pages" / f"{name}.html").write_text(text)
+        return f"http://127.0.0.1:{server.server_address[1]}/pages/{name}.html"
+
+    try:
+        yield page
+    finally:
+        server.shutdown()
+        server.server_close()

@@ -1,0 +1,160 @@
+"""Meshes: files that others read, parts, cuts, fewer faces; nearest points and rays."""
+
+import json
+
+import numpy as np
+import pytest
+
+import tolerances
+from gsut import InputError, _core
+from gsut.surface import Mesh, load_mesh, save_mesh
+from random_scenes import pinhole
+from surface_scenes import (
+    directions,
+    edge_counts,
+    fused,
+    looking,
+    plane_run,
+    sphere_depth,
+    volume,
+)
+
+
+@pytest.fixture(scope="module")
+def ball():
+    def depth(origins, rays):
+        found = sphere_depth(origins, rays, np.zeros(3), 1.0)
+        return np.where(np.isnan(found), np.inf, found)
+
+    poses = [looking(3 * d) for d in directions(12)]
+    vertices, faces = fused([pinhole(80)] * 12, poses, depth, 0.1).mesh()
+    colors = (0.5 + 0.4 * vertices).astype(np.float32)
+    return Mesh(vertices, faces, colors)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb"])
+def test_mesh_file_is_read_by_trimesh(tmp_path, ball, suffix):
+    trimesh = pytest.importorskip("trimesh")
+    save_mesh(tmp_path / f"a{suffix}", ball)
+    found = trimesh.load(tmp_path / f"a{suffix}", process=False, force="mesh")
+    assert found.is_watertight and found.faces.shape == ball.faces.shape
+    assert np.abs(np.asarray(found.vertices) - ball.vertices).max() < tolerances.MESH_FILE
+    if suffix != ".glb":  # trimesh files glTF's colours away
+        colors = np.asarray(found.visual.vertex_colors)[:, :3] / 255
+        assert np.abs(colors - ball.colors).max() < tolerances.MESH_COLORS
+    assert found.volume == pytest.approx(volume(ball.vertices, ball.faces), rel=1e-4)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj"])
+def test_mesh_file_far_from_zero_keeps_its_digits(tmp_path, ball, suffix):
+    far = Mesh(ball.vertices + np.array([5e5, 5.5e6, 300]), ball.faces)
+    save_mesh(tmp_path / f"a{suffix}", far)
+    found = load_mesh(tmp_path / f"a{suffix}")
+    assert np.array_equal(found.faces, far.faces)
+    precision = tolerances.MESH_FILE if suffix == ".ply" else tolerances.MESH_OBJ_FAR
+    assert np.abs(found.vertices - far.vertices).max() < precision
+
+
+def test_text_ply_with_quads_is_read(tmp_path):
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        "0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n"
+    )
+    mesh = load_mesh(tmp_path / "a.ply")
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+
+
+def test_bad_mesh_files_are_refused(tmp_path, ball):
+    with pytest.raises(InputError, match=r"\.ply, \.obj, \.glb"):
+        save_mesh(tmp_path / "a.stl", ball)
+    with pytest.raises(InputError, match="No such file"):
+        load_mesh(tmp_path / "absent.ply")
+    save_mesh(tmp_path / "a.ply", ball)
+    content = (tmp_path / "a.ply").read_bytes()
+    for cut in (10, 300, len(content) - 5):
+        (tmp_path / "b.ply").write_bytes(content[:cut])
+        with pytest.raises(InputError, match="damaged"):
+            load_mesh(tmp_path / "b.ply")
+
+
+def test_parts_and_crop_keep_whole_meshes(ball):
+    small = ball.cropped([-2, -2, 0.8], [2, 2, 2])
+    both = Mesh(
+        np.concatenate([small.vertices + 5, ball.vertices]),
+        np.concatenate([small.faces, ball.faces + np.uint32(len(small.vertices))]),
+    )
+    assert 0 < len(small) < 0.2 * len(ball)
+    kept = both.largest_parts(1)
+    assert np.array_equal(kept.vertices, ball.vertices)
+    assert np.array_equal(kept.faces, ball.faces)
+    assert len(both.largest_parts(2)) == len(both)
+    assert len(both.without_small_parts(0.5)) == len(ball)
+
+
+def test_normals_of_a_ball_point_outwards(ball):
+    outwards = ball.vertices / np.linalg.norm(ball.vertices, axis=1, keepdims=True)
+    assert np.sum(ball.normals() * outwards, axis=1).min() > 0.9
+
+
+def test_fewer_faces_stay_on_the_surface_and_keep_colours(ball):
+    pytest.importorskip("fast_simplification")
+    small = ball.decimated(400)
+    assert 300 <= len(small) <= 420
+    assert np.all(edge_counts(small.faces) == 2)
+    assert np.abs(np.linalg.norm(small.vertices, axis=1) - 1).max() < 0.05
+    assert np.abs(small.colors - (0.5 + 0.4 * small.vertices)).max() < 0.1
+
+
+def test_nearest_and_rays_equal_all_triangles_one_by_one(rng):
+    vertices, faces = rng.normal(size=(60, 3)), rng.integers(0, 60, (40, 3)).astype(np.uint32)
+    faces[0] = 7  # a point
+    tree = _core.TriangleTree(vertices, faces)
+    queries = 1.5 * rng.normal(size=(200, 3))
+    away, number = tree.nearest(queries)
+    # Against a fine sampling of every triangle: never nearer, and nearly as near.
+    u, v = np.meshgrid(np.linspace(0, 1, 60), np.linspace(0, 1, 60))
+    inside = u + v <= 1 + 1e-9
+    u, v = u[inside], v[inside]
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    points = a[:, None] + u[:, None] * (b - a)[:, None] + v[:, None] * (c - a)[:, None]
+    sampled = np.linalg.norm(queries[:, None, None] - points, axis=-1).min(axis=2)
+    assert np.all(away <= sampled.min(axis=1) + 1e-12)
+    assert np.abs(away - sampled.min(axis=1)).max() < 0.1
+    assert np.abs(away - sampled[np.arange(200), number]).max() < 0.1
+    rays = rng.normal(size=(200, 3))
+    hit, face = tree.cast(queries, rays)
+    matrices = np.stack([b - a, c - a], axis=2)[None] * np.ones((200, 1, 1, 1))
+    matrices = np.concatenate(
+        [matrices, -np.broadcast_to(rays[:, None, :, None], (200, 40, 3, 1))], axis=3
+    )
+    valid = np.abs(np.linalg.det(matrices)) > 1e-12
+    matrices[~valid] = np.eye(3)
+    solved = np.linalg.solve(matrices, (queries[:, None] - a)[..., None])[..., 0]
+    meets = valid & (solved[..., 0] >= 0) & (solved[..., 1] >= 0)
+    meets &= (solved[..., 0] + solved[..., 1] <= 1) & (solved[..., 2] > 0)
+    expected = np.where(meets, solved[..., 2], np.inf).min(axis=1)
+    assert np.array_equal(np.isnan(hit), np.isinf(expected)) and np.isfinite(hit).sum() > 20
+    assert np.allclose(hit[face >= 0], expected[face >= 0])
+
+
+def test_mesh_command_writes_the_plane_and_refuses_what_it_cannot(tmp_path, capsys):
+    from gsut.cli import main
+
+    run, out = str(plane_run(tmp_path)), tmp_path / "a.ply"
+    assert main(["mesh", run, "-o", str(out), "--json", "--voxel", "0.05"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    mesh = load_mesh(out)
+    assert len(mesh) == figures["faces"] > 1000
+    seen_well = np.all(np.abs(mesh.vertices[:, :2]) < 1, axis=1)
+    assert seen_well.sum() > 1000
+    assert np.abs(mesh.vertices[seen_well, 2]).max() < tolerances.MESH_VOXELS * 0.05
+    assert mesh.normals()[seen_well, 2].min() > 0.9  # towards the cameras, which are above
+    assert main(["mesh", run, "-o", str(out)]) == 2
+    assert "nothing was overwritten" in capsys.readouterr().err
+    assert main(["mesh", run, "-o", str(tmp_path / "a.stl")]) == 2
+    assert main(["mesh", run, "-o", str(tmp_path / "b.ply"), "--faces", "0"]) == 2
+    far = ["--crop", "1000", "1000", "1000", "1001", "1001", "1001"]
+    capsys.readouterr()
+    assert main(["mesh", run, "-o", str(tmp_path / "b.ply"), *far]) == 2
+    assert "no surface" in capsys.readouterr().err
