@@ -18,10 +18,12 @@ from gsut.run import TrainOptions
 from gsut.training import (
     TrainingLoop,
     TrainingRecord,
+    complexity_of_run,
     measure_training,
     plain_background,
     prepare_scene,
     refine_first_poses,
+    with_most,
     write_results,
 )
 
@@ -87,6 +89,8 @@ def train(
     record = TrainingRecord(out, o, scene, resume, progress, watch)
     fresh = record.checkpoint is None
     tracks = refine_first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
+    complexity = complexity_of_run(scene, o, tracks, record.run, progress is True)  # how many
+    o = with_most(o, complexity.max_gaussians)
     loop = TrainingLoop(scene, o, tracks=tracks)  # gaussians/: the first ones
     with record.follow(loop):
         while loop.step < o.steps and record.goes_on:
@@ -95,6 +99,7 @@ def train(
     gaussians = loop.result().copy()  # optimize/: the mean over the last steps
     scene = loop.finished_scene()  # refine/: poses and lens against the finished Gaussians
     scene, metrics = measure_training(loop, gaussians, scene, record.run)  # evaluate/
+    complexity.tell(metrics)
     if record.run is not None:
         refined = scene if o.refine_poses else None
         write_results(record.run, gaussians, metrics, scene.path, refined)  # formats/, verdict

@@ -229,6 +229,6 @@ def _one_view_scene(scene: BenchScene) -> Any:
     return SimpleNamespace(
         path="bench", cameras=[camera], train_indices=[0], test_indices=[], extent=1.0,
         views=[SimpleNamespace(name="0", motion=scene.camera_from_world, camera_index=0)],
-        points=np.eye(_SEEDS, 3), point_colors=np.zeros((_SEEDS, 3), np.uint8),
+        points=np.eye(_SEEDS, 3), point_colors=np.eye(_SEEDS, 3, dtype=np.uint8),
         camera=lambda index: camera, image=lambda index: pixels, mask=lambda index: valid,
     )  # fmt: skip

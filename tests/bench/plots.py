@@ -116,6 +116,38 @@ def plot_curves(path: str | os.PathLike[str], curves: dict[str, list[dict[str, A
     _save(figure, path)
 
 
+def plot_complexity(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
+    """Held-out PSNR below the best against Gaussians, a line a capture; what is chosen is filled.
+
+    Args:
+        path: svg, png or pdf.
+        rows: of `complexity_bench`; where there are several degrees of harmonics, the best counts.
+    """
+    title = "held-out PSNR, below the best of the sweep"
+    figure, axes = _figure(title, "most Gaussians", "dB", (7.2, 4.8))
+    captures = dict.fromkeys((row["capture"], row["views"]) for row in rows)
+    for index, (capture, views) in enumerate(captures):
+        below: dict[int, float] = {}
+        chosen = set()
+        for row in rows:
+            if (row["capture"], row["views"]) == (capture, views):
+                count = row["max_gaussians"]
+                below[count] = min(row["below"], below.get(count, row["below"]))
+                chosen |= {count} if row.get("chosen") else set()
+        x = sorted(below)
+        color, marker = _COLORS[index % len(_COLORS)], _MARKERS[index % len(_MARKERS)]
+        axes.plot(
+            x, [-below[count] for count in x], marker + ("-", "--")[index // len(_COLORS) % 2],
+            color=color, markersize=4, markerfacecolor="white", linewidth=1.3,
+            label=f"{capture.split(',')[0]}, {views} views",
+        )  # fmt: skip
+        for count in chosen:
+            axes.plot([count], [-below[count]], marker, color=color, markersize=9)
+    _rounded_ticks(axes)
+    axes.legend(frameon=False, fontsize=8, loc="lower right", ncols=2)
+    _save(figure, path)
+
+
 def plot_compact(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
     """One row of two panels a scene and start: PSNR against Gaussians and against render time.
 

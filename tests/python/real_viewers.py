@@ -27,24 +27,20 @@ from gsut.lens import Camera
 
 SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0])  # from a file's axes to the viewers', where y is up
-_SPARK = """<!doctype html>
+_PAGE = """<!doctype html>
 <style>body {{ margin: 0; background: #000; }} canvas {{ display: block; }}</style>
-<script type="importmap">{{"imports": {{"three": "/three/build/three.module.js",
+<script type="importmap">{{"imports": {{"three": "/three/build/{three}.js",
+"three/webgpu": "/three/build/three.webgpu.js", "three/tsl": "/three/build/three.tsl.js",
 "three/addons/": "/three/examples/jsm/",
 "@sparkjsdev/spark": "/@sparkjsdev/spark/dist/spark.module.js"}}}}</script>
 <script type="module">
 import * as THREE from "three";
-import {{ SplatMesh, SparkRenderer }} from "@sparkjsdev/spark";
-const renderer = new THREE.WebGLRenderer({{ antialias: false, preserveDrawingBuffer: true }});
+{imports}
+const url = "/files/{name}", scene = new THREE.Scene();
+{load}
 renderer.setPixelRatio(1);
 renderer.setSize({width}, {height});
 document.body.append(renderer.domElement);
-const scene = new THREE.Scene(), spark = new SparkRenderer({{ renderer }});
-scene.add(spark);
-const mesh = new SplatMesh({{ url: "/files/{name}" }});
-await mesh.initialized;
-mesh.quaternion.set(0, 0, 1, 0);  // viewers' half turn about z
-scene.add(mesh);
 const camera = new THREE.PerspectiveCamera({fov}, {width} / {height}, 0.05, 1000);
 camera.matrixAutoUpdate = false;
 camera.matrix.fromArray({matrix});
@@ -56,6 +52,29 @@ for (let k = 0; k < 12; k++) {{
 }}
 document.body.dataset.ready = "1";
 </script>"""
+_SPARK = {
+    "three": "three.module",
+    "imports": 'import { SplatMesh, SparkRenderer } from "@sparkjsdev/spark";',
+    "load": """const renderer = new THREE.WebGLRenderer({ antialias: false });
+scene.add(new SparkRenderer({ renderer }));
+const mesh = new SplatMesh({ url });
+await mesh.initialized;
+mesh.quaternion.set(0, 0, 1, 0);  // viewers' half turn about z
+scene.add(mesh);""",
+}
+_THREE = {
+    "three": "three.webgpu",
+    "imports": """import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { GLTFGaussianSplatLoaderExtension as Splats }
+  from "three/addons/loaders/GLTFGaussianSplatLoaderExtension.js";""",
+    "load": """const renderer = new THREE.WebGPURenderer({ antialias: false, forceWebGL: true });
+await renderer.init();
+renderer.setClearColor(0x000000, 1);
+renderer.outputColorSpace = THREE.LinearSRGBColorSpace;  // colours are the display's already
+const loader = new GLTFLoader();
+loader.register((parser) => new Splats(parser));
+scene.add((await loader.loadAsync(url)).scene);""",
+}
 
 
 @contextlib.contextmanager
@@ -129,8 +148,11 @@ def supersplat_pictures(
 
 
 @contextlib.contextmanager
-def spark_pages(folder: Path) -> Iterator[Any]:
-    """A function (name of a file in `folder`, camera, pose) -> address of a page of Spark."""
+def viewer_pages(folder: Path) -> Iterator[Any]:
+    """A function (name of a file in `folder`, camera, pose) -> address of a page that shows it.
+
+    glTF is shown by three.js, all else by Spark.
+    """
     modules = os.environ.get("GSUT_VIEWER_MODULES")
     if not modules or not (Path(modules) / "@sparkjsdev/spark").is_dir():
         pytest.skip("GSUT_VIEWER_MODULES names no node_modules with Spark and three.js")
@@ -156,8 +178,9 @@ def spark_pages(folder: Path) -> Iterator[Any]:
         matrix[:3, :3] = axes
         matrix[:3, 3] = _HALF_TURN @ (-pose[:3, :3].T @ pose[:3, 3])
         field = 2 * np.degrees(np.arctan(camera.height / 2 / camera.params[1]))
-        text = _SPARK.format(
-            width=camera.width, height=camera.height, name=name, fov=field,
+        viewer = _THREE if name.endswith(".glb") else _SPARK
+        text = _PAGE.format(
+            **viewer, width=camera.width, height=camera.height, name=name, fov=field,
             matrix=matrix.T.ravel().tolist(),
         )  # fmt: skip
         (folder / "pages" / f"{name}.html").write_text(text)

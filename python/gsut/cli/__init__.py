@@ -14,6 +14,7 @@ import os
 import pkgutil
 import sys
 import traceback
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
@@ -65,6 +66,7 @@ def run_command(
         reads the output any more.
     """
     words = sys.argv[1:] if arguments is None else list(arguments)
+    warnings.showwarning = _show_warning
     for stream in (sys.stdout, sys.stderr):  # a name that the terminal cannot show is shown escaped
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -93,6 +95,10 @@ def run_command(
         _drop_output()  # it may be what failed
         where = f"{error.filename}: " if error.filename is not None else ""
         return _report(f"{where}{error.strerror or error}")
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    print(f"gsut: note: {message}", file=sys.stderr)
 
 
 def _drop_output() -> None:

@@ -17,6 +17,8 @@ HELP = "images or a film through any lens along any path"
 DESCRIPTION = "Renders a scene through any lens along a camera path: images or a film."
 _PATHS = ("auto", "orbit", "train", "test")
 _FRAMES, _FILM_FRAMES = 120, 300
+_MOST_FRAMES = 100_000  # an hour of film
+_MOST_FPS = 1000  # no player shows more
 _FILM_SIZE = (1920, 1080)
 _SIZES = {".gif": (640, 360)}
 _WIDEST = 90.0  # degrees of a plain lens: beyond, what is at the edge is drawn out
@@ -90,8 +92,12 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.render import is_film, to_uint8, write_png
     from gsut.run import Progress
 
-    if (arguments.frames is not None and arguments.frames < 1) or not arguments.fps > 0:
-        raise InputError("--frames must be >= 1 and --fps > 0")
+    frames = _FRAMES if arguments.frames is None else arguments.frames
+    if not (1 <= frames <= _MOST_FRAMES and 0 < arguments.fps <= _MOST_FPS):
+        raise InputError(
+            f"--frames must be from 1 to {_MOST_FRAMES} and --fps above 0 and at most {_MOST_FPS}, "
+            f"found {frames} and {arguments.fps:g}"
+        )
     label = arguments.path if arguments.path in _PATHS else "path"
     out = Path(arguments.out or Path(arguments.folder) / label)
     film = is_film(out)

@@ -40,7 +40,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "data",
         metavar="DATA",
-        help="COLMAP or nerfstudio dataset, or a folder of images with a lens file and poses",
+        help="dataset: photographs with lenses and poses, in any layout of docs/datasets.md",
     )
     parser.add_argument(
         "-o", "--out", metavar="RUN", required=True, type=folder_name, help="folder of the run"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -14,19 +15,28 @@ from numpy.typing import ArrayLike
 
 from gsut._core import InputError
 from gsut.data.assemble import Frame, Listing, assemble
-from gsut.data.export import Export, copy_file, link_file, move_file, plain_name
+from gsut.data.export import (
+    Export,
+    copy_file,
+    frame_times_ns,
+    link_file,
+    move_file,
+    plain_name,
+)
 from gsut.data.findings import DatasetError, stop
 from gsut.data.layouts import Layout, known_layout, layouts
 from gsut.data.layouts.description import described, with_parts
 from gsut.data.load import read_dataset
 from gsut.data.memory import cameras_of, checked_image, checked_points
 from gsut.data.mounts import BODY, OWN
+from gsut.data.pairing import listing_of
 from gsut.data.poses import inverse, rigid_transform
-from gsut.data.recording import listing_of
 from gsut.data.scene import Scene
-from gsut.data.trajectory import format_kitti, format_tum, time_labels
+from gsut.data.times import seconds_text
+from gsut.data.trajectory import format_kitti, format_tum
 from gsut.files import UNFINISHED, whole_folder, write_file
 from gsut.lens import Camera
+from gsut.run import Progress
 
 _DEFAULT = "nerfstudio"
 _TRAJECTORIES = ("tum", "kitti")
@@ -63,7 +73,7 @@ def convert_dataset(
         poses_topic: of a bag's poses, where several are there.
         link: make symbolic links to the pictures in place of copies.
         scene: take poses and lenses from here, by the names of its views.
-        progress: show a bar while a bag is read.
+        progress: show bars.
 
     Returns:
         What the layout cannot hold, and what was left out on reading, one sentence each.
@@ -78,7 +88,8 @@ def convert_dataset(
     given = {key: value for key, value in (parts or {}).items() if value is not None}
     layout = known_layout(source) if source.exists() else None
     if layout is None or layout.unpack is None:
-        return _write(_read(source, given), out, to, copy_file if not link else link_file, scene)
+        place = link_file if link else copy_file
+        return _write(_read(source, given), out, to, place, scene, progress)
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=out.parent) as staging:
         recording = layout.unpack(
@@ -89,11 +100,16 @@ def convert_dataset(
         if given.get("poses_of") not in (BODY, OWN, *names):
             given.pop("poses_of", None)  # a frame of the bag, which is now the body
         recording = with_parts(recording, _from_here(given), Path.cwd(), source)
-        return _write(listing_of(recording, stop), out, to, move_file, None)
+        return _write(listing_of(recording, stop), out, to, move_file, None, progress)
 
 
 def _write(
-    listing: Listing, out: Path, to: str, place: Callable[[Path, Path], None], scene: Scene | None
+    listing: Listing,
+    out: Path,
+    to: str,
+    place: Callable[[Path, Path], None],
+    scene: Scene | None,
+    progress: bool,
 ) -> list[str]:
     """Writes a listing as `convert_dataset` says."""
     if scene is not None:
@@ -110,9 +126,22 @@ def _write(
     test = [checked.views[i].name for i in checked.test_indices] if has_lists else None
     export = Export(
         frames, listing.points, listing.point_colors, test,
-        place,
+        _with_bar(place, len(frames), progress),
     )  # fmt: skip
     return notes + write_layout(out, export, to)
+
+
+def _with_bar(
+    place: Callable[[Path, Path], None], total: int, progress: bool
+) -> Callable[[Path, Path], None]:
+    """`place`, counting pictures on a bar."""
+    bars, done = Progress(progress), itertools.count(1)
+
+    def shown(source: Path, target: Path) -> None:
+        place(source, target)
+        bars.show("pictures", min(next(done), total), total)
+
+    return shown
 
 
 def _read(source: Path, parts: Mapping[str, Any]) -> Listing:
@@ -168,7 +197,8 @@ def _write_trajectory(out: Path, frames: Sequence[Frame], to: str) -> None:
             f"{out}: a .txt is a trajectory, which --to tum or --to kitti writes, not {to}"
         )
     poses = np.array([frame.world_from_camera for frame in frames])
-    labels = time_labels([frame.time_ns for frame in frames], [plain_name(f) for f in frames])
+    times, known = frame_times_ns(frames)
+    labels = [seconds_text(t) for t in times] if known else [plain_name(f) for f in frames]
     write_file(out, format_tum(labels, poses) if to == "tum" else format_kitti(poses))
 
 

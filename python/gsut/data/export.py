@@ -76,7 +76,7 @@ def place_images(export: Export, folder: Path) -> list[Frame]:
 
     A mask is named as its picture, with .png added, once for each picture.
     """
-    masks: dict[Path, Path] = {}
+    placed: dict[Path, Path] = {}
     frames = []
     for frame in export.frames:
         name = plain_name(frame)
@@ -85,9 +85,11 @@ def place_images(export: Export, folder: Path) -> list[Frame]:
         mask = frame.mask_path
         if mask is not None:
             target = folder / "masks" / f"{name}.png"
-            source = masks.setdefault(mask, mask)
-            (copy_file if source != mask else export.place)(source, target)
-            masks[mask] = target if export.place is move_file else mask
+            if mask.is_file():
+                export.place(mask, target)
+            else:  # moved already, as the mask of another picture
+                copy_file(placed[mask], target)
+            placed.setdefault(mask, target)
             mask = target
         frames.append(dataclasses.replace(frame, name=name, image_path=picture, mask_path=mask))
     return frames

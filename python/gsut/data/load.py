@@ -9,7 +9,7 @@ from pathlib import Path
 from gsut.data.assemble import Listing, assemble
 from gsut.data.findings import DatasetError, OnError, stop
 from gsut.data.layouts import known_layout, layouts
-from gsut.data.recording import listing_of
+from gsut.data.pairing import listing_of
 from gsut.data.scene import Scene
 from gsut.data.split import TEST_EVERY
 from gsut.files import reading

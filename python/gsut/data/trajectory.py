@@ -14,7 +14,7 @@ from gsut._core import InputError
 from gsut.data.findings import DatasetError, OnError
 from gsut.data.poses import pose_from_quaternion, rigid_transform
 from gsut.data.text_files import read_json, read_text
-from gsut.data.times import is_time, seconds_text
+from gsut.data.times import is_time
 from gsut.gaussians import quaternion_of
 
 _TUM, _KITTI = 8, 12  # fields of a line
@@ -183,10 +183,3 @@ def format_tum(labels: Sequence[str], poses: np.ndarray) -> str:
 def format_kitti(poses: np.ndarray) -> str:
     """A KITTI trajectory: a 3x4 matrix to the world a line."""
     return "".join(" ".join(repr(float(v)) for v in pose[:3].ravel()) + "\n" for pose in poses)
-
-
-def time_labels(times_ns: Sequence[int | None], names: Sequence[str]) -> list[str]:
-    """What stands before each pose of a TUM trajectory: the time, else the image's name."""
-    if any(time is None for time in times_ns):
-        return list(names)
-    return [seconds_text(time) for time in times_ns if time is not None]

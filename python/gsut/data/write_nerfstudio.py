@@ -101,6 +101,8 @@ def _frame_values(frame: Frame, folder: Path) -> dict[str, Any]:
     values: dict[str, Any] = {"file_path": _relative(frame.image_path, folder)}
     if frame.time is not None:
         values["timestamp"] = frame.time
+    if frame.time_ns is not None:
+        values["timestamp_ns"] = frame.time_ns
     for ending in ("", "_start", "_end"):
         pose = getattr(frame, f"world_from_camera{ending}")
         if pose is not None:

@@ -13,13 +13,12 @@ from gsut.formats._origin import origin_comments, origin_in
 from gsut.formats._quantize import (
     from_smallest_three,
     logit_of,
-    morton_order,
     opacity_of,
     smallest_three,
     to_bytes,
 )
 from gsut.formats.ply import PACKED, antialiased_comment, comments_of, is_antialiased
-from gsut.gaussians import SH_C0, Gaussians
+from gsut.gaussians import SH_C0, Gaussians, morton_order
 
 _CHUNK = 256
 _BOUNDS = [

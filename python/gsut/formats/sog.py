@@ -30,12 +30,11 @@ from gsut.formats._quantize import (
     codebook,
     from_smallest_three,
     logit_of,
-    morton_order,
     nearest_entries,
     opacity_of,
     smallest_three,
 )
-from gsut.gaussians import Gaussians
+from gsut.gaussians import Gaussians, morton_order
 
 _META = "meta.json"
 _MOST_META = 1 << 20  # bytes; real ones have 16 thousand

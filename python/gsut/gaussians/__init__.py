@@ -3,6 +3,7 @@
 from gsut.gaussians.arrays import SH_C0, Gaussians
 from gsut.gaussians.cut import ground_of, inside_box, inside_sphere, merged
 from gsut.gaussians.low_pass import LowPassFilter, filter_radii, low_pass, low_pass_backward
+from gsut.gaussians.morton import morton_order
 from gsut.gaussians.packed_harmonics import MixedGaussians, pack_harmonics, to_mixed
 from gsut.gaussians.quaternions import (
     quaternion_of,
@@ -26,6 +27,7 @@ __all__ = [
     "low_pass",
     "low_pass_backward",
     "merged",
+    "morton_order",
     "pack_harmonics",
     "quaternion_of",
     "quaternion_products",

@@ -13,6 +13,7 @@ from gsut.least_squares import minimize_least_squares
 from gsut.lens.camera import Camera, camera_models
 from gsut.lens.fit_spline import SplineGrid, fit_spline
 
+_MOST_PARAMS = 64
 _MAX_STEPS = 300
 _STEPS_WIDENING = 60  # while the field still widens
 _LEAST_GAIN = 1e-12  # of the cost in a step, below which the search ends
@@ -50,6 +51,10 @@ def check_model(model: str, num_params: int | None) -> None:
         raise InputError(
             f"'{model}' does not take {num_params} parameters; it takes"
             f" {_core.camera_param_names(model)}"
+        )
+    if num_params is not None and num_params > _MOST_PARAMS and not model.startswith("splined"):
+        raise InputError(
+            f"{num_params} parameters for '{model}'; more than {_MOST_PARAMS} fit nothing but noise"
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.gaussians import Gaussians
+from gsut.gaussians import Gaussians, morton_order
 from gsut.optimize.arrays import FIELDS, copy_rows, mask_bytes
 
 ADAM = (0.9, 0.999, 1e-15)  # beta 1, beta 2 and epsilon of 3DGS
@@ -226,6 +226,19 @@ class GaussianOptimizer:
         """Makes room for `rows` Gaussians."""
         if rows > self.capacity:
             self._set_capacity(max(rows, int(_GROWTH * self.capacity)))
+
+    def sort_by_place(self) -> None:
+        """Brings rows that are near in space together in memory, with all that belongs to them.
+
+        What a tile reads then lies closer together, and a step takes less time.
+        """
+        order = morton_order(np.nan_to_num(self.gaussians.means))
+        for rows in self.arrays:
+            for name in FIELDS:
+                array = getattr(rows, name)
+                array[: self.size] = array[order]
+        for name in _STATISTICS:
+            setattr(self, name, getattr(self, name)[order])
 
     def resize(self, size: int) -> None:
         """From here on `size` rows are alive; their statistics begin anew."""

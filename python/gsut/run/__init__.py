@@ -3,6 +3,7 @@
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.environment import describe_environment, peak_rss_mb
 from gsut.run.folder import (
+    COMPLEXITY,
     ENVIRONMENT,
     METRICS,
     OPTIONS,
@@ -35,6 +36,7 @@ from gsut.run.verdict import Verdict, worst
 __all__ = [
     "AUTO",
     "COMMON_OPTIONS",
+    "COMPLEXITY",
     "ENVIRONMENT",
     "METRICS",
     "OPTIONS",

@@ -20,6 +20,7 @@ OPTIONS = "options.json"  # the TrainOptions, resolved
 ENVIRONMENT = "environment.json"  # dataset, command line, versions and machine
 HISTORY = "history.jsonl"  # one JSON object a line: step, seconds, loss, num_gaussians, [psnr]
 CHECKPOINT = "checkpoint.npz"  # the whole state of training
+COMPLEXITY = "complexity.json"  # how many Gaussians were chosen, and on what grounds
 SCENE = "scene.ply"  # the trained Gaussians
 METRICS = "metrics.json"  # the figures on the held-out images
 REPORT = "report.html"  # all of it to look at
@@ -30,7 +31,7 @@ RENDERS = "renders"  # pictures of the held-out views
 
 _FILES = (
     *(OPTIONS, ENVIRONMENT, HISTORY, CHECKPOINT, SCENE, METRICS, REPORT, REFINED, TRANSFORMS),
-    RENDERS,
+    *(COMPLEXITY, RENDERS),
 )
 # Options that a resumed run may have otherwise than the run that it goes on with: they change
 # neither the result's bits nor the steps at which history is written.

@@ -17,9 +17,10 @@ from typing import Any
 from gsut._core import InputError
 from gsut.run.option_fields import check_options, choices_in, describe_options, option
 
-# --max-gaussians auto: see gsut.growth.
+# --max-gaussians auto: see gsut.training.complexity.
 AUTO = "auto"
-# Values a preset gives where the user gives none. "balanced" is also what no preset means.
+# Values a preset gives where the user gives none; its max_gaussians is the most that auto takes.
+# "balanced" is also what no preset means.
 PRESETS: dict[str, dict[str, Any]] = {
     "fast": {"steps": 500, "max_gaussians": 50_000, "sh_degree": 1},
     "balanced": {"steps": 2000, "max_gaussians": 200_000, "sh_degree": 1},
@@ -43,10 +44,7 @@ _DENSIFY_EVERY = ((1000, 50.0), (2000, 100.0))
 # Until which fraction of the steps to train at 1/4 and 1/2 of the resolution.
 _QUARTER_UNTIL = ((1000, 0.20), (2000, 0.15), (7000, 0.075))
 _HALF_UNTIL = ((1000, 0.45), (2000, 0.40), (7000, 0.20))
-# Until which fraction of the steps Gaussians grow, with a given cap and with an automatic one,
-# which needs time at full resolution to decide. Auto until 0.5 / 0.7: fox at 1/8, 500 steps 29.30 /
-# 29.41 dB, the demo's hall, 1000 steps 31.14 / 30.88.
-_GROW_UNTIL, _GROW_UNTIL_AUTO = 0.5, 0.7
+_GROW_UNTIL = 0.5  # fraction of the steps until which Gaussians grow
 _NOISE_FROM_STEPS = 1500  # noise gained nothing at 500 and 1000 steps, 0.17 dB at 2000
 _SH_WITHIN = 0.6  # all harmonics are in use after this fraction of the steps (degree 1: half of it)
 _SH_EVERY_MOST = 1000  # the published interval
@@ -137,9 +135,9 @@ class TrainOptions:
     )
 
     max_gaussians: int = option(
-        None, "Gaussians", "most Gaussians; auto: growth ends when it no longer helps training "
-        "views set aside for this", low=1, high=100_000_000, words=(AUTO,),
-        none="fast 50000, balanced 200000, best 300000",
+        AUTO, "Gaussians", "most Gaussians; auto: fast 50000, balanced 200000, best 300000, or "
+        "fewer where short trainings predict training views set aside better with fewer (from "
+        "1000 steps on)", low=1, high=100_000_000, words=(AUTO,),
     )
     sh_degree: int = option(
         None, "Gaussians", "degree of the spherical harmonics of colour", low=0, high=3,
@@ -253,7 +251,7 @@ class TrainOptions:
         0.8, "Densification", "last densification", unit="fraction of steps", low=0.0, high=1.0)
     grow_until: float = option(
         None, "Densification", "--max-gaussians is reached here, by geometric growth",
-        unit="fraction of steps", low=0.0, high=1.0, none="0.5; 0.7 where that is auto",
+        unit="fraction of steps", low=0.0, high=1.0, none="0.5",
         reason="60 % of the densification; 30 % of it costs 0.46 dB",
     )
     densify_every: int = option(
@@ -301,11 +299,15 @@ class TrainOptions:
             raise InputError(
                 f"--compact-at {self.compact_at} is not before the end of {self.steps} --steps"
             )
+        most = self.most_gaussians
+        if self.strategy == "mcmc" and (self.init_count or 0) > most:
+            raise InputError(f"--init-count {self.init_count} is more than --max-gaussians {most}")
+
+    @property
+    def most_gaussians(self) -> int:
+        """`max_gaussians`, or where that is "auto" the most that it may come to."""
         auto = self.max_gaussians == AUTO
-        if self.strategy == "mcmc" and not auto and (self.init_count or 0) > self.max_gaussians:
-            raise InputError(
-                f"--init-count {self.init_count} is more than --max-gaussians {self.max_gaussians}"
-            )
+        return PRESETS[self.preset or "balanced"]["max_gaussians"] if auto else self.max_gaussians
 
     def resolved(self) -> TrainOptions:
         """The same options with every value that depends on the number of steps filled in.
@@ -328,7 +330,7 @@ class TrainOptions:
             # At least ten times in a run that is shorter than the recipes.
             "densify_every": max(1, min(densify_every, steps // 10)),
             "noise": steps >= _NOISE_FROM_STEPS,
-            "grow_until": _GROW_UNTIL_AUTO if self.max_gaussians == AUTO else _GROW_UNTIL,
+            "grow_until": _GROW_UNTIL,
         }
         changes = {name: value for name, value in derived.items() if getattr(self, name) is None}
         if not isinstance(self.coarse_to_fine, tuple):

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
@@ -122,6 +121,8 @@ def cast_depth(tree: Any, camera: Any, motion: np.ndarray | CameraMotion) -> np.
 
 
 def _read_depth(scene: Any, index: int, folder: Path | None, unit: float) -> np.ndarray | None:
+    import cv2  # here, because gsut --help needs none
+
     view = scene.views[index]
     path = view.depth_path
     if folder is not None:

@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import cv2
 import numpy as np
 
 from gsut import _core
@@ -179,6 +178,8 @@ def _rendered(
     o: MeshOptions,
     background: Sequence[float] | None,
 ) -> DepthMap:
+    import cv2  # here, because gsut --help needs none
+
     camera, motion, mask = scene.camera(index), scene.views[index].motion, scene.mask(index)
     share = o.max_side / max(camera.width, camera.height)
     if share < 1:

@@ -7,6 +7,12 @@ from gsut.training.compact_run import (
     parse_size,
     write_compacted_run,
 )
+from gsut.training.complexity import (
+    Complexity,
+    choose_complexity,
+    complexity_of_run,
+    with_most,
+)
 from gsut.training.finetuning import finetune, finetune_options
 from gsut.training.for_viewers import VIEWER_STEPS, ForViewers, tune_for_viewers
 from gsut.training.loop import TrainingLoop
@@ -25,12 +31,15 @@ from gsut.training.trained_run import TrainedRun, load_run, read_light, read_tra
 __all__ = [
     "VIEWER_STEPS",
     "CompactOptions",
+    "Complexity",
     "ForViewers",
     "RunCompactor",
     "TrainedRun",
     "TrainingLoop",
     "TrainingRecord",
     "about_cameras",
+    "choose_complexity",
+    "complexity_of_run",
     "count_for_bytes",
     "finetune",
     "finetune_options",
@@ -45,6 +54,7 @@ __all__ = [
     "refine_first_poses",
     "size_note",
     "tune_for_viewers",
+    "with_most",
     "write_compacted_run",
     "write_results",
 ]

@@ -11,7 +11,6 @@ import numpy as np
 from gsut import _core
 from gsut.compact import compact, seen_views
 from gsut.data import Level, Scene, TrainingViews
-from gsut.evaluate import mean_psnr
 from gsut.gaussians import Gaussians, LowPassFilter
 from gsut.lens import CalibrationWeights
 from gsut.optimize import (
@@ -25,7 +24,6 @@ from gsut.refine import TracksResult, TrainingRefiner
 from gsut.render import DEFAULT_UNSCENTED, Light, random_background
 from gsut.run import Stopwatch, TrainOptions
 from gsut.training.densification import DensificationStep, densification_of
-from gsut.training.growth import GrowthLimit
 from gsut.training.photograph_model import PhotographModel
 from gsut.training.start import seed_first
 
@@ -82,8 +80,7 @@ class TrainingLoop:
         light: Light | None = None,
     ) -> None:
         scene = scene if tracks is None else tracks.scene
-        self.limit = GrowthLimit(scene, options)
-        self.options = options = dataclasses.replace(options, max_gaussians=self.limit.most)
+        self.options = options = dataclasses.replace(options, max_gaussians=options.most_gaussians)
         self.step, self.seconds = 0, 0.0
         start = seed_first(scene, options) if start is None else start
         self.densification = densification_of(options, len(start))
@@ -155,9 +152,7 @@ class TrainingLoop:
 
     def _view_of(self, step: int) -> int:
         """Every training view once an epoch, in an order that depends on seed and epoch only."""
-        aside = self.limit.held_aside
-        views = [view for view in self.scene.train_indices if view not in aside]
-        return view_of_step(views, step, self.options.seed)
+        return view_of_step(self.scene.train_indices, step, self.options.seed)
 
     def _prepare_next_image(self) -> None:
         after = self.step + 2
@@ -216,18 +211,12 @@ class TrainingLoop:
         o, scene = self.options, self.scene
         within = o.densify_from <= step.fraction <= o.densify_until
         if within and step.number % o.densify_every == 0:
-            aside = self.limit.held_aside
-            if aside and step.level.scene.cameras[0].width == scene.cameras[0].width:
-                light = self.photographs.light()
-                psnr = mean_psnr(scene, self.drawn(), aside, o.background, self.renderer, light)
-                self.limit.observe(psnr)
-            compacted = o.compact_at is not None and step.number >= o.compact_at
-            full_grown = compacted or (self.limit.auto and self.limit.ended)
+            full_grown = o.compact_at is not None and step.number >= o.compact_at
             now = DensificationStep(
                 step.number, step.fraction, step.level.scene, scene.extent, full_grown
             )
             self.optimizer = self.densification.densify(self.optimizer, now)
-            self.limit.end_where_reached(step.number)
+            self.optimizer.sort_by_place()
             self._begin_anew()
         if step.number == o.compact_at:
             views = seen_views(scene, scene.train_indices)
@@ -260,7 +249,6 @@ class TrainingLoop:
             "step": self.step,
             "seconds": self.seconds,
             "first_count": self.densification.first_count,
-            "limit": self.limit.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "mean": self._mean.state_dict(),
             "photographs": self.photographs.state_dict(),
@@ -273,7 +261,6 @@ class TrainingLoop:
         self.step = int(state["step"])
         self.seconds = float(state["seconds"])
         self.densification.first_count = int(state["first_count"])
-        self.limit.load_state_dict(state["limit"])
         self.optimizer.load_state_dict(state["optimizer"])
         self._mean.load_state_dict(state["mean"])
         self.photographs.load_state_dict(state["photographs"])

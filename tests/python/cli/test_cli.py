@@ -137,7 +137,7 @@ def test_version_is_the_cores(capsys):
         (["train", "data", "-o", "file"], "is a file"),
         (["eval", "absent"], "no such folder"),
         (["eval", "data"], "holds no run"),
-        (["render", "run", "--frames", "0"], "--frames must be >= 1"),
+        (["render", "run", "--frames", "0"], "--frames must be from 1 to"),
         (["render", "run", "--size", "big"], "--size must be like 1280x720"),
         (["render", "run", "--path", "absent.json"], "cannot read the camera path"),
         (["eval", "run", "--data", "moved"], "the dataset moved is not there"),

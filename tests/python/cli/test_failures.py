@@ -11,7 +11,7 @@ import pytest
 
 import gsut
 from formats.scene_cases import plain_scene
-from gsut.cli import EXIT_INPUT, EXIT_PIPE, run_command
+from gsut.cli import EXIT_INPUT, EXIT_PIPE, main, run_command
 
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(gsut.__file__).parent.parent)}
 GSUT = [sys.executable, "-m", "gsut"]
@@ -127,3 +127,25 @@ def test_every_writer_on_a_full_disk_fails_and_names_the_file(tmp_path, rng):
         assert status == EXIT_INPUT and "error: " in said and name in said, (words, said)
     left = [p for p in (tmp_path / "out").rglob("*") if p.is_file()]
     assert left == []
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["render", "in.ply", "-o", "a.mp4", "--fps", "inf"], "at most 1000, found 120 and inf"),
+        (["render", "in.ply", "-o", "a", "--frames", "1000000000"], "from 1 to 100000"),
+        (["render", "in.ply", "-o", "a", "--size", "100000x100000"], "from 1 to 65536"),
+        (["camera", "convert", "in.yaml", "kannala_brandt", "--num-params", "1000000"], "than 64"),
+        (["edit", "in.ply", "-o", "a.ply", "--scale", "inf"], "scale"),
+        (["compact", "in.ply", "-o", "a.ply", "--keep", "nan"], "keep must be above 0"),
+        (["train", "in", "-o", ""], "the name is empty"),
+        (["poses", "in", "-o", ""], "the name is empty"),
+    ],
+)
+def test_sizes_without_bound_are_refused_at_once(words, said, tmp_path, monkeypatch, rng, capsys):
+    monkeypatch.chdir(tmp_path)
+    gsut.save_ply("in.ply", plain_scene(rng, 20, 1))
+    gsut.Camera("kannala_brandt", [99, 99, 64, 48, 0.1, 0, 0, 0], 128, 96).save("in.yaml")
+    assert main(words) == EXIT_INPUT
+    assert said in capsys.readouterr().err
+    assert {p.name for p in tmp_path.iterdir()} - {"a"} == {"in.ply", "in.yaml"}

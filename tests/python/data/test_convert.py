@@ -155,6 +155,17 @@ def test_convert_command_takes_a_folder_of_pictures_a_lens_and_a_trajectory(tmp_
     assert [view.image_path.stem for view in scene.views] == [str(t) for t in made.times()[2:8]]
 
 
+def test_times_go_through_transforms_json_to_the_nanosecond(tmp_path):
+    made.write_euroc(tmp_path / "in")
+    gsut.convert_dataset(tmp_path / "in", tmp_path / "out", parts={"cameras": ["cam0"]})
+    for row in json.loads((tmp_path / "out/transforms.json").read_text())["frames"]:
+        assert row["timestamp_ns"] in made.times()
+    gsut.convert_dataset(tmp_path / "out", tmp_path / "poses.txt", "tum")
+    rows = (tmp_path / "poses.txt").read_text().splitlines()[1:]
+    stamps = [row.split()[0] for row in rows]
+    assert stamps == [f"{t // 10**9}.{t % 10**9:09d}" for t in made.times()]
+
+
 @pytest.mark.parametrize("to", ["tum", "kitti"])
 def test_poses_go_out_as_a_trajectory_and_come_back(to, tmp_path, capsys):
     made.write_euroc(tmp_path / "in")

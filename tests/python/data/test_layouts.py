@@ -117,6 +117,14 @@ def test_description_brings_pieces_together(tmp_path):
     assert_truth(gsut.load_dataset(tmp_path / "dataset.yaml"), (0,))
 
 
+def test_description_of_another_name_is_found_again_by_its_own(tmp_path):
+    write_pieces(tmp_path, DESCRIPTION)
+    (tmp_path / "dataset.yaml").rename(tmp_path / "morning.yaml")
+    scene = gsut.load_dataset(tmp_path / "morning.yaml")
+    assert scene.path == tmp_path / "morning.yaml"
+    assert_truth(scene, (0,))
+
+
 def test_description_replaces_the_poses_of_a_known_layout(tmp_path):
     made.write_euroc(tmp_path / "set")
     (tmp_path / "slam.txt").write_text(made.trajectory(made.times()[:4]))
@@ -330,6 +338,11 @@ REFUSED = {
     "line_cut_off": (
         pieces(line_of_slam(4, "1403636579.9 1 2 3")), "slam.txt, line 4",
         "expected 'name tx ty tz qx qy qz qw'",
+    ),
+    "counted_names": (
+        pieces(lambda folder: [p.rename(p.with_name(f"{i:03d}.png")) for i, p in
+                               enumerate(sorted((folder / "pictures/cam0").iterdir()))]),
+        "the pictures' names count them and are no times", "rgb.txt",
     ),
     "unknown_key": (
         pieces(text=DESCRIPTION + "tolerance: 1\n"), "dataset.yaml, line 4, 'tolerance'",

@@ -9,7 +9,7 @@ import pytest
 
 from gsut import InputError
 from gsut.run.option_fields import add_option_flags, flag_name, given_options, option_info
-from gsut.run.options import COMMON_OPTIONS, PRESETS, TrainOptions
+from gsut.run.options import AUTO, COMMON_OPTIONS, PRESETS, TrainOptions
 
 FIELDS = dataclasses.fields(TrainOptions)
 
@@ -22,7 +22,8 @@ def parse(*words: str) -> TrainOptions:
 
 def test_options_without_arguments_are_the_balanced_preset():
     options = TrainOptions()
-    assert (options.steps, options.max_gaussians, options.sh_degree) == (2000, 200_000, 1)
+    assert (options.steps, options.most_gaussians, options.sh_degree) == (2000, 200_000, 1)
+    assert options.max_gaussians == options.resolved().max_gaussians == AUTO
     balanced = dataclasses.replace(TrainOptions(preset="balanced"), preset=None)
     assert options == balanced
 
@@ -32,7 +33,9 @@ def test_options_with_preset_keep_values_that_were_given():
     for preset, values in PRESETS.items():
         options = TrainOptions(preset=preset, steps=123)
         assert options.steps == 123
-        assert options.max_gaussians == values["max_gaussians"]
+        assert options.max_gaussians == AUTO
+        assert options.most_gaussians == values["max_gaussians"]
+        assert TrainOptions(preset=preset, max_gaussians=77).most_gaussians == 77
         count += 1
     assert count == 3
 

@@ -12,7 +12,6 @@ from gsut.cli import main
 from gsut.run.folder import METRICS, OPTIONS, SCENE, RunFolder
 from gsut.training.compact_run import CompactOptions, RunCompactor, count_for_bytes, parse_size
 from gsut.training.finetuning import finetune, finetune_options
-from gsut.training.growth import GrowthLimit
 from gsut.training.loop import TrainingLoop
 from random_scenes import arrays_of
 from rendered_dataset import write_dataset
@@ -182,67 +181,6 @@ def test_training_with_compact_at_keeps_the_number_from_there_on_and_resumes(sce
 def test_compact_at_after_the_end_is_refused():
     with pytest.raises(InputError, match="--compact-at 100 is not before the end"):
         TrainOptions(steps=100, compact_at=100)
-
-
-def test_auto_ends_growth_where_views_set_aside_no_longer_gain(scene):
-    limit = GrowthLimit(scene, TrainOptions(steps=100, max_gaussians="auto").resolved())
-    assert limit.auto and not limit.ended
-    assert limit.held_aside and set(limit.held_aside) < set(scene.train_indices)
-    for psnr in (20.0, 21.0, 22.0, 22.0, 22.01):
-        limit.observe(psnr)
-        assert not limit.ended
-    limit.observe(22.02)
-    assert limit.ended
-    assert limit.held_aside == []
-    given = GrowthLimit(scene, TrainOptions(steps=100, max_gaussians=70).resolved())
-    assert (given.most, given.held_aside, given.auto) == (70, [], False)
-
-
-def test_auto_reaches_its_cap_where_views_set_aside_keep_gaining(scene):
-    options = TrainOptions(steps=60, max_gaussians="auto", densify_every=7).resolved()
-    loop = TrainingLoop(scene, options)
-    loop.limit.observe = lambda psnr: None  # never satisfied
-    aside = loop.limit.held_aside
-    while loop.step < 42:  # the first densification at 0.7 of the steps
-        assert loop.limit.held_aside == aside
-        loop.advance()
-    assert len(loop.gaussians) == loop.limit.most
-    assert loop.limit.ended and loop.limit.held_aside == []
-
-
-def test_auto_decides_at_full_resolution_only(scene, monkeypatch):
-    monkeypatch.setattr("gsut.data.training_views._SMALLEST_SIDE", 8)
-    fractions = {"coarse_to_fine": (0.0, 0.5), "densify_every": 10}
-    options = TrainOptions(steps=100, max_gaussians="auto", **fractions).resolved()
-    loop, seen = TrainingLoop(scene, options), []
-    loop.limit.observe = lambda psnr: seen.append(loop.step)
-    while loop.step < 80:
-        loop.advance()
-    assert seen == [60, 70]
-
-
-def test_auto_without_densification_sets_nothing_aside(scene):
-    options = TrainOptions(steps=20, max_gaussians="auto", densify_every=50).resolved()
-    assert GrowthLimit(scene, options).held_aside == []
-
-
-def test_auto_trains_and_resumes_to_the_same_bits(scene):
-    options = TrainOptions(steps=80, max_gaussians="auto", densify_every=4).resolved()
-    loop = TrainingLoop(scene, options)
-    most = loop.limit.most
-    assert most == max(1000, sum(int(scene.mask(i).sum()) for i in scene.train_indices) // 20)
-    while loop.step < 30:
-        loop.advance()
-    state = loop.state_dict()
-    while loop.step < 80:
-        loop.advance()
-    assert len(loop.gaussians) <= most
-    again = TrainingLoop(scene, options)
-    again.load_state_dict(state)
-    while again.step < 80:
-        again.advance()
-    assert arrays_of(again.gaussians) == arrays_of(loop.gaussians)
-    assert loop.limit.ended
 
 
 def test_harmonics_drop_lowers_degrees_within_it(run, tmp_path):

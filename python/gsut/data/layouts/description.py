@@ -40,7 +40,10 @@ KEYS = (
 def record(path: Path) -> Recording:
     """What a dataset.yaml, or the one in a folder, describes."""
     file = path / DESCRIPTION if path.is_dir() else path
-    return described(read_yaml(file), file.parent, file)
+    recording = described(read_yaml(file), file.parent, file)
+    if file.name != DESCRIPTION:
+        recording.path = file  # so that a run finds this one again
+    return recording
 
 
 def described(values: Mapping[str, Any], folder: Path, file: Path) -> Recording:

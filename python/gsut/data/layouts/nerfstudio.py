@@ -110,8 +110,16 @@ def _read_frame(
             _mask(frame, values, listing.path, where),
             _depth(frame, listing),
             None if start is None else _shutter(values, listing.source),
+            _time(frame, "timestamp"),
+            None if _time(frame, "timestamp_ns") is None else int(frame["timestamp_ns"]),
         )
     )
+
+
+def _time(frame: dict, key: str) -> float | None:
+    """The number under this key; None without one."""
+    value = frame.get(key)
+    return float(value) if isinstance(value, (int, float)) else None
 
 
 def _shutter(values: dict, source: Path) -> Shutter:
