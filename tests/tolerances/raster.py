@@ -69,3 +69,5 @@ EWA_GRADIENTS = 1e-6  # relative to the largest: central differences in double; 
 SURROUNDINGS_FLAT = 1e-5  # float32 rounding over the pyramid's levels; worst 2e-7
 SURROUNDINGS_GRADIENT = 1e-4  # relative to the largest: float32 of a quotient; worst 2e-5
 BACKGROUND_MEAN = 0.08  # four standard errors of 199 uniform numbers
+PIXEL_FILTER_DB = 6.0  # gained on Gaussians below a pixel at a quarter of the size; least 11.6
+PIXEL_FILTER_FLOAT = 1e-3  # float32 of logarithms, of a difference and a logit; worst 1e-4

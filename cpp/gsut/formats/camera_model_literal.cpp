@@ -38,7 +38,13 @@ class Parser {
 
   [[noreturn]] void Fail(const std::string& problem) const {
     std::string found = "the file ends";
-    if (!AtEnd()) found.assign("found '").append(1, Peek()).append("'");
+    if (Peek() == '\n') {
+      found = "the line ends";
+    } else if (!AtEnd() && !std::isprint(static_cast<unsigned char>(Peek()))) {
+      found = "found byte " + std::to_string(static_cast<unsigned char>(Peek()));
+    } else if (!AtEnd()) {
+      found.assign("found '").append(1, Peek()).append("'");
+    }
     throw CalibrationError(source_ + ", line " + std::to_string(line_) + ": " + problem + ", " +
                            found + "; a .cameramodel file holds one Python dictionary");
   }

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from gsut.cli._flags import add_json, print_json
+from gsut.cli._flags import add_json, folder_name, print_json
 from gsut.data import writable_layouts
 
 HELP = "convert a dataset, a run's poses or a ROS bag into another layout"
@@ -28,7 +28,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "source", metavar="IN", help="dataset, run, ROS bag, or a folder of pictures with --lens "
         "and --poses",
     )  # fmt: skip
-    convert.add_argument("out", metavar="OUT", help="new folder, or a trajectory's .txt")
+    convert.add_argument(
+        "out", metavar="OUT", type=_folder_or_trajectory, help="new folder, or a trajectory's .txt"
+    )
     convert.add_argument(
         "--to", choices=sorted(writable_layouts()), default="nerfstudio",
         help="layout [default: %(default)s]",
@@ -39,6 +41,10 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     _add_parts(convert)
     add_json(convert)
     convert.set_defaults(action=_convert)
+
+
+def _folder_or_trajectory(text: str) -> str:
+    return text if text.lower().endswith(".txt") else folder_name(text)
 
 
 def _add_parts(parser: argparse.ArgumentParser) -> None:

@@ -14,7 +14,10 @@ from gsut._core import CameraMotion, InputError
 from gsut.cli._flags import add_json, add_moved_data, parsed_size, print_json
 
 HELP = "images or a film through any lens along any path"
-DESCRIPTION = "Renders a scene through any lens along a camera path: images or a film."
+DESCRIPTION = (
+    "Renders a scene through any lens along a camera path: images or a film. Where images of a run "
+    "are coarser than its photographs, Gaussians are widened to their pixels, against aliasing."
+)
 _PATHS = ("auto", "orbit", "train", "test")
 _FRAMES, _FILM_FRAMES = 120, 300
 _MOST_FRAMES = 100_000  # an hour of film
@@ -46,14 +49,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         type=float,
         metavar="DEGREES",
         help="field of view across the image: the lens' focal lengths are scaled to it",
-    )
-    parser.add_argument(
-        "--low-pass",
-        type=float,
-        default=0.0,
-        metavar="PIXELS",
-        help="widen what is below a pixel of each image: standard deviation of a 3D filter; 0.3 "
-        "against the aliasing of distant views and small images [default 0: none]",
     )
     parser.add_argument(
         "--path",
@@ -103,11 +98,12 @@ def run(arguments: argparse.Namespace) -> int:
     film = is_film(out)
     stage = _stage(arguments)
     places, names, cameras = _frames(arguments, stage, out if film else None)
+    pixels = _pixel_filter(stage)
     with Progress(sys.stderr.isatty()) as bars:
 
         def images() -> Iterator[np.ndarray]:
             for done, (place, camera) in enumerate(zip(places, cameras, strict=True), 1):
-                drawn = _low_passed(stage.gaussians, camera, place, arguments.low_pass)
+                drawn = stage.gaussians if pixels is None else pixels.of(camera, place)
                 result = gsut.render(drawn, camera, place, background=stage.background)
                 yield to_uint8(result.image)
                 bars.show("images", done, len(places))
@@ -149,20 +145,15 @@ def new_folder(path: Path) -> Path:
     return path
 
 
-def _low_passed(
-    gaussians: Any, camera: Any, place: np.ndarray | CameraMotion, pixels: float
-) -> Any:
-    from gsut.gaussians import MixedGaussians, filter_radii, low_pass
-    from gsut.render import place_about
+def _pixel_filter(stage: Any) -> Any:
+    """For images coarser than a run's photographs; None where nobody knows how fine these are."""
+    from gsut.render import PixelFilter
 
-    if not pixels:
-        return gaussians
-    if isinstance(gaussians, MixedGaussians):
-        gaussians = gaussians.to_gaussians()
-    place = place_about(place, gaussians.origin)
-    poses = [place.start, place.end] if isinstance(place, CameraMotion) else [place]
-    radii = filter_radii(gaussians.means, [camera] * len(poses), np.stack(poses), pixels)
-    return low_pass(gaussians, radii)
+    scene = stage.scene
+    if scene is None or stage.kind != "run":
+        return None
+    rows = scene.train_indices or range(len(scene))
+    return PixelFilter(stage.gaussians, [scene.camera(row) for row in rows], scene.poses(rows))
 
 
 def _frames(

@@ -2,7 +2,13 @@
 
 from gsut.gaussians.arrays import SH_C0, Gaussians
 from gsut.gaussians.cut import ground_of, inside_box, inside_sphere, merged
-from gsut.gaussians.low_pass import LowPassFilter, filter_radii, low_pass, low_pass_backward
+from gsut.gaussians.low_pass import (
+    LowPassFilter,
+    filter_radii,
+    low_pass,
+    low_pass_backward,
+    pixel_density,
+)
 from gsut.gaussians.morton import morton_order
 from gsut.gaussians.packed_harmonics import MixedGaussians, pack_harmonics, to_mixed
 from gsut.gaussians.quaternions import (
@@ -29,6 +35,7 @@ __all__ = [
     "merged",
     "morton_order",
     "pack_harmonics",
+    "pixel_density",
     "quaternion_of",
     "quaternion_products",
     "rotations_backward",

@@ -16,6 +16,31 @@ from gsut.gaussians.arrays import Gaussians
 _BORDER = 0.1
 
 
+def pixel_density(points: np.ndarray, camera: _core.Camera, pose: np.ndarray) -> np.ndarray:
+    """Pixels a unit of area across the ray, at points (N, 3) of the world.
+
+    Args:
+        points: float64.
+        camera: the lens.
+        pose: (4, 4) camera_from_world.
+
+    Returns:
+        (N,) 0 where the image, and a tenth of it around, does not hold the point.
+    """
+    density = np.zeros(len(points))
+    in_camera = points @ pose[:3, :3].T + pose[:3, 3]
+    size = np.array([camera.width, camera.height])
+    places, valid = camera.project(in_camera)
+    with np.errstate(invalid="ignore"):
+        seen = valid & np.all((places > -_BORDER * size) & (places < (1 + _BORDER) * size), 1)
+    if seen.any():
+        slope, _ = camera.project_jacobian(in_camera[seen])
+        # s1 s2 of a 2 x 3 matrix: the length of the cross product of its rows.
+        here = np.linalg.norm(np.cross(slope[:, 0], slope[:, 1]), axis=1)
+        density[seen] = np.nan_to_num(here, posinf=0.0)
+    return density
+
+
 def filter_radii(
     means: np.ndarray, cameras: Sequence[_core.Camera], camera_from_world: Any, pixels: float
 ) -> np.ndarray:
@@ -48,17 +73,7 @@ def filter_radii(
     points = np.asarray(means, np.float64)
     density = np.zeros(len(points))  # pixels a unit of length, squared
     for camera, pose in zip(cameras, poses, strict=True):
-        in_camera = points @ pose[:3, :3].T + pose[:3, 3]
-        size = np.array([camera.width, camera.height])
-        places, valid = camera.project(in_camera)
-        with np.errstate(invalid="ignore"):
-            seen = valid & np.all((places > -_BORDER * size) & (places < (1 + _BORDER) * size), 1)
-        if not seen.any():
-            continue
-        slope, _ = camera.project_jacobian(in_camera[seen])
-        # s1 s2 of a 2 x 3 matrix: the length of the cross product of its rows.
-        here = np.linalg.norm(np.cross(slope[:, 0], slope[:, 1]), axis=1)
-        density[seen] = np.maximum(density[seen], np.nan_to_num(here, posinf=0.0))
+        density = np.maximum(density, pixel_density(points, camera, pose))
     radii = np.full(len(points), np.nan)
     known = density > 0
     radii[known] = pixels / np.sqrt(density[known])

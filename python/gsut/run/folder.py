@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.files import json_text, plain, whole_file, write_file
+from gsut.files import json_text, plain, reading, whole_file, write_file
 from gsut.output_folder import OutputFolder, claim_folder
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.options import TrainOptions
@@ -33,6 +33,7 @@ _FILES = (
     *(OPTIONS, ENVIRONMENT, HISTORY, CHECKPOINT, SCENE, METRICS, REPORT, REFINED, TRANSFORMS),
     *(COMPLEXITY, RENDERS),
 )
+_DAMAGED = f"it is damaged; {SCENE}, if it is there, can be used by itself"
 # Options that a resumed run may have otherwise than the run that it goes on with: they change
 # neither the result's bits nor the steps at which history is written.
 _FREE_ON_RESUME = ("threads", "checkpoint_every")
@@ -170,15 +171,14 @@ class RunFolder:
         path = self.path / name
         if not path.is_file():
             return None
-        try:
-            return json.loads(path.read_text())
-        except ValueError as error:
-            raise InputError(f"{path}: not valid JSON ({error})") from None
+        with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
+            return json.loads(path.read_text(encoding="utf-8"))
 
     def read_options(self) -> TrainOptions:
         """The options of the run."""
         path = self.path / OPTIONS
-        return TrainOptions.from_json(path.read_text(), source=str(path))
+        with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
+            return TrainOptions.from_json(path.read_text(encoding="utf-8"), source=str(path))
 
     # Checkpoints.
 
@@ -224,8 +224,9 @@ class RunFolder:
         """All complete rows of history.jsonl; a line torn by a crash is left out."""
         path = self.path / HISTORY
         rows = []
-        for line in path.read_text().splitlines() if path.is_file() else ():
-            with contextlib.suppress(json.JSONDecodeError):
+        lines = path.read_bytes().splitlines() if path.is_file() else ()
+        for line in lines:
+            with contextlib.suppress(ValueError, RecursionError):
                 row = json.loads(line)
                 if isinstance(row, dict) and isinstance(row.get("step"), int):
                     rows.append(row)

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import gsut
+import small_datasets
 import tolerances
+from gsut.cli import main
 
 LENSES = [
     gsut.Camera("kannala_brandt", [134.6, 134.9, 241.3, 238.9, 0.035, -0.012, 0.0035, -6e-4],
@@ -46,3 +48,65 @@ def test_fit_by_another_model_is_near(rng):
 def test_table_that_gives_no_lens_is_refused(pixels, rays, model, said):
     with pytest.raises(gsut.InputError, match=said):
         gsut.Camera.fit(pixels, rays, model=model, width=10, height=10)
+
+
+def table_of(lens, rng, count=500):
+    pixels = rng.uniform([0, 0], [lens.width, lens.height], (count, 2))
+    return pixels, 2 * np.array(lens.unproject(pixels)[0])
+
+
+@pytest.mark.parametrize("lens", LENSES, ids=lambda lens: lens.model)
+@pytest.mark.parametrize("kind", ["csv", "csv from 0", "npz"])
+def test_file_of_pixels_and_rays_is_a_lens(lens, kind, tmp_path, rng, capsys):
+    pixels, rays = table_of(lens, rng)
+    path = tmp_path / f"lens.{kind[:3]}"
+    if kind == "npz":
+        np.savez(path, pixels=pixels, rays=rays, width=lens.width, height=lens.height)
+    else:
+        zero = kind != "csv"
+        rows = np.column_stack([rays, pixels - 0.5 * zero])
+        head = f"# width: {lens.width}\n# height = {lens.height}\n"
+        head += "# pixel_center: 0\n" if zero else ""
+        body = "\n".join(",".join(repr(float(v)) for v in row) for row in rows)
+        path.write_text(f"{head}rx,ry,rz,x,y\n{body}\n")
+    found = gsut.load_camera(path)
+    known = np.isfinite(rays[:, 0])
+    assert np.abs(found.project(rays[known])[0] - pixels[known]).max() < tolerances.FIT_OF_OWN_RAYS
+    assert main(["camera", "convert", str(path), found.model, "-o", str(tmp_path / "o.yaml")]) == 0
+
+
+def test_file_of_pixels_and_rays_is_the_lens_of_a_dataset(tmp_path, rng):
+    small_datasets.write_folder(tmp_path / "data")
+    (lens,) = gsut.load_dataset(tmp_path / "data").cameras
+    (tmp_path / "data" / "cameras.txt").unlink()
+    pixels, rays = table_of(lens, rng)
+    np.savez(tmp_path / "data" / "lens.npz", pixels=pixels, rays=rays, width=lens.width,
+             height=lens.height)  # fmt: skip
+    (found,) = gsut.load_dataset(tmp_path / "data").cameras
+    np.testing.assert_allclose(found.params[:4], lens.params[:4], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x,y,rx,ry,rz\n1,2,0,0,1\n", "there is no width"),
+        ("# width: 9\n# height: 9\n1,2,0,0\n", "row 1: expected 5 numbers"),
+        ("# width: 9\n# height: 9\n# model: pinhole\n1,2,0,0,1\n", "a fit needs 8"),
+    ],
+)
+def test_file_of_pixels_and_rays_that_is_none_is_refused(text, said, tmp_path):
+    (tmp_path / "lens.csv").write_text(text)
+    with pytest.raises(gsut.CalibrationError, match=said):
+        gsut.load_camera(tmp_path / "lens.csv")
+
+
+def test_file_of_pixels_and_rays_of_no_known_lens_is_refused(tmp_path, rng):
+    pixels, rays = table_of(LENSES[2], rng)
+    np.savez(
+        tmp_path / "a.npz", pixels=pixels, rays=rays[::-1], width=480, height=360, model="pinhole"
+    )
+    with pytest.raises(gsut.CalibrationError, match=r"fits the table to 0\.5 pixels"):
+        gsut.load_camera(tmp_path / "a.npz")
+    np.savez(tmp_path / "b.npz", pixels=pixels, width=480, height=360)
+    with pytest.raises(gsut.CalibrationError, match=r"give pixels \(N, 2\), rays"):
+        gsut.load_camera(tmp_path / "b.npz")

@@ -523,3 +523,23 @@ def test_optimizer_grows_its_capacity_when_needed(rng):
 def test_optimizer_with_too_small_a_capacity_raises(rng):
     with pytest.raises(InputError, match="capacity is 3, but there are 4 Gaussians"):
         GaussianOptimizer(random_gaussians(rng, 4), capacity=3)
+
+
+def test_sort_by_place_moves_whole_rows_and_brings_neighbours_together(rng):
+    gaussians = random_gaussians(rng, 200, 1)
+    optimizer = GaussianOptimizer(gaussians, 220)
+    optimizer.gradient_max[:] = gaussians.means[:, 0]
+    optimizer.arrays[1].quats[:200] = gaussians.quats
+    optimizer.sort_by_place()
+    after = optimizer.gaussians
+    order = np.lexsort(gaussians.means.T), np.lexsort(after.means.T)
+    for name in ("means", "quats", "log_scales", "opacity_logits", "sh"):
+        before = getattr(gaussians, name)[order[0]]
+        assert np.array_equal(getattr(after, name)[order[1]], before)
+    assert np.array_equal(optimizer.gradient_max, after.means[:, 0])
+    assert np.array_equal(optimizer.arrays[1].quats[:200], after.quats)
+
+    def apart(means):
+        return np.linalg.norm(np.diff(means, axis=0), axis=1).mean()
+
+    assert apart(after.means) < 0.5 * apart(gaussians.means)

@@ -41,12 +41,13 @@ from gsut.lens.files.opencv import (
 )
 from gsut.lens.files.opensfm import format_opensfm, is_opensfm, load_opensfm
 from gsut.lens.files.own import camera_from_values, format_own, is_own
+from gsut.lens.files.table import is_table, load_table
 
 __all__ = ["colmap_camera", "load_camera", "nerfstudio_camera", "save_camera"]
 
 _Path = str | os.PathLike[str]
 _YAML = (".yaml", ".yml")
-LENS_SUFFIXES = (".bin", ".cameramodel", ".json", ".txt", ".xml", *_YAML)
+LENS_SUFFIXES = (".bin", ".cameramodel", ".csv", ".json", ".npz", ".txt", ".xml", *_YAML)
 # What in the name of a .json chooses its format; OpenCV's else.
 _JSON_WORDS = {"aria": "aria", "matlab": "matlab", "opensfm": "camera_models"}
 OWN_SUFFIX = ".lens.json"  # of gsut's own form, which holds every lens
@@ -59,9 +60,10 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
     ROS camera_info), Open3D's intrinsics JSON, Kalibr camchain YAML, EuRoC's sensor.yaml, COLMAP
     cameras.txt and cameras.bin, nerfstudio transforms.json, Project Aria calibration JSON,
     OCamCalib's calib_results.txt, MATLAB's intrinsics as JSON (jsonencode(toStruct(intrinsics))),
-    Metashape's calibration XML, OpenSfM's camera_models.json, and gsut's own .lens.json. Pixel
-    conventions are converted: the centre of the top-left pixel is (0.5, 0.5) for gsut, COLMAP,
-    nerfstudio and Metashape, (1, 1) for MATLAB, and (0, 0) for the others.
+    Metashape's calibration XML, OpenSfM's camera_models.json, gsut's own .lens.json, and tables of
+    pixels and rays (.csv of x, y, rx, ry, rz; .npz), to which the nearest of the usual models is
+    fitted. Pixel conventions are converted: the centre of the top-left pixel is (0.5, 0.5) for
+    gsut, COLMAP, nerfstudio and Metashape, (1, 1) for MATLAB, and (0, 0) for the others.
 
     Args:
         path: the file.
@@ -87,6 +89,8 @@ def _load(file: Path, source: str, camera_id: int | str | None) -> Camera:
     suffix = file.suffix.lower()
     if suffix == ".bin":
         return load_colmap_binary(data, source, camera_id)
+    if is_table(suffix):
+        return load_table(data, source)
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -106,7 +110,8 @@ def _load(file: Path, source: str, camera_id: int | str | None) -> Camera:
     raise InputError(
         f"{source}: unknown kind of lens file; known: .cameramodel (mrcal), .yaml, .yml and .json"
         " (gsut, OpenCV, ROS, Kalibr, EuRoC, nerfstudio, Project Aria, OpenSfM, MATLAB),"
-        " cameras.txt and cameras.bin (COLMAP), calib_results.txt (OCamCalib), .xml (Metashape)"
+        " cameras.txt and cameras.bin (COLMAP), calib_results.txt (OCamCalib), .xml (Metashape),"
+        " .csv and .npz (pixels and rays)"
     )
 
 

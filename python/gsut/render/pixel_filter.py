@@ -1,0 +1,88 @@
+"""Images coarser than the photographs, without aliasing: Gaussians as wide as their pixels ask.
+
+Trained Gaussians are right at the size of the photographs' pixels: the mean over such a pixel is
+theirs already. A pixel that is larger where a Gaussian stands takes the mean over more: the
+variance of a square, its side squared over 12, less that of the finest photograph's pixel there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gsut._core import CameraMotion
+from gsut.gaussians import filter_radii, pixel_density
+from gsut.render.motion import place_about
+
+_SQUARE = 1.0 / 12.0  # variance of a square pixel along a side of length 1
+_MOST_CAMERAS = 32  # photographs, evenly chosen, that say how fine a Gaussian was seen
+_LEAST = 1e-4  # of the squared smallest scale, below which nothing is widened
+
+
+class PixelFilter:
+    """Widens Gaussians for images that are coarser than the photographs they were trained on.
+
+    Args:
+        gaussians: float32, `Gaussians` or `MixedGaussians`, at the dataset's coordinates.
+        cameras: of the photographs.
+        camera_from_world: (C, 4, 4), one a camera.
+    """
+
+    def __init__(
+        self, gaussians: Any, cameras: Sequence[Any], camera_from_world: np.ndarray
+    ) -> None:
+        self._gaussians = gaussians
+        step = -(-len(cameras) // _MOST_CAMERAS)
+        poses = [
+            np.asarray(place_about(pose, gaussians.origin)) for pose in camera_from_world[::step]
+        ]
+        self._means = gaussians.means.astype(np.float64)
+        finest = filter_radii(self._means, cameras[::step], np.stack(poses), 1.0)
+        self._finest = finest**2
+
+    def of(self, camera: Any, camera_from_world: Any) -> Any:
+        """The Gaussians for one image.
+
+        Scales s become sqrt(s^2 + v) with the variance v that is missing. The largest response
+        along a ray is what is drawn, so opacities are multiplied by the ratio of the areas of the
+        shadows along the ray to the centre.
+
+        Args:
+            camera: lens and size of the image.
+            camera_from_world: (4, 4), or a CameraMotion, whose middle counts.
+        """
+        place = place_about(camera_from_world, self._gaussians.origin)
+        pose = place.at(0.5) if isinstance(place, CameraMotion) else np.asarray(place)
+        density = pixel_density(self._means, camera, pose)
+        with np.errstate(divide="ignore"):
+            side2 = np.where(density > 0, 1.0 / density, 0.0)
+        missing = _SQUARE * (side2 - self._finest)
+        g = self._gaussians
+        scales = g.log_scales.astype(np.float64)
+        rows = np.flatnonzero(missing > _LEAST * np.exp(2.0 * scales.min(axis=1)))
+        if not len(rows):
+            return g
+        before = np.exp(2.0 * scales[rows])
+        after = before + missing[rows, None]
+        center = -pose[:3, :3].T @ pose[:3, 3]
+        along = _in_own_axes(g.quats[rows].astype(np.float64), self._means[rows] - center) ** 2
+        # det S^2 times d' S^-2 d: the squared area of the shadow along d.
+        areas = [v.prod(axis=1) * (along / v).sum(axis=1) for v in (before, after)]
+        opacity = np.sqrt(areas[0] / areas[1]) / (
+            1.0 + np.exp(-g.opacity_logits[rows].astype("f8"))
+        )
+        log_scales, logits = g.log_scales.copy(), g.opacity_logits.copy()
+        log_scales[rows] = 0.5 * np.log(after)
+        logits[rows] = np.log(opacity) - np.log1p(-opacity)
+        return dataclasses.replace(g, log_scales=log_scales, opacity_logits=logits)
+
+
+def _in_own_axes(quats: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Vectors (N, 3) of the world in the axes of Gaussians of these quaternions (N, 4)."""
+    unit = quats / np.linalg.norm(quats, axis=1, keepdims=True)
+    w, axis = unit[:, :1], -unit[:, 1:]
+    turned = 2.0 * np.cross(axis, vectors)
+    return vectors + w * turned + np.cross(axis, turned)

@@ -1,0 +1,208 @@
+"""Feeds every reader with damaged files: `python -m tests.fuzz [SECONDS] [--seed N]`.
+
+A small valid file of every format is written, then changed at random, again and again: bits,
+numbers, pieces cut out, doubled, exchanged. A reader may read the result or refuse it in a sentence
+of ours; anything else ends the run, and the file that did it is kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import importlib.util
+import random
+import re
+import shutil
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+import gsut
+import small_datasets
+import small_recordings
+from formats.scene_cases import plain_scene
+from gsut import data, formats
+from gsut.lens import convert_camera
+from gsut.run.checkpoint import read_checkpoint, write_checkpoint
+from gsut.run.folder import HISTORY, RunFolder
+
+LENSES = ("gsut.lens.json", "opencv.yaml", "opencv.json", "camchain.yaml", "cameras.txt",
+          "cameras.bin", "transforms.json", "aria.json", "matlab.json", "camera_models.json",
+          "calibration.xml", "lens.cameramodel", "calib_results.txt")  # fmt: skip
+NUMBERS = (b"0", b"-1", b"1e308", b"nan", b"inf", b"-inf", b"9223372036854775807", b"1e-320",
+           b"4294967296", b"true", b"null", b'""', b"[]", b"{}", b"9" * 400)  # fmt: skip
+SLOWEST = 10.0  # processor seconds of one file
+MEMORY = 4 << 30  # bytes that reading a file of some kilobytes may take
+
+
+@dataclasses.dataclass(frozen=True)
+class Target:
+    """A reader and what it reads.
+
+    Attributes:
+        name: of the format.
+        file: which is changed.
+        read: reads it, or the folder around it.
+    """
+
+    name: str
+    file: Path
+    read: Callable[[], object]
+
+
+def lens_targets(folder: Path) -> Iterator[Target]:
+    lens = gsut.Camera("kannala_brandt", [90, 91, 50, 40, 0.01, -0.002, 1e-4, 2e-5], 100, 80)
+    barrel = gsut.Camera("opencv5", [90, 91, 50, 40, -0.1, 0.02, 1e-3, -1e-3, 0], 100, 80)
+    ocam = convert_camera(lens, "ocam").camera
+    for name in LENSES:
+        for camera in (lens, barrel, ocam):
+            try:
+                camera.save(folder / name)
+            except gsut.InputError:
+                continue  # not a lens of this format
+            path = folder / name
+            yield Target(f"lens {name}", path, lambda path=path: gsut.load_camera(path))
+            break
+
+
+def scene_targets(folder: Path) -> Iterator[Target]:
+    gaussians = plain_scene(np.random.default_rng(1), 60)
+    for each in formats.formats():
+        if each.name == "USD" or each.read is None or each.write is None:
+            continue  # USD: of a library that may take minutes over its own damaged files
+        path = folder / f"scene{each.suffixes[0]}"
+        formats.save_gaussians(path, gaussians)
+        yield Target(f"scene {each.name}", path, lambda path=path: formats.load_gaussians(path))
+
+
+def dataset_targets(folder: Path) -> Iterator[Target]:
+    writers = (
+        small_datasets.write_nerfstudio, small_datasets.write_colmap_text,
+        small_datasets.write_colmap_binary, small_datasets.write_folder,
+        small_recordings.write_euroc, small_recordings.write_tumvi,
+    )  # fmt: skip
+    for write in writers:
+        place = folder / write.__name__
+        write(place)
+        for path in sorted(place.rglob("*")):
+            if path.is_file() and path.suffix not in (".png", ".jpg"):
+                name = f"{write.__name__.removeprefix('write_')} {path.relative_to(place)}"
+                yield Target(name, path, lambda place=place: gsut.load_dataset(place))
+
+
+def run_targets(folder: Path) -> Iterator[Target]:
+    run = RunFolder.create(folder / "run", gsut.TrainOptions(steps=100))
+    run.append_history({"step": 1, "loss": 0.5})
+    write_checkpoint(folder / "state.npz", {"step": 1, "state": {"a": np.arange(30.0), "b": [1]}})
+    yield Target("checkpoint", folder / "state.npz", lambda: read_checkpoint(folder / "state.npz"))
+    yield Target("options.json", run.path / "options.json", run.read_options)
+    yield Target(HISTORY, run.path / HISTORY, run.read_history)
+    path = folder / "path.json"
+    path.write_text(str([np.eye(4).tolist()] * 3).replace("'", '"'))
+    yield Target("camera path", path, lambda: data.read_path(path, None))
+
+
+def changed(content: bytes, chance: random.Random) -> bytes:
+    """A few random changes."""
+    for _ in range(chance.choice((1, 1, 2, 5))):
+        size = len(content)
+        start = chance.randrange(size + 1)
+        end = min(size, start + chance.choice((1, 4, 16, 200)))
+        kind = chance.randrange(8)
+        if kind == 0:
+            content = content[:start]
+        elif kind == 1:
+            content = content[:start] + content[end:]
+        elif kind == 2:
+            content = content[:end] + content[start:]
+        elif kind == 3:
+            content = content[:start] + bytes(end - start) + content[end:]
+        elif kind == 4:
+            content = content[:start] + chance.randbytes(end - start) + content[end:]
+        elif kind == 5 and start < size:
+            bit = bytes([content[start] ^ 1 << chance.randrange(8)])
+            content = content[:start] + bit + content[start + 1 :]
+        else:
+            numbers = list(re.finditer(rb"-?\d[\d.e+-]*", content))
+            if numbers:
+                found = chance.choice(numbers)
+                content = content[: found.start()] + chance.choice(NUMBERS) + content[found.end() :]
+    return content
+
+
+def fault(target: Target) -> str | None:
+    """What is wrong with how the reader took the file; None if nothing is."""
+    started = time.process_time()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            target.read()
+    except gsut.InputError as error:
+        if "\n" in str(error).strip():
+            return f"more than one line: {error}"
+    except OSError as error:
+        if error.filename is None:
+            return traceback.format_exc()
+    except Exception:
+        return traceback.format_exc()
+    seconds = time.process_time() - started
+    return f"took {seconds:.1f} processor seconds" if seconds > SLOWEST else None
+
+
+def fuzz(folder: Path, seconds: float, seed: int, rounds: int | None = None) -> tuple[int, int]:
+    """Changes and reads until the time is over, or so many rounds over all readers.
+
+    Returns:
+        Numbers of readers' files and of changed files read.
+
+    Raises:
+        AssertionError: what was found; the changed file stays where it is.
+    """
+    targets: list[Target] = []
+    for make in (lens_targets, scene_targets, dataset_targets, run_targets):
+        place = folder / make.__name__
+        place.mkdir()
+        targets += make(place)
+    whole = [target.file.read_bytes() for target in targets]
+    for target in targets:
+        said = fault(target)
+        assert said is None, f"{target.name}, as it was written: {said}"
+    chance, end, count = random.Random(seed), time.monotonic() + seconds, 0
+    while time.monotonic() < end and (rounds is None or count < rounds * len(targets)):
+        target, content = targets[count % len(targets)], whole[count % len(targets)]
+        target.file.write_bytes(changed(content, chance))
+        said = fault(target)
+        assert said is None, f"{target.name}: {target.file}: {said}"
+        target.file.write_bytes(content)
+        count += 1
+    return len(targets), count
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="./run fuzz", description=__doc__)
+    parser.add_argument("seconds", nargs="?", type=float, default=60.0)
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    if importlib.util.find_spec("resource"):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    folder = Path(tempfile.mkdtemp(prefix="gsut-fuzz-"))
+    try:
+        files, count = fuzz(folder, arguments.seconds, arguments.seed)
+    except AssertionError as error:
+        print(f"{error}\nkept in {folder}", file=sys.stderr)
+        return 1
+    shutil.rmtree(folder)
+    print(f"{count:,} changed files of {files} kinds, seed {arguments.seed}: all read or refused")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
