@@ -4,6 +4,7 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
+#include <array>
 #include <string>
 #include <vector>
 
@@ -164,6 +165,7 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   }
   StructureOptions& options = inputs.options;
   std::string shutter = "global";
+  std::vector<std::array<double, 6>> rates;
   SettingsReader settings(values, "estimate_poses");
   settings.Read("max_error", &options.max_error);
   settings.Read("min_angle", &options.min_angle);
@@ -181,8 +183,16 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.Read("rolling_error", &options.rolling_error);
   settings.Read("frame_times", &options.frame_times);
   settings.Read("readout_time", &options.readout_time);
+  settings.Read("image_rates", &rates);
+  settings.Read("rate_sigma", &options.rate_sigma);
   settings.CheckAllRead({"descriptors"});
   options.shutter = Shutter::Named(shutter);
+  if (!rates.empty() && rates.size() != inputs.images.size()) {
+    throw InputError("image_rates must have one row an image");
+  }
+  for (const std::array<double, 6>& rate : rates) {
+    options.image_rates.emplace_back(Eigen::Map<const Velocity>(rate.data()));
+  }
   return inputs;
 }
 

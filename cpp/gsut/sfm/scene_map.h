@@ -117,6 +117,7 @@ class SceneMap {
   // Features of an image that may be points it does not see yet.
   std::vector<Candidate> CandidatesIn(int image, const Eigen::MatrixXf& descriptors) const;
   void Place(int image, const Pose& camera_from_world, const Velocity& velocity);
+  bool HasRates() const { return !options_.frame_times.empty() || !options_.image_rates.empty(); }
   // From the registered images before and after, for a unit of time; NaN if there are none.
   Velocity NeighborVelocity(int image) const;
   void SetPriors(const Bundle& bundle, const std::vector<int>& image_of,

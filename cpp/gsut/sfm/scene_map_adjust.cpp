@@ -21,6 +21,8 @@ constexpr double kShiftSigma = 0.1;
 // Where neighbours in time tell the velocity: their uncertainty, as a share of it and of the above.
 constexpr double kNeighborSigma = 0.3;
 constexpr double kNeighborFloor = 0.1;
+// Where it is known otherwise: of its uncertainty, as a share of the above.
+constexpr double kRateFloor = 0.1;
 
 double Median(std::vector<double>* values) {
   if (values->empty()) return 0.0;
@@ -183,13 +185,17 @@ void SceneMap::SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
     VelocityPrior prior;
     prior.sigma.head<3>().setConstant(kShiftSigma * Median(&distances[i]));
     prior.sigma.tail<3>().setConstant(kTurnSigma);
-    if (options_.readout_time > 0 && !options_.frame_times.empty()) {
-      const Velocity mean = options_.readout_time * NeighborVelocity(image_of[i]);
+    const int image = image_of[i];
+    if (options_.readout_time > 0 && HasRates()) {
+      const bool flow = !options_.image_rates.empty();
+      const Velocity mean =
+          options_.readout_time * (flow ? options_.image_rates[image] : NeighborVelocity(image));
       if (mean.allFinite()) {
+        const double share = flow ? options_.rate_sigma : kNeighborSigma;
         prior.mean = mean;
-        prior.sigma *= kNeighborFloor;
-        prior.sigma.head<3>().array() += kNeighborSigma * mean.head<3>().norm();
-        prior.sigma.tail<3>().array() += kNeighborSigma * mean.tail<3>().norm();
+        prior.sigma *= flow ? kRateFloor * options_.rate_sigma : kNeighborFloor;
+        prior.sigma.head<3>().array() += share * mean.head<3>().norm();
+        prior.sigma.tail<3>().array() += share * mean.tail<3>().norm();
       }
     }
     options->velocity_priors.push_back(prior);

@@ -61,6 +61,11 @@ struct StructureOptions {
   // those between an image's neighbours. Empty or 0: unknown.
   std::vector<double> frame_times;
   double readout_time = 0.0;
+  // Where it is known otherwise: the velocity of each image for a unit of that time
+  // (camera_chain.h; not finite: not known), instead of that between its neighbours; to this share
+  // of itself.
+  std::vector<Velocity> image_rates;
+  double rate_sigma = 0.1;
   // At the end points are looked for in images that do not see them yet: features within this many
   // pixels of their projection whose descriptor, of unit length, is no farther than that from the
   // points' own. Rounds of it; 0: none.

@@ -58,13 +58,13 @@ class CandidateSearch:
 
     def add(self, number: int, time: float, grey: np.ndarray) -> None:
         """Takes the next frame, (H, W) uint8 of any size."""
-        frame = Candidate(number, time, _sharpness(_shrunk(grey, _JUDGED_SIDE)), 0.0)
-        small = _shrunk(grey, _TRACKED_SIDE)
+        frame = Candidate(number, time, _sharpness(shrunk_grey(grey, _JUDGED_SIDE)), 0.0)
+        small = shrunk_grey(grey, _TRACKED_SIDE)
         if self._before is None:
             self._commit(frame, small)
             self._before = small
             return
-        self._corners = _tracked(self._before, small, self._corners)
+        self._corners = track_corners(self._before, small, self._corners)
         self._before = small
         moved = self._moved(time, small)
         if moved < _LEAST_STEP:
@@ -78,7 +78,7 @@ class CandidateSearch:
             self._commit(frame, small)
             return
         self._commit(*self._best)
-        self._corners = _tracked(self._best_picture, small, self._corners)
+        self._corners = track_corners(self._best_picture, small, self._corners)
         moved = self._moved(time, small)
         if moved >= _LEAST_STEP:
             self._best = dataclasses.replace(frame, moved=moved), small
@@ -141,7 +141,8 @@ def blurred(candidates: Sequence[Candidate]) -> np.ndarray:
     return sharp < _BLURRED * np.array(around)
 
 
-def _shrunk(grey: np.ndarray, longer: int) -> np.ndarray:
+def shrunk_grey(grey: np.ndarray, longer: int) -> np.ndarray:
+    """(H, W) grey picture, its longer side at most this many pixels."""
     import cv2
 
     scale = longer / max(grey.shape)
@@ -157,8 +158,8 @@ def _sharpness(grey: np.ndarray) -> float:
     return float(cv2.Laplacian(grey, cv2.CV_32F).var())
 
 
-def _tracked(before: np.ndarray, after: np.ndarray, corners: np.ndarray | None) -> np.ndarray:
-    """Where corners (N, 2) of one frame are in the other; NaN where lost."""
+def track_corners(before: np.ndarray, after: np.ndarray, corners: np.ndarray | None) -> np.ndarray:
+    """Where corners (N, 2) of one grey frame are in another; NaN where lost."""
     import cv2
 
     corners = np.zeros((0, 2), np.float32) if corners is None else corners

@@ -12,7 +12,9 @@ import numpy as np
 
 from gsut._core import InputError, __version__
 from gsut.capture.choose import Candidate, CandidateSearch, blurred, choose_frames
+from gsut.capture.flow import FlowSearch
 from gsut.capture.strip import write_strip
+from gsut.capture.track import places_at, track_of
 from gsut.capture.video import Video, camera_in
 from gsut.data import CAPTURE, capture_state, read_capture
 from gsut.files import whole_file, write_json
@@ -34,8 +36,9 @@ class Capture:
     Attributes:
         path: holds images/, capture.json and strip.jpg.
         figures: the content of capture.json: kind, inputs, notes, size, and "frames", one row a
-            picture with its name and, of a video, number, time (seconds) and sharpness;
-            "name_rate" is how many numbers of the names a second has.
+            picture with its name and, of a video, number, time (seconds), sharpness, flow (see
+            FlowSearch) and place (latitude, longitude, altitude); "name_rate" is how many numbers
+            of the names a second has.
     """
 
     path: Path
@@ -93,7 +96,8 @@ def extract_frames(
     chosen = [candidates[index] for index in choose_frames(candidates, count)]
     names, name_rate = _names(chosen, rate)
     (folder / IMAGES).mkdir(parents=True, exist_ok=True)
-    _write(path, chosen, names, folder / IMAGES, told)
+    flows = _write(path, chosen, names, folder / IMAGES, told)
+    places = places_at(track_of(path), np.array([c.time for c in chosen]))
     unsharp = blurred(chosen)
     if unsharp.mean() > _MANY_BLURRED:
         notes.append(
@@ -106,8 +110,9 @@ def extract_frames(
         "frames_seen": seen, "seconds": candidates[-1].time, "notes": notes,
         "frames": [
             {"name": name, "path": f"{IMAGES}/{name}", "number": c.number, "time": c.time,
-             "sharpness": c.sharpness, "blurred": bool(b)}
-            for name, c, b in zip(names, chosen, unsharp, strict=True)
+             "sharpness": c.sharpness, "blurred": bool(b), "flow": flows.get(c.number),
+             "place": place}
+            for name, c, b, place in zip(names, chosen, unsharp, places, strict=True)
         ],
     }  # fmt: skip
     write_strip(folder, figures["frames"])
@@ -192,21 +197,29 @@ def _names(chosen: Sequence[Candidate], rate: float) -> tuple[list[str], float]:
 
 def _write(
     path: Path, chosen: Sequence[Candidate], names: Sequence[str], folder: Path, told: OnProgress
-) -> None:
+) -> dict[int, list[list[float]]]:
+    """Writes the frames; returns the flow at each, by its number."""
     import cv2
 
     wanted = dict(zip((c.number for c in chosen), names, strict=True))
+    beside = {number + step for number in wanted for step in (-1, 0, 1)}
     for stale in set(folder.glob("f*.jpg")) - {folder / name for name in names}:
         stale.unlink()
+    search = FlowSearch()
     with Video(path) as source:
-        for number, _, picture in source.frames():
+        for number, time, picture in source.frames():
+            if number > chosen[-1].number + 1:
+                break
+            pixels = picture() if number in beside else None
+            if pixels is None and number in wanted:
+                raise InputError(f"{path}: frame {number} cannot be decoded twice; copy it again")
+            if pixels is None:
+                continue
+            search.add(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), number - 1 in wanted)
             if number not in wanted:
                 continue
-            pixels, target = picture(), folder / wanted.pop(number)
-            if pixels is None:
-                raise InputError(f"{path}: frame {number} cannot be decoded twice; copy it again")
+            target = folder / wanted[number]
             with whole_file(target) as temporary:
                 cv2.imwrite(str(temporary), pixels, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-            told("frames", len(names) - len(wanted), len(names), target.name)
-            if not wanted:
-                break
+            told("frames", names.index(target.name) + 1, len(names), target.name)
+    return search.found

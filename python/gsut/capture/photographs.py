@@ -31,6 +31,8 @@ _AS_STORED = ("RGB", "RGBA", "L", "LA", "P", "I;16", "I;16B", "1", "I")
 _SAME_FOCAL = 0.03  # share by which focal lengths of one setting differ, at most
 _SAME_SHAPE = 0.01
 _JPEG_QUALITY = 97
+# EXIF's orientation of pixels that were turned by a quarter against the clock.
+_TURNED = {1: 6, 2: 5, 3: 8, 4: 7, 5: 4, 6: 3, 7: 2, 8: 1}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +93,8 @@ def collect_photographs(
     for row, plan in zip(rows, plans, strict=True):
         f = plan.facts
         row["time"] = None if f.time is None else f.time - first
-        row["orientation"], row["place"] = f.orientation, f.place
+        row["orientation"] = _TURNED[f.orientation] if plan.turned else f.orientation
+        row["place"] = f.place
         mask = None if plan.is_written else _mask_of(f.path, plan.name)
         row["mask"] = None if mask is None else os.path.relpath(mask, folder.resolve())
     focal = [_scaled_focal(plan) for plan in plans if plan.facts.focal_px is not None]

@@ -39,16 +39,19 @@ class Bounds:
         self._middle = 0.5 * (self._low + self._high)
         self._radius = 0.5 * np.linalg.norm(self._high - self._low, axis=1)
 
-    def in_cone(self, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Numbers of the shapes that unit directions (N, 3) from one point may hit."""
+    def in_cone(
+        self, origin: np.ndarray, directions: np.ndarray, around: float = 0.0
+    ) -> np.ndarray:
+        """Numbers of the shapes that unit directions (N, 3) from points so near one may hit."""
         axis = directions.mean(axis=0)
         axis = axis / np.linalg.norm(axis)
         spread = math.acos(float(np.clip((directions @ axis).min(), -1, 1)))
         offset = self._middle - origin
         away = np.linalg.norm(offset, axis=1)
         angle = np.arccos(np.clip(offset @ axis / np.maximum(away, 1e-9), -1, 1))
-        covered = np.arcsin(np.minimum(self._radius / np.maximum(away, 1e-9), 1))
-        return np.flatnonzero((away <= self._radius) | (angle < spread + covered))
+        radius = self._radius + around
+        covered = np.arcsin(np.minimum(radius / np.maximum(away, 1e-9), 1))
+        return np.flatnonzero((away <= radius) | (angle < spread + covered))
 
     def in_box(self, low: list, high: list) -> np.ndarray:
         """Numbers of the shapes that rays within these corners may hit."""
@@ -95,9 +98,11 @@ class Tracer:
         """
         samples, pixels, _ = directions.shape
         flat = directions.reshape(-1, 3)
-        rays = _rays(origin.reshape(-1, 3), flat)
-        shapes = np.arange(len(self._hall.shapes))
-        reached = self._bounds.in_cone(origin, flat) if origin.ndim == 1 else shapes
+        origins = origin.reshape(-1, 3)
+        rays = _rays(origins, flat)
+        middle = origins.mean(axis=0)
+        around = float(np.linalg.norm(origins - middle, axis=1).max()) if len(origins) > 1 else 0.0
+        reached = self._bounds.in_cone(middle, flat, around)
         distance, number = self._first_hit(rays, reached)
         points = rays.at(distance)
         normal, albedo, emission = self._surfaces(points, number)

@@ -11,17 +11,20 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gsut import _core
 from gsut._core import InputError, Shutter
 from gsut.data import Rig, read_rig, write_rig
 from gsut.files import write_file
 from gsut.output_folder import claim_folder
 from gsut.sfm.correspondences import OnProgress, collect_features, match_images
+from gsut.sfm.earth import find_earth, moved_solution
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_candidates import guess_lenses
 from gsut.sfm.lens_search import search_lens
-from gsut.sfm.lens_start import compare_with_profile, contradiction, start_words
+from gsut.sfm.lens_start import compare_lens
 from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.models import further_models, write_models
 from gsut.sfm.options import PosesOptions
@@ -35,8 +38,10 @@ from gsut.sfm.rig import COVARIANCE_OF, RigFit, refuse_beside_rig, solve_rig
 from gsut.sfm.rig_images import find_rig_photographs
 from gsut.sfm.solution import Solution, matches_in_points, solve
 from gsut.sfm.stages import Stages, digest
+from gsut.sfm.video_shutter import VideoShutter, find_video_shutter
 
 RIG = "rig.json"
+_BEFORE_SHUTTER = 0.6  # of the time that mapping takes where a rolling shutter is sought
 # (photographs, features, pairs, options, on_progress) -> poses and points; lenses are known.
 Mapper = Callable[
     [
@@ -122,6 +127,8 @@ def estimate_poses(
     log = PosesLog(on_progress, notes_to)
     photographs, on_rig = _inputs(Path(images), camera, rig, unknown_lens, mapper, options)
     shutter = _shutter(photographs, options, mapper)
+    if _seeks_shutter(photographs, shutter, options):
+        log.mapping_share = _BEFORE_SHUTTER
     claimed = claim_folder(out, "poses", images)
     folder = claimed.path
     key = _key(photographs, options, fov_degrees)
@@ -144,7 +151,7 @@ def estimate_poses(
         log.watch.lap("matching")
         extra: dict[str, Any] = {"lens": "known" if known else "estimated"}
         fit: RigFit | None = None
-        doubt: LensDoubt | None = None
+        flags: np.ndarray | None = None
         if on_rig is not None:
             solution, fit = solve_rig(
                 photographs, features, pairs, options, log.on_images("mapping"),
@@ -156,22 +163,18 @@ def estimate_poses(
         else:
             search = search_lens(photographs, features, raw, options, fov_degrees, log, shutter)
             solution, pairs, extra["lens_search"] = search.solution, search.pairs, search.rows
-            doubt = lens_doubt(solution, search.flags, pairs, options)
-            extra["focal_sigma_percent"] = doubt.percent
+            flags = search.flags
         models: list[Solution] = []
         if on_rig is None and mapper is None:
             solution, models = further_models(solution, features, pairs, options)
+        solution, doubt = _finished(
+            photographs, solution, features, pairs, options, flags, log, extra
+        )
         log.watch.lap("mapping")
     agreeing = None if mapper else matches_in_points(solution, pairs)
-    extra |= {"matches_in_points": agreeing, **_shutter_figures(photographs, solution, options)}
-    if not known and photographs.said_focal_px is not None:
-        for text in contradiction(photographs.said_focal_px, solution.cameras[0]):
-            log.note(text)
-    if photographs.profile is not None:
-        extra["lens_start"] = compare_with_profile(
-            photographs.profile, solution.cameras[0], extra.get("readout"), options
-        )
-        log.note(start_words(extra["lens_start"]))
+    extra["matches_in_points"] = agreeing
+    for text in compare_lens(photographs, solution.cameras[0], options, extra):
+        log.note(text)
     for text in write_models(models, photographs, folder):
         log.note(text)
     extra["models"] = [int(model.num_registered) for model in models]
@@ -221,10 +224,56 @@ def _inputs(
     return photographs, None
 
 
+def _finished(
+    photographs: Photographs,
+    solution: Solution,
+    features: list[Features],
+    pairs: list[PairMatches],
+    options: PosesOptions,
+    flags: np.ndarray | None,
+    log: PosesLog,
+    extra: dict[str, Any],
+) -> tuple[Solution, LensDoubt | None]:
+    """The solution with the shutter of its video, in the world of the earth, and what is open."""
+    lines: VideoShutter | None = None
+    if _seeks_shutter(photographs, solution.shutter, options):
+        lines = find_video_shutter(
+            solution, features, pairs, options, photographs.flows, flags,
+            log.on_images("mapping", log.mapping_share),
+        )  # fmt: skip
+        solution = lines.solution
+        log.note(lines.words())
+    doubt: LensDoubt | None = None
+    if flags is not None:
+        doubt = lens_doubt(solution, flags, pairs, options)
+        extra["focal_sigma_percent"] = doubt.percent
+    extra |= _shutter_figures(photographs, solution, options, lines)
+    earth = find_earth(solution, photographs.orientations, photographs.places)
+    if earth is None:
+        return solution, doubt
+    extra["earth"] = earth.figures
+    for text in earth.notes:
+        log.note(text)
+    return moved_solution(solution, earth), doubt
+
+
+def _seeks_shutter(
+    photographs: Photographs, shutter: Shutter | None, options: PosesOptions
+) -> bool:
+    """Whether these are frames of a video of whose shutter nothing was said."""
+    return shutter is None and options.shutter == "auto" and bool(photographs.flows)
+
+
 def _shutter_figures(
-    photographs: Photographs, solution: Solution, options: PosesOptions
+    photographs: Photographs,
+    solution: Solution,
+    options: PosesOptions,
+    lines: VideoShutter | None,
 ) -> dict[str, Any]:
     """Of poses.json."""
+    if lines is not None:
+        direction = solution.shutter.direction if solution.shutter else "global"
+        return {"shutter": direction, "readout": lines.figures()}
     if solution.shutter is None:
         return {"shutter": "global"}
     found = readout_time(photographs.names, solution)

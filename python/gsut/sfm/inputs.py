@@ -55,6 +55,9 @@ class Photographs:
         candidates: lenses that an unknown one may be near.
         times: seconds by name, of a video's frames.
         said_focal_px: focal length that the images' EXIF names, in pixels.
+        flows: (M, 4) by name: pixels of a video's frames, and how far they move in a second.
+        orientations: EXIF's by name, 1 for upright; of captures only.
+        places: latitude and longitude in degrees, altitude in metres, by name.
     """
 
     root: Path
@@ -70,6 +73,9 @@ class Photographs:
     candidates: tuple[Camera, ...] = ()
     times: dict[str, float] = dataclasses.field(default_factory=dict)
     said_focal_px: float | None = None
+    flows: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    orientations: dict[str, int] = dataclasses.field(default_factory=dict)
+    places: dict[str, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -159,6 +165,12 @@ def _of_capture(path: Path, captured: dict[str, Any]) -> Photographs:
         candidates=_candidates(captured),
         times={row["name"]: row["time"] for row in rows if row.get("time") is not None},
         said_focal_px=captured.get("focal_px"),
+        flows={row["name"]: np.array(row["flow"]) for row in rows if row.get("flow")},
+        # Circles of a dual fisheye are turned as their maker likes.
+        orientations={
+            row["name"]: row.get("orientation") or 1 for row in rows if not captured.get("fisheye")
+        },
+        places={row["name"]: tuple(row["place"]) for row in rows if row.get("place")},
     )
 
 

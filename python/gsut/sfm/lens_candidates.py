@@ -80,7 +80,6 @@ def lens_ladder(width: int, height: int, fov_degrees: float | None) -> list[Came
         width, height: of the images.
         fov_degrees: horizontal, if it is roughly known; None: the whole ladder.
     """
-    longer = max(width, height)
     if fov_degrees is not None:
         guess_lens(width, height, fov_degrees)  # refuses what is no field of view
         return [
@@ -89,10 +88,22 @@ def lens_ladder(width: int, height: int, fov_degrees: float | None) -> list[Came
             if bend * fov_degrees < _WIDEST_PERSPECTIVE
         ]
     return [
-        _kannala_brandt(width, height, longer / 2 / _radius(field, bend), bend)
+        lens_of_field(width, height, field, bend)
         for bend, fields in _LADDER.items()
         for field in fields
     ]
+
+
+def lens_of_field(width: int, height: int, fov_degrees: float, bend: float) -> Camera:
+    """A Kannala-Brandt lens near r = f tan(bend theta) / bend.
+
+    Args:
+        width, height: of the images.
+        fov_degrees: along the longer side.
+        bend: 1 perspective, 1/2 stereographic, 0 equidistant.
+    """
+    focal = max(width, height) / 2 / _radius(fov_degrees, bend)
+    return _kannala_brandt(width, height, focal, bend)
 
 
 def with_scaled_focal(lens: Camera, factor: float) -> Camera:

@@ -59,7 +59,7 @@ class LensCovariance:
         if not valid.any():
             return sigma
         by_point, by_params = camera.project_jacobian(rays[valid])
-        jacobian = np.concatenate([by_params @ self.basis, _by_turn(by_point, rays[valid])], 2)
+        jacobian = np.concatenate([by_params @ self.basis, by_turn(by_point, rays[valid])], 2)
         spread = jacobian @ self.with_turn @ jacobian.transpose(0, 2, 1)
         known = np.isfinite(spread).all(axis=(1, 2))
         values = np.full(len(spread), np.nan)
@@ -101,10 +101,10 @@ def lens_covariance(
     weight = np.sqrt(1 / (1 + squared / scale**2))[:, None, None]
     by_centre = -by_p @ rotation
     change = weight * (by_params @ basis)
-    rows = weight * np.concatenate([by_centre, _by_turn(by_p, p)], axis=2)
+    rows = weight * np.concatenate([by_centre, by_turn(by_p, p)], axis=2)
     if solution.shutter is not None:  # a body that moves during the readout: as much by its time
         rows = np.concatenate([rows, _readout_times(solution)[good, None, None] * rows], axis=2)
-    normal, freedom = _reduced(image, point, rows, change, -weight * by_centre, len(poses))
+    normal, freedom = without_points(image, point, rows, change, -weight * by_centre, len(poses))
     _add_velocity_priors(normal, solution, math.sqrt(float(np.median(squared)) / 2), rows.shape[2])
     freedom += 2 * len(image)
     unknown = _unknowns(solution, basis.shape[1], rows.shape[2])
@@ -121,9 +121,9 @@ def lens_covariance(
             "these images do not determine the lens: give more of them, from different places and "
             "turned in different directions"
         )
-    noise, variance = _spread(squared, weight[:, 0, 0] ** 2, freedom)
+    noise, variance = residual_spread(squared, weight[:, 0, 0] ** 2, freedom)
     variance *= feature_variance
-    turn = weight * _by_turn(by_p, p)
+    turn = weight * by_turn(by_p, p)
     undone = -np.linalg.lstsq(turn.reshape(-1, 3), change.reshape(-1, change.shape[2]))[0]
     both = np.concatenate([np.eye(change.shape[2]), undone])
     params = variance * inverse[np.ix_(lens, lens)]
@@ -160,7 +160,7 @@ def _add_velocity_priors(
             normal[place, place] += (noise / sigma) ** 2
 
 
-def _spread(squared: np.ndarray, weight: np.ndarray, freedom: int) -> tuple[float, float]:
+def residual_spread(squared: np.ndarray, weight: np.ndarray, freedom: int) -> tuple[float, float]:
     """Noise of a coordinate in pixels, and the factor of the inverse weighted normal equations.
 
     Args:
@@ -175,12 +175,12 @@ def _spread(squared: np.ndarray, weight: np.ndarray, freedom: int) -> tuple[floa
     return noise, lost * psi * float(np.mean(weight)) / float(np.mean(weight**2)) ** 2
 
 
-def _by_turn(by_point: np.ndarray, p: np.ndarray) -> np.ndarray:
+def by_turn(by_point: np.ndarray, p: np.ndarray) -> np.ndarray:
     """(N, 2, 3): derivative by w of a function of p + w x p."""
     return np.cross(p[:, None, :], by_point)
 
 
-def _reduced(
+def without_points(
     image: np.ndarray,
     point: np.ndarray,
     by_pose: np.ndarray,

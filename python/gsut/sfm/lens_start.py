@@ -6,9 +6,25 @@ import math
 from typing import Any
 
 from gsut.lens import Camera, LensProfile, field_of_view
+from gsut.sfm.inputs import Photographs
 from gsut.sfm.options import PosesOptions
 
 _CONTRADICTS = 0.1  # share by which focal lengths differ
+
+
+def compare_lens(
+    photographs: Photographs, lens: Camera, options: PosesOptions, extra: dict[str, Any]
+) -> list[str]:
+    """Sentences on what was said of the lens and what was found; "lens_start" is added to extra."""
+    words = []
+    if extra["lens"] == "estimated" and photographs.said_focal_px is not None:
+        words += contradiction(photographs.said_focal_px, lens)
+    if photographs.profile is not None:
+        extra["lens_start"] = compare_with_profile(
+            photographs.profile, lens, extra.get("readout"), options
+        )
+        words.append(start_words(extra["lens_start"]))
+    return words
 
 
 def compare_with_profile(
@@ -28,8 +44,12 @@ def compare_with_profile(
         one of them is not known.
     """
     start = profile.camera(lens.width, lens.height)
-    found = None if readout is None else readout["estimated"]
-    given = options.readout_time
+    found = given = None
+    if readout is not None and "seconds" in readout:  # by the flow of a video
+        found = readout["seconds"]
+        given = None if profile.readout_ms is None else abs(profile.readout_ms) / 1000
+    elif readout is not None:
+        found, given = readout["estimated"], options.readout_time
     return {
         "name": profile.name,
         "doubts": list(profile.doubts),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +17,10 @@ from gsut.sfm.align import similarity
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.matching import PairMatches
+from gsut.sfm.moving import Moving
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import FIGURES, figures, write_dataset
-from gsut.sfm.solution import Solution, evaluate_observations, in_cameras, refine, solve
+from gsut.sfm.solution import Solution, refine, solve
 
 _FEWEST = 4  # images of a model
 _MOST = 20  # models
@@ -98,24 +99,55 @@ def merge(
         pose = second.camera_from_world[image]
         poses[image, :3, :3] = pose[:3, :3] @ rotation.T
         poses[image, :3, 3] = scale * pose[:3, 3] - poses[image, :3, :3] @ translation
-    chosen = [int(image) for image in np.flatnonzero(first.registered | second.registered)]
+    both = dataclasses.replace(
+        first, camera_from_world=poses, registered=first.registered | second.registered
+    )
+    try:
+        model = refine_registered(both, features, pairs, options)
+    except SolveError:
+        return None
+    if model.num_registered <= max(first.num_registered, second.num_registered):
+        return None
+    return model
+
+
+def refine_registered(
+    solution: Solution,
+    features: Sequence[Features],
+    pairs: Sequence[PairMatches],
+    options: PosesOptions,
+    *,
+    only: Sequence[int] | None = None,
+    lens_free: np.ndarray | None = None,
+    moving: Moving | None = None,
+    on_progress: Callable[[int, int, int, str], None] = lambda *_: None,
+) -> Solution:
+    """`refine` for the images that have a pose; the others stay without.
+
+    Args:
+        solution: poses to begin with. features, pairs: of all images.
+        only: so few of those with a pose; None: all.
+        others: see `refine`; `moving` has one rate an image of all.
+
+    Raises:
+        SolveError: too few points agree with the poses.
+    """
+    registered = np.flatnonzero(solution.registered) if only is None else only
+    chosen = [int(image) for image in registered]
     place = {image: index for index, image in enumerate(chosen)}
     own = [
         dataclasses.replace(pair, first=place[pair.first], second=place[pair.second])
         for pair in pairs
         if pair.first in place and pair.second in place
     ]
-    try:
-        model = refine(
-            [first.names[i] for i in chosen], [first.cameras[i] for i in chosen],
-            [features[i] for i in chosen], own, [poses[i] for i in chosen], options,
-            lambda *_: None,
-        )  # fmt: skip
-    except SolveError:
-        return None
-    if model.num_registered <= max(first.num_registered, second.num_registered):
-        return None
-    return _of_all(model, np.array(chosen), first, features)
+    if moving is not None:
+        moving = dataclasses.replace(moving, rates=moving.rates[chosen])
+    model = refine(
+        [solution.names[i] for i in chosen], [solution.cameras[i] for i in chosen],
+        [features[i] for i in chosen], own, [solution.camera_from_world[i] for i in chosen],
+        options, on_progress, lens_free=lens_free, moving=moving,
+    )  # fmt: skip
+    return _of_all(model, np.array(chosen), solution)
 
 
 def write_models(models: Sequence[Solution], photographs: Photographs, out: Path) -> list[str]:
@@ -186,9 +218,7 @@ def _off(
     return np.linalg.norm(scale * source @ rotation.T + translation - target, axis=1)
 
 
-def _of_all(
-    model: Solution, chosen: np.ndarray, whole: Solution, features: Sequence[Features]
-) -> Solution:
+def _of_all(model: Solution, chosen: np.ndarray, whole: Solution) -> Solution:
     """A solution of some images as one of all."""
     count = len(whole.names)
 
@@ -200,22 +230,18 @@ def _of_all(
     observations, held = model.observations.copy(), model.held_out_observations.copy()
     for rows in (observations, held):
         rows[:, 1] = chosen[rows[:, 1]]
-    poses = spread(model.camera_from_world, np.eye(4))
-    pixels, residuals, angles = evaluate_observations(
-        observations, in_cameras(model.points, observations, poses), whole.cameras, features
-    )
+    lenses = {whole.cameras[i]: lens for i, lens in zip(chosen, model.cameras, strict=True)}
     first, second = (int(chosen[i]) for i in model.initial_pair)
+    moving = model.velocities
     return dataclasses.replace(
         model,
         names=whole.names,
-        cameras=whole.cameras,
+        cameras=[lenses.get(camera, camera) for camera in whole.cameras],
         registered=spread(model.registered, np.zeros((), bool)),
-        camera_from_world=poses,
+        camera_from_world=spread(model.camera_from_world, np.eye(4)),
         covariances=spread(model.covariances, np.zeros((6, 6))),
+        velocities=None if moving is None else spread(moving, np.zeros(6)),
         observations=observations,
-        pixels=pixels,
-        residuals=residuals,
-        field_angles=angles,
         initial_pair=(first, second),
         held_out_observations=held,
     )

@@ -99,8 +99,8 @@ class PosesOptions:
     )
     shutter: str = option(
         "auto", "Shutter", "rolling: the camera moves while an image is read, each image with its "
-        "own velocity; global: one pose an image; auto: as the dataset says, rolling where "
-        "--readout-time is given", choices=("auto", "global", "rolling"),
+        "own velocity; global: one pose an image; auto: as the dataset says, found for a "
+        "video, rolling where --readout-time is given", choices=("auto", "global", "rolling"),
     )
     readout_time: float | None = option(
         None, "Shutter", "time from the first line of an image to its last, for a video: "

@@ -15,6 +15,7 @@ from gsut.data import frame_times
 from gsut.lens import Camera
 from gsut.sfm.features import Features
 from gsut.sfm.matching import PairMatches
+from gsut.sfm.moving import Moving
 from gsut.sfm.options import PosesOptions
 
 # Variance of what is found from photographs' features, over that which independent normal errors of
@@ -225,12 +226,14 @@ def refine(
     lens_free: np.ndarray | None = None,
     hold_out_every: int = 0,
     on_rig: OnRig | None = None,
+    moving: Moving | None = None,
 ) -> Solution:
     """Refines poses and points, and the lens if asked for, that are roughly right.
 
     Args:
         camera_from_world: (4, 4) poses, one an image; their world is kept.
         on_rig: the images' cameras are fixed to each other; tracks are extended then too.
+        moving: images are read line by line, each with a velocity of its own.
         others: as for `solve`.
 
     Raises:
@@ -240,6 +243,9 @@ def refine(
     known: list[int] = []
     if on_rig is not None:
         known = on_rig.registered.astype(int).tolist()
+    if moving is not None:
+        settings.update(moving.as_settings())
+    if on_rig is not None or (moving is not None and moving.extend):
         settings.update(_extension(options, features, lenses))
     found = _core.refine_structure(
         lenses, lens_of, [f.pixels for f in features],
@@ -247,9 +253,13 @@ def refine(
         known, None if on_rig is None else on_rig.as_settings(),
     )  # fmt: skip
     solution = _solution(names, cameras, features, found, lens_free is not None)
-    if on_rig is None:
+    if on_rig is not None:
+        solution = dataclasses.replace(
+            solution, camera_from_body=np.array(found["camera_from_body"])
+        )
+    if moving is None:
         return solution
-    return dataclasses.replace(solution, camera_from_body=np.array(found["camera_from_body"]))
+    return dataclasses.replace(solution, shutter=moving.shutter, velocities=found["velocities"])
 
 
 def _inputs(

@@ -1,0 +1,113 @@
+"""The readout time of a shutter from a solution that knows of none, by one step of Gauss-Newton.
+
+How fast the camera moved in each image is known from the flow of the video, so that a rolling
+shutter has one unknown: its readout time. Poses, points and the lens are free beside it: what they
+can take up is no evidence. Velocities of each image's own would bend the scene instead (Albl et
+al., "Degeneracies in rolling shutter SfM", ECCV 2016).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from gsut.sfm.align import centers_of
+from gsut.sfm.lens_covariance import by_turn, free_columns, residual_spread, without_points
+from gsut.sfm.solution import FEATURE_VARIANCE, Solution, in_cameras
+
+_TINY = 1e-300
+
+
+@dataclasses.dataclass(frozen=True)
+class FlowReadout:
+    """A readout time in seconds, and its standard deviation."""
+
+    time: float
+    sigma: float
+
+    @property
+    def clearness(self) -> float:
+        """Standard deviations from nothing."""
+        return abs(self.time) / self.sigma
+
+
+def readout_by_flow(
+    solution: Solution,
+    rates: np.ndarray,
+    along_y: bool,
+    lens_free: np.ndarray | None,
+    loss_scale: float,
+) -> FlowReadout | None:
+    """The readout time that the residuals of a solution ask for.
+
+    Args:
+        solution: with one lens, all lines of an image read at once.
+        rates: (N, 6) velocities in a second, see `rates_of_frames`; NaN: image not looked at.
+        along_y: lines are read from top to bottom, else from left to right.
+        lens_free: see `solve`.
+        loss_scale: of Cauchy's loss, as in the adjustment.
+
+    Returns:
+        The time, below 0 for lines read in the other order; None where it is not determined.
+    """
+    camera = solution.cameras[0]
+    image, point = solution.observations[:, 1], solution.observations[:, 0]
+    known = solution.registered & np.isfinite(rates).all(axis=1)
+    p = in_cameras(solution.points, solution.observations, solution.camera_from_world)
+    by_p, by_params = camera.project_jacobian(p)
+    good = np.isfinite(by_p).all(axis=(1, 2)) & np.isfinite(solution.residuals).all(axis=1)
+    good &= known[image]
+    good &= np.bincount(point, weights=good, minlength=len(solution.points))[point] > 1
+    image, point, p, by_p = image[good], point[good], p[good], by_p[good]
+    rotation, residual = solution.camera_from_world[image, :3, :3], solution.residuals[good]
+    squared = np.sum(residual**2, axis=1)
+    if not len(squared):
+        return None
+    scale = loss_scale * max(math.sqrt(float(np.median(squared))), 1e-12)
+    weight = np.sqrt(1 / (1 + squared / scale**2))[:, None, None]
+    size = camera.height if along_y else camera.width
+    line = solution.pixels[good, int(along_y)] / size - 0.5
+    # dp / d(time): the centre moves in the world, and the camera turns.
+    moves = np.cross(rates[image, 3:], p) - np.einsum("nij,nj->ni", rotation, rates[image, :3])
+    by_time = by_p @ (line[:, None] * moves)[:, :, None]
+    columns = [by_time, residual[:, :, None]]
+    if lens_free is not None:
+        columns.insert(0, by_params[good] @ free_columns(lens_free))
+    by_centre = -by_p @ rotation
+    rows = weight * np.concatenate([by_centre, by_turn(by_p, p)], axis=2)
+    normal, freedom = without_points(
+        image, point, rows, weight * np.concatenate(columns, axis=2), -weight * by_centre,
+        len(known),
+    )  # fmt: skip
+    unknown = _unknowns(solution, known, len(normal))
+    freedom += 2 * len(image) - len(unknown)
+    small = normal[np.ix_(unknown, unknown)]
+    length = 1 / np.sqrt(np.maximum(np.diag(small), _TINY))
+    small = small * np.outer(length, length)
+    right = normal[unknown, -1] * length
+    try:
+        both = np.linalg.solve(small, np.stack([right, np.eye(len(small))[-1]], axis=1))
+    except np.linalg.LinAlgError:
+        return None
+    variance = both[-1, 1] * length[-1] ** 2
+    if freedom <= 0 or not variance > 0:
+        return None
+    spread = residual_spread(squared, weight[:, 0, 0] ** 2, freedom)[1] * FEATURE_VARIANCE
+    return FlowReadout(-float(both[-1, 0] * length[-1]), math.sqrt(variance * spread))
+
+
+def _unknowns(solution: Solution, known: np.ndarray, size: int) -> np.ndarray:
+    """Indices of what the gauge leaves free, the time's last; without the residuals' column."""
+    images = np.flatnonzero(known)
+    centres = centers_of(solution.camera_from_world)
+    away = centres[images] - centres[images[0]]
+    second = int(images[np.argmax((away**2).sum(axis=1))])
+    axis = int(np.argmax(np.abs(centres[second] - centres[images[0]])))
+    keep = np.ones(size, bool)
+    keep[: 6 * len(known)] = np.repeat(known, 6)
+    keep[6 * images[0] : 6 * images[0] + 6] = False
+    keep[6 * second + axis] = False
+    keep[-1] = False
+    return np.flatnonzero(keep)

@@ -1,0 +1,194 @@
+"""Whether the frames of a video were read line by line, and how fast: from their own motion.
+
+The flow of the video tells how fast the camera moved at each frame; the residuals of poses without
+a rolling shutter tell whether lines were bent by that, and how long a readout takes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from gsut._core import Shutter, SolveError
+from gsut.lens import Camera
+from gsut.sfm.features import Features
+from gsut.sfm.frame_motion import rates_of_frames
+from gsut.sfm.lens_pairs import choose_connected_pairs, keep_most_distinct
+from gsut.sfm.matching import PairMatches
+from gsut.sfm.models import refine_registered
+from gsut.sfm.moving import Moving
+from gsut.sfm.options import PosesOptions
+from gsut.sfm.readout_by_flow import FlowReadout, readout_by_flow
+from gsut.sfm.solution import Solution
+
+_FEWEST = 8  # images whose motion is known
+_LONGEST = 0.05  # seconds that a readout takes at most
+_KNOWN = 0.1  # share of the time that two standard deviations may be, for it to be known
+# Standard deviations from nothing, at least, and images that keep a pose.
+_CLEAR, _KEPT = 4.0, 0.95
+# The time is corrected so often at most, on so many images, until a step is this share of it; a
+# correction falls short by no more than that share. Velocities are held to this share meanwhile.
+_CORRECTIONS, _IMAGES, _SETTLED, _MOST_SHARE, _HELD = 4, 30, 0.03, 0.7, 1e-4
+_MATCHES = 150  # of a pair meanwhile: the most distinct
+# Of the diagonal: less motion during a readout is not worth the time that training takes longer.
+# The first estimate falls short by about that factor.
+_MATTERS, _SHORT = 1e-3, 2.0
+_OBLONG = 1.2  # sides of a picture: less tells nothing of how the sensor was held
+_BACKWARDS = {"top_to_bottom": "bottom_to_top", "left_to_right": "right_to_left"}
+
+
+@dataclasses.dataclass(frozen=True)
+class VideoShutter:
+    """What was found.
+
+    Args:
+        solution: with a rolling shutter, or as it was.
+        readout: None: not determined, and the shutter counts as global.
+    """
+
+    solution: Solution
+    readout: FlowReadout | None
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the time is known to 10 % (two standard deviations)."""
+        return self.readout is not None and 2 * self.readout.sigma <= _KNOWN * self.readout.time
+
+    def words(self) -> str:
+        """A sentence."""
+        found = self.readout
+        if found is None or self.solution.shutter is None:
+            return (
+                "the readout time of the shutter is not determined by this video, and each frame "
+                "counts as taken in one moment: the camera moved too little for it to matter, its "
+                "shutter is global, or the video was stabilised in the camera"
+            )
+        order = self.solution.shutter.direction.replace("_", " ")
+        doubt = "" if self.is_known else ", which is not known to 10 %"
+        return (
+            f"rolling shutter: lines are read {order} in {1000 * found.time:.1f} ms (standard "
+            f"deviation {1000 * found.sigma:.1f} ms{doubt})"
+        )
+
+    def figures(self) -> dict[str, Any]:
+        """Of poses.json."""
+        found = self.readout
+        return {
+            "seconds": found.time if found else None,
+            "sigma_seconds": found.sigma if found else None,
+        }
+
+
+def find_video_shutter(
+    solution: Solution,
+    features: Sequence[Features],
+    pairs: Sequence[PairMatches],
+    options: PosesOptions,
+    flows: Mapping[str, np.ndarray],
+    lens_free: np.ndarray | None,
+    on_progress: Callable[[int, int, int, str], None],
+) -> VideoShutter:
+    """Looks for a rolling shutter in a solution without one.
+
+    Lines are taken to run along the longer side of the picture, as those of a sensor do.
+
+    Args:
+        solution: poses of frames. features: of all images. pairs: verified.
+        options: see PosesOptions.
+        flows: see `rates_of_frames`, in seconds.
+        lens_free: see `solve`.
+        on_progress: of the mapper.
+    """
+    nothing = VideoShutter(solution, None)
+    rates = rates_of_frames(solution, flows)
+    if np.isfinite(rates).all(axis=1).sum() < _FEWEST or len(set(solution.cameras)) > 1:
+        return nothing
+    found, forward = None, ""
+    for direction in _directions(solution.cameras[0]):
+        along_y = direction == "top_to_bottom"
+        other = readout_by_flow(solution, rates, along_y, lens_free, options.loss_scale)
+        if other and (found is None or other.clearness > found.clearness):
+            found, forward = other, direction
+    if found is None or found.clearness < _CLEAR or abs(found.time) > _LONGEST:
+        return nothing
+    if _SHORT * abs(found.time) * _speed(solution, flows) < _MATTERS:
+        return nothing
+    sign = 1 if found.time > 0 else -1
+    shutter = Shutter(forward if sign > 0 else _BACKWARDS[forward])
+    try:
+        readout = _settled(
+            solution, features, pairs, options, rates, lens_free, shutter,
+            FlowReadout(abs(found.time), found.sigma),
+        )  # fmt: skip
+        moved = refine_registered(
+            solution, features, pairs, options, lens_free=lens_free,
+            moving=Moving(shutter, readout.time, rates), on_progress=on_progress,
+        )  # fmt: skip
+    except SolveError:
+        return nothing
+    kept = moved.num_registered >= _KEPT * solution.num_registered
+    return VideoShutter(moved, readout) if kept and readout.time < _LONGEST else nothing
+
+
+def _settled(
+    solution: Solution,
+    features: Sequence[Features],
+    pairs: Sequence[PairMatches],
+    options: PosesOptions,
+    rates: np.ndarray,
+    lens_free: np.ndarray | None,
+    shutter: Shutter,
+    found: FlowReadout,
+) -> FlowReadout:
+    """The readout time, corrected by the residuals that are left with it.
+
+    Poses without a rolling shutter have lost the observations that speak most for one: each
+    correction falls short by a share, which the last two tell.
+    """
+    some = _some_images(solution, pairs, rates)
+    few = keep_most_distinct(pairs, _MATCHES)
+    sign = 1 if shutter.direction in _BACKWARDS else -1
+    time, step, share = found.time, found.time, 0.0
+    for _ in range(_CORRECTIONS):
+        moving = Moving(shutter, time, rates, _HELD, extend=False)
+        moved = refine_registered(
+            solution, features, few, options, only=some, lens_free=lens_free, moving=moving
+        )
+        along_y = "top" in shutter.direction
+        more = readout_by_flow(moved, rates, along_y, lens_free, options.loss_scale)
+        if more is None or time > _LONGEST:
+            break
+        own = sign * more.time
+        share = min(max(own / step, share, 0.0), _MOST_SHARE) if step else share
+        step = own / (1 - share)
+        time, found = time + step, more
+        if abs(step) < _SETTLED * time:
+            break
+    return FlowReadout(time, found.sigma)
+
+
+def _some_images(solution: Solution, pairs: Sequence[PairMatches], rates: np.ndarray) -> list[int]:
+    """Images with a pose and a rate that are well connected with each other."""
+    good = solution.registered & np.isfinite(rates).all(axis=1)
+    own = [pair for pair in pairs if good[pair.first] and good[pair.second]]
+    chosen = choose_connected_pairs(own, _IMAGES) if own else []
+    return sorted({image for pair in chosen for image in (pair.first, pair.second)})
+
+
+def _speed(solution: Solution, flows: Mapping[str, np.ndarray]) -> float:
+    """How far the pictures move in a second, in the median, of their diagonal."""
+    camera = solution.cameras[0]
+    speeds = [np.linalg.norm(flow[:, 2:], axis=1) for flow in flows.values()]
+    return float(np.median(np.concatenate(speeds))) / math.hypot(camera.width, camera.height)
+
+
+def _directions(camera: Camera) -> list[str]:
+    """Orders of lines to try: along the longer side, where one is longer."""
+    both = ["top_to_bottom", "left_to_right"]
+    if max(camera.width, camera.height) < _OBLONG * min(camera.width, camera.height):
+        return both
+    return both[:1] if camera.width > camera.height else both[1:]

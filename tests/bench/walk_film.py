@@ -1,0 +1,205 @@
+"""Films a walk through the demo's hall as a real camera would, with everything about it known.
+
+Each row has its own time (rolling shutter), each pixel several within the exposure (motion blur);
+light drifts, the sensor is noisy, and H.264 compresses.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import fractions
+import math
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from gsut._core import num_threads
+from gsut.demo.hall import make_hall
+from gsut.demo.tracing import Tracer
+from gsut.lens import Camera
+
+# World-from-camera poses (N, 4, 4) at times (N,) in seconds.
+Path4 = Callable[[np.ndarray], np.ndarray]
+_ROWS, _COLUMNS = 18, 48  # of a block of pixels that is traced at once
+_NOISE = 1.5  # grey levels, standard deviation
+_DRIFT, _TINT = 0.07, 0.02  # of exposure and white balance
+_DRIFT_SECONDS = 11.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Film:
+    """How a walk is filmed.
+
+    Args:
+        camera: the lens, at the film's size.
+        path: where the camera is.
+        seconds: length of the film.
+        frame_rate: frames a second.
+        readout: seconds from the first row to the last; below 0: from the last to the first.
+        exposure: seconds.
+        crf: of H.264: 18 hardly visible, 28 rough.
+        samples: rays a pixel, a square number: also moments within the exposure.
+        seed: of the hall's textures and of the noise.
+        sideways: columns are read one after the other: a phone held upright.
+    """
+
+    camera: Camera
+    path: Path4
+    seconds: float = 20.0
+    frame_rate: float = 12.0
+    readout: float = 0.016
+    exposure: float = 0.008
+    crf: int = 22
+    samples: int = 4
+    seed: int = 1
+    sideways: bool = False
+
+    @property
+    def times(self) -> np.ndarray:
+        """(N,) seconds of the frames: the middle of exposure and readout."""
+        return np.arange(round(self.seconds * self.frame_rate)) / self.frame_rate
+
+
+def walk(
+    seconds: float,
+    *,
+    around: float = 1.0,
+    looking: float = 1.0,
+    forward: float = 0.0,
+    bob: float = 0.02,
+    shake_degrees: float = 0.6,
+    seed: int = 0,
+) -> Path4:
+    """A walk around the hall's table.
+
+    Args:
+        seconds: of the film.
+        around: rounds about the table; 0: on the spot.
+        looking: how far the camera looks about on the way, of about 50 degrees to both sides.
+        forward: metres a second straight on instead of around the table, looking ahead.
+        bob: metres up and down at each step.
+        shake_degrees: of a hand, root mean square.
+        seed: of the phases.
+    """
+    rng = np.random.default_rng([seed, 5])
+    phase = rng.uniform(0, 2 * math.pi, 16)
+    # A hand shakes at 0.7 to 5 hertz, the slower the more.
+    rates = np.geomspace(0.7, 5.0, 5)
+    shares = shake_degrees * rates**-0.7 / math.sqrt(0.5 * (rates**-1.4).sum())
+
+    def shaken(times: np.ndarray, first: int) -> np.ndarray:
+        waves = np.sin(2 * math.pi * rates * times[:, None] + phase[first] + 1.7 * np.arange(5))
+        return np.radians(waves @ shares)
+
+    def path(times: np.ndarray) -> np.ndarray:
+        times = np.atleast_1d(np.asarray(times, np.float64))
+        share = times / seconds
+        turn = 2 * math.pi * around * share + phase[0]
+        reach = 1.0 + 0.12 * np.sin(2 * turn + phase[1])
+        x, y = 2.3 * reach * np.cos(turn), 1.8 * reach * np.sin(turn)
+        yaw = turn + math.pi / 2
+        if forward:
+            x, y = -3.6 + forward * times, np.full_like(times, -2.85)
+            yaw = np.zeros_like(times)
+        z = 1.55 + bob * np.sin(2 * math.pi * 1.8 * times + phase[2])
+        z = z + 0.15 * np.sin(2 * math.pi * 0.11 * times + phase[3])
+        about = 0.9 * np.sin(2 * math.pi * 0.13 * times + phase[4])
+        yaw = yaw + looking * about + shaken(times, 5)
+        pitch = -0.1 + 0.25 * looking * np.sin(2 * math.pi * 0.09 * times + phase[6])
+        pitch = pitch + shaken(times, 7)
+        roll = 0.5 * shaken(times, 8)
+        return _poses(np.stack([x, y, z], axis=1), yaw, pitch, roll)
+
+    return path
+
+
+def _poses(centers: np.ndarray, yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:
+    """(N, 4, 4), OpenCV axes; yaw about z from +x, pitch upwards, roll about the view; radians."""
+    forward = np.stack(
+        [np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)], axis=1
+    )
+    level = np.stack([np.sin(yaw), -np.cos(yaw), np.zeros_like(yaw)], axis=1)
+    down = np.cross(forward, level)
+    right = np.cos(roll)[:, None] * level + np.sin(roll)[:, None] * down
+    poses = np.tile(np.eye(4), (len(yaw), 1, 1))
+    poses[:, :3, :3] = np.stack([right, np.cross(forward, right), forward], axis=2)
+    poses[:, :3, 3] = centers
+    return poses
+
+
+def write_film(film: Film, target: Path) -> None:
+    """Films it: H.264 in MP4."""
+    import av
+
+    camera = film.camera
+    with av.open(str(target), "w") as out:
+        rate = fractions.Fraction(film.frame_rate).limit_denominator(1001)
+        stream = out.add_stream("libx264", rate=rate, options={"crf": str(film.crf)})
+        stream.width, stream.height = camera.width, camera.height
+        stream.pix_fmt = "yuv420p"
+        for picture in film_pictures(film):
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        out.mux(stream.encode(None))
+
+
+def film_pictures(film: Film) -> Iterator[np.ndarray]:
+    """(H, W, 3) uint8 RGB of each frame, before compression."""
+    rng = np.random.default_rng([film.seed, 6])
+    tracer = Tracer(make_hall(film.seed), film.samples)
+    rays = _rays(film.camera, film.samples)
+    with ThreadPoolExecutor(num_threads()) as pool:
+        for time in film.times:
+            image = _exposed(film, tracer, rays, time, pool)
+            angle = 2 * math.pi * time / _DRIFT_SECONDS
+            gain = 1 + _DRIFT * math.sin(angle) + _TINT * np.sin(angle / 2 + np.arange(3))
+            noisy = 255 * image * gain + _NOISE * rng.standard_normal(image.shape)
+            yield np.round(np.clip(noisy, 0, 255)).astype(np.uint8)
+
+
+def _rays(camera: Camera, samples: int) -> np.ndarray:
+    """(S, H, W, 3) float32 unit rays through a grid in each pixel."""
+    side = math.isqrt(samples)
+    steps = (np.arange(side) + 0.5) / side
+    rays = []
+    for dy in steps:
+        for dx in steps:
+            x, y = np.meshgrid(np.arange(camera.width) + dx, np.arange(camera.height) + dy)
+            found, _ = camera.unproject(np.stack([x.ravel(), y.ravel()], axis=1))
+            rays.append(np.nan_to_num(found).astype(np.float32).reshape(*x.shape, 3))
+    return np.stack(rays)
+
+
+def _exposed(
+    film: Film, tracer: Tracer, rays: np.ndarray, time: float, pool: ThreadPoolExecutor
+) -> np.ndarray:
+    """(H, W, 3) the frame whose middle is at this time, in [0, 1]."""
+    samples, height, width, _ = rays.shape
+    lines = width if film.sideways else height
+    of_line = ((np.arange(lines) + 0.5) / lines - 0.5) * film.readout
+    # Neighbouring samples of a pixel are far apart in time.
+    order = np.argsort(np.arange(samples) * 0.618 % 1.0)
+    of_sample = ((order + 0.5) / samples - 0.5) * film.exposure
+    poses = film.path((time + of_line + of_sample[:, None]).ravel())
+    poses = poses.reshape(samples, lines, 4, 4).astype(np.float32)
+
+    def colors(block: tuple[slice, slice]) -> np.ndarray:
+        own = rays[:, block[0], block[1]]
+        line = block[1] if film.sideways else block[0]
+        at = poses[:, None, line] if film.sideways else poses[:, line, None]
+        directions = np.einsum("...ij,...j->...i", at[..., :3, :3], own)
+        origins = np.broadcast_to(at[..., :3, 3], directions.shape)
+        shape = (samples, -1, 3)
+        found = tracer.colors(origins.reshape(shape), directions.reshape(shape))
+        return found.reshape(*own.shape[1:3], 3)
+
+    blocks = [
+        (slice(y, y + _ROWS), slice(x, x + _COLUMNS))
+        for y in range(0, height, _ROWS)
+        for x in range(0, width, _COLUMNS)
+    ]
+    image = np.zeros((height, width, 3))
+    for block, part in zip(blocks, pool.map(colors, blocks), strict=True):
+        image[block] = part
+    return image

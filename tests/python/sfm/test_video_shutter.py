@@ -1,0 +1,96 @@
+"""The rolling shutter of a video, found from the flow of its pictures, or not."""
+
+import numpy as np
+import pytest
+
+import tolerances
+from gsut import _core
+from gsut.sfm.align import compare_poses
+from gsut.sfm.frame_motion import rates_of_frames
+from gsut.sfm.options import PosesOptions
+from gsut.sfm.solution import solve
+from gsut.sfm.video_shutter import find_video_shutter
+from synthetic_walk import Synthetic, quiet
+
+READOUT = 0.04  # seconds; frames are a second apart
+IMAGES = 12
+STEP = 0.05  # seconds before and after a frame, by which its flow is measured
+
+
+def flow_of(scene, image):
+    """Where some points are, and how far they move in a second."""
+    rate = scene.velocities[image] / scene.readout
+    pixels = []
+    for time in (-STEP, 0.0, STEP):
+        pose = _core.moved_pose(scene.poses[image], rate, time)
+        found, valid = scene.camera.project(scene.points @ pose[:3, :3].T + pose[:3, 3])
+        inside = (found > 0).all(axis=1) & (found < 1000).all(axis=1)
+        pixels.append(np.where((valid & inside)[:, None], found, np.nan))
+    rows = np.hstack([pixels[1], (pixels[2] - pixels[0]) / (2 * STEP)])
+    return rows[np.isfinite(rows).all(axis=1)][:40]
+
+
+class Walk:
+    """A walk, its solution with a global shutter, and the flow of its frames."""
+
+    def __init__(self, readout):
+        self.scene = Synthetic(np.random.default_rng(12), images=IMAGES, noise=0.1, readout=readout)
+        count = len(self.scene.features)
+        self.names = [f"{i:03d}.png" for i in range(count)]
+        self.pairs = self.scene.verified()
+        cameras = [self.scene.camera] * count
+        self.still = solve(
+            self.names, cameras, self.scene.features, self.pairs, PosesOptions(), quiet
+        )
+        # A shutter that is global moves all the same between the frames.
+        self.scene.readout = READOUT
+        self.scene.velocities = [
+            READOUT * np.array([0.3, 0.1 * i, 0.0, 0.02, 0.15, 0.01]) for i in range(count)
+        ]
+        self.flows = {name: flow_of(self.scene, i) for i, name in enumerate(self.names)}
+
+    def find(self, flows=None):
+        return find_video_shutter(
+            self.still, self.scene.features, self.pairs, PosesOptions(), flows or self.flows, None,
+            quiet,
+        )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def rolling():
+    return Walk(READOUT)
+
+
+def test_rates_of_frames_are_those_of_the_walk(rolling):
+    rates = rates_of_frames(rolling.still, rolling.flows)
+    expected = np.array(rolling.scene.velocities) / READOUT
+    off = np.degrees(np.linalg.norm(rates[:, 3:] - expected[:, 3:], axis=1))
+    assert off.max() < tolerances.SFM_RATE_DEGREES
+
+
+def test_rolling_video_is_found_with_its_readout_time_and_better_poses(rolling):
+    found = rolling.find()
+    assert found.readout is not None and found.is_known
+    assert found.readout.time == pytest.approx(READOUT, rel=0.1)
+    assert found.solution.shutter.direction == "top_to_bottom"
+    assert found.solution.registered.all()
+    truth = np.array(rolling.scene.poses)
+    before = compare_poses(rolling.still.camera_from_world, truth)
+    after = compare_poses(found.solution.camera_from_world, truth)
+    assert after.ate_percent < before.ate_percent
+    assert 4 * np.median(after.rotation_degrees) < np.median(before.rotation_degrees)
+    assert "top to bottom" in found.words()
+
+
+def test_flow_of_the_other_sign_is_a_shutter_that_reads_backwards(rolling):
+    flows = {name: rows * [1, 1, -1, -1] for name, rows in rolling.flows.items()}
+    found = rolling.find(flows)
+    assert found.readout.time == pytest.approx(READOUT, rel=0.1)
+    assert found.solution.shutter.direction == "bottom_to_top"
+
+
+def test_global_video_is_left_as_it_is():
+    walk = Walk(None)
+    found = walk.find()
+    assert found.readout is None and found.solution is walk.still
+    assert "not determined" in found.words()
