@@ -308,10 +308,10 @@ def _restore(
     return Camera(model, params, width, height, **keywords)
 
 
-def _whole_size(width: object, height: object) -> tuple[int, int]:
+def _whole_size(width: Any, height: Any) -> tuple[int, int]:
     """The sides of the image; 640.0 counts as 640."""
     try:
-        size = int(width), int(height)  # type: ignore[call-overload]
+        size = int(width), int(height)
         good = size == (width, height) and all(0 < side <= MOST_PIXELS for side in size)
     except (TypeError, ValueError, OverflowError):
         good = False

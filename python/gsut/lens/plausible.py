@@ -28,7 +28,7 @@ def implausible(camera: Camera) -> str | None:
     if not valid.any():
         return "no pixel has a ray; its coefficients are not of this model, or in another order"
     rays = rays[valid]
-    if camera.is_parallel or len(rays) < 2:
+    if camera.is_parallel or max(camera.width, camera.height) == 1 or len(rays) < 2:
         return None
     if np.linalg.norm(rays - rays[0], axis=1).max() < _NARROWEST:
         return "all pixels look in one direction; its coefficients are not of this model"

@@ -21,6 +21,7 @@ from gsut.training.loop import TrainingLoop
 
 # Shorter runs do not learn by heart, and pilots would cost more than their share.
 _FEWEST_STEPS, _FEWEST_VIEWS = 1000, 4
+_MOST_VIEWS = 30  # of more, no number that was tried was ever too large
 # Pilots have few Gaussians on small images, but not few steps: after 150 of them on fox (12 views)
 # 7407 Gaussians predict best, after 300 as many as in a whole run.
 _STEPS = 300
@@ -29,8 +30,9 @@ _SCALE = 0.5  # of the images; the number of Gaussians falls with their pixels
 _ASIDE_EVERY, _ASIDE_MOST = 4, 8
 _STEP_DOWN = 3  # from one number of Gaussians to the next
 _LEAST = 6000  # Gaussians below which nothing is tried
-# What fewer Gaussians must gain on the views set aside: they settle sooner, and a pilot is short.
-_LEAST_GAIN_DB = 0.15
+# What fewer Gaussians must gain on the views set aside: they settle sooner, a pilot is short, and of
+# two to four views chance alone makes 0.2 dB.
+_LEAST_GAIN_DB = 0.3
 # Options whose defaults depend on the number of steps: a pilot has its own.
 _BY_STEPS = (
     "eval_every", "lr_means", "lr_final_factor", "sh_every", "densify_every", "noise", "grow_until",
@@ -86,12 +88,13 @@ def choose_complexity(
         on_progress: called with steps done, steps of a pilot, and the state in words.
 
     Returns:
-        At most `options.most_gaussians`; that number where a run is too short, or its views are too
-        few, to try.
+        At most `options.most_gaussians`; that number where a run is too short to try, its views
+        are too few, or so many that no number is too large for them.
     """
     most = options.most_gaussians
     views = len(scene.train_indices)
-    if options.max_gaussians != AUTO or options.steps < _FEWEST_STEPS or views < _FEWEST_VIEWS:
+    asked = options.max_gaussians == AUTO and options.steps >= _FEWEST_STEPS
+    if not (asked and _FEWEST_VIEWS <= views <= _MOST_VIEWS):
         return Complexity(most)
     aside = views_aside(scene)
     small = scene.replace(

@@ -87,6 +87,8 @@ def test_nothing_is_tried_where_the_number_is_given_or_the_run_is_short(
     assert choose_complexity(scene, TrainOptions(**options).resolved()) == Complexity(most)
     few = scene.replace(train_indices=scene.train_indices[:3])
     assert choose_complexity(few, TrainOptions().resolved()) == Complexity(200_000)
+    monkeypatch.setattr(complexity, "_MOST_VIEWS", len(scene.train_indices) - 1)
+    assert choose_complexity(scene, TrainOptions().resolved()) == Complexity(200_000)
     assert given == []
 
 
