@@ -160,11 +160,11 @@ HWY_INLINE TileRect RectOf(const TileWindow& hits, const TouchedRows& rows,
   const int width = hits.x1 - hits.x0;
   for (int y = hits.y0; y < hits.y1; ++y) {
     const int row = y - rows.base_y;
-    std::uint64_t bits = rows.bits[row] >> (hits.x0 - rows.base_x);
-    if (!rows.has_bits) {
-      const RowSpan span = rows.spans[row];
-      const int count = span.end - span.begin;
-      bits = count == 0 ? 0 : (~std::uint64_t{0} >> (64 - count)) << (span.begin - hits.x0);
+    std::uint64_t bits = 0;
+    if (rows.has_bits) {
+      bits = rows.bits[row] >> (hits.x0 - rows.base_x);
+    } else if (const RowSpan span = rows.spans[row]; span.end != span.begin) {
+      bits = (~std::uint64_t{0} >> (64 - (span.end - span.begin))) << (span.begin - hits.x0);
     }
     rect.tiles |= bits << ((y - hits.y0) * width);
   }
