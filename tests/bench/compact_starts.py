@@ -105,7 +105,8 @@ def trained_start(data: str, start: str, recipe: StartRecipe, folder: str) -> Pa
     path = Path(folder) / f"{scene.path.resolve().name}_{start}"
     options = start_options(start, recipe)
     if (path / METRICS).is_file():
-        if RunFolder.open(path).read_options() != options.resolved():
+        saved = RunFolder.open(path).read_options()  # the data may have chosen the background
+        if saved != dataclasses.replace(options.resolved(), background=saved.background):
             raise InputError(f"{path} was trained with other options; give another --folder")
         return path
     clock = ThreadSeconds()

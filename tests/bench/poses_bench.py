@@ -290,7 +290,7 @@ def _measure_pycolmap(
         row.update(_times(found["seconds"], found["cpu_seconds"]))
         if len(found["poses"]) >= _FEWEST and _has_poses(data):
             row.update(_error_values(_errors_of_names(found["poses"], root, data)))
-        if len(found["poses"]) >= _FEWEST and bench.train_steps:
+        if len(found["poses"]) >= _FEWEST and bench.train:
             (Path(folder) / "found/images").symlink_to(root)
             row.update(_psnr(str(Path(folder) / "found"), bench))
     return row

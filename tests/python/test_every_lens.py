@@ -79,7 +79,10 @@ class Case:
         return self.train(self.data, steps=STEPS)
 
     def train(self, data: Path, **options) -> gsut.TrainResult:
-        settings = gsut.TrainOptions(sh_degree=0, seed=1, max_gaussians=300, **options)
+        black = (0.0, 0.0, 0.0)  # as the truth was rendered
+        settings = gsut.TrainOptions(
+            sh_degree=0, seed=1, max_gaussians=300, background=black, **options
+        )
         return gsut.train(gsut.load_dataset(data), settings, progress=False)
 
 

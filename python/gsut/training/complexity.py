@@ -30,8 +30,8 @@ _SCALE = 0.5  # of the images; the number of Gaussians falls with their pixels
 _ASIDE_EVERY, _ASIDE_MOST = 4, 8
 _STEP_DOWN = 3  # from one number of Gaussians to the next
 _LEAST = 6000  # Gaussians below which nothing is tried
-# What fewer Gaussians must gain on the views set aside: they settle sooner, a pilot is short, and of
-# two to four views chance alone makes 0.2 dB.
+# What fewer Gaussians must gain on the views set aside: they settle sooner, a pilot is short, and
+# of two to four views chance alone makes 0.2 dB.
 _LEAST_GAIN_DB = 0.3
 # Options whose defaults depend on the number of steps: a pilot has its own.
 _BY_STEPS = (

@@ -12,6 +12,7 @@ import tolerances
 from gsut import TrainOptions
 from gsut.cli import main
 from gsut.data.shutter import with_shutter
+from gsut.render import PixelFilter
 from gsut.render.pictures import to_uint8
 
 WIDTH, HEIGHT, FOCAL = 96, 72, 90.0
@@ -109,13 +110,16 @@ def test_render_of_held_out_views_keeps_the_rolling_shutter(video, tmp_path):
     assert main(["render", str(run), "--path", "test", "-o", str(out)]) == 0
     scene = with_shutter(gsut.load_dataset(video), readout_time=READOUT)
     gaussians = gsut.load_ply(run / "scene.ply")
+    train = scene.train_indices
+    lenses = [scene.camera(index) for index in train]
+    pixels = PixelFilter(gaussians, lenses, scene.poses(train))
     checked = 0
     for index in scene.test_indices:
         view, camera = scene.views[index], scene.camera(index)
         name = view.name.replace("/", "_")
         found = cv2.imread(str(out / name))[..., ::-1]
         rolling, still = (
-            to_uint8(gsut.render(gaussians, camera, place).image)
+            to_uint8(gsut.render(pixels.of(camera, place), camera, place, background=None).image)
             for place in (view.motion, view.camera_from_world)
         )
         assert np.array_equal(found, rolling)

@@ -46,9 +46,17 @@ def test_gains_are_found_and_raise_the_psnr(results):
     assert error < tol.LIGHT_GAIN
     # The gauge: training photographs have a mean log-gain of zero.
     assert np.abs(np.log(light.gains[train]).mean(axis=0)).max() < tol.LIGHT_GAUGE
-    gained = results["auto"].metrics["psnr"] - results["off"].metrics["psnr"]
+    gained = [results["auto"].metrics["psnr"] - results["off"].metrics["psnr"]]
+    for seed in (1, 2):  # one seed's PSNR is off by some tenths
+        off, auto = (
+            gsut.train(
+                scene, gsut.TrainOptions(exposure=mode, seed=seed, **OPTIONS), progress=False
+            )
+            for mode in ("off", "auto")
+        )
+        gained.append(auto.metrics["psnr"] - off.metrics["psnr"])
     print("gained", gained, "dB")
-    assert gained > tol.LIGHT_GAINED_DB
+    assert np.mean(gained) > tol.LIGHT_GAINED_DB
     assert any("differ in exposure" in note for note in results["auto"].metrics["notes"])
 
 
