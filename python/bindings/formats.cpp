@@ -58,10 +58,9 @@ py::tuple ReadPoints(const std::string& path) {
 }  // namespace
 
 void BindFormats(pybind11::module_& m) {
-  m.def(
-      "read_ply", &ReadPly, py::arg("path"),
-      "Means, quats, log_scales, opacity_logits, sh (float32), the number of rows that are not "
-      "finite, and what was taken off the means (3 numbers), of a PLY file.");
+  m.def("read_ply", &ReadPly, py::arg("path"),
+        "Means, quats, log_scales, opacity_logits, sh (float32), the number of rows that are not "
+        "finite, and what was taken off the means (3 numbers), of a PLY file.");
   m.def("write_ply", &WritePlyFile, py::arg("path"), py::arg("gaussians"),
         py::arg("comments") = std::vector<std::string>(),
         "Writes float32 Gaussians as a binary PLY file, atomically.");

@@ -158,8 +158,8 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
       sh.push_back(rest[static_cast<std::size_t>(channel * (k_count - 1) + k - 1)]);
     }
   }
-  const bool has_digits = header_.format == PlyFormat::kAscii ||
-                          element.properties[means[0]].type == PlyType::kFloat64;
+  const bool has_digits =
+      header_.format == PlyFormat::kAscii || element.properties[means[0]].type == PlyType::kFloat64;
   std::int64_t row = 0, not_finite = 0;
   ReadPlyRows(stream_, path_, header_, element_, [&](const double* values) {
     bool finite = true;
