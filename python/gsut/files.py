@@ -84,6 +84,17 @@ def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
+def refuse_existing(path: Path, by: str = "") -> None:
+    """Raises InputError where something is there already: a file is written under a new name.
+
+    Args:
+        path: to be written.
+        by: how another name is given, such as " with -o".
+    """
+    if path.exists():
+        raise InputError(f"{path} exists; give another name{by} (nothing was overwritten)")
+
+
 def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:
     """Writes text (as UTF-8) or bytes, see `whole_file`."""
     with whole_file(path) as temporary:

@@ -10,6 +10,7 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.cli._flags import FILE_SUFFIXES, add_json, add_moved_data, add_quiet, print_json
+from gsut.files import refuse_existing
 
 HELP = "fewer Gaussians for the same picture"
 DESCRIPTION = (
@@ -100,8 +101,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
     out = Path(arguments.out)
     if out.suffix.lower() != _PLY:
         raise InputError(f"-o {out}: of a PLY file a PLY file is made; give a name ending in .ply")
-    if out.exists():
-        raise InputError(f"{out} exists; give another name (nothing was overwritten)")
+    refuse_existing(out)
     gaussians = gsut.load_ply(arguments.source)
     keep, count = options.keep, None
     if options.target_bytes is not None:

@@ -9,6 +9,7 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json
+from gsut.files import refuse_existing
 
 HELP = "a scene in another format: SPZ, SOG, glTF, USD, PLY, a page for any browser"
 DESCRIPTION = (
@@ -52,8 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     out = Path(arguments.out)
     chosen = format_of(out)
-    if out.exists():
-        raise InputError(f"{out} exists; give another name (nothing was overwritten)")
+    refuse_existing(out)
     path = scene_file_of(Path(arguments.source))
     found = read_scene_file(path)
     gaussians, tuning = found.gaussians, None

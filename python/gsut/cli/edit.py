@@ -11,6 +11,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json
 from gsut.cli.convert import scene_file_of
+from gsut.files import refuse_existing
 
 HELP = "cut, level, scale and merge scenes"
 DESCRIPTION = (
@@ -85,8 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     out = Path(arguments.out)
     format_of(out)
-    if out.exists():
-        raise InputError(f"{out} exists; give another name (nothing was overwritten)")
+    refuse_existing(out)
     scale = _scale_of(arguments)
     files = [read_scene_file(scene_file_of(Path(source))) for source in arguments.sources]
     if len({file.antialiased for file in files}) > 1:

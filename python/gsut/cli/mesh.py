@@ -11,6 +11,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, add_run, print_json
+from gsut.files import refuse_existing
 
 HELP = "the surface as a mesh"
 DESCRIPTION = (
@@ -107,8 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     out = Path(arguments.out)
     check_mesh_name(out)
-    if out.exists():
-        raise InputError(f"{out} exists; give another name (nothing was overwritten)")
+    refuse_existing(out)
     for name in ("support", "threads"):
         if getattr(arguments, name) < 0:
             raise InputError(f"--{name} must be >= 0")

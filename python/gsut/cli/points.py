@@ -11,6 +11,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.cli._flags import add_force, add_json, add_quiet, check_first, print_json
+from gsut.files import refuse_existing
 
 if TYPE_CHECKING:
     from gsut.data import Scene
@@ -75,8 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
             )
     if out.suffix.lower() != ".ply":
         raise InputError(f"{out}: points are written as .ply; give such a name")
-    if out.exists():
-        raise InputError(f"{out} exists; give another name with -o (nothing was overwritten)")
+    refuse_existing(out, " with -o")
     check_first(scene.replace(points=np.zeros((0, 3)), point_colors=np.zeros((0, 3))),
                 arguments.force, quiet=True)  # fmt: skip
     if arguments.colour:

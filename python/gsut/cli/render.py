@@ -12,6 +12,7 @@ import numpy as np
 
 from gsut._core import CameraMotion, InputError
 from gsut.cli._flags import add_json, add_moved_data, parsed_size, print_json
+from gsut.files import refuse_existing
 
 HELP = "images or a film through any lens along any path"
 DESCRIPTION = (
@@ -230,8 +231,7 @@ def _write_video(
 ) -> None:
     from gsut.render import write_video
 
-    if path.exists():
-        raise InputError(f"{path} exists; give another name (nothing was overwritten)")
+    refuse_existing(path)
     if len({(camera.width, camera.height) for camera in cameras}) > 1:
         raise InputError("the images of a film must have one size; give --size")
     write_video(path, images, frames_per_second)

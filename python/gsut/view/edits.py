@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.compact import find_support
+from gsut.files import refuse_existing
 from gsut.formats import WriteSettings, format_of, save_gaussians
 from gsut.gaussians import ground_of, transformed, upright
 from gsut.view.frames import Frames
@@ -63,8 +64,7 @@ def save_edited(frames: Frames, values: dict[str, Any]) -> dict[str, Any]:
         raise InputError(f"give a file's name, without folders: it is saved in {folder}")
     path = folder / name
     format_of(path)
-    if path.exists():
-        raise InputError(f"{path} exists; give another name (nothing was overwritten)")
+    refuse_existing(path)
     scale = float(values.get("scale") or 1)
     if not 0 < scale < np.inf:
         raise InputError(f"lengths cannot be multiplied by {scale}")

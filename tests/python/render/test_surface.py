@@ -15,6 +15,7 @@ from random_scenes import (
     relative_error,
     small_camera,
 )
+from surface_scenes import lines_of
 
 STEP = 1e-5
 
@@ -26,16 +27,9 @@ def open_rule():
     return rule
 
 
-def lines_of(camera, motion):
-    """Origins and unit rays (H, W, 3) in the world, each line from its own pose."""
-    rays, valid = camera.rays()
-    origins, world = np.empty_like(rays), np.empty_like(rays)
-    for row in range(camera.height):
-        pose = motion if isinstance(motion, np.ndarray) else motion.at((row + 0.5) / camera.height)
-        rotation, shift = pose[:3, :3], pose[:3, 3]
-        origins[row] = (camera.origins()[row] - shift) @ rotation
-        world[row] = rays[row] @ rotation
-    return origins.reshape(-1, 3), world.reshape(-1, 3), valid.reshape(-1)
+def rays_of(camera, motion):
+    """`lines_of`, one row a pixel."""
+    return [part.reshape(-1, *part.shape[2:]) for part in lines_of(camera, motion)]
 
 
 def rotation_of(quat):
@@ -106,7 +100,7 @@ def scene_of(rng, kind, count=20):
 def test_surface_maps_equal_a_scalar_double_model(rng, kind):
     camera, g, motion, center = scene_of(rng, kind)
     surface = gsut.render_surface(gsut.render(g, camera, motion, blend=open_rule()))
-    origins, rays, valid = lines_of(camera, motion)
+    origins, rays, valid = rays_of(camera, motion)
     origins, rays = origins[valid], rays[valid]
     g = g.astype(np.float64)
     weights, along, before, normals = blended(g, center, origins, rays)
@@ -138,7 +132,7 @@ def test_surface_maps_equal_a_scalar_double_model(rng, kind):
 def test_gradient_of_normals_equals_central_differences(rng, kind):
     camera, g, motion, center = scene_of(rng, kind, 12)
     result = gsut.render(g, camera, motion, blend=open_rule())
-    origins, rays, valid = lines_of(camera, motion)
+    origins, rays, valid = rays_of(camera, motion)
     to = rng.normal(size=(camera.height, camera.width, 3)).astype(np.float32)
     to[~valid.reshape(to.shape[:2])] = 0
     found = gsut.render_surface_backward(result, to)
