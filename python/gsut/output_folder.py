@@ -119,15 +119,15 @@ def _claim(
         ) from None
     try:
         _lock(folder, descriptor)
-        content = {
-            "command": f"gsut {command}",
-            "version": _core.__version__,
-            "input": None if source is None else str(Path(source).resolve()),
-            "process": os.getpid(),
-        }
-        with open(os.dup(descriptor), "w", encoding="utf-8", errors="backslashreplace") as file:
-            file.truncate()
-            file.write(json.dumps(content, indent=2) + "\n")
+        if _owner(marker) != f"gsut {command}":  # new, or torn by a crash
+            content = {
+                "command": f"gsut {command}",
+                "version": _core.__version__,
+                "input": None if source is None else str(Path(source).resolve()),
+            }
+            with open(os.dup(descriptor), "w", encoding="utf-8", errors="backslashreplace") as file:
+                file.truncate()
+                file.write(json.dumps(content, indent=2) + "\n")
         for leftover in folder.glob(UNFINISHED + "*"):
             leftover.unlink()
     except OSError as error:

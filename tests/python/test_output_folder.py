@@ -43,6 +43,16 @@ def test_claim_of_what_the_same_command_wrote_goes_on_there(tmp_path):
     assert (tmp_path / "run" / "scene.ply").read_text() == "second"
 
 
+def test_claim_again_changes_no_file(tmp_path):
+    with claim_folder(tmp_path / "run", "train", tmp_path / "data") as held:
+        write_file(held.path / "scene.ply", "x")
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "run").iterdir()}
+    with claim_folder(tmp_path / "run", "train", tmp_path / "data"):
+        pass
+    assert len(before) == 2
+    assert before == {path: path.stat().st_mtime_ns for path in (tmp_path / "run").iterdir()}
+
+
 def test_claim_beside_somebody_elses_files_refuses_and_changes_nothing(tmp_path):
     (tmp_path / "transforms.json").write_text("precious")
     (tmp_path / "stages").mkdir()
