@@ -47,9 +47,9 @@ py::array_t<double> BackwardLines(const py::object& gaussians, const py::object&
   RayGradients rays;
   ShadingGradient shading;
   RenderReferenceBackward(ConstGaussians<double>(gaussians), view, Settings(rule, {0, 0, 0}, 3),
-                          ConstData<double>(dimage, "dimage", {h, w, 3}),
-                          OptionalData<double>(dalpha, "dalpha", {h, w}),
-                          OptionalData<double>(ddepth, "ddepth", {h, w}),
+                          {ConstData<double>(dimage, "dimage", {h, w, 3}),
+                           OptionalData<double>(dalpha, "dalpha", {h, w}),
+                           OptionalData<double>(ddepth, "ddepth", {h, w})},
                           MutableGaussians<double>(gradients), &rays, &shading);
   auto out = NewArray<double>({view.height, view.width, 6});
   using Eigen::Vector3d;

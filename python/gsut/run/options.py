@@ -216,6 +216,15 @@ class TrainOptions:
         "auto", "Loss", "exposure and white balance of each photograph are found and taken out: "
         "on, off, or auto: where photographs differ", choices=("auto", "on", "off"),
     )
+    surface: bool = option(
+        False, "Loss", "Gaussians become flat and agree on one surface: for depth, normals and "
+        "gsut mesh",
+    )
+    known_depth: str = option(
+        "auto", "Loss", "distances that --surface takes from the data: points, files (along the "
+        "ray; 16-bit pictures in millimetres, .npy in the data's units), off, or auto: files where "
+        "training views have them, else points", choices=("auto", "points", "files", "off"),
+    )
     robust: bool = option(
         False, "Loss", "areas of a photograph that differ from all others, such as passers-by, are "
         "left out of the loss", reason="+0.5 dB on the demo's hall with two in every photograph, "
