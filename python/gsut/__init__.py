@@ -94,6 +94,7 @@ from gsut.render import (
     weighted_psnr,
     write_png,
     write_video,
+    z_of_distance,
 )
 from gsut.run import TrainOptions
 from gsut.sfm import (
@@ -109,11 +110,17 @@ from gsut.sfm import (
 )
 from gsut.surface import (
     DepthMap,
+    Grid,
     Mesh,
     MeshOptions,
+    depth_maps,
+    depth_points,
+    extract_grid,
     extract_mesh,
     fuse_depth,
+    grid_of_depth,
     load_mesh,
+    save_grid,
     save_mesh,
 )
 from gsut.train import TrainResult, train
@@ -184,6 +191,7 @@ __all__ = [  # noqa: RUF022
     "render_surface",
     "Surface",
     "render_surface_backward",
+    "z_of_distance",
     "Shutter",
     "CameraMotion",
     "exp_pose",
@@ -197,14 +205,20 @@ __all__ = [  # noqa: RUF022
     "to_uint8",
     "write_png",
     "write_video",
-    # Make a mesh
+    # Make a mesh, a cloud, a grid
     "extract_mesh",
     "MeshOptions",
     "fuse_depth",
+    "depth_maps",
     "DepthMap",
     "Mesh",
     "save_mesh",
     "load_mesh",
+    "depth_points",
+    "extract_grid",
+    "grid_of_depth",
+    "Grid",
+    "save_grid",
     # Judge
     "evaluate",
     "psnr",
