@@ -18,3 +18,7 @@ SURFACE_EXACT = 1e-12  # a product of doubles
 SURFACE_LOSS_DIFFERENCES = 1e-6  # central differences of a smooth loss in double
 SURFACE_LOSS_FLOAT = 1e-4  # float maps, sums in double
 SURFACE_TERMS = 2e-3  # relative L2: float renders, and the blend's cut-offs, which differences see
+GRID_VOXELS = 0.3  # a mesh within a quarter voxel, its chords; worst 0.255
+CLOUD_UNITS = 5e-7  # float32 of a PLY at 4 units, float depths; worst 2.1e-7
+PLANE_POINTS = 1e-2  # discs of a thousandth of a unit, seen at a slant; worst 5.1e-3
+DEPTH_LEVELS = 0.51e-3  # half a level of 16 bits
