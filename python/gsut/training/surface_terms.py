@@ -36,7 +36,7 @@ class SurfaceWeights:
     normal: float = 0.2
     distortion: float = 0.3
     flatten: float = 1.0
-    known: float = 0.05
+    known: float = 0.3
     start: float = 0.15
     size: float = 0.5
 
