@@ -13,7 +13,7 @@ struct LightSums {
   double tc[3] = {}, cc[3] = {};
 };
 
-// Over unmasked pixels of every fourth row, where the photograph is neither black nor saturated in
+// Over unmasked pixels of every fourth row (of high images some 64 to 90 rows), where the photograph is neither black nor saturated in
 // any channel. bins: (H, W), each below num_bins, such as a ring of field angle; null: all 0.
 // sums: (num_bins), overwritten. The same bits on any number of threads.
 void SumLight(const PhotometricTarget& target, const float* image, const std::uint8_t* bins,
