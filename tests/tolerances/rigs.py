@@ -15,8 +15,6 @@ RIG_SIZE = 8.9e-16  # of a refined rig, relative; worst 4.5e-16
 RIG_REFINED_DEGREES = 0.021  # left of 0.5, 3 seeds; worst 0.0107
 RIG_REFINED_SHARE = 0.0035  # of the baseline, left of 0.01, 3 seeds; worst 0.0017
 OCAM_FILE = 1.2e-15  # relative, radians: text of doubles, affine part inverted; worst 5.6e-16
-    1e-12  # relative, radians: decimal text of doubles, an affine part inverted; worst PLACE
-)
 AROUND_SCALE_PERCENT = 1.0  # four moments of four fisheyes at 128 x 128; worst 0.49
 AROUND_METRES = 0.0074  # centres there, no scale taken out; worst 0.0037
 AROUND_COVERED = 0.98  # share of the pixels with a depth; worst 1.0
