@@ -31,6 +31,7 @@ PRESETS: dict[str, dict[str, Any]] = {
 COMMON_OPTIONS = (
     "preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "shutter",
     "refine_poses", "refine_lens", "max_gaussians", "sh_degree", "strategy",
+    "surface",
 )  # fmt: skip
 
 # "The rate of the means times the number of steps is what matters": 1.6e-3 at 500 steps, 8e-4 at
