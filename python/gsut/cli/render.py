@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut._core import CameraMotion, InputError
 from gsut.cli._flags import add_json, add_moved_data, parsed_size, print_json
-from gsut.files import refuse_existing
+from gsut.files import refuse_existing, whole_folder
 
 HELP = "images or a film through any lens along any path"
 DESCRIPTION = (
@@ -112,9 +112,9 @@ def run(arguments: argparse.Namespace) -> int:
         if film:
             _write_video(out, images(), cameras, arguments.fps)
         else:
-            new_folder(out)
-            for name, image in zip(names, images(), strict=True):
-                write_png(out / f"{name}.png", image)
+            with whole_folder(out) as folder:
+                for name, image in zip(names, images(), strict=True):
+                    write_png(folder / f"{name}.png", image)
     if arguments.json:
         print_json({"images": len(places), "out": str(out)})
     else:
@@ -133,17 +133,6 @@ def _stage(arguments: argparse.Namespace) -> Any:
             raise InputError("a file has no folder for its images: say where to, with -o")
         return stage_of(place, arguments.data)
     return stage_of(RunFolder.open(place).path, arguments.data)
-
-
-def new_folder(path: Path) -> Path:
-    """Makes a folder, which may exist if it is empty."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        if any(path.iterdir()):
-            raise InputError(f"{path} is not empty; give another folder (nothing was overwritten)")
-    except OSError as error:
-        raise InputError(f"cannot make the folder {path}: {error.strerror or error}") from None
-    return path
 
 
 def _pixel_filter(stage: Any) -> Any:
