@@ -100,7 +100,7 @@ def _figures(
     options: Any,
     scene: Any,
     gaussians: Any,
-    indices: list[int],
+    indices: Sequence[int],
     out: Path | None,
 ) -> dict[str, Any]:
     """The content of metrics.json, written to `out` beside the pictures, if given."""

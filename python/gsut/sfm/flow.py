@@ -77,8 +77,8 @@ def follow_pixels(
         with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as pool:
             neighbors = ([small[b] for b in others] for others in wanted)
             found = []
-            for arrived in pool.map(_follow, small, neighbors, grids):  # an error drops the rest
-                found.append(arrived)
+            for each in pool.map(_follow, small, neighbors, grids):  # an error drops the rest
+                found.append(each)
                 on_progress("flow", len(found), len(wanted), "")
     finally:
         cv2.setNumThreads(before)
