@@ -34,6 +34,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="which views [default test: the held-out ones]",
     )
     parser.add_argument(
+        "--scale",
+        type=float,
+        metavar="X",
+        help="size of the images to the files', such as 0.5, where it is not the one that was "
+        "trained at; Gaussians are then as wide as larger pixels ask",
+    )
+    parser.add_argument(
         "-o",
         "--out",
         type=folder_name,
@@ -67,11 +74,15 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.cli.render import new_folder
     from gsut.cli.train import print_figures
     from gsut.evaluate import evaluate
+    from gsut.render import PixelFilter
     from gsut.run import METRICS, Progress, RunFolder
     from gsut.training import read_light, read_trained
 
-    run = RunFolder.open(arguments.folder)
+    run, pixels = RunFolder.open(arguments.folder), None
     options, scene, gaussians = read_trained(run, arguments.data)
+    if arguments.scale is not None:
+        pixels = PixelFilter.of_run(gaussians, scene)
+        scene = read_trained(run, arguments.data, arguments.scale)[1]
     indices = {
         "test": scene.test_indices,
         "train": scene.train_indices,
@@ -90,6 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
             indices,
             background=options.background,
             light=read_light(run, scene),
+            pixels=pixels,
             render_folder=out,
             on_view=lambda done, total: bars.show("views", done, total),
         )
