@@ -265,6 +265,11 @@ def with_readout(options: PosesOptions, camera: str | None, taken: Capture) -> P
 
 
 def _rig_words(rig: dict[str, Any]) -> str:
+    if rig.get("found"):
+        return (
+            f"rig of two lenses found: {rig['frames_registered']} of {rig['frames_total']} frames, "
+            f"the back one turned by {rig['turn_degrees']:.2f} degrees"
+        )
     words = (
         f"rig: {rig['frames_registered']} of {rig['frames_total']} frames, in the unit of "
         f"{rig['file']} (baseline {rig['baseline']:.6g})"
