@@ -104,13 +104,13 @@ def find_video_shutter(
         on_progress: of the mapper.
     """
     nothing = VideoShutter(solution, None)
-    rates = rates_of_frames(solution, flows)
+    rates, spread = rates_of_frames(solution, flows)
     if np.isfinite(rates).all(axis=1).sum() < _FEWEST or len(set(solution.cameras)) > 1:
         return nothing
     found, forward = None, ""
     for direction in _directions(solution.cameras[0]):
         along_y = direction == "top_to_bottom"
-        other = readout_by_flow(solution, rates, along_y, lens_free, options.loss_scale)
+        other = readout_by_flow(solution, rates, spread, along_y, lens_free, options.loss_scale)
         if other and (found is None or other.clearness > found.clearness):
             found, forward = other, direction
     if found is None or found.clearness < _CLEAR or abs(found.time) > _LONGEST:
@@ -121,7 +121,7 @@ def find_video_shutter(
     shutter = Shutter(forward if sign > 0 else _BACKWARDS[forward])
     try:
         readout = _settled(
-            solution, features, pairs, options, rates, lens_free, shutter,
+            solution, features, pairs, options, rates, spread, lens_free, shutter,
             FlowReadout(abs(found.time), found.sigma),
         )  # fmt: skip
         moved = refine_registered(
@@ -140,6 +140,7 @@ def _settled(
     pairs: Sequence[PairMatches],
     options: PosesOptions,
     rates: np.ndarray,
+    spread: np.ndarray,
     lens_free: np.ndarray | None,
     shutter: Shutter,
     found: FlowReadout,
@@ -159,7 +160,7 @@ def _settled(
             solution, features, few, options, only=some, lens_free=lens_free, moving=moving
         )
         along_y = "top" in shutter.direction
-        more = readout_by_flow(moved, rates, along_y, lens_free, options.loss_scale)
+        more = readout_by_flow(moved, rates, spread, along_y, lens_free, options.loss_scale)
         if more is None or time > _LONGEST:
             break
         own = sign * more.time
@@ -168,7 +169,11 @@ def _settled(
         time, found = time + step, more
         if abs(step) < _SETTLED * time:
             break
-    return FlowReadout(time, found.sigma)
+    # What a correction falls short by, its standard deviation does too.
+    return FlowReadout(
+        time / found.reliability, found.sigma / ((1 - share) * found.reliability),
+        found.reliability,
+    )  # fmt: skip
 
 
 def _some_images(solution: Solution, pairs: Sequence[PairMatches], rates: np.ndarray) -> list[int]:
