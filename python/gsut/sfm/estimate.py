@@ -20,7 +20,7 @@ from gsut.files import write_file
 from gsut.output_folder import claim_folder
 from gsut.sfm.correspondences import OnProgress, collect_features, match_images
 from gsut.sfm.features import Features
-from gsut.sfm.finish import finish_solution, seeks_shutter
+from gsut.sfm.finish import finish_solution
 from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_candidates import guess_lenses
 from gsut.sfm.lens_pair import write_lens_pair
@@ -40,7 +40,6 @@ from gsut.sfm.solution import Solution, matches_in_points, solve
 from gsut.sfm.stages import Stages, digest
 
 RIG = "rig.json"
-_BEFORE_SHUTTER = 0.6  # of the time that mapping takes where a rolling shutter is sought
 # (photographs, features, pairs, options, on_progress) -> poses and points; lenses are known.
 Mapper = Callable[
     [
@@ -126,8 +125,6 @@ def find_poses(
     log = PosesLog(on_progress, notes_to)
     photographs, on_rig = _inputs(Path(images), camera, rig, unknown_lens, mapper, options)
     shutter = _shutter(photographs, options, mapper)
-    if seeks_shutter(photographs, shutter, options):
-        log.mapping_share = _BEFORE_SHUTTER
     claimed = claim_folder(out, "poses", images)
     folder = claimed.path
     key = _key(photographs, options, fov_degrees)

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from gsut._core import Shutter
 from gsut.sfm.earth import find_earth, moved_solution
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs
@@ -59,11 +58,11 @@ def finish_solution(
         folder: where all will be written.
     """
     lines: VideoShutter | None = None
-    if seeks_shutter(photographs, solution.shutter, options):
+    unsaid = solution.shutter is None and options.shutter == "auto"
+    if unsaid and photographs.flows:  # a video of whose shutter nothing was said
         lines = find_video_shutter(
-            solution, features, pairs, options, photographs.flows, flags,
-            log.on_images("mapping", log.mapping_share),
-        )  # fmt: skip
+            solution, features, pairs, options, photographs.flows, flags, log.on_share("shutter")
+        )
         solution = lines.solution
         log.note(lines.words())
     doubt: LensDoubt | None = None
@@ -76,7 +75,7 @@ def finish_solution(
     if flags is not None and photographs.frames is not None and solution.shutter is None:
         solution, rig, words = find_lens_pair(
             solution, photographs, features, pairs, options, flags, folder,
-            log.on_images("mapping", log.mapping_share),
+            log.on_images("rig"),
         )  # fmt: skip
         log.note(words)
     earth = find_earth(solution, photographs.orientations, photographs.places)
@@ -88,11 +87,6 @@ def finish_solution(
     if rig is not None:
         rig = scaled_rig(rig, earth.scale)
     return Finished(moved_solution(solution, earth), doubt, rig)
-
-
-def seeks_shutter(photographs: Photographs, shutter: Shutter | None, options: PosesOptions) -> bool:
-    """Whether these are frames of a video of whose shutter nothing was said."""
-    return shutter is None and options.shutter == "auto" and bool(photographs.flows)
 
 
 def _shutter_figures(

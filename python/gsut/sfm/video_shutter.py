@@ -37,6 +37,8 @@ _MATCHES = 150  # of a pair meanwhile: the most distinct
 # Of the diagonal: less motion during a readout is not worth the time that training takes longer.
 # The first estimate falls short by about that factor.
 _MATTERS, _SHORT = 1e-3, 2.0
+# Of the time: finding the readout; and, of what is left, each of the last adjustment's steps.
+_FINDING, _STEP_DONE = 0.5, 0.15
 _OBLONG = 1.2  # sides of a picture: less tells nothing of how the sensor was held
 _BACKWARDS = {"top_to_bottom": "bottom_to_top", "left_to_right": "right_to_left"}
 
@@ -90,7 +92,7 @@ def find_video_shutter(
     options: PosesOptions,
     flows: Mapping[str, np.ndarray],
     lens_free: np.ndarray | None,
-    on_progress: Callable[[int, int, int, str], None],
+    on_progress: Callable[[float, str], None],
 ) -> VideoShutter:
     """Looks for a rolling shutter in a solution without one.
 
@@ -101,7 +103,7 @@ def find_video_shutter(
         options: see PosesOptions.
         flows: see `rates_of_frames`, in seconds.
         lens_free: see `solve`.
-        on_progress: of the mapper.
+        on_progress: told which share of the work is done, and words.
     """
     nothing = VideoShutter(solution, None)
     rates, spread = rates_of_frames(solution, flows)
@@ -122,11 +124,18 @@ def find_video_shutter(
     try:
         readout = _settled(
             solution, features, pairs, options, rates, spread, lens_free, shutter,
-            FlowReadout(abs(found.time), found.sigma),
+            FlowReadout(abs(found.time), found.sigma), on_progress,
         )  # fmt: skip
+        share = _FINDING
+
+        def tell(*_: object) -> None:
+            nonlocal share
+            share += (1 - share) * _STEP_DONE
+            on_progress(share, f"lines read in {1000 * readout.time:.1f} ms")
+
         moved = refine_registered(
             solution, features, pairs, options, lens_free=lens_free,
-            moving=Moving(shutter, readout.time, rates), on_progress=on_progress,
+            moving=Moving(shutter, readout.time, rates), on_progress=tell,
         )  # fmt: skip
     except SolveError:
         return nothing
@@ -144,6 +153,7 @@ def _settled(
     lens_free: np.ndarray | None,
     shutter: Shutter,
     found: FlowReadout,
+    on_progress: Callable[[float, str], None],
 ) -> FlowReadout:
     """The readout time, corrected by the residuals that are left with it.
 
@@ -154,7 +164,8 @@ def _settled(
     few = keep_most_distinct(pairs, _MATCHES)
     sign = 1 if shutter.direction in _BACKWARDS else -1
     time, step, share = found.time, found.time, 0.0
-    for _ in range(_CORRECTIONS):
+    for number in range(_CORRECTIONS):
+        on_progress(_FINDING * number / _CORRECTIONS, f"lines read in {1000 * time:.1f} ms?")
         moving = Moving(shutter, time, rates, _HELD, extend=False)
         moved = refine_registered(
             solution, features, few, options, only=some, lens_free=lens_free, moving=moving
