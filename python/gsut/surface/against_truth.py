@@ -117,8 +117,8 @@ def _read_depth(scene: Any, index: int, folder: Path | None, unit: float) -> np.
         if not folder.is_dir():
             raise InputError(f"{folder}: no such file or folder")
         stem = Path(view.name).with_suffix("")
-        choices = [folder / base.with_suffix(s) for base in (stem, Path(stem.name))
-                   for s in (".npy", ".png")]  # fmt: skip
+        names = (stem, Path(*stem.parts[-2:]), Path(stem.name))  # of a rig with its camera's folder
+        choices = [folder / base.with_suffix(s) for base in names for s in (".npy", ".png")]
         path = next((choice for choice in choices if choice.is_file()), None)
     if path is None or not path.is_file():
         return None
