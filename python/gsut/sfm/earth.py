@@ -33,6 +33,7 @@ _MOST_OFF = 0.1  # of the path's size: GPS this far off gives no scale
 _CONTRADICTS, _CLEAR_WAY = 0.3, 20.0  # off by that share of so many metres: one of them is wrong
 _FITTING = 0.6  # share of the places that fit
 _TURN_UP = math.radians(10.0)  # that GPS may turn up against the cameras'
+_DRIFT = 0.3  # metres, within minutes: places near each other in time err alike
 _STRAIGHT = 0.1  # second extent of a path over its first, below which GPS's slope is its slope
 _UP_SIGMA = 0.01  # radians: GPS that knows up so well is asked for it
 
@@ -271,11 +272,11 @@ def _aligned(centers: np.ndarray, target: np.ndarray, up: np.ndarray | None) -> 
             )
         return _Aligned(None, False, figures, words)
     scale = transform[0]
-    sigma = share / math.sqrt(min(len(target), 9))
+    sigma = math.hypot(share / math.sqrt(min(len(target), 9)), _DRIFT / max(way, 1e-9))
     figures |= {"applied": True, "scale": scale, "scale_sigma_percent": 100 * sigma}
     words = (
         f"GPS gives metres and north (x east, y down, z north): {int(good.sum())} of {len(target)} "
-        f"places fit to {limit:.1f} m (median) on a path of {way:.0f} m about its middle; lengths "
+        f"places fit to {limit:.2f} m (median) on a path of {way:.0f} m about its middle; lengths "
         f"are good to about {200 * sigma:.0f} %"
     )
     return _Aligned(transform, turned_up, figures, words)
