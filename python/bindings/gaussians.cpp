@@ -2,9 +2,11 @@
 #include <pybind11/pybind11.h>
 
 #include "bindings/arrays.h"
+#include "bindings/long_call.h"
 #include "bindings/module.h"
 #include "gsut/base/parallel.h"
 #include "gsut/gaussians/harmonics.h"
+#include "gsut/gaussians/facing_axes.h"
 #include "gsut/gaussians/low_pass.h"
 #include "gsut/gaussians/seed.h"
 #include "gsut/gaussians/seed_distances.h"
@@ -41,7 +43,7 @@ py::array_t<double> Colors(const py::object& directions_object, const py::object
   const double* in = directions.data();
   const double* coefficients = sh.data();
   double* out = colors.mutable_data();
-  const py::gil_scoped_release release;
+  const LongCall released;
   ParallelFor(directions.shape(0), kChunkRows, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       EvalHarmonics(degree, in + 3 * i, coefficients + 3 * k * i, out + 3 * i);
@@ -56,7 +58,7 @@ py::array_t<double> NeighborDistances(const py::object& points_object) {
   auto distances = NewArray<double>({static_cast<py::ssize_t>(count)});
   const double* in = points.data();
   double* out = distances.mutable_data();
-  const py::gil_scoped_release release;
+  const LongCall released;
   const std::vector<double> means = MeanNeighborDistances(in, count);
   std::copy(means.begin(), means.end(), out);
   return distances;
@@ -114,6 +116,27 @@ void LowPassGradients(const py::object& gaussians, const py::object& radii,
                       : LowPassBackwardAs<float>(gaussians, radii, gradients);
 }
 
+template <class T>
+void FacingAxesAs(const py::object& gaussians, const std::array<double, 3>& center,
+                  const py::object& sh) {
+  const auto view = ConstGaussians<T>(gaussians);
+  T* out = MutableData<T>(sh, "sh", {view.size, 1, 3});
+  const py::gil_scoped_release release;
+  FacingAxes(view, center.data(), out);
+}
+
+template <class T>
+void FacingAxesBackwardAs(const py::object& gaussians, const std::array<double, 3>& center,
+                          const py::object& dsh, const py::object& gradients, double flatten) {
+  const auto view = ConstGaussians<T>(gaussians);
+  const T* slopes = ConstData<T>(dsh, "dsh", {view.size, 1, 3});
+  const auto out = MutableGaussians<T>(gradients);
+  if (out.size != view.size) throw InputError("gradients must be shaped like the Gaussians");
+  const py::gil_scoped_release release;
+  FacingAxesBackward(view, center.data(), slopes, out.quats);
+  if (flatten > 0.0) FlattenGradient(view, flatten, out.log_scales);
+}
+
 }  // namespace
 
 void BindGaussians(pybind11::module_& m) {
@@ -127,6 +150,27 @@ void BindGaussians(pybind11::module_& m) {
   m.def("seed_from_points", &Seed, py::arg("points"), py::arg("colors"), py::arg("gaussians"),
         py::arg("scale_factor"), py::arg("opacity"),
         "Fills float32 Gaussians from points (N,3) and colours (N,3) in [0, 1].");
+  m.def(
+      "facing_axes",
+      [](const py::object& gaussians, const std::array<double, 3>& center, const py::object& sh) {
+        IsDouble(gaussians) ? FacingAxesAs<double>(gaussians, center, sh)
+                            : FacingAxesAs<float>(gaussians, center, sh);
+      },
+      py::arg("gaussians"), py::arg("center"), py::arg("sh"),
+      "Writes the shortest axes, facing the centre, as harmonics (N,1,3) of colours 0.5 + 0.5 "
+      "axis.");
+  m.def(
+      "facing_axes_backward",
+      [](const py::object& gaussians, const std::array<double, 3>& center, const py::object& dsh,
+         const py::object& gradients, double flatten) {
+        IsDouble(gaussians)
+            ? FacingAxesBackwardAs<double>(gaussians, center, dsh, gradients, flatten)
+            : FacingAxesBackwardAs<float>(gaussians, center, dsh, gradients, flatten);
+      },
+      py::arg("gaussians"), py::arg("center"), py::arg("dsh"), py::arg("gradients"),
+      py::arg("flatten") = 0.0,
+      "Adds the gradients through facing_axes to the quats, and those of flatten x mean of the "
+      "shortest scale to the log_scales.");
   m.def("low_pass", &LowPass, py::arg("gaussians"), py::arg("radii"), py::arg("out"),
         "Writes the filtered log_scales and opacity_logits into `out`.");
   m.def("low_pass_backward", &LowPassGradients, py::arg("gaussians"), py::arg("radii"),

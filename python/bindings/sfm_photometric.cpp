@@ -9,6 +9,7 @@
 
 #include "bindings/arrays.h"
 #include "bindings/geometry.h"
+#include "bindings/long_call.h"
 #include "bindings/module.h"
 #include "gsut/raster/render.h"
 #include "gsut/sfm/photometric.h"
@@ -80,7 +81,7 @@ py::tuple ColorJacobian(const py::object& gaussians, const Camera& camera, const
   auto by_ray = NewArray<double>({count, 3, 3});
   double* outputs[3] = {colors.mutable_data(), by_center.mutable_data(), by_ray.mutable_data()};
   {
-    const py::gil_scoped_release release;
+    const LongCall released;
     scene.Evaluate(camera, camera_from_world, chosen, outputs[0], outputs[1], outputs[2]);
   }
   return py::make_tuple(colors, by_center, by_ray);
@@ -107,6 +108,7 @@ py::dict Refine(const py::object& gaussians, const std::vector<const Camera*>& c
   GaussianColors scene =
       MakeScene(ConstGaussians<float>(gaussians), rule, background, sh_degree, unscented);
   std::vector<Camera> lenses;
+  lenses.reserve(cameras.size());
   for (const Camera* camera : cameras) lenses.push_back(*camera);
   std::vector<PhotometricImage> images;
   for (const py::handle& item : views) {
@@ -123,7 +125,7 @@ py::dict Refine(const py::object& gaussians, const std::vector<const Camera*>& c
   const PhotometricOptions options = ReadOptions(settings);
   PhotometricSummary summary;
   {
-    const py::gil_scoped_release release;
+    const LongCall released;
     summary = RefinePhotometric(&scene, &lenses, &images, options);
   }
   py::list poses, gains, lens_params, covariances;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +18,7 @@ from gsut.cli._flags import (
     folder_name,
     print_json,
 )
+from gsut.files import whole_folder
 
 HELP = "figures on the held-out images"
 DESCRIPTION = (
@@ -32,6 +34,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         choices=("test", "train", "all"),
         default="test",
         help="which views [default test: the held-out ones]",
+    )
+    parser.add_argument(
+        "--scale",
+        type=float,
+        metavar="X",
+        help="size of the images to the files', such as 0.5, where it is not the one that was "
+        "trained at; Gaussians are then as wide as larger pixels ask",
     )
     parser.add_argument(
         "-o",
@@ -64,14 +73,15 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.cli.render import new_folder
     from gsut.cli.train import print_figures
-    from gsut.evaluate import evaluate
-    from gsut.run import METRICS, Progress, RunFolder
-    from gsut.training import read_light, read_trained
+    from gsut.run import RunFolder
+    from gsut.training import read_trained
 
     run = RunFolder.open(arguments.folder)
-    options, scene, gaussians = read_trained(run, arguments.data)
+    options, trained_on, gaussians = read_trained(run, arguments.data)
+    scene = trained_on
+    if arguments.scale is not None:
+        scene = read_trained(run, arguments.data, arguments.scale)[1]
     indices = {
         "test": scene.test_indices,
         "train": scene.train_indices,
@@ -81,27 +91,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             f"{scene.path} has no {arguments.split} views with these options; try --split all"
         )
-    out = new_folder(Path(arguments.out)) if arguments.out else None
     check_first(scene, arguments.force, quiet=True)
-    with Progress(sys.stderr.isatty()) as bars:
-        figures = evaluate(
-            gaussians,
-            scene,
-            indices,
-            background=options.background,
-            light=read_light(run, scene),
-            render_folder=out,
-            on_view=lambda done, total: bars.show("views", done, total),
-        )
-    figures["num_gaussians"] = len(gaussians)
-    if options.refine_poses:
-        print("gsut: note: poses as the run refined them, held-out views aligned", file=sys.stderr)
-    if out is not None:
-        RunFolder(out).write_json(METRICS, figures)
-    if arguments.geometry is not None:
-        figures["geometry"] = _geometry(arguments, gaussians, scene, indices, options.background)
-        if out is not None:
-            RunFolder(out).write_json(METRICS, figures)
+    with whole_folder(arguments.out) if arguments.out else contextlib.nullcontext() as out:
+        figures = _figures(arguments, run, options, (trained_on, scene), gaussians, indices, out)
     if arguments.json:
         print_json(figures)
     else:
@@ -110,6 +102,47 @@ def run(arguments: argparse.Namespace) -> int:
         print_figures(figures)
         print_geometry(figures.get("geometry", {}))
     return 0
+
+
+def _figures(
+    arguments: argparse.Namespace,
+    run: Any,
+    options: Any,
+    scenes: tuple[Any, Any],
+    gaussians: Any,
+    indices: Sequence[int],
+    out: Path | None,
+) -> dict[str, Any]:
+    """The content of metrics.json, written to `out` beside the pictures, if given.
+
+    scenes: as it was trained on, and as it is judged.
+    """
+    from gsut.evaluate import evaluate
+    from gsut.render import PixelFilter
+    from gsut.run import METRICS, Progress, RunFolder
+    from gsut.training import read_light
+
+    trained_on, scene = scenes
+    pixels = None if scene is trained_on else PixelFilter.of_run(gaussians, trained_on)
+    with Progress(sys.stderr.isatty()) as bars:
+        figures = evaluate(
+            gaussians,
+            scene,
+            indices,
+            background=options.background,
+            light=read_light(run, scene),
+            pixels=pixels,
+            render_folder=out,
+            on_view=lambda done, total: bars.show("views", done, total),
+        )
+    figures["num_gaussians"] = len(gaussians)
+    if options.refine_poses:
+        print("gsut: note: poses as the run refined them, held-out views aligned", file=sys.stderr)
+    if arguments.geometry is not None:
+        figures["geometry"] = _geometry(arguments, gaussians, scene, indices, options.background)
+    if out is not None:
+        RunFolder(out).write_json(METRICS, figures)
+    return figures
 
 
 def _geometry(

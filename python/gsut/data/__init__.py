@@ -12,8 +12,9 @@ from gsut.data.capture_file import (
 from gsut.data.check_colors import check_colors, view_agreement
 from gsut.data.check_geometry import check_lenses, check_points, check_poses
 from gsut.data.check_images import check_bits
-from gsut.data.color_points import UNCOLORED, color_points, has_colors
+from gsut.data.color_points import UNCOLORED, color_points, has_colors, points_seen
 from gsut.data.convert import convert_dataset, save_dataset, writable_layouts
+from gsut.data.depth_files import MILLIMETRE, read_depth
 from gsut.data.digests import scene_digests
 from gsut.data.doctor import diagnose, findings_text
 from gsut.data.findings import SEVERITIES, DatasetError, Finding, some_names, sorted_findings
@@ -45,6 +46,7 @@ __all__ = [
     "CAPTURE",
     "CAPTURE_FOLDER",
     "IMAGE_SUFFIXES",
+    "MILLIMETRE",
     "OPENGL_FROM_OPENCV",
     "PARTS",
     "SEVERITIES",
@@ -88,8 +90,10 @@ __all__ = [
     "load_points_ply",
     "make_scene",
     "points_ply",
+    "points_seen",
     "read_capture",
     "read_dataset",
+    "read_depth",
     "read_header",
     "read_path",
     "read_rig",
