@@ -78,7 +78,8 @@ class BoundRenderer {
   void Render(const py::object& gaussians, const Camera& camera, const py::object& pose,
               const BlendRule& rule, const std::array<double, 3>& background, int sh_degree,
               const std::array<double, 3>& unscented, const py::object& image,
-              const py::object& alpha, const py::object& depth, bool keep) {
+              const py::object& alpha, const py::object& depth, bool keep,
+              const py::object& tiles) {
     const std::optional<HarmonicsRows> sh_rows = MixedRows(gaussians);
     const auto view = ConstGaussians<float>(gaussians, sh_rows ? &*sh_rows : nullptr);
     motion_ = ReadMotion(pose);
@@ -95,6 +96,9 @@ class BoundRenderer {
     options.with_depth = depth_data != nullptr;
     options.keep_for_backward = keep;
     options.sh_rows = sh_rows;
+    const auto in_tiles = [](std::int64_t pixels) { return (pixels + kTileSize - 1) / kTileSize; };
+    options.tiles =
+        OptionalData<std::uint8_t>(tiles, "tiles", {in_tiles(height_), in_tiles(width_)});
     sh_rows_ = sh_rows;
     gaussians_ = gaussians;
     const py::gil_scoped_release release;
@@ -320,7 +324,7 @@ Raises:
       .def("render", &BoundRenderer::Render, py::arg("gaussians"), py::arg("camera"),
            py::arg("camera_from_world"), py::arg("rule"), py::arg("background"),
            py::arg("sh_degree"), py::arg("unscented"), py::arg("image"), py::arg("alpha"),
-           py::arg("depth"), py::arg("keep"))
+           py::arg("depth"), py::arg("keep"), py::arg("tiles") = py::none())
       .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("dalpha"),
            py::arg("ddepth"), py::arg("gradients"), py::arg("touched"), py::arg("write_untouched"),
            py::arg("with_poses") = true, py::arg("with_lens") = false)

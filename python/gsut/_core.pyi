@@ -356,6 +356,7 @@ class Renderer:
         alpha: NDArray[np.float32] | None,
         depth: NDArray[np.float32] | None,
         keep: bool,
+        tiles: NDArray[np.uint8] | None = None,
     ) -> None: ...
     def backward(
         self,
