@@ -24,6 +24,7 @@ from gsut._core import (
     set_isa,
     set_num_threads,
 )
+from gsut.blocks import BlocksResult, train_blocks
 from gsut.check import diagnose
 from gsut.compact import Compaction, SeenView, compact, seen_views
 from gsut.data import (
@@ -88,7 +89,7 @@ from gsut.render import (
     write_png,
     write_video,
 )
-from gsut.run import TrainOptions
+from gsut.run import BlockOptions, TrainOptions
 from gsut.sfm import (
     PoseErrors,
     PosesOptions,
@@ -147,6 +148,9 @@ __all__ = [  # noqa: RUF022
     "train",
     "TrainOptions",
     "TrainResult",
+    "train_blocks",
+    "BlockOptions",
+    "BlocksResult",
     "load_run",
     "TrainedRun",
     # Write a training loop
