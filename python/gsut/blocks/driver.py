@@ -14,6 +14,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.blocks.block_map import write_map
+from gsut.blocks.cluster import Cluster
 from gsut.blocks.coarse import Coarse, train_coarse
 from gsut.blocks.layout import Layout, bisect
 from gsut.blocks.plan import (
@@ -94,8 +95,9 @@ def train_blocks(
     _core.set_num_threads(o.threads)
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
+    engine = Workers(b.workers, o.threads) if b.cluster is None else Cluster(b.cluster)
     run, o = _open_run(out, o, scene, resume)
-    training = _Training(run, o, b, prepare_scene(scene.centred, o.resolved()), progress)
+    training = _Training(run, o, b, prepare_scene(scene.centred, o.resolved()), engine, progress)
     with training.stage("coarse"):
         training.coarse = training.train_coarse()  # everything; poses, lens and light, then frozen
     with training.stage("layout"):
@@ -142,9 +144,11 @@ class _Training:
         options: TrainOptions,
         blocks: BlockOptions,
         scene: Scene,
+        engine: Workers | Cluster,
         progress: bool,
     ) -> None:
         self._run, self._blocks, self._progress = run, blocks, progress
+        self._engine = engine
         if options.background is None:
             options = dataclasses.replace(options, background=plain_background(scene))
         self._options, self._scene = options, scene
@@ -273,9 +277,8 @@ class _Training:
     def run_round(self, number: int, jobs: list[Job]) -> Gaussians:
         """Trains all blocks of a round; their Gaussians in the order of the blocks."""
         board = _Board(jobs, self._progress)
-        workers = Workers(self._blocks.workers, self._options.threads)
         try:
-            workers.run(jobs, board.report)
+            self._engine.run(jobs, board.report)
         finally:
             board.close()
             _core.set_num_threads(self._options.threads)
