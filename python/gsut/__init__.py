@@ -1,6 +1,6 @@
 """gsut: 3D Gaussian splatting for photographs from any real lens, without a GPU.
 
-By task: `load_dataset`, `load_camera`, `diagnose` read; `estimate_poses`, `refine_pose`,
+By task: `load_dataset`, `load_camera`, `doctor` read; `find_poses`, `refine_pose`,
 `localize_image` find poses; `train` trains, and `render`, `photometric_loss`, `render_backward` and
 `GaussianOptimizer` make a training loop of your own; `render`, `project`, `orbit_path`,
 `write_video` draw; `evaluate`, `psnr`, `ssim` judge; `compact` reduces; `save_gaussians`
@@ -25,8 +25,9 @@ from gsut._core import (
     set_num_threads,
 )
 from gsut.blocks import BlocksResult, train_blocks
-from gsut.check import diagnose
-from gsut.compact import Compaction, SeenView, compact, seen_views
+from gsut.capture import Capture, capture
+from gsut.check import doctor
+from gsut.compact import Compaction, SeenView, Support, compact, find_support, seen_views
 from gsut.data import (
     DatasetError,
     Finding,
@@ -43,10 +44,16 @@ from gsut.formats import load_gaussians, load_ply, save_gaussians, save_ply
 from gsut.gaussians import (
     Gaussians,
     filter_radii,
+    ground_of,
+    inside_box,
+    inside_sphere,
     low_pass,
     low_pass_backward,
+    merged,
     seed_from_points,
     seed_in_view,
+    transformed,
+    upright,
 )
 from gsut.lens import (
     Camera,
@@ -88,24 +95,33 @@ from gsut.render import (
     weighted_psnr,
     write_png,
     write_video,
+    z_of_distance,
 )
 from gsut.run import BlockOptions, TrainOptions
 from gsut.sfm import (
+    DatasetCalibration,
     PoseErrors,
     PosesOptions,
     PosesResult,
     TriangulatedPoints,
+    calibrate_from_dataset,
     compare_poses,
-    estimate_poses,
+    find_poses,
     triangulate,
 )
 from gsut.surface import (
     DepthMap,
+    Grid,
     Mesh,
     MeshOptions,
+    depth_maps,
+    depth_points,
+    extract_grid,
     extract_mesh,
     fuse_depth,
+    grid_of_depth,
     load_mesh,
+    save_grid,
     save_mesh,
 )
 from gsut.train import TrainResult, train
@@ -120,7 +136,7 @@ __all__ = [  # noqa: RUF022
     "convert_dataset",
     "Scene",
     "View",
-    "diagnose",
+    "doctor",
     "Finding",
     "load_camera",
     "Camera",
@@ -129,9 +145,13 @@ __all__ = [  # noqa: RUF022
     "LensProfile",
     "convert_camera",
     "Conversion",
+    "calibrate_from_dataset",
+    "DatasetCalibration",
     "SplineGrid",
     # Find poses
-    "estimate_poses",
+    "capture",
+    "Capture",
+    "find_poses",
     "PosesOptions",
     "PosesResult",
     "compare_poses",
@@ -175,6 +195,7 @@ __all__ = [  # noqa: RUF022
     "render_surface",
     "Surface",
     "render_surface_backward",
+    "z_of_distance",
     "Shutter",
     "CameraMotion",
     "exp_pose",
@@ -188,14 +209,20 @@ __all__ = [  # noqa: RUF022
     "to_uint8",
     "write_png",
     "write_video",
-    # Make a mesh
+    # Make a mesh, a cloud, a grid
     "extract_mesh",
     "MeshOptions",
     "fuse_depth",
+    "depth_maps",
     "DepthMap",
     "Mesh",
     "save_mesh",
     "load_mesh",
+    "depth_points",
+    "extract_grid",
+    "grid_of_depth",
+    "Grid",
+    "save_grid",
     # Judge
     "evaluate",
     "psnr",
@@ -208,6 +235,15 @@ __all__ = [  # noqa: RUF022
     "Compaction",
     "seen_views",
     "SeenView",
+    # Edit
+    "merged",
+    "inside_box",
+    "inside_sphere",
+    "find_support",
+    "Support",
+    "ground_of",
+    "upright",
+    "transformed",
     # Save
     "save_gaussians",
     "load_gaussians",

@@ -22,8 +22,8 @@ from gsut.sfm import (
     PosesOptions,
     compare_poses,
     errors_against,
-    estimate_poses,
     find_photographs,
+    find_poses,
     poses_by_path,
 )
 from tests.bench import pycolmap_poses
@@ -219,7 +219,7 @@ def _measure(data: Path, lens: str, shutter: str, bench: PosesBenchOptions) -> d
     options = _settings(data, shutter, bench.threads)
     with tempfile.TemporaryDirectory(prefix="gsut-poses-") as folder:
         try:
-            result = estimate_poses(
+            result = find_poses(
                 data, folder, unknown_lens=lens == "unknown", options=options,
                 camera=None if lens in LENSES else _fitted_lens(data, lens, Path(folder)),
             )  # fmt: skip

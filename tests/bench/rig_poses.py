@@ -16,7 +16,7 @@ from gsut.data import Rig, inverse, read_rig, relative_changes, write_rig
 from gsut.sfm import (
     PosesOptions,
     errors_against,
-    estimate_poses,
+    find_poses,
 )
 
 DISTURBED_DEGREES = 0.5
@@ -117,9 +117,9 @@ def _measure(
         try:
             if with_rig:
                 write_rig(disturbed(truth) if wrong else truth, rig)
-                result = estimate_poses(data, out, rig=rig, refine_rig=refined, options=settings)
+                result = find_poses(data, out, rig=rig, refine_rig=refined, options=settings)
             else:
-                result = estimate_poses(data, out, options=settings)
+                result = find_poses(data, out, options=settings)
         except SolveError as error:
             return {**row, "failure": str(error)}
         figures = result.figures

@@ -14,7 +14,7 @@ from gsut._core import SolveError
 from gsut.data import read_dataset
 from gsut.demo import make_demo_scene
 from gsut.files import write_file
-from gsut.sfm import PosesOptions, PosesResult, estimate_poses
+from gsut.sfm import PosesOptions, PosesResult, find_poses
 from tests.bench.report_rows import table_text
 
 HELP = "poses without a lens: what is found, and the time over that with the lens known"
@@ -71,7 +71,7 @@ def measure(data: Path, out: Path, threads: int) -> dict[str, Any]:
     options = PosesOptions(threads=threads)
     row: dict[str, Any] = {"data": data.name, **dict.fromkeys(key for _, key, _ in COLUMNS[1:])}
     try:
-        found = estimate_poses(data, out / "unknown", unknown_lens=True, options=options)
+        found = find_poses(data, out / "unknown", unknown_lens=True, options=options)
     except SolveError as error:
         return row | {"registered": 0, "verdict": "refused", "words": str(error)}
     lens = found.solution.cameras[0]
@@ -99,7 +99,7 @@ def measure(data: Path, out: Path, threads: int) -> dict[str, Any]:
 def _with_lens(data: Path, found: PosesResult, out: Path, options: PosesOptions) -> PosesResult:
     """Once more, the lens known: the dataset's own, or the one found."""
     if (data / "transforms.json").is_file():
-        return estimate_poses(data, out / "known", options=options)
+        return find_poses(data, out / "known", options=options)
     file = out / "found.lens.json"
     found.solution.cameras[0].save(file)
-    return estimate_poses(data, out / "known", camera=file, options=options)
+    return find_poses(data, out / "known", camera=file, options=options)

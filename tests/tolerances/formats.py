@@ -67,6 +67,6 @@ PLACED = 2e-5  # of coordinates to 40 and harmonics to 1, turned in float32; wor
 # Of 400 blobs with harmonics; Spark keeps these in few bits. Worst 30.0, SuperSplat 35.9
 REAL_VIEWER_DB = 29.0
 REAL_VIEWER_TURNED_DB = 23.0  # turned 16.1, without harmonics 22.0
-SPZ_DIRECTION = 1e-6  # half a step of 8388607; worst 1.8e-7
+SPZ_DIRECTION = 1.2e-7  # of float32 coordinates, two units; worst 6e-8
 HOSTILE_BYTES = 4_800_000  # of memory asked for over files of 10 to 100 kB; worst 2.4 MB
 THREE_VIEWER_DB = 26.0  # three.js ends each Gaussian at two standard deviations; found 27.3

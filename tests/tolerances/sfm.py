@@ -45,5 +45,5 @@ POINTS_SPONZA_MEDIAN_RELATIVE = 0.025  # 10 images of 480 px, hidden points too;
 POINTS_FAR_METRES = 2.5e-8  # triangulated 5.4e6 m from the origin; worst 1.3e-8
 POINTS_ROLLING = 1e-12  # units, exact pixels of a rolling shutter; worst 1.4e-14
 POINTS_COLOUR_LEVELS = 12.0  # of 255, median, points off by 1 cm; worst 6
-POSITIONS_FIT = 1e-5  # metres, of coordinates of 5e6: 1e-9 of a double there; worst 3e-9
+POSITIONS_FIT = 1e-8  # metres, of coordinates of 5e6: a double steps by 1e-9 there; worst 1e-9
 GEODETIC_METRES = 0.005  # metres at 111 m: the earth's curve is 1 mm there; worst 1.0e-3

@@ -12,3 +12,7 @@ MESH_OBJ_FAR = 1e-2  # 9 digits of 5.5e6
 MESH_COLORS = 3e-3  # 8 bits, 4 digits
 HALL_MESH = 5e-3  # metres: circles of 64 sides at a slant
 PLANE_DEPTH = 2e-3  # relative: discs of a thousandth's thickness, depths in millimetres
+GRID_VOXELS = 0.3  # a mesh within a quarter voxel, its chords; worst 0.255
+CLOUD_UNITS = 5e-7  # float32 of a PLY at 4 units, float depths; worst 2.1e-7
+PLANE_POINTS = 1e-2  # discs of a thousandth of a unit, seen at a slant; worst 5.1e-3
+DEPTH_LEVELS = 0.51e-3  # half a level of 16 bits

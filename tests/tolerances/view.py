@@ -11,4 +11,4 @@ FILM_PSNR_DB = {".mp4": 32.0, ".webm": 32.0, ".gif": 28.0}
 TOUR_AWAY = 1.0
 # between the view and that of the nearest photograph, of a ring with one every 9 degrees; worst 3.6
 TOUR_TURN_DEGREES = 7.0
-MEASURED = 2e-6  # scene units of a few, float32 means turned in double; worst 9e-7
+MEASURED = 2e-6  # scene units of a few, float32 means turned in double; worst 6e-7

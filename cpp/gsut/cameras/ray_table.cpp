@@ -28,8 +28,9 @@ void BuildRays(const Camera& camera, RayTable* table) {
     std::uint8_t seen[kBatch];
     const std::int64_t count = end - begin;
     for (std::int64_t i = 0; i < count; ++i) {
-      pixels[2 * i] = static_cast<double>((begin + i) % width) + 0.5;
-      pixels[2 * i + 1] = static_cast<double>((begin + i) / width) + 0.5;
+      const std::int64_t column = (begin + i) % width, row = (begin + i) / width;
+      pixels[2 * i] = static_cast<double>(column) + 0.5;
+      pixels[2 * i + 1] = static_cast<double>(row) + 0.5;
     }
     double* rays = &table->rays[static_cast<std::size_t>(3 * begin)];
     std::uint8_t* valid = &table->valid[static_cast<std::size_t>(begin)];

@@ -146,13 +146,6 @@ int PlyTypeBytes(PlyType type) {
   return 0;
 }
 
-bool PlyElement::HasLists() const {
-  for (const PlyProperty& property : properties) {
-    if (property.is_list) return true;
-  }
-  return false;
-}
-
 std::int64_t PlyElement::RowBytes() const {
   std::int64_t bytes = 0;
   for (const PlyProperty& property : properties) bytes += PlyTypeBytes(property.type);

@@ -117,9 +117,9 @@ HWY_INLINE void AddTouched(std::uint64_t touched, int cell_x, int cell_y, const 
   }
 }
 
-// Looks at the tiles of one cell.
-HWY_INLINE void TouchCell(const TileGrid& grid, const FormLanes& forms, int cell_x, int cell_y,
-                          const TileWindow& window, TouchedRows* rows, TileWindow* hits) {
+// The touched tiles of one cell: bit 4 row + column.
+HWY_INLINE std::uint64_t TouchedInCell(const TileGrid& grid, const FormLanes& forms, int cell_x,
+                                       int cell_y) {
   const FloatTag d;
   const float* tiles = &grid.cell_tiles[(static_cast<std::size_t>(cell_y) * grid.cells_x + cell_x) *
                                         RayBundle::kSize * kCellTiles];
@@ -128,7 +128,12 @@ HWY_INLINE void TouchCell(const TileGrid& grid, const FormLanes& forms, int cell
     const auto load = [&](int k) HWY_ATTR { return hn::Load(d, tiles + k * kCellTiles + i); };
     touched |= MaskBits(TouchedBundles(forms, load)) << i;
   }
-  AddTouched(touched, cell_x, cell_y, window, rows, hits);
+  return touched;
+}
+
+HWY_INLINE void TouchCell(const TileGrid& grid, const FormLanes& forms, int cell_x, int cell_y,
+                          const TileWindow& window, TouchedRows* rows, TileWindow* hits) {
+  AddTouched(TouchedInCell(grid, forms, cell_x, cell_y), cell_x, cell_y, window, rows, hits);
 }
 
 // The rectangle around the tiles of `window` that the footprint may touch; empty if none.
@@ -195,6 +200,61 @@ HWY_INLINE TileRect ExactTileRect(const TileGrid& grid, const float* r, TouchedR
   return RectOf(hits, *rows, spans);
 }
 
+// Most windows lie in 2 x 2 cells: their tiles fit into one word, a byte a row, which needs no
+// rows.
+struct TileWord {
+  int base_x = 0, base_y = 0;  // the first tile of the cells
+  std::uint64_t bits = 0;
+
+  TileWord() = default;
+
+  static HWY_INLINE bool Holds(const TileWindow& window) {
+    return (window.x1 - 1) / kCellSize - window.x0 / kCellSize < 2 &&
+           (window.y1 - 1) / kCellSize - window.y0 / kCellSize < 2;
+  }
+
+  // The touched tiles of a window that it holds.
+  HWY_INLINE TileWord(const TileGrid& grid, const FormLanes& forms, const TileWindow& window)
+      : base_x(window.x0 / kCellSize * kCellSize),
+        base_y(window.y0 / kCellSize * kCellSize) {
+    static_assert(2 * kCellSize == 8);
+    for (int y = base_y; y < window.y1; y += kCellSize) {
+      for (int x = base_x; x < window.x1; x += kCellSize) {
+        const std::uint64_t cell = TouchedInCell(grid, forms, x / kCellSize, y / kCellSize);
+        const std::uint64_t by_bytes =
+            (cell & 0xF) | (cell & 0xF0) << 4 | (cell & 0xF00) << 8 | (cell & 0xF000) << 12;
+        bits |= by_bytes << (8 * (y - base_y) + (x - base_x));
+      }
+    }
+    constexpr std::uint64_t kEveryRow = 0x0101010101010101u, kAll = ~std::uint64_t{0};
+    const std::uint64_t columns =
+        (0xFFu << (window.x0 - base_x)) & (0xFFu >> (base_x + 8 - window.x1));
+    bits &= columns * kEveryRow;
+    bits &= kAll << (8 * (window.y0 - base_y)) & kAll >> (8 * (base_y + 8 - window.y1));
+  }
+
+  HWY_INLINE TileWindow Hits() const {
+    if (bits == 0) return {};
+    std::uint64_t columns = bits | bits >> 32;
+    columns |= columns >> 16;
+    columns = (columns | columns >> 8) & 0xFF;
+    return {base_x + __builtin_ctzll(columns), base_x + 64 - __builtin_clzll(columns),
+            base_y + __builtin_ctzll(bits) / 8, base_y + 8 - __builtin_clzll(bits) / 8};
+  }
+
+  HWY_INLINE TileRect Rect(const TileWindow& hits) const {
+    TileRect rect = {static_cast<std::uint16_t>(hits.x0), static_cast<std::uint16_t>(hits.x1),
+                     static_cast<std::uint16_t>(hits.y0), static_cast<std::uint16_t>(hits.y1), 0};
+    const int width = hits.x1 - hits.x0;
+    const std::uint64_t row_bits = (std::uint64_t{1} << width) - 1;
+    for (int y = hits.y0; y < hits.y1; ++y) {
+      const int offset = 8 * (y - base_y) + hits.x0 - base_x;
+      rect.tiles |= (bits >> offset & row_bits) << ((y - hits.y0) * width);
+    }
+    return rect;
+  }
+};
+
 // Looks inside a window that is known to hold the footprint.
 HWY_INLINE TileRect BoundedTileRect(const TileGrid& grid, const float* r, const TileWindow& window,
                                     TouchedRows* rows, std::vector<RowSpan>* spans) {
@@ -202,7 +262,12 @@ HWY_INLINE TileRect BoundedTileRect(const TileGrid& grid, const float* r, const 
     return {static_cast<std::uint16_t>(window.x0), static_cast<std::uint16_t>(window.x1),
             static_cast<std::uint16_t>(window.y0), static_cast<std::uint16_t>(window.y1), 1};
   }
-  return RectOf(TouchedTiles(grid, FormLanes(r), window, rows), *rows, spans);
+  const FormLanes forms(r);
+  if (TileWord::Holds(window)) {
+    const TileWord word(grid, forms, window);
+    return word.Rect(word.Hits());
+  }
+  return RectOf(TouchedTiles(grid, forms, window, rows), *rows, spans);
 }
 
 // Looks around `guess` and further out for as long as the footprint reaches the edge of what was
@@ -216,13 +281,18 @@ HWY_INLINE TileRect GrownTileRect(const TileGrid& grid, const float* r, const Ti
     window.y0 = HWY_MAX(window.y0, 0);
     window.x1 = HWY_MIN(window.x1, grid.tiles_x);
     window.y1 = HWY_MIN(window.y1, grid.tiles_y);
-    const TileWindow hits = TouchedTiles(grid, forms, window, rows);
+    const bool in_word = TileWord::Holds(window);
+    TileWord word;
+    if (in_word) word = TileWord(grid, forms, window);
+    const TileWindow hits = in_word ? word.Hits() : TouchedTiles(grid, forms, window, rows);
     if (hits.empty()) return {};
     const bool left = hits.x0 == window.x0 && window.x0 > 0;
     const bool right = hits.x1 == window.x1 && window.x1 < grid.tiles_x;
     const bool up = hits.y0 == window.y0 && window.y0 > 0;
     const bool down = hits.y1 == window.y1 && window.y1 < grid.tiles_y;
-    if (!(left || right || up || down)) return RectOf(hits, *rows, spans);
+    if (!(left || right || up || down)) {
+      return in_word ? word.Rect(hits) : RectOf(hits, *rows, spans);
+    }
     if (left) window.x0 -= step;
     if (right) window.x1 += step;
     if (up) window.y0 -= step;

@@ -84,7 +84,7 @@ float DepthView::CosineAt(const RayTable& rays, int x, int y) const {
   const float here = pixels_[at].inverse;
   if (here == 0.0f) return kLeastCosine;
   const auto point = [&](std::size_t i) -> Vector3d {
-    const Vector3d along = Map<const Vector3d>(&rays.rays[3 * i]) / double{pixels_[i].inverse};
+    Vector3d along = Map<const Vector3d>(&rays.rays[3 * i]) / double{pixels_[i].inverse};
     if (rays.origins.empty()) return along;
     return along + Map<const Vector3d>(&rays.origins[3 * i]);
   };

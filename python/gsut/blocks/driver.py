@@ -14,6 +14,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.blocks.block_map import write_map
+from gsut.blocks.board import Board, Counter
 from gsut.blocks.cluster import Cluster
 from gsut.blocks.coarse import Coarse, train_coarse
 from gsut.blocks.layout import Layout, bisect
@@ -223,7 +224,7 @@ class _Training:
             g, scene = self.coarse.gaussians, self.coarse.scene
             small = scene.scaled(coarse_scale(scene))
             with Progress(self._progress) as bar:
-                seen = _Counter(bar, "layout", len(scene.train_indices))
+                seen = Counter(bar, "layout", len(scene.train_indices))
                 work = work_of(g, small, scene.train_indices, seen.one)
             centers = np.array([scene.views[i].camera_center for i in scene.train_indices])
             points = g.means.astype(np.float64) + scene.world_offset
@@ -253,7 +254,7 @@ class _Training:
         small = scene.scaled(coarse_scale(scene))
         with Progress(self._progress) as bar:
             if self._shares is None:
-                seen = _Counter(bar, "views", len(scene.train_indices))
+                seen = Counter(bar, "views", len(scene.train_indices))
                 self._shares = find_shares(
                     coarse.gaussians, self._owners(coarse.gaussians), len(self.layout), small,
                     scene, scene.train_indices, seen.one,
@@ -276,7 +277,7 @@ class _Training:
 
     def run_round(self, number: int, jobs: list[Job]) -> Gaussians:
         """Trains all blocks of a round; their Gaussians in the order of the blocks."""
-        board = _Board(jobs, self._progress)
+        board = Board(jobs, self._progress)
         try:
             self._engine.run(jobs, board.report)
         finally:
@@ -355,51 +356,3 @@ def _untrained(own: Gaussians) -> dict[str, Any]:
     """The state of a block that no view shows."""
     empty: dict[str, Any] = dict.fromkeys(("segment", "step", "seconds", "pixels", "views"), 0)
     return empty | {"result": gaussian_arrays(own)}
-
-
-class _Counter:
-    """A bar that is moved by one."""
-
-    def __init__(self, bar: Progress, stage: str, total: int) -> None:
-        self._bar, self._stage, self._total, self._done = bar, stage, total, 0
-
-    def one(self) -> None:
-        self._done += 1
-        self._bar.show(self._stage, min(self._done, self._total), self._total)
-
-
-class _Board:
-    """The bar of a round: steps of all blocks, and where those at work are.
-
-    Attributes:
-        peaks: MiB that the process which trained a block took at most.
-    """
-
-    def __init__(self, jobs: list[Job], progress: bool) -> None:
-        from gsut.run import read_checkpoint
-
-        self._bar = Progress(progress)
-        self.peaks: dict[int, float] = {}
-        self._steps: dict[int, int] = {}
-        self._ends: dict[int, tuple[int, int]] = {}
-        for job in jobs:
-            if job.task.is_file():
-                task = read_checkpoint(job.task)
-                self._ends[job.block] = task["begin"], task["end"]
-                state = job.read_state()
-                self._steps[job.block] = task["begin"] if state is None else state["step"]
-
-    def report(self, job: Job, message: dict[str, Any]) -> None:
-        """Moves the bar: a message of `run_job`."""
-        self._steps[job.block] = message["step"]
-        if message.get("peak_rss_mb"):
-            self.peaks[job.block] = max(self.peaks.get(job.block, 0.0), message["peak_rss_mb"])
-        done = sum(step - self._ends[block][0] for block, step in self._steps.items())
-        total = sum(end - begin for begin, end in self._ends.values())
-        finished = sum(self._steps[block] >= end for block, (_, end) in self._ends.items())
-        text = f"block {job.block} at {message['step']}, {finished} of {len(self._ends)} done"
-        self._bar.show("blocks", done, total, text)
-
-    def close(self) -> None:
-        """Leaves the bar as it stands."""
-        self._bar.close()

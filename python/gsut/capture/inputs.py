@@ -36,6 +36,9 @@ def capture(
         caps: degrees from straight down and straight up that are masked in 360-degree pictures.
         on_progress: told (stage, done, total, text).
 
+    Returns:
+        The folder and what was found on the way.
+
     Raises:
         InputError: see `extract_frames`, `collect_photographs` and `of_panoramas`; or pictures of
             several sizes.

@@ -1,6 +1,6 @@
 """The usual mistakes, found before time is spent: poses, lens, points against the photographs."""
 
-from gsut.check.before import check_scene, diagnose, look_closer, stop_at_errors
+from gsut.check.before import check_scene, doctor, look_closer, stop_at_errors
 from gsut.check.evidence import Evidence, gather_evidence
 from gsut.check.photographs import check_photographs
 
@@ -8,7 +8,7 @@ __all__ = [
     "Evidence",
     "check_photographs",
     "check_scene",
-    "diagnose",
+    "doctor",
     "gather_evidence",
     "look_closer",
     "stop_at_errors",

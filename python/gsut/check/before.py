@@ -62,7 +62,7 @@ def check_against_photographs(
     return [*findings, *check_colors(scene, views=color_views, progress=False)]
 
 
-def diagnose(
+def doctor(
     path: str | os.PathLike, *, test_every: int = TEST_EVERY, progress: bool = True
 ) -> list[Finding]:
     """Reads a dataset without stopping at the first error, and looks at all of it.

@@ -20,6 +20,8 @@ DESCRIPTION = (
     "Makes a small fisheye scene with known truth, trains on it and opens the report. Uses nothing "
     "but this machine."
 )
+# Of each camera, so that all have 40 images.
+_FRAMES = {2: 20, 4: 10}
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -36,9 +38,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--rig",
-        action="store_true",
-        help="two fisheyes on one body instead: finds their poses with `gsut poses --rig`, tells "
-        "their errors against the truth, the scale's too, and trains on them",
+        nargs="?",
+        type=int,
+        const=2,
+        choices=(2, 4),
+        help="two fisheyes on one body instead, or four of 220 degrees with OCamCalib's files: "
+        "finds their poses with `gsut poses --rig`, trains on them, and tells the errors of poses, "
+        "scale and depth against the truth",
     )
     parser.add_argument(
         "--no-open", action="store_true", help="do not open the report in a browser"
@@ -52,22 +58,26 @@ def run(arguments: argparse.Namespace) -> int:
     options = TrainOptions(preset="fast", steps=arguments.steps)
     folder = Path(arguments.out)
     poses: dict[str, Any] = {}
+    name = {None: "", 2: "rig_", 4: "surround_"}[arguments.rig]
     if arguments.rig:
-        data = folder / "rig_poses"
-        poses = {"poses": _rig_poses(folder / "rig_hall", data)}
+        data, truth = folder / f"{name}poses", folder / f"{name}hall"
+        poses = {"poses": _rig_poses(truth, data, arguments.rig)}
     else:
         data = folder / "fisheye_hall"
         if not data.is_dir():
             print(f"making a fisheye scene in {data}", file=sys.stderr)
             make_demo_scene(data)
-    run, resume = _free_run(folder, options, "rig_run" if arguments.rig else "run")
+    run, resume = _free_run(folder, options, f"{name}run")
     metrics = train_into(run, str(data), options, resume, quiet=False)
+    if arguments.rig:
+        poses["depth"] = _depth_errors(run, truth / "depth")
     report = run.path / REPORT
     if arguments.json:
         print_json(metrics | poses)
     else:
         if poses:
             print(_pose_text(poses["poses"], data))
+            print(_depth_text(poses["depth"]))
         print_figures(metrics)
         print(Verdict.of(metrics["verdict"]))
         print(f"report: {report}")
@@ -76,15 +86,15 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _rig_poses(truth: Path, found: Path) -> dict[str, Any]:
+def _rig_poses(truth: Path, found: Path, cameras: int) -> dict[str, Any]:
     """Makes the demo's rig and finds its poses; returns their errors."""
     from gsut.cli.poses import estimate_with_bars
     from gsut.demo import make_demo_rig
     from gsut.sfm import errors_against, is_finished
 
     if not truth.is_dir():
-        print(f"making a scene of two fisheyes on one body in {truth}", file=sys.stderr)
-        make_demo_rig(truth)
+        print(f"making a scene of {cameras} fisheyes on one body in {truth}", file=sys.stderr)
+        make_demo_rig(truth, _FRAMES[cameras], cameras=cameras)
     if not is_finished(found):
         estimate_with_bars(truth / "images", found, rig=truth / "rig.json")
     errors = errors_against(truth, found)
@@ -95,6 +105,28 @@ def _rig_poses(truth: Path, found: Path) -> dict[str, Any]:
         "extent": errors.extent,
         "rotation_median_degrees": float(np.median(errors.rotation_degrees)),
     }
+
+
+def _depth_errors(run: RunFolder, truth: Path) -> dict[str, Any]:
+    """Of the held-out views' median depths; distances along rays need no common frame."""
+    from gsut.surface import geometry_figures
+    from gsut.training import read_trained
+
+    options, scene, gaussians = read_trained(run, None)
+    figures = geometry_figures(
+        gaussians, scene, scene.test_indices, truth, background=options.background
+    )
+    return figures["depth"]["median"]
+
+
+def _depth_text(figures: dict[str, Any]) -> str:
+    edge = figures["rings"][-1]
+    rim = "" if edge["abs_rel_median"] is None else f", {100 * edge['abs_rel_median']:.2f} % "
+    return (
+        "depth of the held-out images against the truth: off by "
+        f"{100 * figures['abs_rel_median']:.2f} % of the distance (median){rim}"
+        + (f"from {edge['from_degrees']:g} degrees off-axis" if rim else "")
+    )
 
 
 def _pose_text(errors: dict[str, Any], found: Path) -> str:

@@ -20,10 +20,10 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.check import diagnose
+    from gsut.check import doctor
     from gsut.data import findings_text
 
-    findings = diagnose(arguments.data)
+    findings = doctor(arguments.data)
     if arguments.json:
         print_json([dataclasses.asdict(finding) for finding in findings])
     else:

@@ -1,4 +1,4 @@
-"""`gsut mesh`: the surface of a trained scene as a mesh."""
+"""`gsut mesh`: the surface of a trained scene as a mesh, or the space around it as a grid."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,12 +14,14 @@ from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, add_run, print_json
 from gsut.files import refuse_existing
 
-HELP = "the surface as a mesh"
+HELP = "the surface as a mesh, or a grid of distances or of what is occupied"
 DESCRIPTION = (
     "Makes a mesh of a trained scene: each training view's depth is rendered through its own lens, "
     "kept where neighbouring views agree, and fused into a distance field whose surface is written "
     "with colours and normals, in the dataset's coordinates. Memory: 20 bytes a pixel of all depth "
-    "maps and 2.3 kB a block of 8 x 8 x 8 voxels near the surface, 2.3 GB at most."
+    "maps and 2.3 kB a block of 8 x 8 x 8 voxels near the surface, 2.3 GB at most. To a .npy goes "
+    "a dense grid instead: each voxel's distance to the surface, negative behind it, NaN where no "
+    "view says anything; FILE.json beside it says where the voxels are."
 )
 
 
@@ -28,14 +31,18 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         *("-o", "--out"),
         metavar="FILE",
         required=True,
-        help="mesh to write: .ply, .obj or .glb",
+        help="mesh to write: .ply, .obj or .glb; or grid: .npy",
     )
+    parser.add_argument(
+        "--occupancy", action="store_true",
+        help="of a grid: 100 occupied, 0 free, -1 unknown (int8), in place of distances",
+    )  # fmt: skip
     parser.add_argument(
         "--voxel",
         type=float,
         metavar="SIZE",
         help="in the dataset's units [default: a pixel's width at the median depth, at least a "
-        "1024th of the scene]",
+        "1024th of the scene; of a grid a 128th of its longest side]",
     )
     scale = parser.add_mutually_exclusive_group()
     scale.add_argument(
@@ -103,12 +110,22 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from gsut import _core
     from gsut.run import Progress, RunFolder
-    from gsut.surface import MeshOptions, check_mesh_name, extract_mesh, save_mesh
+    from gsut.surface import (
+        MeshOptions,
+        check_grid_name,
+        check_mesh_name,
+        extract_grid,
+        extract_mesh,
+        save_grid,
+        save_mesh,
+    )
     from gsut.training import read_trained
 
     out = Path(arguments.out)
-    check_mesh_name(out)
-    refuse_existing(out)
+    to_grid = out.suffix.lower() == ".npy" or arguments.occupancy
+    (check_grid_name if to_grid else check_mesh_name)(out)
+    for file in (out, out.with_suffix(".json")) if to_grid else (out,):
+        refuse_existing(file)
     for name in ("support", "threads"):
         if getattr(arguments, name) < 0:
             raise InputError(f"--{name} must be >= 0")
@@ -118,33 +135,33 @@ def run(arguments: argparse.Namespace) -> int:
     _core.set_num_threads(arguments.threads)
     began = time.perf_counter()
     options, scene, gaussians = read_trained(RunFolder.open(arguments.folder), arguments.data)
+    settings = MeshOptions(
+        voxel=arguments.voxel,
+        support=arguments.support,
+        open=arguments.open,
+        depth=arguments.kind,
+        max_side=arguments.max_side,
+        photographs=arguments.photographs,
+        parts=arguments.parts,
+        faces=arguments.faces,
+        crop=None if arguments.crop is None else np.array(arguments.crop),
+    )
+    figures: dict[str, Any]
     with Progress(sys.stderr.isatty() and not arguments.quiet) as bars:
-        mesh = extract_mesh(
-            gaussians,
-            scene,
-            MeshOptions(
-                voxel=arguments.voxel,
-                support=arguments.support,
-                open=arguments.open,
-                depth=arguments.kind,
-                max_side=arguments.max_side,
-                photographs=arguments.photographs,
-                parts=arguments.parts,
-                faces=arguments.faces,
-                crop=None if arguments.crop is None else np.array(arguments.crop),
-            ),
-            background=options.background,
-            progress=bars.show,
-        )
-    save_mesh(out, mesh)
-    figures = {
-        "vertices": len(mesh.vertices),
-        "faces": len(mesh.faces),
-        "seconds": time.perf_counter() - began,
-        "out": str(out),
-    }
+        behind: dict[str, Any] = {"background": options.background, "progress": bars.show}
+        if to_grid:
+            made: Any = extract_grid(gaussians, scene, settings, **behind)
+            figures = {"shape": list(made.distances.shape), "voxel": made.voxel}
+        else:
+            made = extract_mesh(gaussians, scene, settings, **behind)
+            figures = {"vertices": len(made.vertices), "faces": len(made.faces)}
+    if to_grid:
+        save_grid(out, made, occupancy=arguments.occupancy)
+    else:
+        save_mesh(out, made)
+    figures |= {"seconds": time.perf_counter() - began, "out": str(out)}
     if arguments.json:
         print_json(figures)
     elif not arguments.quiet:
-        print(f"{out}: {mesh}, {figures['seconds']:.1f} s")
+        print(f"{out}: {made}, {figures['seconds']:.1f} s")
     return 0

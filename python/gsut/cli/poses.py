@@ -180,17 +180,15 @@ def estimate_with_bars(
     enabled: bool = True,
     **settings: Any,
 ) -> PosesResult:
-    """`estimate_poses` with one progress bar for all its stages, if enabled."""
-    from gsut.sfm import estimate_poses
+    """`find_poses` with one progress bar for all its stages, if enabled."""
+    from gsut.sfm import find_poses
 
     absent = () if settings.get("rig") else ("rig",)
     expected = {name: s for name, s in POSE_SECONDS.items() if name not in absent}
     with StagedProgress(expected, enabled) as bars:
         shown = _InStages(bars, expected)
         with contextlib.closing(shown):
-            return estimate_poses(
-                images, out, on_progress=shown.show, notes_to=bars.note, **settings
-            )
+            return find_poses(images, out, on_progress=shown.show, notes_to=bars.note, **settings)
 
 
 class _InStages:
@@ -203,7 +201,7 @@ class _InStages:
         self._open = contextlib.ExitStack()
 
     def show(self, stage: str, done: int, total: int, text: str) -> None:
-        """As `estimate_poses` tells it."""
+        """As `find_poses` tells it."""
         if stage != self._stage:
             self._open.close()
             if stage == "features":

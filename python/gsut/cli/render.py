@@ -1,4 +1,4 @@
-"""`gsut render`: images or a film of a trained scene, through any lens along any path."""
+"""`gsut render`: images, a film, depths or points of a trained scene, by any lens and path."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from gsut._core import CameraMotion, InputError
 from gsut.cli._flags import add_json, add_moved_data, parsed_size, print_json
 from gsut.files import refuse_existing
 
-HELP = "images or a film through any lens along any path"
+HELP = "images, depths or a film through any lens along any path"
 DESCRIPTION = (
     "Renders a scene through any lens along a camera path: images or a film. Where images of a run "
-    "are coarser than its photographs, Gaussians are widened to their pixels, against aliasing."
+    "are coarser than its photographs, Gaussians are widened to their pixels, against aliasing. "
+    "Depths go to the folder depth/ beside the images, and transforms.json makes of all a dataset."
 )
 _PATHS = ("auto", "orbit", "train", "test")
 _FRAMES, _FILM_FRAMES = 120, 300
@@ -80,11 +81,38 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="new folder of PNG images, or film: .mp4 (H.264), .webm (VP9) or .gif [default: "
         "RUN/auto and so on]",
     )
+    parser.add_argument(
+        "--depth",
+        choices=("ray", "z"),
+        help="also where half of the light is gone: depth/NAME.npy (float32, the dataset's units, "
+        "NaN: nothing) and depth/NAME.png (16 bits, 0: nothing); ray: along each pixel's ray; z: "
+        "along the camera's axis, for lenses below 90 degrees from it",
+    )
+    parser.add_argument(
+        "--depth-unit",
+        type=float,
+        default=1e-3,
+        metavar="X",
+        help="the dataset's units in a level of 16-bit depths [default 0.001: millimetres]",
+    )
+    parser.add_argument(
+        "--cloud",
+        metavar="FILE.ply",
+        help="also the coloured points that the images see, in the dataset's coordinates",
+    )
+    parser.add_argument(
+        "--voxel",
+        type=float,
+        metavar="SIZE",
+        help="one point of the cloud in each voxel of this size, in the dataset's units [default: "
+        "a pixel's width at the first image's median depth]",
+    )
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     import gsut
+    from gsut.cli._render_depth import DepthOutput
     from gsut.render import is_film, to_uint8, write_png
     from gsut.run import Progress
 
@@ -97,16 +125,24 @@ def run(arguments: argparse.Namespace) -> int:
     label = arguments.path if arguments.path in _PATHS else "path"
     out = Path(arguments.out or Path(arguments.folder) / label)
     film = is_film(out)
+    depths = DepthOutput.asked(arguments, None if film else out)
     stage = _stage(arguments)
     places, names, cameras = _frames(arguments, stage, out if film else None)
     pixels = _pixel_filter(stage)
+    if depths is not None:
+        depths.check(cameras)
     with Progress(sys.stderr.isatty()) as bars:
 
         def images() -> Iterator[np.ndarray]:
-            for done, (place, camera) in enumerate(zip(places, cameras, strict=True), 1):
+            for done, (name, place, camera) in enumerate(
+                zip(names, places, cameras, strict=True), 1
+            ):
                 drawn = stage.gaussians if pixels is None else pixels.of(camera, place)
                 result = gsut.render(drawn, camera, place, background=stage.background)
-                yield to_uint8(result.image)
+                image = to_uint8(result.image)
+                if depths is not None:
+                    depths.add(name, result, image, camera, place)
+                yield image
                 bars.show("images", done, len(places))
 
         if film:
@@ -115,10 +151,15 @@ def run(arguments: argparse.Namespace) -> int:
             new_folder(out)
             for name, image in zip(names, images(), strict=True):
                 write_png(out / f"{name}.png", image)
+    figures = {"images": len(places), "out": str(out)}
+    if depths is not None:
+        figures |= depths.finish()
     if arguments.json:
-        print_json({"images": len(places), "out": str(out)})
+        print_json(figures)
     else:
         print(f"{len(places)} images: {out}")
+        if arguments.cloud:
+            print(f"{figures['points']:,} points: {arguments.cloud}")
     return 0
 
 

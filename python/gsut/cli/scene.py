@@ -203,7 +203,7 @@ def _find_poses(
     folder: RunFolder, arguments: argparse.Namespace, taken: Any, bars: StagedProgress
 ) -> dict[str, Any]:
     """The content of poses.json."""
-    from gsut.sfm import estimate_poses, is_finished, read_figures
+    from gsut.sfm import find_poses, is_finished, read_figures
 
     out = folder.path / POSES
     if is_finished(out):
@@ -213,7 +213,7 @@ def _find_poses(
         shutter=arguments.shutter, seed=arguments.seed, threads=arguments.threads
     )
     with bars.stage("poses"):
-        return estimate_poses(
+        return find_poses(
             taken.path, out, camera=arguments.camera, fov_degrees=arguments.fov,
             options=with_readout(options, arguments.camera, taken),
             on_progress=_evenly(bars, _pose_seconds(arguments.camera)), notes_to=bars.note,

@@ -37,7 +37,7 @@ def stop(error: InputError) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Finding:
-    """One finding of `diagnose`, which `gsut doctor` prints as a sentence.
+    """One finding of `doctor`, which `gsut doctor` prints as a sentence.
 
     Args:
         severity: "error" (training cannot start), "warning" (the result will suffer) or "info".

@@ -28,7 +28,7 @@ _POINTS = 4000
 _POINTS_FILE = "points3D.ply"
 _TRUTH_FILE = "truth.ply"
 _POINT_NOISE = 0.01  # metres, standard deviation: as good as structure from motion gets
-_MILLIMETRES = 1000.0
+MILLIMETRES = 1000.0
 
 
 def make_demo_scene(
@@ -91,7 +91,7 @@ def _write_dataset(
         if is_test[number]:
             depth = np.zeros(inside.shape)
             depth[inside] = distances(hall, poses[number], rays[inside], origins[inside])
-            millimetres = np.round(depth * _MILLIMETRES).astype(np.uint16)
+            millimetres = np.round(depth * MILLIMETRES).astype(np.uint16)
             write_image(folder / "depth" / names[number], millimetres)
     write_image(folder / "mask.png", mask.astype(np.uint8) * 255)
     train = [i for i, test in enumerate(is_test) if not test]

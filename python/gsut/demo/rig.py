@@ -1,7 +1,8 @@
-"""The demo's hall seen by two cameras on one body, with the truth: for `gsut poses --rig`."""
+"""The demo's hall seen by several cameras on one body, with the truth: for `gsut poses --rig`."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
@@ -11,14 +12,19 @@ import numpy as np
 
 from gsut._core import InputError, exp_pose
 from gsut.data import Frame, inverse, write_transforms
-from gsut.demo.dataset import render_views, whole_pixels, write_image
+from gsut.demo.dataset import (
+    MILLIMETRES,
+    distances,
+    render_views,
+    whole_pixels,
+    write_image,
+)
 from gsut.demo.hall import make_hall
 from gsut.demo.views import camera_path, demo_camera
 from gsut.files import whole_folder
 from gsut.lens import Camera
 
-CAMERAS = ("left", "right")
-# The right camera: its lens in image sizes, Kannala-Brandt, seen to 80 degrees.
+# The right camera of two: its lens in image sizes, Kannala-Brandt, seen to 80 degrees.
 _FOCAL = (0.3315, 0.3309)
 _CENTRE = (0.4952, 0.5041)
 _DISTORTION = (-0.012, 0.004, -0.002, 0.0003)
@@ -26,6 +32,67 @@ _MAX_ANGLE = math.radians(80.0)
 # Its place on the body, the left camera's frame: metres, and a turn (rotation vector, radians).
 _PLACE = (0.24, 0.01, -0.02)
 _TURN = (0.03, 0.12, -0.02)
+# Four looking all around: name, then a0, cx and cy in image sizes, and c, d, e: pixels are not
+# square and not upright, by as much as OCamCalib finds of real cameras. 220-degree circles.
+_AROUND = (
+    ("front", 0.2445, 0.5012, 0.4983, 1.0024, 4.1e-4, -9.0e-4),
+    ("right", 0.2461, 0.4978, 0.5031, 0.9981, -7.2e-4, 3.5e-4),
+    ("back", 0.2452, 0.5025, 0.5014, 1.0037, 1.1e-3, 6.0e-4),
+    ("left", 0.2438, 0.4969, 0.4976, 0.9969, -3.0e-4, -1.2e-3),
+)
+# Their polynomials: a2 a0, a3 a0^2 and a4 a0^3, which have no unit.
+_POLYNOMIAL = (-0.3333, 0.0040, -0.0318)
+_WIDE_ANGLE = math.radians(110.0)
+_ARM = 0.12  # metres from the body's middle to each of the four
+# What mounts are off from straight: metres and radians.
+_OFF_METRES, _OFF_RADIANS = 0.01, 0.03
+
+
+@dataclasses.dataclass(frozen=True)
+class Mounted:
+    """A camera on a body.
+
+    Attributes:
+        name: of the camera, and of its folder.
+        lens: as the pictures are made.
+        camera_from_reference: (4, 4), metres; the first camera is the reference.
+        file: of the lens.
+    """
+
+    name: str
+    lens: Camera
+    camera_from_reference: np.ndarray
+    file: str
+
+
+def demo_rig(cameras: int, size: int) -> list[Mounted]:
+    """Two fisheyes beside each other, or four of 220 degrees that look all around.
+
+    Args:
+        cameras: 2 or 4.
+        size: of the square images, pixels.
+    """
+    if cameras == 2:
+        return [
+            Mounted("left", demo_camera(size), np.eye(4), "left.yaml"),
+            Mounted("right", right_camera(size), right_from_left(), "right.yaml"),
+        ]
+    rng = np.random.default_rng(4)
+    found, front = [], np.eye(4)
+    for number, (name, focal, cx, cy, *affine) in enumerate(_AROUND):
+        a0 = focal * size
+        poly = [value / a0**power for power, value in enumerate(_POLYNOMIAL, start=1)]
+        lens = Camera(
+            "ocam", [cx * size, cy * size, *affine, a0, *poly], size, size,
+            valid_field_angle=_WIDE_ANGLE,
+        )  # fmt: skip
+        off = rng.uniform(-1, 1, 6) * np.repeat([_OFF_METRES, _OFF_RADIANS], 3)
+        about = exp_pose([0.0, 0.0, 0.0, 0.0, -number * math.pi / 2, 0.0])  # y points down
+        about[2, 3] = -_ARM
+        pose = exp_pose(off) @ about
+        front = inverse(pose) if number == 0 else front
+        found.append(Mounted(name, lens, pose @ front, f"{name}/calib_results.txt"))
+    return found
 
 
 def right_camera(size: int) -> Camera:
@@ -48,12 +115,16 @@ def make_demo_rig(
     seed: int = 0,
     progress: bool = True,
     path_share: float = 1.0,
+    cameras: int = 2,
 ) -> Path:
-    """Makes a small data set of a rig with exact truth: two fisheyes on one body in a hall.
+    """Makes a small data set of a rig with exact truth: fisheyes on one body in a hall.
 
-    Writes images/left/*.png and images/right/*.png (the same name: the same frame) with a mask.png
-    each, left.yaml and right.yaml (OpenCV), rig.json (as `gsut calibrate --rig` writes its
-    report.json: lenses and camera_from_reference, metres) and, as truth, transforms.json.
+    Writes images/NAME/*.png of each camera (the same file name: the same frame) with a mask.png,
+    rig.json (as `gsut calibrate --rig` writes its report.json: lenses and camera_from_reference,
+    metres) and, as truth, transforms.json and depth/NAME/*.png (distance along the ray in mm, 16
+    bits, 0 outside the circle). Lenses of two cameras, left and right, are left.yaml and
+    right.yaml (OpenCV); of four, which look all around through 220 degrees, they are
+    NAME/calib_results.txt (OCamCalib).
 
     Args:
         folder: is created; appears only when it is complete.
@@ -62,6 +133,7 @@ def make_demo_rig(
         seed: of textures and path; the same seed gives the same bytes.
         progress: show a progress bar on stderr.
         path_share: of the demo's path, above 0 and up to 1, that the rig goes.
+        cameras: 2 or 4.
 
     Returns:
         The folder.
@@ -75,38 +147,45 @@ def make_demo_rig(
             raise InputError(f"{name} is {value}; give at least {least}")
     if not 0.0 < path_share <= 1.0:
         raise InputError(f"path_share is {path_share}; give more than 0 and at most 1")
+    if cameras not in (2, 4):
+        raise InputError(f"cameras is {cameras}; the demo has rigs of 2 and of 4")
     path = camera_path(round(frames / path_share), seed)[:frames]
     with whole_folder(folder) as partial:
-        _write(partial, path, size, seed, progress)
+        _write(partial, path, demo_rig(cameras, size), seed, progress)
     return folder
 
 
-def _write(folder: Path, path: list[np.ndarray], size: int, seed: int, progress: bool) -> None:
-    hall = make_hall(seed)
-    frames, cameras = [], {}
-    for name, lens, camera_from_left in zip(
-        CAMERAS,
-        (demo_camera(size), right_camera(size)),
-        (np.eye(4), right_from_left()),
-        strict=True,
-    ):
-        images = folder / "images" / name
+def _write(
+    folder: Path, path: list[np.ndarray], rig: list[Mounted], seed: int, progress: bool
+) -> None:
+    hall, frames, cameras = make_hall(seed), [], {}
+    for mounted in rig:
+        name, lens = mounted.name, mounted.lens
+        images, depths = folder / "images" / name, folder / "depth" / name
         images.mkdir(parents=True)
-        lens.save(folder / f"{name}.yaml")
+        depths.mkdir(parents=True)
+        (folder / mounted.file).parent.mkdir(exist_ok=True)
+        lens.save(folder / mounted.file)
         write_image(images / "mask.png", whole_pixels(lens).astype(np.uint8) * 255)
         cameras[name] = {
-            "file": f"{name}.yaml",
-            "camera_from_reference": camera_from_left.tolist(),
+            "file": mounted.file,
+            "camera_from_reference": mounted.camera_from_reference.tolist(),
         }
-        poses = [pose @ inverse(camera_from_left) for pose in path]
+        rays, inside = lens.rays()
+        poses = [pose @ inverse(mounted.camera_from_reference) for pose in path]
         for number, image in enumerate(render_views(hall, lens, poses, progress)):
-            write_image(images / f"{number:03d}.png", image[..., ::-1])
+            file = f"{number:03d}.png"
+            write_image(images / file, image[..., ::-1])
+            depth = np.zeros(inside.shape, np.uint16)
+            away = distances(hall, poses[number], rays[inside])
+            depth[inside] = np.round(away * MILLIMETRES)
+            write_image(depths / file, depth)
             frames.append(
                 Frame(
-                    f"{name}/{number:03d}", images / f"{number:03d}.png", lens, poses[number],
-                    mask_path=images / "mask.png",
+                    f"{name}/{number:03d}", images / file, lens, poses[number],
+                    mask_path=images / "mask.png", depth_path=depths / file,
                 )
             )  # fmt: skip
-    rig = json.dumps({"cameras": cameras}, indent=1) + "\n"
-    (folder / "rig.json").write_text(rig, encoding="utf-8")
+    rig_file = json.dumps({"cameras": cameras}, indent=1) + "\n"
+    (folder / "rig.json").write_text(rig_file, encoding="utf-8")
     write_transforms(folder / "transforms.json", frames)

@@ -20,22 +20,44 @@ _LAYER_SHARE = 0.3  # of the fullest layer's area: the ground is the lowest with
 
 
 def inside_box(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """(N,) bool: centres between two corners (3,), world coordinates."""
+    """Which Gaussians have their centres in a box.
+
+    Args:
+        gaussians: N Gaussians.
+        low: (3,) corner of the box, world coordinates.
+        high: (3,) the corner opposite.
+
+    Returns:
+        (N,) bool.
+    """
     places = gaussians.means + (gaussians.origin - np.asarray(low, np.float64))
     size = np.asarray(high, np.float64) - low
     return np.all((places >= 0) & (places <= size), axis=1)
 
 
 def inside_sphere(gaussians: Gaussians, center: np.ndarray, radius: float) -> np.ndarray:
-    """(N,) bool: centres within `radius` of a point (3,), world coordinates."""
+    """Which Gaussians have their centres in a ball.
+
+    Args:
+        gaussians: N Gaussians.
+        center: (3,) world coordinates.
+        radius: world units.
+
+    Returns:
+        (N,) bool.
+    """
     places = gaussians.means + (gaussians.origin - np.asarray(center, np.float64))
     return np.sum(places * places, axis=1) <= radius * radius
 
 
 def merged(scenes: Sequence[Gaussians]) -> Gaussians:
-    """Scenes of one world as one, in their order; about the first one's origin.
+    """Scenes of one world as one, in their order.
 
-    Harmonics that some of them lack are 0.
+    Args:
+        scenes: at least one.
+
+    Returns:
+        All Gaussians, about the first scene's origin; harmonics that some scenes lack are 0.
 
     Raises:
         InputError: no scene.

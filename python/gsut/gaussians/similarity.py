@@ -66,7 +66,14 @@ def turned_harmonics(degree: int, rotation: np.ndarray) -> np.ndarray:
 
 
 def upright(up: np.typing.ArrayLike) -> np.ndarray:
-    """(3, 3) the shortest rotation that takes a direction (3,) to -y, which viewers take for up."""
+    """The shortest rotation that takes a direction to -y, which viewers take for up.
+
+    Args:
+        up: (3,), any length but 0.
+
+    Returns:
+        (3, 3), for `transformed`.
+    """
     a = np.asarray(up, np.float64)
     a = a / np.linalg.norm(a)
     axis, cosine = np.cross(a, _UP), float(a @ _UP)

@@ -3,7 +3,7 @@
 from gsut.sfm.align import PoseErrors, compare_poses, errors_against, poses_by_path
 from gsut.sfm.bearing_points import BearingPoints
 from gsut.sfm.correspondences import collect_features, match_images
-from gsut.sfm.dataset_calibration import calibrate_from_dataset
+from gsut.sfm.dataset_calibration import DatasetCalibration, calibrate_from_dataset
 from gsut.sfm.epipolar import (
     angular_errors,
     pixels_per_radian,
@@ -13,7 +13,7 @@ from gsut.sfm.epipolar import (
 from gsut.sfm.estimate import (
     PosesResult,
     done_already,
-    estimate_poses,
+    find_poses,
     is_finished,
     read_figures,
 )
@@ -30,6 +30,7 @@ from gsut.sfm.triangulation import TriangulatedPoints, triangulate
 __all__ = [
     "FOLDER",
     "BearingPoints",
+    "DatasetCalibration",
     "Features",
     "PairMatches",
     "Photographs",
@@ -46,10 +47,10 @@ __all__ = [
     "diagonal",
     "done_already",
     "errors_against",
-    "estimate_poses",
     "evaluate_observations",
     "features_in",
     "find_photographs",
+    "find_poses",
     "fit_positions",
     "in_cameras",
     "is_finished",

@@ -29,7 +29,12 @@ _SUFFIXES = (".cameramodel", ".yaml", ".yml", ".json")
 
 @dataclasses.dataclass(frozen=True)
 class DatasetCalibration:
-    """What was written: `lens`, the file of the lens, and a `summary` for people, in lines."""
+    """What `calibrate_from_dataset` wrote.
+
+    Attributes:
+        lens: the file of the lens.
+        summary: for people, in lines.
+    """
 
     lens: Path
     summary: list[str]
@@ -53,6 +58,9 @@ def calibrate_from_dataset(
         out: the lens file.
         on_progress: called with stage, number done, total and words.
         on_note: told of what the user should know.
+
+    Returns:
+        The lens' file and a summary.
 
     Raises:
         InputError: wrong arguments or data, one sentence. SolveError: nothing to be trusted.

@@ -57,7 +57,7 @@ Mapper = Callable[
 
 @dataclasses.dataclass(frozen=True)
 class PosesResult:
-    """What `estimate_poses` found and wrote.
+    """What `find_poses` found and wrote.
 
     Args:
         path: the output folder.
@@ -74,7 +74,7 @@ class PosesResult:
         return f"PosesResult({str(self.path)!r}, {images})"
 
 
-def estimate_poses(
+def find_poses(
     images: str | os.PathLike[str],
     out: str | os.PathLike[str],
     *,
@@ -377,10 +377,10 @@ def done_already(
     fov_degrees: float | None = None,
     options: PosesOptions | None = None,
 ) -> dict[str, Any] | None:
-    """The content of poses.json if `estimate_poses` has finished there with the same arguments.
+    """The content of poses.json if `find_poses` has finished there with the same arguments.
 
     Raises:
-        InputError: as `estimate_poses`.
+        InputError: as `find_poses`.
     """
     folder, options = Path(out), options or PosesOptions()
     if not is_finished(folder):

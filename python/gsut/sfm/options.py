@@ -13,7 +13,7 @@ PAIR_RULES = ("auto", "all", "sequential", "similar")
 @describe_options
 @dataclasses.dataclass(frozen=True)
 class PosesOptions:
-    """All settings of `estimate_poses`; immutable, checked when made.
+    """All settings of `find_poses`; immutable, checked when made.
 
     Raises:
         InputError: a value of the wrong kind or out of range (names option, value and range).

@@ -10,7 +10,8 @@ import numpy as np
 
 from gsut._core import CameraMotion, InputError
 from gsut.render import field_angles, render, render_surface
-from gsut.surface.extract import MeshOptions, OnProgress, _silent, extract_mesh
+from gsut.surface.cloud import world_rays
+from gsut.surface.extract import MeshOptions, OnProgress, extract_mesh, silent
 from gsut.surface.mesh import Mesh
 from gsut.surface.mesh_files import load_mesh
 from gsut.surface.worth import depth_figures, mesh_figures, tree_of
@@ -29,7 +30,7 @@ def geometry_figures(
     mesh: Mesh | None = None,
     options: MeshOptions | None = None,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
-    progress: OnProgress = _silent,
+    progress: OnProgress = silent,
 ) -> dict[str, Any]:
     """Figures of depth on views, and of the mesh where the truth is one.
 
@@ -102,22 +103,9 @@ def _of_views(
 
 def cast_depth(tree: Any, camera: Any, motion: np.ndarray | CameraMotion) -> np.ndarray:
     """(H, W) distance along each pixel's ray to the triangles of a tree; NaN: none met."""
-    rays, _ = camera.rays()
-    origins, world = np.empty_like(rays), np.empty_like(rays)
-    lines: list[tuple[Any, np.ndarray]] = [(slice(None), np.asarray(motion))]
-    if isinstance(motion, CameraMotion):
-        times = motion.shutter.line_times(camera.width, camera.height)
-        over_rows = "left" not in motion.shutter.direction
-        lines = [
-            ((line if over_rows else (slice(None), line)), motion.at(time))
-            for line, time in enumerate(times)
-        ]
-    for where, pose in lines:
-        rotation, shift = pose[:3, :3], pose[:3, 3]
-        origins[where] = (camera.origins()[where] - shift) @ rotation
-        world[where] = rays[where] @ rotation
+    origins, world = world_rays(camera, motion)
     flat = np.ascontiguousarray(origins.reshape(-1, 3)), np.ascontiguousarray(world.reshape(-1, 3))
-    return tree.cast(*flat)[0].reshape(rays.shape[:2])
+    return tree.cast(*flat)[0].reshape(world.shape[:2])
 
 
 def _read_depth(scene: Any, index: int, folder: Path | None, unit: float) -> np.ndarray | None:
@@ -129,8 +117,8 @@ def _read_depth(scene: Any, index: int, folder: Path | None, unit: float) -> np.
         if not folder.is_dir():
             raise InputError(f"{folder}: no such file or folder")
         stem = Path(view.name).with_suffix("")
-        choices = [folder / base.with_suffix(s) for base in (stem, Path(stem.name))
-                   for s in (".npy", ".png")]  # fmt: skip
+        names = (stem, Path(*stem.parts[-2:]), Path(stem.name))  # of a rig with its camera's folder
+        choices = [folder / base.with_suffix(s) for base in names for s in (".npy", ".png")]
         path = next((choice for choice in choices if choice.is_file()), None)
     if path is None or not path.is_file():
         return None

@@ -80,7 +80,7 @@ class DepthMap:
 OnProgress = Callable[[str, int, int], None]
 
 
-def _silent(stage: str, done: int, total: int) -> None: ...
+def silent(stage: str, done: int, total: int) -> None: ...
 
 
 def extract_mesh(
@@ -89,7 +89,7 @@ def extract_mesh(
     options: MeshOptions | None = None,
     *,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
-    progress: OnProgress = _silent,
+    progress: OnProgress = silent,
 ) -> Mesh:
     """The surface of trained Gaussians as a mesh, through the lenses that saw them.
 
@@ -111,6 +111,33 @@ def extract_mesh(
     Raises:
         InputError: an option out of range, no view, or no surface.
     """
+    maps = depth_maps(gaussians, scene, options, background=background, progress=progress)
+    return fuse_depth(maps, options, progress=progress)
+
+
+def depth_maps(
+    gaussians: Any,
+    scene: Any,
+    options: MeshOptions | None = None,
+    *,
+    background: Sequence[float] | None = (0.0, 0.0, 0.0),
+    progress: OnProgress = silent,
+) -> list[DepthMap]:
+    """The training views' depths, through their own lenses.
+
+    Args:
+        gaussians: the Gaussians, in the dataset's coordinates.
+        scene: the dataset, from `load_dataset`.
+        options: its depth, max_side and photographs; None: the defaults.
+        background: colour behind the Gaussians; None: see `render`.
+        progress: called with (stage, done, total).
+
+    Returns:
+        One map a training view, with colours.
+
+    Raises:
+        InputError: a kind of depth that is unknown.
+    """
     o = options or MeshOptions()
     if o.depth not in ("median", "expected", "strongest"):
         raise InputError(f'depth "{o.depth}" is unknown; known: median, expected, strongest')
@@ -120,11 +147,11 @@ def extract_mesh(
         progress("depth", done, len(rows))
         maps.append(_rendered(gaussians, scene, index, o, background))
     progress("depth", len(rows), len(rows))
-    return fuse_depth(maps, o, progress=progress)
+    return maps
 
 
 def fuse_depth(
-    maps: Sequence[DepthMap], options: MeshOptions | None = None, *, progress: OnProgress = _silent
+    maps: Sequence[DepthMap], options: MeshOptions | None = None, *, progress: OnProgress = silent
 ) -> Mesh:
     """Fuses depth maps of any lenses and shutters to a mesh, as `extract_mesh` does.
 
@@ -140,13 +167,9 @@ def fuse_depth(
         InputError: an option out of range, no view, or no surface.
     """
     o = options or MeshOptions()
-    if not maps:
-        raise InputError("a mesh needs at least one view")
-    places = np.stack([_middle(m.motion) for m in maps])
-    centers = -np.einsum("nji,nj->ni", places[:, :3, :3], places[:, :3, 3])
+    maps = agreeing_maps(maps, o.support, progress)
+    places, centers = _places(maps)
     center = centers.mean(axis=0)
-    if o.support > 0 and len(maps) > o.support:
-        maps = _agreeing(maps, places, centers, center, o.support, progress)
     voxel, inner = _space(maps, places, centers, center, o)
     views = _views(maps, center)
     progress("fusing", 0, 1)
@@ -213,16 +236,26 @@ def _views(maps: Sequence[DepthMap], center: np.ndarray) -> _core.DepthViews:
     return views
 
 
-def _agreeing(
-    maps: Sequence[DepthMap],
-    places: np.ndarray,
-    centers: np.ndarray,
-    center: np.ndarray,
-    support: int,
-    progress: OnProgress,
-) -> list[DepthMap]:
-    """The maps without pixels that too few of their neighbours confirm."""
-    views = _views(maps, center)
+def _places(maps: Sequence[DepthMap]) -> tuple[np.ndarray, np.ndarray]:
+    """Poses (N, 4, 4) in the middle of the exposures, and where the cameras are (N, 3)."""
+    places = np.stack([_middle(m.motion) for m in maps])
+    return places, -np.einsum("nji,nj->ni", places[:, :3, :3], places[:, :3, 3])
+
+
+def agreeing_maps(
+    maps: Sequence[DepthMap], support: int, progress: OnProgress = silent
+) -> Sequence[DepthMap]:
+    """The maps without pixels that fewer than `support` of their neighbours confirm.
+
+    Raises:
+        InputError: no map.
+    """
+    if not maps:
+        raise InputError("a surface needs at least one view")
+    if support <= 0 or len(maps) <= support:
+        return maps
+    places, centers = _places(maps)
+    views = _views(maps, centers.mean(axis=0))
     apart = np.linalg.norm(centers[:, None] - centers, axis=2)
     axes = places[:, 2, :3]
     turned = np.arccos(np.clip(axes @ axes.T, -1, 1))
@@ -255,7 +288,7 @@ def _space(
         has = np.flatnonzero(np.isfinite(depth))
         has = has[:: max(1, len(has) // each)]
         away.append(at + depth[has, None] * (rays[has] @ place[:3, :3]) - center)
-        widths.append(depth[has] * _pixel_angle(m.camera))
+        widths.append(depth[has] * pixel_angle(m.camera))
     points = np.concatenate(away)
     if not len(points):
         raise InputError("no view has a depth: nothing to make a mesh of; try --support 0")
@@ -272,6 +305,7 @@ def _space(
     return max(float(np.median(np.concatenate(widths))), extent / _MOST_VOXELS), inner
 
 
-def _pixel_angle(camera: Any) -> float:
+def pixel_angle(camera: Any) -> float:
+    """Radians between neighbouring pixels, the median."""
     rays = camera.rays()[0]
     return float(np.nanmedian(np.linalg.norm(np.diff(rays, axis=1), axis=2)))

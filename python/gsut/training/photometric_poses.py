@@ -63,7 +63,7 @@ def grow_poses(
     *,
     keep: Path | None = None,
 ) -> Solution:
-    """A mapper for `estimate_poses` that registers images by their colours, in order of names.
+    """A mapper for `find_poses` that registers images by their colours, in order of names.
 
     Args:
         photographs: of a video, with known lenses of one centre.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gsut
-from gsut.check import check_scene, diagnose
+from gsut.check import check_scene, doctor
 from gsut.check.turns import rotation_vector
 from gsut.cli import main
 from gsut.data import inverse
@@ -61,7 +61,7 @@ def test_train_stops_at_a_contradiction_and_force_goes_on(hall, tmp_path, capsys
 
 
 def test_doctor_says_that_the_photographs_agree(hall):
-    found = diagnose(hall, progress=False)
+    found = doctor(hall, progress=False)
     assert [str(f) for f in found if f.severity == "error"] == []
     assert any("the photographs agree with poses and lens" in f.what for f in found)
 

@@ -10,6 +10,7 @@ import pytest
 import gsut
 import tolerances
 from gsut.cli import main
+from gsut.data.points import load_points_ply
 from gsut.formats import formats
 from gsut.render import PixelFilter, to_uint8, write_png
 from random_scenes import pinhole
@@ -111,12 +112,36 @@ def test_render_along_a_path_of_the_datasets_poses_shows_these_views(case, tmp_p
     pose = scene.views[3].camera_from_world
     (tmp_path / "path.json").write_text(json.dumps({"camera_from_world": [pose.tolist()]}))
     words = ["--path", str(tmp_path / "path.json"), "-o", str(tmp_path / "out")]
+    words += ["--depth", "ray", "--cloud", str(tmp_path / "cloud.ply")]
     assert main(["render", str(run), *words]) == 0
     found = cv2.imread(str(tmp_path / "out" / "00000.png"))[..., ::-1]
     g, camera, train = gsut.load_ply(run / "scene.ply"), scene.camera(3), scene.train_indices
     pixels = PixelFilter(g, [scene.camera(row) for row in train], scene.poses(train))
     wanted = gsut.render(pixels.of(camera, pose), camera, pose).image
     assert np.abs(found.astype(int) - to_uint8(wanted)).max() <= 2
+    # Depths with the pose and lens beside them, and the cloud, lie where the points do.
+    (view,) = gsut.load_dataset(tmp_path / "out").views
+    atol = tolerances.DATA_UTM_POSITION
+    np.testing.assert_allclose(view.camera_from_world, pose, rtol=0, atol=atol)
+    depth = np.load(view.depth_path)
+    seen = gsut.depth_points([gsut.DepthMap(camera, view.camera_from_world, depth)]).vertices
+    cloud, colors = load_points_ply(tmp_path / "cloud.ply")
+    np.testing.assert_allclose(cloud, seen, rtol=0, atol=tolerances.CLOUD_UNITS)
+    assert len(colors) == len(cloud) > 500
+    assert np.linalg.norm(np.median(cloud, axis=0) - np.median(scene.points, axis=0)) < 1
+
+
+def test_grid_of_a_run_lies_where_the_points_do(case, tmp_path):
+    _, data, run = case
+    voxels = ["--voxel", "0.1"]
+    assert (
+        main(["mesh", str(run), "-o", str(tmp_path / "grid.npy"), "--support", "0", *voxels]) == 0
+    )
+    told = json.loads((tmp_path / "grid.json").read_text())
+    cells = np.argwhere(np.abs(np.load(tmp_path / "grid.npy")) < told["voxel"])
+    surface = told["origin"] + told["voxel"] * cells
+    middle = np.median(gsut.load_dataset(data).points, axis=0)
+    assert np.linalg.norm(np.median(surface, axis=0) - middle) < 1
 
 
 def test_compacted_run_and_file_stay_in_place(case, tmp_path):

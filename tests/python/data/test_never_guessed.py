@@ -107,7 +107,7 @@ def test_what_is_converted_is_noted(make, words, tmp_path):
     make(tmp_path / "data")
     notes = gsut.load_dataset(tmp_path / "data").notes
     assert len([note for note in notes if words in note]) == 1, notes
-    findings = gsut.diagnose(tmp_path / "data", progress=False)
+    findings = gsut.doctor(tmp_path / "data", progress=False)
     assert any(words in finding.what and finding.severity == "warning" for finding in findings)
 
 

@@ -18,7 +18,7 @@ from gsut.lens import convert_camera
 from gsut.sfm import correspondences, estimate
 from gsut.sfm.align import centers_of, compare_poses, rotation_angles, similarity
 from gsut.sfm.correspondences import match_images
-from gsut.sfm.estimate import estimate_poses
+from gsut.sfm.estimate import find_poses
 from gsut.sfm.features import features_in, find_features
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.lens_candidates import guess_lens
@@ -360,11 +360,11 @@ def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path,
     with monkeypatch.context() as patch:
         patch.setattr(estimate, "solve", killed)
         with pytest.raises(KeyboardInterrupt):
-            estimate_poses(some_sponza[0], out)
+            find_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
     with monkeypatch.context() as patch:  # features and matches are not made again
         patch.setattr(correspondences, "match_in_full", killed)
-        result = estimate_poses(some_sponza[0], out)
+        result = find_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
     assert result.solution.num_registered == IMAGES
 
@@ -379,7 +379,7 @@ def test_poses_command_corrupt_image_is_named_and_the_rest_kept(some_sponza, tmp
         elif i < 8:
             target.symlink_to(path.resolve())
     notes: list[str] = []
-    result = estimate_poses(
+    result = find_poses(
         folder, tmp_path / "out", camera=some_sponza[0] / "lens.yaml", notes_to=notes.append
     )
     assert result.solution.num_registered == 7
@@ -398,7 +398,7 @@ def test_poses_command_images_of_another_place_are_named_and_the_rest_kept(some_
         (folder / "images" / path.name).symlink_to(path.resolve())
     for name in ("elsewhere_1.png", "elsewhere_2.png"):
         texture(folder / "images" / name, len(name), 480)
-    result = estimate_poses(folder, tmp_path / "out", camera=some_sponza[0] / "lens.yaml")
+    result = find_poses(folder, tmp_path / "out", camera=some_sponza[0] / "lens.yaml")
     assert result.solution.num_registered == 6
     (note,) = [note for note in result.figures["notes"] if "6 of 8 images" in note]
     assert "elsewhere_1.png" in note and "elsewhere_2.png" in note
@@ -441,7 +441,7 @@ def test_poses_command_bad_images_get_one_clear_sentence(case, words, tmp_path, 
 def test_poses_command_wrong_lens_is_doubted(some_sponza, solved_sponza, tmp_path):
     gsut.Camera("pinhole", [240, 240, 240, 240], 480, 480).save(tmp_path / "lens.yaml")
     notes: list[str] = []
-    result = estimate_poses(
+    result = find_poses(
         some_sponza[0], tmp_path / "out", camera=tmp_path / "lens.yaml", notes_to=notes.append
     )
     assert any("the lens is probably not that of the images" in note for note in notes)

@@ -14,7 +14,7 @@ from gsut.cli import main
 from gsut.sfm import errors_against
 from gsut.sfm.align import compare_poses
 from gsut.sfm.correspondences import match_images
-from gsut.sfm.estimate import estimate_poses
+from gsut.sfm.estimate import find_poses
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.lens_candidates import guess_lens
 from gsut.sfm.lens_search import search_lens
@@ -148,7 +148,7 @@ def test_poses_command_upright_rolling_images_that_bend_are_doubted(tmp_path):
         return [frames[i] for i in sorted(order[:12])]
 
     notes: list[str] = []
-    result = estimate_poses(some_helmet(tmp_path, nearest), tmp_path / "out", notes_to=notes.append)
+    result = find_poses(some_helmet(tmp_path, nearest), tmp_path / "out", notes_to=notes.append)
     assert errors_against(tmp_path, tmp_path / "out").ate_percent > 1  # it does bend
     assert result.figures["matches_in_points"] < 0.8  # observed 0.73
     assert sum("the scene has bent with the motion" in note for note in notes) == 1

@@ -115,7 +115,7 @@ def test_a_video_is_registered_by_its_colours(video, tmp_path):
 
 
 def test_a_killed_run_goes_on_from_its_last_images_to_the_same_bits(video, tmp_path, monkeypatch):
-    from gsut.sfm.estimate import estimate_poses
+    from gsut.sfm.estimate import find_poses
     from gsut.sfm.options import PosesOptions
     from gsut.training import photometric_poses
 
@@ -132,7 +132,7 @@ def test_a_killed_run_goes_on_from_its_last_images_to_the_same_bits(video, tmp_p
     def run(name, on_progress=None):
         keep = tmp_path / name / FOLDER / "growth.npz"
         mapper = functools.partial(photometric_poses.grow_poses, keep=keep)
-        return estimate_poses(
+        return find_poses(
             video, tmp_path / name, options=options, mapper=mapper, on_progress=on_progress
         ).solution
 

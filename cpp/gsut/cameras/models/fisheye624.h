@@ -11,7 +11,7 @@
 // (plane_chart.h). Inverse: Newton, safeguarded (plane_map.h). Source: Project Aria's documentation
 // of its camera models.
 
-struct Fisheye624 {
+struct Fisheye624 : WarpedEquidistant<Fisheye624> {
   static constexpr const char* kName = "fisheye624";
   static constexpr const char* kParamNames = "fx fy cx cy k0 k1 k2 k3 k4 k5 p0 p1 s0 s1 s2 s3";
   static constexpr LensExample kExamples[] = {
@@ -36,31 +36,6 @@ struct Fisheye624 {
   };
 
   static bool AcceptsParams(int num_params) { return num_params == 16; }
-
-  static PlaneMap Map(const double* params) {
-    return MakePlaneMap([params](const auto& x, const auto& y, auto* u, auto* v) {
-      Distort(params + 4, x, y, u, v);
-    });
-  }
-
-  static LensDomain MakeDomain(const double* params, int num_params, double angle_limit = kPi) {
-    CheckFocalParams(kName, kParamNames, params, num_params);
-    return PlaneChartDomain(PlaneChart::kEquidistant, params, Map(params), angle_limit);
-  }
-
-  template <class T>
-  static auto Project(const LensDomain& domain, const T* params, int /*num_params*/, T x, T y, T z,
-                      T* u, T* v) {
-    T plane_x(0.0), plane_y(0.0), distorted_x(0.0), distorted_y(0.0);
-    const auto inside = EquidistantPlane::FromPoint(domain, x, y, z, &plane_x, &plane_y);
-    Distort(params + 4, plane_x, plane_y, &distorted_x, &distorted_y);
-    return AndMask(inside, ImagePlane::ToPixel(params, distorted_x, distorted_y, u, v));
-  }
-
-  static bool Unproject(const LensDomain& domain, const double* params, int /*num_params*/,
-                        double u, double v, double* ray) {
-    return UnprojectPlaneChart(PlaneChart::kEquidistant, domain, params, Map(params), u, v, ray);
-  }
 
   // C is T, or double for constant coefficients.
   template <class C, class T>

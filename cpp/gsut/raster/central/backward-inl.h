@@ -41,6 +41,7 @@ enum PixelField {
 };
 
 // to_rays: 2 x 256 gradients to s and t of the tile's pixels, swizzled; with with_rays.
+// NOLINTNEXTLINE(readability-function-size): one loop whose state is in registers.
 HWY_INLINE void BackwardTile(bool with_depth, bool stop_before, bool with_rays,
                              const TileGrid& grid, int tile, float alpha_max,
                              float transmittance_min, const PixelGradients& gradients, Frame* frame,

@@ -28,6 +28,7 @@ HWY_INLINE void StoreMissingRecord(float* r) {
 }
 
 // keep: leaves the list of contributing pairs for the backward pass.
+// NOLINTNEXTLINE(readability-function-size): one loop whose state is in registers.
 HWY_INLINE void ForwardTile(bool with_depth, bool stop_before, const TileGrid& grid, int tile,
                             float alpha_max, float transmittance_min, bool keep, Frame* frame) {
   const FloatTag d;

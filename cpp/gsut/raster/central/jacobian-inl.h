@@ -25,6 +25,7 @@ inline constexpr int kSlopeByLine = 1;                        // its derivatives
 inline constexpr int kSlopeOut = kSlopeByLine + kLineSlopes;  // as TileSlopes
 inline constexpr int kNumSlopeFields = kSlopeOut + TileSlopes::kSize;
 
+// NOLINTNEXTLINE(readability-function-size): one loop whose state is in registers.
 HWY_INLINE void TileJacobian(bool stop_before, bool with_shading, const RasterTask& task,
                              const TileGrid& grid, int tile, const Frame& frame,
                              const float* shading, std::uint64_t wanted, float* slopes) {

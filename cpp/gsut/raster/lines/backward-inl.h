@@ -88,6 +88,7 @@ HWY_INLINE void StoreSlots(const LineChunk& chunk, const float (*sums)[16],
 }
 
 // One pair at one block of pixels; adds to the sums and changes the block's state.
+// NOLINTNEXTLINE(readability-function-size): one loop whose state is in registers.
 HWY_INLINE void BackwardBlock(bool with_depth, bool stop_before, bool with_poses,
                               const LineChunk& chunk, int j, float alpha_max,
                               float transmittance_min, float* state, FloatVec* sums) {

@@ -26,6 +26,7 @@ HWY_INLINE LinePixels LoadLines(const LineGrid& grid, std::size_t o) {
 }
 
 // keep: leaves the list of contributing pairs for the backward pass.
+// NOLINTNEXTLINE(readability-function-size): one loop whose state is in registers.
 HWY_INLINE void ForwardLines(bool with_depth, bool keep, bool stop_before, const RasterTask& task,
                              const LineGrid& grid, int tile, Frame* frame) {
   const FloatTag d;

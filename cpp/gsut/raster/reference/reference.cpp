@@ -153,6 +153,98 @@ struct GradientSums {
   Vector3d color = Vector3d::Zero();
 };
 
+// Of the loss to what a pixel shows, and to its ray in the world frame.
+struct ShownGradient {
+  Vector3d color;
+  double alpha, depth;
+};
+struct PixelGradient {
+  Vector3d ray = Vector3d::Zero(), origin = Vector3d::Zero();
+};
+
+// Adds one pixel's gradients to the sums of what it sees; hits, transmittance: of Blend.
+PixelGradient BackwardPixel(const std::vector<Seen>& seen, const Ray& ray,
+                            const std::vector<Hit>& hits, double transmittance,
+                            const Vector3d& background, const ShownGradient& from,
+                            std::vector<GradientSums>* sums) {
+  // What lies behind the current Gaussian, as seen by L: starts with the background.
+  double behind = transmittance * (from.color.dot(background) - from.alpha);
+  PixelGradient out;
+  double after = transmittance;
+  for (std::size_t h = hits.size(); h-- > 0;) {
+    const Hit& hit = hits[h];
+    const Seen& s = seen[hit.seen];
+    GradientSums& gs = (*sums)[hit.seen];
+    const double before = after / (1.0 - hit.alpha);
+    const double value = from.color.dot(s.color) + from.depth * hit.t;
+    const double g_this_alpha = before * value - behind / (1.0 - hit.alpha);
+    behind += hit.weight * value;
+    after = before;
+    gs.color += hit.weight * from.color;
+    const double g_raw = hit.clamped ? 0.0 : g_this_alpha;
+    gs.opacity += g_raw * hit.response;
+    const double v = -0.5 * g_raw * s.opacity * hit.response;  // dL/dD^2
+    const double e = hit.weight * from.depth;                  // dL/dt
+    const Vector3d w = s.whiten * ray.direction;
+    const Vector3d whitened = s.whitened - s.whiten * ray.origin;
+    const double w2 = w.squaredNorm();
+    const Vector3d residual = whitened - hit.t * w;
+    const Vector3d g_whitened = 2.0 * v * residual + (e / w2) * w;
+    const Vector3d g_w = -2.0 * v * hit.t * residual + (e / w2) * (whitened - 2.0 * hit.t * w);
+    gs.whitened += g_whitened;
+    gs.whiten += g_w * ray.direction.transpose() - g_whitened * ray.origin.transpose();
+    out.ray += s.whiten.transpose() * g_w;
+    out.origin -= s.whiten.transpose() * g_whitened;
+  }
+  return out;
+}
+
+// From the sums over a Gaussian's pixels to its parameters; used: coefficients of the harmonics.
+void WriteGradients(const Seen& s, GradientSums total, const GaussiansView<const double>& gaussians,
+                    int used, bool is_parallel, const GaussiansView<double>& gradients,
+                    ShadingGradient* shading) {
+  const std::int64_t i = s.index;
+  total.whiten += total.whitened * s.relative.transpose();
+  Vector3d g_relative = s.whiten.transpose() * total.whitened;
+
+  // Colour: harmonics in the direction from the camera to the mean.
+  const Vector3d& direction = s.direction;
+  double basis[kMaxShCoefficients];
+  double g_basis[kMaxShCoefficients] = {};
+  HarmonicsBasis(ShDegree(used), direction.x(), direction.y(), direction.z(), basis);
+  for (int c = 0; c < 3; ++c) {
+    if (s.clamped[c]) continue;
+    for (int k = 0; k < used; ++k) {
+      gradients.sh[(i * gradients.sh_coefficients + k) * 3 + c] = basis[k] * total.color[c];
+      g_basis[k] += gaussians.sh[(i * gradients.sh_coefficients + k) * 3 + c] * total.color[c];
+    }
+  }
+  Vector3d g_direction;
+  HarmonicsBasisGradient(ShDegree(used), direction.x(), direction.y(), direction.z(), g_basis,
+                         g_direction.data());
+  if (is_parallel) {
+    shading->axis += g_direction;
+  } else {
+    const Vector3d by_direction =
+        (g_direction - direction * direction.dot(g_direction)) / s.relative.norm();
+    g_relative += by_direction;
+    shading->center -= by_direction;
+  }
+
+  Eigen::Map<Vector3d>(gradients.means + 3 * i) = g_relative;
+  gradients.opacity_logits[i] = total.opacity * s.opacity * (1.0 - s.opacity);
+  // A = S^-1 R^T: row k of A is column k of R divided by the scale k.
+  Matrix3d g_rotation;
+  for (int k = 0; k < 3; ++k) {
+    gradients.log_scales[3 * i + k] = -total.whiten.row(k).dot(s.whiten.row(k));
+    g_rotation.col(k) =
+        total.whiten.row(k).transpose() * std::exp(-gaussians.log_scales[3 * i + k]);
+  }
+  const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> g_rotation_rows = g_rotation;
+  RotationFromQuaternionBackward(gaussians.quats + 4 * i, g_rotation_rows.data(),
+                                 gradients.quats + 4 * i);
+}
+
 }  // namespace
 
 ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, const ViewRays& view,
@@ -220,39 +312,10 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
         const Vector3d g_color = Eigen::Map<const Vector3d>(dimage + 3 * p);
         const double g_alpha = dalpha == nullptr ? 0.0 : dalpha[p];
         const double g_depth = ddepth == nullptr ? 0.0 : ddepth[p];
-        // What lies behind the current Gaussian, as seen by L: starts with the background.
-        double behind = transmittance * (g_color.dot(background) - g_alpha);
-        Vector3d g_ray = Vector3d::Zero();
-        Vector3d g_origin = Vector3d::Zero();
-        double after = transmittance;
-        for (std::size_t h = hits.size(); h-- > 0;) {
-          const Hit& hit = hits[h];
-          const Seen& s = seen[hit.seen];
-          GradientSums& gs = sum[hit.seen];
-          const double before = after / (1.0 - hit.alpha);
-          const double value = g_color.dot(s.color) + g_depth * hit.t;
-          const double g_this_alpha = before * value - behind / (1.0 - hit.alpha);
-          behind += hit.weight * value;
-          after = before;
-          gs.color += hit.weight * g_color;
-          const double g_raw = hit.clamped ? 0.0 : g_this_alpha;
-          gs.opacity += g_raw * hit.response;
-          const double v = -0.5 * g_raw * s.opacity * hit.response;  // dL/dD^2
-          const double e = hit.weight * g_depth;                     // dL/dt
-          const Vector3d w = s.whiten * ray.direction;
-          const Vector3d whitened = s.whitened - s.whiten * ray.origin;
-          const double w2 = w.squaredNorm();
-          const Vector3d residual = whitened - hit.t * w;
-          const Vector3d g_whitened = 2.0 * v * residual + (e / w2) * w;
-          const Vector3d g_w =
-              -2.0 * v * hit.t * residual + (e / w2) * (whitened - 2.0 * hit.t * w);
-          gs.whitened += g_whitened;
-          gs.whiten += g_w * ray.direction.transpose() - g_whitened * ray.origin.transpose();
-          g_ray += s.whiten.transpose() * g_w;
-          g_origin -= s.whiten.transpose() * g_whitened;
-        }
-        Eigen::Map<Vector3d>(&ray_gradients->rays[3 * p]) = rotation * g_ray;
-        Eigen::Map<Vector3d>(&ray_gradients->origins[3 * p]) = rotation * g_origin;
+        const PixelGradient g = BackwardPixel(seen, ray, hits, transmittance, background,
+                                              {g_color, g_alpha, g_depth}, &sum);
+        Eigen::Map<Vector3d>(&ray_gradients->rays[3 * p]) = rotation * g.ray;
+        Eigen::Map<Vector3d>(&ray_gradients->origins[3 * p]) = rotation * g.origin;
       }
     }
   });
@@ -274,47 +337,7 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
       total.opacity += sum[j].opacity;
       total.color += sum[j].color;
     }
-    const Seen& s = seen[j];
-    const std::int64_t i = s.index;
-    total.whiten += total.whitened * s.relative.transpose();
-    Vector3d g_relative = s.whiten.transpose() * total.whitened;
-
-    // Colour: harmonics in the direction from the camera to the mean.
-    const Vector3d& direction = s.direction;
-    double basis[kMaxShCoefficients];
-    double g_basis[kMaxShCoefficients] = {};
-    HarmonicsBasis(ShDegree(used), direction.x(), direction.y(), direction.z(), basis);
-    for (int c = 0; c < 3; ++c) {
-      if (s.clamped[c]) continue;
-      for (int k = 0; k < used; ++k) {
-        gradients.sh[(i * k_all + k) * 3 + c] = basis[k] * total.color[c];
-        g_basis[k] += gaussians.sh[(i * k_all + k) * 3 + c] * total.color[c];
-      }
-    }
-    Vector3d g_direction;
-    HarmonicsBasisGradient(ShDegree(used), direction.x(), direction.y(), direction.z(), g_basis,
-                           g_direction.data());
-    if (view.is_parallel) {
-      shading->axis += g_direction;
-    } else {
-      const Vector3d by_direction =
-          (g_direction - direction * direction.dot(g_direction)) / s.relative.norm();
-      g_relative += by_direction;
-      shading->center -= by_direction;
-    }
-
-    Eigen::Map<Vector3d>(gradients.means + 3 * i) = g_relative;
-    gradients.opacity_logits[i] = total.opacity * s.opacity * (1.0 - s.opacity);
-    // A = S^-1 R^T: row k of A is column k of R divided by the scale k.
-    Matrix3d g_rotation;
-    for (int k = 0; k < 3; ++k) {
-      gradients.log_scales[3 * i + k] = -total.whiten.row(k).dot(s.whiten.row(k));
-      g_rotation.col(k) =
-          total.whiten.row(k).transpose() * std::exp(-gaussians.log_scales[3 * i + k]);
-    }
-    const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> g_rotation_rows = g_rotation;
-    RotationFromQuaternionBackward(gaussians.quats + 4 * i, g_rotation_rows.data(),
-                                   gradients.quats + 4 * i);
+    WriteGradients(seen[j], total, gaussians, used, view.is_parallel, gradients, shading);
   }
 }
 

@@ -1,0 +1,125 @@
+"""What `gsut render` writes beside images: depths, with poses and lenses, and a cloud."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import CameraMotion, InputError
+from gsut.data import Frame, inverse, write_transforms
+from gsut.files import refuse_existing, write_file
+from gsut.render import render_surface, write_png, z_of_distance
+from gsut.surface import Cloud, DepthMap, check_mesh_name, save_mesh
+
+_DEPTH = "depth"
+_LEVELS = 65535
+
+
+class DepthOutput:
+    """Depths and points of images as they are rendered.
+
+    Args:
+        arguments: of `gsut render`.
+        folder: of the images; None: of a film.
+    """
+
+    def __init__(self, arguments: argparse.Namespace, folder: Path | None) -> None:
+        self._folder, self._kind = folder, arguments.depth
+        self._unit = arguments.depth_unit
+        self._file = Path(arguments.cloud) if arguments.cloud else None
+        self._cloud = Cloud(arguments.voxel)
+        self._frames: list[Frame] = []
+        self._too_far = self._known = 0
+
+    @classmethod
+    def asked(cls, arguments: argparse.Namespace, folder: Path | None) -> DepthOutput | None:
+        """None where neither depths nor a cloud are asked for.
+
+        Raises:
+            InputError: depths of a film, a unit out of range, or a file that exists.
+        """
+        if arguments.depth is None and not arguments.cloud:
+            return None
+        if arguments.depth and folder is None:
+            raise InputError("a film has no depths: give a folder by -o, not a film's name")
+        if not 0 < arguments.depth_unit < np.inf:
+            raise InputError(f"--depth-unit must be above 0, found {arguments.depth_unit:g}")
+        if arguments.cloud:
+            file = Path(arguments.cloud)
+            if file.suffix.lower() != ".ply":
+                raise InputError(f"{file}: clouds are written as .ply")
+            check_mesh_name(file)
+            refuse_existing(file)
+        return cls(arguments, folder)
+
+    def check(self, cameras: Sequence[Any]) -> None:
+        """Raises InputError where a lens sees too far from its axis for z."""
+        for camera in dict.fromkeys(cameras) if self._kind == "z" else ():
+            z_of_distance(np.zeros((camera.height, camera.width)), camera)
+
+    def add(
+        self,
+        name: str,
+        result: Any,
+        image: np.ndarray,
+        camera: Any,
+        place: np.ndarray | CameraMotion,
+    ) -> None:
+        """Writes one image's depth; `image` is the render as bytes."""
+        distance = render_surface(result).median
+        if self._file is not None:
+            self._cloud.add(DepthMap(camera, place, distance, None, image))
+        if self._kind is None or self._folder is None:
+            return
+        depth = z_of_distance(distance, camera) if self._kind == "z" else distance
+        content = io.BytesIO()
+        np.save(content, depth.astype(np.float32))
+        (self._folder / _DEPTH).mkdir(exist_ok=True)
+        file = self._folder / _DEPTH / f"{name}.npy"
+        write_file(file, content.getvalue())
+        with np.errstate(invalid="ignore"):
+            levels = np.rint(depth / self._unit)
+            fits = levels <= _LEVELS
+        self._known += int(np.isfinite(levels).sum())
+        self._too_far += int((levels > _LEVELS).sum())
+        write_png(file.with_suffix(".png"), np.where(fits, levels, 0).astype(np.uint16))
+        poses: dict[str, Any] = {"world_from_camera": place}
+        if isinstance(place, CameraMotion):
+            poses = {
+                "world_from_camera": inverse(place.at(0.5)),
+                "world_from_camera_start": inverse(place.at(0.0)),
+                "world_from_camera_end": inverse(place.at(1.0)),
+                "shutter": place.shutter,
+            }
+        else:
+            poses["world_from_camera"] = inverse(np.asarray(place, np.float64))
+        # By that name a dataset's depths are along the rays.
+        along_rays = file if self._kind == "ray" else None
+        self._frames.append(
+            Frame(name, self._folder / f"{name}.png", camera, depth_path=along_rays, **poses)
+        )
+
+    def finish(self) -> dict[str, Any]:
+        """Writes the poses and the cloud; returns figures."""
+        figures: dict[str, Any] = {}
+        if self._folder is not None and self._frames:
+            write_transforms(self._folder / "transforms.json", self._frames, test=())
+            figures[_DEPTH] = self._kind
+        if self._too_far:
+            share = self._too_far / self._known
+            print(
+                f"gsut: note: {share:.1%} of the depths are beyond {_LEVELS * self._unit:g} and 0 "
+                f"in the 16-bit files; a larger --depth-unit holds them, the .npy files do",
+                file=sys.stderr,
+            )
+        if self._file is not None:
+            points = self._cloud.mesh()
+            save_mesh(self._file, points)
+            figures |= {"cloud": str(self._file), "points": len(points.vertices)}
+        return figures

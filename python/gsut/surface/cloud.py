@@ -1,0 +1,113 @@
+"""Depth maps to coloured points of the world, one in each voxel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from gsut._core import CameraMotion, InputError
+from gsut.surface.extract import DepthMap, pixel_angle
+from gsut.surface.mesh import Mesh
+
+_MOST_VOXELS = 2**21  # to a side of a cloud: three such numbers fit 64 bits
+_NO_FACES = np.zeros((0, 3), np.uint32)
+
+
+def world_rays(camera: Any, motion: np.ndarray | CameraMotion) -> tuple[np.ndarray, np.ndarray]:
+    """Origins and unit rays (H, W, 3) of the pixels in the world; NaN where a pixel has none.
+
+    Args:
+        camera: the lens; it may have no one centre.
+        motion: (4, 4) camera_from_world, or a rolling shutter's: then each line has its own.
+    """
+    rays, _ = camera.rays()
+    origins, world = np.empty_like(rays), np.empty_like(rays)
+    lines: list[tuple[Any, np.ndarray]] = [(slice(None), np.asarray(motion))]
+    if isinstance(motion, CameraMotion):
+        times = motion.shutter.line_times(camera.width, camera.height)
+        over_rows = "left" not in motion.shutter.direction
+        lines = [
+            ((line if over_rows else (slice(None), line)), motion.at(time))
+            for line, time in enumerate(times)
+        ]
+    for where, pose in lines:
+        rotation, shift = pose[:3, :3], pose[:3, 3]
+        origins[where] = (camera.origins()[where] - shift) @ rotation
+        world[where] = rays[where] @ rotation
+    return origins, world
+
+
+class Cloud:
+    """Points that are gathered view by view; of each voxel the first stays.
+
+    Args:
+        voxel: world units; None: a pixel's width at the first view's median depth.
+    """
+
+    def __init__(self, voxel: float | None = None) -> None:
+        if voxel is not None and not 0 < voxel < np.inf:
+            raise InputError(f"voxel is {voxel:g}; it must be positive")
+        self.voxel = voxel
+        self._corner = np.zeros(3)
+        self._keys = np.zeros(0, np.int64)
+        self._points: list[np.ndarray] = []
+        self._colors: list[np.ndarray] = []
+
+    def add(self, view: DepthMap) -> None:
+        """Adds the points at a view's depths that are numbers."""
+        origins, rays = world_rays(view.camera, view.motion)
+        there = np.isfinite(view.depth) & np.isfinite(rays[..., 0])
+        if not there.any():
+            return
+        depth = view.depth[there].astype(np.float64)
+        points = origins[there] + depth[:, None] * rays[there]
+        if self.voxel is None:
+            self.voxel = float(np.median(depth)) * pixel_angle(view.camera)
+        if not self._points:
+            self._corner = points[0]
+        cells = np.floor((points - self._corner) / self.voxel)
+        inside = np.all(np.abs(cells) < _MOST_VOXELS / 2, axis=1)
+        cells = cells[inside].astype(np.int64) + _MOST_VOXELS // 2
+        keys = (cells[:, 0] * _MOST_VOXELS + cells[:, 1]) * _MOST_VOXELS + cells[:, 2]
+        new, rows = np.unique(keys, return_index=True)
+        fresh = ~np.isin(new, self._keys, assume_unique=True)
+        rows = np.flatnonzero(inside)[np.sort(rows[fresh])]
+        self._keys = np.union1d(self._keys, new)
+        self._points.append(points[rows])
+        if view.image is not None:
+            self._colors.append(view.image[there][rows].astype(np.float32) / np.float32(255))
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    def mesh(self) -> Mesh:
+        """The points as a mesh without faces; with colours if all views had images.
+
+        Raises:
+            InputError: there are none.
+        """
+        if not len(self):
+            raise InputError("no view has a depth: there are no points")
+        colors = np.concatenate(self._colors) if len(self._colors) == len(self._points) else None
+        return Mesh(np.concatenate(self._points), _NO_FACES, colors)
+
+
+def depth_points(maps: Iterable[DepthMap], voxel: float | None = None) -> Mesh:
+    """The points that depth maps of any lenses and shutters see, one in each voxel.
+
+    Args:
+        maps: distances along the rays, with images for colours.
+        voxel: world units; None: a pixel's width at the first map's median depth.
+
+    Returns:
+        A mesh without faces, in the world of the maps' poses, for `save_mesh`.
+
+    Raises:
+        InputError: no map has a depth, or a voxel that is not positive.
+    """
+    cloud = Cloud(voxel)
+    for view in maps:
+        cloud.add(view)
+    return cloud.mesh()
