@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "bindings/arrays.h"
+#include "bindings/long_call.h"
 #include "bindings/module.h"
 #include "gsut/cameras/camera.h"
 #include "gsut/cameras/lens_traits.h"
@@ -17,8 +18,6 @@
 
 namespace gsut::bindings {
 namespace {
-
-using Released = py::gil_scoped_release;
 
 std::uint8_t* MaskData(py::array_t<bool>& mask) {
   return reinterpret_cast<std::uint8_t*>(mask.mutable_data());
@@ -33,7 +32,7 @@ py::tuple Project(const Camera& camera, const py::object& points_in_camera) {
   double* out = pixels.mutable_data();
   std::uint8_t* mask = MaskData(valid);
   {
-    const Released released;
+    const LongCall released;
     camera.Project(count, in, out, mask);
   }
   return py::make_tuple(pixels, valid);
@@ -48,7 +47,7 @@ py::tuple Unproject(const Camera& camera, const py::object& pixels_object) {
   double* out = rays.mutable_data();
   std::uint8_t* mask = MaskData(valid);
   {
-    const Released released;
+    const LongCall released;
     camera.Unproject(count, in, out, mask);
   }
   return py::make_tuple(rays, valid);
@@ -67,7 +66,7 @@ py::tuple ProjectJacobian(const Camera& camera, const py::object& points_in_came
   double* of_point = dpixel_dpoint.mutable_data();
   double* of_params = dpixel_dparams.mutable_data();
   {
-    const Released released;
+    const LongCall released;
     camera.ProjectJacobian(count, in, out, mask, of_point, of_params);
   }
   return py::make_tuple(dpixel_dpoint, dpixel_dparams);
@@ -77,7 +76,7 @@ py::tuple ProjectJacobian(const Camera& camera, const py::object& points_in_came
 py::tuple Rays(const Camera& camera) {
   const RayTable* table = nullptr;
   {
-    const Released released;
+    const LongCall released;
     table = &camera.Rays();
   }
   const auto owner =
@@ -103,7 +102,7 @@ py::array Origins(const Camera& camera) {
   }
   const RayTable* table = nullptr;
   {
-    const Released released;
+    const LongCall released;
     table = &camera.Rays();
   }
   const auto owner =
@@ -125,7 +124,7 @@ py::tuple RayOrigins(const Camera& camera, const py::object& pixels_object) {
   double* of_origins = origins.mutable_data();
   std::uint8_t* mask = MaskData(valid);
   {
-    const Released released;
+    const LongCall released;
     camera.UnprojectLines(count, in, of_origins, of_rays, mask);
   }
   return py::make_tuple(origins, valid);

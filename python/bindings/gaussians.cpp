@@ -2,6 +2,7 @@
 #include <pybind11/pybind11.h>
 
 #include "bindings/arrays.h"
+#include "bindings/long_call.h"
 #include "bindings/module.h"
 #include "gsut/base/parallel.h"
 #include "gsut/gaussians/harmonics.h"
@@ -41,7 +42,7 @@ py::array_t<double> Colors(const py::object& directions_object, const py::object
   const double* in = directions.data();
   const double* coefficients = sh.data();
   double* out = colors.mutable_data();
-  const py::gil_scoped_release release;
+  const LongCall released;
   ParallelFor(directions.shape(0), kChunkRows, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       EvalHarmonics(degree, in + 3 * i, coefficients + 3 * k * i, out + 3 * i);
@@ -56,7 +57,7 @@ py::array_t<double> NeighborDistances(const py::object& points_object) {
   auto distances = NewArray<double>({static_cast<py::ssize_t>(count)});
   const double* in = points.data();
   double* out = distances.mutable_data();
-  const py::gil_scoped_release release;
+  const LongCall released;
   const std::vector<double> means = MeanNeighborDistances(in, count);
   std::copy(means.begin(), means.end(), out);
   return distances;

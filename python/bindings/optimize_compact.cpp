@@ -2,6 +2,7 @@
 #include <pybind11/pybind11.h>
 
 #include "bindings/arrays.h"
+#include "bindings/long_call.h"
 #include "bindings/module.h"
 #include "gsut/optimize/compact.h"
 #include "gsut/optimize/palette.h"
@@ -35,7 +36,7 @@ py::tuple Paper(const py::object& gaussians, double keep, int depth, int max_rou
   const auto view = ConstGaussians<float>(gaussians);
   GaussianArrays reduced(0, view.sh_coefficients);
   {
-    const py::gil_scoped_release release;
+    const LongCall released;
     reduced = HerdPaper(view, AllRows(view.size),
                         {keep, depth, max_rounds, tolerance, least_variance, seed});
   }
@@ -54,7 +55,7 @@ py::tuple Merge(const py::object& gaussians, std::int64_t target, const py::obje
   options.block_rows = block_rows;
   GaussianArrays reduced(0, view.sh_coefficients);
   {
-    const py::gil_scoped_release release;
+    const LongCall released;
     reduced = MergePairs(view, AllRows(view.size), weight_data, target, options);
   }
   return Arrays(reduced);
@@ -67,7 +68,7 @@ py::tuple PaletteOf(const py::array& rows, std::int64_t entries, int rounds) {
   const float* data = ConstData<float>(rows, "rows", {count, columns});
   Palette palette;
   {
-    const py::gil_scoped_release release;
+    const LongCall released;
     palette = MakePalette(data, count, columns, {entries, rounds});
   }
   const auto size = static_cast<py::ssize_t>(palette.entries.size()) / columns;

@@ -7,6 +7,7 @@
 
 #include "bindings/arrays.h"
 #include "bindings/geometry.h"
+#include "bindings/long_call.h"
 #include "bindings/module.h"
 #include "gsut/base/stopwatch.h"
 #include "gsut/projection/footprint.h"
@@ -24,7 +25,7 @@ py::dict ProjectFloat(const py::object& gaussians, const Camera& camera, const p
   const Pose camera_from_world = ReadPose(pose);
   Splats splats;
   {
-    const py::gil_scoped_release release;
+    const LongCall released;
     Project(view, camera, camera_from_world, Options(alpha, beta, kappa), {alpha_min, 0.0},
             &splats);
   }
@@ -65,7 +66,7 @@ py::dict ProjectDouble(const py::object& gaussians, const Camera& camera, const 
   double* covariances_data = covariances.mutable_data();
   std::uint8_t* valid_data = valid.mutable_data();
   {
-    const py::gil_scoped_release release;
+    const LongCall released;
     ProjectReference(view, camera, camera_from_world, Options(alpha, beta, kappa), centers_data,
                      covariances_data, valid_data);
   }
@@ -123,7 +124,7 @@ class Footprinter {
   py::tuple Find(const py::object& gaussians, const Camera& camera, const py::object& pose) {
     const auto view = ConstGaussians<float>(gaussians);
     const Pose camera_from_world = ReadPose(pose);
-    const py::gil_scoped_release release;
+    const LongCall released;
     Stopwatch watch;
     FindFootprints(view, camera, camera_from_world, options_, &found_);
     const StageTime time = watch.Lap("project");
@@ -139,7 +140,7 @@ class Footprinter {
     const Pose camera_from_world = ReadPose(pose);
     Footprints<double> found;
     {
-      const py::gil_scoped_release release;
+      const LongCall released;
       FindFootprintsReference(view, camera, camera_from_world, options_, &found);
     }
     return FootprintArrays(found);
@@ -162,7 +163,7 @@ py::dict ProjectMotion(const py::object& gaussians, const Camera& camera,
   std::uint8_t* valid_data = valid.mutable_data();
   std::uint8_t* converged_data = converged.mutable_data();
   {
-    const py::gil_scoped_release release;
+    const LongCall released;
     ProjectMoving(view, camera, motion, Options(alpha, beta, kappa), centers_data, covariances_data,
                   valid_data, converged_data);
   }

@@ -11,6 +11,7 @@
 
 #include "bindings/arrays.h"
 #include "bindings/geometry.h"
+#include "bindings/long_call.h"
 #include "bindings/module.h"
 #include "bindings/raster.h"
 #include "gsut/raster/lens_gradients.h"
@@ -101,7 +102,7 @@ class BoundRenderer {
         OptionalData<std::uint8_t>(tiles, "tiles", {in_tiles(height_), in_tiles(width_)});
     sh_rows_ = sh_rows;
     gaussians_ = gaussians;
-    const py::gil_scoped_release release;
+    const LongCall released;
     renderer_.Render(view, camera, motion_, Settings(rule, background, sh_degree), options,
                      image_data, alpha_data, depth_data);
   }
@@ -123,7 +124,7 @@ class BoundRenderer {
     double dpose[12] = {};
     has_lens_ = false;
     {
-      const py::gil_scoped_release release;
+      const LongCall released;
       renderer_.Backward(image, alpha, depth, write_untouched, view, touched_data,
                          with_poses ? dpose : nullptr, with_lens ? &lens_.to_rays : nullptr);
       if (with_lens) lens_.Chain(*camera_, motion_);
@@ -142,7 +143,7 @@ class BoundRenderer {
     {
       std::int32_t* winner_data = winner.mutable_data();
       float* point_data = point.mutable_data();
-      const py::gil_scoped_release release;
+      const LongCall released;
       renderer_.AddSignificance(mask, sums, winner_data, point_data);
     }
     return py::make_tuple(winner, point);
@@ -153,7 +154,7 @@ class BoundRenderer {
     const auto* mask = OptionalData<std::uint8_t>(chosen, "chosen", {height_, width_});
     double* sums =
         MutableData<double>(fisher, "fisher", {renderer_.frame().size, Renderer::kFisherSums});
-    const py::gil_scoped_release release;
+    const LongCall released;
     renderer_.AddFisher(mask, sums);
   }
 
@@ -164,7 +165,7 @@ class BoundRenderer {
     const auto* mask = OptionalData<std::uint8_t>(chosen, "chosen", {height_, width_});
     const std::int64_t size = renderer_.frame().size;
     double* sums = MutableData<double>(support, "support", {size, Renderer::kSupportSums});
-    const py::gil_scoped_release release;
+    const LongCall released;
     renderer_.AddSupport(pixels, mask, sums);
   }
 
@@ -177,7 +178,7 @@ class BoundRenderer {
     const SurfaceMaps maps = {median.mutable_data(), strongest.mutable_data(),
                               normals.mutable_data(), spread.mutable_data()};
     {
-      const py::gil_scoped_release release;
+      const LongCall released;
       renderer_.Surface(maps);
     }
     return py::make_tuple(median, strongest, normals, spread);
@@ -191,7 +192,7 @@ class BoundRenderer {
     if (view.size != renderer_.frame().size) {
       throw InputError("gradients must be shaped like the rendered Gaussians");
     }
-    const py::gil_scoped_release release;
+    const LongCall released;
     renderer_.SurfaceBackward(to_normals, view);
   }
 
@@ -253,7 +254,7 @@ py::tuple RenderDouble(const py::object& gaussians, const Camera& camera, const 
   const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
   ReferenceImage result;
   {
-    const py::gil_scoped_release release;
+    const LongCall released;
     result = RenderReference(view, camera, motion, Settings(rule, background, sh_degree), chosen);
   }
   return ReferenceArrays(result, h, w);
@@ -275,7 +276,7 @@ py::tuple BackwardDouble(const py::object& gaussians, const Camera& camera, cons
   double dpose[12] = {};
   LensGradient lens;
   {
-    const py::gil_scoped_release release;
+    const LongCall released;
     RenderReferenceBackward(view, camera, motion, Settings(rule, background, sh_degree), image,
                             alpha, depth, out, dpose, &lens.to_rays, chosen);
     if (with_lens) lens.Chain(camera, motion);

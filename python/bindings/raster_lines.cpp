@@ -2,6 +2,7 @@
 #include <pybind11/pybind11.h>
 
 #include "bindings/geometry.h"
+#include "bindings/long_call.h"
 #include "bindings/module.h"
 #include "bindings/raster.h"
 
@@ -32,8 +33,12 @@ ViewRays RaysOfLines(const py::object& lines, const py::object& reference) {
 py::tuple RenderLines(const py::object& gaussians, const py::object& lines,
                       const py::object& reference, const BlendRule& rule) {
   const ViewRays rays = RaysOfLines(lines, reference);
-  const ReferenceImage result =
-      RenderReference(ConstGaussians<double>(gaussians), rays, Settings(rule, {0, 0, 0}, 3));
+  const auto view = ConstGaussians<double>(gaussians);
+  ReferenceImage result;
+  {
+    const LongCall released;
+    result = RenderReference(view, rays, Settings(rule, {0, 0, 0}, 3));
+  }
   return ReferenceArrays(result, rays.height, rays.width);
 }
 
@@ -44,13 +49,18 @@ py::array_t<double> BackwardLines(const py::object& gaussians, const py::object&
                                   const py::object& ddepth, const py::object& gradients) {
   const ViewRays view = RaysOfLines(lines, reference);
   const std::int64_t h = view.height, w = view.width;
+  const auto scene = ConstGaussians<double>(gaussians);
+  const double* image = ConstData<double>(dimage, "dimage", {h, w, 3});
+  const double* alpha = OptionalData<double>(dalpha, "dalpha", {h, w});
+  const double* depth = OptionalData<double>(ddepth, "ddepth", {h, w});
+  const auto sums = MutableGaussians<double>(gradients);
   RayGradients rays;
   ShadingGradient shading;
-  RenderReferenceBackward(ConstGaussians<double>(gaussians), view, Settings(rule, {0, 0, 0}, 3),
-                          ConstData<double>(dimage, "dimage", {h, w, 3}),
-                          OptionalData<double>(dalpha, "dalpha", {h, w}),
-                          OptionalData<double>(ddepth, "ddepth", {h, w}),
-                          MutableGaussians<double>(gradients), &rays, &shading);
+  {
+    const LongCall released;
+    RenderReferenceBackward(scene, view, Settings(rule, {0, 0, 0}, 3), image, alpha, depth, sums,
+                            &rays, &shading);
+  }
   auto out = NewArray<double>({view.height, view.width, 6});
   using Eigen::Vector3d;
   const Eigen::Matrix3d to_world = view.reference.rotation.transpose();

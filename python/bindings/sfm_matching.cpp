@@ -8,6 +8,7 @@
 
 #include "bindings/arrays.h"
 #include "bindings/geometry.h"
+#include "bindings/long_call.h"
 #include "bindings/module.h"
 #include "bindings/pixels.h"
 #include "gsut/base/parallel.h"
@@ -17,8 +18,6 @@
 
 namespace gsut::bindings {
 namespace {
-
-using Released = py::gil_scoped_release;
 
 template <class T>
 using ReadOnly = py::array_t<T, py::array::c_style | py::array::forcecast>;
@@ -60,7 +59,7 @@ py::list MatchPairs(const py::list& descriptors, const py::object& pairs_object,
     lengths.push_back(static_cast<int>(set.shape(0)));
   }
   {
-    const Released released;
+    const LongCall released;
     ParallelFor(count, 1, [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t i = begin; i < end; ++i) {
         const std::int64_t a = index[2 * i], b = index[2 * i + 1];
@@ -110,7 +109,7 @@ py::list VerifyPairs(const std::vector<const ImageBearings*>& images,
   }
   std::vector<RelativePose> found(count);
   {
-    const Released released;
+    const LongCall released;
     ParallelFor(count, 1, [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t i = begin; i < end; ++i) {
         RelativePoseOptions options;
@@ -152,7 +151,7 @@ py::tuple AbsolutePoseOf(const ImageBearings& image, const py::object& features_
   options.seed = seed;
   AbsolutePose found;
   {
-    const Released released;
+    const LongCall released;
     found = EstimateAbsolutePose(bearings, positions, options);
   }
   auto inliers = NewArray<bool>({static_cast<py::ssize_t>(found.inliers.size())});
@@ -167,7 +166,7 @@ void BindSfmMatching(py::module_& m) {
       .def(py::init([](const Camera& camera, const py::object& pixels_object) {
              const std::vector<Eigen::Vector2d> pixels = ReadPixels(pixels_object);
              ImageBearings image;
-             const Released released;
+             const LongCall released;
              image.bearings = MakeBearings(camera, pixels, &image.valid);
              return image;
            }),

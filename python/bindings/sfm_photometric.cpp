@@ -9,6 +9,7 @@
 
 #include "bindings/arrays.h"
 #include "bindings/geometry.h"
+#include "bindings/long_call.h"
 #include "bindings/module.h"
 #include "gsut/raster/render.h"
 #include "gsut/sfm/photometric.h"
@@ -80,7 +81,7 @@ py::tuple ColorJacobian(const py::object& gaussians, const Camera& camera, const
   auto by_ray = NewArray<double>({count, 3, 3});
   double* outputs[3] = {colors.mutable_data(), by_center.mutable_data(), by_ray.mutable_data()};
   {
-    const py::gil_scoped_release release;
+    const LongCall released;
     scene.Evaluate(camera, camera_from_world, chosen, outputs[0], outputs[1], outputs[2]);
   }
   return py::make_tuple(colors, by_center, by_ray);
@@ -123,7 +124,7 @@ py::dict Refine(const py::object& gaussians, const std::vector<const Camera*>& c
   const PhotometricOptions options = ReadOptions(settings);
   PhotometricSummary summary;
   {
-    const py::gil_scoped_release release;
+    const LongCall released;
     summary = RefinePhotometric(&scene, &lenses, &images, options);
   }
   py::list poses, gains, lens_params, covariances;

@@ -10,6 +10,7 @@
 
 #include "bindings/arrays.h"
 #include "bindings/geometry.h"
+#include "bindings/long_call.h"
 #include "bindings/module.h"
 #include "bindings/pixels.h"
 #include "gsut/sfm/match.h"
@@ -18,8 +19,6 @@
 
 namespace gsut::bindings {
 namespace {
-
-using Released = py::gil_scoped_release;
 
 std::vector<VerifiedPair> ReadVerified(const py::list& verified) {
   std::vector<VerifiedPair> pairs;
@@ -219,7 +218,7 @@ py::dict Solve(const py::object& on_progress,
   }
   Structure structure;
   try {
-    const Released released;
+    const LongCall released;
     structure = solver(progress);
   } catch (const SolveError&) {
     if (!raised) throw;

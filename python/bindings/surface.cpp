@@ -10,6 +10,7 @@
 
 #include "bindings/arrays.h"
 #include "bindings/geometry.h"
+#include "bindings/long_call.h"
 #include "bindings/module.h"
 #include "gsut/surface/across_views.h"
 #include "gsut/surface/marching_cubes.h"
@@ -40,7 +41,7 @@ class DepthViews {
     images_.push_back(OptionalData<std::uint8_t>(image, "image", {h, w, 3}));
     kept_.append(image);
     const CameraMotion motion = ReadMotion(pose);
-    const py::gil_scoped_release release;
+    const LongCall released;
     views_.emplace_back(camera, motion, depths, weights, Vector(center_));
   }
 
@@ -50,7 +51,7 @@ class DepthViews {
     for (const std::size_t other : others) Check(other);
     auto out = NewArray<std::uint8_t>({views_[which].height(), views_[which].width()});
     std::uint8_t* data = out.mutable_data();
-    const py::gil_scoped_release release;
+    const LongCall released;
     CountSupport(views_, which, others, tolerance, data);
     return out;
   }
@@ -59,7 +60,7 @@ class DepthViews {
                      std::int64_t max_blocks) const {
     const VoxelSpace space = Space(center_, voxel, inner);
     if (!(truncation >= 2.0)) throw InputError("truncation must be at least 2 voxels");
-    const py::gil_scoped_release release;
+    const LongCall released;
     return FuseDepth(views_, space, {truncation, free_weight, max_blocks});
   }
 
@@ -69,7 +70,7 @@ class DepthViews {
     float* colors = out.mutable_data();
     std::vector<double> about(array.data(), array.data() + array.size());
     for (std::size_t i = 0; i < about.size(); ++i) about[i] -= center_[i % 3];
-    const py::gil_scoped_release release;
+    const LongCall released;
     ColorPoints(views_, images_, array.shape(0), about.data(), tolerance, colors);
     return out;
   }
@@ -108,7 +109,7 @@ DistanceField FieldOf(const py::object& blocks, const py::object& values,
 py::tuple MeshOf(const DistanceField& field) {
   Mesh mesh;
   {
-    const py::gil_scoped_release release;
+    const LongCall released;
     mesh = MarchingCubes(field);
   }
   auto vertices = NewArray<double>({static_cast<py::ssize_t>(mesh.vertices.size() / 3), 3});
@@ -133,7 +134,7 @@ py::tuple Searched(py::ssize_t count, const Search& search) {
   double* distances_data = distances.mutable_data();
   std::int64_t* faces_data = faces.mutable_data();
   {
-    const py::gil_scoped_release release;
+    const LongCall released;
     search(distances_data, faces_data);
   }
   return py::make_tuple(distances, faces);

@@ -7,6 +7,7 @@ By task: `load_dataset`, `load_camera`, `doctor` read; `find_poses`, `refine_pos
 and `Camera.save` write. docs/api.md lists all of it.
 """
 
+from gsut import _starting  # noqa: F401  before all that takes time
 from gsut._core import (
     BlendRule,
     CalibrationError,

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import itertools
 import json
 import math
 import os
+import platform
 import shutil
+import stat
 import struct
-import tempfile
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,7 +23,6 @@ from gsut._core import InputError
 
 _MOST_ALIASES = 16  # of a YAML file
 UNFINISHED = ".writing-"  # start of the names of files that are being written
-_FOLDER_MODE = 0o755
 
 
 class WriteError(InputError, OSError):
@@ -42,7 +44,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     path = Path(os.path.realpath(path))
     if path.exists() and not path.is_file():
         raise WriteError(f"cannot write {path}: it is not a file; give another name")
-    temporary = path.with_name(f"{UNFINISHED}{os.getpid()}-{path.name}")
+    temporary = _unfinished(path)
     try:
         yield temporary
         with open(temporary, "r+b") as file:
@@ -64,24 +66,85 @@ def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A folder beside `path` to write to, that becomes it once the block ends well.
 
     Raises:
-        InputError: something of this name exists, or it cannot be created.
+        InputError: something of this name exists, other than an empty folder, or it cannot be
+            created.
     """
     path = Path(path)
-    if path.exists():
-        raise InputError(f"{path} exists; remove it or name another folder")
+    is_folder = path.is_dir() and not path.is_symlink()
+    if os.path.lexists(path) and not (is_folder and not os.listdir(path)):
+        what = "is not empty" if is_folder else "exists"
+        raise InputError(f"{path} {what}; give another folder (nothing was overwritten)")
+    with staging_folder(path) as partial:
+        yield partial
+        partial.rename(path)
+
+
+@contextlib.contextmanager
+def staging_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A folder beside `path`, which need not exist, for what is on its way there; it goes at the
+    end.
+
+    Raises:
+        WriteError: it cannot be created.
+    """
+    path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=f"{UNFINISHED}{path.name}-", dir=path.parent))
+        staging = _unfinished(path)
+        staging.mkdir()
     except OSError as error:
         raise WriteError(
             f"{path} cannot be created ({error.strerror}); name a writable folder"
         ) from None
     try:
-        yield partial
-        partial.chmod(_FOLDER_MODE)  # mkdtemp's is private
-        partial.rename(path)
+        yield staging
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+# Of which computer's processes temporary names tell: folders may be shared.
+_HOST = f"{zlib.crc32(platform.node().encode()):08x}"
+_numbers = itertools.count()
+_tidied: set[Path] = set()
+
+
+def _unfinished(path: Path) -> Path:
+    """A name beside `path` that nobody else uses; what killed processes left there goes."""
+    if path.parent not in _tidied:
+        _tidied.add(path.parent)
+        remove_unfinished(path.parent)
+    return path.with_name(f"{UNFINISHED}{_HOST}-{os.getpid()}-{next(_numbers)}-{path.name}")
+
+
+def remove_unfinished(folder: Path, *, of_all: bool = False) -> None:
+    """Removes what processes were writing to a folder when they were killed.
+
+    Args:
+        folder: to look in.
+        of_all: nobody else writes there: without asking whose it is.
+    """
+    for leftover in folder.glob(UNFINISHED + "*"):
+        host, _, rest = leftover.name.removeprefix(UNFINISHED).partition("-")
+        number = rest.partition("-")[0]
+        if not (of_all or (host == _HOST and number.isdecimal() and not _lives(int(number)))):
+            continue
+        if leftover.is_dir() and not leftover.is_symlink():
+            shutil.rmtree(leftover, ignore_errors=True)
+        else:
+            with contextlib.suppress(OSError):
+                leftover.unlink()
+
+
+def _lives(process: int) -> bool:
+    if os.name != "posix":
+        return True  # asking would end it
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
 
 
 def refuse_existing(path: Path, by: str = "") -> None:
@@ -93,6 +156,21 @@ def refuse_existing(path: Path, by: str = "") -> None:
     """
     if path.exists():
         raise InputError(f"{path} exists; give another name{by} (nothing was overwritten)")
+
+
+def regular(path: str | os.PathLike[str]) -> Path:
+    """The path of a file to read, which must not lead to a pipe or a device: those may have no end,
+    or nobody who writes them.
+
+    Raises:
+        OSError: it does, or it leads to a folder or to nothing.
+    """
+    mode = os.stat(path).st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "a pipe or a device, not a file", os.fspath(path))
+    return Path(path)
 
 
 def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.files import UNFINISHED
+from gsut.files import UNFINISHED, remove_unfinished
 
 try:
     import fcntl
@@ -128,8 +128,7 @@ def _claim(
             with open(os.dup(descriptor), "w", encoding="utf-8", errors="backslashreplace") as file:
                 file.truncate()
                 file.write(json.dumps(content, indent=2) + "\n")
-        for leftover in folder.glob(UNFINISHED + "*"):
-            leftover.unlink()
+        remove_unfinished(folder, of_all=writes is None)
     except OSError as error:
         _let_go(marker, descriptor, made, writes)
         raise InputError(f"cannot write {marker}: {error.strerror}") from None

@@ -77,12 +77,14 @@ def train(
 
     Raises:
         InputError: no training view, an option out of range, or `out` holds a run.
+        DatasetError: a photograph or a mask cannot be used.
     """
     o = (options or TrainOptions()).resolved()
     _core.set_num_threads(o.threads)
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
     given, scene = scene, prepare_scene(scene.centred, o)  # data/: size of the images, shutter
+    scene.check_pixels()  # data/: a damaged photograph is found now
     if o.background is None:
         o = dataclasses.replace(o, background=plain_background(scene))
     # run/: folder, history, checkpoints

@@ -19,6 +19,7 @@ import gsut
 from gsut.demo import make_demo_scene
 from gsut.evaluate import evaluate
 from gsut.render import Falloff, Light, field_angles
+from gsut.training import TrainingLoop
 from tests.bench.report_rows import add_files, check_files, print_and_write
 
 _EXPOSURE, _BALANCE = 0.07, 0.02  # standard deviations of log-gains, as measured on fox
@@ -36,6 +37,7 @@ COLUMNS = (
     ("gains off by [%]", "gain_percent", ".2f"),
     ("falloff off by [%]", "falloff_percent", ".2f"),
     ("CPU-s", "cpu_seconds", ".0f"),
+    ("of it the model [%]", "model_percent", ".1f"),
 )
 
 
@@ -187,9 +189,16 @@ def _train(
         steps=options.steps, max_gaussians=options.max_gaussians, scale=options.scale,
         exposure=exposure.split(",")[0], robust="--robust" in exposure, eval_every=options.steps,
     )  # fmt: skip
+    stages: dict[str, list[float]] = {}
+
+    def look(loop: TrainingLoop, _: dict[str, Any]) -> bool:
+        stages.update(loop.stopwatch.seconds)
+        return True
+
     started = time.process_time()
-    result = gsut.train(scene, settings, progress=False)
+    result = gsut.train(scene, settings, progress=False, watch=look)
     row = {"exposure": exposure, "cpu_seconds": time.process_time() - started}
+    row["model_percent"] = 100 * stages["light"][1] / sum(cpu for _, cpu in stages.values())
     names = ("psnr", "psnr_unit_gain", "psnr_color_corrected", "psnr_half_image")
     row |= {name: result.metrics[name] for name in names}
     if clean is None or truth is None:

@@ -1,9 +1,15 @@
 // Tests gsut/base: parallel loops, random numbers, instruction sets.
 #include <gtest/gtest.h>
 
+#include <atomic>
+#include <chrono>
+#include <exception>
+#include <stdexcept>
+#include <thread>
 #include <vector>
 
 #include "gsut/base/errors.h"
+#include "gsut/base/interrupt.h"
 #include "gsut/base/isa.h"
 #include "gsut/base/parallel.h"
 #include "gsut/base/rng.h"
@@ -40,6 +46,47 @@ TEST(ParallelForTest, SumHasSameBitsOnAnyThreadCount) {
 }
 
 TEST(ParallelForTest, NegativeThreadsRaise) { EXPECT_THROW(SetNumThreads(-1), InputError); }
+
+TEST(ParallelForTest, InterruptEndsALongLoopWithItsReason) {
+  for (const int threads : {1, 3}) {
+    SetNumThreads(threads);
+    const InterruptCheck check([] { return std::make_exception_ptr(std::runtime_error("ended")); });
+    std::atomic<std::int64_t> chunks = 0;
+    constexpr std::int64_t kMany = 1 << 20;
+    const auto loop = [&] {
+      ParallelFor(kMany, 1, [&](std::int64_t, std::int64_t) {
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        ++chunks;
+      });
+    };
+    EXPECT_THROW(loop(), std::runtime_error);
+    EXPECT_GT(chunks, 0);
+    EXPECT_LT(chunks, kMany / 8);
+    EXPECT_THROW(CheckInterrupt(), std::runtime_error);  // once wanted, always
+  }
+  SetNumThreads(0);
+}
+
+TEST(ParallelForTest, InterruptOfOneThreadLeavesTheOthersLoops) {
+  SetNumThreads(3);
+  std::atomic<bool> going = true;
+  std::thread other([&] {
+    const InterruptCheck check([] { return std::make_exception_ptr(std::runtime_error("ended")); });
+    EXPECT_THROW(ParallelFor(1 << 20, 1,
+                             [&](std::int64_t, std::int64_t) {
+                               std::this_thread::sleep_for(std::chrono::milliseconds(1));
+                             }),
+                 std::runtime_error);
+    going = false;
+  });
+  while (going) {
+    std::atomic<int> calls = 0;
+    ParallelFor(20, 1, [&](std::int64_t, std::int64_t) { ++calls; });
+    ASSERT_EQ(calls, 20);
+  }
+  other.join();
+  SetNumThreads(0);
+}
 
 TEST(RngTest, PhiloxMatchesPublishedVectors) {
   // Known answers of Random123 for philox4x32-10 with counter and key all zero.

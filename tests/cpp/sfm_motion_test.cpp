@@ -3,9 +3,13 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <chrono>
+#include <stdexcept>
+#include <thread>
 #include <vector>
 
 #include "gsut/base/errors.h"
+#include "gsut/base/interrupt.h"
 #include "gsut/sfm/bundle.h"
 #include "gsut/sfm/bundle_cost.h"
 #include "gsut/geometry/camera_chain.h"
@@ -303,6 +307,16 @@ TEST(AdjustBundle, RefusesMotionsAndRigsThatDoNotFit) {
   bundle = RigBundle(52);
   bundle.velocities.resize(3, Velocity::Zero());
   EXPECT_THROW(AdjustBundle(&bundle, {}), InputError);
+}
+
+TEST(AdjustBundle, InterruptEndsItAndLeavesTheBundleAsItWas) {
+  Bundle bundle = MakeBundle(WideLens(), 4, 100, 47);
+  Disturb(&bundle, 48);
+  const std::vector<Eigen::Vector3d> points = bundle.points;
+  const InterruptCheck check([] { return std::make_exception_ptr(std::runtime_error("ended")); });
+  std::this_thread::sleep_for(std::chrono::milliseconds(150));  // until it asks
+  EXPECT_THROW(AdjustBundle(&bundle, {}), std::runtime_error);
+  EXPECT_EQ(bundle.points, points);
 }
 
 }  // namespace

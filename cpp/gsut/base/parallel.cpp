@@ -6,30 +6,80 @@
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
+#include <atomic>
 #include <memory>
 #include <mutex>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "gsut/base/errors.h"
+#include "gsut/base/interrupt.h"
 
 #if defined(__SSE2__)
 #include <xmmintrin.h>
 #endif
 #if defined(__SANITIZE_THREAD__)
-#include <atomic>
 #include <thread>
 #endif
 
 namespace gsut {
 namespace {
 
-// An arena of exactly the wanted size, even beyond the number of processors (tests use that).
-struct Threads {
+// How many threads there are, even beyond the number of processors (tests use that), and arenas of
+// so many. Each loop that is not within another has one of its own: in an arena that others fill,
+// its thread would only wait, and could not ask its InterruptCheck.
+class Threads {
+ public:
   explicit Threads(int count)
-      : control(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(count)),
-        arena(count) {}
-  tbb::global_control control;
-  tbb::task_arena arena;
+      : count_(count),
+        control_(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(count)) {}
+
+  int count() const { return count_; }
+
+  template <class Work>
+  void Execute(const Work& work) {
+    std::unique_ptr<tbb::task_arena> arena;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      if (!free_.empty()) {
+        arena = std::move(free_.back());
+        free_.pop_back();
+      }
+    }
+    if (arena == nullptr) arena = std::make_unique<tbb::task_arena>(count_);
+    const auto give_back = [&] {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      free_.push_back(std::move(arena));
+    };
+    try {
+      arena->execute(work);
+    } catch (...) {
+      give_back();
+      throw;
+    }
+    give_back();
+  }
+
+ private:
+  int count_;
+  tbb::global_control control_;
+  std::mutex mutex_;
+  std::vector<std::unique_ptr<tbb::task_arena>> free_;
+};
+
+// Whether this thread runs a chunk of a loop: what it starts is run by the same arena.
+thread_local bool within_loop = false;
+
+class WithinLoop {
+ public:
+  WithinLoop() : before_(within_loop) { within_loop = true; }
+  ~WithinLoop() { within_loop = before_; }
+  WithinLoop(const WithinLoop&) = delete;
+  WithinLoop& operator=(const WithinLoop&) = delete;
+
+ private:
+  bool before_;
 };
 
 std::mutex threads_mutex;
@@ -50,19 +100,20 @@ std::shared_ptr<Threads> CurrentThreads() {
 #if defined(__SANITIZE_THREAD__)
 // The thread sanitizer does not see the order that oneTBB's library keeps: here are plain threads.
 template <class RunChunk>
-void RunChunks(tbb::task_arena* arena, std::int64_t chunks, const RunChunk& run_chunk) {
+void RunChunks(Threads* threads, std::int64_t chunks, const RunChunk& run_chunk) {
   std::atomic<std::int64_t> next = 0;
+  const auto work = [&] {
+    for (std::int64_t chunk = next++; chunk < chunks; chunk = next++) run_chunk(chunk);
+  };
   std::vector<std::jthread> workers;
-  for (int i = 0; i < arena->max_concurrency(); ++i) {
-    workers.emplace_back([&] {
-      for (std::int64_t chunk = next++; chunk < chunks; chunk = next++) run_chunk(chunk);
-    });
-  }
+  for (int i = 1; i < threads->count(); ++i) workers.emplace_back(work);
+  work();
 }
 #else
 template <class RunChunk>
-void RunChunks(tbb::task_arena* arena, std::int64_t chunks, const RunChunk& run_chunk) {
-  arena->execute([&] { tbb::parallel_for(std::int64_t{0}, chunks, run_chunk); });
+void RunChunks(Threads* threads, std::int64_t chunks, const RunChunk& run_chunk) {
+  const auto loop = [&] { tbb::parallel_for(std::int64_t{0}, chunks, run_chunk); };
+  within_loop ? loop() : threads->Execute(loop);
 }
 #endif
 
@@ -80,14 +131,25 @@ void SetNumThreads(int num_threads) {
   threads = std::make_shared<Threads>(count);
 }
 
-int NumThreads() { return CurrentThreads()->arena.max_concurrency(); }
+int NumThreads() { return CurrentThreads()->count(); }
 
 void ParallelFor(std::int64_t count, std::int64_t grain,
                  const std::function<void(std::int64_t, std::int64_t)>& body) {
   if (count <= 0) return;
   if (grain < 1) grain = 1;
   const std::int64_t chunks = (count + grain - 1) / grain;
+  // Its own thread alone asks, and may meanwhile run chunks of other loops: those do not end.
+  InterruptCheck* const check = chunks == 1 ? nullptr : InterruptCheck::OfThisThread();
+  std::atomic<bool> ended = false;
   const auto run_chunk = [&](std::int64_t chunk) {
+    if (check != nullptr) {
+      if (ended.load(std::memory_order_relaxed)) return;
+      if (check == InterruptCheck::OfThisThread() && check->IsWanted()) {
+        ended.store(true, std::memory_order_relaxed);
+        return;
+      }
+    }
+    const WithinLoop within;
     const FlushDenormals flush;
     const std::int64_t begin = chunk * grain;
     body(begin, begin + grain < count ? begin + grain : count);
@@ -97,11 +159,12 @@ void ParallelFor(std::int64_t count, std::int64_t grain,
     return;
   }
   const std::shared_ptr<Threads> current = CurrentThreads();
-  if (current->arena.max_concurrency() == 1) {
+  if (current->count() == 1) {
     for (std::int64_t chunk = 0; chunk < chunks; ++chunk) run_chunk(chunk);
-    return;
+  } else {
+    RunChunks(current.get(), chunks, run_chunk);
   }
-  RunChunks(&current->arena, chunks, run_chunk);
+  if (ended) check->Throw();
 }
 
 double ParallelSum(std::int64_t count, std::int64_t grain,

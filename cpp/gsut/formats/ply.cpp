@@ -23,6 +23,13 @@ constexpr float kLargestLogit = 20.0f;
 constexpr double kFarFromZero = 4096.0;
 
 std::ifstream Open(const std::string& path) {
+  std::error_code unknown;
+  const std::filesystem::file_status status = std::filesystem::status(path, unknown);
+  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
+    const bool is_folder = std::filesystem::is_directory(status);
+    throw InputError(path + ": " + (is_folder ? "a folder" : "a pipe or a device") +
+                     ", not a file");
+  }
   std::ifstream stream(path, std::ios::binary);
   if (!stream) throw InputError(path + ": cannot be opened: " + std::strerror(errno));
   return stream;

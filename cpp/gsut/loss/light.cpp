@@ -2,8 +2,11 @@
 #include "gsut/loss/light.h"
 
 #include <algorithm>
+#include <array>
+#include <string>
 #include <vector>
 
+#include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 
 namespace gsut {
@@ -11,48 +14,99 @@ namespace {
 
 // Outside of these a sensor is no longer linear in light, or its noise is all there is.
 constexpr float kBlack = 0.02f, kSaturated = 0.96f;
-constexpr std::int64_t kRowStep = 4;  // neighbouring rows tell the same
+// Neighbouring rows tell the same: every fourth, of high images some 64 to 90.
+constexpr std::int64_t kRowStep = 4, kRows = 64;
 constexpr std::int64_t kBlockRows = 32;
+
+std::array<float, 256> LevelsOfBytes() {
+  std::array<float, 256> levels{};
+  for (std::size_t b = 0; b < levels.size(); ++b) levels[b] = static_cast<float>(b) / 255.0f;
+  return levels;
+}
+
+struct ByteLevels {
+  const std::uint8_t* values;
+  float operator[](std::int64_t i) const {
+    static const std::array<float, 256> kLevels = LevelsOfBytes();
+    return kLevels[values[i]];
+  }
+};
+
+struct FloatLevels {
+  const float* values;
+  float operator[](std::int64_t i) const { return values[i]; }
+};
+
+void Add(const LightSums& run, LightSums* sum) {
+  for (int c = 0; c < 3; ++c) {
+    sum->tc[c] += run.tc[c];
+    sum->cc[c] += run.cc[c];
+  }
+}
+
+// Adds pixels [first, first + count). Neighbours mostly share a bin: runs of them are summed in
+// registers.
+template <class Levels>
+void AddRow(const PhotometricTarget& target, const Levels& levels, const float* image,
+            const std::uint8_t* bins, std::int64_t first, std::int64_t count, LightSums* out) {
+  LightSums run;
+  int bin = 0;
+  for (std::int64_t p = first; p < first + count; ++p) {
+    if (target.mask() != nullptr && target.mask()[p] == 0) continue;
+    const float t[3] = {levels[3 * p], levels[3 * p + 1], levels[3 * p + 2]};
+    if (!(std::min({t[0], t[1], t[2]}) > kBlack)) continue;
+    if (!(std::max({t[0], t[1], t[2]}) < kSaturated)) continue;
+    if (bins != nullptr && bins[p] != bin) {
+      Add(run, &out[bin]);
+      run = LightSums();
+      bin = bins[p];
+    }
+    for (int c = 0; c < 3; ++c) {
+      const float value = image[3 * p + c];
+      run.tc[c] += static_cast<double>(t[c] * value);
+      run.cc[c] += static_cast<double>(value * value);
+    }
+  }
+  Add(run, &out[bin]);
+}
+
+// Of the rows that are looked at.
+void CheckBins(const std::uint8_t* bins, std::int64_t width, std::int64_t height, std::int64_t step,
+               int num_bins) {
+  if (bins == nullptr) return;
+  for (std::int64_t block = 0; block < height; block += kBlockRows) {
+    for (std::int64_t row = block; row < std::min(height, block + kBlockRows); row += step) {
+      if (*std::max_element(bins + row * width, bins + (row + 1) * width) < num_bins) continue;
+      throw InputError("bins holds numbers from num_bins on, which is " + std::to_string(num_bins));
+    }
+  }
+}
 
 }  // namespace
 
 void SumLight(const PhotometricTarget& target, const float* image, const std::uint8_t* bins,
               int num_bins, LightSums* sums) {
   const std::int64_t width = target.width(), height = target.height();
+  const std::int64_t step = std::clamp(height / kRows, kRowStep, kBlockRows);
+  CheckBins(bins, width, height, step, num_bins);
   const std::int64_t blocks = (height + kBlockRows - 1) / kBlockRows;
   std::vector<LightSums> parts(static_cast<std::size_t>(blocks * num_bins));
   ParallelFor(blocks, 1, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t block = begin; block < end; ++block) {
       LightSums* const out = &parts[static_cast<std::size_t>(block * num_bins)];
       const std::int64_t last = std::min(height, (block + 1) * kBlockRows);
-      for (std::int64_t row = block * kBlockRows; row < last; row += kRowStep) {
-        for (std::int64_t p = row * width; p < (row + 1) * width; ++p) {
-          if (target.mask() != nullptr && target.mask()[p] == 0) continue;
-          float t[3];
-          for (int c = 0; c < 3; ++c) {
-            t[c] = target.byte_image() != nullptr
-                       ? static_cast<float>(target.byte_image()[3 * p + c]) / 255.0f
-                       : target.float_image()[3 * p + c];
-          }
-          if (!(std::min({t[0], t[1], t[2]}) > kBlack)) continue;
-          if (!(std::max({t[0], t[1], t[2]}) < kSaturated)) continue;
-          LightSums& sum = out[bins == nullptr ? 0 : bins[p]];
-          for (int c = 0; c < 3; ++c) {
-            const float value = image[3 * p + c];
-            sum.tc[c] += static_cast<double>(t[c] * value);
-            sum.cc[c] += static_cast<double>(value * value);
-          }
+      for (std::int64_t row = block * kBlockRows; row < last; row += step) {
+        if (target.byte_image() != nullptr) {
+          AddRow(target, ByteLevels{target.byte_image()}, image, bins, row * width, width, out);
+        } else {
+          AddRow(target, FloatLevels{target.float_image()}, image, bins, row * width, width, out);
         }
       }
     }
   });
   std::fill_n(sums, num_bins, LightSums());
   for (std::size_t i = 0; i < parts.size(); ++i) {
-    LightSums& sum = sums[i % static_cast<std::size_t>(num_bins)];
-    for (int c = 0; c < 3; ++c) {
-      sum.tc[c] += parts[i].tc[c];
-      sum.cc[c] += parts[i].cc[c];
-    }
+    Add(parts[i], &sums[i % static_cast<std::size_t>(num_bins)]);
   }
 }
 

@@ -14,6 +14,7 @@
 #include "gsut/sfm/lens_parameters.h"
 #include "gsut/sfm/pose_manifold.h"
 #include "gsut/sfm/solver_log.h"
+#include "gsut/sfm/stop_after.h"
 
 namespace gsut {
 namespace {
@@ -162,12 +163,15 @@ class BundleProblem {
     solver.function_tolerance = options_.function_tolerance;
     solver.num_threads = std::max(1, options_.num_threads);
     solver.logging_type = ceres::SILENT;
+    StopWhenInterrupted stop;
+    solver.callbacks.push_back(&stop);
     summary.rms_before = Rms();
     ceres::Solver::Summary found;
     {
       const QuietSolver quiet;  // a step that fails is tried again shorter: nothing to tell
       ceres::Solve(solver, problem_.get(), &found);
     }
+    CheckInterrupt();
     if (!found.IsSolutionUsable()) {
       throw SolveError("bundle adjustment failed: " + found.message);
     }

@@ -359,12 +359,14 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
   if (any_lens) solver.linear_solver_ordering = ordering;
   solver.max_num_iterations = options.max_iterations + kMostRejected;
   StopAfter stop(options.max_iterations);
-  solver.callbacks.push_back(&stop);
+  StopWhenInterrupted interrupted;
+  solver.callbacks = {&stop, &interrupted};
   solver.function_tolerance = options.function_tolerance;
   solver.logging_type = ceres::SILENT;
   const QuietSolver quiet;
   ceres::Solver::Summary solved;
   ceres::Solve(solver, &problem, &solved);
+  CheckInterrupt();
   if (!solved.IsSolutionUsable()) {
     throw SolveError("photometric refinement failed: " + solved.message);
   }

@@ -1,7 +1,9 @@
-// Stops a solver after a number of steps that lowered the cost.
+// Stops a solver: after a number of steps that lowered the cost, or where the caller wants it.
 #pragma once
 
 #include <ceres/iteration_callback.h>
+
+#include "gsut/base/interrupt.h"
 
 namespace gsut {
 
@@ -21,6 +23,16 @@ class StopAfter : public ceres::IterationCallback {
 
  private:
   int left_;
+};
+
+// Ends the solver where this thread's InterruptCheck wants it; CheckInterrupt then throws.
+class StopWhenInterrupted : public ceres::IterationCallback {
+ public:
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary&) override {
+    InterruptCheck* const check = InterruptCheck::OfThisThread();
+    const bool is_wanted = check != nullptr && check->IsWanted();
+    return is_wanted ? ceres::SOLVER_ABORT : ceres::SOLVER_CONTINUE;
+  }
 };
 
 }  // namespace gsut

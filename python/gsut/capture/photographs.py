@@ -23,7 +23,7 @@ from gsut.capture.exif import RAW_SUFFIXES, PhotographFacts, read_facts
 from gsut.capture.frames import IMAGES, Capture, OnProgress, finished_capture
 from gsut.capture.strip import write_strip
 from gsut.data import CAPTURE, IMAGE_SUFFIXES, capture_state, find_mask, some_names
-from gsut.files import whole_file, write_json
+from gsut.files import regular, whole_file, write_json
 
 HEIF_SUFFIXES = (".heic", ".heif")
 PHOTOGRAPH_SUFFIXES = (*IMAGE_SUFFIXES, *HEIF_SUFFIXES, *RAW_SUFFIXES)
@@ -247,11 +247,11 @@ def _write(plans: Sequence[_Plan], folder: Path, told: OnProgress) -> list[dict[
     """The rows of the photographs, and copies of those that cannot be used as they are."""
     rows: list[dict[str, Any]] = []
     with concurrent.futures.ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        jobs = [pool.submit(_copy, plan, folder) if plan.is_written else None for plan in plans]
-        for done, (plan, job) in enumerate(zip(plans, jobs, strict=True), 1):
-            target = plan.facts.path.resolve() if job is None else job.result()
+        written = pool.map(lambda plan: _copy(plan, folder) if plan.is_written else None, plans)
+        for done, (plan, copy) in enumerate(zip(plans, written, strict=True), 1):
+            target = plan.facts.path.resolve() if copy is None else copy
             path = os.path.relpath(target, folder.resolve())
-            rows.append({"name": plan.name if job is None else target.name, "path": path})
+            rows.append({"name": plan.name if copy is None else target.name, "path": path})
             told("photographs", len(plans) + done, 2 * len(plans), plan.name)
     return rows
 
@@ -291,7 +291,7 @@ def _decoded(path: Path) -> np.ndarray:
             return raw.postprocess(use_camera_wb=True, user_flip=0)
     from PIL import Image
 
-    with Image.open(path) as image:
+    with Image.open(regular(path)) as image:
         if image.mode.startswith("I"):
             grey = np.asarray(image).astype(np.float64) / 257
             return np.repeat(grey.round().clip(0, 255).astype(np.uint8)[:, :, None], 3, axis=2)

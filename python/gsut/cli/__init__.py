@@ -18,13 +18,14 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from gsut import _core
+from gsut import _core, _starting
 
 EXIT_OK = 0
 EXIT_INPUT = 2  # wrong arguments or data: one sentence says which
 EXIT_INTERRUPTED = 130  # as shells report Ctrl-C
 EXIT_PIPE = 141  # as shells report a reader of the output that has gone
 DEBUG_VARIABLE = "GSUT_DEBUG"
+_STOPPED = "stopped; no file was left half-written, and the same command begins anew"
 
 
 class Parser(argparse.ArgumentParser):
@@ -71,30 +72,43 @@ def run_command(
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
+        _starting.done()
         try:
             parsed = parser_of(words).parse_args(words)
             return parsed.run(parsed)
         finally:
             sys.stdout.flush()  # here its failure can be told
     except KeyboardInterrupt as interrupt:
-        print(f"\ngsut: {interrupt or 'stopped'}", file=sys.stderr)
+        print(f"\ngsut: {str(interrupt) or _STOPPED}", file=sys.stderr)
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader of a pipe, such as head, has seen enough
         _drop_output()
         return EXIT_PIPE
-    except (_core.InputError, _core.CalibrationError, _core.SolveError) as error:
-        return _report(str(error))
-    except MemoryError:
-        return _report(
+    except Exception as error:
+        sentence = _sentence_of(error)
+        if sentence is None:  # a bug of ours is shown as one
+            raise
+        return _report(sentence)
+
+
+def _sentence_of(error: Exception) -> str | None:
+    """What is told of an error that is not a bug."""
+    if isinstance(error, (_core.InputError, _core.CalibrationError, _core.SolveError)):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return (
             "the memory does not suffice: use smaller images (--max-side, --scale), fewer "
             "Gaussians or fewer images"
         )
-    except RecursionError:
-        return _report("a file is nested too deeply to be read; is it what it should be?")
-    except OSError as error:
+    if isinstance(error, RecursionError):
+        return "a file is nested too deeply to be read; is it what it should be?"
+    if isinstance(error, OSError):
         _drop_output()  # it may be what failed
         where = f"{error.filename}: " if error.filename is not None else ""
-        return _report(f"{where}{error.strerror or error}")
+        return f"{where}{error.strerror or error}"
+    if isinstance(error, RuntimeError) and "Symlink loop" in str(error):  # before Python 3.13
+        return f"{str(error).split(' from ')[-1]}: a symbolic link that leads to itself"
+    return None
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:

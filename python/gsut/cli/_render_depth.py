@@ -26,11 +26,12 @@ class DepthOutput:
 
     Args:
         arguments: of `gsut render`.
-        folder: of the images; None: of a film.
+        folder: of the images, also an attribute: it may be another when they are written; None: of
+            a film.
     """
 
     def __init__(self, arguments: argparse.Namespace, folder: Path | None) -> None:
-        self._folder, self._kind = folder, arguments.depth
+        self.folder, self._kind = folder, arguments.depth
         self._unit = arguments.depth_unit
         self._file = Path(arguments.cloud) if arguments.cloud else None
         self._cloud = Cloud(arguments.voxel)
@@ -75,13 +76,13 @@ class DepthOutput:
         distance = render_surface(result).median
         if self._file is not None:
             self._cloud.add(DepthMap(camera, place, distance, None, image))
-        if self._kind is None or self._folder is None:
+        if self._kind is None or self.folder is None:
             return
         depth = z_of_distance(distance, camera) if self._kind == "z" else distance
         content = io.BytesIO()
         np.save(content, depth.astype(np.float32))
-        (self._folder / _DEPTH).mkdir(exist_ok=True)
-        file = self._folder / _DEPTH / f"{name}.npy"
+        (self.folder / _DEPTH).mkdir(exist_ok=True)
+        file = self.folder / _DEPTH / f"{name}.npy"
         write_file(file, content.getvalue())
         with np.errstate(invalid="ignore"):
             levels = np.rint(depth / self._unit)
@@ -102,14 +103,14 @@ class DepthOutput:
         # By that name a dataset's depths are along the rays.
         along_rays = file if self._kind == "ray" else None
         self._frames.append(
-            Frame(name, self._folder / f"{name}.png", camera, depth_path=along_rays, **poses)
+            Frame(name, self.folder / f"{name}.png", camera, depth_path=along_rays, **poses)
         )
 
     def finish(self) -> dict[str, Any]:
         """Writes the poses and the cloud; returns figures."""
         figures: dict[str, Any] = {}
-        if self._folder is not None and self._frames:
-            write_transforms(self._folder / "transforms.json", self._frames, test=())
+        if self.folder is not None and self._frames:
+            write_transforms(self.folder / "transforms.json", self._frames, test=())
             figures[_DEPTH] = self._kind
         if self._too_far:
             share = self._too_far / self._known

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +18,7 @@ from gsut.cli._flags import (
     folder_name,
     print_json,
 )
+from gsut.files import whole_folder
 
 HELP = "figures on the held-out images"
 DESCRIPTION = (
@@ -64,11 +66,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.cli.render import new_folder
     from gsut.cli.train import print_figures
-    from gsut.evaluate import evaluate
-    from gsut.run import METRICS, Progress, RunFolder
-    from gsut.training import read_light, read_trained
+    from gsut.run import RunFolder
+    from gsut.training import read_trained
 
     run = RunFolder.open(arguments.folder)
     options, scene, gaussians = read_trained(run, arguments.data)
@@ -81,8 +81,33 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             f"{scene.path} has no {arguments.split} views with these options; try --split all"
         )
-    out = new_folder(Path(arguments.out)) if arguments.out else None
     check_first(scene, arguments.force, quiet=True)
+    with whole_folder(arguments.out) if arguments.out else contextlib.nullcontext() as out:
+        figures = _figures(arguments, run, options, scene, gaussians, indices, out)
+    if arguments.json:
+        print_json(figures)
+    else:
+        for row in figures["views"]:
+            print(f"{row['psnr']:7.2f} dB  SSIM {row['ssim']:.4f}  {row['name']}")
+        print_figures(figures)
+        print_geometry(figures.get("geometry", {}))
+    return 0
+
+
+def _figures(
+    arguments: argparse.Namespace,
+    run: Any,
+    options: Any,
+    scene: Any,
+    gaussians: Any,
+    indices: Sequence[int],
+    out: Path | None,
+) -> dict[str, Any]:
+    """The content of metrics.json, written to `out` beside the pictures, if given."""
+    from gsut.evaluate import evaluate
+    from gsut.run import METRICS, Progress, RunFolder
+    from gsut.training import read_light
+
     with Progress(sys.stderr.isatty()) as bars:
         figures = evaluate(
             gaussians,
@@ -96,20 +121,11 @@ def run(arguments: argparse.Namespace) -> int:
     figures["num_gaussians"] = len(gaussians)
     if options.refine_poses:
         print("gsut: note: poses as the run refined them, held-out views aligned", file=sys.stderr)
-    if out is not None:
-        RunFolder(out).write_json(METRICS, figures)
     if arguments.geometry is not None:
         figures["geometry"] = _geometry(arguments, gaussians, scene, indices, options.background)
-        if out is not None:
-            RunFolder(out).write_json(METRICS, figures)
-    if arguments.json:
-        print_json(figures)
-    else:
-        for row in figures["views"]:
-            print(f"{row['psnr']:7.2f} dB  SSIM {row['ssim']:.4f}  {row['name']}")
-        print_figures(figures)
-        print_geometry(figures.get("geometry", {}))
-    return 0
+    if out is not None:
+        RunFolder(out).write_json(METRICS, figures)
+    return figures
 
 
 def _geometry(

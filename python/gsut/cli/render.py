@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 
 from gsut._core import CameraMotion, InputError
 from gsut.cli._flags import add_json, add_moved_data, parsed_size, print_json
-from gsut.files import refuse_existing
+from gsut.files import refuse_existing, whole_folder
 
 HELP = "images, depths or a film through any lens along any path"
 DESCRIPTION = (
@@ -131,7 +132,10 @@ def run(arguments: argparse.Namespace) -> int:
     pixels = _pixel_filter(stage)
     if depths is not None:
         depths.check(cameras)
-    with Progress(sys.stderr.isatty()) as bars:
+    pictures = contextlib.nullcontext() if film else whole_folder(out)
+    with Progress(sys.stderr.isatty()) as bars, pictures as folder:
+        if depths is not None:
+            depths.folder = folder
 
         def images() -> Iterator[np.ndarray]:
             for done, (name, place, camera) in enumerate(
@@ -145,15 +149,14 @@ def run(arguments: argparse.Namespace) -> int:
                 yield image
                 bars.show("images", done, len(places))
 
-        if film:
+        if folder is None:
             _write_video(out, images(), cameras, arguments.fps)
         else:
-            new_folder(out)
             for name, image in zip(names, images(), strict=True):
-                write_png(out / f"{name}.png", image)
-    figures = {"images": len(places), "out": str(out)}
-    if depths is not None:
-        figures |= depths.finish()
+                write_png(folder / f"{name}.png", image)
+        figures = {"images": len(places), "out": str(out)}
+        if depths is not None:
+            figures |= depths.finish()
     if arguments.json:
         print_json(figures)
     else:
@@ -174,17 +177,6 @@ def _stage(arguments: argparse.Namespace) -> Any:
             raise InputError("a file has no folder for its images: say where to, with -o")
         return stage_of(place, arguments.data)
     return stage_of(RunFolder.open(place).path, arguments.data)
-
-
-def new_folder(path: Path) -> Path:
-    """Makes a folder, which may exist if it is empty."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        if any(path.iterdir()):
-            raise InputError(f"{path} is not empty; give another folder (nothing was overwritten)")
-    except OSError as error:
-        raise InputError(f"cannot make the folder {path}: {error.strerror or error}") from None
-    return path
 
 
 def _pixel_filter(stage: Any) -> Any:

@@ -12,7 +12,7 @@ from gsut.data.capture_file import (
 from gsut.data.check_colors import check_colors, view_agreement
 from gsut.data.check_geometry import check_lenses, check_points, check_poses
 from gsut.data.check_images import check_bits
-from gsut.data.color_points import UNCOLORED, color_points, has_colors
+from gsut.data.color_points import UNCOLORED, color_points, has_colors, points_seen
 from gsut.data.convert import convert_dataset, save_dataset, writable_layouts
 from gsut.data.digests import scene_digests
 from gsut.data.doctor import diagnose, findings_text
@@ -88,6 +88,7 @@ __all__ = [
     "load_points_ply",
     "make_scene",
     "points_ply",
+    "points_seen",
     "read_capture",
     "read_dataset",
     "read_header",

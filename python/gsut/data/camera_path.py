@@ -11,6 +11,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.poses import OPENGL_FROM_OPENCV, rigid_transform
+from gsut.files import regular
 
 
 def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = None) -> np.ndarray:
@@ -65,7 +66,7 @@ def lens_of_path(path: str | os.PathLike[str]) -> Any:
 
 def _content(path: str | os.PathLike[str]) -> dict[str, Any]:
     try:
-        content = json.loads(Path(path).read_text())
+        content = json.loads(regular(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot read the camera path {path}: {error.strerror}") from None
     except ValueError as error:

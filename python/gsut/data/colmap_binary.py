@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut.data.colmap_records import CameraRow, ImageRow
 from gsut.data.findings import DatasetError
+from gsut.files import regular
 from gsut.lens import PARAMETER_COUNTS
 
 _COUNT = struct.Struct("<Q")
@@ -25,7 +26,7 @@ class _Reader:
 
     def __init__(self, path: Path, kind: str) -> None:
         try:
-            self.data = path.read_bytes()
+            self.data = regular(path).read_bytes()
         except OSError as error:
             raise DatasetError(
                 path, f"cannot be opened ({error.strerror})", "check the path"

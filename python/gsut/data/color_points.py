@@ -44,7 +44,7 @@ def color_points(
     count = min(len(scene), _MOST_VIEWS)
     chosen = np.unique(np.linspace(0, len(scene) - 1, count).round().astype(int)).tolist()
     for index in Progress(progress).through("colours", chosen):
-        rows, x, y, away = _seen(scene, index, points)
+        rows, x, y, away = points_seen(scene, index, points)
         slot = distances[:, rows].argmax(axis=0)
         nearer = away < distances[slot, rows]
         rows, slot = rows[nearer], slot[nearer]
@@ -60,10 +60,19 @@ def color_points(
     return np.where(views[:, None] > 0, middle, NO_COLOR).astype(np.uint8), views
 
 
-def _seen(
+def points_seen(
     scene: Scene, index: int, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Rows of the points that a view sees, column and row of their pixels, and distances."""
+    """The points that a view sees, those left out that hide behind others.
+
+    Args:
+        scene: photographs, poses and lenses.
+        index: of the view.
+        points: (N, 3) in the scene's coordinates.
+
+    Returns:
+        Rows of the points, column and row of their pixels, and distances (n,) each.
+    """
     camera, pose = scene.camera(index), scene.views[index].camera_from_world
     relative = points @ pose[:3, :3].T + pose[:3, 3]
     pixels, valid = camera.project(relative)

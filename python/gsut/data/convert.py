@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import os
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -34,7 +33,7 @@ from gsut.data.poses import inverse, rigid_transform
 from gsut.data.scene import Scene
 from gsut.data.times import seconds_text
 from gsut.data.trajectory import format_kitti, format_tum
-from gsut.files import UNFINISHED, whole_folder, write_file
+from gsut.files import staging_folder, whole_folder, write_file
 from gsut.lens import Camera
 from gsut.run import Progress
 
@@ -90,10 +89,9 @@ def convert_dataset(
     if layout is None or layout.unpack is None:
         place = link_file if link else copy_file
         return _write(_read(source, given), out, to, place, scene, progress)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=out.parent) as staging:
+    with staging_folder(out) as staging:
         recording = layout.unpack(
-            source, Path(staging), poses_topic="" if given.get("poses") else poses_topic,
+            source, staging, poses_topic="" if given.get("poses") else poses_topic,
             cameras=given.get("cameras", ()), poses_of=given.get("poses_of"), progress=progress,
         )  # fmt: skip
         names = [stream.name for stream in recording.streams]
@@ -266,9 +264,8 @@ def save_dataset(
     names = [f"{i:06d}" for i in range(count)] if names is None else list(names)
     if out.exists():
         raise InputError(f"{out} exists; remove it or name another folder")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=out.parent) as staging:
-        folder, frames = Path(staging), []
+    with staging_folder(out) as staging:
+        folder, frames = staging, []
         for i, name in enumerate(names):
             path, name = _stored(images[i], name, lenses[i], folder / f"{i}{_PNG}")
             valid, mask = None if masks is None else masks[i], None

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gsut.data.findings import DatasetError
+from gsut.files import regular
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -54,7 +55,7 @@ def read_header(path: Path) -> ImageHeader:
 
 def _open(path: Path):
     try:
-        return open(path, "rb")
+        return open(regular(path), "rb")
     except OSError as error:
         raise DatasetError(
             path, f"cannot be opened ({error.strerror})", "check the path"

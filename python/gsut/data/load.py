@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gsut.data.assemble import Listing, assemble
 from gsut.data.findings import DatasetError, OnError, stop
-from gsut.data.layouts import known_layout, layouts
+from gsut.data.layouts import Layout, known_layout, layouts
 from gsut.data.pairing import listing_of
 from gsut.data.scene import Scene
 from gsut.data.split import TEST_EVERY
@@ -37,8 +37,7 @@ def load_dataset(
         DatasetError (an InputError): the first thing that is wrong with the dataset. `gsut doctor`
             lists all of them.
     """
-    with reading(lambda what: DatasetError(path, what, "is one of its files damaged?")):
-        listing = read_dataset(Path(path))
+    listing = read_dataset(Path(path))
     scene = assemble(listing, test_every=test_every, test_names=test_names)
     return scene if scale == 1 else scene.scaled(scale)
 
@@ -51,6 +50,8 @@ def read_dataset(path: Path, *, on_error: OnError = stop) -> Listing:
     """
     if not path.exists():
         raise DatasetError(path, "the folder does not exist", "check the path")
+    if not (path.is_dir() or path.is_file()):
+        raise DatasetError(path, "a pipe or a device", "give the dataset's folder")
     layout = known_layout(path)
     if layout is None and path.is_file():
         raise DatasetError(
@@ -68,6 +69,11 @@ def read_dataset(path: Path, *, on_error: OnError = stop) -> Listing:
             "lay the files out in one of these ways (docs/datasets.md), or let `gsut scene` make a "
             "scene of photographs",
         )
+    with reading(lambda what: DatasetError(path, what, "is one of its files damaged?")):
+        return _read(layout, path, on_error)
+
+
+def _read(layout: Layout, path: Path, on_error: OnError) -> Listing:
     if layout.read is not None:
         return layout.read(path, on_error)
     if layout.record is None:

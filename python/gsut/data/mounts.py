@@ -14,6 +14,7 @@ from gsut.data.poses import inverse, rigid_transform
 from gsut.data.rig import read_camchain, read_rig
 from gsut.data.text_files import read_json, read_yaml
 from gsut.data.times import NANOSECONDS
+from gsut.files import regular
 from gsut.lens import Camera, is_camchain, load_camera
 
 BODY = "body"  # what poses are of: the body (an IMU), each camera itself, or one named camera
@@ -62,7 +63,7 @@ def read_mounts(lens: Path | dict[str, Path], names: Sequence[str]) -> dict[str,
             )
         return {name: _one(lens[name], name) for name in names}
     if lens.suffix.lower() in _YAML:
-        values = read_yaml(lens) if not lens.read_bytes().startswith(b"%YAML") else {}
+        values = read_yaml(lens) if not regular(lens).read_bytes().startswith(b"%YAML") else {}
         if is_camchain(values):
             return _named(_camchain(lens), names, lens)
     elif lens.suffix.lower() == ".json" and _is_rig(read_json(lens)):
@@ -85,7 +86,7 @@ def is_rig_file(lens: Path) -> bool:
     """
     if lens.suffix.lower() == ".json":
         return _is_rig(read_json(lens))
-    if lens.suffix.lower() not in _YAML or lens.read_bytes().startswith(b"%YAML"):
+    if lens.suffix.lower() not in _YAML or regular(lens).read_bytes().startswith(b"%YAML"):
         return False
     return sum(is_camchain({key: None}) for key in read_yaml(lens)) > 1
 
@@ -113,7 +114,7 @@ def _named(mounts: dict[str, Mount], names: Sequence[str], lens: Path) -> dict[s
 
 def _one(lens: Path, name: str) -> Mount:
     """A file of one camera, of a camchain the one of this name; EuRoC's sensor.yaml has a place."""
-    if lens.suffix.lower() in _YAML and not lens.read_bytes().startswith(b"%YAML"):
+    if lens.suffix.lower() in _YAML and not regular(lens).read_bytes().startswith(b"%YAML"):
         values = read_yaml(lens)
         if is_camchain(values):
             return _named(_camchain(lens), [name], lens)[name]

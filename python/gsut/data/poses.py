@@ -27,7 +27,7 @@ def rigid_transform(values: object, where: object) -> np.ndarray:
     """
     try:
         matrix = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise DatasetError(
             where, "the pose is not a matrix of numbers", "write 4 rows of 4 numbers"
         ) from error

@@ -14,7 +14,7 @@ from gsut._core import CalibrationError, InputError
 from gsut.data.findings import DatasetError
 from gsut.data.poses import centers_of, inverse, rigid_transform
 from gsut.data.text_files import read_yaml
-from gsut.files import write_file
+from gsut.files import regular, write_file
 from gsut.lens import Camera, grid_pixels, is_camchain, load_camera
 
 _POSE = "camera_from_reference"
@@ -71,7 +71,7 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
     """
     file = Path(path)
     try:
-        text = file.read_text(encoding="utf-8")
+        text = regular(file).read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"--rig {file} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

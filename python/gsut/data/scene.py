@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import CameraMotion, InputError, Shutter
 from gsut.data.images import decode_scaled, shrink_both
 from gsut.data.masks import lens_mask, read_mask
@@ -320,14 +321,16 @@ class Scene:
         key = (view.image_path, view.mask_path, view.camera_index)
         return self._masks.get(key, lambda: (self._make_mask(view),))[0]
 
+    def check_pixels(self) -> None:
+        """Decodes every image and mask once: raises the DatasetError of the first damaged one."""
+        with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as threads:
+            for _ in threads.map(self.mask, range(len(self.views))):  # which looks at the alpha
+                pass
+
     def preload(self) -> None:
         """Decodes all images now and keeps them."""
         self._images.limit_bytes = self._masks.limit_bytes = np.inf
-        with concurrent.futures.ThreadPoolExecutor() as threads:
-            for _ in threads.map(self.image, range(len(self.views))):
-                pass
-        for index in range(len(self.views)):
-            self.mask(index)
+        self.check_pixels()
 
     def _pixels(self, view: View) -> tuple[np.ndarray, np.ndarray | None]:
         camera = self.cameras[view.camera_index]

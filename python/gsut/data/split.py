@@ -107,4 +107,4 @@ def _clean(name: object) -> str:
 
 def _aliases(name: str) -> set[str]:
     path = PurePosixPath(name)
-    return {str(path), path.name, path.stem, str(path.with_suffix(""))}
+    return {str(path), path.name, path.stem, str(path.parent / path.stem)}

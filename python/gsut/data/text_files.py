@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut.data.findings import DatasetError
-from gsut.files import parse_yaml
+from gsut.files import parse_yaml, regular
 
 
 def read_text(source: Path) -> str:
@@ -17,7 +17,7 @@ def read_text(source: Path) -> str:
         DatasetError: missing, or not UTF-8 text.
     """
     try:
-        return source.read_text(encoding="utf-8-sig")
+        return regular(source).read_text(encoding="utf-8-sig")
     except OSError as error:
         raise DatasetError(
             source, f"cannot be opened ({error.strerror})", "check the path"

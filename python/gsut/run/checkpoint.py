@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.files import regular
 
 _LAYOUT = "layout"
 _ARRAY = "__array__"  # key of the dict that stands for an array in the layout
@@ -60,7 +61,7 @@ def read_checkpoint(path: str | os.PathLike[str]) -> dict[str, Any]:
     """
     try:
         # Opened here: np.load leaves a damaged file open.
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as members:
+        with open(regular(path), "rb") as file, np.load(file, allow_pickle=False) as members:
             layout = json.loads(members[_LAYOUT].tobytes().decode())
             return _put_arrays(layout, members)
     except _DAMAGE as error:

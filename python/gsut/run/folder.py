@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.files import json_text, plain, reading, whole_file, write_file
+from gsut.files import json_text, plain, reading, regular, whole_file, write_file
 from gsut.output_folder import OutputFolder, claim_folder
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.options import TrainOptions
@@ -113,6 +113,8 @@ class RunFolder:
         """
         run = cls(path)
         if not run.path.is_dir():
+            if os.path.lexists(run.path):
+                regular(run.path)  # a pipe, a link to nowhere: said so
             raise InputError(f"{run.path}: no such folder; give the folder of a run")
         if not (run.path / OPTIONS).is_file():
             raise InputError(
@@ -179,7 +181,9 @@ class RunFolder:
         """The options of the run."""
         path = self.path / OPTIONS
         with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
-            return TrainOptions.from_json(path.read_text(encoding="utf-8"), source=str(path))
+            return TrainOptions.from_json(
+                regular(path).read_text(encoding="utf-8"), source=str(path)
+            )
 
     # Checkpoints.
 

@@ -75,14 +75,11 @@ def follow_pixels(
     cv2.setNumThreads(1)  # its result depends on the number of threads
     try:
         with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as pool:
-            jobs = [
-                pool.submit(_follow, small[a], [small[b] for b in others], grids[a])
-                for a, others in enumerate(wanted)
-            ]
+            neighbors = ([small[b] for b in others] for others in wanted)
             found = []
-            for done, job in enumerate(jobs, 1):
-                found.append(job.result())
-                on_progress("flow", done, len(jobs), "")
+            for each in pool.map(_follow, small, neighbors, grids):  # an error drops the rest
+                found.append(each)
+                on_progress("flow", len(found), len(wanted), "")
     finally:
         cv2.setNumThreads(before)
     places = [[grid] for grid in grids]

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
+from gsut.files import regular
 from gsut.sfm.align import centers_of, similarity
 
 _GEODETIC, _METRIC = ("latitude", "longitude", "altitude"), ("x", "y", "z")
@@ -54,7 +55,7 @@ def read_positions(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
         InputError: cannot be read, lacks a column, or a line is wrong; file and line are named.
     """
     try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
+        with open(regular(path), newline="", encoding="utf-8-sig") as file:
             table = csv.DictReader(file, skipinitialspace=True)
             heading = [name.strip().lower() for name in table.fieldnames or ()]
             table.fieldnames = heading

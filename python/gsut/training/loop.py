@@ -148,6 +148,7 @@ class TrainingLoop:
         self.stopwatch.start()
         self._render(step, image)
         self.photographs.observe(step.fraction, step.level, step.view, target, image)
+        self.stopwatch.lap("light")
         loss = self._compare(step, target, image, dimage)
         self._backpropagate(dimage)
         self._optimize(step)

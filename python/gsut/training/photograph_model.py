@@ -4,7 +4,8 @@ Each step compares its image with its photograph, and least squares give the pho
 a channel (`PhotometricTarget.light_sums`); there is nothing to optimise. The photograph is divided
 by its light, not the image multiplied: Gaussians learn the scene at the mean gain and without
 falloff, and the backward pass knows of neither. The mean log-gain of the training views is held at
-zero, exactly.
+zero, exactly. Where the scene's points show that gains differ, theirs are used from the first step
+until the images are better than they are.
 """
 
 from __future__ import annotations
@@ -18,11 +19,15 @@ from gsut import _core
 from gsut.data import Level, Scene
 from gsut.render import Falloff, Light, falloff_basis, field_angles, interpolated_gains
 from gsut.run import TrainOptions
+from gsut.training.first_gains import first_gains
 
 # Fractions of the steps: before the first the scene says little of the photographs; at the next
 # "auto" looks whether they differ; at the last falloffs are found, which need a scene whose rim
 # is as sharp as its centre (young ones of sponza_fisheye show 3 % of falloff where there is none).
 _FROM = 0.05
+# Gains that points have shown stay up to this fraction of the steps; from the one before it images
+# are compared with photographs all the same, for the falloffs.
+_POINTS_ALONE, _POINTS_UNTIL = 0.3, 0.5
 _DECIDED_AT = (0.25, 0.3, 0.35, 0.4, 0.5, 0.6)
 _FALLOFF_AT = (0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.93)
 _LOOKS = (_DECIDED_AT, _FALLOFF_AT)
@@ -68,6 +73,11 @@ class PhotographModel:
         self._before = np.zeros_like(self._sums)  # those of the visit before
         self._falloffs: list[Falloff | None] = [None] * len(scene.cameras)
         self._looked = (0, 0)  # how often for gains, for falloffs
+        self._by_points = False
+        first = first_gains(scene) if light is None and self._mode != "off" else None
+        if first is not None:
+            self._log_gains, self._gains_used, self._by_points = first, True, True
+            self._known[list(scene.train_indices)] = True
         if light is not None:
             self._log_gains = np.log(light.gains)
             self._known[list(scene.train_indices)] = True
@@ -92,28 +102,47 @@ class PhotographModel:
             view: whose photograph `target` is.
             image: (H, W, 3) float32, the view as it is rendered now.
         """
-        if self._mode == "off" or fraction < _FROM:
+        if self._mode == "off" or (fraction < _FROM and not self._by_points):
             return
         camera = level.camera(view)
         key = (self._camera_of[view], camera.width, camera.height)
-        if key not in self._parts:
-            self._parts = {k: v for k, v in self._parts.items() if k[0] != key[0]}
-            self._parts[key] = _parts(camera)
-        self._before[view] = self._sums[view]
-        self._sums[view] = target.light_sums(image, self._parts[key], _RINGS * _QUADRANTS)
-        self._learn_gain(view)
-        decided, found = (sum(fraction >= at for at in fractions) for fractions in _LOOKS)
-        if decided > self._looked[0]:
-            self._gains_used = self._gains_used or self.spread() > _DIFFER
-        if found > self._looked[1]:
-            self._find_falloffs()
-        self._looked = (decided, found)
+        if not self._by_points or fraction >= _POINTS_ALONE:
+            self._compare(fraction, key, camera, view, target, image)
         falloff = self._falloffs[key[0]]
         if falloff is not None and key not in self._planes:
             self._planes = {k: v for k, v in self._planes.items() if k[0] != key[0]}
             inverse = 1.0 / falloff.at(field_angles(camera))
             self._planes[key] = _core.FalloffPlane(inverse.astype(np.float32))
         target.set_light(np.exp(-self._used_gains()[view]), self._planes.get(key))
+
+    def _compare(
+        self,
+        fraction: float,
+        key: tuple[int, int, int],
+        camera: Any,
+        view: int,
+        target: _core.PhotometricTarget,
+        image: np.ndarray,
+    ) -> None:
+        """What one image tells: of the gain at once, of all that differs when it is time to look.
+
+        Args:
+            fraction, view, target, image: see `observe`.
+            key: of the camera at this size; camera: itself.
+        """
+        if key not in self._parts:
+            self._parts = {k: v for k, v in self._parts.items() if k[0] != key[0]}
+            self._parts[key] = _parts(camera)
+        self._before[view] = self._sums[view]
+        self._sums[view] = target.light_sums(image, self._parts[key], _RINGS * _QUADRANTS)
+        if not self._by_points or fraction >= _POINTS_UNTIL:
+            self._learn_gain(view)
+        decided, found = (sum(fraction >= at for at in fractions) for fractions in _LOOKS)
+        if decided > self._looked[0]:
+            self._gains_used = self._gains_used or self.spread() > _DIFFER
+        if found > self._looked[1]:
+            self._find_falloffs()
+        self._looked = (decided, found)
 
     def spread(self) -> float:
         """Standard deviation of log-gains that two visits and all quarters of a picture show.

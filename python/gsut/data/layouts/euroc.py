@@ -112,6 +112,10 @@ def _stream(folder: Path) -> Stream:
         if fields[1] in present:
             times.append(fields[0])
             images.append(present[fields[1]])
+    if not images:
+        raise DatasetError(
+            table, f"names none of the {len(present)} pictures in {pictures}", "copy both again"
+        )
     stream.images, stream.times = images, times
     return stream
 

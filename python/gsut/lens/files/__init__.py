@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import CalibrationError, InputError
-from gsut.files import parse_yaml, reading, write_file
+from gsut.files import parse_yaml, reading, regular, write_file
 from gsut.lens.camera import Camera
 from gsut.lens.files.aria import format_aria, is_aria, load_aria
 from gsut.lens.files.colmap import (
@@ -86,7 +86,7 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
 
 
 def _load(file: Path, source: str, camera_id: int | str | None) -> Camera:
-    data = file.read_bytes()
+    data = regular(file).read_bytes()
     suffix = file.suffix.lower()
     if suffix == ".bin":
         return load_colmap_binary(data, source, camera_id)

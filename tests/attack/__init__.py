@@ -1,0 +1,1 @@
+"""`./run attack`: bad inputs to every command and reader, and commands killed at random moments."""

@@ -1,0 +1,85 @@
+"""Numbers that no flag means, for every flag of every command that takes numbers."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Iterator
+
+from attack.harness import Case
+from gsut.cli import build_parser
+
+# Command -> what it is given beside the flag, and what that needs.
+BASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "calibrate": (
+        ("photo.png", "--board", "5x4", "--spacing", "0.03", "-o", "out.yaml"), ("photo.png",)
+    ),
+    "camera convert": (("lenses/opencv.yaml", "kannala_brandt"), ("lenses/opencv.yaml",)),
+    "camera find": (("hero9",), ()),
+    "compact": (("scenes/a.ply", "-o", "out.ply", "--keep", "0.5"), ("scenes/a.ply",)),
+    "convert": (("scenes/a.ply", "out.ply"), ("scenes/a.ply",)),
+    "data convert": (("plane", "out"), ("plane",)),
+    "demo": (("--no-open", "-o", "out", "--steps", "1"), ()),
+    "edit": (("scenes/a.ply", "-o", "out.ply"), ("scenes/a.ply",)),
+    "eval": (("run",), ("ds", "run")),
+    "measure": (
+        ("scenes/a.ply", "--point", "0", "0", "0", "--point", "1", "0", "0"), ("scenes/a.ply",)
+    ),
+    "mesh": (("run", "-o", "out.ply"), ("ds", "run")),
+    "points": (("ds", "-o", "out.ply"), ("ds",)),
+    "poses": (("folder", "-o", "out", "--quiet"), ("folder",)),
+    "render": (
+        ("scenes/a.ply", "-o", "out", "--frames", "1", "--size", "16x16"), ("scenes/a.ply",)
+    ),
+    "scene": (("film.mp4", "-o", "out", "--quiet"), ("film.mp4",)),
+    "train": (("ds", "-o", "out", "--steps", "2", "--quiet"), ("ds",)),
+}  # fmt: skip
+NO_NUMBERS = ("nan", "inf", "-inf", "x", "", "1,2;3", "1e999")
+ODD = ("-1", "0", "1e300", "9" * 25)  # of some flags a number in a good sense
+# Flags where infinity or a word is an answer.
+WORDS = {"--crop-box", "--crop-sphere", "--crop"}
+# A view waits for its end; a demo trains whatever its flags say.
+LEFT_OUT = {("demo", ""), ("view", "")}
+
+
+def of_flags() -> Iterator[Case]:
+    """Every flag that takes numbers, with each number that it cannot mean."""
+    for command, (base, needs) in BASES.items():
+        for action in numeric_flags(command):
+            flag = action.option_strings[-1]
+            count = action.nargs if isinstance(action.nargs, int) else 1
+            for value in NO_NUMBERS + ODD:
+                words = (*command.split(), *_without(base, flag, count), f"{flag}")
+                given = [value] + ["1"] * (count - 1)
+                said = "[-_ ]".join(map(re.escape, flag.strip("-").split("-")))
+                yield Case(
+                    "flag", f"{flag} {value!r}", (*words, *given), needs,
+                    said=(f"{said}|{re.escape(action.dest)}",),
+                    may_pass=value in ODD or (flag in WORDS and "inf" in value),
+                    keeps=("out",),
+                )  # fmt: skip
+
+
+def numeric_flags(command: str) -> list[argparse.Action]:
+    name, *inner = command.split()
+    parser = _inner(build_parser([name]), name)
+    for each in inner:
+        parser = _inner(parser, each)
+    return [
+        action for action in parser._actions
+        if action.option_strings and action.nargs != 0
+        and (action.type in (int, float) or action.metavar in ("N", "X"))
+    ]  # fmt: skip
+
+
+def _inner(parser: argparse.ArgumentParser, name: str) -> argparse.ArgumentParser:
+    commands = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+    return commands.choices[name]
+
+
+def _without(base: tuple[str, ...], flag: str, count: int) -> tuple[str, ...]:
+    """The base's words without this flag, which is given otherwise."""
+    if flag not in base:
+        return base
+    at = base.index(flag)
+    return base[:at] + base[at + 1 + count :]

@@ -1,0 +1,218 @@
+"""A case of the attack: a command line over spoiled inputs, and what it may do."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import gc
+import hashlib
+import io
+import json
+import os
+import re
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from gsut.cli import main
+from gsut.files import UNFINISHED
+
+Spoil = Callable[[Path], object]
+SLOWEST = 20.0  # processor seconds of one case
+PATIENCE = 30.0  # seconds by the clock: something waits that should not
+
+
+class Hang(BaseException):
+    """A case takes too long."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """One row of the table.
+
+    Attributes:
+        kind: its class, in the counts.
+        name: of the row.
+        words: the command line; relative names are of the scratch folder.
+        needs: names in the world, copied to the scratch folder.
+        spoil: changes the copies.
+        said: what the sentence must name: a pattern each.
+        may_pass: the command may also succeed: what was given can be read in a good sense.
+        keeps: names that the command may leave though it fails: stages for the next time.
+    """
+
+    kind: str
+    name: str
+    words: tuple[str, ...]
+    needs: tuple[str, ...] = ()
+    spoil: Spoil | None = None
+    said: tuple[str, ...] = ()
+    may_pass: bool = False
+    keeps: tuple[str, ...] = ()
+
+    @property
+    def title(self) -> str:
+        return f"{self.kind}: {self.name}: gsut {' '.join(self.words)}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Told:
+    """What a command did.
+
+    Attributes:
+        status: its exit status; None where it raised.
+        errors: standard error.
+        seconds: of the processor.
+        output: standard output.
+    """
+
+    status: int | None
+    errors: str
+    seconds: float
+    output: str = ""
+
+
+def run_words(words: tuple[str, ...]) -> Told:
+    """Runs a command, in this process where its words go through Python's streams."""
+    if words[0] == "calibrate":  # calib/ is a process of its own
+        started = time.monotonic()
+        command = [sys.executable, "-m", "gsut", *words]
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=PATIENCE, check=False)
+        except subprocess.TimeoutExpired:
+            return Told(None, "it hangs", PATIENCE)
+        errors = done.stderr.decode(errors="backslashreplace").rpartition("\r")[2]
+        return Told(done.returncode, errors, time.monotonic() - started)
+    out, errors = io.StringIO(), io.StringIO()
+    before = warnings.showwarning
+    started = time.process_time()
+    status: int | None = None
+    with _limits(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
+        try:
+            status = main(list(words))
+        except SystemExit as end:  # argparse's --help
+            status = end.code if isinstance(end.code, int) else 1
+        except BaseException:
+            errors.write(traceback.format_exc())
+        finally:
+            warnings.showwarning = before
+    return Told(status, errors.getvalue(), time.process_time() - started, out.getvalue())
+
+
+@contextlib.contextmanager
+def inside(folder: Path) -> Iterator[None]:
+    """The current folder, for a while."""
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
+@contextlib.contextmanager
+def _limits() -> Iterator[None]:
+    def stop(number: int, _: object) -> None:
+        raise Hang(f"signal {number}")
+
+    old = [signal.signal(number, stop) for number in (signal.SIGPROF, signal.SIGALRM)]
+    signal.setitimer(signal.ITIMER_PROF, SLOWEST)
+    signal.setitimer(signal.ITIMER_REAL, PATIENCE)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGPROF, old[0])
+        signal.signal(signal.SIGALRM, old[1])
+
+
+def attack(case: Case, world: Path, scratch: Path) -> str | None:
+    """Carries a case out in a new folder; what is wrong with what happened, or None."""
+    return carry_out(case, world, scratch)[1]
+
+
+def carry_out(case: Case, world: Path, scratch: Path) -> tuple[Told, str | None]:
+    """As `attack`, with what was told."""
+    scratch.mkdir()
+    for need in case.needs:
+        source, target = world / need, scratch / need
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copytree(source, target) if source.is_dir() else shutil.copy(source, target)
+    try:
+        with inside(scratch):
+            if case.spoil is not None:
+                case.spoil(scratch)
+            before = snapshot(scratch)
+            told = run_words(case.words)
+            gc.collect()  # folders that a failed command held are let go
+            return told, fault(case, told, before, snapshot(scratch))
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def disagreement(doctor: Case, train: Case, world: Path, scratch: Path) -> str | None:
+    """Both cases carried out: whether `doctor` finds what `train` refuses, and the other way round,
+    in the same words."""
+    told, wrong = carry_out(train, world, scratch)
+    found, _ = carry_out(doctor, world, scratch)
+    if wrong is not None:
+        return wrong
+    if found.status is None or found.status != told.status:
+        return f"train {told.status}, doctor {found.status}: {told.errors} {found.output[-900:]}"
+    if told.status == 0:
+        return None
+    sentence = told.errors.splitlines()[-1]
+    if not found.output:  # there is no dataset to look at
+        return None if found.errors.splitlines()[-1] == sentence else f"others: {found.errors}"
+    errors = [each for each in json.loads(found.output) if each["severity"] == "error"]
+    same = [" ".join(e["what"].split()) in sentence for e in errors]
+    return None if any(same) else f"other words: {sentence} {errors}"
+
+
+def fault(case: Case, told: Told, before: dict[str, str], after: dict[str, str]) -> str | None:
+    if told.status is None or "Traceback" in told.errors:
+        return f"traceback: {told.errors[-1500:]}"
+    changed = sorted(name for name in before if after.get(name) != before[name])
+    if changed:
+        return f"changed {changed} and ended with {told.status}: {told.errors[-300:]}"
+    half = [name for name in after if UNFINISHED in name]
+    if half:
+        return f"left {half}"
+    if told.status == 0:
+        return None if case.may_pass else f"accepted: {told.errors[-300:]}"
+    if told.status != 2:
+        return f"status {told.status}: {told.errors[-300:]}"
+    kept = re.compile("|".join(case.keeps) or "$^")
+    new = [name for name in after if name not in before and not kept.match(name)]
+    if new:
+        return f"failed and left {new}: {told.errors[-300:]}"
+    lines = [line for line in told.errors.splitlines() if line.startswith("gsut: error: ")]
+    if len(lines) != 1 or not told.errors.endswith(lines[0] + "\n"):
+        return f"not one sentence at the end: {told.errors[-600:]}"
+    missing = [each for each in case.said if not re.search(each, lines[0])]
+    return f"does not say {missing}: {lines[0]}" if missing else None
+
+
+def snapshot(folder: Path) -> dict[str, str]:
+    """What there is: names of all, with kind and content."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        name = os.fsencode(path.relative_to(folder)).decode("utf-8", "backslashreplace")
+        mode = path.lstat().st_mode
+        if stat.S_ISLNK(mode):
+            found[name] = f"link to {os.readlink(path)}"
+        elif stat.S_ISDIR(mode):
+            found[name] = "folder"
+        elif stat.S_ISREG(mode):
+            found[name] = hashlib.sha1(path.read_bytes()).hexdigest()
+        else:
+            found[name] = "other"
+    return found

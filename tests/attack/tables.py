@@ -1,0 +1,113 @@
+"""The table of the attack: every row is data; `cases` makes them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from attack.damage import CAUSES, TO_ANY_FILE, TO_TEXT
+from attack.flags import of_flags
+from attack.harness import Case, Spoil
+from attack.world import LENSES, SCENES
+
+RUN_FILES = ("options.json", "metrics.json", "scene.ply", "environment.json", "history.jsonl",
+             "checkpoint.npz")  # fmt: skip
+# Of a run: the files that the command reads, so that damage must be told; it may do without others.
+OF_RUN: dict[tuple[str, ...], tuple[str, ...]] = {
+    ("eval", "run"): ("options.json", "environment.json", "scene.ply"),
+    ("render", "run", "-o", "out", "--frames", "1", "--size", "16x16"):
+        ("options.json", "environment.json", "scene.ply"),
+    ("convert", "run", "out.spz"): ("scene.ply",),
+    ("edit", "run", "-o", "out.ply", "--scale", "2"): ("scene.ply",),
+    ("compact", "run", "-o", "out", "--keep", "0.5", "--method", "lightgaussian"):
+        ("options.json", "environment.json", "scene.ply"),
+    ("mesh", "run", "-o", "out.ply"): ("options.json", "environment.json", "scene.ply"),
+    ("measure", "run", "--point", "0", "0", "0", "--point", "1", "0", "0"):
+        ("options.json", "environment.json", "scene.ply"),
+    ("localize", "ds/images/003.png", "--run", "run"):
+        ("options.json", "environment.json", "scene.ply"),
+    ("train", "ds", "-o", "run", "--resume", "--quiet"): ("options.json", "checkpoint.npz"),
+    ("data", "convert", "run", "out"): ("options.json", "environment.json"),
+}  # fmt: skip
+# What is no file of a run is none of its.
+ABSENT = "absent|holds no run|does not say which dataset"
+# Files that do not say how long they are or what they hold.
+HEADLESS = {("positions.csv", "cut in half"), ("f.splat", "cut in half"), ("f.splat", "noise")}
+TEXTS = (".json", ".yaml", ".txt", ".xml", ".csv", ".cameramodel", ".jsonl")
+
+
+def damages(name: str) -> dict[str, Callable[[Path], object]]:
+    """What may happen to this file."""
+    return TO_ANY_FILE | (TO_TEXT if name.endswith(TEXTS) else {})
+
+
+def spoil_file(name: str, damage: Callable[[Path], object]) -> Spoil:
+    return lambda folder: damage(folder / name)
+
+
+def named(path: str) -> str:
+    return re.escape(Path(path).name)
+
+
+def of_files() -> Iterator[Case]:
+    """Damage to every file that a command is given or finds."""
+    singles: list[tuple[str, str, tuple[str, ...]]] = [
+        *(("lens", f"lenses/{n}", ("camera", "convert", f"lenses/{n}", "pinhole")) for n in LENSES),
+        *(("scene", f"scenes/{n}", ("convert", f"scenes/{n}", "out.ply")) for n in SCENES),
+        ("scene", "scenes/a.ply", ("edit", "scenes/a.ply", "-o", "out.ply", "--scale", "2")),
+        ("scene", "scenes/a.ply", ("compact", "scenes/a.ply", "-o", "out.ply", "--keep", "0.5")),
+        ("scene", "scenes/a.ply", ("render", "scenes/a.ply", "-o", "out", "--frames", "1")),
+        ("scene", "scenes/a.ply", ("view", "scenes/a.ply", "--no-open")),
+        ("scene", "scenes/a.ply", ("measure", "scenes/a.ply", "--point", "0", "0", "0",
+                                   "--point", "1", "0", "0")),
+        ("table", "path.json", ("render", "scenes/a.ply", "-o", "out", "--path", "path.json",
+                                "--size", "16x16")),
+        ("table", "lenses/opencv.yaml", ("render", "scenes/a.ply", "-o", "out", "--camera",
+                                         "lenses/opencv.yaml", "--frames", "1")),
+        ("table", "positions.csv", ("edit", "run", "-o", "out.ply", "--positions",
+                                    "positions.csv")),
+        ("table", "points.ply", ("points", "ds", "--colour", "points.ply", "-o", "out.ply")),
+        ("table", "photo.png", ("localize", "photo.png", "--run", "run")),
+        ("table", "mask.png", ("localize", "ds/images/003.png", "--run", "run", "--mask",
+                               "mask.png")),
+        ("table", "lenses/opencv.yaml", ("localize", "photo.png", "--run", "run", "--camera",
+                                         "lenses/opencv.yaml")),
+        ("table", "lenses/camchain.yaml", ("poses", "folder", "-o", "out", "--rig",
+                                           "lenses/camchain.yaml")),
+        ("table", "lenses/opencv.yaml", ("poses", "folder", "-o", "out", "--camera",
+                                         "lenses/opencv.yaml")),
+        ("film", "film.mp4", ("poses", "film.mp4", "-o", "out", "--quiet")),
+        ("film", "film.mp4", ("scene", "film.mp4", "-o", "out", "--quiet")),
+        ("board", "photo.png", ("calibrate", "photo.png", "--board", "5x4", "--spacing", "0.03",
+                                "-o", "out.yaml")),
+    ]  # fmt: skip
+    for kind, file, words in singles:
+        needs = [file, *_named_by(words)]
+        for name, damage in damages(file).items():
+            yield Case(
+                kind, f"{Path(file).name} is {name}", words, tuple(dict.fromkeys(needs)),
+                spoil_file(file, damage), (named(file), CAUSES.get(name, "")),
+                may_pass=(Path(file).name, name) in HEADLESS,
+            )  # fmt: skip
+    for words, files in OF_RUN.items():
+        for file in files:
+            for name, damage in damages(file).items():
+                yield Case(
+                    "run", f"{file} is {name}", words, ("ds", "run"),
+                    spoil_file(f"run/{file}", damage),
+                    (named(file) + r"|\brun\b", f"{CAUSES[name]}|{ABSENT}" if name in CAUSES
+                     else ""),
+                    may_pass=words[0] == "train" and name == "missing",
+                )  # fmt: skip
+
+
+def _named_by(words: tuple[str, ...]) -> list[str]:
+    known = ("scenes/a.ply", "ds", "run", "folder", "photo.png")
+    found = [each for each in known if any(w == each or w.startswith(each + "/") for w in words)]
+    return ["ds", *found] if "run" in found else found
+
+
+def cases() -> list[Case]:
+    """The whole table."""
+    return [*of_files(), *of_flags()]
