@@ -90,15 +90,18 @@ def train_blocks(
     Raises:
         InputError: an option out of range or not there for blocks, memory that does not suffice,
             `out` holds a run, or a worker fails again and again.
+        DatasetError: a photograph or a mask cannot be used.
     """
     o, b = options or TrainOptions(), blocks or BlockOptions()
     check_trainable(o)
     _core.set_num_threads(o.threads)
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
+    near = prepare_scene(scene.centred, o.resolved())
+    near.check_pixels()
     engine = Workers(b.workers, o.threads) if b.cluster is None else Cluster(b.cluster)
     run, o = _open_run(out, o, scene, resume)
-    training = _Training(run, o, b, prepare_scene(scene.centred, o.resolved()), engine, progress)
+    training = _Training(run, o, b, near, engine, progress)
     with training.stage("coarse"):
         training.coarse = training.train_coarse()  # everything; poses, lens and light, then frozen
     with training.stage("layout"):

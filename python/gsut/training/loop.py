@@ -149,7 +149,7 @@ class TrainingLoop:
         self._render(step, image)
         self.photographs.observe(step.fraction, step.level, step.view, target, image)
         self.stopwatch.lap("light")
-        loss = self._compare(step, target, image, dimage)
+        loss = self._compare(step, target)
         self._backpropagate(dimage)
         self._optimize(step)
         self.step = step.number
@@ -199,14 +199,9 @@ class TrainingLoop:
     def _choose_pixels(self, step: _Step, dimage: np.ndarray) -> None:
         """Zeroes the loss' gradient (H, W, 3) in the pixels that the step is not about: none."""
 
-    def _compare(
-        self,
-        step: _Step,
-        target: _core.PhotometricTarget,
-        image: np.ndarray,
-        dimage: np.ndarray,
-    ) -> float:
+    def _compare(self, step: _Step, target: _core.PhotometricTarget) -> float:
         """The loss against the photograph, and its gradient to the image."""
+        image, dimage = step.level.buffers(step.view)
         loss, _ = _core.photometric_loss(target, image, dimage, self.options.ssim_weight)
         self._choose_pixels(step, dimage)
         if self.weights is not None:
