@@ -176,6 +176,7 @@ def check_trainable(options: TrainOptions) -> None:
     """
     refused = {
         "--robust": options.robust,
+        "--surface": options.surface,
         "--compact-at": options.compact_at is not None,
         "--low-pass": options.low_pass > 0,
         "--strategy mini": options.strategy == "mini",

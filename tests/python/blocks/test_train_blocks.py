@@ -140,6 +140,7 @@ def test_resumed_run_keeps_its_division(scene, finished):
     ("given", "words"),
     [
         ({"robust": True}, "--robust"),
+        ({"surface": True}, "--surface"),
         ({"low_pass": 0.3}, "--low-pass"),
         ({"strategy": "mini"}, "--strategy mini"),
         ({"compact_at": 5}, "--compact-at"),

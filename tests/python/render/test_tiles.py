@@ -17,7 +17,7 @@ def passes(gaussians, camera, pose, dimage, tiles=None):
     image = np.zeros((camera.height, camera.width, 3), np.float32)
     renderer.render(
         gaussians, camera, pose, gsut.BlendRule(), (0.2, 0.3, 0.4), 3, DEFAULT_UNSCENTED, image,
-        None, None, True, tiles,
+        None, None, True, None, tiles,
     )  # fmt: skip
     gradients, touched = gaussians.zeros_like(), np.zeros(len(gaussians), np.uint8)
     renderer.backward(dimage, None, None, gradients, touched, True)
