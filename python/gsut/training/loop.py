@@ -11,7 +11,7 @@ import numpy as np
 from gsut import _core
 from gsut.compact import compact, seen_views
 from gsut.data import Level, Scene, TrainingViews
-from gsut.gaussians import Gaussians, LowPassFilter, merged
+from gsut.gaussians import Gaussians, LowPassFilter
 from gsut.lens import CalibrationWeights
 from gsut.optimize import (
     LearningRates,
@@ -23,6 +23,7 @@ from gsut.optimize import (
 from gsut.refine import TracksResult, TrainingRefiner
 from gsut.render import DEFAULT_UNSCENTED, Light, random_background
 from gsut.run import Stopwatch, TrainOptions
+from gsut.training.context import Context
 from gsut.training.densification import DensificationStep, densification_of
 from gsut.training.photograph_model import PhotographModel
 from gsut.training.start import seed_first
@@ -96,8 +97,7 @@ class TrainingLoop:
         self.renderer = _core.Renderer()
         self.rule = _core.BlendRule()
         self.stopwatch = Stopwatch()
-        self._context = context
-        self._joined: Gaussians | None = None  # those trained, then the context
+        self._context = Context(context)
         self._gradients: Any = None  # of all that is drawn
         self._touched = np.zeros(0, np.uint8)
         self.photographs = PhotographModel(scene, options, light)
@@ -124,14 +124,7 @@ class TrainingLoop:
 
     def drawn(self) -> Gaussians:
         """The Gaussians as they are rendered: behind the low-pass filter, then the context."""
-        trained = self._filter.of(self.gaussians)
-        if self._context is None:
-            return trained
-        if self._joined is None or len(self._joined) != len(trained) + len(self._context):
-            self._joined = merged([trained, self._context])
-        for field in dataclasses.fields(trained):
-            getattr(self._joined, field.name)[: len(trained)] = getattr(trained, field.name)
-        return self._joined
+        return self._context.around(self._filter.of(self.gaussians))
 
     def result(self) -> Gaussians:
         """What the run gives, were this its last step: the mean over the last steps, filtered."""
@@ -220,19 +213,15 @@ class TrainingLoop:
         self.renderer.backward(
             dimage, None, None, self._gradients, self._touched, not self.options.sparse_adam, False
         )
-        self._filter.backward(self.gaussians, self._trained(self._gradients))
+        self._filter.backward(self.gaussians, self._context.trained(self._gradients))
         self.stopwatch.lap("backward")
-
-    def _trained(self, rows: Any) -> Any:
-        """The rows of those that are trained, of all that is drawn."""
-        return rows if self._context is None else rows[: len(self.gaussians)]
 
     def _optimize(self, step: _Step) -> None:
         """Statistics for densification, one step of Adam, and what the strategy adds to both."""
-        optimizer, gradients = self.optimizer, self._trained(self._gradients)
-        touched = self._trained(self._touched)
+        optimizer, trained = self.optimizer, self._context.trained
+        gradients, touched = trained(self._gradients), trained(self._touched)
         self.densification.add_gradients(optimizer, gradients)
-        optimizer.accumulate(gradients.means, self._trained(self.renderer.distances()), touched)
+        optimizer.accumulate(gradients.means, trained(self.renderer.distances()), touched)
         self.stopwatch.lap("statistics")
         self._add_surface(step)
         visible = touched if self.options.sparse_adam else None
@@ -258,10 +247,8 @@ class TrainingLoop:
         o, scene = self.options, self.scene
         within = o.densify_from <= step.fraction <= o.densify_until
         if within and step.number % o.densify_every == 0:
-            full_grown = o.compact_at is not None and step.number >= o.compact_at
-            now = DensificationStep(
-                step.number, step.fraction, step.level.scene, self.extent, full_grown
-            )
+            full = o.compact_at is not None and step.number >= o.compact_at
+            now = DensificationStep(step.number, step.fraction, step.level.scene, self.extent, full)
             self.optimizer = self.densification.densify(self.optimizer, now)
             self.optimizer.sort_by_place()
             self._begin_anew()
