@@ -237,7 +237,7 @@ class TrainingLoop:
         more = self.surface.gradients(
             self.drawn(), step.level.scene, step.view, self.rule, step.fraction
         )
-        self._filter.backward(self.gaussians, more)
+        self._filter.backward(self.gaussians, self._context.trained(more))
         for name in ("means", "quats", "log_scales", "opacity_logits"):
             getattr(self._gradients, name)[...] += getattr(more, name)
         self.stopwatch.lap("surface")
