@@ -208,7 +208,8 @@ def _train(
     scene = gsut.load_dataset(data)
     settings = gsut.TrainOptions(
         steps=options.steps, max_gaussians=options.max_gaussians, scale=options.scale,
-        exposure=exposure.split(",")[0], robust="--robust" in exposure, drop_blurred="--drop-blurred" in exposure, eval_every=options.steps,
+        exposure=exposure.split(",")[0], robust="--robust" in exposure,
+        drop_blurred="--drop-blurred" in exposure, eval_every=options.steps,
     )  # fmt: skip
     stages: dict[str, list[float]] = {}
 
