@@ -24,6 +24,7 @@ from gsut.training.start import (
     prepare_scene,
     refine_first_poses,
     size_note,
+    without_blurred,
 )
 from gsut.training.trained_run import TrainedRun, load_run, read_light, read_trained
 
@@ -54,6 +55,7 @@ __all__ = [
     "size_note",
     "tune_for_viewers",
     "with_most",
+    "without_blurred",
     "write_compacted_run",
     "write_results",
 ]
