@@ -28,7 +28,7 @@ CPP_MAY_USE: dict[str, set[str]] = {
 }
 # C++ library (start of its include) -> folders that may use it.
 CPP_LIBRARIES: dict[str, set[str]] = {
-    "hwy": {"base", "cameras", "projection", "raster", "loss", "optimize", "sfm"},  # SIMD kernels
+    "hwy": {"base", "cameras", "projection", "raster", "loss", "optimize", "sfm", "surface"},
     "tbb": {"base", "cameras"},  # ParallelFor for all others; cameras isolates making a ray table
     "Eigen": {*CPP_MAY_USE, "bindings"},
     "ceres": {"sfm"},

@@ -215,8 +215,7 @@ struct TileWord {
 
   // The touched tiles of a window that it holds.
   HWY_INLINE TileWord(const TileGrid& grid, const FormLanes& forms, const TileWindow& window)
-      : base_x(window.x0 / kCellSize * kCellSize),
-        base_y(window.y0 / kCellSize * kCellSize) {
+      : base_x(window.x0 / kCellSize * kCellSize), base_y(window.y0 / kCellSize * kCellSize) {
     static_assert(2 * kCellSize == 8);
     for (int y = base_y; y < window.y1; y += kCellSize) {
       for (int x = base_x; x < window.x1; x += kCellSize) {

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from small_blocks import OPTIONS, small_scene
 
 import gsut
 from gsut.blocks.segment import TILE, BlockLoop, run_segment, spread_tiles, tiles_around
@@ -13,6 +12,7 @@ from gsut.blocks.task import BlockTask, gaussian_arrays, photographs_of
 from gsut.compact import seen_views
 from gsut.run import read_checkpoint, write_checkpoint
 from gsut.training import TrainingLoop
+from small_blocks import OPTIONS, small_scene
 from tolerances.blocks import SHARES_SUM
 
 FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
