@@ -30,8 +30,7 @@ PRESETS: dict[str, dict[str, Any]] = {
 # What `gsut train --help` lists; the rest is for `--help all`.
 COMMON_OPTIONS = (
     "preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "shutter",
-    "refine_poses", "refine_lens", "max_gaussians", "sh_degree", "strategy",
-    "surface",
+    "refine_poses", "refine_lens", "max_gaussians", "sh_degree", "surface",
 )  # fmt: skip
 
 # "The rate of the means times the number of steps is what matters": 1.6e-3 at 500 steps, 8e-4 at
