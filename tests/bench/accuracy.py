@@ -104,7 +104,7 @@ def make_truth(
 
     def render(factor: float) -> tuple[np.ndarray, np.ndarray]:
         moved = _moved(rule, factor)
-        image, _, _, blended = _core.render_reference(
+        image, _, _, blended, _ = _core.render_reference(
             g, camera, pose, moved, background, degree, pixels
         )
         return image[inside], blended[inside]

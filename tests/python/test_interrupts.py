@@ -103,6 +103,7 @@ def test_call_in_another_thread_goes_on(rng):
 # In the midst of the imports: a finder of modules that interrupts.
 INTERRUPTED = """
 import os, signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)
 class Interrupt:
     def find_spec(self, name, path=None, target=None):
         if name == "gsut.data":

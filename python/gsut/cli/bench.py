@@ -105,7 +105,7 @@ def _measured(gaussians: Any, camera: Any, place: Any, repeats: int) -> dict[str
         moved = _core.BlendRule()
         for name in ("alpha_min", "transmittance_min", "response_min"):
             setattr(moved, name, factor * getattr(rule, name))
-        image, _, _, blended = _core.render_reference(
+        image, _, _, blended, _ = _core.render_reference(
             exact, camera, place, moved, _BACKGROUND, degree, pixels
         )
         return image, blended

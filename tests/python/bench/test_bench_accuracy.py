@@ -106,7 +106,7 @@ def test_reference_on_chosen_pixels_equals_the_whole_there(pinhole, rng):
 def test_truth_of_a_sample_leaves_no_gaussian_out(fisheye):
     rule = gsut.BlendRule()
     truth = accuracy.make_truth(fisheye, rule, tiles=3, with_gradients=False)
-    image, _, _, blended = _core.render_reference(
+    image, _, _, blended, _ = _core.render_reference(
         fisheye.gaussians.astype(np.float64), fisheye.camera, fisheye.camera_from_world, rule,
         (0.0, 0.0, 0.0), 3,
     )  # fmt: skip

@@ -263,7 +263,7 @@ def test_demo_scene_numbers_out_of_range_raise(tmp_path, arguments, message):
 
 def test_demo_scene_existing_folder_is_left_alone(tmp_path):
     (tmp_path / "mine.txt").write_text("kept")
-    with pytest.raises(InputError, match="exists"):
+    with pytest.raises(InputError, match="nothing was overwritten"):
         make_demo_scene(tmp_path, progress=False)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 

@@ -207,7 +207,7 @@ def test_oracle_rays_match_within_its_own_slerp(oracle):
 
 
 def test_oracle_image_of_its_own_rays_matches(oracle):
-    image, alpha, depth, samples = _core.render_lines_reference(
+    image, alpha, depth, samples, _ = _core.render_lines_reference(
         oracle.gaussians, oracle.lines, oracle.middle, oracle.rule
     )
     assert np.array_equal(samples, oracle["all_nsamples"]) and (samples > 0).sum() > 1000

@@ -1,5 +1,6 @@
 """The server: who is answered, what is refused in a sentence, and its end."""
 
+import functools
 import http.client
 import json
 import signal
@@ -154,8 +155,9 @@ def test_scene_that_cannot_be_read_is_refused(tmp_path, content, words):
 
 def test_control_c_ends_the_command_within_a_second(ply):
     command = [sys.executable, "-m", "gsut", "view", str(ply), "--no-open"]
+    listening = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # nohup's do not
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=listening
     ) as one:
         line = one.stdout.readline()
         assert line.startswith(f"gsut view: http://{LOOPBACK}:")
