@@ -6,6 +6,7 @@
 #include "bindings/module.h"
 #include "gsut/base/parallel.h"
 #include "gsut/gaussians/harmonics.h"
+#include "gsut/gaussians/facing_axes.h"
 #include "gsut/gaussians/low_pass.h"
 #include "gsut/gaussians/seed.h"
 #include "gsut/gaussians/seed_distances.h"
@@ -115,6 +116,27 @@ void LowPassGradients(const py::object& gaussians, const py::object& radii,
                       : LowPassBackwardAs<float>(gaussians, radii, gradients);
 }
 
+template <class T>
+void FacingAxesAs(const py::object& gaussians, const std::array<double, 3>& center,
+                  const py::object& sh) {
+  const auto view = ConstGaussians<T>(gaussians);
+  T* out = MutableData<T>(sh, "sh", {view.size, 1, 3});
+  const py::gil_scoped_release release;
+  FacingAxes(view, center.data(), out);
+}
+
+template <class T>
+void FacingAxesBackwardAs(const py::object& gaussians, const std::array<double, 3>& center,
+                          const py::object& dsh, const py::object& gradients, double flatten) {
+  const auto view = ConstGaussians<T>(gaussians);
+  const T* slopes = ConstData<T>(dsh, "dsh", {view.size, 1, 3});
+  const auto out = MutableGaussians<T>(gradients);
+  if (out.size != view.size) throw InputError("gradients must be shaped like the Gaussians");
+  const py::gil_scoped_release release;
+  FacingAxesBackward(view, center.data(), slopes, out.quats);
+  if (flatten > 0.0) FlattenGradient(view, flatten, out.log_scales);
+}
+
 }  // namespace
 
 void BindGaussians(pybind11::module_& m) {
@@ -128,6 +150,27 @@ void BindGaussians(pybind11::module_& m) {
   m.def("seed_from_points", &Seed, py::arg("points"), py::arg("colors"), py::arg("gaussians"),
         py::arg("scale_factor"), py::arg("opacity"),
         "Fills float32 Gaussians from points (N,3) and colours (N,3) in [0, 1].");
+  m.def(
+      "facing_axes",
+      [](const py::object& gaussians, const std::array<double, 3>& center, const py::object& sh) {
+        IsDouble(gaussians) ? FacingAxesAs<double>(gaussians, center, sh)
+                            : FacingAxesAs<float>(gaussians, center, sh);
+      },
+      py::arg("gaussians"), py::arg("center"), py::arg("sh"),
+      "Writes the shortest axes, facing the centre, as harmonics (N,1,3) of colours 0.5 + 0.5 "
+      "axis.");
+  m.def(
+      "facing_axes_backward",
+      [](const py::object& gaussians, const std::array<double, 3>& center, const py::object& dsh,
+         const py::object& gradients, double flatten) {
+        IsDouble(gaussians)
+            ? FacingAxesBackwardAs<double>(gaussians, center, dsh, gradients, flatten)
+            : FacingAxesBackwardAs<float>(gaussians, center, dsh, gradients, flatten);
+      },
+      py::arg("gaussians"), py::arg("center"), py::arg("dsh"), py::arg("gradients"),
+      py::arg("flatten") = 0.0,
+      "Adds the gradients through facing_axes to the quats, and those of flatten x mean of the "
+      "shortest scale to the log_scales.");
   m.def("low_pass", &LowPass, py::arg("gaussians"), py::arg("radii"), py::arg("out"),
         "Writes the filtered log_scales and opacity_logits into `out`.");
   m.def("low_pass_backward", &LowPassGradients, py::arg("gaussians"), py::arg("radii"),

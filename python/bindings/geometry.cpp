@@ -28,7 +28,9 @@ py::array_t<double> WritePose(const Pose& pose) {
   return array;
 }
 
-void BindGeometry(py::module_& m) {
+namespace {
+
+void BindShutter(py::module_& m) {
   py::class_<Shutter>(m, "Shutter", R"doc(
 How an image is read out: all at once, or line by line while the camera moves.
 
@@ -110,6 +112,12 @@ Args:
 Returns:
     (4, 4) float64 camera_from_world.
 )doc");
+}
+
+}  // namespace
+
+void BindGeometry(py::module_& m) {
+  BindShutter(m);
   m.def(
       "exp_pose",
       [](const py::handle& xi) {

@@ -19,6 +19,7 @@
 #include "gsut/loss/metrics.h"
 #include "gsut/loss/photometric.h"
 #include "gsut/loss/reference.h"
+#include "gsut/loss/surface.h"
 #include "gsut/loss/trim.h"
 
 namespace gsut::bindings {
@@ -264,6 +265,38 @@ Returns:
 )doc");
 }
 
+template <class T>
+std::array<double, 3> SurfaceLossAs(const py::dict& maps, const std::array<double, 4>& weights,
+                                    const py::object& dalpha, const py::object& ddepth,
+                                    const py::object& ddistortion, const py::object& dnormals) {
+  const py::array alpha = py::cast<py::array>(maps["alpha"]);
+  CheckShape(alpha, "alpha", {kAny, kAny});
+  const std::int64_t h = alpha.shape(0), w = alpha.shape(1);
+  const auto plane = [&](const char* name) {
+    return ConstData<T>(py::object(maps[name]), name, {h, w});
+  };
+  const auto vectors = [&](const char* name) {
+    return ConstData<T>(py::object(maps[name]), name, {h, w, 3});
+  };
+  const SurfaceRender<T> render = {h,
+                                   w,
+                                   vectors("directions"),
+                                   vectors("origins"),
+                                   plane("alpha"),
+                                   plane("depth"),
+                                   plane("distortion"),
+                                   vectors("normals"),
+                                   OptionalData<T>(py::object(maps["known"]), "known", {h, w})};
+  const SurfaceGradients<T> out = {MutableData<T>(dalpha, "dalpha", {h, w}),
+                                   MutableData<T>(ddepth, "ddepth", {h, w}),
+                                   MutableData<T>(ddistortion, "ddistortion", {h, w}),
+                                   MutableData<T>(dnormals, "dnormals", {h, w, 3})};
+  const py::gil_scoped_release release;
+  const SurfaceTerms terms =
+      SurfaceLoss(render, {weights[0], weights[1], weights[2], weights[3]}, out);
+  return {terms.normal, terms.distortion, terms.known};
+}
+
 }  // namespace
 
 void BindLoss(py::module_& m) {
@@ -287,6 +320,36 @@ Raises:
 The same bits on any number of threads. Error against the double reference: loss 5e-7 relative,
 gradient 2e-6 relative (L2), from 30 unmasked pixels on (1.7e-5 below).
 Source: Kerbl et al., "3D Gaussian splatting", 2023, equation 7; SSIM of Wang et al., 2004.
+)doc");
+
+  m.def(
+      "surface_loss",
+      [](const py::dict& maps, const std::array<double, 4>& weights, const py::object& dalpha,
+         const py::object& ddepth, const py::object& ddistortion, const py::object& dnormals) {
+        return py::isinstance<py::array_t<double>>(maps["alpha"])
+                   ? SurfaceLossAs<double>(maps, weights, dalpha, ddepth, ddistortion, dnormals)
+                   : SurfaceLossAs<float>(maps, weights, dalpha, ddepth, ddistortion, dnormals);
+      },
+      py::arg("maps"), py::arg("weights"), py::arg("dalpha"), py::arg("ddepth"),
+      py::arg("ddistortion"), py::arg("dnormals"), R"doc(
+What training for surfaces asks of a render, and its gradients to the render's maps.
+
+Args:
+    maps: directions and origins (H, W, 3) of the rays, alpha, depth and distortion (H, W), normals
+        (H, W, 3) of a render of facing_axes over 0.5, known (H, W) distances, 0: not known, or
+        None; all float32 or all float64.
+    weights: of normals that agree with the depth, of distortion, of known distances; the scene's
+        extent.
+    dalpha, ddepth, ddistortion, dnormals: overwritten by the gradients.
+
+Returns:
+    The three terms, each times its weight.
+
+Raises:
+    InputError: wrong shapes or dtypes.
+
+The same bits on any number of threads. Source: Huang et al., "2D Gaussian splatting", 2024,
+equations 13 and 14.
 )doc");
 
   m.def(

@@ -79,7 +79,8 @@ class BoundRenderer {
   void Render(const py::object& gaussians, const Camera& camera, const py::object& pose,
               const BlendRule& rule, const std::array<double, 3>& background, int sh_degree,
               const std::array<double, 3>& unscented, const py::object& image,
-              const py::object& alpha, const py::object& depth, bool keep) {
+              const py::object& alpha, const py::object& depth, bool keep,
+              const py::object& distortion) {
     const std::optional<HarmonicsRows> sh_rows = MixedRows(gaussians);
     const auto view = ConstGaussians<float>(gaussians, sh_rows ? &*sh_rows : nullptr);
     motion_ = ReadMotion(pose);
@@ -91,25 +92,30 @@ class BoundRenderer {
         alpha.is_none() ? nullptr : MutableData<float>(alpha, "alpha", {height_, width_});
     float* depth_data =
         depth.is_none() ? nullptr : MutableData<float>(depth, "depth", {height_, width_});
+    float* distortion_data = distortion.is_none()
+                                 ? nullptr
+                                 : MutableData<float>(distortion, "distortion", {height_, width_});
     TiledOptions options;
     options.unscented = {unscented[0], unscented[1], unscented[2]};
-    options.with_depth = depth_data != nullptr;
+    options.with_depth = depth_data != nullptr || distortion_data != nullptr;
     options.keep_for_backward = keep;
     options.sh_rows = sh_rows;
     sh_rows_ = sh_rows;
     gaussians_ = gaussians;
     const LongCall released;
     renderer_.Render(view, camera, motion_, Settings(rule, background, sh_degree), options,
-                     image_data, alpha_data, depth_data);
+                     image_data, alpha_data, depth_data, distortion_data);
   }
 
   // None without with_poses.
   py::object Backward(const py::object& dimage, const py::object& dalpha, const py::object& ddepth,
                       const py::object& gradients, const py::object& touched, bool write_untouched,
-                      bool with_poses, bool with_lens) {
-    const float* image = ConstData<float>(dimage, "dimage", {height_, width_, 3});
-    const float* alpha = OptionalData<float>(dalpha, "dalpha", {height_, width_});
-    const float* depth = OptionalData<float>(ddepth, "ddepth", {height_, width_});
+                      bool with_poses, bool with_lens, const py::object& ddistortion) {
+    const ImageGradients to_image = {
+        ConstData<float>(dimage, "dimage", {height_, width_, 3}),
+        OptionalData<float>(dalpha, "dalpha", {height_, width_}),
+        OptionalData<float>(ddepth, "ddepth", {height_, width_}),
+        OptionalData<float>(ddistortion, "ddistortion", {height_, width_})};
     const std::optional<HarmonicsRows> sh_rows = MixedRows(gradients);
     if (sh_rows.has_value() != sh_rows_.has_value() ||
         (sh_rows.has_value() && sh_rows->end != sh_rows_->end)) {
@@ -121,7 +127,7 @@ class BoundRenderer {
     has_lens_ = false;
     {
       const LongCall released;
-      renderer_.Backward(image, alpha, depth, write_untouched, view, touched_data,
+      renderer_.Backward(to_image, write_untouched, view, touched_data,
                          with_poses ? dpose : nullptr, with_lens ? &lens_.to_rays : nullptr);
       if (with_lens) lens_.Chain(*camera_, motion_);
     }
@@ -192,6 +198,18 @@ class BoundRenderer {
     renderer_.SurfaceBackward(to_normals, view);
   }
 
+  // (directions, origins (H, W, 3)) of the last render's rays, float32.
+  py::tuple Rays() const {
+    auto directions = NewArray<float>({height_, width_, 3});
+    auto origins = NewArray<float>({height_, width_, 3});
+    float *direction = directions.mutable_data(), *origin = origins.mutable_data();
+    {
+      const py::gil_scoped_release release;
+      renderer_.Rays(direction, origin);
+    }
+    return py::make_tuple(directions, origins);
+  }
+
   // (params (K,), rays (H, W, 3)) of the last backward, or None if that was without the lens.
   py::object OfLens() const {
     if (!has_lens_) return py::none();
@@ -260,21 +278,22 @@ py::tuple BackwardDouble(const py::object& gaussians, const Camera& camera, cons
                          const BlendRule& rule, const std::array<double, 3>& background,
                          int sh_degree, const py::object& dimage, const py::object& dalpha,
                          const py::object& ddepth, const py::object& gradients,
-                         const py::object& pixels, bool with_lens) {
+                         const py::object& pixels, bool with_lens, const py::object& ddistortion) {
   const auto view = ConstGaussians<double>(gaussians);
   const auto out = MutableGaussians<double>(gradients);
   const CameraMotion motion = ReadMotion(pose);
   const std::int64_t h = camera.height(), w = camera.width();
-  const double* image = ConstData<double>(dimage, "dimage", {h, w, 3});
-  const double* alpha = OptionalData<double>(dalpha, "dalpha", {h, w});
-  const double* depth = OptionalData<double>(ddepth, "ddepth", {h, w});
+  const ReferenceGradients to_image = {ConstData<double>(dimage, "dimage", {h, w, 3}),
+                                       OptionalData<double>(dalpha, "dalpha", {h, w}),
+                                       OptionalData<double>(ddepth, "ddepth", {h, w}),
+                                       OptionalData<double>(ddistortion, "ddistortion", {h, w})};
   const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
   double dpose[12] = {};
   LensGradient lens;
   {
     const LongCall released;
-    RenderReferenceBackward(view, camera, motion, Settings(rule, background, sh_degree), image,
-                            alpha, depth, out, dpose, &lens.to_rays, chosen);
+    RenderReferenceBackward(view, camera, motion, Settings(rule, background, sh_degree), to_image,
+                            out, dpose, &lens.to_rays, chosen);
     if (with_lens) lens.Chain(camera, motion);
   }
   return py::make_tuple(PoseGradient(dpose, motion), lens.Arrays(camera, with_lens));
@@ -321,10 +340,11 @@ Raises:
       .def("render", &BoundRenderer::Render, py::arg("gaussians"), py::arg("camera"),
            py::arg("camera_from_world"), py::arg("rule"), py::arg("background"),
            py::arg("sh_degree"), py::arg("unscented"), py::arg("image"), py::arg("alpha"),
-           py::arg("depth"), py::arg("keep"))
+           py::arg("depth"), py::arg("keep"), py::arg("distortion") = py::none())
       .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("dalpha"),
            py::arg("ddepth"), py::arg("gradients"), py::arg("touched"), py::arg("write_untouched"),
-           py::arg("with_poses") = true, py::arg("with_lens") = false)
+           py::arg("with_poses") = true, py::arg("with_lens") = false,
+           py::arg("ddistortion") = py::none())
       .def("add_significance", &BoundRenderer::AddSignificance, py::arg("chosen"),
            py::arg("significance"))
       .def("add_fisher", &BoundRenderer::AddFisher, py::arg("chosen"), py::arg("fisher"))
@@ -333,6 +353,7 @@ Raises:
       .def("surface", &BoundRenderer::Surface)
       .def("surface_backward", &BoundRenderer::SurfaceBackward, py::arg("dnormals"),
            py::arg("gradients"))
+      .def("rays", &BoundRenderer::Rays)
       .def("lens_gradients", &BoundRenderer::OfLens)
       .def("distances", &BoundRenderer::Distances)
       .def("timings", &BoundRenderer::Timings)
@@ -343,7 +364,8 @@ Raises:
   m.def("render_reference_backward", &BackwardDouble, py::arg("gaussians"), py::arg("camera"),
         py::arg("camera_from_world"), py::arg("rule"), py::arg("background"), py::arg("sh_degree"),
         py::arg("dimage"), py::arg("dalpha"), py::arg("ddepth"), py::arg("gradients"),
-        py::arg("pixels") = py::none(), py::arg("with_lens") = false);
+        py::arg("pixels") = py::none(), py::arg("with_lens") = false,
+        py::arg("ddistortion") = py::none());
 }
 
 }  // namespace gsut::bindings

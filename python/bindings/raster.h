@@ -20,12 +20,14 @@ inline RenderSettings Settings(const BlendRule& rule, const std::array<double, 3
 
 inline py::tuple ReferenceArrays(const ReferenceImage& result, py::ssize_t h, py::ssize_t w) {
   py::array_t<double> image({h, w, py::ssize_t{3}}), alpha({h, w}), depth({h, w});
+  py::array_t<double> distortion({h, w});
   py::array_t<int> samples({h, w});
   std::copy(result.image.begin(), result.image.end(), image.mutable_data());
   std::copy(result.alpha.begin(), result.alpha.end(), alpha.mutable_data());
   std::copy(result.depth.begin(), result.depth.end(), depth.mutable_data());
   std::copy(result.samples.begin(), result.samples.end(), samples.mutable_data());
-  return py::make_tuple(image, alpha, depth, samples);
+  std::copy(result.distortion.begin(), result.distortion.end(), distortion.mutable_data());
+  return py::make_tuple(image, alpha, depth, samples, distortion);
 }
 
 }  // namespace gsut::bindings

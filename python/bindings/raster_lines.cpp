@@ -58,7 +58,7 @@ py::array_t<double> BackwardLines(const py::object& gaussians, const py::object&
   ShadingGradient shading;
   {
     const LongCall released;
-    RenderReferenceBackward(scene, view, Settings(rule, {0, 0, 0}, 3), image, alpha, depth, sums,
+    RenderReferenceBackward(scene, view, Settings(rule, {0, 0, 0}, 3), {image, alpha, depth}, sums,
                             &rays, &shading);
   }
   auto out = NewArray<double>({view.height, view.width, 6});

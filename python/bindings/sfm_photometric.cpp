@@ -108,6 +108,7 @@ py::dict Refine(const py::object& gaussians, const std::vector<const Camera*>& c
   GaussianColors scene =
       MakeScene(ConstGaussians<float>(gaussians), rule, background, sh_degree, unscented);
   std::vector<Camera> lenses;
+  lenses.reserve(cameras.size());
   for (const Camera* camera : cameras) lenses.push_back(*camera);
   std::vector<PhotometricImage> images;
   for (const py::handle& item : views) {

@@ -211,6 +211,14 @@ def triangulate_structure(
 def harmonics_basis(degree: int, directions: ArrayLike) -> NDArray[np.float64]: ...
 def eval_harmonics(directions: ArrayLike, sh: ArrayLike) -> NDArray[np.float64]: ...
 def mean_neighbor_distances(points: ArrayLike) -> NDArray[np.float64]: ...
+def facing_axes(gaussians: _Gaussians, center: Sequence[float], sh: NDArray[Any]) -> None: ...
+def facing_axes_backward(
+    gaussians: _Gaussians,
+    center: Sequence[float],
+    dsh: NDArray[Any],
+    gradients: _Gaussians,
+    flatten: float = 0.0,
+) -> None: ...
 def low_pass(gaussians: _Gaussians, radii: NDArray[Any], out: _Gaussians) -> None: ...
 def low_pass_backward(
     gaussians: _Gaussians, radii: NDArray[Any], gradients: _Gaussians
@@ -356,6 +364,7 @@ class Renderer:
         alpha: NDArray[np.float32] | None,
         depth: NDArray[np.float32] | None,
         keep: bool,
+        distortion: NDArray[np.float32] | None = None,
     ) -> None: ...
     def backward(
         self,
@@ -367,6 +376,7 @@ class Renderer:
         write_untouched: bool,
         with_poses: bool = True,
         with_lens: bool = False,
+        ddistortion: NDArray[np.float32] | None = None,
     ) -> Any: ...  # NDArray[np.float64], or None without with_poses
     def add_significance(
         self, chosen: NDArray[np.uint8] | None, significance: NDArray[np.float64]
@@ -381,6 +391,8 @@ class Renderer:
     # median, strongest (H, W), normals (H, W, 3), spread (H, W)
     def surface(self) -> tuple[NDArray[np.float32], ...]: ...
     def surface_backward(self, dnormals: NDArray[np.float32], gradients: Any) -> None: ...
+    # directions and origins (H, W, 3), world axes, about the camera's centre
+    def rays(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
     # (K,) and (H, W, 3) of the last backward; None if that was without the lens.
     def lens_gradients(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None: ...
     def distances(self) -> NDArray[np.float32]: ...
@@ -395,7 +407,7 @@ def render_reference(
     background: Sequence[float],
     sh_degree: int,
     pixels: NDArray[np.uint8] | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...
+) -> tuple[NDArray[Any], ...]: ...  # image, alpha, depth, samples, distortion
 def render_reference_backward(
     gaussians: _Gaussians,
     camera: Camera,
@@ -409,6 +421,7 @@ def render_reference_backward(
     gradients: _Gaussians,
     pixels: NDArray[np.uint8] | None = None,
     with_lens: bool = False,
+    ddistortion: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], tuple[NDArray[np.float64], NDArray[np.float64]] | None]: ...
 
 # Colours (n, 3) of pixels, and by_center and by_ray (n, 3, 3) of them.
@@ -436,7 +449,7 @@ def refine_photometric(
 ) -> dict[str, Any]: ...
 def render_lines_reference(
     gaussians: _Gaussians, lines: ArrayLike, reference: _PoseLike, rule: BlendRule
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...
+) -> tuple[NDArray[Any], ...]: ...  # as render_reference
 def render_lines_reference_backward(
     gaussians: _Gaussians,
     lines: ArrayLike,
@@ -489,6 +502,14 @@ def photometric_loss(
     grad_out: NDArray[np.float32] | None = None,
     ssim_weight: float = 0.2,
 ) -> tuple[float, NDArray[np.float32]]: ...
+def surface_loss(
+    maps: dict[str, Any],
+    weights: Sequence[float],
+    dalpha: NDArray[Any],
+    ddepth: NDArray[Any],
+    ddistortion: NDArray[Any],
+    dnormals: NDArray[Any],
+) -> list[float]: ...
 def trim_gradient(
     target: PhotometricTarget, image: NDArray[np.float32], gradient: NDArray[np.float32]
 ) -> int: ...

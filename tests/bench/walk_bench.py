@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import gsut
 from gsut._core import InputError
+from gsut.capture.panorama import LENSES
 from gsut.cli import main
 from gsut.data import inverse
 from gsut.files import write_file
@@ -47,6 +49,17 @@ def _gopro() -> Camera:
     return lens_by_name("GoPro HERO5 Black, NO-EIS").camera(480, 270)
 
 
+def _circle(focal: float) -> Camera:
+    """A lens of 200 degrees whose circle fills most of its square."""
+    params = [focal, focal, 192.7, 191.6, 0.02, -0.006, 0.0, 0.0]
+    return Camera("kannala_brandt", params, 384, 384, valid_field_angle=np.radians(100))
+
+
+# Back to back 2.4 cm apart, not quite parallel, as in 360-degree cameras.
+_BACK_FROM_FRONT = np.eye(4)
+_BACK_FROM_FRONT[:3, :3] = Rotation.from_rotvec([0.01, np.pi - 0.015, 0.008]).as_matrix()
+_BACK_FROM_FRONT[:3, 3] = [0.001, 0.0, 0.024]
+
 # Each with another lens, motion, readout and hall; lenses and readout times as phones, action
 # cameras and drones have them. The search for the readout time was settled while looking at "phone"
 # and, in an earlier form, at "action camera"; the others served to choose nothing.
@@ -71,6 +84,10 @@ FILMS: dict[str, Callable[[float], Film]] = {
     ),
     "global shutter": lambda s: Film(
         lens_of_field(480, 270, 75, 1.0), walk(s, seed=8), s, readout=0.0, seed=7
+    ),
+    "dual fisheye": lambda s: Film(
+        _circle(104.0), walk(s, seed=9), s, readout=0.0, seed=8, back=_circle(105.0),
+        back_from_front=_BACK_FROM_FRONT,
     ),
 }  # fmt: skip
 
@@ -159,16 +176,32 @@ def _against(film: Film, data: Path) -> dict[str, Any]:
     frames = json.loads((data / "transforms.json").read_text())["frames"]
     times = {Path(row["file_path"]).name: row["timestamp"] for row in frames}
     truth = film.path(np.array([times[view.image_path.name] for view in scene.views]))
+    lens_of = [int(view.image_path.parent.name == LENSES[1]) for view in scene.views]
+    truth = truth @ np.array([film.lenses[number][1] for number in lens_of])
     found = np.array([view.camera_from_world for view in scene.views])
     errors = compare_poses(found, np.array([inverse(pose) for pose in truth]))
-    lens = scene.cameras[scene.views[0].camera_index]
+    lenses = [scene.cameras[scene.views[lens_of.index(k)].camera_index] for k in set(lens_of)]
+    cut = [
+        (lens, _cut(film.lenses[k][0], lens)) for k, lens in zip(set(lens_of), lenses, strict=True)
+    ]
+    focal = [float(np.mean(lens.params[:2] / true.params[:2])) - 1 for lens, true in cut]
     return {
         "ate_percent": errors.ate_percent,
         "rotation_degrees": float(np.median(errors.rotation_degrees)),
-        "model": lens.model,
-        "focal_percent": 100 * (float(np.mean(lens.params[:2] / film.camera.params[:2])) - 1),
-        "lens_px": lens_difference(lens, film.camera),
+        "model": lenses[0].model,
+        "focal_percent": 100 * max(focal, key=abs),
+        "lens_px": max(lens_difference(lens, true) for lens, true in cut),
     }
+
+
+def _cut(camera: Camera, like: Camera) -> Camera:
+    """The camera of a film, of the square about its middle that the circle was cut to."""
+    if (camera.width, camera.height) == (like.width, like.height):
+        return camera
+    params = camera.params.copy()
+    params[2] -= (camera.width - like.width) / 2
+    params[3] -= (camera.height - like.height) / 2
+    return Camera(camera.model, params, like.width, like.height)
 
 
 def lens_difference(lens: Camera, truth: Camera) -> float:

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import num_threads
+from gsut.data import inverse
 from gsut.demo.hall import make_hall
 from gsut.demo.tracing import Tracer
 from gsut.lens import Camera
@@ -43,6 +44,9 @@ class Film:
         samples: rays a pixel, a square number: also moments within the exposure.
         seed: of the hall's textures and of the noise.
         sideways: columns are read one after the other: a phone held upright.
+        back: a second lens of the same size, whose pictures stand at the right of those of the
+            first; where a lens has no ray its pictures are black.
+        back_from_front: (4, 4) of it.
     """
 
     camera: Camera
@@ -55,6 +59,15 @@ class Film:
     samples: int = 4
     seed: int = 1
     sideways: bool = False
+    back: Camera | None = None
+    back_from_front: np.ndarray | None = None
+
+    @property
+    def lenses(self) -> list[tuple[Camera, np.ndarray]]:
+        """Each lens with its (4, 4) front_from_lens."""
+        if self.back is None or self.back_from_front is None:
+            return [(self.camera, np.eye(4))]
+        return [(self.camera, np.eye(4)), (self.back, inverse(self.back_from_front))]
 
     @property
     def times(self) -> np.ndarray:
@@ -137,7 +150,7 @@ def write_film(film: Film, target: Path) -> None:
     with av.open(str(target), "w") as out:
         rate = fractions.Fraction(film.frame_rate).limit_denominator(1001)
         stream = out.add_stream("libx264", rate=rate, options={"crf": str(film.crf)})
-        stream.width, stream.height = camera.width, camera.height
+        stream.width, stream.height = camera.width * len(film.lenses), camera.height
         stream.pix_fmt = "yuv420p"
         for picture in film_pictures(film):
             out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
@@ -148,10 +161,11 @@ def film_pictures(film: Film) -> Iterator[np.ndarray]:
     """(H, W, 3) uint8 RGB of each frame, before compression."""
     rng = np.random.default_rng([film.seed, 6])
     tracer = Tracer(make_hall(film.seed), film.samples)
-    rays = _rays(film.camera, film.samples)
+    lenses = [(_rays(camera, film.samples), pose) for camera, pose in film.lenses]
     with ThreadPoolExecutor(num_threads()) as pool:
         for time in film.times:
-            image = _exposed(film, tracer, rays, time, pool)
+            parts = [_exposed(film, tracer, rays, pose, time, pool) for rays, pose in lenses]
+            image = np.hstack(parts)
             angle = 2 * math.pi * time / _DRIFT_SECONDS
             gain = 1 + _DRIFT * math.sin(angle) + _TINT * np.sin(angle / 2 + np.arange(3))
             noisy = 255 * image * gain + _NOISE * rng.standard_normal(image.shape)
@@ -172,27 +186,35 @@ def _rays(camera: Camera, samples: int) -> np.ndarray:
 
 
 def _exposed(
-    film: Film, tracer: Tracer, rays: np.ndarray, time: float, pool: ThreadPoolExecutor
+    film: Film,
+    tracer: Tracer,
+    rays: np.ndarray,
+    front_from_lens: np.ndarray,
+    time: float,
+    pool: ThreadPoolExecutor,
 ) -> np.ndarray:
-    """(H, W, 3) the frame whose middle is at this time, in [0, 1]."""
+    """(H, W, 3) what a lens sees in the frame whose middle is at this time, in [0, 1]."""
     samples, height, width, _ = rays.shape
     lines = width if film.sideways else height
     of_line = ((np.arange(lines) + 0.5) / lines - 0.5) * film.readout
     # Neighbouring samples of a pixel are far apart in time.
     order = np.argsort(np.arange(samples) * 0.618 % 1.0)
     of_sample = ((order + 0.5) / samples - 0.5) * film.exposure
-    poses = film.path((time + of_line + of_sample[:, None]).ravel())
+    poses = film.path((time + of_line + of_sample[:, None]).ravel()) @ front_from_lens
     poses = poses.reshape(samples, lines, 4, 4).astype(np.float32)
 
     def colors(block: tuple[slice, slice]) -> np.ndarray:
         own = rays[:, block[0], block[1]]
+        seen = own.any(axis=3)
+        if not seen.any():
+            return np.zeros((*own.shape[1:3], 3))
         line = block[1] if film.sideways else block[0]
         at = poses[:, None, line] if film.sideways else poses[:, line, None]
         directions = np.einsum("...ij,...j->...i", at[..., :3, :3], own)
         origins = np.broadcast_to(at[..., :3, 3], directions.shape)
         shape = (samples, -1, 3)
         found = tracer.colors(origins.reshape(shape), directions.reshape(shape))
-        return found.reshape(*own.shape[1:3], 3)
+        return found.reshape(*own.shape[1:3], 3) * seen.all(axis=0)[..., None]
 
     blocks = [
         (slice(y, y + _ROWS), slice(x, x + _COLUMNS))

@@ -367,6 +367,7 @@ TEST(CameraTest, RaysAreBuiltOnceFromManyThreads) {
   const Camera camera("kannala_brandt", {60, 61, 40, 30, 0.01}, 80, 60);
   std::vector<const RayTable*> tables(8, nullptr);
   std::vector<std::thread> threads;
+  threads.reserve(tables.size());
   for (auto& table : tables) {
     threads.emplace_back([&table, camera] { table = &camera.Rays(); });
   }

@@ -56,7 +56,8 @@ Case MakeCase(std::int64_t height, std::int64_t width, MaskKind kind, double noi
            std::to_string(static_cast<int>(kind)) + " noise " + std::to_string(noise);
   const Rng rng(11, static_cast<std::uint64_t>(height * 1000 + width));
   for (std::int64_t i = 0; i < height * width * 3; ++i) {
-    const double y = static_cast<double>(i / (3 * width)), x = static_cast<double>(i / 3 % width);
+    const std::int64_t row = i / (3 * width), column = i / 3 % width;
+    const double y = static_cast<double>(row), x = static_cast<double>(column);
     const double texture = 0.2 * (rng.Uniform(static_cast<std::uint64_t>(i)) - 0.5);
     const double smooth =
         0.5 + 0.4 * std::sin(0.07 * x + 0.3 * static_cast<double>(i % 3)) * std::cos(0.05 * y);
@@ -69,8 +70,9 @@ Case MakeCase(std::int64_t height, std::int64_t width, MaskKind kind, double noi
   }
   if (kind == MaskKind::kNone) return c;
   for (std::int64_t p = 0; p < height * width; ++p) {
-    const double dy = (static_cast<double>(p / width) + 0.5) / static_cast<double>(height) - 0.5;
-    const double dx = (static_cast<double>(p % width) + 0.5) / static_cast<double>(width) - 0.5;
+    const std::int64_t row = p / width, column = p % width;
+    const double dy = (static_cast<double>(row) + 0.5) / static_cast<double>(height) - 0.5;
+    const double dx = (static_cast<double>(column) + 0.5) / static_cast<double>(width) - 0.5;
     bool counts = p == height * width / 2;
     if (kind == MaskKind::kCircle) counts = counts || dx * dx + dy * dy < 0.23;
     if (kind == MaskKind::kRandom) {
@@ -194,6 +196,7 @@ TEST(PhotometricLossTest, SameBitsOnAnyThreadCountAndWithKeptStatistics) {
   const Case c = MakeCase(150, 600, MaskKind::kCircle, 0.1);
   const std::vector<float> image = c.ImageFloats();
   std::vector<std::uint8_t> bytes;
+  bytes.reserve(c.target.size());
   for (const double v : c.target) bytes.push_back(static_cast<std::uint8_t>(std::lround(v * 255)));
   std::vector<float> first;
   double first_loss = 0.0;

@@ -191,6 +191,7 @@ TEST(MergePairs, CheapestPairFirstAsAnExhaustiveSearchFindsIt) {
   ASSERT_EQ(steps.size(), 20u);
   double origin[3] = {0, 0, 0};
   std::vector<Cluster> clusters;
+  clusters.reserve(kSize);
   for (std::int64_t i = 0; i < kSize; ++i) clusters.push_back(ClusterOf(Read(g), i, -1.0, origin));
   std::vector<bool> alive(kSize, true);
   for (const MergeStep& step : steps) {

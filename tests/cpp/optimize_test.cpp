@@ -96,6 +96,7 @@ TEST(AdamTest, MatchesDoubleReferenceOnEveryInstructionSetWithTheSameBits) {
     const auto count = static_cast<std::size_t>(c.rows * c.columns);
     const AdamData in(count, 5);
     std::vector<std::uint8_t> visible;
+    visible.reserve(static_cast<std::size_t>(c.rows));
     for (std::int64_t i = 0; i < c.rows; ++i) visible.push_back((i * 7 + i / 5) % 3 != 0);
     const std::uint8_t* mask = c.masked ? visible.data() : nullptr;
     constexpr std::int64_t kStep = 12;

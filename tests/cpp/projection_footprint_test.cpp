@@ -98,8 +98,9 @@ Seen SeenPixels(const OwnedGaussians<double>& g, std::size_t i, const Camera& ca
     if (!(seen_from.dot(d) > 0.0)) continue;
     if (!(seen_from.cross(d).squaredNorm() < cutoff * d.squaredNorm())) continue;
     const std::size_t width = static_cast<std::size_t>(camera.width());
-    const std::array<double, 2> pixel = {static_cast<double>(p % width) + 0.5,
-                                         static_cast<double>(p / width) + 0.5};
+    const std::size_t row = p / width, column = p % width;
+    const std::array<double, 2> pixel = {static_cast<double>(column) + 0.5,
+                                         static_cast<double>(row) + 0.5};
     if (keep_all) seen.push_back(pixel);
     for (std::size_t k = 0; k < 2; ++k) {
       low[k] = std::min(low[k], pixel[k]);
@@ -139,7 +140,7 @@ void CountMisses(const Footprints<T>& found, const std::vector<Seen>& truth, con
 
 std::int64_t GaussiansALens() {
   const char* text = std::getenv("GSUT_FOOTPRINTS");
-  return text == nullptr ? 1400 : std::atoll(text);
+  return text == nullptr ? 1400 : std::stoll(text);
 }
 
 TEST(FootprintTest, SilhouetteMissesNoPixelOnAnyLens) {

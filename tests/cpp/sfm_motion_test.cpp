@@ -224,6 +224,7 @@ TEST(ReprojectionCost, DerivativesOnARigAgreeWithCentralDifferences) {
       std::vector<std::vector<double>> found;
       std::vector<double*> places;
       for (const int size : cost.parameter_block_sizes()) found.emplace_back(2 * size);
+      places.reserve(found.size());
       for (std::vector<double>& each : found) places.push_back(each.data());
       residual(places.data());
       double largest = 1.0;

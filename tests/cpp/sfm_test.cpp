@@ -257,6 +257,7 @@ TEST(Triangulate, FindsPointsBehindTheCameraPlaneAndDropsAWrongSight) {
     }
     if (!seen) continue;
     std::vector<PosedBearing> observations;
+    observations.reserve(4);
     for (int i = 0; i < 4; ++i) observations.push_back({&bearings[i], &poses[i]});
     const TriangulatedPoint found = Triangulate(observations, {});
     if (found.num_kept == 0) continue;  // seen along the baseline: no angle

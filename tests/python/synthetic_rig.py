@@ -35,6 +35,7 @@ class SyntheticRig:
         rng: source of points and noise.
         mounts: (4, 4) second, third camera from the first [STEREO].
         elsewhere: (4, 4) first camera from the reference [the same].
+        lenses: of the cameras [a fisheye, a distorted lens, a pinhole].
         frames, points: how many. noise: of the features, pixels.
         absent: (frame, camera) without an image.
         blind: (frame, camera) that sees few points; few: how many.
@@ -42,12 +43,12 @@ class SyntheticRig:
 
     def __init__(
         self, rng, *mounts, frames=10, points=700, noise=0.0, absent=(), blind=(), few=6,
-        elsewhere=None,
+        elsewhere=None, lenses=None,
     ):  # fmt: skip
         first = np.eye(4) if elsewhere is None else elsewhere
         poses = np.stack([np.eye(4), *(mounts or [STEREO])]) @ first
         count = len(poses)
-        lenses = (
+        lenses = lenses or (
             gsut.Camera(
                 "kannala_brandt", [300, 301, 400, 402, 0.02, -0.01, 0.002, 0], 800, 800,
                 valid_field_angle=np.radians(65),

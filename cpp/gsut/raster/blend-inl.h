@@ -10,6 +10,9 @@
 
 #include <type_traits>
 
+#include "gsut/raster/blend_rule.h"
+#include "gsut/raster/frame.h"
+#include "gsut/raster/tile_grid.h"
 #include "gsut/raster/tile_math-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -68,6 +71,57 @@ HWY_INLINE bool BlendGroup(bool stop_before, const FloatVec* alpha, FloatVec sto
   *transmittance_inout = transmittance;
   return all_closed;
 }
+
+// What the distances of a block's Gaussians add up to. Squares are taken about the first distance,
+// so that little is lost in their difference.
+struct DepthSums {
+  FloatVec depth, first, moment;
+
+  static HWY_INLINE DepthSums Zero() {
+    const FloatTag d;
+    return {hn::Zero(d), hn::Zero(d), hn::Zero(d)};
+  }
+  // along: 0 where the Gaussian is not blended.
+  HWY_INLINE void Add(FloatVec weight, FloatVec along) {
+    const FloatTag d;
+    depth = hn::MulAdd(weight, along, depth);
+    first = hn::IfThenElse(hn::Eq(first, hn::Zero(d)), along, first);
+    const FloatVec from_first = hn::Sub(along, first);
+    moment = hn::MulAdd(hn::Mul(weight, from_first), from_first, moment);
+  }
+};
+
+HWY_INLINE DepthSums LoadDepth(const Frame& frame, std::size_t o) {
+  const FloatTag d;
+  return {hn::Load(d, &frame.depth[o]), hn::Load(d, &frame.first_depth[o]),
+          hn::Load(d, &frame.depth_moment[o])};
+}
+
+HWY_INLINE void StoreDepth(const DepthSums& sums, std::size_t o, Frame* frame) {
+  const FloatTag d;
+  hn::Store(sums.depth, d, &frame->depth[o]);
+  hn::Store(sums.first, d, &frame->first_depth[o]);
+  hn::Store(sums.moment, d, &frame->depth_moment[o]);
+}
+
+// What the backward pass needs of a block's pixels for a loss of their distances.
+struct DepthOfBlock {
+  FloatVec mean, distortion;  // 0 where the distortion counts as 0
+
+  HWY_INLINE DepthOfBlock(const TileGrid& grid, const Frame& frame, std::size_t o) {
+    const FloatTag d;
+    const FloatVec alpha =
+        hn::Sub(hn::Load(d, &grid.start[o]), hn::Abs(hn::Load(d, &frame.transmittance[o])));
+    const FloatMask counts = hn::Ge(alpha, hn::Set(d, static_cast<float>(kDistortionAlpha)));
+    const FloatVec share = hn::Div(hn::IfThenElseZero(counts, hn::Set(d, 1.0f)),
+                                   hn::IfThenElse(counts, alpha, hn::Set(d, 1.0f)));
+    const DepthSums sums = LoadDepth(frame, o);
+    mean = hn::Mul(sums.depth, share);
+    const FloatVec shift = hn::NegMulAdd(alpha, sums.first, sums.depth);
+    distortion = hn::Max(hn::NegMulAdd(hn::Mul(shift, shift), share, sums.moment), hn::Zero(d));
+    distortion = hn::IfThenElseZero(counts, distortion);
+  }
+};
 
 }  // namespace HWY_NAMESPACE
 }  // namespace gsut

@@ -40,6 +40,10 @@ struct BlendRule {
   void Check() const;
 };
 
+// The distortion of a pixel, the sum of weight x (distance - their weighted mean)^2, counts as 0
+// where less than this is covered: there the mean says little.
+inline constexpr double kDistortionAlpha = 1e-3;
+
 struct RenderSettings {
   BlendRule rule;
   double background[3] = {0.0, 0.0, 0.0};

@@ -1,12 +1,15 @@
 // What one camera sees of the Gaussians: the records, lists and buffers of the tiled renderer.
 #pragma once
 
+#include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
 
 #include "gsut/base/aligned_vector.h"
+#include "gsut/raster/blend_rule.h"
 
 namespace gsut {
 
@@ -108,6 +111,8 @@ struct Frame {
   AlignedVector<float> transmittance;  // negative: stopped before the Gaussian that would cross
   AlignedVector<float> color[3];
   AlignedVector<float> depth;
+  AlignedVector<float> first_depth;          // of the first Gaussian that was blended; 0: none
+  AlignedVector<float> depth_moment;         // sum of weight x (distance - first_depth)^2
   AlignedVector<TileEntry> entries;          // at the offsets of `pairs`
   AlignedVector<std::uint32_t> entry_count;  // (tiles)
 
@@ -117,6 +122,14 @@ struct Frame {
 
   const std::vector<RowSpan>& SpansOf(std::size_t gaussian) const {
     return row_spans[gaussian / static_cast<std::size_t>(kRecordsPart)];
+  }
+  // Of the pixel at `i` of `depth`, about its mean; start: its first transmittance.
+  double Distortion(std::size_t i, double start) const {
+    const double alpha = start - std::abs(static_cast<double>(transmittance[i]));
+    if (!(alpha >= kDistortionAlpha)) return 0.0;
+    const double shift =
+        static_cast<double>(depth[i]) - alpha * static_cast<double>(first_depth[i]);
+    return std::max(static_cast<double>(depth_moment[i]) - shift * shift / alpha, 0.0);
   }
   std::size_t num_pairs() const { return pairs.size(); }
 };

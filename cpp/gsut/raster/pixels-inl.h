@@ -7,6 +7,7 @@
 #define GSUT_RASTER_PIXELS_INL_H_
 #endif
 
+#include "gsut/raster/blend-inl.h"
 #include "gsut/raster/task.h"
 #include "gsut/raster/tile_math-inl.h"
 
@@ -33,7 +34,7 @@ HWY_INLINE void ForEachRun(const TileGrid& grid, int tile, Visit&& visit) {
 
 HWY_INLINE void WritePixels(const TileGrid& grid, int tile, const Frame& frame,
                             const float* background, bool with_depth, float* image, float* alpha,
-                            float* depth) {
+                            float* depth, float* distortion) {
   const Float4 d;
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
   ForEachRun(grid, tile, [&](int offset, std::size_t pixel, int count) HWY_ATTR {
@@ -62,16 +63,29 @@ HWY_INLINE void WritePixels(const TileGrid& grid, int tile, const Frame& frame,
       if (depth != nullptr) depth[pixel + i] = other[i];
     }
   });
+  if (distortion == nullptr) return;
+  HWY_ALIGN float values[kTilePixels];
+  const FloatTag whole;
+  for (int o = 0; o < kTilePixels; o += kLanes) {
+    const std::size_t at = pixel0 + static_cast<std::size_t>(o);
+    const FloatVec length = hn::Load(whole, &grid.length[at]);
+    const FloatVec value = DepthOfBlock(grid, frame, at).distortion;
+    hn::Store(hn::Mul(hn::Mul(length, length), value), whole, values + o);
+  }
+  ForEachRun(grid, tile, [&](int offset, std::size_t pixel, int count) HWY_ATTR {
+    for (int i = 0; i < count; ++i) distortion[pixel + i] = values[offset + i];
+  });
 }
 
 // Gradients of L to the image's pixels of one tile, swizzled as the tile grid.
 struct PixelGradients {
   const float* color[3];
-  const float* depth;                // to depth, times the ray's length; null without depth
+  const float* depth;                // to depth, times the ray's length
+  const float* distortion;           // to distortion, times the length squared
   const float* final_transmittance;  // to the transmittance that is left
 };
 
-// Reads them into buffer[5 * 256], which the result points into. Pixels outside the image are 0.
+// Reads them into buffer[6 * 256], which the result points into. Pixels outside the image are 0.
 HWY_INLINE PixelGradients ReadPixelGradients(const TileGrid& grid, int tile,
                                              const ImageGradients& gradients,
                                              const float* background, float* buffer) {
@@ -80,22 +94,26 @@ HWY_INLINE PixelGradients ReadPixelGradients(const TileGrid& grid, int tile,
   const int x0 = (tile % grid.tiles_x) * kTileSize;
   const int y0 = (tile / grid.tiles_x) * kTileSize;
   if (x0 + kTileSize > grid.width || y0 + kTileSize > grid.height) {
-    __builtin_memset(buffer, 0, sizeof(float) * 5 * kTilePixels);
+    __builtin_memset(buffer, 0, sizeof(float) * 6 * kTilePixels);
   }
   ForEachRun(grid, tile, [&](int offset, std::size_t pixel, int count) HWY_ATTR {
-    HWY_ALIGN float rgb[12] = {}, one[4] = {}, other[4] = {};
+    HWY_ALIGN float rgb[12] = {}, one[4] = {}, other[4] = {}, square[4] = {};
     const float* color = gradients.image + 3 * pixel;
     const float* alpha = gradients.alpha == nullptr ? nullptr : gradients.alpha + pixel;
     const float* depth = gradients.depth == nullptr ? nullptr : gradients.depth + pixel;
+    const float* distortion =
+        gradients.distortion == nullptr ? nullptr : gradients.distortion + pixel;
     if (count < kBlockWidth) {
       for (int i = 0; i < 3 * count; ++i) rgb[i] = color[i];
       color = rgb;
       for (int i = 0; i < count; ++i) {
         if (alpha != nullptr) one[i] = alpha[i];
         if (depth != nullptr) other[i] = depth[i];
+        if (distortion != nullptr) square[i] = distortion[i];
       }
       if (alpha != nullptr) alpha = one;
       if (depth != nullptr) depth = other;
+      if (distortion != nullptr) distortion = square;
     }
     hn::Vec<Float4> red, green, blue;
     hn::LoadInterleaved3(d, color, red, green, blue);
@@ -108,13 +126,16 @@ HWY_INLINE PixelGradients ReadPixelGradients(const TileGrid& grid, int tile,
     hn::Store(green, d, out + kTilePixels);
     hn::Store(blue, d, out + 2 * kTilePixels);
     hn::Store(final_t, d, out + 3 * kTilePixels);
-    if (depth != nullptr) {
-      const auto length = hn::Load(d, &grid.length[pixel0 + static_cast<std::size_t>(offset)]);
-      hn::Store(hn::Mul(hn::LoadU(d, depth), length), d, out + 4 * kTilePixels);
-    }
+    if (!gradients.HasDepth()) return;
+    const auto length = hn::Load(d, &grid.length[pixel0 + static_cast<std::size_t>(offset)]);
+    const auto along = depth == nullptr ? hn::Zero(d) : hn::LoadU(d, depth);
+    const auto apart = distortion == nullptr ? hn::Zero(d) : hn::LoadU(d, distortion);
+    hn::Store(hn::Mul(along, length), d, out + 4 * kTilePixels);
+    hn::Store(hn::Mul(apart, hn::Mul(length, length)), d, out + 5 * kTilePixels);
   });
   return {{buffer, buffer + kTilePixels, buffer + 2 * kTilePixels},
           buffer + 4 * kTilePixels,
+          buffer + 5 * kTilePixels,
           buffer + 3 * kTilePixels};
 }
 

@@ -28,7 +28,8 @@ constexpr const char* kTooWide =
 
 void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera& camera,
                       const CameraMotion& motion, const RenderSettings& settings,
-                      const TiledOptions& options, float* image, float* alpha, float* depth) {
+                      const TiledOptions& options, float* image, float* alpha, float* depth,
+                      float* distortion) {
   rendered_ = false;
   settings.rule.Check();
   ActiveIsa();  // applies GSUT_ISA before the first kernel runs
@@ -70,9 +71,9 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   ParallelFor(tiles().num_tiles(), 1, [&](std::int64_t index, std::int64_t) {
     const int tile = static_cast<int>(index);
     if (lines_ == nullptr) {
-      ForwardKernel(task_, *grid_, tile, &frame_, image, alpha, depth);
+      ForwardKernel(task_, *grid_, tile, &frame_, image, alpha, depth, distortion);
     } else {
-      LineForwardKernel(task_, *lines_, tile, &frame_, image, alpha, depth);
+      LineForwardKernel(task_, *lines_, tile, &frame_, image, alpha, depth, distortion);
     }
   });
   timings_.push_back(watch.Lap("forward"));
@@ -121,7 +122,10 @@ void Renderer::ResizeFrame() {
   const std::size_t pixels = static_cast<std::size_t>(tiles().num_tiles()) * kTilePixels;
   frame_.transmittance.resize(pixels);
   for (AlignedVector<float>& channel : frame_.color) channel.resize(pixels);
-  if (task_.with_depth) frame_.depth.resize(pixels);
+  if (!task_.with_depth) return;
+  frame_.depth.resize(pixels);
+  frame_.first_depth.resize(pixels);
+  frame_.depth_moment.resize(pixels);
 }
 
 std::int64_t Renderer::num_contributing_pairs() const {
@@ -141,8 +145,8 @@ std::int64_t Renderer::buffer_bytes() const {
   add(s.u, s.v, s.cov_uu, s.cov_uv, s.cov_vv, s.extent_u, s.extent_v, s.distance, s.sine, s.status);
   const Frame& f = frame_;
   add(f.records, f.mean_direction, f.order_key, f.rects, f.slot_begin, f.order, f.pairs,
-      f.tile_begin, f.transmittance, f.color[0], f.color[1], f.color[2], f.depth, f.entries,
-      f.entry_count, f.slot_gradients, f.slot_touched);
+      f.tile_begin, f.transmittance, f.color[0], f.color[1], f.color[2], f.depth, f.first_depth,
+      f.depth_moment, f.entries, f.entry_count, f.slot_gradients, f.slot_touched);
   for (const std::vector<RowSpan>& spans : f.row_spans) add(spans);
   return static_cast<std::int64_t>(sum);
 }

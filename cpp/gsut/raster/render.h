@@ -41,24 +41,31 @@ struct TiledOptions {
 // Error against the double reference: image rms at most 1e-5 (tests/tolerances.py).
 class Renderer {
  public:
-  // Writes image (H, W, 3), alpha (H, W) and depth (H, W), row-major; alpha and depth may be null.
-  // A Gaussian with a parameter that is not finite, or centred on the camera, is not drawn. The
-  // arrays behind `gaussians` must live, unchanged, until the backward call.
+  // Writes image (H, W, 3), alpha, depth and distortion (H, W), row-major; all but the image may be
+  // null; distortion needs with_depth. A Gaussian with a parameter that is not finite, or centred
+  // on the camera, is not drawn. The arrays behind `gaussians` must live, unchanged, until the
+  // backward call.
   void Render(const GaussiansView<const float>& gaussians, const Camera& camera,
               const CameraMotion& motion, const RenderSettings& settings,
-              const TiledOptions& options, float* image, float* alpha, float* depth);
+              const TiledOptions& options, float* image, float* alpha, float* depth,
+              float* distortion = nullptr);
 
-  // Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth) for the last
-  // Render; dalpha and ddepth may be null (ddepth needs with_depth). `gradients` is shaped like the
-  // Gaussians and overwritten; rows of Gaussians that no pixel saw become 0 if write_untouched and
-  // are left alone otherwise. touched (N): 1 where a pixel saw the Gaussian. dpose[12]: gradient to
-  // xi = (v, w) in camera_from_world <- ExpPose(xi) camera_from_world of the start pose, then of
-  // the end pose ([6] for a global shutter); null if not wanted, which saves time for lines. rays:
-  // gradients to the image's rays, across them, in the frame of MakeViewRays' reference; their
-  // origins stay empty if all start at its centre; null if not wanted, which saves time.
-  void Backward(const float* dimage, const float* dalpha, const float* ddepth, bool write_untouched,
+  // Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth) +
+  // sum(ddistortion * distortion) for the last Render; the last two need with_depth there.
+  // `gradients` is shaped like the Gaussians and overwritten; rows of Gaussians that no pixel saw
+  // become 0 if write_untouched and are left alone otherwise. touched (N): 1 where a pixel saw the
+  // Gaussian. dpose[12]: gradient to xi = (v, w) in camera_from_world <- ExpPose(xi)
+  // camera_from_world of the start pose, then of the end pose ([6] for a global shutter); null if
+  // not wanted, which saves time for lines. rays: gradients to the image's rays, across them, in
+  // the frame of MakeViewRays' reference; their origins stay empty if all start at its centre; null
+  // if not wanted, which saves time.
+  void Backward(const ImageGradients& to_image, bool write_untouched,
                 const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose,
                 RayGradients* rays = nullptr);
+
+  // The last render's rays, world axes: unit directions (H, W, 3), 0 where a pixel has none, and
+  // origins (H, W, 3) less the centre of the rays' reference.
+  void Rays(float* directions, float* origins) const;
 
   // Derivatives of the colours of pixels (row-major indices) of the last Render, which was made
   // with keep_for_backward through a lens with one centre and a global shutter: by_center (count,
@@ -110,7 +117,8 @@ class Renderer {
   const TileGrid& tiles() const { return lines_ == nullptr ? *grid_ : lines_->tiles; }
   WalkScene LastScene() const;
   // From the kernels' gradients to a tile's lines (or rays) to those of its pixels' rays.
-  void ToRays(int tile, const float* to_lines, const float* ddepth, RayGradients* rays) const;
+  void ToRays(int tile, const float* to_lines, const ImageGradients& to_image,
+              RayGradients* rays) const;
 
   std::vector<StageTime> timings_;
   RasterTask task_;

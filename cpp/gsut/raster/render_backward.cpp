@@ -21,14 +21,14 @@ constexpr std::size_t kLineGradients = 5;
 
 }  // namespace
 
-void Renderer::Backward(const float* dimage, const float* dalpha, const float* ddepth,
-                        bool write_untouched, const GaussiansView<float>& gradients,
-                        std::uint8_t* touched, double* dpose, RayGradients* rays) {
+void Renderer::Backward(const ImageGradients& to_image, bool write_untouched,
+                        const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose,
+                        RayGradients* rays) {
   if (!rendered_) {
     throw InputError("backward needs a render before it, made with keep_for_backward");
   }
-  if (ddepth != nullptr && !task_.with_depth) {
-    throw InputError("a gradient to depth needs a render with_depth");
+  if (to_image.HasDepth() && !task_.with_depth) {
+    throw InputError("a gradient to depth or distortion needs a render with_depth");
   }
   if (gradients.size != task_.gaussians.size ||
       gradients.sh_coefficients != task_.gaussians.sh_coefficients) {
@@ -38,7 +38,6 @@ void Renderer::Backward(const float* dimage, const float* dalpha, const float* d
   frame_.slot_gradients.resize(slots * 16);
   frame_.slot_touched.resize(slots);
   std::fill(frame_.slot_touched.begin(), frame_.slot_touched.end(), std::uint8_t{0});
-  const ImageGradients image_gradients = {dimage, dalpha, ddepth};
   Stopwatch watch;
   // The gradient to the poses of lines comes through their rays.
   RayGradients of_image;
@@ -52,11 +51,11 @@ void Renderer::Backward(const float* dimage, const float* dalpha, const float* d
     alignas(64) float buffer[kLineGradients * kTilePixels];
     float* to_lines = with_rays ? buffer : nullptr;
     if (lines_ == nullptr) {
-      BackwardKernel(task_, *grid_, tile, image_gradients, &frame_, to_lines);
+      BackwardKernel(task_, *grid_, tile, to_image, &frame_, to_lines);
     } else {
-      LineBackwardKernel(task_, *lines_, tile, image_gradients, &frame_, to_lines);
+      LineBackwardKernel(task_, *lines_, tile, to_image, &frame_, to_lines);
     }
-    if (with_rays) ToRays(tile, to_lines, ddepth, rays);
+    if (with_rays) ToRays(tile, to_lines, to_image, rays);
   });
   timings_.push_back(watch.Lap("backward"));
   const std::int64_t chunks = (gradients.size + kGaussianGrain - 1) / kGaussianGrain;
@@ -83,7 +82,7 @@ void Renderer::Backward(const float* dimage, const float* dalpha, const float* d
   timings_.push_back(watch.Lap("poses"));
 }
 
-void Renderer::ToRays(int tile, const float* to_lines, const float* ddepth,
+void Renderer::ToRays(int tile, const float* to_lines, const ImageGradients& to_image,
                       RayGradients* rays) const {
   const TileGrid& grid = tiles();
   const float* frame =
@@ -106,10 +105,16 @@ void Renderer::ToRays(int tile, const float* to_lines, const float* ddepth,
       const double length = std::sqrt(1.0 + s * s + t * t);
       const std::size_t pixel = static_cast<std::size_t>(y) * grid.width + x;
       // The distance along the unit ray is that in units of D + s E1 + t E2 (of lines: less the
-      // slide) times its length.
-      const double to_length = ddepth == nullptr ? 0.0
-                                                 : static_cast<double>(ddepth[pixel]) *
-                                                       static_cast<double>(frame_.depth[i]);
+      // slide) times its length, the distortion that times its square.
+      double to_length = 0.0;
+      if (to_image.depth != nullptr) {
+        to_length =
+            static_cast<double>(to_image.depth[pixel]) * static_cast<double>(frame_.depth[i]);
+      }
+      if (to_image.distortion != nullptr) {
+        to_length += 2.0 * length * static_cast<double>(to_image.distortion[pixel]) *
+                     frame_.Distortion(i, static_cast<double>(grid.start[i]));
+      }
       double to_s = to_length * s / length, to_t = to_length * t / length;
       if (lines_ == nullptr) {
         to_s += to(0);

@@ -25,11 +25,14 @@ struct RasterTask {
   int sh_degree = 0;
 };
 
-// Pixel gradients as the user gives them, row-major; alpha and depth may be null.
+// Pixel gradients as the user gives them, row-major; all but the first may be null.
 struct ImageGradients {
-  const float* image;  // (H, W, 3)
-  const float* alpha;  // (H, W)
-  const float* depth;  // (H, W)
+  const float* image;                 // (H, W, 3)
+  const float* alpha = nullptr;       // (H, W)
+  const float* depth = nullptr;       // (H, W)
+  const float* distortion = nullptr;  // (H, W)
+
+  bool HasDepth() const { return depth != nullptr || distortion != nullptr; }
 };
 
 }  // namespace gsut

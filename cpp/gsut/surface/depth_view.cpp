@@ -11,8 +11,6 @@ namespace {
 using Eigen::Map;
 using Eigen::Vector3d;
 
-// Neighbouring depths whose ratio is larger lie on two surfaces.
-constexpr float kSameSurface = 1.1f;
 // The depth of rays that meet nothing.
 constexpr float kNothing = 1e25f;
 // Below, a surface is taken to be seen at this cosine: rounding would decide.

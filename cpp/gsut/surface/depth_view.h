@@ -8,6 +8,7 @@
 #include "gsut/cameras/camera.h"
 #include "gsut/cameras/lens_kernels.h"
 #include "gsut/geometry/shutter.h"
+#include "gsut/surface/fuse_kernel.h"
 
 namespace gsut {
 
@@ -46,6 +47,7 @@ class DepthView {
   const Camera& camera() const { return camera_; }
   // Of the camera in the middle of the exposure, about the centre.
   const Eigen::Vector3d& place() const { return place_; }
+  DepthPixels pixels() const { return {&pixels_[0].inverse, width(), height()}; }
   // Radians between neighbouring pixels, in the middle.
   double pixel_angle() const { return pixel_angle_; }
 
@@ -67,6 +69,7 @@ class DepthView {
     float inverse;  // of the depth, 0: none
     float cosine, weight;
   };
+  static_assert(sizeof(Pixel) == DepthPixels::kFields * sizeof(float));
   // A place of the camera about the centre: x_in_camera = rotation x + translation.
   struct Place {
     float rotation[9], translation[3];

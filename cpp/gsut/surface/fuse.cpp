@@ -8,6 +8,7 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
+#include "gsut/surface/fuse_kernel.h"
 
 namespace gsut {
 namespace {
@@ -19,8 +20,6 @@ using Block = std::array<std::int32_t, 3>;
 constexpr std::size_t kRecent = 4096;
 // A distant pixel covers more voxels than this at most, to each side.
 constexpr double kMostVoxelsOfPixel = 12;
-// How far behind a surface its distance counts along the ray, in truncations.
-constexpr float kSlant = 1.5f;
 // Points that stand for a block: its corners and its middle, filled up.
 constexpr int kCorners = 16;
 
@@ -164,27 +163,17 @@ class BlockFusion {
 
   void Add(const DepthView& view) {
     view.Project(kBlockVoxels, voxels_, &viewed_);
-    for (int i = 0; i < kBlockVoxels; ++i) {
-      DepthSample sample;
-      if (!(size_[i] > 0.0f) || !view.Sample(viewed_.u[i], viewed_.v[i], &sample)) continue;
-      const float distance = viewed_.distance[i];
-      const float in_voxels = (sample.depth - distance) * sample.cosine / size_[i];
-      // Behind a surface seen at a slant its plane soon says nothing.
-      const float behind = (distance - sample.depth) / size_[i];
-      if (!(in_voxels > -truncation_ && behind < kSlant * truncation_)) continue;
-      float weight = sample.weight * sample.cosine / (distance * distance);
-      if (in_voxels < -1.0f) weight *= (truncation_ + in_voxels) / (truncation_ - 1.0f);
-      if (in_voxels > truncation_) weight *= free_weight_;
-      sum_[i] += weight * std::min(in_voxels, truncation_);
-      weight_[i] += weight;
-    }
+    AddDepths(view.pixels(), truncation_, free_weight_, kBlockVoxels,
+              {viewed_.u, viewed_.v, viewed_.distance, size_, sum_, weight_});
   }
 
   const VoxelSpace& space_;
   const float truncation_, free_weight_;
   PointBatch voxels_, corners_;
   ViewedBatch viewed_;
-  float size_[kBlockVoxels], sum_[kBlockVoxels], weight_[kBlockVoxels];
+  alignas(64) float size_[kBlockVoxels];
+  alignas(64) float sum_[kBlockVoxels];
+  alignas(64) float weight_[kBlockVoxels];
   Vector3d middle_;
   double radius_ = 0;
   float reach_ = 0;

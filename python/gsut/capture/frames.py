@@ -58,6 +58,7 @@ def extract_frames(
     out: str | os.PathLike[str],
     *,
     count: int | None = None,
+    beside: str | os.PathLike[str] | None = None,
     on_progress: OnProgress | None = None,
 ) -> Capture:
     """Chooses frames of a video by sharpness and by how far the view moved, and writes them.
@@ -71,6 +72,8 @@ def extract_frames(
         out: folder that gets images/f00123.jpg (the number counts frames at the video's frame
             rate, so that it tells the time), capture.json and strip.jpg.
         count: frames to choose; None: by how far the view moved, 60 to 300 where there are so many.
+        beside: video of the other lens of a 360-degree camera, taken at the same time; its frames
+            stand at the right of those of the first. The video itself: its second stream.
         on_progress: told (stage, done, total, text).
 
     Returns:
@@ -83,20 +86,21 @@ def extract_frames(
     if count is not None and count < 2:
         raise InputError(f"--frames takes 2 or more, found {count}; 60 or more make a good scene")
     path, folder = Path(video), Path(out)
+    files = [path] if beside is None else [path, Path(beside)]
     told = on_progress or (lambda *_: None)
-    with Video(path) as source:
+    with Video(*files) as source:
         announced, rate = source.frame_count, source.frame_rate
         size = source.width, source.height
-    key = {"version": __version__, "inputs": capture_state([path]), "count": count}
+    key = {"version": __version__, "inputs": capture_state(files), "count": count}
     done = finished_capture(folder, key)
     if done is not None:
         return done
-    candidates, seen = _candidates(path, told)
+    candidates, seen = _candidates(files, told)
     notes = _judge(path, candidates, seen, announced, rate)
     chosen = [candidates[index] for index in choose_frames(candidates, count)]
     names, name_rate = _names(chosen, rate)
     (folder / IMAGES).mkdir(parents=True, exist_ok=True)
-    flows = _write(path, chosen, names, folder / IMAGES, told)
+    flows = _write(files, chosen, names, folder / IMAGES, told)
     places = places_at(track_of(path), np.array([c.time for c in chosen]))
     unsharp = blurred(chosen)
     if unsharp.mean() > _MANY_BLURRED:
@@ -105,8 +109,8 @@ def extract_frames(
             "film with more light or a shorter shutter time"
         )
     figures: dict[str, Any] = {
-        "kind": "video", "key": key, "inputs": [str(path)], "size": size, "frame_rate": rate,
-        "name_rate": name_rate, "camera": camera_in(path),
+        "kind": "video", "key": key, "inputs": [str(file) for file in files], "size": size,
+        "frame_rate": rate, "name_rate": name_rate, "camera": camera_in(path),
         "frames_seen": seen, "seconds": candidates[-1].time, "notes": notes,
         "frames": [
             {"name": name, "path": f"{IMAGES}/{name}", "number": c.number, "time": c.time,
@@ -129,13 +133,13 @@ def finished_capture(folder: Path, key: dict[str, Any]) -> Capture | None:
     return Capture(folder, figures) if whole else None
 
 
-def _candidates(path: Path, told: OnProgress) -> tuple[list[Candidate], int]:
+def _candidates(files: Sequence[Path], told: OnProgress) -> tuple[list[Candidate], int]:
     """The frames that may be chosen, and how many there were."""
     import cv2
 
     search = CandidateSearch()
     seen = 0
-    with Video(path) as source:
+    with Video(*files) as source:
         every = max(1, round(source.frame_rate / _MOST_PER_SECOND))
         for number, time, picture in source.frames():
             seen = number + 1
@@ -196,7 +200,11 @@ def _names(chosen: Sequence[Candidate], rate: float) -> tuple[list[str], float]:
 
 
 def _write(
-    path: Path, chosen: Sequence[Candidate], names: Sequence[str], folder: Path, told: OnProgress
+    files: Sequence[Path],
+    chosen: Sequence[Candidate],
+    names: Sequence[str],
+    folder: Path,
+    told: OnProgress,
 ) -> dict[int, list[list[float]]]:
     """Writes the frames; returns the flow at each, by its number."""
     import cv2
@@ -206,13 +214,15 @@ def _write(
     for stale in set(folder.glob("f*.jpg")) - {folder / name for name in names}:
         stale.unlink()
     search = FlowSearch()
-    with Video(path) as source:
+    with Video(*files) as source:
         for number, time, picture in source.frames():
             if number > chosen[-1].number + 1:
                 break
             pixels = picture() if number in beside else None
             if pixels is None and number in wanted:
-                raise InputError(f"{path}: frame {number} cannot be decoded twice; copy it again")
+                raise InputError(
+                    f"{files[0]}: frame {number} cannot be decoded twice; copy it again"
+                )
             if pixels is None:
                 continue
             search.add(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), number - 1 in wanted)

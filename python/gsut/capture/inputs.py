@@ -9,7 +9,7 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.capture.frames import Capture, OnProgress, extract_frames
-from gsut.capture.panorama import of_panoramas
+from gsut.capture.panorama import of_panoramas, other_lens
 from gsut.capture.photographs import collect_photographs
 from gsut.capture.strip import write_strip
 from gsut.capture.video import is_video
@@ -27,7 +27,8 @@ def capture(
 ) -> Capture:
     """Makes one folder of pictures of videos and photographs of one camera.
 
-    Pictures of 360-degree cameras are recognised: see `of_panoramas`.
+    Pictures of 360-degree cameras are recognised: see `of_panoramas`; their two lenses may also be
+    two streams of a video, or two videos.
 
     Args:
         inputs: videos, photographs and folders of photographs, in any number.
@@ -54,8 +55,9 @@ def _taken(
 ) -> Capture:
     videos = [path for path in map(Path, inputs) if is_video(path)]
     others = [path for path in map(Path, inputs) if not is_video(path)]
-    if not others and len(videos) == 1:
-        return extract_frames(videos[0], out, count=count, on_progress=on_progress)
+    beside = other_lens(videos) if videos and not others else None
+    if not others and (len(videos) == 1 or beside is not None):
+        return extract_frames(videos[0], out, count=count, beside=beside, on_progress=on_progress)
     if not videos:
         return collect_photographs(others, out, on_progress=on_progress)
     folder = Path(out)

@@ -1,7 +1,7 @@
 """Pictures of 360-degree cameras: equirectangular ones get their lens, two circles become two.
 
 Dual-fisheye pictures hold the circles of two lenses, back to back, side by side. Each becomes a
-square picture of its own, masked outside its circle; both lenses are taken for one of one kind.
+square picture of its own, masked outside its circle; both lenses begin as one of one kind.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.capture.frames import IMAGES, Capture
+from gsut.capture.video import stream_start
 from gsut.data import CAPTURE, read_capture
 from gsut.files import whole_file, write_json
 from gsut.lens import Camera, camera_values
 
-LENSES = ("front", "back")
+LENSES = ["front", "back"]
 MASK = "mask.png"
 _SPLIT = "lenses"  # folder of the two lenses' pictures
 _LOOKED_AT = 12  # pictures that decide what a camera takes
@@ -27,6 +28,7 @@ _DARK = 24  # grey level below which nothing is seen
 _BRIGHT_SHARE = 0.6  # of a circle's pixels are brighter than that, in one picture at least
 _RIM = 0.985  # of the circle's radius that is used: its edge is dim and coloured
 _FIELD = math.radians(195)  # of a circle, where nothing is known: between those in use
+_WIDTHS = (1.7, 2.1)  # over the height, of pictures with two circles: some have borders
 _SEAM = 2.0  # differences across the seam of a panorama, over those of its other columns
 _JPEG_QUALITY = 97
 
@@ -56,6 +58,12 @@ def of_panoramas(taken: Capture, nadir: float = 0.0, zenith: float = 0.0) -> Cap
         raise InputError(f"caps take 0 to 90 degrees, found {nadir:g} and {zenith:g}")
     width, height = taken.figures["size"]
     paths = [taken.path / row["path"] for row in taken.figures["frames"]]
+    if _WIDTHS[0] * height <= width <= _WIDTHS[1] * height:
+        some = [paths[i] for i in np.unique(np.linspace(0, len(paths) - 1, _LOOKED_AT).astype(int))]
+        brightest, seam = _looked_at(some)
+        circles = [_circle(half) for half in np.hsplit(brightest[:, : width // 2 * 2], 2)]
+        if None not in circles:
+            return _split(taken, [c for c in circles if c is not None], nadir, zenith)
     if width != 2 * height:
         if nadir or zenith:
             raise InputError(
@@ -63,11 +71,6 @@ def of_panoramas(taken: Capture, nadir: float = 0.0, zenith: float = 0.0) -> Cap
                 f"these are {width} x {height}: draw masks instead (masks/NAME.png)"
             )
         return taken
-    some = [paths[i] for i in np.unique(np.linspace(0, len(paths) - 1, _LOOKED_AT).astype(int))]
-    brightest, seam = _looked_at(some)
-    circles = [_circle(half) for half in np.hsplit(brightest, 2)]
-    if None not in circles:
-        return _split(taken, [c for c in circles if c is not None], nadir, zenith)
     if not seam:
         return taken
     lens = Camera("equirectangular", [], width, height)
@@ -78,6 +81,31 @@ def of_panoramas(taken: Capture, nadir: float = 0.0, zenith: float = 0.0) -> Cap
     figures["notes"] = [*(n for n in taken.notes if n != note), note]
     write_json(taken.path / CAPTURE, figures)
     return Capture(taken.path, figures)
+
+
+def other_lens(videos: Sequence[Path]) -> Path | None:
+    """The video of the second lens of a 360-degree camera; None: there is none.
+
+    Args:
+        videos: one, whose second stream may be of that lens, or two, the second one's.
+
+    Returns:
+        The last of the videos if both lenses' frames are square with a bright circle, as many of
+        one lens as of the other.
+    """
+    if len(videos) > 2:
+        return None
+    common = []
+    for path, stream in ((videos[-1], 2 - len(videos)), (videos[0], 0)):
+        start = stream_start(path, stream, _LOOKED_AT)
+        if start is None or start[0].shape[1] != start[0].shape[2]:
+            return None
+        if _circle(start[0].max(axis=(0, 3))) is None:
+            return None
+        common.append(start[1])
+    if common[0] != common[1]:
+        return None
+    return videos[-1]
 
 
 def _looked_at(paths: Sequence[Path]) -> tuple[np.ndarray, bool]:
@@ -139,17 +167,19 @@ def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: flo
         for row in taken.figures["frames"]:
             pixels = np.asarray(cv2.imread(str(taken.path / row["path"])))
             part = _cut(pixels[:, number * half : (number + 1) * half], *corner, side)
-            target = folder / IMAGES / name / (Path(row["name"]).stem + ".jpg")
+            stem = row["name"].replace("/", "-").rsplit(".", 1)[0]
+            target = folder / IMAGES / name / f"{stem}.jpg"
             with whole_file(target) as temporary:
                 cv2.imwrite(str(temporary), part, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
             own = f"{name}/{target.name}"
-            rows.append({**row, "name": own, "path": f"{IMAGES}/{own}", "mask": MASK})
+            flow = _flow_in(row.get("flow"), number * half + corner[0], corner[1], side)
+            rows.append({**row, "name": own, "path": f"{IMAGES}/{own}", "mask": MASK, "flow": flow})
     radius = min(circle.radius for circle in circles)
     lens = _fisheye(side, radius)
     _write_mask(folder / MASK, lens, _RIM * radius, nadir, zenith)
     figures = {
         **taken.figures, "key": key, "size": [side, side], "frames": rows, "camera": "",
-        "focal_px": None, "fisheye": camera_values(lens),
+        "focal_px": None, "fisheye": camera_values(lens), "lenses": LENSES,
         "notes": [
             *taken.notes,
             f"each picture holds the circles of two lenses, which become {len(rows)} pictures",
@@ -157,6 +187,14 @@ def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: flo
     }  # fmt: skip
     write_json(folder / CAPTURE, figures)
     return Capture(folder, figures)
+
+
+def _flow_in(
+    flow: list[list[float]] | None, left: int, top: int, side: int
+) -> list[list[float]] | None:
+    """Of the flow of a picture what is in a square part of it, in the pixels of the part."""
+    rows = [[x - left, y - top, *rates] for x, y, *rates in flow or ()]
+    return [row for row in rows if 0 <= row[0] < side and 0 <= row[1] < side] or None
 
 
 def _cut(pixels: np.ndarray, left: int, top: int, side: int) -> np.ndarray:

@@ -1,12 +1,14 @@
 """Reads videos: frames with their time stamps, upright, and what is wrong with a file in words.
 
 By OpenCV, whose decoder is FFmpeg: it turns frames as the file's rotation says, and the time
-stamps are those of the file, so that a variable frame rate is no matter.
+stamps are those of the file, so that a variable frame rate is no matter. The second of two lenses,
+in a stream or file of its own, is read by PyAV, since OpenCV reads the first stream only.
 """
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import re
 import struct
@@ -38,9 +40,11 @@ class Video:
 
     Args:
         path: the file.
+        beside: file of the other lens of a 360-degree camera, or None; the file itself: its second
+            stream.
 
     Attributes:
-        width, height: of the upright frames, pixels.
+        width, height: of the upright frames, pixels; frames of two lenses are side by side.
         frame_rate: frames a second, the mean.
         frame_count: as the file says; 0: it does not.
 
@@ -48,17 +52,26 @@ class Video:
         InputError: no video, an index that is missing, or a codec that cannot be decoded.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], beside: str | os.PathLike[str] | None = None
+    ) -> None:
         self.path = Path(path)
         if not self.path.is_file():
             raise InputError(f"{path}: no such file; give a video or a folder of photographs")
         self._capture = _opened(self.path)
         import cv2
 
+        self._other: Iterator[Any] | None = None
+        self._beside: Any = None  # the frame of the other lens
+        if beside is not None:
+            self._other = _frames_of(Path(beside), int(Path(beside) == self.path))
+            self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # the other one is not turned
         self.frame_rate = float(self._capture.get(cv2.CAP_PROP_FPS)) or 30.0
         self.frame_count = max(0, int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)))
         self.width = int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH))
         self.height = int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        if self._other is not None:
+            self.width *= 2
 
     def frames(self) -> Iterator[tuple[int, float, Any]]:
         """Yields (number, seconds, picture) of every frame, once.
@@ -70,12 +83,19 @@ class Video:
         number = 0
         while self._capture.grab():
             seconds = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+            if self._other is not None:
+                self._beside = next(self._other, None)
+                if self._beside is None:
+                    return
             yield number, seconds, self._picture
             number += 1
 
     def _picture(self) -> np.ndarray | None:
         read, picture = self._capture.retrieve()
-        return picture if read else None
+        if not read or self._other is None:
+            return picture if read else None
+        beside = self._beside.to_ndarray(format="bgr24")
+        return np.hstack([picture, beside]) if beside.shape == picture.shape else None
 
     def close(self) -> None:
         self._capture.release()
@@ -85,6 +105,37 @@ class Video:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def stream_start(path: Path, stream: int, count: int) -> tuple[np.ndarray, tuple[Any, ...]] | None:
+    """The first frames of a stream of a video, and what two lenses of one camera have in common.
+
+    Returns:
+        (N, H, W, 3) uint8, N at most count, with size, number and rate of the frames; None where
+        there is no such stream, or no frame in it can be decoded.
+    """
+    import av
+
+    try:
+        with av.open(str(path)) as container:
+            streams = container.streams.video
+            if stream >= len(streams):
+                return None
+            of = streams[stream]
+            size = of.codec_context.width, of.codec_context.height
+            about = size, of.frames, of.average_rate
+            frames = itertools.islice(container.decode(video=stream), count)
+            pictures = [frame.to_ndarray(format="bgr24") for frame in frames]
+    except (av.FFmpegError, OSError):
+        return None  # what is wrong with the file is said where it is read
+    return (np.array(pictures), about) if pictures else None
+
+
+def _frames_of(path: Path, stream: int) -> Iterator[Any]:
+    import av
+
+    with contextlib.suppress(av.FFmpegError), av.open(str(path)) as container:  # ends where damaged
+        yield from container.decode(video=stream)
 
 
 def _opened(path: Path) -> Any:

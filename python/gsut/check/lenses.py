@@ -251,6 +251,10 @@ def _has_four(camera: Camera) -> bool:
     return camera.param_names.split()[:4] == ["fx", "fy", "cx", "cy"]
 
 
+def _unbounded(camera: Camera) -> Camera:
+    return camera if camera.valid_field_angle is None else camera.with_valid_field_angle(None)
+
+
 def _with(
     camera: Camera, scale: float = 1.0, cx: float | None = None, cy: float | None = None
 ) -> Camera | None:
@@ -260,7 +264,7 @@ def _with(
     params[:2] *= scale
     params[2] = params[2] if cx is None else cx
     params[3] = params[3] if cy is None else cy
-    return camera.with_valid_field_angle(None).with_params(params)
+    return _unbounded(camera).with_params(params)
 
 
 def _scaled(camera: Camera, scale: float, center: float) -> Camera | None:
@@ -271,7 +275,7 @@ def _with_distortion(camera: Camera, values: np.ndarray) -> Camera | None:
     if not _has_four(camera) or not np.any(values):
         return None
     params = np.concatenate([camera.params[:4], values])
-    return camera.with_valid_field_angle(None).with_params(params)
+    return _unbounded(camera).with_params(params)
 
 
 def undistorted(camera: Camera) -> Camera | None:

@@ -37,6 +37,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="which views [default test: the held-out ones]",
     )
     parser.add_argument(
+        "--scale",
+        type=float,
+        metavar="X",
+        help="size of the images to the files', such as 0.5, where it is not the one that was "
+        "trained at; Gaussians are then as wide as larger pixels ask",
+    )
+    parser.add_argument(
         "-o",
         "--out",
         type=folder_name,
@@ -72,7 +79,10 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.training import read_trained
 
     run = RunFolder.open(arguments.folder)
-    options, scene, gaussians = read_trained(run, arguments.data)
+    options, trained_on, gaussians = read_trained(run, arguments.data)
+    scene = trained_on
+    if arguments.scale is not None:
+        scene = read_trained(run, arguments.data, arguments.scale)[1]
     indices = {
         "test": scene.test_indices,
         "train": scene.train_indices,
@@ -84,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
     check_first(scene, arguments.force, quiet=True)
     with whole_folder(arguments.out) if arguments.out else contextlib.nullcontext() as out:
-        figures = _figures(arguments, run, options, scene, gaussians, indices, out)
+        figures = _figures(arguments, run, options, (trained_on, scene), gaussians, indices, out)
     if arguments.json:
         print_json(figures)
     else:
@@ -99,16 +109,22 @@ def _figures(
     arguments: argparse.Namespace,
     run: Any,
     options: Any,
-    scene: Any,
+    scenes: tuple[Any, Any],
     gaussians: Any,
     indices: Sequence[int],
     out: Path | None,
 ) -> dict[str, Any]:
-    """The content of metrics.json, written to `out` beside the pictures, if given."""
+    """The content of metrics.json, written to `out` beside the pictures, if given.
+
+    scenes: as it was trained on, and as it is judged.
+    """
     from gsut.evaluate import evaluate
+    from gsut.render import PixelFilter
     from gsut.run import METRICS, Progress, RunFolder
     from gsut.training import read_light
 
+    trained_on, scene = scenes
+    pixels = None if scene is trained_on else PixelFilter.of_run(gaussians, trained_on)
     with Progress(sys.stderr.isatty()) as bars:
         figures = evaluate(
             gaussians,
@@ -116,6 +132,7 @@ def _figures(
             indices,
             background=options.background,
             light=read_light(run, scene),
+            pixels=pixels,
             render_folder=out,
             on_view=lambda done, total: bars.show("views", done, total),
         )

@@ -7,14 +7,19 @@ import contextlib
 import dataclasses
 import functools
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
 from gsut.capture import Capture, capture, is_video
+<<<<<<< HEAD
 from gsut.cli._flags import add_capture, add_json, add_quiet, finite, folder_name, print_json
 from gsut.data import CAPTURE_FOLDER, find_lens_file
+=======
+from gsut.cli._flags import add_capture, add_json, add_quiet, folder_name, print_json
+from gsut.data import CAPTURE_FOLDER, find_lens_file, read_capture
+>>>>>>> main
 from gsut.lens import is_lens_name, lens_by_name
 from gsut.output_folder import claim_folder
 from gsut.run import Progress, StagedProgress, Verdict, add_option_flags, given_options
@@ -26,7 +31,7 @@ if TYPE_CHECKING:
 # Seconds that each stage takes of so many images: what is left is estimated from them.
 POSE_SECONDS = {
     "features": 5.0, "preview": 1.0, "matching": 4.0, "verifying": 1.0, "lens": 20.0,
-    "mapping": 25.0, "rig": 15.0,
+    "mapping": 25.0, "shutter": 45.0, "rig": 15.0,
 }  # fmt: skip
 EXPECTED_IMAGES = 60
 
@@ -183,12 +188,32 @@ def estimate_with_bars(
     """`find_poses` with one progress bar for all its stages, if enabled."""
     from gsut.sfm import find_poses
 
-    absent = () if settings.get("rig") else ("rig",)
-    expected = {name: s for name, s in POSE_SECONDS.items() if name not in absent}
+    taken = read_capture(Path(images)) or {}
+    options = settings.get("options") or PosesOptions()
+    camera, unsaid = settings.get("camera"), not taken and not settings.get("unknown_lens")
+    known = unsaid if camera is None else not is_lens_name(camera)
+    expected = pose_seconds(taken, options.shutter, known, bool(settings.get("rig")))
     with StagedProgress(expected, enabled) as bars:
         shown = _InStages(bars, expected)
         with contextlib.closing(shown):
             return find_poses(images, out, on_progress=shown.show, notes_to=bars.note, **settings)
+
+
+def pose_seconds(
+    taken: Mapping[str, Any], shutter: str, known: bool, rig: bool = False
+) -> dict[str, float]:
+    """The stages that poses of a capture take, and the seconds of each for `EXPECTED_IMAGES`.
+
+    Args:
+        taken: content of capture.json, or nothing.
+        shutter: as in PosesOptions. known: whether the lens is. rig: whether one was given.
+    """
+    absent = {"verifying"} if not known else set()
+    if taken.get("kind") != "video" or shutter != "auto":
+        absent.add("shutter")
+    if not rig and not taken.get("lenses"):
+        absent.add("rig")
+    return {name: seconds for name, seconds in POSE_SECONDS.items() if name not in absent}
 
 
 class _InStages:
@@ -201,7 +226,9 @@ class _InStages:
         self._open = contextlib.ExitStack()
 
     def show(self, stage: str, done: int, total: int, text: str) -> None:
-        """As `find_poses` tells it."""
+        """As `find_poses` tells it; a stage that was not expected is part of the one before."""
+        if stage not in self._expected:
+            return
         if stage != self._stage:
             self._open.close()
             if stage == "features":
@@ -263,6 +290,11 @@ def with_readout(options: PosesOptions, camera: str | None, taken: Capture) -> P
 
 
 def _rig_words(rig: dict[str, Any]) -> str:
+    if rig.get("found"):
+        return (
+            f"rig of two lenses found: {rig['frames_registered']} of {rig['frames_total']} frames, "
+            f"the back one turned by {rig['turn_degrees']:.2f} degrees"
+        )
     words = (
         f"rig: {rig['frames_registered']} of {rig['frames_total']} frames, in the unit of "
         f"{rig['file']} (baseline {rig['baseline']:.6g})"

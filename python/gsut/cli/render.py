@@ -186,8 +186,7 @@ def _pixel_filter(stage: Any) -> Any:
     scene = stage.scene
     if scene is None or stage.kind != "run":
         return None
-    rows = scene.train_indices or range(len(scene))
-    return PixelFilter(stage.gaussians, [scene.camera(row) for row in rows], scene.poses(rows))
+    return PixelFilter.of_run(stage.gaussians, scene)
 
 
 def _frames(

@@ -10,13 +10,13 @@ import argparse
 import dataclasses
 import itertools
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
 from gsut.cli._flags import add_capture, add_json, add_quiet, finite, folder_name, print_json
-from gsut.cli.poses import EXPECTED_IMAGES, POSE_SECONDS, with_readout
+from gsut.cli.poses import EXPECTED_IMAGES, pose_seconds, with_readout
 from gsut.cli.view import LivePage, add_live_flags
 from gsut.data import CAPTURE_FOLDER, STRIP
 from gsut.output_folder import claim_folder
@@ -42,10 +42,12 @@ DESCRIPTION = (
 POSES = "poses"  # folder of the pictures and poses, in the run's folder
 STATE = "scene.json"  # inputs and settings; seconds and verdict once all is done
 PAGE = "scene.html"
-# Seconds on one core of a training step on a megapixel at full resolution, for the time left before
-# anything is measured.
-_STEP_SECONDS = 0.35
-_CAPTURE_SECONDS = 15.0
+# Seconds on one core of a training step: of any, of a megapixel, and of each Gaussian; and beside
+# the steps. For the time left before anything is measured: 18 CPU-s of 500 steps with 50 000
+# Gaussians, 116 of 2000 with 200 000.
+_STEP_SECONDS, _PIXEL_SECONDS, _MODEL_SECONDS = 0.008, 0.02, 2.2e-7
+_TRAIN_SECONDS = 4.0
+_CAPTURE_SECONDS = 8.0
 # What another scene would come of; the threads are none of it.
 _SETTINGS = (
     "preset", "steps", "camera", "fov", "frames", "nadir_cap", "zenith_cap", "shutter", "seed",
@@ -159,7 +161,7 @@ def _make(
     """All stages that are not done; returns the final state."""
     from gsut.capture import capture
 
-    expected = {"capture": _CAPTURE_SECONDS, "poses": 100.0, "training": 200.0, "report": 10.0}
+    expected = {"capture": _CAPTURE_SECONDS, "poses": 100.0, "training": 60.0, "report": 1.0}
     claimed = claim_folder(folder.path / POSES, "poses", arguments.inputs[0])
     with claimed, StagedProgress(expected, not arguments.quiet) as bars:
         with bars.stage("capture"):
@@ -175,7 +177,7 @@ def _make(
             preset=arguments.preset, steps=arguments.steps, seed=arguments.seed,
             threads=arguments.threads,
         )  # fmt: skip
-        _expect(bars, taken.figures, options, arguments.camera)
+        _expect(bars, taken.figures, options, arguments)
         poses = _find_poses(folder, arguments, taken, bars)
         metrics = _train(folder, options, bars, page)
         with bars.stage("report"):
@@ -216,7 +218,7 @@ def _find_poses(
         return find_poses(
             taken.path, out, camera=arguments.camera, fov_degrees=arguments.fov,
             options=with_readout(options, arguments.camera, taken),
-            on_progress=_evenly(bars, _pose_seconds(arguments.camera)), notes_to=bars.note,
+            on_progress=_evenly(bars, _pose_seconds(taken.figures, arguments)), notes_to=bars.note,
         ).figures  # fmt: skip
 
 
@@ -275,27 +277,34 @@ def _evenly(bars: StagedProgress, shares: dict[str, float]) -> Callable[[str, in
     return show
 
 
-def _pose_seconds(camera: str | None) -> dict[str, float]:
+def _pose_seconds(taken: Mapping[str, Any], arguments: argparse.Namespace) -> dict[str, float]:
     """The stages of the poses, and the seconds that each takes of `EXPECTED_IMAGES`."""
     from gsut.lens import is_lens_name
 
-    known = camera is not None and not is_lens_name(camera)
-    absent = ("rig", "lens" if known else "verifying")
-    return {name: seconds for name, seconds in POSE_SECONDS.items() if name not in absent}
+    named = arguments.camera is not None and not is_lens_name(arguments.camera)
+    known = named or bool(taken.get("lens"))
+    expected = pose_seconds(taken, arguments.shutter, known)
+    if known:
+        del expected["lens"]
+    return expected
 
 
 def _expect(
-    bars: StagedProgress, figures: dict[str, Any], options: TrainOptions, camera: str | None
+    bars: StagedProgress,
+    figures: dict[str, Any],
+    options: TrainOptions,
+    arguments: argparse.Namespace,
 ) -> None:
     """Corrects the seconds that poses and training will take, now that the pictures are known."""
     from gsut import _core
 
     threads = options.threads or _core.num_threads()
     width, height = figures["size"]
-    poses = sum(_pose_seconds(camera).values()) * len(figures["frames"]) / EXPECTED_IMAGES
-    steps = options.steps * _STEP_SECONDS * min(width * height / 1e6, 1.44)
-    bars.expect("poses", poses * 2 / threads)
-    bars.expect("training", 10 + steps * 2 / threads)
+    poses = sum(_pose_seconds(figures, arguments).values()) * len(figures["frames"])
+    bars.expect("poses", poses / EXPECTED_IMAGES * 2 / threads)
+    megapixels = min(width * height / 1e6, 1.44)
+    step = _STEP_SECONDS + _PIXEL_SECONDS * megapixels + _MODEL_SECONDS * options.most_gaussians
+    bars.expect("training", _TRAIN_SECONDS + options.steps * step / threads)
 
 
 def _capture_verdict(figures: dict[str, Any]) -> Verdict:

@@ -14,6 +14,7 @@ from gsut.data.check_geometry import check_lenses, check_points, check_poses
 from gsut.data.check_images import check_bits
 from gsut.data.color_points import UNCOLORED, color_points, has_colors, points_seen
 from gsut.data.convert import convert_dataset, save_dataset, writable_layouts
+from gsut.data.depth_files import MILLIMETRE, read_depth
 from gsut.data.digests import scene_digests
 from gsut.data.doctor import diagnose, findings_text
 from gsut.data.findings import SEVERITIES, DatasetError, Finding, some_names, sorted_findings
@@ -45,6 +46,7 @@ __all__ = [
     "CAPTURE",
     "CAPTURE_FOLDER",
     "IMAGE_SUFFIXES",
+    "MILLIMETRE",
     "OPENGL_FROM_OPENCV",
     "PARTS",
     "SEVERITIES",
@@ -91,6 +93,7 @@ __all__ = [
     "points_seen",
     "read_capture",
     "read_dataset",
+    "read_depth",
     "read_header",
     "read_path",
     "read_rig",

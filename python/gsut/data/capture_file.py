@@ -19,7 +19,8 @@ def read_capture(folder: Path) -> dict[str, Any] | None:
     "frames" holds one object a picture: name, path (from FOLDER), and where known time (seconds)
     and mask (a path, too); "focal_px" the focal length that the pictures name, "camera" who took
     them, "lens" the lens where the pictures themselves determine it, "fisheye" one to begin with,
-    and "notes" what the user should know.
+    "lenses" the folders of lenses that took pictures of one name together, and "notes" what the
+    user should know.
 
     Raises:
         DatasetError: the file is not JSON.

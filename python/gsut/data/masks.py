@@ -10,34 +10,45 @@ from gsut.data.findings import DatasetError
 from gsut.data.images import decode_mask, shrink_mask
 from gsut.lens import Camera
 
+_LONGER_SIDE = 512  # of the smaller image, pixels
+
 
 def lens_mask(camera: Camera, full: Camera) -> np.ndarray:
     """(H, W) bool: pixels of `camera` that have a ray, all of whose source pixels have one too.
 
-    A lens' domain has no holes of a pixel: where all neighbours have rays, the source pixels
-    between them are taken to have them. Only those at the domain's edge and at the image's border
-    are asked one by one, which saves the rays of a large photograph.
+    A lens' domain has no holes of a pixel: where all neighbours in a smaller image have rays, or
+    none, the pixels between them are taken to be alike. Only those at the domain's edge and at the
+    image's border are asked one by one, which saves the rays of a large photograph.
 
     Args:
         camera: of the scene's image.
         full: the same lens on the file's image.
     """
+    longer = max(full.width, full.height)
+    smaller = (camera.width, camera.height) != (full.width, full.height)
+    if not smaller and longer <= _LONGER_SIDE:
+        return np.array(camera.rays()[1], bool)
+    sizes = [max(1, side * _LONGER_SIDE // longer) for side in (full.width, full.height)]
+    valid = np.array((camera if smaller else camera.resized(*sizes)).rays()[1], bool)
+    source = _source_mask(valid, full)
+    return valid & shrink_mask(source, camera.width, camera.height) if smaller else source
+
+
+def _source_mask(valid: np.ndarray, full: Camera) -> np.ndarray:
+    """(H, W) bool, the file's pixels with a ray; `valid`: those of a smaller image."""
     import cv2
 
-    valid = np.array(camera.rays()[1], bool)
-    if (camera.width, camera.height) == (full.width, full.height):
-        return valid
-    inner = cv2.erode(
-        valid.view(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT,
-        borderValue=0,
-    ).view(bool)  # fmt: skip
-    asked = cv2.resize(
-        (valid & ~inner).view(np.uint8), (full.width, full.height), interpolation=cv2.INTER_NEAREST
+    square, size = np.ones((3, 3), np.uint8), (full.width, full.height)
+    inside = valid.view(np.uint8)
+    inner = cv2.erode(inside, square, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+    asked = (cv2.dilate(inside, square) > 0) & ~inner
+    source, edge = (
+        cv2.resize(each.view(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+        for each in (inner, asked)
     )
-    rows, columns = np.nonzero(cv2.dilate(asked, np.ones((3, 3), np.uint8)))
-    source = np.ones((full.height, full.width), bool)
+    rows, columns = np.nonzero(edge)
     source[rows, columns] = full.unproject(np.stack([columns, rows], axis=-1) + 0.5)[1]
-    return valid & shrink_mask(source, camera.width, camera.height)
+    return source
 
 
 def read_mask(path: Path, full: Camera, width: int, height: int) -> np.ndarray:

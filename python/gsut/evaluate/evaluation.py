@@ -16,6 +16,7 @@ from gsut.gaussians import pack_harmonics
 from gsut.render import (
     RING_EDGES_DEGREES,
     Light,
+    PixelFilter,
     Ring,
     color_corrected_psnr,
     field_angles,
@@ -43,6 +44,7 @@ def evaluate(
     *,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
     light: Light | None = None,
+    pixels: PixelFilter | None = None,
     render_folder: Path | None = None,
     on_view: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
@@ -55,6 +57,7 @@ def evaluate(
         background: colour behind the Gaussians, 3 values in [0, 1]; None: see `render`.
         light: exposure of the views and falloff of the cameras, by which renders are multiplied
             before they are compared; None: 1.
+        pixels: of the Gaussians, where the scene is at another size than they were trained at.
         render_folder: an existing folder that gets NAME_truth.png and NAME_render.png (8 bit,
             masked pixels black) and NAME_depth.png (16 bit; distance = value x `depth_unit` of the
             view's row, 0 = less than half opaque); None writes nothing.
@@ -75,14 +78,15 @@ def evaluate(
 
         Renders are clipped to [0, 1] but not rounded to 8 bits before they are compared.
     """
-    gaussians = pack_harmonics(gaussians)
+    packed = pack_harmonics(gaussians)
     stems = picture_stems([scene.views[index].name for index in indices])
     views, ring_rows = [], []
     for done, (index, stem) in enumerate(zip(indices, stems, strict=True), start=1):
         view, camera, mask = scene.views[index], scene.camera(index), scene.mask(index)
         truth = scene.image(index).astype(np.float32) / np.float32(255)
         started = time.perf_counter()
-        rendered = render(gaussians, camera, view.motion, background=background)
+        drawn = packed if pixels is None else pixels.of(camera, view.motion)
+        rendered = render(drawn, camera, view.motion, background=background)
         milliseconds = 1e3 * (time.perf_counter() - started)
         plain = image = np.clip(rendered.image, 0.0, 1.0)
         if light is not None:

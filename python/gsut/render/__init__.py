@@ -22,7 +22,7 @@ from gsut.render.metrics import (
 from gsut.render.motion import place_about
 from gsut.render.paths import orbit_path, smooth_path, turn_path
 from gsut.render.pictures import picture_stems, to_uint8, write_png
-from gsut.render.pixel_filter import PixelFilter
+from gsut.render.pixel_filter import PixelFilter, is_coarser
 from gsut.render.projection import METHODS, Projection, project
 from gsut.render.renderer import DEFAULT_UNSCENTED, Gradients, Render, render, render_backward
 from gsut.render.surface import (
@@ -55,6 +55,7 @@ __all__ = [
     "field_angles",
     "half_image_psnr",
     "interpolated_gains",
+    "is_coarser",
     "is_film",
     "orbit_path",
     "picture_stems",

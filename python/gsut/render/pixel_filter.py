@@ -19,6 +19,7 @@ from gsut.render.motion import place_about
 
 _SQUARE = 1.0 / 12.0  # variance of a square pixel along a side of length 1
 _MOST_CAMERAS = 32  # photographs, evenly chosen, that say how fine a Gaussian was seen
+_ALIKE = 0.98  # of the pixels a unit of area, above which sizes count as one
 _LEAST = 1e-4  # of the squared smallest scale, below which nothing is widened
 
 
@@ -29,19 +30,37 @@ class PixelFilter:
         gaussians: float32, `Gaussians` or `MixedGaussians`, at the dataset's coordinates.
         cameras: of the photographs.
         camera_from_world: (C, 4, 4), one a camera.
+        most_cameras: that are asked, evenly chosen.
     """
 
     def __init__(
-        self, gaussians: Any, cameras: Sequence[Any], camera_from_world: np.ndarray
+        self,
+        gaussians: Any,
+        cameras: Sequence[Any],
+        camera_from_world: np.ndarray,
+        most_cameras: int = _MOST_CAMERAS,
     ) -> None:
-        self._gaussians = gaussians
-        step = -(-len(cameras) // _MOST_CAMERAS)
+        self.gaussians = gaussians
+        step = -(-len(cameras) // most_cameras)
         poses = [
             np.asarray(place_about(pose, gaussians.origin)) for pose in camera_from_world[::step]
         ]
         self._means = gaussians.means.astype(np.float64)
         finest = filter_radii(self._means, cameras[::step], np.stack(poses), 1.0)
         self._finest = finest**2
+
+    @staticmethod
+    def of_run(gaussians: Any, scene: Any, most_cameras: int = _MOST_CAMERAS) -> PixelFilter:
+        """For Gaussians that were trained on a scene's training views.
+
+        Args:
+            gaussians: see above.
+            scene: at the size that was trained at.
+            most_cameras: see above.
+        """
+        rows = scene.train_indices or range(len(scene))
+        cameras = [scene.camera(row) for row in rows]
+        return PixelFilter(gaussians, cameras, scene.poses(rows), most_cameras)
 
     def of(self, camera: Any, camera_from_world: Any) -> Any:
         """The Gaussians for one image.
@@ -54,13 +73,13 @@ class PixelFilter:
             camera: lens and size of the image.
             camera_from_world: (4, 4), or a CameraMotion, whose middle counts.
         """
-        place = place_about(camera_from_world, self._gaussians.origin)
+        place = place_about(camera_from_world, self.gaussians.origin)
         pose = place.at(0.5) if isinstance(place, CameraMotion) else np.asarray(place)
         density = pixel_density(self._means, camera, pose)
         with np.errstate(divide="ignore"):
             side2 = np.where(density > 0, 1.0 / density, 0.0)
         missing = _SQUARE * (side2 - self._finest)
-        g = self._gaussians
+        g = self.gaussians
         scales = g.log_scales.astype(np.float64)
         rows = np.flatnonzero(missing > _LEAST * np.exp(2.0 * scales.min(axis=1)))
         if not len(rows):
@@ -78,6 +97,13 @@ class PixelFilter:
         log_scales[rows] = 0.5 * np.log(after)
         logits[rows] = np.log(opacity) - np.log1p(-opacity)
         return dataclasses.replace(g, log_scales=log_scales, opacity_logits=logits)
+
+
+def is_coarser(camera: Any, photographs: Sequence[Any]) -> bool:
+    """Whether a lens' pixels are larger, at its axis, than those of the finest photograph."""
+    axis, pose = np.array([[0.0, 0.0, 1.0]]), np.eye(4)
+    finest = max(float(pixel_density(axis, each, pose)[0]) for each in photographs)
+    return bool(pixel_density(axis, camera, pose)[0] < _ALIKE * finest)
 
 
 def _in_own_axes(quats: np.ndarray, vectors: np.ndarray) -> np.ndarray:

@@ -26,6 +26,8 @@ class Render:
         alpha: (H, W) 1 - remaining transmittance.
         depth: (H, W) sum of weight times distance along the ray; divide by alpha for the expected
             distance. In world units.
+        distortion: (H, W) sum of weight times the squared distance from the weighted mean: how far
+            apart the Gaussians of a pixel lie; 0 where less than 0.001 is covered.
         gaussians, camera, camera_from_world, rule, background, sh_degree: what was rendered.
         behind: (H, W, 3) what shows where the image is not covered, if not `background`.
     """
@@ -33,6 +35,7 @@ class Render:
     image: np.ndarray
     alpha: np.ndarray
     depth: np.ndarray
+    distortion: np.ndarray
     gaussians: Gaussians
     camera: _core.Camera
     camera_from_world: Any  # (4, 4), or a _core.CameraMotion
@@ -138,7 +141,8 @@ def render(
     if dtype == "float64":
         g = gaussians.astype(np.float64)
         exact = _core.render_reference(g, camera, place, rule, color, degree)
-        out = Render(*exact[:3], g, camera, pose, rule, color, degree, None)
+        image, alpha, depth, _, distortion = exact
+        out = Render(image, alpha, depth, distortion, g, camera, pose, rule, color, degree, None)
         return out if background is not None else _over_surroundings(out)
     if dtype != "float32":
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
@@ -147,11 +151,13 @@ def render(
     image = np.zeros((*shape, 3), np.float32)
     alpha = np.zeros(shape, np.float32)
     depth = np.zeros(shape, np.float32)
+    distortion = np.zeros(shape, np.float32)
     renderer = _core.Renderer()
     renderer.render(
-        g, camera, place, rule, color, degree, tuple(unscented), image, alpha, depth, True
-    )
-    out = Render(image, alpha, depth, g, camera, pose, rule, color, degree, renderer)
+        g, camera, place, rule, color, degree, tuple(unscented), image, alpha, depth, True,
+        distortion,
+    )  # fmt: skip
+    out = Render(image, alpha, depth, distortion, g, camera, pose, rule, color, degree, renderer)
     return out if background is not None else _over_surroundings(out)
 
 
@@ -171,15 +177,17 @@ def render_backward(
     dalpha: np.ndarray | None = None,
     ddepth: np.ndarray | None = None,
     *,
+    ddistortion: np.ndarray | None = None,
     with_lens: bool = False,
 ) -> Gradients:
-    """Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth).
+    """Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth) + ...
 
     Args:
         result: what `render` returned; its Gaussians must not have changed since.
         dimage: (H, W, 3) dL_dimage.
         dalpha: (H, W) dL_dalpha; None stands for zeros.
         ddepth: (H, W) dL_ddepth; None stands for zeros.
+        ddistortion: (H, W) dL_ddistortion; None stands for zeros.
         with_lens: also the gradients to the lens and to each pixel's ray, which takes longer.
 
     Returns:
@@ -197,6 +205,8 @@ def render_backward(
     dimage = np.ascontiguousarray(dimage, dtype=g.dtype)
     dalpha = None if dalpha is None else np.ascontiguousarray(dalpha, dtype=g.dtype)
     ddepth = None if ddepth is None else np.ascontiguousarray(ddepth, dtype=g.dtype)
+    if ddistortion is not None:
+        ddistortion = np.ascontiguousarray(ddistortion, dtype=g.dtype)
     if result.behind is not None:
         through = np.sum(dimage * result.behind, axis=2)
         dalpha = -through if dalpha is None else dalpha - through
@@ -215,10 +225,13 @@ def render_backward(
             out,
             None,
             with_lens,
+            ddistortion,
         )
         return Gradients(out, pose, None, *(of_lens or (None, None)))
     touched = np.zeros(len(g), np.uint8)
     with result._turn:
-        pose = result.renderer.backward(dimage, dalpha, ddepth, out, touched, True, True, with_lens)
+        pose = result.renderer.backward(
+            dimage, dalpha, ddepth, out, touched, True, True, with_lens, ddistortion
+        )
         of_tiles = result.renderer.lens_gradients() or (None, None)
     return Gradients(out, pose, touched.astype(bool), *of_tiles)

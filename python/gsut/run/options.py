@@ -31,6 +31,7 @@ PRESETS: dict[str, dict[str, Any]] = {
 COMMON_OPTIONS = (
     "preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "shutter",
     "refine_poses", "refine_lens", "max_gaussians", "sh_degree", "strategy",
+    "surface",
 )  # fmt: skip
 
 # "The rate of the means times the number of steps is what matters": 1.6e-3 at 500 steps, 8e-4 at
@@ -215,6 +216,15 @@ class TrainOptions:
     exposure: str = option(
         "auto", "Loss", "exposure and white balance of each photograph are found and taken out: "
         "on, off, or auto: where photographs differ", choices=("auto", "on", "off"),
+    )
+    surface: bool = option(
+        False, "Loss", "Gaussians become flat and agree on one surface: for depth, normals and "
+        "gsut mesh",
+    )
+    known_depth: str = option(
+        "auto", "Loss", "distances that --surface takes from the data: points, files (along the "
+        "ray; 16-bit pictures in millimetres, .npy in the data's units), off, or auto: files where "
+        "training views have them, else points", choices=("auto", "points", "files", "off"),
     )
     robust: bool = option(
         False, "Loss", "areas of a photograph that differ from all others, such as passers-by, are "

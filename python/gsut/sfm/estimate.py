@@ -19,10 +19,11 @@ from gsut.data import Rig, read_rig, write_rig
 from gsut.files import write_file
 from gsut.output_folder import claim_folder
 from gsut.sfm.correspondences import OnProgress, collect_features, match_images
-from gsut.sfm.earth import find_earth, moved_solution
 from gsut.sfm.features import Features
+from gsut.sfm.finish import finish_solution
 from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_candidates import guess_lenses
+from gsut.sfm.lens_pair import write_lens_pair
 from gsut.sfm.lens_search import search_lens
 from gsut.sfm.lens_start import compare_lens
 from gsut.sfm.matching import PairMatches, verify
@@ -31,17 +32,14 @@ from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import FIGURES, TRANSFORMS, figures, write_dataset
 from gsut.sfm.overlap import require_overlap
 from gsut.sfm.poses_log import PosesLog, solution_notes
-from gsut.sfm.poses_verdict import LensDoubt, lens_doubt, poses_verdict
-from gsut.sfm.readout import readout_time
+from gsut.sfm.poses_verdict import poses_verdict
 from gsut.sfm.report import REPORT, write_report
 from gsut.sfm.rig import COVARIANCE_OF, RigFit, refuse_beside_rig, solve_rig
 from gsut.sfm.rig_images import find_rig_photographs
 from gsut.sfm.solution import Solution, matches_in_points, solve
 from gsut.sfm.stages import Stages, digest
-from gsut.sfm.video_shutter import VideoShutter, find_video_shutter
 
 RIG = "rig.json"
-_BEFORE_SHUTTER = 0.6  # of the time that mapping takes where a rolling shutter is sought
 # (photographs, features, pairs, options, on_progress) -> poses and points; lenses are known.
 Mapper = Callable[
     [
@@ -127,8 +125,6 @@ def find_poses(
     log = PosesLog(on_progress, notes_to)
     photographs, on_rig = _inputs(Path(images), camera, rig, unknown_lens, mapper, options)
     shutter = _shutter(photographs, options, mapper)
-    if _seeks_shutter(photographs, shutter, options):
-        log.mapping_share = _BEFORE_SHUTTER
     claimed = claim_folder(out, "poses", images)
     folder = claimed.path
     key = _key(photographs, options, fov_degrees)
@@ -167,9 +163,10 @@ def find_poses(
         models: list[Solution] = []
         if on_rig is None and mapper is None:
             solution, models = further_models(solution, features, pairs, options)
-        solution, doubt = _finished(
-            photographs, solution, features, pairs, options, flags, log, extra
+        done = finish_solution(
+            photographs, solution, features, pairs, options, flags, log, extra, folder
         )
+        solution, doubt, fit = done.solution, done.doubt, fit or done.rig
         log.watch.lap("mapping")
     agreeing = None if mapper else matches_in_points(solution, pairs)
     extra["matches_in_points"] = agreeing
@@ -224,69 +221,6 @@ def _inputs(
     return photographs, None
 
 
-def _finished(
-    photographs: Photographs,
-    solution: Solution,
-    features: list[Features],
-    pairs: list[PairMatches],
-    options: PosesOptions,
-    flags: np.ndarray | None,
-    log: PosesLog,
-    extra: dict[str, Any],
-) -> tuple[Solution, LensDoubt | None]:
-    """The solution with the shutter of its video, in the world of the earth, and what is open."""
-    lines: VideoShutter | None = None
-    if _seeks_shutter(photographs, solution.shutter, options):
-        lines = find_video_shutter(
-            solution, features, pairs, options, photographs.flows, flags,
-            log.on_images("mapping", log.mapping_share),
-        )  # fmt: skip
-        solution = lines.solution
-        log.note(lines.words())
-    doubt: LensDoubt | None = None
-    if flags is not None:
-        doubt = lens_doubt(solution, flags, pairs, options)
-        extra["focal_sigma_percent"] = doubt.percent
-    extra |= _shutter_figures(photographs, solution, options, lines)
-    earth = find_earth(solution, photographs.orientations, photographs.places)
-    if earth is None:
-        return solution, doubt
-    extra["earth"] = earth.figures
-    for text in earth.notes:
-        log.note(text)
-    return moved_solution(solution, earth), doubt
-
-
-def _seeks_shutter(
-    photographs: Photographs, shutter: Shutter | None, options: PosesOptions
-) -> bool:
-    """Whether these are frames of a video of whose shutter nothing was said."""
-    return shutter is None and options.shutter == "auto" and bool(photographs.flows)
-
-
-def _shutter_figures(
-    photographs: Photographs,
-    solution: Solution,
-    options: PosesOptions,
-    lines: VideoShutter | None,
-) -> dict[str, Any]:
-    """Of poses.json."""
-    if lines is not None:
-        direction = solution.shutter.direction if solution.shutter else "global"
-        return {"shutter": direction, "readout": lines.figures()}
-    if solution.shutter is None:
-        return {"shutter": "global"}
-    found = readout_time(photographs.names, solution)
-    return {
-        "shutter": solution.shutter.direction,
-        "readout": {
-            "given": options.readout_time,
-            "estimated": found.time if found else None,
-            "explained": found.explained if found else None,
-        },
-    }
-
-
 def _write(
     folder: Path,
     solution: Solution,
@@ -300,6 +234,8 @@ def _write(
         log.note(text)
     if fit is not None:
         extra = {**extra, "rig": fit.figures, "covariance_of": COVARIANCE_OF}
+        if fit.figures.get("found"):
+            write_lens_pair(fit)
         write_rig(fit.rig, folder / RIG)
     log.watch.lap("writing")
     seconds, cpu_seconds = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -16,7 +17,9 @@ _ROUNDS = 10
 _STEP = 1e-4  # radians and distances to the points, of the differences
 
 
-def rates_of_frames(solution: Solution, flows: Mapping[str, np.ndarray]) -> np.ndarray:
+def rates_of_frames(
+    solution: Solution, flows: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
     """Velocities of the images, as in `Solution.velocities` but in a second.
 
     Args:
@@ -24,9 +27,11 @@ def rates_of_frames(solution: Solution, flows: Mapping[str, np.ndarray]) -> np.n
         flows: by name of the image (M, 4): pixels, and how far they move in a second.
 
     Returns:
-        (N, 6); NaN where an image has no pose or too little flow.
+        (N, 6), and its covariances (N, 6, 6) by what the flow leaves; NaN where an image has no
+        pose or too little flow.
     """
     rates = np.full((len(solution.names), 6), np.nan)
+    covariances = np.full((len(solution.names), 6, 6), np.nan)
     depths = in_cameras(solution.points, solution.observations, solution.camera_from_world)
     distances = np.linalg.norm(depths, axis=1)
     for image in np.flatnonzero(solution.registered):
@@ -36,9 +41,10 @@ def rates_of_frames(solution: Solution, flows: Mapping[str, np.ndarray]) -> np.n
         seen = solution.observations[:, 1] == image
         distance = _distances(solution.pixels[seen], distances[seen], flow[:, :2],
                               solution.cameras[image])  # fmt: skip
-        rates[image] = _rate(solution.camera_from_world[image], solution.cameras[image],
-                             flow, distance)  # fmt: skip
-    return rates
+        rates[image], covariances[image] = _rate(
+            solution.camera_from_world[image], solution.cameras[image], flow, distance
+        )
+    return rates, covariances
 
 
 def _distances(
@@ -56,12 +62,13 @@ def _distances(
 
 def _rate(
     camera_from_world: np.ndarray, camera: Camera, flow: np.ndarray, distance: np.ndarray
-) -> np.ndarray:
-    """(6,) by least squares, corners that do not fit counting less; NaN: too few."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """(6,) by least squares, corners that do not fit counting less, and (6, 6); NaN: too few."""
+    unknown = np.full(6, np.nan), np.full((6, 6), np.nan)
     rays, valid = camera.unproject(flow[:, :2])
     good = valid & np.isfinite(distance)
     if good.sum() < _FEWEST:
-        return np.full(6, np.nan)
+        return unknown
     points, speed = rays[good] * distance[good, None], flow[good, 2:]
     columns = []
     middle = float(np.median(distance[good]))
@@ -83,7 +90,7 @@ def _rate(
     kept = np.isfinite(matrix).all(axis=(1, 2))
     matrix, speed = matrix[kept], speed[kept]
     if len(matrix) < _FEWEST:
-        return np.full(6, np.nan)
+        return unknown
     # Shifts and turns of a size: the normal equations stay well scaled.
     size = np.array([1 / middle] * 3 + [1.0] * 3)
     weight = np.ones(len(matrix))
@@ -93,4 +100,6 @@ def _rate(
         found = np.linalg.lstsq(left, (root * speed).ravel(), rcond=None)[0] / size
         off = np.linalg.norm(speed - matrix @ found, axis=1)
         weight = 1 / (1 + (off / max(float(np.median(off)), 1e-9)) ** 2)
-    return found
+    variance = float(np.median(off)) ** 2 / (2 * math.log(2)) * len(matrix) / (len(matrix) - 3)
+    normal = left.T @ left
+    return found, variance * np.linalg.pinv(normal) / np.outer(size, size)

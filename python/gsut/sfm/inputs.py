@@ -154,7 +154,7 @@ def photographs_in(path: Path, *, with_lens: bool = False) -> Photographs:
 
 def _of_capture(path: Path, captured: dict[str, Any]) -> Photographs:
     """The pictures that capture.json lists, and what they say of their lens."""
-    rows = sorted(captured["frames"], key=lambda row: row["name"])
+    rows, frames, lens_of = _in_order(captured)
     masks = [row.get("mask") for row in rows]
     return Photographs(
         path,
@@ -162,6 +162,9 @@ def _of_capture(path: Path, captured: dict[str, Any]) -> Photographs:
         [path / row["path"] for row in rows],
         [None if mask is None else path / mask for mask in masks],
         [camera_from_values(captured["lens"]) if captured.get("lens") else None] * len(rows),
+        frames=frames,
+        rig_cameras=lens_of,
+        paired_by=None if frames is None else "name",
         candidates=_candidates(captured),
         times={row["name"]: row["time"] for row in rows if row.get("time") is not None},
         said_focal_px=captured.get("focal_px"),
@@ -172,6 +175,22 @@ def _of_capture(path: Path, captured: dict[str, Any]) -> Photographs:
         },
         places={row["name"]: tuple(row["place"]) for row in rows if row.get("place")},
     )
+
+
+def _in_order(
+    captured: dict[str, Any],
+) -> tuple[list[dict[str, Any]], np.ndarray | None, np.ndarray | None]:
+    """The rows of the pictures, and of pictures taken by two lenses together frame and lens."""
+    rows = sorted(captured["frames"], key=lambda row: row["name"])
+    lenses = captured.get("lenses")
+    if not lenses:
+        return rows, None, None
+    parts = [row["name"].split("/", 1) for row in rows]
+    moments = sorted({moment for _, moment in parts})
+    keys = [(moments.index(moment), lenses.index(lens)) for lens, moment in parts]
+    order = sorted(range(len(rows)), key=keys.__getitem__)
+    sorted_keys = np.array([keys[i] for i in order])
+    return [rows[i] for i in order], sorted_keys[:, 0], sorted_keys[:, 1]
 
 
 def _candidates(captured: dict[str, Any]) -> tuple[Camera, ...]:

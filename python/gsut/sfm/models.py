@@ -47,8 +47,8 @@ def further_models(
         pairs: verified. options: see PosesOptions.
 
     Returns:
-        The first model, larger if others were merged with it, and the others; each has one entry an
-        image of all.
+        The largest model, larger still if others were merged with it, and the others; each has one
+        entry an image of all.
     """
     found: list[Solution] = []
     left = ~solution.registered
@@ -71,7 +71,8 @@ def further_models(
             solution = merged
         else:
             found.append(model)
-    return solution, sorted(found, key=lambda model: -model.num_registered)
+    largest, *others = sorted([solution, *found], key=lambda model: -model.num_registered)
+    return largest, others
 
 
 def merge(

@@ -18,6 +18,7 @@ _TURNS = math.radians(10.0)  # between the views, less than which says nothing o
 # Third over second extent of the points, below which they lie in a plane.
 _FLAT = 0.03
 _LITTLE_PARALLAX = math.radians(2.0)
+TURNED = "the camera mostly turned on the spot"  # how that sentence begins
 _TURNED_ONLY = 0.9  # share of a pair's matches that a rotation explains
 
 
@@ -37,8 +38,8 @@ def critical_motion(solution: Solution, pairs: Sequence[PairMatches]) -> str | N
     parallax = np.array([pair.parallax for pair in pairs])
     if pairs and np.mean(turned) > 0.8 and float(np.median(parallax)) < _LITTLE_PARALLAX:
         return (
-            "the camera mostly turned on the spot, so depths are hardly known: walk between the "
-            "pictures, sideways to what you film"
+            f"{TURNED}, so depths are hardly known and nothing can be seen from elsewhere: walk "
+            "between the pictures, sideways to what you film"
         )
     extents = _extents(centers_of(poses))
     middle = poses[len(poses) // 2, :3, :3]

@@ -40,7 +40,6 @@ class PosesLog:
         self.watch = Stopwatch()
         self._on_progress, self._notes_to = on_progress, notes_to
         self._most: dict[str, int] = {}
-        self.mapping_share = 1.0  # of the mapping, after which the shutter of a video is sought
 
     def note(self, text: str) -> None:
         self.notes.append(text)
@@ -56,15 +55,12 @@ class PosesLog:
     def on_pairs(self, stage: str) -> Callable[[int, int], None]:
         return lambda done, total: self.show(stage, done, total, f"{total} pairs")
 
-    def on_images(self, stage: str, begin: float = 0.0) -> Callable[[int, int, int, str], None]:
-        """Of a mapper: growing takes half of the time, and finishing the rest.
+    def on_share(self, stage: str) -> Callable[[float, str], None]:
+        return lambda share, text: self.show(stage, round(_PARTS * share), _PARTS, text)
 
-        Args:
-            stage: its name.
-            begin: share of the stage that was done before; 0: this is its first part.
-        """
+    def on_images(self, stage: str) -> Callable[[int, int, int, str], None]:
+        """Of a mapper: growing takes half of the time, and finishing the rest."""
         finished = 0
-        end = self.mapping_share if begin == 0 else 1.0
 
         def show(done: int, total: int, points: int, step: str) -> None:
             nonlocal finished
@@ -75,7 +71,7 @@ class PosesLog:
             elif finished:
                 share = _GROWING + (1 - _GROWING) * finished / (_FINISHING_STEPS + finished)
             words = f"{done} of {total} images, {points:,} points"
-            self.show(stage, round(_PARTS * (begin + (end - begin) * share)), _PARTS, words)
+            self.show(stage, round(_PARTS * share), _PARTS, words)
 
         return show
 

@@ -13,7 +13,7 @@ from gsut.run import Verdict
 from gsut.sfm.features import Features
 from gsut.sfm.lens_covariance import lens_covariance
 from gsut.sfm.matching import PairMatches
-from gsut.sfm.motion import critical_motion
+from gsut.sfm.motion import TURNED, critical_motion
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution
 
@@ -29,6 +29,7 @@ _AGREEING = (0.5, 0.25)
 _FOCAL = (0.02, 0.1)
 _RESIDUAL = (1.0e-3, 2.5e-3)
 _DARK, _BRIGHT = 25, 235  # mean grey values of features, beyond which pictures are badly exposed
+_BAD = (0.25, 0.75)  # share of such pictures, above the first usable at most, above the second poor
 _FEW_FEATURES = 500  # of a picture: blurred, dark or without texture
 
 
@@ -136,7 +137,7 @@ def poses_verdict(
             "give the lens by --camera or --fov, or turn the camera more while you walk",
         ),
         (
-            1 if doubt is not None and doubt.motion else 0,
+            0 if doubt is None or not doubt.motion else 2 if doubt.motion.startswith(TURNED) else 1,
             (doubt.motion or "").split(":")[0] if doubt else "",
             (doubt.motion or "").rpartition(": ")[2] if doubt else "",
         ),
@@ -165,12 +166,12 @@ def _of_pictures(features: Sequence[Features], total: int) -> list[tuple[int, st
     dark, bright = int((grey < _DARK).sum()), int((grey > _BRIGHT).sum())
     return [
         (
-            int(few > total / 4),
+            _above(few / max(1, total), _BAD),
             f"{few} of {total} images have few features: blurred, dark or without texture",
             "hold the camera still, film more slowly or with more light",
         ),
         (
-            int(dark + bright > total / 4),
+            _above((dark + bright) / max(1, total), _BAD),
             f"{dark} of {total} images are too dark, {bright} too bright",
             "film with more light and a fixed exposure",
         ),

@@ -3,7 +3,10 @@
 How fast the camera moved in each image is known from the flow of the video, so that a rolling
 shutter has one unknown: its readout time. Poses, points and the lens are free beside it: what they
 can take up is no evidence. Velocities of each image's own would bend the scene instead (Albl et
-al., "Degeneracies in rolling shutter SfM", ECCV 2016).
+al., "Degeneracies in rolling shutter SfM", ECCV 2016). Errors of the velocities make the time look
+shorter, by a share that is found (Fuller, "Measurement Error Models", 1987, section 1.2). Residuals
+of an image, and of those after it, err alike: the standard deviation is that of independent groups
+of images (Liang and Zeger, "Longitudinal data analysis using generalized linear models", 1986).
 """
 
 from __future__ import annotations
@@ -18,14 +21,24 @@ from gsut.sfm.lens_covariance import by_turn, free_columns, residual_spread, wit
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution, in_cameras
 
 _TINY = 1e-300
+_GROUPS = 8  # of images
+_DRAWS = 4  # of the velocities' errors
+_LEAST_RELIABLE = 0.5  # errors that are more than half of what was found are not known so well
 
 
 @dataclasses.dataclass(frozen=True)
 class FlowReadout:
-    """A readout time in seconds, and its standard deviation."""
+    """A readout time in seconds, and its standard deviation.
+
+    Args:
+        time, sigma: of it.
+        reliability: share of the velocities' squares that is no error: times come out shorter by
+            that.
+    """
 
     time: float
     sigma: float
+    reliability: float = 1.0
 
     @property
     def clearness(self) -> float:
@@ -36,6 +49,7 @@ class FlowReadout:
 def readout_by_flow(
     solution: Solution,
     rates: np.ndarray,
+    spread: np.ndarray,
     along_y: bool,
     lens_free: np.ndarray | None,
     loss_scale: float,
@@ -44,7 +58,8 @@ def readout_by_flow(
 
     Args:
         solution: with one lens, all lines of an image read at once.
-        rates: (N, 6) velocities in a second, see `rates_of_frames`; NaN: image not looked at.
+        rates, spread: (N, 6) velocities in a second, (N, 6, 6) their covariances, see
+            `rates_of_frames`; NaN: image not looked at.
         along_y: lines are read from top to bottom, else from left to right.
         lens_free: see `solve`.
         loss_scale: of Cauchy's loss, as in the adjustment.
@@ -69,10 +84,16 @@ def readout_by_flow(
     weight = np.sqrt(1 / (1 + squared / scale**2))[:, None, None]
     size = camera.height if along_y else camera.width
     line = solution.pixels[good, int(along_y)] / size - 0.5
-    # dp / d(time): the centre moves in the world, and the camera turns.
-    moves = np.cross(rates[image, 3:], p) - np.einsum("nij,nj->ni", rotation, rates[image, :3])
-    by_time = by_p @ (line[:, None] * moves)[:, :, None]
-    columns = [by_time, residual[:, :, None]]
+    # dp / d(time): the centre moves in the world, and the camera turns. A column for each group of
+    # images, whose sum is that of the time, and some of what errors of the velocities look like.
+    group = _groups(known)
+    columns = []
+    for rate in (rates, *_errors(spread, known)):
+        moves = np.cross(rate[image, 3:], p) - np.einsum("nij,nj->ni", rotation, rate[image, :3])
+        columns.append(by_p @ (line[:, None] * moves)[:, :, None])
+    grouped = columns[0] * (group[image][:, None] == np.arange(_GROUPS))[:, None, :]
+    columns = [grouped, *columns[1:], residual[:, :, None]]
+    times = _GROUPS + _DRAWS + 1
     if lens_free is not None:
         columns.insert(0, by_params[good] @ free_columns(lens_free))
     by_centre = -by_p @ rotation
@@ -81,25 +102,47 @@ def readout_by_flow(
         image, point, rows, weight * np.concatenate(columns, axis=2), -weight * by_centre,
         len(known),
     )  # fmt: skip
-    unknown = _unknowns(solution, known, len(normal))
-    freedom += 2 * len(image) - len(unknown)
+    unknown = _unknowns(solution, known, len(normal) - times)
+    freedom += 2 * len(image) - len(unknown) - 1
     small = normal[np.ix_(unknown, unknown)]
     length = 1 / np.sqrt(np.maximum(np.diag(small), _TINY))
-    small = small * np.outer(length, length)
-    right = normal[unknown, -1] * length
+    cross = normal[unknown, -times:] * length[:, None]
     try:
-        both = np.linalg.solve(small, np.stack([right, np.eye(len(small))[-1]], axis=1))
+        taken_up = cross.T @ np.linalg.solve(small * np.outer(length, length), cross)
     except np.linalg.LinAlgError:
         return None
-    variance = both[-1, 1] * length[-1] ** 2
-    if freedom <= 0 or not variance > 0:
+    left = normal[-times:, -times:] - taken_up
+    information = float(left[:_GROUPS, :_GROUPS].sum())
+    if freedom <= 0 or not information > 0:
         return None
-    spread = residual_spread(squared, weight[:, 0, 0] ** 2, freedom)[1] * FEATURE_VARIANCE
-    return FlowReadout(-float(both[-1, 0] * length[-1]), math.sqrt(variance * spread))
+    time = -float(left[:_GROUPS, -1].sum()) / information
+    factor = residual_spread(squared, weight[:, 0, 0] ** 2, freedom)[1] * FEATURE_VARIANCE
+    scores = left[:_GROUPS, -1] + left[:_GROUPS, :_GROUPS].sum(axis=1) * time
+    apart = _GROUPS / (_GROUPS - 1) * float(scores @ scores) / information**2
+    noise = float(np.diag(left)[_GROUPS:-1].mean())
+    return FlowReadout(
+        time, math.sqrt(max(factor / information, apart)),
+        max(1 - noise / information, _LEAST_RELIABLE),
+    )  # fmt: skip
+
+
+def _groups(known: np.ndarray) -> np.ndarray:
+    """(N,) which of `_GROUPS` groups of successive images each image is in."""
+    order = np.cumsum(known) - 1
+    return np.clip(order * _GROUPS // max(1, int(known.sum())), 0, _GROUPS - 1)
+
+
+def _errors(spread: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
+    """Velocities (N, 6) as their errors are distributed, some draws."""
+    rng = np.random.default_rng(0)
+    values, axes = np.linalg.eigh(np.where(known[:, None, None], np.nan_to_num(spread), 0.0))
+    roots = axes * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    draws = rng.standard_normal((_DRAWS, len(known), 6))
+    return [np.einsum("nij,nj->ni", roots, draw) for draw in draws]
 
 
 def _unknowns(solution: Solution, known: np.ndarray, size: int) -> np.ndarray:
-    """Indices of what the gauge leaves free, the time's last; without the residuals' column."""
+    """Indices of what the gauge leaves free of so many unknowns."""
     images = np.flatnonzero(known)
     centres = centers_of(solution.camera_from_world)
     away = centres[images] - centres[images[0]]
@@ -109,5 +152,4 @@ def _unknowns(solution: Solution, known: np.ndarray, size: int) -> np.ndarray:
     keep[: 6 * len(known)] = np.repeat(known, 6)
     keep[6 * images[0] : 6 * images[0] + 6] = False
     keep[6 * second + axis] = False
-    keep[-1] = False
     return np.flatnonzero(keep)

@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import Rig, centers_of, inverse, relative_changes
+from gsut.lens import Camera
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.matching import PairMatches
@@ -97,10 +98,38 @@ def solve_rig(
         SolveError: nothing could be reconstructed; no frame has two placed images, so nothing
             sets the scale; or images contradict the rig.
     """
-    assert photographs.frames is not None and photographs.rig_cameras is not None
     cameras = photographs.lenses
     # With tracks extended as in the end: in pieces they fit any poses, and residuals say little.
     alone = solve(photographs.names, cameras, features, pairs, options, on_progress)
+    return put_on_rig(
+        alone, photographs, cameras, features, pairs, options, on_rig_progress, rig, adjust
+    )
+
+
+def put_on_rig(
+    alone: Solution,
+    photographs: Photographs,
+    cameras: Sequence[Camera],
+    features: Sequence[Features],
+    pairs: Sequence[PairMatches],
+    options: PosesOptions,
+    on_progress: Callable[[int, int, int, str], None],
+    rig: Rig,
+    adjust: bool,
+    lens_free: np.ndarray | None = None,
+) -> tuple[Solution, RigFit]:
+    """One pose of the rig a frame, from images placed one by one.
+
+    Args:
+        alone: their poses.
+        cameras: the lens of each image.
+        lens_free: which parameters of the lenses are estimated too, see `solve`.
+        others: see `solve_rig`.
+
+    Raises:
+        SolveError: see `solve_rig`.
+    """
+    assert photographs.frames is not None and photographs.rig_cameras is not None
     start = place_rig(
         alone.camera_from_world, alone.registered, photographs.frames, photographs.rig_cameras,
         rig, np.bincount(alone.observations[:, 1], minlength=len(photographs)),
@@ -109,7 +138,7 @@ def solve_rig(
     camera_from_body = rig.camera_from_reference[1:] @ inverse(first)
     solution = refine(
         photographs.names, cameras, features, pairs, list(start.camera_from_world), options,
-        on_rig_progress,
+        on_progress, lens_free=lens_free,
         on_rig=OnRig(
             photographs.frames, photographs.rig_cameras - 1, camera_from_body, start.known, adjust
         ),

@@ -37,6 +37,8 @@ _MATCHES = 150  # of a pair meanwhile: the most distinct
 # Of the diagonal: less motion during a readout is not worth the time that training takes longer.
 # The first estimate falls short by about that factor.
 _MATTERS, _SHORT = 1e-3, 2.0
+# Of the time: finding the readout; and, of what is left, each of the last adjustment's steps.
+_FINDING, _STEP_DONE = 0.5, 0.15
 _OBLONG = 1.2  # sides of a picture: less tells nothing of how the sensor was held
 _BACKWARDS = {"top_to_bottom": "bottom_to_top", "left_to_right": "right_to_left"}
 
@@ -90,7 +92,7 @@ def find_video_shutter(
     options: PosesOptions,
     flows: Mapping[str, np.ndarray],
     lens_free: np.ndarray | None,
-    on_progress: Callable[[int, int, int, str], None],
+    on_progress: Callable[[float, str], None],
 ) -> VideoShutter:
     """Looks for a rolling shutter in a solution without one.
 
@@ -101,16 +103,16 @@ def find_video_shutter(
         options: see PosesOptions.
         flows: see `rates_of_frames`, in seconds.
         lens_free: see `solve`.
-        on_progress: of the mapper.
+        on_progress: told which share of the work is done, and words.
     """
     nothing = VideoShutter(solution, None)
-    rates = rates_of_frames(solution, flows)
+    rates, spread = rates_of_frames(solution, flows)
     if np.isfinite(rates).all(axis=1).sum() < _FEWEST or len(set(solution.cameras)) > 1:
         return nothing
     found, forward = None, ""
     for direction in _directions(solution.cameras[0]):
         along_y = direction == "top_to_bottom"
-        other = readout_by_flow(solution, rates, along_y, lens_free, options.loss_scale)
+        other = readout_by_flow(solution, rates, spread, along_y, lens_free, options.loss_scale)
         if other and (found is None or other.clearness > found.clearness):
             found, forward = other, direction
     if found is None or found.clearness < _CLEAR or abs(found.time) > _LONGEST:
@@ -121,12 +123,19 @@ def find_video_shutter(
     shutter = Shutter(forward if sign > 0 else _BACKWARDS[forward])
     try:
         readout = _settled(
-            solution, features, pairs, options, rates, lens_free, shutter,
-            FlowReadout(abs(found.time), found.sigma),
+            solution, features, pairs, options, rates, spread, lens_free, shutter,
+            FlowReadout(abs(found.time), found.sigma), on_progress,
         )  # fmt: skip
+        share = _FINDING
+
+        def tell(*_: object) -> None:
+            nonlocal share
+            share += (1 - share) * _STEP_DONE
+            on_progress(share, f"lines read in {1000 * readout.time:.1f} ms")
+
         moved = refine_registered(
             solution, features, pairs, options, lens_free=lens_free,
-            moving=Moving(shutter, readout.time, rates), on_progress=on_progress,
+            moving=Moving(shutter, readout.time, rates), on_progress=tell,
         )  # fmt: skip
     except SolveError:
         return nothing
@@ -140,9 +149,11 @@ def _settled(
     pairs: Sequence[PairMatches],
     options: PosesOptions,
     rates: np.ndarray,
+    spread: np.ndarray,
     lens_free: np.ndarray | None,
     shutter: Shutter,
     found: FlowReadout,
+    on_progress: Callable[[float, str], None],
 ) -> FlowReadout:
     """The readout time, corrected by the residuals that are left with it.
 
@@ -153,13 +164,14 @@ def _settled(
     few = keep_most_distinct(pairs, _MATCHES)
     sign = 1 if shutter.direction in _BACKWARDS else -1
     time, step, share = found.time, found.time, 0.0
-    for _ in range(_CORRECTIONS):
+    for number in range(_CORRECTIONS):
+        on_progress(_FINDING * number / _CORRECTIONS, f"lines read in {1000 * time:.1f} ms?")
         moving = Moving(shutter, time, rates, _HELD, extend=False)
         moved = refine_registered(
             solution, features, few, options, only=some, lens_free=lens_free, moving=moving
         )
         along_y = "top" in shutter.direction
-        more = readout_by_flow(moved, rates, along_y, lens_free, options.loss_scale)
+        more = readout_by_flow(moved, rates, spread, along_y, lens_free, options.loss_scale)
         if more is None or time > _LONGEST:
             break
         own = sign * more.time
@@ -168,7 +180,11 @@ def _settled(
         time, found = time + step, more
         if abs(step) < _SETTLED * time:
             break
-    return FlowReadout(time, found.sigma)
+    # What a correction falls short by, its standard deviation does too.
+    return FlowReadout(
+        time / found.reliability, found.sigma / ((1 - share) * found.reliability),
+        found.reliability,
+    )  # fmt: skip
 
 
 def _some_images(solution: Solution, pairs: Sequence[PairMatches], rates: np.ndarray) -> list[int]:

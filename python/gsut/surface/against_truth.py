@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
+from gsut.data import MILLIMETRE, read_depth
 from gsut.render import field_angles, render, render_surface
 from gsut.surface.cloud import world_rays
 from gsut.surface.extract import MeshOptions, OnProgress, extract_mesh, silent
@@ -17,7 +18,6 @@ from gsut.surface.mesh_files import load_mesh
 from gsut.surface.worth import depth_figures, mesh_figures, tree_of
 
 KINDS = ("expected", "median", "strongest")
-_MILLIMETRE = 1e-3  # what a level of a 16-bit depth picture is
 
 
 def geometry_figures(
@@ -26,7 +26,7 @@ def geometry_figures(
     indices: Sequence[int],
     truth: Path | None,
     *,
-    depth_unit: float = _MILLIMETRE,
+    depth_unit: float = MILLIMETRE,
     mesh: Mesh | None = None,
     options: MeshOptions | None = None,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
@@ -109,8 +109,6 @@ def cast_depth(tree: Any, camera: Any, motion: np.ndarray | CameraMotion) -> np.
 
 
 def _read_depth(scene: Any, index: int, folder: Path | None, unit: float) -> np.ndarray | None:
-    import cv2  # here, because gsut --help needs none
-
     view = scene.views[index]
     path = view.depth_path
     if folder is not None:
@@ -120,15 +118,9 @@ def _read_depth(scene: Any, index: int, folder: Path | None, unit: float) -> np.
         names = (stem, Path(*stem.parts[-2:]), Path(stem.name))  # of a rig with its camera's folder
         choices = [folder / base.with_suffix(s) for base in names for s in (".npy", ".png")]
         path = next((choice for choice in choices if choice.is_file()), None)
-    if path is None or not path.is_file():
+    depth = None if path is None else read_depth(scene, index, path, unit)
+    if depth is None:
         return None
-    if path.suffix == ".npy":
-        depth = np.load(path, allow_pickle=False).astype(np.float64)
-    else:
-        picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        if picture is None or picture.ndim != 2:
-            raise InputError(f"{path}: no depth picture of one channel")
-        depth = picture * unit
     camera = scene.camera(index)
     if depth.shape != (camera.height, camera.width):
         raise InputError(

@@ -26,6 +26,7 @@ from gsut.run import Stopwatch, TrainOptions
 from gsut.training.densification import DensificationStep, densification_of
 from gsut.training.photograph_model import PhotographModel
 from gsut.training.start import seed_first
+from gsut.training.surface_terms import SurfaceTerms, SurfaceWeights
 
 # Steps after which the low-pass filter's radii are found again (Mip-Splatting: 100).
 _RADII_EVERY = 100
@@ -96,6 +97,9 @@ class TrainingLoop:
         self._gradients = self.optimizer.gaussians.zeros_like()
         self._touched = np.zeros(len(start), np.uint8)
         self.photographs = PhotographModel(scene, options, light)
+        self.surface = (
+            SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if options.surface else None
+        )
         self._filter = LowPassFilter(options.low_pass, self._training_cameras)
         self._mean = TrajectoryMean(options.average_from)
 
@@ -201,11 +205,24 @@ class TrainingLoop:
         self.densification.add_gradients(optimizer, gradients)
         optimizer.accumulate(gradients.means, self.renderer.distances(), self._touched)
         self.stopwatch.lap("statistics")
+        self._add_surface(step)
         visible = self._touched if self.options.sparse_adam else None
         optimizer.step(gradients, step.rates, visible, step.degree)
         self.stopwatch.lap("adam")
         self.densification.explore(optimizer, step.rates.means)
         self.stopwatch.lap("noise")
+
+    def _add_surface(self, step: _Step) -> None:
+        """The gradients of `--surface`, which densification does not count."""
+        if self.surface is None or self.surface.share(step.fraction) == 0.0:
+            return
+        more = self.surface.gradients(
+            self.drawn(), step.level.scene, step.view, self.rule, step.fraction
+        )
+        self._filter.backward(self.gaussians, more)
+        for name in ("means", "quats", "log_scales", "opacity_logits"):
+            getattr(self._gradients, name)[...] += getattr(more, name)
+        self.stopwatch.lap("surface")
 
     def _densify(self, step: _Step) -> None:
         """Where it is due: more and fewer Gaussians; or once, many fewer (`compact_at`)."""
@@ -238,6 +255,8 @@ class TrainingLoop:
         if self.refiner is not None and self.refiner.is_due(step.number):
             self.refiner.sweep(self.drawn(), step.level, step.number, step.degree)
             self._filter.renew()
+            if self.surface is not None:
+                self.surface.known.forget()
             self.stopwatch.lap("refine")
 
     def _training_cameras(self) -> tuple[list[Any], np.ndarray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from pathlib import Path
 from typing import NamedTuple
@@ -16,10 +17,18 @@ from gsut.run import ENVIRONMENT, METRICS, SCENE, RunFolder, TrainOptions
 from gsut.training.start import prepare_scene
 
 
-def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene, Gaussians]:
+def read_trained(
+    run: RunFolder, data: str | None, scale: float | None = None
+) -> tuple[TrainOptions, Scene, Gaussians]:
     """Options, scene with the poses that the run refined (if it did), and Gaussians of a run.
 
-    Scene and Gaussians are in the dataset's coordinates.
+    Args:
+        run: of a finished training.
+        data: the dataset; None: where training read it.
+        scale: of the scene's images to the files' size; None: as they were trained on.
+
+    Returns:
+        Scene and Gaussians in the dataset's coordinates.
     """
     path = run.path / SCENE
     if not path.is_file():
@@ -34,7 +43,8 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene,
     if not os.path.exists(data):
         raise InputError(f"the dataset {data} is not there any more; say where it is with --data")
     scene = load_dataset(data, test_every=options.test_every, test_names=options.test_names)
-    scene = read_refined(run, prepare_scene(scene, options))
+    size = options if scale is None else dataclasses.replace(options, scale=scale, max_side=0)
+    scene = read_refined(run, prepare_scene(scene, size))
     return options, scene, load_ply(path)
 
 

@@ -12,7 +12,15 @@ from gsut._core import InputError
 from gsut.data import rigid_transform, shrink_image
 from gsut.gaussians import SH_C0, Gaussians, MixedGaussians, pack_harmonics, upright
 from gsut.lens import Camera
-from gsut.render import DEFAULT_UNSCENTED, place_about, solid, to_uint8, with_surroundings
+from gsut.render import (
+    DEFAULT_UNSCENTED,
+    PixelFilter,
+    is_coarser,
+    place_about,
+    solid,
+    to_uint8,
+    with_surroundings,
+)
 from gsut.view.lenses import Lenses
 from gsut.view.measure import SEEN, point_at
 from gsut.view.overlays import (
@@ -32,6 +40,7 @@ _MOST_PIXELS = 33_000_000  # of one frame
 _RANGE_PERCENT = (2.0, 98.0)  # of the distances, that colours span
 _MOST_ERROR = 0.25  # of full scale: shown in the last colour
 _FULL_QUALITY = 92
+_FILTER_CAMERAS = 8  # photographs that say how fine a Gaussian was seen
 _SAMPLES = 7  # every so many pixels, for the range of distances
 
 
@@ -143,6 +152,7 @@ class Frames:
         self._buffers: tuple[np.ndarray, ...] = ()
         self._chosen: dict[Any, Any] = {}
         self.floaters: np.ndarray | None = None
+        self._pixels: PixelFilter | None = None
         place = stage.place()
         self.center, self.extent = place["center"], place["extent"]
         up = place["up"] / np.linalg.norm(place["up"])
@@ -240,6 +250,7 @@ class Frames:
         if gaussians is None or not len(gaussians):
             image[:], alpha[:], depth[:] = solid(self.stage.background), 0, 0
             return image, alpha, depth
+        gaussians = self._for_pixels(gaussians, request, camera, place)
         fills = self.stage.background is None
         self._renderer.render(
             gaussians, camera, place_about(place, gaussians.origin), self._rule,
@@ -247,6 +258,21 @@ class Frames:
             alpha if with_depth or fills else None, depth if with_depth else None, False,
         )  # fmt: skip
         return with_surroundings(image, alpha, camera) if fills else image, alpha, depth
+
+    def _for_pixels(self, gaussians: Any, request: FrameRequest, camera: Camera, place: Any) -> Any:
+        """A run's Gaussians as wide as the pixels of a frame ask.
+
+        As they are while the eye moves, for it takes time, and in PNGs, which are exact.
+        """
+        scene = self.stage.scene
+        at_rest = request.quality is not None and request.quality >= _FULL_QUALITY
+        if not at_rest or scene is None or self.stage.kind != "run":
+            return gaussians
+        if not is_coarser(camera, scene.cameras):
+            return gaussians
+        if self._pixels is None or self._pixels.gaussians is not gaussians:
+            self._pixels = PixelFilter.of_run(gaussians, scene, _FILTER_CAMERAS)
+        return self._pixels.of(camera, place)
 
     def whole(self) -> Gaussians:
         """All Gaussians of the stage, none where there are none."""

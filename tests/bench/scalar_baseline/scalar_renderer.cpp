@@ -16,7 +16,6 @@
 namespace gsut {
 namespace {
 
-constexpr int kTile = ScalarRenderer::kTile;
 constexpr std::int64_t kGaussianGrain = 2048;
 // Float rounding of the cosine of an angle between unit vectors.
 constexpr float kCosineSlack = 1e-6f;

@@ -1,11 +1,13 @@
 """360-degree pictures: dual fisheyes are split and masked, panoramas know their lens."""
 
+import av
 import cv2
 import numpy as np
 import pytest
 
 import gsut
 from gsut.capture import capture
+from gsut.capture.panorama import LENSES
 from gsut.data import decode_mask
 from gsut.sfm.inputs import find_photographs
 from small_videos import texture, write_video
@@ -61,6 +63,68 @@ def test_dual_fisheye_pictures_become_two_masked_lenses(tmp_path):
     assert np.degrees(np.arccos(rays[0, 2])) == pytest.approx(97.5, abs=1)
     again = capture([folder], tmp_path / "out")
     assert again.figures == found.figures
+
+
+def two_streams(path, pictures):
+    """Both halves of pictures as two streams of one file."""
+    with av.open(str(path), "w") as out:
+        streams = [out.add_stream("mpeg4", rate=30) for _ in range(2)]
+        for stream in streams:
+            stream.width = stream.height = 256
+            stream.bit_rate = 4_000_000
+        for picture in pictures:
+            for stream, half in zip(streams, np.hsplit(picture, 2), strict=True):
+                half = np.ascontiguousarray(half)
+                out.mux(stream.encode(av.VideoFrame.from_ndarray(half, format="bgr24")))
+        for stream in streams:
+            out.mux(stream.encode(None))
+    return [path]
+
+
+def two_files(path, pictures):
+    names = [path.with_name(f"{number}-{path.name}") for number in range(2)]
+    for number, name in enumerate(names):
+        write_video(name, [np.hsplit(picture, 2)[number] for picture in pictures])
+    return names
+
+
+@pytest.mark.parametrize("write", [two_streams, two_files])
+def test_two_lenses_in_streams_or_files_of_their_own_are_read_together(tmp_path, write):
+    pictures = [dual_fisheye(4 * i) for i in range(12)]
+    inputs = write(tmp_path / "walk.mp4", pictures)
+    found = capture(inputs, tmp_path / "out", count=4)
+    assert found.figures["lenses"] == LENSES
+    rows = found.figures["frames"]
+    assert len(rows) == 8
+    side = found.figures["size"][0]
+    flowing = dict.fromkeys(LENSES, 0)
+    for row in rows:
+        lens, number = row["name"].split("/")[0], row["number"]
+        half = np.hsplit(pictures[number], 2)[lens == "back"]
+        centre = (131, 126) if lens == "back" else (128, 128)
+        left, top = (round(c - side / 2) for c in centre)
+        picture = cv2.imread(str(found.path / row["path"])).astype(int)
+        inner = slice(side // 4, 3 * side // 4)
+        true = half[top : top + side, left : left + side].astype(int)
+        assert np.abs(picture[inner, inner] - true[inner, inner]).mean() < 25  # lossy, no mix-up
+        flowing[lens] += bool(row["flow"])
+        assert all(0 <= x < side and 0 <= y < side for x, y, *_ in row["flow"] or ())
+    assert flowing["front"] == flowing["back"] >= 2  # not the first and the last of the video
+    photographs = find_photographs(found.path, None)
+    assert photographs.frames.tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+    assert photographs.rig_cameras.tolist() == [0, 1] * 4
+    assert [name.split("/")[0] for name in photographs.names[:2]] == ["front", "back"]
+
+
+def test_two_ordinary_videos_stay_one_after_the_other(tmp_path):
+    ground = texture()
+    names = [
+        write_video(tmp_path / f"{k}.mp4", [ground[k : k + 256, 9 * i : 9 * i + 256]
+                                            for i in range(10)])
+        for k in (0, 300)
+    ]  # fmt: skip
+    found = capture(names, tmp_path / "out", count=4)
+    assert "lenses" not in found.figures and len(found.figures["frames"]) == 8
 
 
 def test_video_of_a_panorama_knows_its_lens_and_caps_are_masked(tmp_path):

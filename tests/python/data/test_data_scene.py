@@ -63,6 +63,15 @@ def test_lens_mask_of_a_scaled_scene_equals_asking_every_source_pixel(factor, an
     np.testing.assert_array_equal(lens_mask(camera, full), expected)
 
 
+@pytest.mark.parametrize("angle_degrees", [40, 70, 95])
+def test_lens_mask_of_a_large_photograph_equals_asking_every_pixel(angle_degrees):
+    params = [310.0, 311.0, 463.3, 318.2, 0.03, -0.01, 0.002, -0.0004]
+    camera = gsut.Camera(
+        "kannala_brandt", params, 920, 640, valid_field_angle=np.radians(angle_degrees)
+    )
+    np.testing.assert_array_equal(lens_mask(camera, camera), camera.rays()[1])
+
+
 def test_shrink_mask_any_ratio_is_valid_only_where_all_sources_are(rng):
     cases = 0
     for _ in range(60):

@@ -5,7 +5,7 @@ import pytest
 
 import gsut
 import tolerances as tol
-from gsut.render import PixelFilter
+from gsut.render import PixelFilter, is_coarser
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
 
 FACTOR = 4
@@ -38,6 +38,13 @@ def test_a_small_image_is_the_mean_of_the_large_one(rng, lens):
     # At the photographs' own pixels, and finer ones, nothing changes.
     assert pixels.of(large, pose) is g
     assert pixels.of(large.resized(2 * large.width, 2 * large.height), pose) is g
+
+
+def test_coarser_pixels_are_told_by_the_lens():
+    large = pinhole(128)
+    assert is_coarser(large.resized(96, 96), [large, large.resized(64, 64)])
+    assert not is_coarser(large, [large, large.resized(64, 64)])
+    assert not is_coarser(large.resized(256, 256), [large])
 
 
 def test_scales_grow_by_the_missing_variance_and_shadows_keep_their_light(rng):

@@ -55,6 +55,16 @@ def test_views_that_do_not_connect_become_two_models(walk, tmp_path):
     assert not (tmp_path / "model_2").exists()
 
 
+def test_the_largest_model_is_the_first(walk):
+    scene, pairs, _ = walk
+    # Four images, found first, and eight others.
+    apart = [p for p in pairs if (p.first < 4) == (p.second < 4)]
+    small = solved(scene, [p for p in apart if p.first < 4])
+    assert small.num_registered == 4
+    first, (second,) = further_models(small, scene.features, apart, OPTIONS)
+    assert second is small and first.registered.tolist() == [False] * 4 + [True] * 8
+
+
 def test_models_are_merged_when_matches_join_them(walk):
     scene, pairs, apart = walk
     first = solved(scene, apart)

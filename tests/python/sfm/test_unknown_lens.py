@@ -25,7 +25,7 @@ from gsut.sfm.lens_covariance import free_columns
 from gsut.sfm.lens_ranking import LensRanking
 from gsut.sfm.lens_search import search_lens
 from gsut.sfm.matching import RawMatches
-from gsut.sfm.motion import critical_motion
+from gsut.sfm.motion import TURNED, critical_motion
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.poses_log import PosesLog
 from gsut.sfm.poses_verdict import LensDoubt, poses_verdict
@@ -178,23 +178,30 @@ def many(solution):
         ({"doubt": LensDoubt(0.02, None)}, "usable", "known only to 4.0 %"),
         ({"doubt": LensDoubt(math.inf, None)}, "poor", "not determined"),
         ({"doubt": LensDoubt(0.0, "the camera turned, so: walk")}, "usable", "turned"),
+        ({"doubt": LensDoubt(0.0, f"{TURNED}, so: walk")}, "poor", TURNED),
         ({"registered": np.arange(30) < 25}, "usable", "5 of 30 images could not"),
         ({"registered": np.arange(30) < 5}, "poor", "only 5 views"),
         ({"median": 2.0}, "usable", "off by 2.00 px"),
-        ({"colors": 5}, "usable", "too dark"),
-        ({"features": 100}, "usable", "few features"),
+        ({"colors": 5, "such": 10}, "usable", "10 of 30 images are too dark"),
+        ({"colors": 5}, "poor", "30 of 30 images are too dark"),
+        ({"features": 100, "such": 10}, "usable", "10 of 30 images have few features"),
+        ({"features": 100}, "poor", "30 of 30 images have few features"),
     ],
 )
 def test_poses_verdict_says_level_and_reason(walk, change, level, words):
-    change = {"agreeing": 0.9, "doubt": None, "colors": 120, "features": 2000, **change}
-    count = change.pop("features")
-    features = [
-        Features(
+    usual = {"agreeing": 0.9, "doubt": None, "colors": 120, "features": 2000, "such": 30}
+    change = {**usual, **change}
+    such = change.pop("such")
+
+    def seen(values):
+        count = values["features"]
+        return Features(
             np.zeros((count, 2)), np.ones(count), np.zeros((count, 128)),
-            np.full((count, 3), change["colors"], np.uint8),
-        )
-    ] * 30  # fmt: skip
-    change.pop("colors")
+            np.full((count, 3), values["colors"], np.uint8),
+        )  # fmt: skip
+
+    features = [seen(change)] * such + [seen(usual)] * (30 - such)
+    change = {key: value for key, value in change.items() if key not in ("features", "colors")}
     agreeing, doubt = change.pop("agreeing"), change.pop("doubt")
     solution = dataclasses.replace(many(walk[3]), **change)
     verdict = poses_verdict(solution, features, agreeing, doubt)

@@ -8,6 +8,7 @@ from gsut import _core
 from gsut.sfm.align import compare_poses
 from gsut.sfm.frame_motion import rates_of_frames
 from gsut.sfm.options import PosesOptions
+from gsut.sfm.readout_by_flow import readout_by_flow
 from gsut.sfm.solution import solve
 from gsut.sfm.video_shutter import find_video_shutter
 from synthetic_walk import Synthetic, quiet
@@ -62,10 +63,27 @@ def rolling():
 
 
 def test_rates_of_frames_are_those_of_the_walk(rolling):
-    rates = rates_of_frames(rolling.still, rolling.flows)
+    rates, _ = rates_of_frames(rolling.still, rolling.flows)
     expected = np.array(rolling.scene.velocities) / READOUT
     off = np.degrees(np.linalg.norm(rates[:, 3:] - expected[:, 3:], axis=1))
     assert off.max() < tolerances.SFM_RATE_DEGREES
+
+
+def test_errors_of_the_flow_shorten_the_time_by_the_reliability(rolling):
+    rng = np.random.default_rng(1)
+    times = []
+    for noise in (0.0, 6.0):
+        flows = {
+            name: rows + noise * rng.standard_normal(rows.shape) * [0, 0, 1, 1]
+            for name, rows in rolling.flows.items()
+        }
+        rates, spread = rates_of_frames(rolling.still, flows)
+        times.append(readout_by_flow(rolling.still, rates, spread, True, None, 1.5))
+    exact, noisy = times
+    assert exact.reliability > 0.99 > 0.97 > noisy.reliability
+    short, right = noisy.time / exact.time, noisy.time / noisy.reliability / exact.time
+    assert short < 0.97 and abs(right - 1) < tolerances.SFM_READOUT_SHORT
+    assert noisy.sigma > exact.sigma
 
 
 def test_rolling_video_is_found_with_its_readout_time_and_better_poses(rolling):

@@ -13,6 +13,7 @@ import gsut
 import small_run
 from gsut.data import read_path
 from gsut.lens import camera_from_values, field_of_view, with_field_of_view
+from gsut.render import PixelFilter, to_uint8
 from gsut.view import Session, Stage
 from gsut.view.frames import MODES
 from gsut.view.lenses import Lenses
@@ -59,6 +60,23 @@ def wanted(scene, index=0, **changes):
 
 def pixels(reply):
     return cv2.cvtColor(cv2.imdecode(np.frombuffer(reply.content, np.uint8), 1), cv2.COLOR_BGR2RGB)
+
+
+def test_a_frame_coarser_than_the_photographs_is_filtered_once_it_rests(session, scene, gaussians):
+    side = 3 * SIZE // 4
+    small = {"width": side, "height": side}
+    camera, pose = scene.cameras[0].resized(side, side), scene.views[0].camera_from_world
+    lenses = [scene.camera(row) for row in scene.train_indices]
+    filtered = PixelFilter(gaussians, lenses, scene.poses(scene.train_indices)).of(camera, pose)
+    shown = [
+        to_uint8(gsut.render(each, camera, pose, background=(0.1, 0.2, 0.3)).image)
+        for each in (filtered, gaussians)
+    ]
+    assert np.abs(shown[0].astype(int) - shown[1]).max() > 1
+    still = session.frames.draw(session._request(wanted(scene, **small, quality=92)))
+    moving = session.frames.draw(session._request(wanted(scene, **small, quality=75)))
+    assert np.abs(still.image.astype(int) - shown[0]).max() <= 1
+    assert np.abs(moving.image.astype(int) - shown[1]).max() <= 1
 
 
 def drawn(session, scene, index=0, **changes):

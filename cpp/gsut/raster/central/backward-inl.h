@@ -27,6 +27,8 @@ enum PixelField {
   kFieldTransmittance,
   kFieldBehind,  // what lies behind the Gaussians blended so far, as L sees it
   kFieldAlong,   // dL/ddepth times the ray's length
+  kFieldSquare,  // dL/ddistortion times the ray's length squared
+  kFieldMean,    // of the distances, which the distortion is about
   // Of the Gaussian at hand:
   kFieldP,
   kFieldQ,
@@ -73,6 +75,11 @@ HWY_INLINE void BackwardTile(bool with_depth, bool stop_before, bool with_rays,
       const FloatVec g = hn::Load(d, gradients.depth + b * kLanes);
       hn::Store(g, d, field(b, kFieldAlong));
       behind = hn::MulAdd(g, hn::Load(d, &frame->depth[o]), behind);
+      const FloatVec square = hn::Load(d, gradients.distortion + b * kLanes);
+      const DepthOfBlock depth(grid, *frame, o);
+      hn::Store(square, d, field(b, kFieldSquare));
+      hn::Store(depth.mean, d, field(b, kFieldMean));
+      behind = hn::MulAdd(square, depth.distortion, behind);
     }
     hn::Store(hn::Load(d, &grid.start[o]), d, field(b, kFieldTransmittance));
     hn::Store(behind, d, field(b, kFieldBehind));
@@ -189,8 +196,11 @@ HWY_INLINE void BackwardTile(bool with_depth, bool stop_before, bool with_rays,
       if (with_depth) {
         const FloatVec along = get(kFieldAlong);
         unit_depth = hn::Mul(z, reciprocal);
-        value = hn::MulAdd(hn::Mul(depth_scale, unit_depth), along, value);
-        to_depth = hn::Mul(weight, along);
+        const FloatVec distance = hn::Mul(depth_scale, unit_depth);
+        const FloatVec apart = hn::Sub(distance, get(kFieldMean));
+        const FloatVec pull = hn::Mul(get(kFieldSquare), apart);
+        value = hn::MulAdd(distance, along, hn::MulAdd(pull, apart, value));
+        to_depth = hn::Mul(weight, hn::Add(along, hn::Add(pull, pull)));
       }
       const FloatVec behind = hn::NegMulAdd(weight, value, get(kFieldBehind));
       hn::Store(behind, d, at + kFieldBehind * kLanes);

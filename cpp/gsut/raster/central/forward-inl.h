@@ -38,7 +38,7 @@ HWY_INLINE void ForwardTile(bool with_depth, bool stop_before, const TileGrid& g
     for (AlignedVector<float>& channel : frame->color) {
       hn::Store(hn::Zero(d), d, &channel[pixel0 + i]);
     }
-    if (with_depth) hn::Store(hn::Zero(d), d, &frame->depth[pixel0 + i]);
+    if (with_depth) StoreDepth(DepthSums::Zero(), pixel0 + static_cast<std::size_t>(i), frame);
   }
   const std::uint32_t begin = frame->tile_begin[tile];
   const std::uint32_t end = frame->tile_begin[tile + 1];
@@ -82,7 +82,7 @@ HWY_INLINE void ForwardTile(bool with_depth, bool stop_before, const TileGrid& g
       FloatVec red = hn::Load(d, &frame->color[0][o]);
       FloatVec green = hn::Load(d, &frame->color[1][o]);
       FloatVec blue = hn::Load(d, &frame->color[2][o]);
-      FloatVec depth = with_depth ? hn::Load(d, &frame->depth[o]) : hn::Zero(d);
+      DepthSums depth = with_depth ? LoadDepth(*frame, o) : DepthSums::Zero();
       // Stopped pixels are below the limit (or negative, see Frame::transmittance).
       FloatMask open = hn::Ge(transmittance, stop);
       do {
@@ -132,7 +132,7 @@ HWY_INLINE void ForwardTile(bool with_depth, bool stop_before, const TileGrid& g
             // A miss may have an infinite reciprocal: its weight 0 must not meet it.
             const FloatVec along = hn::IfThenElseZero(
                 hit[i], hn::Mul(hn::Set(d, r[i][record::kDepth]), hn::Mul(z[i], reciprocal[i])));
-            depth = hn::MulAdd(weight[i], along, depth);
+            depth.Add(weight[i], along);
           }
         }
       } while (todo != 0);
@@ -140,7 +140,7 @@ HWY_INLINE void ForwardTile(bool with_depth, bool stop_before, const TileGrid& g
       hn::Store(red, d, &frame->color[0][o]);
       hn::Store(green, d, &frame->color[1][o]);
       hn::Store(blue, d, &frame->color[2][o]);
-      if (with_depth) hn::Store(depth, d, &frame->depth[o]);
+      if (with_depth) StoreDepth(depth, o, frame);
       if (hn::AllFalse(d, open)) alive &= ~(std::uint64_t{1} << block);
     }
     if (keep) {

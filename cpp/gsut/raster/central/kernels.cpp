@@ -121,21 +121,22 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
 }
 
 void Forward(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame, float* image,
-             float* alpha, float* depth) {
+             float* alpha, float* depth, float* distortion) {
   WithFlag(task.with_depth, [&](auto with_depth) HWY_ATTR {
     WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
       ForwardTile(with_depth, stop_before, grid, tile, task.alpha_max, task.transmittance_min,
                   task.keep, frame);
     });
   });
-  WritePixels(grid, tile, *frame, task.background, task.with_depth, image, alpha, depth);
+  WritePixels(grid, tile, *frame, task.background, task.with_depth, image, alpha, depth,
+              distortion);
 }
 
 void Backward(const RasterTask& task, const TileGrid& grid, int tile,
               const ImageGradients& gradients, Frame* frame, float* to_rays) {
-  HWY_ALIGN float buffer[5 * kTilePixels];
+  HWY_ALIGN float buffer[6 * kTilePixels];
   const PixelGradients pixels = ReadPixelGradients(grid, tile, gradients, task.background, buffer);
-  WithFlag(gradients.depth != nullptr, [&](auto with_depth) HWY_ATTR {
+  WithFlag(gradients.HasDepth(), [&](auto with_depth) HWY_ATTR {
     WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
       WithFlag(to_rays != nullptr, [&](auto with_rays) HWY_ATTR {
         BackwardTile(with_depth, stop_before, with_rays, grid, tile, task.alpha_max,
@@ -172,8 +173,8 @@ void RecordsKernel(const RasterTask& task, const TileGrid& grid, const Splats& s
 }
 
 void ForwardKernel(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame,
-                   float* image, float* alpha, float* depth) {
-  HWY_DYNAMIC_DISPATCH(Forward)(task, grid, tile, frame, image, alpha, depth);
+                   float* image, float* alpha, float* depth, float* distortion) {
+  HWY_DYNAMIC_DISPATCH(Forward)(task, grid, tile, frame, image, alpha, depth, distortion);
 }
 
 void BackwardKernel(const RasterTask& task, const TileGrid& grid, int tile,

@@ -17,7 +17,7 @@ void RecordsKernel(const RasterTask& task, const TileGrid& grid, const Splats& s
 
 // Blends one tile and writes its pixels; image (H, W, 3), alpha (H, W), depth (H, W) or null.
 void ForwardKernel(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame,
-                   float* image, float* alpha, float* depth);
+                   float* image, float* alpha, float* depth, float* distortion);
 
 // Gradients of one tile's pairs into their slots. to_rays: null, or 2 x 256 floats for the
 // gradients to s and t of the tile's rays, swizzled.

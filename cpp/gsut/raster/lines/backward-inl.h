@@ -32,6 +32,8 @@ enum LineField {
   kLineTransmittance,
   kLineBehind,  // what lies behind the Gaussians blended so far, as L sees it
   kLineAlong,   // dL/ddepth times the ray's length
+  kLineSquare,  // dL/ddistortion times the ray's length squared
+  kLineMean,    // of the distances, which the distortion is about
   // Gradients to the line, with poses only:
   kLineToA,
   kLineToB,
@@ -128,8 +130,10 @@ HWY_INLINE void BackwardBlock(bool with_depth, bool stop_before, bool with_poses
     const FloatVec along = get(kLineAlong);
     // A miss may be anywhere: its weight 0 must not meet infinity.
     const FloatVec x = hn::IfThenElseZero(is_hit, hn::Sub(hit.x, line.slide));
-    value = hn::MulAdd(x, along, value);
-    to_x = hn::Mul(weight, along);
+    const FloatVec apart = hn::Sub(x, get(kLineMean));
+    const FloatVec pull = hn::Mul(get(kLineSquare), apart);
+    value = hn::MulAdd(x, along, hn::MulAdd(pull, apart, value));
+    to_x = hn::Mul(weight, hn::Add(along, hn::Add(pull, pull)));
   }
   const FloatVec behind = hn::NegMulAdd(weight, value, get(kLineBehind));
   put(kLineBehind, behind);
@@ -225,6 +229,11 @@ HWY_INLINE void BackwardLines(bool with_depth, bool stop_before, bool with_poses
       const FloatVec g = hn::Load(d, gradients.depth + block * kLanes);
       hn::Store(g, d, field(block, kLineAlong));
       behind = hn::MulAdd(g, hn::Load(d, &frame->depth[o]), behind);
+      const FloatVec square = hn::Load(d, gradients.distortion + block * kLanes);
+      const DepthOfBlock depth(tiles, *frame, o);
+      hn::Store(square, d, field(block, kLineSquare));
+      hn::Store(depth.mean, d, field(block, kLineMean));
+      behind = hn::MulAdd(square, depth.distortion, behind);
     }
     hn::Store(hn::Load(d, &tiles.start[o]), d, field(block, kLineTransmittance));
     hn::Store(behind, d, field(block, kLineBehind));

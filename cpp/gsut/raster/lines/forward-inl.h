@@ -37,7 +37,7 @@ HWY_INLINE void ForwardLines(bool with_depth, bool keep, bool stop_before, const
     for (AlignedVector<float>& channel : frame->color) {
       hn::Store(hn::Zero(d), d, &channel[pixel0 + i]);
     }
-    if (with_depth) hn::Store(hn::Zero(d), d, &frame->depth[pixel0 + i]);
+    if (with_depth) StoreDepth(DepthSums::Zero(), pixel0 + static_cast<std::size_t>(i), frame);
   }
   const std::uint32_t begin = frame->tile_begin[tile];
   const std::uint32_t end = frame->tile_begin[tile + 1];
@@ -77,7 +77,7 @@ HWY_INLINE void ForwardLines(bool with_depth, bool keep, bool stop_before, const
       FloatVec red = hn::Load(d, &frame->color[0][o]);
       FloatVec green = hn::Load(d, &frame->color[1][o]);
       FloatVec blue = hn::Load(d, &frame->color[2][o]);
-      FloatVec depth = with_depth ? hn::Load(d, &frame->depth[o]) : hn::Zero(d);
+      DepthSums depth = with_depth ? LoadDepth(*frame, o) : DepthSums::Zero();
       // Stopped pixels are below the limit (or negative, see Frame::transmittance).
       FloatMask open = hn::Ge(transmittance, stop);
       do {
@@ -108,7 +108,7 @@ HWY_INLINE void ForwardLines(bool with_depth, bool keep, bool stop_before, const
           blue = hn::MulAdd(weight[i], chunk.Get(LineChunk::kBlue, index[i]), blue);
           if (with_depth) {
             // A miss may be anywhere: its weight 0 must not meet infinity.
-            depth = hn::MulAdd(weight[i], hn::IfThenElseZero(hit[i], along[i]), depth);
+            depth.Add(weight[i], hn::IfThenElseZero(hit[i], along[i]));
           }
         }
       } while (todo != 0);
@@ -116,7 +116,7 @@ HWY_INLINE void ForwardLines(bool with_depth, bool keep, bool stop_before, const
       hn::Store(red, d, &frame->color[0][o]);
       hn::Store(green, d, &frame->color[1][o]);
       hn::Store(blue, d, &frame->color[2][o]);
-      if (with_depth) hn::Store(depth, d, &frame->depth[o]);
+      if (with_depth) StoreDepth(depth, o, frame);
       if (hn::AllFalse(d, open)) alive &= ~(std::uint64_t{1} << block);
     }
     if (keep) {

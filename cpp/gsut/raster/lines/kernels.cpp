@@ -82,7 +82,7 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
 }
 
 void LineForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame, float* image,
-                 float* alpha, float* depth) {
+                 float* alpha, float* depth, float* distortion) {
   WithFlag(task.with_depth, [&](auto with_depth) HWY_ATTR {
     WithFlag(task.keep, [&](auto keep) HWY_ATTR {
       WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
@@ -90,15 +90,16 @@ void LineForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* 
       });
     });
   });
-  WritePixels(grid.tiles, tile, *frame, task.background, task.with_depth, image, alpha, depth);
+  WritePixels(grid.tiles, tile, *frame, task.background, task.with_depth, image, alpha, depth,
+              distortion);
 }
 
 void LineBackward(const RasterTask& task, const LineGrid& grid, int tile,
                   const ImageGradients& gradients, Frame* frame, float* to_lines) {
-  HWY_ALIGN float buffer[5 * kTilePixels];
+  HWY_ALIGN float buffer[6 * kTilePixels];
   const PixelGradients pixels =
       ReadPixelGradients(grid.tiles, tile, gradients, task.background, buffer);
-  WithFlag(gradients.depth != nullptr, [&](auto with_depth) HWY_ATTR {
+  WithFlag(gradients.HasDepth(), [&](auto with_depth) HWY_ATTR {
     WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
       WithFlag(to_lines != nullptr, [&](auto with_poses) HWY_ATTR {
         BackwardLines(with_depth, stop_before, with_poses, task, grid, tile, pixels, frame,
@@ -134,8 +135,8 @@ void LineRecordsKernel(const RasterTask& task, const LineGrid& grid, std::int64_
 }
 
 void LineForwardKernel(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
-                       float* image, float* alpha, float* depth) {
-  HWY_DYNAMIC_DISPATCH(LineForward)(task, grid, tile, frame, image, alpha, depth);
+                       float* image, float* alpha, float* depth, float* distortion) {
+  HWY_DYNAMIC_DISPATCH(LineForward)(task, grid, tile, frame, image, alpha, depth, distortion);
 }
 
 void LineBackwardKernel(const RasterTask& task, const LineGrid& grid, int tile,

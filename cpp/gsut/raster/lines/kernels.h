@@ -18,7 +18,7 @@ void LineRecordsKernel(const RasterTask& task, const LineGrid& grid, std::int64_
 
 // As ForwardKernel.
 void LineForwardKernel(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
-                       float* image, float* alpha, float* depth);
+                       float* image, float* alpha, float* depth, float* distortion);
 
 // As BackwardKernel; to_lines: null, or 5 x 256 floats for the gradients to a, b, s, t and slide of
 // the tile's lines, swizzled.

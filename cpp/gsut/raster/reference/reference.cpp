@@ -145,6 +145,20 @@ double Blend(const std::vector<Seen>& seen, const Ray& ray, const BlendRule& rul
   return transmittance;
 }
 
+// Coverage and mean distance of a pixel, which its distortion is about.
+struct MeanDistance {
+  double alpha = 0, mean = 0;
+
+  explicit MeanDistance(const std::vector<Hit>& hits) {
+    for (const Hit& hit : hits) {
+      alpha += hit.weight;
+      mean += hit.weight * hit.t;
+    }
+    if (alpha > 0.0) mean /= alpha;
+  }
+  bool Counts() const { return alpha >= kDistortionAlpha; }
+};
+
 // Sums over pixels of one Gaussian's gradient, in the world frame.
 struct GradientSums {
   Matrix3d whiten = Matrix3d::Zero();
@@ -156,7 +170,7 @@ struct GradientSums {
 // Of the loss to what a pixel shows, and to its ray in the world frame.
 struct ShownGradient {
   Vector3d color;
-  double alpha, depth;
+  double alpha, depth, distortion;
 };
 struct PixelGradient {
   Vector3d ray = Vector3d::Zero(), origin = Vector3d::Zero();
@@ -170,21 +184,26 @@ PixelGradient BackwardPixel(const std::vector<Seen>& seen, const Ray& ray,
   // What lies behind the current Gaussian, as seen by L: starts with the background.
   double behind = transmittance * (from.color.dot(background) - from.alpha);
   PixelGradient out;
+  const MeanDistance about(hits);
+  const double g_distortion = about.Counts() ? from.distortion : 0.0;
   double after = transmittance;
   for (std::size_t h = hits.size(); h-- > 0;) {
     const Hit& hit = hits[h];
     const Seen& s = seen[hit.seen];
     GradientSums& gs = (*sums)[hit.seen];
     const double before = after / (1.0 - hit.alpha);
-    const double value = from.color.dot(s.color) + from.depth * hit.t;
+    // The mean is where the distortion is least: it counts as a constant.
+    const double apart = hit.t - about.mean;
+    const double value =
+        from.color.dot(s.color) + from.depth * hit.t + g_distortion * apart * apart;
     const double g_this_alpha = before * value - behind / (1.0 - hit.alpha);
     behind += hit.weight * value;
     after = before;
     gs.color += hit.weight * from.color;
     const double g_raw = hit.clamped ? 0.0 : g_this_alpha;
     gs.opacity += g_raw * hit.response;
-    const double v = -0.5 * g_raw * s.opacity * hit.response;  // dL/dD^2
-    const double e = hit.weight * from.depth;                  // dL/dt
+    const double v = -0.5 * g_raw * s.opacity * hit.response;                 // dL/dD^2
+    const double e = hit.weight * (from.depth + 2.0 * g_distortion * apart);  // dL/dt
     const Vector3d w = s.whiten * ray.direction;
     const Vector3d whitened = s.whitened - s.whiten * ray.origin;
     const double w2 = w.squaredNorm();
@@ -255,6 +274,7 @@ ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, con
   out.image.assign(static_cast<std::size_t>(3 * pixels), 0.0);
   out.alpha.assign(static_cast<std::size_t>(pixels), 0.0);
   out.depth.assign(static_cast<std::size_t>(pixels), 0.0);
+  out.distortion.assign(static_cast<std::size_t>(pixels), 0.0);
   out.samples.assign(static_cast<std::size_t>(pixels), 0);
   ParallelFor(pixels, view.width, [&](std::int64_t begin, std::int64_t end) {
     std::vector<Hit> hits;
@@ -270,6 +290,11 @@ ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, con
       for (int c = 0; c < 3; ++c) {
         out.image[3 * p + c] = color[c] + transmittance * settings.background[c];
       }
+      const MeanDistance about(hits);
+      for (std::size_t h = 0; about.Counts() && h < hits.size(); ++h) {
+        const double apart = hits[h].t - about.mean;
+        out.distortion[p] += hits[h].weight * apart * apart;
+      }
       out.alpha[p] = 1.0 - transmittance;
       out.samples[p] = static_cast<int>(hits.size());
     }
@@ -284,8 +309,7 @@ ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, con
 }
 
 void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const ViewRays& view,
-                             const RenderSettings& settings, const double* dimage,
-                             const double* dalpha, const double* ddepth,
+                             const RenderSettings& settings, const ReferenceGradients& to_image,
                              const GaussiansView<double>& gradients, RayGradients* ray_gradients,
                              ShadingGradient* shading, const std::uint8_t* chosen) {
   const std::vector<Seen> seen = SortedGaussians(gaussians, view, settings);
@@ -309,11 +333,12 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
         if (!view.valid[p] || (chosen != nullptr && !chosen[p])) continue;
         const Ray ray = RayOf(view, p);
         const double transmittance = Blend(seen, ray, settings.rule, &hits);
-        const Vector3d g_color = Eigen::Map<const Vector3d>(dimage + 3 * p);
-        const double g_alpha = dalpha == nullptr ? 0.0 : dalpha[p];
-        const double g_depth = ddepth == nullptr ? 0.0 : ddepth[p];
-        const PixelGradient g = BackwardPixel(seen, ray, hits, transmittance, background,
-                                              {g_color, g_alpha, g_depth}, &sum);
+        const auto to = [p](const double* gradient) { return gradient ? gradient[p] : 0.0; };
+        const ShownGradient shown = {Eigen::Map<const Vector3d>(to_image.image + 3 * p),
+                                     to(to_image.alpha), to(to_image.depth),
+                                     to(to_image.distortion)};
+        const PixelGradient g =
+            BackwardPixel(seen, ray, hits, transmittance, background, shown, &sum);
         Eigen::Map<Vector3d>(&ray_gradients->rays[3 * p]) = rotation * g.ray;
         Eigen::Map<Vector3d>(&ray_gradients->origins[3 * p]) = rotation * g.origin;
       }
@@ -343,15 +368,14 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
 
 void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const Camera& camera,
                              const CameraMotion& motion, const RenderSettings& settings,
-                             const double* dimage, const double* dalpha, const double* ddepth,
+                             const ReferenceGradients& to_image,
                              const GaussiansView<double>& gradients, double* dpose,
                              RayGradients* rays, const std::uint8_t* chosen) {
   const ViewRays view = MakeViewRays(camera, motion);
   RayGradients of_view;
   if (rays == nullptr) rays = &of_view;
   ShadingGradient shading;
-  RenderReferenceBackward(gaussians, view, settings, dimage, dalpha, ddepth, gradients, rays,
-                          &shading, chosen);
+  RenderReferenceBackward(gaussians, view, settings, to_image, gradients, rays, &shading, chosen);
   ChainToPoses(view, camera, motion, *rays, shading, dpose);
 }
 

@@ -18,7 +18,9 @@ struct ReferenceImage {
   std::vector<double> image;  // (H, W, 3)
   std::vector<double> alpha;  // (H, W): 1 - final transmittance
   std::vector<double> depth;  // (H, W): sum of weight times distance along the ray
-  std::vector<int> samples;   // (H, W): Gaussians blended
+  // (H, W): sum of weight times the squared distance from the mean, see kDistortionAlpha
+  std::vector<double> distortion;
+  std::vector<int> samples;  // (H, W): Gaussians blended
 };
 
 // chosen (H, W): only pixels that are not 0 are rendered, the others stay 0; null: all. Throws
@@ -32,13 +34,21 @@ ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, con
                                const CameraMotion& motion, const RenderSettings& settings,
                                const std::uint8_t* chosen = nullptr);
 
-// Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth); dalpha and
-// ddepth may be null. Writes (does not add) all of `gradients`, shaped like the Gaussians, and the
-// gradients to rays and shading. The cut-offs of the blend rule are not differentiated; a clamped
-// alpha or colour has gradient 0. chosen: as above; L sums over these pixels only.
+// Pixel gradients, row-major; all but the first may be null.
+struct ReferenceGradients {
+  const double* image;                 // (H, W, 3)
+  const double* alpha = nullptr;       // (H, W)
+  const double* depth = nullptr;       // (H, W)
+  const double* distortion = nullptr;  // (H, W)
+};
+
+// Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth) +
+// sum(ddistortion * distortion). Writes (does not add) all of `gradients`, shaped like the
+// Gaussians, and the gradients to rays and shading. The cut-offs of the blend rule are not
+// differentiated; a clamped alpha or colour has gradient 0. chosen: as above; L sums over these
+// pixels only.
 void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const ViewRays& view,
-                             const RenderSettings& settings, const double* dimage,
-                             const double* dalpha, const double* ddepth,
+                             const RenderSettings& settings, const ReferenceGradients& to_image,
                              const GaussiansView<double>& gradients, RayGradients* rays,
                              ShadingGradient* shading, const std::uint8_t* chosen = nullptr);
 
@@ -47,7 +57,7 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
 // for a global shutter. rays: as above, in the frame of MakeViewRays' reference; may be null.
 void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const Camera& camera,
                              const CameraMotion& motion, const RenderSettings& settings,
-                             const double* dimage, const double* dalpha, const double* ddepth,
+                             const ReferenceGradients& to_image,
                              const GaussiansView<double>& gradients, double* dpose,
                              RayGradients* rays = nullptr, const std::uint8_t* chosen = nullptr);
 

@@ -70,6 +70,24 @@ constexpr int kToWhitened = 9, kToOpacity = 12, kSums = 13;
 
 }  // namespace
 
+void Renderer::Rays(float* directions, float* origins) const {
+  const WalkScene scene = LastScene();
+  const std::size_t size = std::size_t{3} * scene.tiles->width * scene.tiles->height;
+  std::fill_n(directions, size, 0.0f);
+  std::fill_n(origins, size, 0.0f);
+  ParallelFor(scene.tiles->num_tiles(), 1, [&](std::int64_t number, std::int64_t) {
+    const TileWalk walk(scene, static_cast<int>(number), nullptr);
+    for (int offset = 0; offset < kTilePixels; ++offset) {
+      const std::int64_t pixel = walk.pixel(offset);
+      const std::size_t i = static_cast<std::size_t>(number) * kTilePixels + offset;
+      if (pixel < 0 || scene.tiles->start[i] == 0.0f) continue;
+      Map<Eigen::Vector3f>(directions + 3 * pixel) =
+          walk.direction(offset).normalized().cast<float>();
+      Map<Eigen::Vector3f>(origins + 3 * pixel) = walk.PointAt(offset, 0.0).cast<float>();
+    }
+  });
+}
+
 void Renderer::Surface(const SurfaceMaps& maps) const {
   const WalkScene scene = LastScene();
   const std::int64_t pixels = std::int64_t{scene.tiles->width} * scene.tiles->height;

@@ -1,0 +1,122 @@
+"""Distances that are known before training: depth files, or the points that a view sees.
+
+Points are those of `gsut poses`, of another program or of a LiDAR. Which of them a view sees is
+not kept with them: one that lies well behind another in the same part of the image is left out.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gsut._core import CameraMotion
+from gsut.data import Scene, read_depth
+
+# The nearest point hides those behind it in the same cell of the image: beyond so many times its
+# distance, in cells that hold so many points on average.
+_HIDES, _IN_CELL = 1.2, 8
+_LINE_STEPS = 4  # until a point has settled on its line of a rolling shutter
+_LAST = 0.01  # of the weight, at the last step (3DGS's depth regularisation)
+
+
+def annealed(fraction: float) -> float:
+    """Of the weight, from 1 at the first step to a hundredth at the last."""
+    return _LAST**fraction
+
+
+class KnownDepth:
+    """The known distances of each view.
+
+    Args:
+        scene: at full resolution.
+        source: "points", "files", "off", or "auto": files where training views have them, else
+            points.
+    """
+
+    def __init__(self, scene: Scene, source: str) -> None:
+        if source == "auto":
+            files = any(scene.views[i].depth_path is not None for i in scene.train_indices)
+            source = "files" if files else "points"
+        self.source = source
+        self._seen: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+    def map(self, scene: Scene, view: int, camera: Any) -> np.ndarray | None:
+        """(H, W) float32 along the rays of `camera`, 0: not known; None: nothing is known.
+
+        Args:
+            scene: where the view is now.
+            view: its number.
+            camera: the view's lens at any size.
+
+        Raises:
+            InputError: a depth file is damaged or of another size than the image.
+        """
+        if self.source == "off":
+            return None
+        if view not in self._seen:
+            read = _of_file if self.source == "files" else _of_points
+            self._seen[view] = read(scene, view)
+        places, distances = self._seen[view]
+        if not len(distances):
+            return None
+        known = np.zeros((camera.height, camera.width), np.float32)
+        size = np.array([camera.width, camera.height])
+        columns, rows = np.minimum((places * size).astype(np.int64), size - 1).T
+        known[rows, columns] = distances
+        return known
+
+    def forget(self) -> None:
+        """Poses or lenses have changed."""
+        if self.source == "points":
+            self._seen.clear()
+
+
+def _of_file(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
+    depth = read_depth(scene, view)
+    if depth is None:
+        return np.zeros((0, 2)), np.zeros(0)
+    rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0))
+    places = (np.stack([columns, rows], axis=1) + 0.5) / depth.shape[::-1]
+    return places, depth[rows, columns]
+
+
+def _of_points(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places (n, 2) in the image as shares of its size, and distances (n,), farthest first."""
+    camera, motion = scene.camera(view), scene.views[view].motion
+    times = np.full(len(scene.points), 0.5)
+    for _ in range(_LINE_STEPS if isinstance(motion, CameraMotion) else 1):
+        in_camera = _in_camera(scene.points, motion, times)
+        pixels, valid = camera.project(in_camera)
+        if isinstance(motion, CameraMotion):
+            times = _times(motion, camera, np.nan_to_num(pixels))
+    size = np.array([camera.width, camera.height])
+    with np.errstate(invalid="ignore"):
+        valid = valid & np.all((pixels >= 0) & (pixels < size), axis=1)
+    places = np.where(valid[:, None], pixels, 0.0)
+    column, row = places.astype(np.int64).T
+    valid &= scene.mask(view)[row, column]
+    distances = np.linalg.norm(in_camera[valid] - camera.origins()[row, column][valid], axis=1)
+    places = places[valid] / size
+    cells = max(1, int(np.sqrt(len(places) / _IN_CELL)))
+    cell = np.floor(places * cells).astype(np.int64) @ np.array([1, cells])
+    nearest = np.full(cells * cells, np.inf)
+    np.minimum.at(nearest, cell, distances)
+    seen = np.flatnonzero(distances <= _HIDES * nearest[cell])
+    seen = seen[np.argsort(-distances[seen], kind="stable")]  # the nearest of a pixel comes last
+    return places[seen], distances[seen]
+
+
+def _times(motion: CameraMotion, camera: Any, pixels: np.ndarray) -> np.ndarray:
+    """Of the exposure, when the lines of pixels (n, 2) are read."""
+    lines = motion.shutter.line_times(camera.width, camera.height)
+    along = pixels[:, 0 if "left" in motion.shutter.direction else 1]
+    return np.interp(along - 0.5, np.arange(len(lines)), lines)
+
+
+def _in_camera(points: np.ndarray, motion: Any, times: np.ndarray) -> np.ndarray:
+    if not isinstance(motion, CameraMotion):
+        return points @ motion[:3, :3].T + motion[:3, 3]
+    steps, which = np.unique(np.round(times * 256) / 256, return_inverse=True)
+    poses = np.stack([motion.at(time) for time in steps])[which]
+    return np.einsum("nij,nj->ni", poses[:, :3, :3], points) + poses[:, :3, 3]

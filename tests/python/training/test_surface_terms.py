@@ -1,0 +1,163 @@
+"""`--surface`: its gradients, known distances, what it makes of a plane, and resumed runs."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+import gsut
+import small_datasets
+import tolerances
+from gsut import InputError, TrainOptions, _core
+from gsut.data import read_depth
+from gsut.training.known_depth import KnownDepth
+from gsut.training.loop import TrainingLoop
+from gsut.training.surface_terms import SurfaceTerms, SurfaceWeights
+from random_scenes import arrays_of, relative_error
+from surface_scenes import lines_of
+
+FIELDS = ("means", "quats", "log_scales", "opacity_logits")
+STEP = 1e-5
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return small_datasets.write_nerfstudio(tmp_path_factory.mktemp("surface") / "data")
+
+
+@pytest.fixture
+def scene(folder):
+    return gsut.load_dataset(folder)
+
+
+def true_distance(scene, view):
+    """(H, W) along the rays to the plane z = 0."""
+    origins, rays, _ = lines_of(scene.camera(view), scene.views[view].motion)
+    return -origins[..., 2] / rays[..., 2]
+
+
+def wavy_plane(rng, count=60):
+    """Large flat Gaussians about z = 0."""
+    means = np.c_[rng.uniform(-1.2, 1.2, (count, 2)), 0.05 * rng.normal(size=count)]
+    quats = np.c_[np.ones(count), 0.1 * rng.normal(size=(count, 3))]
+    scales = np.log(np.c_[rng.uniform(0.3, 0.5, (count, 2)), rng.uniform(0.02, 0.05, count)])
+    return gsut.Gaussians(means, quats, scales, np.full(count, 0.5), np.zeros((count, 1, 3)))
+
+
+def total(g, camera, pose, known, weights, extent):
+    """The surface terms of the double reference."""
+    center = list(-pose[:3, :3].T @ pose[:3, 3])
+    sh = np.empty((len(g), 1, 3))
+    _core.facing_axes(g, center, sh)
+    colored = gsut.Gaussians(g.means, g.quats, g.log_scales, g.opacity_logits, sh)
+    seen = gsut.render(colored, camera, pose, background=(0.5, 0.5, 0.5), dtype="float64")
+    origins, rays, _ = lines_of(camera, pose)
+    maps = {
+        "directions": rays, "origins": np.ascontiguousarray(origins), "alpha": seen.alpha,
+        "depth": seen.depth, "distortion": seen.distortion, "normals": seen.image, "known": known,
+    }  # fmt: skip
+    out = [np.zeros_like(maps[name]) for name in ("alpha", "depth", "distortion", "normals")]
+    terms = _core.surface_loss(maps, (weights.normal, 0, weights.known, extent), *out)
+    # The distortion's divisor is a constant: that of the Gaussians that are given.
+    flat = weights.flatten / extent * np.exp(g.log_scales).min(axis=1).mean()
+    return sum(terms) + flat, seen
+
+
+def test_gradients_of_all_terms_equal_differences_of_the_double_reference(rng, scene):
+    weights = SurfaceWeights(normal=1.0, distortion=2.0, flatten=0.3, known=0.5, start=0.0, size=1)
+    terms = SurfaceTerms(weights, scene, "points")
+    exact, view = wavy_plane(rng), scene.train_indices[0]
+    camera, pose = scene.camera(view), scene.views[view].motion
+    known = terms.known.map(scene, view, camera).astype(np.float64)
+    assert np.count_nonzero(known) > 100
+    # From a tenth of the steps on all count fully; the known distances have faded a little.
+    fraction = 0.2
+    g = exact.astype(np.float32)
+    found = terms.gradients(g, scene, view, _core.BlendRule(), fraction)
+    assert all(term > 0 for term in terms.last)
+    faded = SurfaceWeights(1.0, 2.0, 0.3, 0.5 * 0.01**fraction, 0.0, 1)
+    base, seen = total(exact, camera, pose, known, faded, scene.extent)
+    mean = np.where(seen.alpha >= 0.5, seen.depth / np.maximum(seen.alpha, 1e-9), np.inf)
+    share = faded.distortion / mean.size / (mean**2 + scene.extent**2)
+    for name in FIELDS:
+        array = getattr(exact, name)
+        chosen = rng.permutation(array.size)[:16]
+        numeric = []
+        for index in chosen:
+            kept, sides = array.flat[index], []
+            for sign in (1, -1):
+                array.flat[index] = kept + sign * STEP
+                value, at = total(exact, camera, pose, known, faded, scene.extent)
+                sides.append(value + np.sum(share * at.distortion))
+            array.flat[index] = kept
+            numeric.append((sides[0] - sides[1]) / (2 * STEP))
+        error = relative_error(getattr(found, name).ravel()[chosen], np.array(numeric))
+        assert error < tolerances.SURFACE_TERMS, (name, error)
+    assert base > 0
+
+
+def test_points_are_known_where_a_view_sees_them_and_not_behind_others(scene):
+    view = scene.train_indices[0]
+    below = scene.points - np.array([0, 0, 2.0])
+    both = scene.replace(
+        points=np.r_[below, scene.points],
+        point_colors=np.r_[[scene.point_colors] * 2].reshape(-1, 3),
+    )
+    camera = scene.camera(view)
+    known = KnownDepth(both, "points").map(both, view, camera)
+    truth = true_distance(scene, view)
+    has = known > 0
+    assert has.sum() > 150
+    # The pixel's ray and the point's differ by half a pixel.
+    error = np.abs(known / truth - 1)[has]
+    assert np.median(error) < 0.01 and np.mean(error > 0.05) < 0.1
+    half = camera.resized(24, 18)
+    assert np.count_nonzero(KnownDepth(both, "points").map(both, view, half)) > 80
+
+
+def test_depth_files_are_known_at_any_size_and_damaged_ones_are_named(tmp_path):
+    folder = small_datasets.write_nerfstudio(tmp_path / "data")
+    values = json.loads((folder / "transforms.json").read_text())
+    plain = gsut.load_dataset(folder)
+    view = plain.train_indices[0]
+    frame = next(f for f in values["frames"] if plain.views[view].name.endswith(f["file_path"]))
+    frame["depth_file_path"] = "depth.png"
+    truth = true_distance(plain, view)
+    cv2.imwrite(str(folder / "depth.png"), np.round(truth * 1000).astype(np.uint16))
+    (folder / "transforms.json").write_text(json.dumps(values))
+    scene = gsut.load_dataset(folder)
+    known = KnownDepth(scene, "auto")
+    assert known.source == "files"
+    camera = scene.camera(view)
+    assert np.abs(known.map(scene, view, camera) - truth).max() < 1e-3
+    assert known.map(scene, scene.train_indices[1], camera) is None
+    half = known.map(scene, view, camera.resized(24, 18))
+    assert np.all(half > 0)
+    cv2.imwrite(str(folder / "depth.png"), np.ones((5, 4), np.uint16))
+    with pytest.raises(InputError, match=r"depth.png is 4 x 5"):
+        read_depth(scene, view)
+    (folder / "depth.png").write_bytes(b"")
+    with pytest.raises(InputError, match=r"depth.png"):
+        read_depth(scene, view)
+
+
+def test_training_for_surfaces_flattens_and_goes_on_to_the_same_bits(scene):
+    common = {"steps": 60, "max_gaussians": 300, "coarse_to_fine": (0.0, 0.0)}
+
+    def trained(surface, state=None, until=60):
+        loop = TrainingLoop(scene, TrainOptions(**common, surface=surface).resolved())
+        if state is not None:
+            loop.load_state_dict(state)
+        while loop.step < until:
+            loop.advance()
+        return loop
+
+    def flatness(g):
+        scales = np.sort(g.log_scales, axis=1)
+        return np.median(scales[:, 0] - scales[:, 1])
+
+    whole, plain = trained(True), trained(False)
+    assert flatness(whole.gaussians) < flatness(plain.gaussians) - 0.05
+    again = trained(True, trained(True, until=45).state_dict())
+    assert arrays_of(again.result()) == arrays_of(whole.result())
