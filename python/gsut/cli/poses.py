@@ -13,13 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
 from gsut.capture import Capture, capture, is_video
-<<<<<<< HEAD
 from gsut.cli._flags import add_capture, add_json, add_quiet, finite, folder_name, print_json
-from gsut.data import CAPTURE_FOLDER, find_lens_file
-=======
-from gsut.cli._flags import add_capture, add_json, add_quiet, folder_name, print_json
 from gsut.data import CAPTURE_FOLDER, find_lens_file, read_capture
->>>>>>> main
 from gsut.lens import is_lens_name, lens_by_name
 from gsut.output_folder import claim_folder
 from gsut.run import Progress, StagedProgress, Verdict, add_option_flags, given_options
