@@ -43,7 +43,9 @@ def read_json(source: Path) -> Any:
             "the file may be cut off: copy or export it again",
         ) from error
     except RecursionError as error:
-        raise DatasetError(source, "nested too deeply", "export it again") from error
+        raise DatasetError(
+            source, "cannot be understood: nested too deeply", "export it again"
+        ) from error
 
 
 def read_yaml(source: Path) -> dict[str, Any]:
