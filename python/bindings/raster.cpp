@@ -80,7 +80,7 @@ class BoundRenderer {
               const BlendRule& rule, const std::array<double, 3>& background, int sh_degree,
               const std::array<double, 3>& unscented, const py::object& image,
               const py::object& alpha, const py::object& depth, bool keep,
-              const py::object& distortion) {
+              const py::object& distortion, const py::object& tiles) {
     const std::optional<HarmonicsRows> sh_rows = MixedRows(gaussians);
     const auto view = ConstGaussians<float>(gaussians, sh_rows ? &*sh_rows : nullptr);
     motion_ = ReadMotion(pose);
@@ -100,6 +100,9 @@ class BoundRenderer {
     options.with_depth = depth_data != nullptr || distortion_data != nullptr;
     options.keep_for_backward = keep;
     options.sh_rows = sh_rows;
+    const auto in_tiles = [](std::int64_t pixels) { return (pixels + kTileSize - 1) / kTileSize; };
+    options.tiles =
+        OptionalData<std::uint8_t>(tiles, "tiles", {in_tiles(height_), in_tiles(width_)});
     sh_rows_ = sh_rows;
     gaussians_ = gaussians;
     const LongCall released;
@@ -340,7 +343,8 @@ Raises:
       .def("render", &BoundRenderer::Render, py::arg("gaussians"), py::arg("camera"),
            py::arg("camera_from_world"), py::arg("rule"), py::arg("background"),
            py::arg("sh_degree"), py::arg("unscented"), py::arg("image"), py::arg("alpha"),
-           py::arg("depth"), py::arg("keep"), py::arg("distortion") = py::none())
+           py::arg("depth"), py::arg("keep"), py::arg("distortion") = py::none(),
+           py::arg("tiles") = py::none())
       .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("dalpha"),
            py::arg("ddepth"), py::arg("gradients"), py::arg("touched"), py::arg("write_untouched"),
            py::arg("with_poses") = true, py::arg("with_lens") = false,

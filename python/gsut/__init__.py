@@ -25,6 +25,7 @@ from gsut._core import (
     set_isa,
     set_num_threads,
 )
+from gsut.blocks import BlocksResult, train_blocks
 from gsut.capture import Capture, capture
 from gsut.check import doctor
 from gsut.compact import Compaction, SeenView, Support, compact, find_support, seen_views
@@ -97,7 +98,7 @@ from gsut.render import (
     write_video,
     z_of_distance,
 )
-from gsut.run import TrainOptions
+from gsut.run import BlockOptions, TrainOptions
 from gsut.sfm import (
     DatasetCalibration,
     PoseErrors,
@@ -168,6 +169,9 @@ __all__ = [  # noqa: RUF022
     "train",
     "TrainOptions",
     "TrainResult",
+    "train_blocks",
+    "BlockOptions",
+    "BlocksResult",
     "load_run",
     "TrainedRun",
     # Write a training loop

@@ -365,6 +365,7 @@ class Renderer:
         depth: NDArray[np.float32] | None,
         keep: bool,
         distortion: NDArray[np.float32] | None = None,
+        tiles: NDArray[np.uint8] | None = None,
     ) -> None: ...
     def backward(
         self,

@@ -24,6 +24,7 @@ from gsut.training import (
     prepare_scene,
     refine_first_poses,
     with_most,
+    without_blurred,
     write_results,
 )
 
@@ -84,6 +85,7 @@ def train(
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
     given, scene = scene, prepare_scene(scene.centred, o)  # data/: size of the images, shutter
+    scene = without_blurred(scene, o)
     scene.check_pixels()  # data/: a damaged photograph is found now
     if o.background is None:
         o = dataclasses.replace(o, background=plain_background(scene))

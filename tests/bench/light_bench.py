@@ -25,6 +25,8 @@ from tests.bench.report_rows import add_files, check_files, print_and_write
 _EXPOSURE, _BALANCE = 0.07, 0.02  # standard deviations of log-gains, as measured on fox
 _CORRELATION = 4.0  # views over which exposure stays alike
 _FALLOFF = (-0.25, -0.1, 0.0)  # of t^2, t^4, t^6: 65 % at the rim
+_BLURRED, _BLUR = 4, (5.0, 11.0)  # one of so many photographs is moved by so many pixels
+_FLAGS = {"people": "--robust", "blur": "--drop-blurred"}  # what helps
 _NOISE = 1.0  # grey levels, standard deviation
 COLUMNS = (
     ("light in the photographs", "disturbed", ""),
@@ -108,10 +110,14 @@ def run_light(options: LightBenchOptions, say: Callable[[str], None]) -> list[di
             ("falloff", ("falloff",)),
             ("exposure, falloff, noise", ("gain", "falloff", "noise")),
             ("two passers-by", ("people",)),
+            ("blur, noise", ("blur", "noise")),
         ):
             data = Path(folder) / name.replace(", ", "_")
             truth = disturb(clean, data, parts, seed=1)
-            ways = ("off", "auto", "on") if "people" not in parts else ("off", "off, --robust")
+            ways = next(
+                (("off", f"off, {flag}") for part, flag in _FLAGS.items() if part in parts),
+                ("off", "auto", "on"),
+            )
             for exposure in ways:
                 say(f"{name}, --exposure {exposure}")
                 row = _train(options, data, exposure, clean=clean, truth=truth)
@@ -125,8 +131,8 @@ def disturb(clean: Path, data: Path, parts: tuple[str, ...], seed: int) -> Light
     Args:
         clean: the dataset.
         data: the copy.
-        parts: of "gain" (drifts smoothly over the views), "falloff", "noise" and "people" (two in
-            each training photograph, nowhere twice).
+        parts: of "gain" (drifts smoothly over the views), "falloff", "noise", "people" (two in
+            each training photograph, nowhere twice) and "blur" (of some training photographs).
         seed: of all that is random.
 
     Returns:
@@ -143,15 +149,30 @@ def disturb(clean: Path, data: Path, parts: tuple[str, ...], seed: int) -> Light
     angle = float(np.nanmax(field_angles(scene.cameras[0])))
     falloff = Falloff(angle, np.tile(_FALLOFF, (3, 1))) if "falloff" in parts else None
     light = Light(np.array([gains[view.name] for view in scene.views]), (falloff,))
+    train = sorted(scene.train_indices, key=lambda row: scene.views[row].name.split("_")[-1])
+    moved = rng.choice(train, len(train) // _BLURRED, replace=False) if "blur" in parts else []
     for index, view in enumerate(scene.views):
         lit = scene.image(index) * light.on(scene.cameras[0], index, 0)
         if "people" in parts and index in scene.train_indices:
             lit = _with_people(lit.astype(np.uint8), rng)
+        if index in moved:
+            lit = _moved(lit.astype(np.float32), rng)
         if "noise" in parts:
             lit = lit + rng.normal(0, _NOISE, lit.shape)
         pixels = np.clip(np.rint(lit), 0, 255).astype(np.uint8)
         cv2.imwrite(str(data / view.name), pixels[..., ::-1])
     return light
+
+
+def _moved(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(H, W, 3) float32, the mean over a straight motion in some direction."""
+    angle, length = rng.uniform(0, np.pi), rng.uniform(*_BLUR)
+    size, total = picture.shape[1::-1], np.zeros_like(picture)
+    ways = np.linspace(-length / 2, length / 2, 2 * (int(length) | 1))
+    for way in ways:
+        shift = np.array([[1, 0, way * np.cos(angle)], [0, 1, way * np.sin(angle)]], np.float32)
+        total += cv2.warpAffine(picture, shift, size, borderMode=cv2.BORDER_REPLICATE)
+    return total / len(ways)
 
 
 def _with_people(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -187,7 +208,8 @@ def _train(
     scene = gsut.load_dataset(data)
     settings = gsut.TrainOptions(
         steps=options.steps, max_gaussians=options.max_gaussians, scale=options.scale,
-        exposure=exposure.split(",")[0], robust="--robust" in exposure, eval_every=options.steps,
+        exposure=exposure.split(",")[0], robust="--robust" in exposure,
+        drop_blurred="--drop-blurred" in exposure, eval_every=options.steps,
     )  # fmt: skip
     stages: dict[str, list[float]] = {}
 

@@ -29,6 +29,7 @@ LIBRARIES = {
     *("fast_simplification", "pillow_heif", "rawpy"),  # optional
 }
 LIBRARIES |= {"pxr", "zstandard"}  # optional: one format of scene files each
+LIBRARIES |= {"ray"}  # optional: many machines
 LIBRARIES |= {"rosbags"}  # optional: ROS bags
 # calib/ is a program beside gsut: it calls gsut's public names like anybody, and the doors that all
 # commands share; gsut starts it as a process. mrcal is imported in one file, which runs under the

@@ -81,6 +81,19 @@ struct TileRect {
       for (int x = span.begin; x < span.end; ++x) visit(x, y);
     }
   }
+  // Takes out the tiles (row by row, tiles_x a row) that are 0 in `alive`, where it lists them one
+  // by one; spans keep theirs.
+  void Prune(const std::uint64_t* alive, int tiles_x) {
+    if (x0 >= x1 || Area() > kMaxMasked) return;
+    const int width = x1 - x0;
+    for (std::uint64_t rest = tiles; rest != 0; rest &= rest - 1) {
+      const int bit = std::countr_zero(rest);
+      if (alive[(y0 + bit / width) * tiles_x + x0 + bit % width] == 0) {
+        tiles &= ~(std::uint64_t{1} << bit);
+      }
+    }
+    if (tiles == 0) *this = {};
+  }
   std::uint32_t NumTiles(const std::vector<RowSpan>& spans) const {
     if (Area() <= kMaxMasked) return static_cast<std::uint32_t>(std::popcount(tiles));
     std::uint32_t sum = 0;
@@ -102,6 +115,7 @@ struct Frame {
   AlignedVector<float> order_key;               // (size)
   AlignedVector<TileRect> rects;                // (size); empty: not seen
   std::vector<std::vector<RowSpan>> row_spans;  // one array a part of kRecordsPart Gaussians
+  AlignedVector<std::uint64_t> alive;           // (tiles) the grid's; 0: the tile is left out
   AlignedVector<std::uint32_t> slot_begin;      // (size + 1)
   AlignedVector<std::uint32_t> order;           // seen Gaussians, nearest first
   AlignedVector<TilePair> pairs;                // by tile, nearest first

@@ -52,13 +52,17 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
     splats_.Resize(gaussians.size);
   }
   timings_.push_back(watch.Lap("project"));
-  ResizeFrame();
+  ResizeFrame(options.tiles);
   ParallelFor(gaussians.size, kRecordsPart, [&](std::int64_t begin, std::int64_t end) {
     frame_.row_spans[static_cast<std::size_t>(begin / kRecordsPart)].clear();
     if (lines_ == nullptr) {
       RecordsKernel(task_, *grid_, splats_, begin, end, &frame_);
     } else {
       LineRecordsKernel(task_, *lines_, begin, end, &frame_, &splats_);
+    }
+    if (options.tiles == nullptr) return;
+    for (std::int64_t i = begin; i < end; ++i) {
+      frame_.rects[static_cast<std::size_t>(i)].Prune(frame_.alive.data(), tiles().tiles_x);
     }
   });
   timings_.push_back(watch.Lap("records"));
@@ -111,7 +115,7 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Pose&
   task_.sh_degree = settings.sh_degree < stored_degree ? settings.sh_degree : stored_degree;
 }
 
-void Renderer::ResizeFrame() {
+void Renderer::ResizeFrame(const std::uint8_t* chosen) {
   frame_.size = task_.gaussians.size;
   const std::size_t n = static_cast<std::size_t>(frame_.size);
   frame_.records.resize((n + kPadding) * record::kSize);
@@ -119,6 +123,10 @@ void Renderer::ResizeFrame() {
   frame_.order_key.resize(n + kPadding);
   frame_.rects.resize(n);
   frame_.row_spans.resize((n + kRecordsPart - 1) / kRecordsPart);
+  frame_.alive = tiles().alive;
+  for (std::size_t tile = 0; chosen != nullptr && tile < frame_.alive.size(); ++tile) {
+    if (chosen[tile] == 0) frame_.alive[tile] = 0;
+  }
   const std::size_t pixels = static_cast<std::size_t>(tiles().num_tiles()) * kTilePixels;
   frame_.transmittance.resize(pixels);
   for (AlignedVector<float>& channel : frame_.color) channel.resize(pixels);

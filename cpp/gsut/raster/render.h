@@ -32,6 +32,10 @@ struct TiledOptions {
   // Of harmonics of several degrees, packed; then sh_coefficients are those of the first row. The
   // gradients are packed the same way. None: (N, K, 3).
   std::optional<HarmonicsRows> sh_rows;
+  // (rows, columns) of 16 x 16 pixels, row-major: tiles that are 0 are left out. They show the
+  // background and add nothing to any gradient; null: all are drawn. A byte a tile, not a bit a
+  // block of pixels, so that what is left out is the same for every instruction set.
+  const std::uint8_t* tiles = nullptr;
 };
 
 // Renders one camera after another with buffers that only grow. Not thread-safe; inside, all loops
@@ -113,7 +117,7 @@ class Renderer {
  private:
   void FillTask(const GaussiansView<const float>& gaussians, const Pose& camera_from_world,
                 const RenderSettings& settings, const TiledOptions& options);
-  void ResizeFrame();
+  void ResizeFrame(const std::uint8_t* chosen);
   const TileGrid& tiles() const { return lines_ == nullptr ? *grid_ : lines_->tiles; }
   WalkScene LastScene() const;
   // From the kernels' gradients to a tile's lines (or rays) to those of its pixels' rays.

@@ -24,23 +24,20 @@ class _Look:
         steps: each anchor with the images so many places further.
         most: matches of a pair.
         options: of the features.
-        more_anchors: where there are fewer matches than `_ENOUGH`; 0: no more.
     """
 
     anchors: int
     steps: tuple[int, ...]
     most: int
     options: PosesOptions
-    more_anchors: int = 0
 
 
-_QUICK = _Look(7, (1, 2), 250, PosesOptions(
+_QUICK = _Look(9, (1, 2), 250, PosesOptions(
     max_features=700, max_megapixels=0.2, contrast=0.01, max_ratio=0.75, threads=0
-), more_anchors=9)  # fmt: skip
+))  # fmt: skip
 _CLOSE = _Look(24, (1, 3, 6), 600, PosesOptions(
     max_features=1500, max_megapixels=0.8, contrast=0.01, max_ratio=0.75, threads=0
 ))  # fmt: skip
-_ENOUGH = 1000  # matches of all pairs
 _FEWEST = 16  # matches of a pair that counts
 _STILL = 0.004  # of the image's diagonal: what moves less, in a pair that moves, is on the lens
 _BEFORE_NUMBER = re.compile(r"\d+\D*$")
@@ -72,21 +69,12 @@ def neighbouring_matches(scene: Scene, closely: bool = False) -> list[ImagePair]
         Pairs with enough matches; empty where images show too little, or not the same.
     """
     look = _CLOSE if closely else _QUICK
-    features: dict[int, Features] = {}
-    pairs = _matched(scene, look, features)
-    if look.more_anchors and sum(pair.pixels.shape[1] for pair in pairs) < _ENOUGH:
-        pairs = _matched(scene, dataclasses.replace(look, anchors=look.more_anchors), features)
-    return pairs
-
-
-def _matched(scene: Scene, look: _Look, features: dict[int, Features]) -> list[ImagePair]:
-    """The pairs; adds the features of their images where they are not known yet."""
     wanted = _pairs(scene, look)
     used = sorted({index for pair in wanted for index in pair})
-    absent = [index for index in used if index not in features]
     with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as threads:
-        found_in = threads.map(lambda i: _features(scene, i, look.options), absent)
-        features.update(zip(absent, found_in, strict=True))
+        features = dict(
+            zip(used, threads.map(lambda i: _features(scene, i, look.options), used), strict=True)
+        )
     place = {index: number for number, index in enumerate(used)}
     rows = np.array([[place[a], place[b]] for a, b in wanted], np.int64).reshape(-1, 2)
     descriptors = [features[index].descriptors for index in used]

@@ -62,7 +62,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.training import CompactOptions, parse_size
+    from gsut.run import parse_size
+    from gsut.training import CompactOptions
 
     size = arguments.target_size
     options = CompactOptions(

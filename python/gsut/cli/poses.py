@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 # Seconds that each stage takes of so many images: what is left is estimated from them.
 POSE_SECONDS = {
     "features": 5.0, "preview": 1.0, "matching": 4.0, "verifying": 1.0, "lens": 20.0,
-    "mapping": 25.0, "shutter": 45.0, "rig": 15.0,
+    "mapping": 25.0, "shutter": 25.0, "rig": 15.0,
 }  # fmt: skip
 EXPECTED_IMAGES = 60
 

@@ -8,6 +8,7 @@ import shlex
 import sys
 from typing import Any
 
+from gsut._core import InputError
 from gsut.cli._flags import (
     add_force,
     add_json,
@@ -18,10 +19,12 @@ from gsut.cli._flags import (
 )
 from gsut.cli.view import LivePage, add_live_flags
 from gsut.run import (
+    BLOCKS,
     COMMON_OPTIONS,
     METRICS,
     OPTIONS,
     REPORT,
+    BlockOptions,
     RunFolder,
     TrainOptions,
     Verdict,
@@ -56,6 +59,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
     add_live_flags(parser)
     add_option_flags(parser, TrainOptions, COMMON_OPTIONS)
+    add_option_flags(parser, BlockOptions)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -67,10 +71,12 @@ def run(arguments: argparse.Namespace) -> int:
         options = TrainOptions(**given)
         if not arguments.resume:
             run.refuse_run()  # before the data is read: that may take a while
+    blocks = _block_options(run, arguments)
     with LivePage(arguments) as page:
         metrics = train_into(
-            run, arguments.data, options, arguments.resume, arguments.quiet, page, arguments.force
-        )
+            run, arguments.data, options, arguments.resume, arguments.quiet, page, arguments.force,
+            blocks,
+        )  # fmt: skip
         if arguments.json:
             print_json(metrics)
         elif not arguments.quiet:
@@ -82,6 +88,30 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockOptions | None:
+    """How the run is divided; None: not at all. One that is resumed stays divided as it is.
+
+    Raises:
+        InputError: a flag that makes no sense without --blocks, or with it.
+    """
+    given = given_options(BlockOptions, arguments)
+    plan = run.read_json(f"{BLOCKS}/plan.json") if arguments.resume else None
+    if plan is not None:
+        before = plan["blocks"]
+        layout = str(run.path / BLOCKS / "layout.json")
+        kept = {"blocks": before if isinstance(before, str) else layout, "rounds": plan["rounds"]}
+        given = kept | given
+    elif arguments.resume and given and run.holds_run():
+        raise InputError(f"{run.path} was not begun in blocks; leave --{next(iter(given))} out")
+    if not given:
+        return None
+    if "blocks" not in given and "cluster" not in given:
+        raise InputError(f"--{next(iter(given))} is for a training in --blocks; add --blocks auto")
+    if arguments.view:
+        raise InputError("--view shows a training as a whole; leave it out, or --blocks")
+    return BlockOptions(**given)
+
+
 def train_into(
     run: RunFolder,
     data: str,
@@ -90,6 +120,7 @@ def train_into(
     quiet: bool,
     page: LivePage | None = None,
     force: bool = False,
+    blocks: BlockOptions | None = None,
 ) -> dict[str, Any]:
     """Loads, checks, trains, and returns the content of metrics.json.
 
@@ -100,6 +131,7 @@ def train_into(
         quiet: no bar, no notes.
         page: that shows it meanwhile.
         force: train although the data contradict themselves.
+        blocks: train in blocks; None: as a whole.
     """
     import gsut
 
@@ -114,6 +146,11 @@ def train_into(
     if not (resume and run.holds_run()):
         check_first(scene, force, quiet)
     try:
+        if blocks is not None:
+            gsut.train_blocks(
+                scene, options, blocks, out=run.path, resume=resume, progress=not quiet
+            )
+            return run.read_json(METRICS)
         watch = {} if page is None else page.begin(scene, options)
         result = gsut.train(
             scene, options, out=run.path, resume=resume, progress=not quiet, **watch

@@ -12,8 +12,9 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.evaluate.report_plots import curve_plot, light_plots, ring_plot
-from gsut.page import duration_text, number_text, picture_address, render_page
+from gsut.page import bytes_address, duration_text, number_text, picture_address, render_page
 from gsut.run import (
+    BLOCKS,
     ENVIRONMENT,
     METRICS,
     PAGE,
@@ -76,6 +77,7 @@ def write_report(run: RunFolder) -> Path:
         ring_plot=ring_plot(metrics["rings"]) if metrics.get("rings") else None,
         light_plots=light_plots(metrics["light"]) if "light" in metrics else [],
         settings=_settings(options),
+        block_map=_block_map(run.path / BLOCKS / "map.png"),
         title=metrics.get("dataset") or run.path.name,
         page=PAGE if (run.path / PAGE).is_file() else None,
     )
@@ -186,6 +188,11 @@ def _read(path: Path) -> np.ndarray:
     if image is None:
         raise InputError(f"{path} is not a readable picture; evaluate the run again")
     return image[..., ::-1] if image.ndim == 3 else image
+
+
+def _block_map(path: Path) -> str | None:
+    """The map of a training in blocks as a data address; None: there is none."""
+    return bytes_address(path.read_bytes(), "image/png") if path.is_file() else None
 
 
 def _picture(image: np.ndarray) -> str:

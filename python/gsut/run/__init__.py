@@ -1,8 +1,10 @@
 """A run: its folder, checkpoints, options and their flags, progress, environment."""
 
+from gsut.run.block_options import MOST_BLOCKS, BlockOptions
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.environment import describe_environment, peak_rss_mb
 from gsut.run.folder import (
+    BLOCKS,
     COMPLEXITY,
     ENVIRONMENT,
     METRICS,
@@ -25,6 +27,7 @@ from gsut.run.option_fields import (
     given_options,
     option,
     option_info,
+    parse_size,
     show_every_option,
 )
 from gsut.run.options import AUTO, COMMON_OPTIONS, PRESETS, TrainOptions
@@ -35,10 +38,12 @@ from gsut.run.verdict import Verdict, worst
 
 __all__ = [
     "AUTO",
+    "BLOCKS",
     "COMMON_OPTIONS",
     "COMPLEXITY",
     "ENVIRONMENT",
     "METRICS",
+    "MOST_BLOCKS",
     "OPTIONS",
     "PAGE",
     "PRESETS",
@@ -47,6 +52,7 @@ __all__ = [
     "REPORT",
     "SCENE",
     "TRANSFORMS",
+    "BlockOptions",
     "Progress",
     "RunFolder",
     "StagedProgress",
@@ -63,6 +69,7 @@ __all__ = [
     "given_options",
     "option",
     "option_info",
+    "parse_size",
     "peak_rss_mb",
     "read_checkpoint",
     "show_every_option",

@@ -27,11 +27,12 @@ REPORT = "report.html"  # all of it to look at
 REFINED = "refined.json"  # poses and lenses, where they were refined (see gsut.refined_poses)
 TRANSFORMS = "transforms.json"  # the same as a dataset, where the format has the lens
 PAGE = "scene.html"  # the scene for any browser, where somebody asked for it (gsut convert)
+BLOCKS = "blocks"  # states of a training in blocks, and its layout
 RENDERS = "renders"  # pictures of the held-out views
 
 _FILES = (
     *(OPTIONS, ENVIRONMENT, HISTORY, CHECKPOINT, SCENE, METRICS, REPORT, REFINED, TRANSFORMS),
-    *(COMPLEXITY, RENDERS),
+    *(COMPLEXITY, BLOCKS, RENDERS),
 )
 _DAMAGED = f"it is damaged; {SCENE}, if it is there, can be used by itself"
 # Options that a resumed run may have otherwise than the run that it goes on with: they change

@@ -14,6 +14,8 @@ from typing import Any
 
 from gsut._core import InputError
 
+_UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
+
 
 @dataclasses.dataclass(frozen=True)
 class OptionInfo:
@@ -281,3 +283,20 @@ def _parsed(text: str, kind: Any) -> Any:
         return kind(text) if kind in (int, float) else text
     except ValueError:
         return text
+
+
+def parse_size(text: str, flag: str = "--target-size") -> int:
+    """Bytes of a size such as 5MB, 800kB or 123456.
+
+    Raises:
+        InputError: no such size.
+    """
+    number = text.strip().upper().rstrip("BKMG")
+    unit = text.strip().upper()[len(number) :] or "B"
+    try:
+        size = float(number) * _UNITS[unit]
+    except (ValueError, KeyError):
+        raise InputError(f"{flag} must be like 5MB or 800kB, found {text!r}") from None
+    if not (math.isfinite(size) and size >= 1):
+        raise InputError(f"{flag} must be a positive size, found {text!r}")
+    return int(size)

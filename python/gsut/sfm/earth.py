@@ -33,6 +33,8 @@ _MOST_OFF = 0.1  # of the path's size: GPS this far off gives no scale
 _CONTRADICTS, _CLEAR_WAY = 0.3, 20.0  # off by that share of so many metres: one of them is wrong
 _FITTING = 0.6  # share of the places that fit
 _TURN_UP = math.radians(10.0)  # that GPS may turn up against the cameras'
+_DRIFT = 0.3  # metres, within minutes: places near each other in time err alike
+_STRAIGHT = 0.1  # second extent of a path over its first, below which GPS's slope is its slope
 _UP_SIGMA = 0.01  # radians: GPS that knows up so well is asked for it
 
 
@@ -68,7 +70,8 @@ def find_earth(
     Returns:
         None where nothing is known.
     """
-    up = _up(solution, orientations)
+    held = _held(solution, orientations)
+    up = None if held is None else _up(held)
     figures: dict[str, Any] = {"up": "not known" if up is None else "by the cameras"}
     index = [
         i for i, name in enumerate(solution.names) if solution.registered[i] and name in places
@@ -78,7 +81,11 @@ def find_earth(
         given = np.array([places[solution.names[i]] for i in index])
         origin = np.median(given, axis=0)
         target = _metres(given, origin)
-        found = _aligned(centers_of(solution.camera_from_world[index]), target, up)
+        centers = centers_of(solution.camera_from_world[index])
+        if up is None and held is not None:
+            up = _up_by_path(held, centers, target)
+            figures["up"] = "not known" if up is None else "by the cameras and the path of GPS"
+        found = _aligned(centers, target, up)
         figures |= {"gps": found.figures, "origin": None}
         notes.append(found.words)
         if found.transform is not None:
@@ -125,11 +132,27 @@ def _metres(places: np.ndarray, origin: np.ndarray) -> np.ndarray:
     )
 
 
-def _up(solution: Solution, orientations: Mapping[str, int]) -> np.ndarray | None:
-    """Up in the solution's world, from cameras that were held level; None: not known.
+@dataclasses.dataclass(frozen=True)
+class _Held:
+    """How the cameras were held: mean of their own up, (3, 3) mean square of their level axes."""
 
-    The direction to which the pictures' level axes are square, and near the mean of their own up.
-    """
+    mean: np.ndarray
+    spread: np.ndarray
+    count: int
+
+    @property
+    def information(self) -> np.ndarray:
+        """(3, 3) of up, a unit vector; the least of its quadratic form is best."""
+        return self.count * self.spread / _ROLL**2 - np.outer(self.mean, self.mean) / _PITCH**2
+
+    def is_level(self, up: np.ndarray, sigma: float) -> bool:
+        """Whether cameras were held level against it, and it is known."""
+        roll = math.sqrt(max(0.0, float(up @ self.spread @ up)))
+        return roll <= math.sin(_MOST_ROLL) and 2 * sigma <= _MOST_TILT
+
+
+def _held(solution: Solution, orientations: Mapping[str, int]) -> _Held | None:
+    """Of the pictures whose orientation is known; None: too few, or each in another way."""
     ups, levels = [], []
     for i in np.flatnonzero(solution.registered):
         if solution.names[i] not in orientations:
@@ -144,16 +167,55 @@ def _up(solution: Solution, orientations: Mapping[str, int]) -> np.ndarray | Non
     length = float(np.linalg.norm(mean))
     if length < 0.5:
         return None
-    mean /= length
-    spread = np.transpose(levels) @ np.array(levels) / len(levels)
-    information = len(levels) * spread / _ROLL**2 - np.outer(mean, mean) / _PITCH**2
-    values, axes = np.linalg.eigh(information)
-    up = axes[:, 0] * np.sign(axes[:, 0] @ mean)
-    roll = math.sqrt(max(0.0, float(up @ spread @ up)))
+    return _Held(mean / length, np.transpose(levels) @ np.array(levels) / len(levels), len(ups))
+
+
+def _up(held: _Held) -> np.ndarray | None:
+    """Up in the solution's world, from cameras that were held level; None: not known.
+
+    The direction to which the pictures' level axes are square, and near the mean of their own up.
+    """
+    values, axes = np.linalg.eigh(held.information)
+    up = axes[:, 0] * np.sign(axes[:, 0] @ held.mean)
     sigma = 1 / math.sqrt(max(1e-12, float(values[1] - values[0])))
-    if roll > math.sin(_MOST_ROLL) or 2 * sigma > _MOST_TILT:
+    return up if held.is_level(up, sigma) else None
+
+
+def _up_by_path(held: _Held, centers: np.ndarray, target: np.ndarray) -> np.ndarray | None:
+    """Up where all cameras looked alike along a straight path, whose slope GPS tells.
+
+    Level axes of one direction leave open how far up leans along the view; the path says it.
+
+    Args:
+        held: how the cameras were held.
+        centers: (N, 3) of the cameras. target: (N, 3) of GPS: east, down, north.
+    """
+    middle = centers - centers.mean(axis=0)
+    _, extents, axes = np.linalg.svd(middle, full_matrices=False)
+    if extents[1] > _STRAIGHT * extents[0]:
         return None
-    return up
+    direction, along = axes[0], middle @ axes[0]
+    fit = np.polyfit(along, target, 1)
+    off = target[:, 1] - np.polyval(fit[:, 1], along)
+    length = float(np.linalg.norm(fit[0]))
+    # Heights of GPS drift: no better for more places.
+    slope_sigma = 2 * float(off.std()) / max(length * float(np.ptp(along)), 1e-9)
+    if slope_sigma > _MOST_TILT / 2:
+        return None
+    slope = -float(fit[0, 1]) / length
+    aside = np.cross(direction, held.mean)
+    aside /= max(float(np.linalg.norm(aside)), 1e-9)
+    over = np.cross(aside, direction)
+    angles = np.radians(np.arange(-60.0, 60.01, 0.1))
+    flat = math.sqrt(max(0.0, 1 - slope**2))
+    ups = slope * direction + flat * (
+        np.cos(angles)[:, None] * over + np.sin(angles)[:, None] * aside
+    )
+    costs = np.einsum("ni,ij,nj->n", ups, held.information, ups)
+    best = int(np.clip(np.argmin(costs), 1, len(costs) - 2))
+    bend = (costs[best - 1] - 2 * costs[best] + costs[best + 1]) / (angles[1] - angles[0]) ** 2
+    sigma = math.hypot(math.sqrt(2 / max(float(bend), 1e-12)), slope_sigma)
+    return ups[best] if held.is_level(ups[best], sigma) else None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -210,11 +272,11 @@ def _aligned(centers: np.ndarray, target: np.ndarray, up: np.ndarray | None) -> 
             )
         return _Aligned(None, False, figures, words)
     scale = transform[0]
-    sigma = share / math.sqrt(min(len(target), 9))
+    sigma = math.hypot(share / math.sqrt(min(len(target), 9)), _DRIFT / max(way, 1e-9))
     figures |= {"applied": True, "scale": scale, "scale_sigma_percent": 100 * sigma}
     words = (
         f"GPS gives metres and north (x east, y down, z north): {int(good.sum())} of {len(target)} "
-        f"places fit to {limit:.1f} m (median) on a path of {way:.0f} m about its middle; lengths "
+        f"places fit to {limit:.2f} m (median) on a path of {way:.0f} m about its middle; lengths "
         f"are good to about {200 * sigma:.0f} %"
     )
     return _Aligned(transform, turned_up, figures, words)

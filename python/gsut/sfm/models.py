@@ -169,7 +169,8 @@ def write_models(models: Sequence[Solution], photographs: Photographs, out: Path
         names = [n for n, good in zip(model.names, model.registered, strict=True) if good]
         notes.append(
             f"{len(names)} images do not connect with the others and are a model of their own, "
-            f"{folder.name}: {some_names(names)}"
+            f"{folder.name}: {some_names(names)}; take pictures between them and the others, or "
+            f"train them by themselves: gsut train {folder}"
         )
     return notes
 

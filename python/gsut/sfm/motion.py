@@ -19,6 +19,8 @@ _TURNS = math.radians(10.0)  # between the views, less than which says nothing o
 _FLAT = 0.03
 _LITTLE_PARALLAX = math.radians(2.0)
 TURNED = "the camera mostly turned on the spot"  # how that sentence begins
+_OF_TURN = 0.1  # parallax of a pair over its turn, below which the turn is what there is
+_MOSTLY = 0.8  # of the pairs
 _TURNED_ONLY = 0.9  # share of a pair's matches that a rotation explains
 
 
@@ -36,7 +38,13 @@ def critical_motion(solution: Solution, pairs: Sequence[PairMatches]) -> str | N
     poses = solution.camera_from_world[solution.registered]
     turned = [pair.rotation_matches > _TURNED_ONLY * len(pair.matches) for pair in pairs]
     parallax = np.array([pair.parallax for pair in pairs])
-    if pairs and np.mean(turned) > 0.8 and float(np.median(parallax)) < _LITTLE_PARALLAX:
+    turns = rotation_angles(
+        np.array([p.second_from_first[:3, :3] for p in pairs]).reshape(-1, 3, 3)
+    )
+    # A rolling shutter, and a step to the side, are more than a rotation explains.
+    beside = parallax < _OF_TURN * turns
+    mostly = pairs and max(np.mean(turned), np.mean(beside)) > _MOSTLY
+    if mostly and float(np.median(parallax)) < _LITTLE_PARALLAX:
         return (
             f"{TURNED}, so depths are hardly known and nothing can be seen from elsewhere: walk "
             "between the pictures, sideways to what you film"

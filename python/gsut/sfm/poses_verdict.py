@@ -109,6 +109,11 @@ def poses_verdict(
     # (how bad: 0 to 2, what, what to do)
     found = [
         (
+            0 if doubt is None or not doubt.motion else 2 if doubt.motion.startswith(TURNED) else 1,
+            (doubt.motion or "").split(":")[0] if doubt else "",
+            (doubt.motion or "").rpartition(": ")[2] if doubt else "",
+        ),
+        (
             _below(registered / max(1, total), _REGISTERED),
             f"{total - registered} of {total} images could not be connected with the others",
             "add pictures between those that are connected and the others",
@@ -135,11 +140,6 @@ def poses_verdict(
             "the focal length is "
             + ("not determined" if sigma > 1 else f"known only to {100 * sigma:.1f} %"),
             "give the lens by --camera or --fov, or turn the camera more while you walk",
-        ),
-        (
-            0 if doubt is None or not doubt.motion else 2 if doubt.motion.startswith(TURNED) else 1,
-            (doubt.motion or "").split(":")[0] if doubt else "",
-            (doubt.motion or "").rpartition(": ")[2] if doubt else "",
         ),
         (
             _above(residual, _RESIDUAL),

@@ -4,7 +4,6 @@ from gsut.training.compact_run import (
     CompactOptions,
     RunCompactor,
     count_for_bytes,
-    parse_size,
     write_compacted_run,
 )
 from gsut.training.complexity import (
@@ -18,13 +17,14 @@ from gsut.training.for_viewers import VIEWER_STEPS, ForViewers, tune_for_viewers
 from gsut.training.loop import TrainingLoop
 from gsut.training.photometric_poses import grow_poses
 from gsut.training.record import TrainingRecord
-from gsut.training.results import measure_training, write_results
+from gsut.training.results import measure, measure_training, write_results
 from gsut.training.start import (
     about_cameras,
     plain_background,
     prepare_scene,
     refine_first_poses,
     size_note,
+    without_blurred,
 )
 from gsut.training.trained_run import TrainedRun, load_run, read_light, read_trained
 
@@ -45,8 +45,8 @@ __all__ = [
     "finetune_options",
     "grow_poses",
     "load_run",
+    "measure",
     "measure_training",
-    "parse_size",
     "plain_background",
     "prepare_scene",
     "read_light",
@@ -55,6 +55,7 @@ __all__ = [
     "size_note",
     "tune_for_viewers",
     "with_most",
+    "without_blurred",
     "write_compacted_run",
     "write_results",
 ]

@@ -36,7 +36,6 @@ from gsut.training.start import about_cameras
 # The search for the smallest number stops when its bounds are this close, as a ratio.
 _SEARCH_RATIO = 1.05
 _SEARCH_LEAST = 0.005  # of the Gaussians: not searched below
-_UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 _FLOAT_BYTES = 4
 # Floats of a row of a 3DGS PLY but for the harmonics: position, normal, opacity, scales, rotation.
 _ROW_FLOATS = 14
@@ -85,23 +84,6 @@ class CompactOptions:
         if self.finetune < 0:
             raise InputError(f"--finetune must be 0 or more steps, found {self.finetune}")
         check_method(self.method, True)
-
-
-def parse_size(text: str) -> int:
-    """Bytes of a size such as 5MB, 800kB or 123456.
-
-    Raises:
-        InputError: no such size.
-    """
-    number = text.strip().upper().rstrip("BKMG")
-    unit = text.strip().upper()[len(number) :] or "B"
-    try:
-        size = float(number) * _UNITS[unit]
-    except (ValueError, KeyError):
-        raise InputError(f"--target-size must be like 5MB or 800kB, found {text!r}") from None
-    if not (math.isfinite(size) and size >= 1):
-        raise InputError(f"--target-size must be a positive size, found {text!r}")
-    return int(size)
 
 
 def count_for_bytes(gaussians: Gaussians, size: int) -> int:

@@ -23,6 +23,7 @@ from gsut.optimize import (
 from gsut.refine import TracksResult, TrainingRefiner
 from gsut.render import DEFAULT_UNSCENTED, Light, random_background
 from gsut.run import Stopwatch, TrainOptions
+from gsut.training.context import Context
 from gsut.training.densification import DensificationStep, densification_of
 from gsut.training.photograph_model import PhotographModel
 from gsut.training.start import seed_first
@@ -62,6 +63,7 @@ class TrainingLoop:
             degrees change.
         tracks: gives the first poses where they come from tracks of features; None: the scene's.
         light: of the photographs, where a run before has found it.
+        context: drawn with those that are trained, and stay as they are.
 
     Attributes:
         views: photographs, poses and lenses; the only owner of the latter.
@@ -79,6 +81,7 @@ class TrainingLoop:
         start: Any = None,
         tracks: TracksResult | None = None,
         light: Light | None = None,
+        context: Gaussians | None = None,
     ) -> None:
         scene = scene if tracks is None else tracks.scene
         self.options = options = dataclasses.replace(options, max_gaussians=options.most_gaussians)
@@ -94,8 +97,9 @@ class TrainingLoop:
         self.renderer = _core.Renderer()
         self.rule = _core.BlendRule()
         self.stopwatch = Stopwatch()
-        self._gradients = self.optimizer.gaussians.zeros_like()
-        self._touched = np.zeros(len(start), np.uint8)
+        self._context = Context(context)
+        self._gradients: Any = None  # of all that is drawn
+        self._touched = np.zeros(0, np.uint8)
         self.photographs = PhotographModel(scene, options, light)
         self.surface = (
             SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if options.surface else None
@@ -109,13 +113,18 @@ class TrainingLoop:
         return self.views.scene
 
     @property
+    def extent(self) -> float:
+        """Of the scene, world units: what rates and sizes are in proportion to."""
+        return self.scene.extent
+
+    @property
     def gaussians(self) -> Gaussians:
         """The Gaussians as they are now: views, valid until the next step."""
         return self.optimizer.gaussians
 
     def drawn(self) -> Gaussians:
-        """The Gaussians as they are rendered: behind the low-pass filter, if any."""
-        return self._filter.of(self.gaussians)
+        """The Gaussians as they are rendered: behind the low-pass filter, then the context."""
+        return self._context.around(self._filter.of(self.gaussians))
 
     def result(self) -> Gaussians:
         """What the run gives, were this its last step: the mean over the last steps, filtered."""
@@ -137,7 +146,7 @@ class TrainingLoop:
         self._render(step, image)
         self.photographs.observe(step.fraction, step.level, step.view, target, image)
         self.stopwatch.lap("light")
-        loss = self._compare(target, image, dimage)
+        loss = self._compare(step, target)
         self._backpropagate(dimage)
         self._optimize(step)
         self.step = step.number
@@ -152,7 +161,7 @@ class TrainingLoop:
         fraction = number / o.steps
         return _Step(
             number, fraction, self._view_of(number), self.views.at(fraction),
-            min(o.sh_degree, number // o.sh_every), learning_rates(o, fraction, self.scene.extent),
+            min(o.sh_degree, number // o.sh_every), learning_rates(o, fraction, self.extent),
         )  # fmt: skip
 
     def _view_of(self, step: int) -> int:
@@ -166,24 +175,32 @@ class TrainingLoop:
 
     def _render(self, step: _Step, image: np.ndarray) -> None:
         """Cameras and poses -> projection -> raster."""
-        if len(self._gradients) != len(self.gaussians):
-            self._gradients = self.gaussians.zeros_like()
-            self._touched = np.zeros(len(self.gaussians), np.uint8)
         if step.number % _RADII_EVERY == 0:
             self._filter.renew()
+        drawn = self.drawn()
+        if len(self._touched) != len(drawn):
+            self._gradients = drawn.zeros_like()
+            self._touched = np.zeros(len(drawn), np.uint8)
         behind = self.options.background or random_background(self.options.seed, step.number)
         self.renderer.render(
-            self.drawn(), step.level.camera(step.view), self.scene.views[step.view].motion,
+            drawn, step.level.camera(step.view), self.scene.views[step.view].motion,
             self.rule, behind, step.degree, DEFAULT_UNSCENTED, image, None, None,
-            True,
+            True, None, self._tiles(step),
         )  # fmt: skip
         self.stopwatch.lap("render")
 
-    def _compare(
-        self, target: _core.PhotometricTarget, image: np.ndarray, dimage: np.ndarray
-    ) -> float:
+    def _tiles(self, step: _Step) -> np.ndarray | None:
+        """Which tiles of 16 x 16 pixels the step renders, 0 or 1 each; None: all."""
+        return None
+
+    def _choose_pixels(self, step: _Step, dimage: np.ndarray) -> None:
+        """Zeroes the loss' gradient (H, W, 3) in the pixels that the step is not about: none."""
+
+    def _compare(self, step: _Step, target: _core.PhotometricTarget) -> float:
         """The loss against the photograph, and its gradient to the image."""
+        image, dimage = step.level.buffers(step.view)
         loss, _ = _core.photometric_loss(target, image, dimage, self.options.ssim_weight)
+        self._choose_pixels(step, dimage)
         if self.weights is not None:
             self.weights.apply(dimage)
         if self.options.robust and self.step >= _ROBUST_FROM * self.options.steps:
@@ -196,17 +213,18 @@ class TrainingLoop:
         self.renderer.backward(
             dimage, None, None, self._gradients, self._touched, not self.options.sparse_adam, False
         )
-        self._filter.backward(self.gaussians, self._gradients)
+        self._filter.backward(self.gaussians, self._context.trained(self._gradients))
         self.stopwatch.lap("backward")
 
     def _optimize(self, step: _Step) -> None:
         """Statistics for densification, one step of Adam, and what the strategy adds to both."""
-        optimizer, gradients = self.optimizer, self._gradients
+        optimizer, trained = self.optimizer, self._context.trained
+        gradients, touched = trained(self._gradients), trained(self._touched)
         self.densification.add_gradients(optimizer, gradients)
-        optimizer.accumulate(gradients.means, self.renderer.distances(), self._touched)
+        optimizer.accumulate(gradients.means, trained(self.renderer.distances()), touched)
         self.stopwatch.lap("statistics")
         self._add_surface(step)
-        visible = self._touched if self.options.sparse_adam else None
+        visible = touched if self.options.sparse_adam else None
         optimizer.step(gradients, step.rates, visible, step.degree)
         self.stopwatch.lap("adam")
         self.densification.explore(optimizer, step.rates.means)
@@ -219,7 +237,7 @@ class TrainingLoop:
         more = self.surface.gradients(
             self.drawn(), step.level.scene, step.view, self.rule, step.fraction
         )
-        self._filter.backward(self.gaussians, more)
+        self._filter.backward(self.gaussians, self._context.trained(more))
         for name in ("means", "quats", "log_scales", "opacity_logits"):
             getattr(self._gradients, name)[...] += getattr(more, name)
         self.stopwatch.lap("surface")
@@ -229,10 +247,8 @@ class TrainingLoop:
         o, scene = self.options, self.scene
         within = o.densify_from <= step.fraction <= o.densify_until
         if within and step.number % o.densify_every == 0:
-            full_grown = o.compact_at is not None and step.number >= o.compact_at
-            now = DensificationStep(
-                step.number, step.fraction, step.level.scene, scene.extent, full_grown
-            )
+            full = o.compact_at is not None and step.number >= o.compact_at
+            now = DensificationStep(step.number, step.fraction, step.level.scene, self.extent, full)
             self.optimizer = self.densification.densify(self.optimizer, now)
             self.optimizer.sort_by_place()
             self._begin_anew()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Scene, color_points, has_colors, with_shutter
+from gsut.data import Scene, color_points, has_colors, some_names, with_shutter
 from gsut.gaussians import Gaussians, chosen_points, seed_from_points, seed_in_view
 from gsut.refine import TracksResult, check_refinable, refine_by_tracks
 from gsut.run import Progress, TrainOptions
@@ -17,6 +18,10 @@ _RANDOM_NEAR, _RANDOM_FAR = 0.05, 4.0
 _RANDOM_COUNT = 30_000
 # A background of its own: photographs that are looked at, and grey levels that are one colour.
 _LOOKED_AT, _ALIKE = 8, 2
+# Blurred is a photograph whose edges have less of this share of the contrast that those of its
+# neighbours have, so many on either side; edges are this part of the pixels with most of it.
+_BLURRED, _NEIGHBOURS, _EDGES = 0.7, 3, 25
+_FINEST = 0.8  # pixels, standard deviation of the smoothing against noise
 
 
 def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
@@ -29,6 +34,41 @@ def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
         small = scene.scaled(o.max_side / most, decodes_small=True)
         small = small.replace(notes=(*small.notes, note))
     return with_shutter(small, o.shutter, o.readout_time, o.readout_direction)
+
+
+def without_blurred(scene: Scene, options: TrainOptions) -> Scene:
+    """The scene without the training photographs that are blurred, where the options ask for it."""
+    if not options.drop_blurred:
+        return scene
+    order = sorted(scene.train_indices, key=lambda index: _place_in_time(scene.views[index].name))
+    sharp = np.array([_edge_contrast(scene, index) for index in order])
+    blurred = set()
+    for place, index in enumerate(order):
+        around = sharp[max(0, place - _NEIGHBOURS) : place + _NEIGHBOURS + 1]
+        if sharp[place] < _BLURRED * np.median(around):
+            blurred.add(index)
+    names = [scene.views[index].name for index in sorted(blurred)]
+    note = f"{len(names)} blurred photographs are left out: {some_names(names)}"
+    kept = [index for index in scene.train_indices if index not in blurred]
+    return scene.replace(train_indices=kept, notes=(*scene.notes, note)) if names else scene
+
+
+def _place_in_time(name: str) -> tuple[str, int, str]:
+    """By camera, then by the number that ends the name, if there is one."""
+    folder, _, last = name.rpartition("/")
+    digits = re.search(r"(\d+)\D*$", last)
+    return folder, int(digits[1]) if digits else 0, last
+
+
+def _edge_contrast(scene: Scene, index: int) -> float:
+    """The slope that the edges of a photograph have, in grey levels a pixel."""
+    import cv2
+
+    grey = cv2.cvtColor(scene.image(index), cv2.COLOR_RGB2GRAY).astype(np.float32)
+    smooth = cv2.GaussianBlur(grey, (0, 0), _FINEST)
+    slopes = np.hypot(cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1))
+    shown = slopes[scene.mask(index)]
+    return float(np.percentile(shown, 100 - _EDGES)) if len(shown) else 0.0
 
 
 def size_note(scene: Scene, options: TrainOptions) -> str | None:

@@ -148,6 +148,8 @@ def test_critical_motion_straight_flight_turn_and_plane_are_named(walk):
         for pair in pairs
     ]
     assert "turned on the spot" in critical_motion(solution, turned)
+    beside = [dataclasses.replace(pair, rotation_matches=0, parallax=0.003) for pair in pairs]
+    assert "turned on the spot" in critical_motion(solution, beside)
     flat = dataclasses.replace(solution, points=solution.points * [1, 1, 0.001])
     circle = np.stack([np.cos(np.arange(8)), np.sin(np.arange(8)), np.zeros(8)], axis=1)
     assert "one plane" in critical_motion(moved(flat, circle, np.zeros(8)), pairs)

@@ -10,8 +10,9 @@ import pytest
 import gsut
 from gsut import InputError, TrainOptions
 from gsut.cli import main
+from gsut.run import parse_size
 from gsut.run.folder import METRICS, OPTIONS, SCENE, RunFolder
-from gsut.training.compact_run import CompactOptions, RunCompactor, count_for_bytes, parse_size
+from gsut.training.compact_run import CompactOptions, RunCompactor, count_for_bytes
 from gsut.training.finetuning import finetune, finetune_options
 from gsut.training.loop import TrainingLoop
 from random_scenes import arrays_of

@@ -43,7 +43,7 @@ HWY_INLINE void ForwardTile(bool with_depth, bool stop_before, const TileGrid& g
   const std::uint32_t begin = frame->tile_begin[tile];
   const std::uint32_t end = frame->tile_begin[tile + 1];
   std::uint32_t entries = 0;
-  std::uint64_t alive = grid.alive[tile];
+  std::uint64_t alive = frame->alive[tile];
   const TileAxes axes = ToTileAxes(grid, tile);
   const float* center = &grid.center[static_cast<std::size_t>(tile) * kDirectionSize];
   const float* boxes = &grid.block_box[static_cast<std::size_t>(tile) * 4 * kBlockStride];

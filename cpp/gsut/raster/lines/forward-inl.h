@@ -42,7 +42,7 @@ HWY_INLINE void ForwardLines(bool with_depth, bool keep, bool stop_before, const
   const std::uint32_t begin = frame->tile_begin[tile];
   const std::uint32_t end = frame->tile_begin[tile + 1];
   std::uint32_t entries = 0;
-  std::uint64_t alive = tiles.alive[tile];
+  std::uint64_t alive = frame->alive[tile];
   const float* bundle = grid.bundles[static_cast<std::size_t>(tile)].values;
   const float* boxes = &grid.block_box[static_cast<std::size_t>(tile) * 8 * kBlockStride];
   const TilePair* pairs = frame->pairs.data();

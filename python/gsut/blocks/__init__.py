@@ -1,0 +1,16 @@
+"""One scene trained in blocks: layout, tasks that are pure functions, workers, merge."""
+
+from gsut.blocks.driver import BlocksResult, train_blocks
+from gsut.blocks.layout import Layout
+from gsut.blocks.plan import choose_count, text_of
+from gsut.blocks.shares import Shares, find_shares
+
+__all__ = [
+    "BlocksResult",
+    "Layout",
+    "Shares",
+    "choose_count",
+    "find_shares",
+    "text_of",
+    "train_blocks",
+]

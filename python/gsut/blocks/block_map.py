@@ -1,0 +1,55 @@
+"""The map of blocks: Gaussians from above, a colour a block, and where the cameras stood."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from gsut.data import Scene
+from gsut.files import whole_file
+from gsut.gaussians import Gaussians
+from gsut.page import INK, MUTED, SERIES, plot_figure
+
+MAP = "map.png"
+_DOTS = 20_000
+_FARTHEST_PERCENT = 1.0  # of the Gaussians on each side, outside of which nothing is shown
+_MOST_NUMBERS = 100  # blocks up to which each has its number
+
+
+def write_map(folder: Path, gaussians: Gaussians, owners: np.ndarray, scene: Scene) -> None:
+    """Writes FOLDER/map.png.
+
+    Args:
+        folder: exists.
+        gaussians, owners: N Gaussians in the scene's coordinates and their blocks.
+        scene: whose cameras are shown.
+    """
+    points = gaussians.means.astype(np.float64) + scene.world_offset
+    centers = np.array([scene.views[i].camera_center for i in scene.train_indices])
+    centers = centers + scene.world_offset
+    low, high = np.percentile(points, (_FARTHEST_PERCENT, 100 - _FARTHEST_PERCENT), axis=0)
+    low, high = np.minimum(low, centers.min(axis=0)), np.maximum(high, centers.max(axis=0))
+    across, along = np.sort(np.argsort(-np.ptp(centers, axis=0), kind="stable")[:2])
+    rows = np.linspace(0, len(points) - 1, min(_DOTS, len(points))).astype(int)
+    figure, axes = plot_figure("Blocks, and the cameras as rings", 7.0, 5.0)
+    colors = np.array(SERIES)[owners[rows] % len(SERIES)]
+    axes.scatter(points[rows, across], points[rows, along], s=1.5, c=colors, linewidths=0)
+    axes.scatter(
+        centers[:, across], centers[:, along], s=10, facecolors="none", edgecolors=INK,
+        linewidths=0.6,
+    )  # fmt: skip
+    blocks = np.unique(owners)
+    for block in blocks if len(blocks) <= _MOST_NUMBERS else ():
+        at = np.median(points[owners == block], axis=0)
+        axes.annotate(
+            str(block), (at[across], at[along]), color=INK, fontweight="bold", ha="center",
+            bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.8, "lw": 0},
+        )  # fmt: skip
+    axes.set_xlim(low[across], high[across])
+    axes.set_ylim(low[along], high[along])
+    axes.set_aspect("equal")
+    for axis, name in ((axes.xaxis, "xyz"[across]), (axes.yaxis, "xyz"[along])):
+        axis.set_label_text(name, color=MUTED)
+    with whole_file(folder / MAP) as temporary:
+        figure.savefig(temporary, format="png", dpi=110)

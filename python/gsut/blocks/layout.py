@@ -1,0 +1,182 @@
+"""How a scene is cut into blocks: bisection in three dimensions, far things apart; no overlap."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.run import MOST_BLOCKS
+
+# Beyond so many diagonals of the cameras' box from it things are far; they are a block of their own
+# where they are worth at least so much of a block's mean share of the work.
+_FAR, _FAR_WORTH = 2.0, 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """A partition of space: every point lies in exactly one block.
+
+    Attributes:
+        tree: {"axis": 0 to 2, "at": coordinate, "below": tree, "above": tree}, where what lies at
+            the coordinate is above; or None: one block. Blocks are numbered by the leaves, below
+            first.
+        near: (low, high) corners beyond which everything is the last block; None: no such block.
+
+    Coordinates are the dataset's, so that a file holds for every run on it.
+    """
+
+    tree: dict[str, Any] | None
+    near: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+
+    def __len__(self) -> int:
+        return _leaves(self.tree) + (self.near is not None)
+
+    def owners(self, points: np.ndarray) -> np.ndarray:
+        """(N,) the block of each point (N, 3), float64 in the dataset's coordinates."""
+        out = np.zeros(len(points), np.int32)
+        _descend(self.tree, points, np.arange(len(points)), 0, out)
+        if self.near is not None:
+            low, high = (np.array(corner) for corner in self.near)
+            out[~((points >= low) & (points <= high)).all(axis=1)] = len(self) - 1
+        return out
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON; `from_dict` gives the same."""
+        return {"tree": self.tree, "near": None if self.near is None else list(self.near)}
+
+    @classmethod
+    def from_dict(cls, values: Any, source: str) -> Layout:
+        """What `as_dict` was taken of, or somebody wrote by hand.
+
+        Raises:
+            InputError: says what of the file `source` is wrong.
+        """
+        if not isinstance(values, dict) or "tree" not in values:
+            raise InputError(
+                f'{source}: a layout is {{"tree": {{"axis": 0, "at": 1.5, "below": null, "above": '
+                'null}}, with "near": [[low], [high]] where far things are a block of their own'
+            )
+        _check_tree(values["tree"], source, "tree")
+        near = values.get("near")
+        if near is not None:
+            corners = np.array(near, float) if _numbers(near) else np.zeros(0)
+            if corners.shape != (2, 3) or not (corners[0] < corners[1]).all():
+                raise InputError(f'{source}: "near" is two corners, the lower one first: {near!r}')
+            near = (tuple(corners[0].tolist()), tuple(corners[1].tolist()))
+        layout = cls(values["tree"], near)
+        if len(layout) > MOST_BLOCKS:
+            raise InputError(f"{source}: {len(layout)} blocks, more than {MOST_BLOCKS}")
+        return layout
+
+    @classmethod
+    def read(cls, path: str) -> Layout:
+        """The layout of a JSON file.
+
+        Raises:
+            InputError: it cannot be read or understood.
+        """
+        try:
+            with open(path, encoding="utf-8") as file:
+                values = json.load(file)
+        except OSError as error:
+            raise InputError(f"cannot read {path}: {error.strerror}") from None
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{path}: not JSON ({error})") from None
+        return cls.from_dict(values, path)
+
+
+def bisect(points: np.ndarray, work: np.ndarray, centers: np.ndarray, count: int) -> Layout:
+    """Cuts a scene into blocks of the same work.
+
+    Each box is cut across the axis along which its work spreads furthest, so that both sides have
+    work in proportion to their numbers of blocks.
+
+    Args:
+        points: (N, 3) Gaussians' centres, the dataset's coordinates.
+        work: (N,) what each costs: the sum of its blend weights.
+        centers: (C, 3) of the cameras.
+        count: blocks, at least 1; fewer come out where there are not as many different points.
+
+    Returns:
+        The layout; outer boxes reach to infinity, or to where far things begin.
+    """
+    if not 1 <= count <= MOST_BLOCKS:
+        raise InputError(f"--blocks {count}: from 1 to {MOST_BLOCKS}")
+    low, high = centers.min(axis=0), centers.max(axis=0)
+    margin = _FAR * float(np.linalg.norm(high - low))
+    low, high = low - margin, high + margin
+    far = ~((points >= low) & (points <= high)).all(axis=1)
+    near = None
+    if count > 1 and margin > 0 and work[far].sum() * count >= _FAR_WORTH * work.sum():
+        near = (tuple(low.tolist()), tuple(high.tolist()))
+        points, work, count = points[~far], work[~far], count - 1
+    return Layout(_cut(points, work, count), near)
+
+
+def _cut(points: np.ndarray, work: np.ndarray, count: int) -> dict[str, Any] | None:
+    if count == 1 or len(points) < 2:
+        return None
+    total = work.sum()
+    share = work / total if total > 0 else np.full(len(points), 1 / len(points))
+    spread = share @ (points - share @ points) ** 2
+    for axis in np.argsort(-spread, kind="stable"):
+        order = np.argsort(points[:, axis], kind="stable")
+        sorted_points = points[order, axis]
+        target = (count // 2) / count
+        place = int(np.searchsorted(np.cumsum(share[order]), target)) + 1
+        place = min(max(place, 1), len(points) - 1)
+        at = float(0.5 * (sorted_points[place - 1] + sorted_points[place]))
+        below = points[:, axis] < at
+        if below.any() and not below.all():
+            return {
+                "axis": int(axis),
+                "at": at,
+                "below": _cut(points[below], work[below], count // 2),
+                "above": _cut(points[~below], work[~below], count - count // 2),
+            }
+    return None  # all points at one place
+
+
+def _leaves(tree: dict[str, Any] | None) -> int:
+    return 1 if tree is None else _leaves(tree["below"]) + _leaves(tree["above"])
+
+
+def _descend(
+    tree: dict[str, Any] | None, points: np.ndarray, rows: np.ndarray, first: int, out: np.ndarray
+) -> None:
+    if tree is None:
+        out[rows] = first
+        return
+    below = points[rows, tree["axis"]] < tree["at"]
+    _descend(tree["below"], points, rows[below], first, out)
+    _descend(tree["above"], points, rows[~below], first + _leaves(tree["below"]), out)
+
+
+def _check_tree(tree: Any, source: str, where: str, depth: int = 0) -> None:
+    if tree is None:
+        return
+    known = {"axis", "at", "below", "above"}
+    if not isinstance(tree, dict) or set(tree) != known or depth > MOST_BLOCKS:
+        raise InputError(
+            f'{source}: {where} must be null (one block) or have "axis", "at", "below" and "above"'
+        )
+    if tree["axis"] not in (0, 1, 2) or isinstance(tree["axis"], bool):
+        raise InputError(f"{source}: {where}.axis is {tree['axis']!r}; 0, 1 or 2")
+    if not (_numbers([[tree["at"]]]) and math.isfinite(tree["at"])):
+        raise InputError(f"{source}: {where}.at is {tree['at']!r}; a coordinate")
+    for side in ("below", "above"):
+        _check_tree(tree[side], source, f"{where}.{side}", depth + 1)
+
+
+def _numbers(rows: Any) -> bool:
+    """Whether these are lists of numbers."""
+    return isinstance(rows, list) and all(
+        isinstance(row, list)
+        and all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in row)
+        for row in rows
+    )

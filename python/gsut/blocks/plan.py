@@ -1,0 +1,200 @@
+"""How large the coarse model and the blocks are, how long they train, and what memory they take."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+
+from gsut._core import InputError
+from gsut.data import Scene
+from gsut.run import BlockOptions, TrainOptions
+from gsut.training import with_most
+
+# Of all Gaussians and steps; at half the size, so that it is about a tenth of the work. With many
+# blocks it has no more Gaussians than one of them, which bounds the memory, but for a least share.
+_COARSE_GAUSSIANS, _COARSE_LEAST, _COARSE_STEPS, _COARSE_SCALE = 0.4, 0.02, 0.6, 0.5
+_FEWEST_STEPS, _FEWEST_GAUSSIANS = 50, 500
+_SMALLEST_SIDE = 64  # pixels, of a coarse model's images
+# Fraction of a block's steps after which the first of two rounds ends.
+FIRST_ROUND = 0.8
+SEGMENTS = 8  # states a round
+CONTEXT_MOST = 3.0  # Gaussians drawn around a block, of its own
+# Bytes. A Gaussian that is trained has parameters, two moments, gradient, mean and a copy for
+# drawing, one of the context three of these; both have a frame's records and lists.
+_TRAINED_ROWS, _CONTEXT_ROWS, _FRAME_BYTES = 6, 3, 600
+_PIXEL_BYTES, _TARGET_BYTES = 200, 40
+_TARGETS_KEPT, _IMAGES_KEPT = 2 << 30, 1 << 30  # caches of data/
+_PROGRAM_BYTES = 250 << 20
+_USED = 0.8  # of the free memory, where no limit is given
+_UNEVEN = 1.5  # the largest block over the mean
+
+
+def coarse_scale(scene: Scene) -> float:
+    """Size of the coarse model's images, of the scene's."""
+    side = min(min(camera.width, camera.height) for camera in scene.cameras)
+    return _COARSE_SCALE if side * _COARSE_SCALE >= _SMALLEST_SIDE else 1.0
+
+
+def coarse_options(options: TrainOptions, blocks: int) -> TrainOptions:
+    """The options of the coarse model, resolved."""
+    most = options.most_gaussians
+    share = max(_COARSE_LEAST, min(_COARSE_GAUSSIANS, 3.0 / blocks))
+    small = with_most(options, min(most, max(_FEWEST_GAUSSIANS, round(share * most))))
+    steps = max(_FEWEST_STEPS, round(_COARSE_STEPS * options.steps))
+    return dataclasses.replace(small, steps=steps, eval_every=0).resolved()
+
+
+def block_options(
+    options: TrainOptions, blocks: BlockOptions, visits: float, most: int
+) -> TrainOptions:
+    """The options of one block over all rounds, resolved.
+
+    Args:
+        options: of the run, not resolved.
+        blocks: how it is divided.
+        visits: share of the scene's views that show the block.
+        most: Gaussians that it may grow to.
+    """
+    until = FIRST_ROUND if blocks.rounds == 2 else 1.0
+    return dataclasses.replace(
+        with_most(options, most), steps=max(_FEWEST_STEPS, round(visits * options.steps)),
+        eval_every=0, refine_poses=False, refine_lens=False, sh_every=1, test_names=None,
+        densify_until=min(until, options.densify_until), init_count=None, exposure="off",
+        coarse_to_fine=(0.0, 0.0),
+    ).resolved()  # fmt: skip
+
+
+def gaussian_bytes(sh_degree: int, trained: bool = True) -> int:
+    """What a Gaussian takes in training, or as context."""
+    floats = 11 + 3 * (sh_degree + 1) ** 2
+    return 4 * floats * (_TRAINED_ROWS if trained else _CONTEXT_ROWS) + _FRAME_BYTES
+
+
+def training_bytes(scene: Scene, sh_degree: int, own: int, context: int, views: int) -> int:
+    """An estimate of the memory that one block's training takes.
+
+    Args:
+        scene: at the size to train at.
+        sh_degree: of the Gaussians.
+        own, context: their numbers.
+        views: that show the block.
+    """
+    pixels = max(camera.width * camera.height for camera in scene.cameras)
+    return (
+        _PROGRAM_BYTES
+        + own * gaussian_bytes(sh_degree)
+        + context * gaussian_bytes(sh_degree, False)
+        + pixels * _PIXEL_BYTES
+        + min(_TARGETS_KEPT, views * pixels * _TARGET_BYTES)
+        + min(_IMAGES_KEPT, views * pixels * 3)
+    )
+
+
+def memory_limit(blocks: BlockOptions) -> int | None:
+    """Bytes that all workers together may take; None: nobody knows."""
+    free = free_memory()
+    return blocks.memory_bytes() or (None if free is None else int(_USED * free))
+
+
+def choose_count(scene: Scene, options: TrainOptions, blocks: BlockOptions) -> int:
+    """How many blocks: what was asked for, or as few as the memory allows, and one a worker.
+
+    Raises:
+        InputError: not even blocks of few Gaussians fit.
+    """
+    asked = blocks.count()
+    if asked is not None:
+        return asked
+    limit, total = memory_limit(blocks), options.most_gaussians
+    least = 1 if blocks.workers == 1 and blocks.cluster is None else 2 * blocks.workers
+    count = least
+    while limit is not None and needed(scene, options, blocks, count) > limit:
+        count += 1 + count // 4
+        if total / count < _FEWEST_GAUSSIANS:
+            smallest = needed(scene, options, blocks, count)
+            raise InputError(
+                f"--memory {text_of(limit)}: even blocks of {total // count:,} Gaussians take "
+                f"{text_of(smallest)} with {blocks.workers} worker(s); give more memory, fewer "
+                "--workers or smaller images (--max-side)"
+            )
+    return count
+
+
+def needed(scene: Scene, options: TrainOptions, blocks: BlockOptions, count: int) -> int:
+    """An estimate of the memory that all workers take together with so many blocks."""
+    total, views = options.most_gaussians, len(scene.train_indices)
+    own = round(total / count * (_UNEVEN if count > 1 else 1.0))
+    context = min(round(CONTEXT_MOST * own), total - own) if count > 1 else 0
+    one = training_bytes(scene, options.sh_degree, own, max(context, 0), views)
+    merged = 0 if count == 1 else total * 4 * (11 + 3 * (options.sh_degree + 1) ** 2)
+    return one * (blocks.workers if blocks.cluster is None else 1) + merged
+
+
+def check_memory(sizes: dict[str, int], blocks: BlockOptions) -> None:
+    """Refuses what would not fit, before it is begun.
+
+    Args:
+        sizes: bytes of each part, by a name for messages.
+        blocks: limit and number of workers.
+
+    Raises:
+        InputError: the limit that was given is less than the largest part takes.
+    """
+    limit = blocks.memory_bytes()
+    name, size = max(sizes.items(), key=lambda item: item[1])
+    at_once = size * (blocks.workers if blocks.cluster is None else 1)
+    if limit is not None and at_once > limit:
+        raise InputError(
+            f"--memory {text_of(limit)}: {name} takes about {text_of(size)}"
+            f"{f', times {blocks.workers} workers' if at_once > size else ''}; give more --blocks, "
+            "fewer --workers, fewer --max-gaussians or smaller images (--max-side)"
+        )
+
+
+def text_of(size: float) -> str:
+    """Bytes in words."""
+    for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if size >= factor:
+            return f"{size / factor:.3g} {unit}"
+    return f"{size:.0f} bytes"
+
+
+def round_of(task_options: TrainOptions, blocks: BlockOptions, number: int) -> tuple[int, int]:
+    """First and last step of a block's round (from 0)."""
+    steps = task_options.steps
+    if blocks.rounds == 1:
+        return 0, steps
+    middle = round(FIRST_ROUND * steps)
+    return (0, middle) if number == 0 else (middle, steps)
+
+
+def check_trainable(options: TrainOptions) -> None:
+    """Refuses options that are not there for blocks.
+
+    Raises:
+        InputError: names the first of them.
+    """
+    refused = {
+        "--robust": options.robust,
+        "--surface": options.surface,
+        "--compact-at": options.compact_at is not None,
+        "--low-pass": options.low_pass > 0,
+        "--strategy mini": options.strategy == "mini",
+    }
+    for flag, given in refused.items():
+        if given:
+            raise InputError(f"{flag} is not there for --blocks; leave one of the two out")
+
+
+def free_memory() -> int | None:
+    """Bytes that this machine could give to a program now; None where it does not say."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as file:
+            rows = dict(line.split(":", 1) for line in file)
+        return 1024 * int(rows["MemAvailable"].split()[0])
+    except (OSError, KeyError, ValueError, IndexError):
+        pass
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
+    except (AttributeError, OSError, ValueError):
+        return None

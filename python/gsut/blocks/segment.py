@@ -1,0 +1,185 @@
+"""One block trained: a pure function from a task and a state to the next state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut.blocks.task import BlockTask, gaussian_arrays
+from gsut.data import Level, Scene
+from gsut.render import Light, field_angles
+from gsut.training import TrainingLoop
+
+TILE = 16  # pixels a side
+# Every so many steps the whole view counts: what grows beyond a block's silhouette in other views
+# than those that it was cut out of would never be seen.
+_WHOLE_EVERY = 10
+# The loss at a pixel depends on the pixels this far away, and its gradient on these' losses.
+_SSIM_REACH = 10
+
+
+class BlockLoop(TrainingLoop):
+    """The training of one block: its Gaussians among those of others, on the pixels that show it.
+
+    Gradients of the pixels that count are those of the whole view: more is rendered than counts, as
+    far as the loss reaches.
+
+    Args:
+        task: what to train.
+
+    Attributes:
+        pixels: rendered so far, with a ray.
+    """
+
+    def __init__(self, task: BlockTask) -> None:
+        self._task = task
+        context = task.context if len(task.context) else None
+        super().__init__(task.scene, task.options, task.own, context=context)
+        self.photographs: Any = KnownLight(task.scene, task.light)
+        self.step, self.pixels = task.begin, 0
+        self._chosen: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, int]] = {}
+
+    @property
+    def extent(self) -> float:
+        """Of the whole scene."""
+        return self._task.extent
+
+    def _tiles(self, step: Any) -> np.ndarray | None:
+        if step.number % _WHOLE_EVERY == 0:
+            self.pixels += int(np.count_nonzero(step.level.camera(step.view).rays()[1]))
+            return None
+        _, tiles, pixels = self._choice(step)
+        self.pixels += pixels
+        return tiles
+
+    def _choose_pixels(self, step: Any, dimage: np.ndarray) -> None:
+        if step.number % _WHOLE_EVERY:
+            dimage *= self._choice(step)[0][..., None]
+
+    def _choice(self, step: Any) -> tuple[np.ndarray, np.ndarray, int]:
+        """Of a view: pixels that count (H, W), tiles to render, and pixels rendered."""
+        camera = step.level.camera(step.view)
+        key = (step.view, camera.width)
+        if key not in self._chosen:
+            self._chosen = {k: v for k, v in self._chosen.items() if k[1] == camera.width}
+            full = self._task.scene.camera(step.view)
+            counts = spread_tiles(
+                self._task.tiles[step.view], (camera.height, camera.width),
+                (full.height, full.width),
+            )  # fmt: skip
+            tiles = tiles_around(counts)
+            rendered = spread_tiles(tiles > 0, counts.shape, counts.shape) > 0
+            pixels = int(np.count_nonzero(rendered & camera.rays()[1]))
+            self._chosen[key] = counts, tiles, pixels
+        return self._chosen[key]
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that later steps depend on."""
+        return super().state_dict() | {"pixels": self.pixels}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Goes on exactly where `state_dict` was taken."""
+        super().load_state_dict(state)
+        self.pixels = int(state["pixels"])
+
+
+class KnownLight:
+    """In place of a `PhotographModel`: light that a training before has found, and stays.
+
+    Args:
+        scene: at any resolution.
+        light: None: photographs are taken as they are.
+    """
+
+    def __init__(self, scene: Scene, light: Light | None) -> None:
+        self._scene, self._light = scene, light
+        self._planes: dict[tuple[int, int], Any] = {}
+
+    def observe(self, fraction: float, level: Level, view: int, target: Any, image: Any) -> None:
+        """Tells a view's light to its target."""
+        if self._light is None:
+            return
+        camera, index = level.camera(view), self._scene.views[view].camera_index
+        falloff, key = self._light.falloffs[index], (index, camera.width)
+        if falloff is not None and key not in self._planes:
+            inverse = 1.0 / falloff.at(field_angles(camera))
+            self._planes[key] = _core.FalloffPlane(inverse.astype(np.float32))
+        target.set_light(1.0 / self._light.gains[view], self._planes.get(key))
+
+    def light(self) -> Light | None:
+        """As it was given."""
+        return self._light
+
+    def state_dict(self) -> dict[str, Any]:
+        """Nothing: it stays."""
+        return {}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Nothing."""
+
+
+def spread_tiles(tiles: np.ndarray, shape: tuple[int, ...], full: tuple[int, ...]) -> np.ndarray:
+    """(H, W) float32 1 or 0 for each pixel of an image of `shape`, by the tile that it lies in.
+
+    Args:
+        tiles: (rows, columns) of an image of the size `full`, bool.
+        shape, full: (H, W).
+    """
+    rows, columns = (
+        ((np.arange(size) + 0.5) * (whole / size) / TILE).astype(int)
+        for size, whole in zip(shape, full, strict=True)
+    )
+    return tiles[np.ix_(rows, columns)].astype(np.float32)
+
+
+def tiles_around(counts: np.ndarray) -> np.ndarray:
+    """(rows, columns) uint8: tiles with a pixel that the loss at those that count depends on."""
+    import cv2
+
+    reach = np.ones((2 * _SSIM_REACH + 1, 2 * _SSIM_REACH + 1), np.uint8)
+    near = cv2.dilate((counts > 0).astype(np.uint8), reach)
+    height, width = (-(-side // TILE) * TILE for side in near.shape)
+    whole = np.zeros((height, width), np.uint8)
+    whole[: near.shape[0], : near.shape[1]] = near
+    return whole.reshape(height // TILE, TILE, width // TILE, TILE).max(axis=(1, 3))
+
+
+def run_segment(
+    task: BlockTask,
+    state: dict[str, Any] | None,
+    kept: list[BlockLoop],
+    on_step: Callable[[int, float, int], object] = lambda step, loss, count: None,
+) -> dict[str, Any]:
+    """The next state of a block.
+
+    Args:
+        task: the block in a round.
+        state: what the segment before returned; None: the first one.
+        kept: the loop of the last call is put here and taken up where it is that of this task and
+            state, which saves reading the photographs again; the bits do not depend on it.
+        on_step: called after each step with its number, loss and the number of Gaussians.
+
+    Returns:
+        segment: how many are done; step, seconds, pixels: of the round so far; and "loop", the
+        state of training, or after the last segment "result", the block's Gaussians.
+    """
+    done = 0 if state is None else int(state["segment"])
+    loop = next((each for each in kept if each._task is task), None)
+    if loop is None or loop.step != (task.begin if state is None else state["step"]):
+        loop = BlockLoop(task)
+        if state is not None:
+            loop.load_state_dict(state["loop"])
+    kept[:] = [loop]
+    while loop.step < task.last_step(done):
+        on_step(loop.step, loop.advance(), len(loop.gaussians))
+    out = {
+        "segment": done + 1, "step": loop.step, "seconds": loop.seconds, "pixels": loop.pixels,
+        "views": len(task.scene.views),
+    }  # fmt: skip
+    if done + 1 < task.segments:
+        return out | {"loop": loop.state_dict()}
+    kept.clear()
+    return out | {"result": gaussian_arrays(loop.result().copy())}

@@ -1,0 +1,142 @@
+"""What the training of one block in one round depends on, all of it, and how it travels."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import Shutter
+from gsut.data import Scene, View
+from gsut.gaussians import Gaussians
+from gsut.lens import camera_from_values, camera_values
+from gsut.render import Falloff, Light
+from gsut.run import TrainOptions
+
+_ARRAYS = ("means", "quats", "log_scales", "opacity_logits", "sh")
+
+
+@dataclasses.dataclass(frozen=True)
+class BlockTask:
+    """One block in one round: a pure function's argument.
+
+    Attributes:
+        scene: views that show the block, at the size to train at; all are training views.
+        options: resolved; `steps` are those of the block in all rounds.
+        extent: of the whole scene, world units.
+        light: of the views, frozen; None: none was found.
+        tiles: for each view which of its tiles of 16 x 16 pixels show the block, bool.
+        own: Gaussians to begin with.
+        context: Gaussians of other blocks, which are drawn and stay.
+        begin, end: steps of this round, of all.
+        segments: parts of the round, after each of which there is a state.
+    """
+
+    scene: Scene
+    options: TrainOptions
+    extent: float
+    light: Light | None
+    tiles: list[np.ndarray]
+    own: Gaussians
+    context: Gaussians
+    begin: int
+    end: int
+    segments: int
+
+    def last_step(self, segment: int) -> int:
+        """The step with which a segment (from 0) ends."""
+        return self.begin + (self.end - self.begin) * (segment + 1) // self.segments
+
+    def as_dict(self) -> dict[str, Any]:
+        """For `write_checkpoint`; the photographs are named, not held."""
+        scene = self.scene
+        return {
+            "path": str(scene.path),
+            "cameras": [camera_values(camera) for camera in scene.cameras],
+            "file_cameras": [camera_values(camera) for camera in scene.file_cameras],
+            "views": [_view_values(view) for view in scene.views],
+            "world_offset": np.array(scene.world_offset),
+            "decodes_small": scene.decodes_small,
+            "options": self.options.to_json(),
+            "extent": self.extent,
+            "light": None if self.light is None else _light_values(self.light),
+            "tiles": [np.array(tiles) for tiles in self.tiles],
+            "own": gaussian_arrays(self.own),
+            "context": gaussian_arrays(self.context),
+            "begin": self.begin,
+            "end": self.end,
+            "segments": self.segments,
+        }
+
+    @classmethod
+    def from_dict(
+        cls, values: dict[str, Any], place: Callable[[str], str] = lambda path: path
+    ) -> BlockTask:
+        """What `as_dict` was taken of.
+
+        Args:
+            values: its result.
+            place: where a photograph or a mask of this path is on this machine.
+        """
+        scene = Scene(
+            Path(values["path"]),
+            tuple(camera_from_values(each) for each in values["cameras"]),
+            tuple(_view_of(each, place) for each in values["views"]),
+            np.zeros((0, 3)), np.zeros((0, 3)), tuple(range(len(values["views"]))), (),
+            values["world_offset"],
+            file_cameras=tuple(camera_from_values(each) for each in values["file_cameras"]),
+            decodes_small=values["decodes_small"],
+        )  # fmt: skip
+        rest: Any = {name: values[name] for name in ("extent", "tiles", "begin", "end", "segments")}
+        return cls(
+            scene=scene, options=TrainOptions.from_json(values["options"]),
+            light=None if values["light"] is None else _light_of(values["light"]),
+            own=Gaussians(**values["own"]), context=Gaussians(**values["context"]), **rest,
+        )  # fmt: skip
+
+
+def photographs_of(values: dict[str, Any]) -> list[str]:
+    """Paths of the files that a task (`BlockTask.as_dict`) reads."""
+    paths = [v[name] for v in values["views"] for name in ("image_path", "mask_path")]
+    in_memory = {v["image_path"] for v in values["views"] if v["pixels"] is not None}
+    return sorted({path for path in paths if path is not None} - in_memory)
+
+
+def gaussian_arrays(gaussians: Gaussians) -> dict[str, np.ndarray]:
+    """The arrays of Gaussians about the world's zero, for `write_checkpoint`."""
+    return {name: getattr(gaussians, name) for name in _ARRAYS}
+
+
+def _view_values(view: View) -> dict[str, Any]:
+    values = {field.name: getattr(view, field.name) for field in dataclasses.fields(view)}
+    values["image_path"] = str(view.image_path)
+    values["mask_path"] = None if view.mask_path is None else str(view.mask_path)
+    del values["depth_path"]
+    values["shutter"] = None
+    if view.shutter is not None:
+        values["shutter"] = [view.shutter.direction, view.shutter.parity]
+    return values
+
+
+def _view_of(values: dict[str, Any], place: Callable[[str], str]) -> View:
+    mask, shutter = values["mask_path"], values["shutter"]
+    given = values | {
+        "image_path": Path(place(values["image_path"])),
+        "mask_path": None if mask is None else Path(place(mask)),
+        "shutter": None if shutter is None else Shutter(*shutter),
+    }
+    return View(**given)
+
+
+def _light_values(light: Light) -> dict[str, Any]:
+    return {
+        "gains": light.gains,
+        "falloffs": [None if each is None else each.as_dict() for each in light.falloffs],
+    }
+
+
+def _light_of(values: dict[str, Any]) -> Light:
+    return Light(values["gains"], tuple(Falloff.from_dict(each) for each in values["falloffs"]))

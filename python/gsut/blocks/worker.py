@@ -1,0 +1,10 @@
+"""`python -m gsut.blocks.worker THREADS`: a process of `Workers`."""
+
+from __future__ import annotations
+
+import sys
+
+from gsut.blocks.workers import serve_forever
+
+if __name__ == "__main__":
+    serve_forever(int(sys.argv[1]))

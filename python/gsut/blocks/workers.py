@@ -1,0 +1,260 @@
+"""Blocks trained on this machine: here one after another, or by processes side by side."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from gsut import _core
+from gsut._core import InputError
+from gsut.blocks.segment import BlockLoop, run_segment
+from gsut.blocks.task import BlockTask
+from gsut.files import whole_file
+from gsut.run import peak_rss_mb, read_checkpoint, write_checkpoint
+
+# A worker that ends so often without a new state ends the run: it would do so for ever.
+_MOST_DEATHS = 3
+_REPORT_SECONDS = 0.5
+Report = Callable[["Job", dict[str, Any]], object]
+
+
+@dataclasses.dataclass(frozen=True)
+class Job:
+    """One block of a round: its task and its last state, which the one who trains it replaces.
+
+    Attributes:
+        block: number.
+        task, state: files of `write_checkpoint`.
+    """
+
+    block: int
+    task: Path
+    state: Path
+
+    def read_state(self) -> dict[str, Any] | None:
+        """The last state; None: not begun."""
+        return read_checkpoint(self.state) if self.state.is_file() else None
+
+    def is_done(self) -> bool:
+        """Whether the state is the last one."""
+        state = self.read_state()
+        return state is not None and "result" in state
+
+
+def write_state(path: Path, state: dict[str, Any]) -> int:
+    """Replaces the file, whole or not at all; returns its bytes."""
+    with whole_file(path) as temporary:
+        write_checkpoint(temporary, state)
+    return path.stat().st_size
+
+
+def run_job(job: Job, report: Report) -> None:
+    """Trains a block from its last state to the end of the round, here.
+
+    `report` gets step, loss and count now and then, and after each segment its "segment", the
+    seconds and rendered pixels of the round so far, the bytes of its state, and the most memory
+    that the process took.
+    """
+    task, state = BlockTask.from_dict(read_checkpoint(job.task)), job.read_state()
+    kept: list[BlockLoop] = []
+    told = time.monotonic()
+
+    def on_step(step: int, loss: float, count: int) -> None:
+        nonlocal told
+        if time.monotonic() - told > _REPORT_SECONDS:
+            told = time.monotonic()
+            report(job, {"step": step, "loss": float(loss), "count": count})
+
+    while state is None or "result" not in state:
+        state = run_segment(task, state, kept, on_step)
+        report(job, summary_of(state) | {"bytes": write_state(job.state, state)})
+
+
+def summary_of(state: dict[str, Any]) -> dict[str, Any]:
+    """What a state says of its segment, without its arrays."""
+    told = {name: state[name] for name in ("segment", "step", "seconds", "pixels")}
+    return told | {"peak_rss_mb": peak_rss_mb(), "process": os.getpid()}
+
+
+class Workers:
+    """Processes of this machine; one is this process.
+
+    Args:
+        count: how many.
+        threads: of all together; 0: all processors.
+    """
+
+    def __init__(self, count: int, threads: int) -> None:
+        self._count = count
+        self._threads = max(1, (threads or os.cpu_count() or 1) // count)
+        self._workers: list[_Worker] = []
+
+    def run(self, jobs: Sequence[Job], report: Report) -> None:
+        """Trains all blocks; those that are done are left alone.
+
+        Raises:
+            InputError: what a worker found wrong, or that it ended again and again.
+        """
+        jobs = [job for job in jobs if not job.is_done()]
+        if self._count == 1:
+            for job in jobs:
+                run_job(job, report)
+            return
+        waiting: queue.SimpleQueue[Job] = queue.SimpleQueue()
+        for job in jobs:
+            waiting.put(job)
+        errors: list[BaseException] = []
+        lock = threading.Lock()
+
+        def tell(job: Job, message: dict[str, Any]) -> None:
+            with lock:
+                report(job, message)
+
+        def serve(worker: _Worker) -> None:
+            try:
+                while not errors:
+                    try:
+                        job = waiting.get_nowait()
+                    except queue.Empty:
+                        return
+                    worker.run(job, tell)
+            except BaseException as error:
+                errors.append(error)
+            finally:
+                worker.finish()
+
+        self._workers = [_Worker(self._threads) for _ in range(min(self._count, len(jobs)))]
+        servers = [threading.Thread(target=serve, args=(each,)) for each in self._workers]
+        try:
+            for server in servers:
+                server.start()
+            for server in servers:
+                while server.is_alive() and not errors:
+                    server.join(0.2)
+        finally:
+            self.close()
+            for server in servers:
+                server.join()
+        if errors:
+            raise errors[0]
+
+    def processes(self) -> list[int]:
+        """Ids of the processes that are at work now."""
+        return [w.process.pid for w in self._workers if w.process is not None]
+
+    def close(self) -> None:
+        """Ends the processes; their last states stay."""
+        for worker in self._workers:
+            worker.close()
+        self._workers = []
+
+
+class _Worker:
+    """One process, started when it is needed and again when it dies."""
+
+    def __init__(self, threads: int) -> None:
+        self._threads = threads
+        self._closed = False
+        self.process: subprocess.Popen[str] | None = None
+
+    def run(self, job: Job, report: Report) -> None:
+        deaths = 0
+        while not self._closed:
+            before = job.read_state()
+            if self._serve(job, report):
+                return
+            code = self.finish()
+            after = job.read_state()
+            advanced = after is not None and (
+                before is None or after["segment"] > before["segment"]
+            )
+            deaths = 0 if advanced else deaths + 1
+            if deaths >= _MOST_DEATHS and not self._closed:
+                raise InputError(
+                    f"the worker that trains block {job.block} ended {deaths} times (exit status "
+                    f"{code}) without coming further: most likely memory ran out; give --memory, "
+                    "fewer --workers or more --blocks, and --resume to go on"
+                )
+
+    def close(self) -> None:
+        """From another thread: `run` comes back."""
+        self._closed = True
+        process = self.process
+        if process is not None:
+            process.kill()
+
+    def finish(self) -> int | None:
+        """Ends the process; its exit status."""
+        process, self.process = self.process, None
+        if process is None:
+            return None
+        process.kill()
+        with contextlib.suppress(BrokenPipeError), process:
+            process.wait()
+        return process.returncode
+
+    def _serve(self, job: Job, report: Report) -> bool:
+        """Whether the worker has finished the job; False: it died."""
+        if self.process is None:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "gsut.blocks.worker", str(self._threads)],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+                env=os.environ | {"GSUT_ISA": _core.active_isa()},
+            )  # fmt: skip
+        process = self.process
+        assert process.stdin is not None and process.stdout is not None
+        try:
+            process.stdin.write(
+                json.dumps([job.block, os.fspath(job.task), os.fspath(job.state)]) + "\n"
+            )
+            process.stdin.flush()
+            for line in process.stdout:
+                message = json.loads(line)
+                if "error" in message:
+                    raise InputError(message["error"])
+                if "done" in message:
+                    return True
+                report(job, message)
+        except (OSError, json.JSONDecodeError):
+            pass  # it died while it was written to or was writing
+        return False
+
+
+def serve_forever(threads: int) -> None:
+    """The worker's side: a job a line on standard input, messages on standard output."""
+    _core.set_num_threads(threads)
+    out = os.fdopen(os.dup(sys.stdout.fileno()), "w", buffering=1)
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing else may write among the messages
+    jobs: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+
+    def read() -> None:
+        for line in sys.stdin:
+            jobs.put(line)
+        os._exit(0)  # nobody asks any more
+
+    threading.Thread(target=read, daemon=True).start()
+
+    def tell(message: dict[str, Any]) -> None:
+        with contextlib.suppress(BrokenPipeError):
+            out.write(json.dumps(message) + "\n")
+
+    while (line := jobs.get()) is not None:
+        block, task, state = json.loads(line)
+        try:
+            run_job(Job(block, Path(task), Path(state)), lambda _, message: tell(message))
+            tell({"done": True})
+        except MemoryError:
+            tell({"error": f"block {block}: memory ran out; give more --blocks or --memory"})
+        except Exception as error:
+            text = str(error) if isinstance(error, InputError) else repr(error)
+            tell({"error": f"block {block}: {text}"})

@@ -1,0 +1,81 @@
+"""Layouts: partitions of space, by work, in three dimensions."""
+
+import json
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut.blocks.layout import Layout, bisect
+from tolerances.blocks import MOST_OF_A_SHARE
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 7, 16])
+def test_bisection_gives_each_block_its_share_of_the_work(rng, count):
+    points = rng.normal(size=(5000, 3)) * (5, 1, 3)
+    work = rng.exponential(size=5000)
+    layout = bisect(points, work, rng.normal(size=(10, 3)), count)
+    owners = layout.owners(points)
+    assert len(layout) == count
+    shares = np.bincount(owners, work, minlength=count) / work.sum()
+    assert shares.min() > 0
+    assert shares.max() * count < MOST_OF_A_SHARE
+
+
+def test_every_point_has_one_owner_and_cuts_are_half_open(rng):
+    layout = Layout({"axis": 1, "at": 0.5, "below": None,
+                     "above": {"axis": 0, "at": -1.0, "below": None, "above": None}})  # fmt: skip
+    points = np.array([[0, 0.5, 0], [0, np.nextafter(0.5, 0), 0], [-1, 9, 9], [-1e30, 9, 0]])
+    assert layout.owners(points).tolist() == [2, 0, 2, 1]
+    assert len(layout) == 3
+
+
+def test_far_things_are_a_block_of_their_own_where_they_are_worth_it(rng):
+    cameras = rng.uniform(-1, 1, (20, 3))
+    near, far = rng.uniform(-3, 3, (900, 3)), rng.normal(size=(100, 3)) * 1000
+    points = np.concatenate([near, far])
+    worth = bisect(points, np.ones(1000), cameras, 4)
+    assert worth.near is None  # a tenth of the work, less than half of a block's
+    layout = bisect(points, np.r_[np.ones(900), np.full(100, 3.0)], cameras, 4)
+    owners = layout.owners(points)
+    assert len(layout) == 4
+    assert layout.near is not None
+    outside = (np.abs(points) > 20).any(axis=1)
+    assert (owners[outside] == 3).all()
+    assert set(owners[:900]) == {0, 1, 2}
+
+
+def test_points_at_one_place_are_one_block():
+    assert len(bisect(np.ones((9, 3)), np.ones(9), np.zeros((2, 3)), 4)) == 1
+
+
+def test_layout_is_read_back_as_written(rng, tmp_path):
+    points = rng.normal(size=(300, 3))
+    layout = bisect(points, np.ones(300), points[:4], 5)
+    file = tmp_path / "layout.json"
+    file.write_text(json.dumps(layout.as_dict()))
+    assert Layout.read(str(file)) == layout
+
+
+TREE = {"axis": 0, "at": 0.0, "below": None, "above": None}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("[1, 2", "not JSON"),
+        ("[]", "a layout is"),
+        ('{"tree": 3}', "tree must be null"),
+        (json.dumps({"tree": TREE | {"axis": 3}}), "tree.axis is 3"),
+        (json.dumps({"tree": TREE | {"at": "x"}}), "tree.at is 'x'"),
+        (json.dumps({"tree": TREE | {"above": {}}}), "tree.above must be"),
+        (json.dumps({"tree": None, "near": [[1, 1, 1], [0, 2, 2]]}), "the lower one first"),
+        (json.dumps({"tree": None, "near": 4}), "two corners"),
+    ],
+)
+def test_wrong_layout_file_is_refused_by_its_place(tmp_path, content, words):
+    file = tmp_path / "layout.json"
+    file.write_text(content)
+    with pytest.raises(gsut.InputError, match=words) as caught:
+        Layout.read(str(file))
+    assert str(file) in str(caught.value)

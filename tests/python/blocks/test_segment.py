@@ -1,0 +1,153 @@
+"""One block's training: exact gradients, a context that stays, a pure function of the state."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from small_blocks import OPTIONS, small_scene
+
+import gsut
+from gsut.blocks.segment import TILE, BlockLoop, run_segment, spread_tiles, tiles_around
+from gsut.blocks.shares import choose_context, find_shares
+from gsut.blocks.task import BlockTask, gaussian_arrays, photographs_of
+from gsut.compact import seen_views
+from gsut.run import read_checkpoint, write_checkpoint
+from gsut.training import TrainingLoop
+from tolerances.blocks import SHARES_SUM
+
+FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    return small_scene(tmp_path_factory.mktemp("blocks") / "data").centred
+
+
+@pytest.fixture(scope="module")
+def task(scene):
+    start = TrainingLoop(scene, OPTIONS.resolved()).gaussians.copy()
+    train = [scene.views[index] for index in scene.train_indices]
+    part = scene.replace(views=train, train_indices=range(len(train)), test_indices=())
+    tiles = np.zeros((3, 3), bool)
+    tiles[1, 0] = True
+    options = dataclasses.replace(OPTIONS, steps=24, coarse_to_fine=(0.0, 0.0), sh_every=1)
+    return BlockTask(
+        part, options.resolved(), scene.extent, None, [tiles] * len(train), start[:30],
+        start[30:], 0, 24, 3,
+    )  # fmt: skip
+
+
+def finished(task, between=lambda state: state):
+    """The last state, each passed through `between`; None begins anew in each segment."""
+    state, kept = None, []
+    for _ in range(task.segments):
+        state = between(run_segment(task, state, kept))
+    return state
+
+
+def test_context_stays_and_own_move(task):
+    before = task.context.copy()
+    result = finished(task)["result"]
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(task.context, name), getattr(before, name))
+    assert len(result["means"]) >= len(task.own)
+    assert np.abs(result["means"][: len(task.own)] - task.own.means).max() > 0
+
+
+def test_segments_from_files_give_the_bits_of_one_go(task, tmp_path):
+    whole = finished(dataclasses.replace(task, segments=1))["result"]
+
+    def through_file(state):
+        write_checkpoint(tmp_path / "state.npz", state)
+        return read_checkpoint(tmp_path / "state.npz")
+
+    write_checkpoint(tmp_path / "task.npz", task.as_dict())
+    values = read_checkpoint(tmp_path / "task.npz")
+    state = None
+    for _ in range(task.segments):  # a worker that begins anew each time
+        state = through_file(run_segment(BlockTask.from_dict(values), state, []))
+    kept_loop = finished(task)["result"]
+    for name in FIELDS:
+        np.testing.assert_array_equal(state["result"][name], whole[name])
+        np.testing.assert_array_equal(kept_loop[name], whole[name])
+    assert state["pixels"] > 0
+    assert all(path.endswith(".png") for path in photographs_of(values))
+
+
+def test_gradients_of_the_pixels_that_count_are_those_of_the_whole_view(task):
+    """The loss at a pixel depends on a neighbourhood, all of which is rendered."""
+    found = {}
+    for name, tiles in (("part", task.tiles), ("whole", [np.ones((3, 3), bool)] * 12)):
+        loop = BlockLoop(dataclasses.replace(task, tiles=tiles[: len(task.tiles)]))
+        seen = {}
+        apply = loop._choose_pixels
+
+        def keep(step, dimage, apply=apply, seen=seen):
+            seen["before"] = dimage.copy()
+            apply(step, dimage)
+            seen["after"] = dimage.copy()
+
+        loop._choose_pixels = keep
+        loop.advance()
+        found[name] = seen
+    counts = spread_tiles(task.tiles[0], (48, 48), (48, 48)) > 0
+    np.testing.assert_array_equal(found["part"]["after"][counts], found["whole"]["before"][counts])
+    assert np.abs(found["part"]["after"][counts]).max() > 0
+    assert not found["part"]["after"][~counts].any()
+    assert not tiles_around(counts.astype(np.float32))[:, 2].any()  # and not all was rendered
+
+
+def test_each_tenth_step_is_about_the_whole_view(task):
+    loop = BlockLoop(task)
+    pixels = []
+    for _ in range(10):
+        before = loop.pixels
+        loop.advance()
+        pixels.append(loop.pixels - before)
+    assert pixels[9] == 48 * 48
+    assert max(pixels[:9]) < 48 * 48
+
+
+def test_shares_of_all_blocks_add_up_to_what_is_covered(scene, rng):
+    g = TrainingLoop(scene, OPTIONS.resolved()).gaussians.copy()
+    for blocks in (4, 9):  # drawn all, or those alone that a first pass has found
+        owners = rng.integers(0, blocks, len(g)).astype(np.int32)
+        indices = scene.train_indices[:3]
+        shares = find_shares(g, owners, blocks, scene, scene, indices)
+        for row, index in enumerate(indices):
+            view, mask = scene.views[index], scene.mask(index)
+            alpha = gsut.render(g, scene.camera(index), view.motion).alpha
+            assert shares.weights[row].sum() == pytest.approx(alpha[mask].sum(), rel=SHARES_SUM)
+            shown = np.zeros((3, 3), bool)
+            for block in range(blocks):
+                shown |= shares.tiles.get((row, block), np.zeros((3, 3), bool))
+            covered = np.add.reduceat(np.add.reduceat(alpha, range(0, 48, TILE), 0),
+                                      range(0, 48, TILE), 1)  # fmt: skip
+            assert (shown >= (covered > 1)).all()
+
+
+def test_context_is_what_is_seen_and_merged_to_a_most(scene, rng):
+    g = TrainingLoop(scene, OPTIONS.resolved()).gaussians.copy()
+    own = np.arange(len(g)) < 20
+    views = seen_views(scene, scene.train_indices[:2])
+    assert len(choose_context(g, own, views, 1000, 0)) == len(g) - 20
+    assert len(choose_context(g, own, views, 15, 0)) == 15
+    nothing = [dataclasses.replace(view, mask=np.zeros_like(view.mask)) for view in views]
+    assert len(choose_context(g, own, nothing, 15, 0)) == 0
+
+
+def test_light_travels_and_stays(task, tmp_path):
+    from gsut.render import Falloff, Light
+
+    light = Light(
+        np.linspace(0.8, 1.2, 3 * len(task.tiles)).reshape(-1, 3),
+        (Falloff(0.5, np.full((3, 3), -0.1)),),
+    )
+    lit = dataclasses.replace(task, light=light, segments=1)
+    write_checkpoint(tmp_path / "task.npz", lit.as_dict())
+    back = BlockTask.from_dict(read_checkpoint(tmp_path / "task.npz"))
+    np.testing.assert_array_equal(back.light.gains, light.gains)
+    one, two = (finished(each)["result"]["sh"] for each in (lit, back))
+    np.testing.assert_array_equal(one, two)
+    assert np.abs(one - finished(dataclasses.replace(task, segments=1))["result"]["sh"]).max() > 0
+    assert gaussian_arrays(back.own).keys() == set(FIELDS)

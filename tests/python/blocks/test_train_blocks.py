@@ -1,0 +1,185 @@
+"""Training in blocks: the same bits however it runs and is broken off, bounds, and what it says."""
+
+import dataclasses
+import json
+import os
+import re
+import shutil
+import signal
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut.blocks import workers
+from gsut.blocks.layout import Layout
+from gsut.blocks.plan import check_memory, choose_count, needed, text_of
+from gsut.cli import main
+from gsut.run import RunFolder, read_checkpoint
+from small_blocks import OPTIONS, same_bits, states, train
+
+
+@pytest.fixture
+def scene(finished):
+    return gsut.load_dataset(finished / "data")
+
+
+def test_training_in_blocks_writes_one_scene(finished):
+    out = finished / "run"
+    metrics = json.loads((out / "metrics.json").read_text())
+    blocks = metrics["blocks"]
+    layout = Layout.read(str(out / "blocks/layout.json"))
+    assert blocks["count"] == 3 == len(layout) == len(blocks["rows"])
+    assert sum(row["gaussians"] for row in blocks["rows"]) == metrics["num_gaussians"]
+    gaussians = gsut.load_ply(out / "scene.ply").about((0, 0, 0))
+    assert metrics["num_gaussians"] == len(gaussians) == 400
+    owners = layout.owners(gaussians.means.astype(float))
+    assert np.bincount(owners).tolist() == [row["gaussians"] for row in blocks["rows"]]
+    assert blocks["pixels"] > blocks["coarse"]["pixels"] > 0
+    stages = ["coarse", "layout", "tasks 1", "round 1", "tasks 2", "round 2", "measure"]
+    assert list(json.loads((out / "blocks/stages.json").read_text())) == stages
+    assert blocks["stages"]["round 1"]["bytes"] > 0
+    report = (out / "report.html").read_text()
+    assert "3 blocks in 2 rounds" in report
+    assert 'alt="map of the blocks"' in report
+    assert metrics["psnr"] > 15
+    history = RunFolder(out).read_history()
+    assert len(history) == 2
+    assert history[1]["psnr"] > 15
+
+
+def test_workers_that_are_killed_give_the_same_bits(scene, finished, tmp_path, monkeypatch):
+    killed = []
+    tell = workers.Workers.run
+
+    def run(self, jobs, report):
+        def kill_now_and_then(job, message):
+            if message.get("segment") == 3 and not killed:
+                killed.append(message["process"])
+                os.kill(message["process"], signal.SIGKILL)
+            report(job, message)
+
+        tell(self, jobs, kill_now_and_then)
+
+    monkeypatch.setattr(workers.Workers, "run", run)
+    train(scene, tmp_path / "run", workers=2)
+    assert len(killed) == 1
+    assert same_bits(finished / "run", tmp_path / "run")
+
+
+def test_run_that_was_broken_off_goes_on_to_the_same_bits(scene, finished, tmp_path, monkeypatch):
+    out, count = tmp_path / "run", 0
+    write = workers.write_state
+
+    def stop_at_the_eleventh(path, state):
+        nonlocal count
+        count += 1
+        if count == 11:
+            raise KeyboardInterrupt
+        return write(path, state)
+
+    monkeypatch.setattr(workers, "write_state", stop_at_the_eleventh)
+    with pytest.raises(KeyboardInterrupt):
+        train(scene, out)
+    monkeypatch.undo()
+    assert not (out / "metrics.json").exists()
+    assert "loop" in read_checkpoint(states(out)[-1])  # in the middle of a block
+    monkeypatch.setattr("gsut.training.results.write_report", lambda run: None)
+    assert main(["train", str(scene.path), "-o", str(out), "--resume", "--quiet"]) == 0
+    assert same_bits(finished / "run", out)
+
+
+def test_layout_of_a_run_makes_the_same_run(scene, finished, tmp_path):
+    layout = tmp_path / "layout.json"
+    shutil.copy(finished / "run/blocks/layout.json", layout)
+    train(scene, tmp_path / "run", str(layout))
+    assert same_bits(finished / "run", tmp_path / "run")
+
+
+def test_block_that_nothing_shows_is_kept_as_it_is(scene, tmp_path):
+    tree = {"axis": 0, "at": 1e6, "below": None, "above": None}
+    layout = tmp_path / "layout.json"
+    layout.write_text(json.dumps({"tree": tree}))
+    result = train(scene, tmp_path / "run", str(layout), rounds=1)
+    rows = result.metrics["blocks"]["rows"]
+    assert [row["steps"] for row in rows] == [60, 0]
+    assert rows[1]["gaussians"] == 0
+
+
+def test_worker_that_always_dies_ends_the_run_with_a_sentence(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(workers.sys, "executable", "/bin/false")
+    with pytest.raises(gsut.InputError, match=r"ended 3 times .* --resume"):
+        train(scene, tmp_path / "run", workers=2)
+
+
+def test_what_a_worker_refuses_is_said_here(scene, finished, tmp_path):
+    out = tmp_path / "run"
+    shutil.copytree(finished / "run", out)
+    for state in states(out):
+        state.unlink()
+    damaged = out / "blocks/b001/task1.npz"
+    damaged.write_bytes(damaged.read_bytes()[:1000])
+    with pytest.raises(gsut.InputError, match=re.escape(str(damaged))):
+        train(scene, out, resume=True, workers=2)
+
+
+def test_resumed_run_keeps_its_division(scene, finished):
+    for given, words in (({"blocks": "4"}, "blocks 3, not 4"), ({"rounds": 1}, "rounds 2, not 1")):
+        with pytest.raises(gsut.InputError, match=words):
+            train(scene, finished / "run", resume=True, **{"blocks": "3"} | given)
+    plan = finished / "run/blocks/plan.json"
+    text = plan.read_text()
+    for name, other in (("isa", "none"), ("version", "0.0")):
+        plan.write_text(json.dumps(json.loads(text) | {name: other}))
+        with pytest.raises(gsut.InputError, match=f"begun with {name} {other}"):
+            train(scene, finished / "run", resume=True)
+    plan.write_text(text)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"robust": True}, "--robust"),
+        ({"surface": True}, "--surface"),
+        ({"low_pass": 0.3}, "--low-pass"),
+        ({"strategy": "mini"}, "--strategy mini"),
+        ({"compact_at": 5}, "--compact-at"),
+    ],
+)
+def test_options_that_are_not_there_for_blocks_are_refused(scene, tmp_path, given, words):
+    options = dataclasses.replace(OPTIONS, **given)
+    with pytest.raises(gsut.InputError, match=f"{words} is not there for --blocks"):
+        gsut.train_blocks(scene, options, out=tmp_path / "run", progress=False)
+    assert not (tmp_path / "run").exists()
+
+
+def test_memory_decides_the_number_of_blocks_and_refuses_what_does_not_fit(scene):
+    many = dataclasses.replace(OPTIONS, max_gaussians=10_000_000)
+    counts = {}
+    for memory in ("64GB", "8GB", "2GB"):
+        options = gsut.BlockOptions("auto", memory=memory)
+        counts[memory] = choose_count(scene, many, options)
+        assert needed(scene, many, options, counts[memory]) <= options.memory_bytes()
+    assert counts["64GB"] == 1 < counts["8GB"] < counts["2GB"]
+    pair = gsut.BlockOptions("auto", memory="8GB", workers=2)
+    assert choose_count(scene, many, pair) > counts["8GB"]
+    with pytest.raises(gsut.InputError, match="--memory 300 MB: even blocks of"):
+        choose_count(scene, many, gsut.BlockOptions("auto", memory="300MB"))
+    with pytest.raises(gsut.InputError, match=r"block 1 takes about 5 GB, times 2 workers"):
+        check_memory({"block 0": 10**9, "block 1": 5 * 10**9}, pair)
+    assert text_of(1234567) == "1.23 MB"
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--blocks", "0"], "--blocks 0: from 1"),
+        (["--blocks", "none.json"], "nor a layout.json that is there"),
+        (["--blocks", "2", "--memory", "much"], "--memory must be like"),
+        (["--workers", "2"], "--workers is for a training in --blocks"),
+        (["--blocks", "2", "--view"], "--view shows a training as a whole"),
+    ],
+)
+def test_wrong_flags_are_refused_before_anything_is_read(tmp_path, capsys, flags, words):
+    assert main(["train", str(tmp_path), "-o", str(tmp_path / "run"), *flags]) != 0
+    assert words in capsys.readouterr().err
