@@ -11,8 +11,9 @@
 namespace gsut::bindings {
 namespace {
 
-py::tuple ReadPly(const std::string& path) {
-  PlyGaussianReader reader(path);
+// path: bytes, for a name need not be UTF-8.
+py::tuple ReadPly(const py::bytes& path) {
+  PlyGaussianReader reader{std::string(path)};
   const auto n = static_cast<py::ssize_t>(reader.size());
   const py::ssize_t k = reader.sh_coefficients();
   auto means = NewArray<float>({n, 3});
@@ -34,14 +35,16 @@ py::tuple ReadPly(const std::string& path) {
                         py::make_tuple(x, y, z));
 }
 
-void WritePlyFile(const std::string& path, const py::object& gaussians,
+void WritePlyFile(const py::bytes& path_bytes, const py::object& gaussians,
                   const std::vector<std::string>& comments) {
+  const std::string path = path_bytes;
   const GaussiansView<const float> view = ConstGaussians<float>(gaussians);
   const py::gil_scoped_release release;
   WritePly(path, view, comments);
 }
 
-py::tuple ReadPoints(const std::string& path) {
+py::tuple ReadPoints(const py::bytes& path_bytes) {
+  const std::string path = path_bytes;
   PlyPoints points;
   {
     const py::gil_scoped_release release;

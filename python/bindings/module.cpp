@@ -1,9 +1,23 @@
 // The Python module gsut._core: exceptions, then one function a C++ folder.
 #include <pybind11/pybind11.h>
 
+#include <cstring>
+#include <exception>
+
 #include "bindings/module.h"
 #include "gsut/base/errors.h"
 #include "gsut/base/isa.h"
+
+namespace {
+
+// Raises with a message whose bytes need not be UTF-8, as those of a file's name.
+void Raise(const pybind11::handle& type, const char* message) {
+  const auto text = pybind11::reinterpret_steal<pybind11::object>(PyUnicode_DecodeUTF8(
+      message, static_cast<Py_ssize_t>(std::strlen(message)), "surrogateescape"));
+  if (text) PyErr_SetObject(type.ptr(), text.ptr());
+}
+
+}  // namespace
 
 PYBIND11_MODULE(_core, m) {
   using namespace gsut::bindings;  // NOLINT: the list below reads better without prefixes
@@ -13,8 +27,19 @@ PYBIND11_MODULE(_core, m) {
       pybind11::register_exception<gsut::InputError>(m, "InputError", PyExc_ValueError);
   static const auto calibration_error = pybind11::register_exception<gsut::CalibrationError>(
       m, "CalibrationError", input_error.ptr());
-  const auto& solve_error =
+  static const auto solve_error =
       pybind11::register_exception<gsut::SolveError>(m, "SolveError", PyExc_RuntimeError);
+  pybind11::register_exception_translator([](std::exception_ptr error) {  // asked before these
+    try {
+      if (error) std::rethrow_exception(error);
+    } catch (const gsut::CalibrationError& raised) {
+      Raise(calibration_error, raised.what());
+    } catch (const gsut::InputError& raised) {
+      Raise(input_error, raised.what());
+    } catch (const gsut::SolveError& raised) {
+      Raise(solve_error, raised.what());
+    }
+  });
   input_error.attr("__doc__") =
       "An argument, option or dataset is wrong; the message says which, what was found, what to "
       "do.";

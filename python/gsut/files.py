@@ -176,7 +176,9 @@ def regular(path: str | os.PathLike[str]) -> Path:
 def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:
     """Writes text (as UTF-8) or bytes, see `whole_file`."""
     with whole_file(path) as temporary:
-        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+        if isinstance(content, str):  # names of files in it need not be UTF-8
+            content = content.encode(errors="backslashreplace")
+        temporary.write_bytes(content)
 
 
 def write_json(path: str | os.PathLike[str], value: Any) -> None:

@@ -123,7 +123,7 @@ def _claim(
             content = {
                 "command": f"gsut {command}",
                 "version": _core.__version__,
-                "input": None if source is None else str(Path(source).resolve()),
+                "input": None if source is None else os.path.realpath(source),
             }
             with open(os.dup(descriptor), "w", encoding="utf-8", errors="backslashreplace") as file:
                 file.truncate()

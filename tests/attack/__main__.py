@@ -1,4 +1,4 @@
-"""`./run attack [--only WORD] [--sample N] [--kills N]`."""
+"""`./run attack [--only WORD] [--every N] [--kills N] [--seed N]`: the table, and kills beside."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 
 from attack.datasets import dataset_cases
 from attack.harness import attack, disagreement
+from attack.kills import add_to_world, kills
 from attack.tables import cases
 from attack.world import make_world
 
@@ -21,6 +22,8 @@ MEMORY = 8 << 30  # bytes that no small file may make a command take
 def main() -> int:
     parser = argparse.ArgumentParser(prog="./run attack", description=__doc__)
     parser.add_argument("--only", default="", metavar="WORD", help="cases whose title has it")
+    parser.add_argument("--kills", type=int, default=0, metavar="N", help="commands killed")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of their moments")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="each n-th case only")
     arguments = parser.parse_args()
     if importlib.util.find_spec("resource"):
@@ -48,9 +51,16 @@ def main() -> int:
                 print(f"FAULT {case.title}\n      {said}", flush=True)
             elif seconds > 5:
                 print(f"slow  {seconds:.1f} s {case.title}", flush=True)
+        if arguments.kills:
+            add_to_world(world)
+            for name, said in kills(world, folder, arguments.kills, arguments.seed):
+                counts[f"kill {name}"] += 1
+                if said is not None:
+                    faults[f"kill {name}"] += 1
+                    print(f"FAULT kill {name}: {said}", flush=True)
     for kind, count in sorted(counts.items()):
-        print(f"{kind:10} {count:5} cases, {faults[kind]} faults")
-    print(f"{counts.total():16} cases, {faults.total()} faults")
+        print(f"{kind:22} {count:5} cases, {faults[kind]} faults")
+    print(f"{counts.total():28} cases, {faults.total()} faults")
     return 1 if faults else 0
 
 

@@ -52,10 +52,10 @@ TO_TEXT: dict[str, Damage] = {
 }
 # What the sentence must say of it, beside the file's name.
 CAUSES = {
-    "a folder": r"directory|folder|is not a file|holds neither",
+    "a folder": r"directory|folder|is not a file|holds neither|holds no images",
     "a pipe that nobody writes": r"pipe|no such file|absent|cannot be read|cannot be opened",
     "a device without end": r"device|no such file|absent|cannot be read|cannot be opened",
-    "a link to itself": r"symbolic links|no such file|absent|cannot be read|cannot be opened",
+    "a link to itself": r"symbolic link|no such file|absent|cannot be read|cannot be opened",
     "a link to nothing": r"[Nn]o such file|absent|there is no|no such folder|missing",
     "missing": r"[Nn]o such file|absent|there is no|no such folder|missing",
 }

@@ -179,8 +179,8 @@ ROWS: dict[str, tuple[Spoil, str]] = {
     "a name is a folder": (put("frames", 3, "file_path", value="images"), "images"),
     "a name has a zero byte": (put("frames", 3, "file_path", value="a\0b.png"), "images/003|byte"),
     "a name has 5000 letters": (put("frames", 3, "file_path", value="a" * 5000), "aaaa"),
-    "a name leads out": (put("frames", 3, "file_path", value="../../etc/passwd"), "passwd"),
-    "a name is a device": (put("frames", 3, "file_path", value="/dev/zero"), "/dev/zero"),
+    "a name leads out": (put("frames", 3, "file_path", value="../../etc/passwd"), "passwd|003"),
+    "a name is a device": (put("frames", 3, "file_path", value="/dev/zero"), "zero|003"),
     "a name is twice": (put("frames", 3, "file_path", value="images/004.png"), "images/004.png"),
     "a name is no UTF-8": (rename_bytes, ""),
     "a pose is of zeros": (matrix(lambda m: m * 0), "pose|rotation|matrix"),
@@ -199,7 +199,7 @@ ROWS: dict[str, tuple[Spoil, str]] = {
         for key, said in (("fl_x", "(fl_x|fx)"), ("w", "w")) for value in NUMBERS
     },
     "cx is far outside": (put("cx", value=1e9), "cx"),
-    "k1 is 1e300": (put("k1", value=1e300), "k1|pixels look|no usable|lens"),
+    "k1 is 1e300": (put("k1", value=1e300), "k1|pixels look|no usable|lens|distortion"),
     "k1 is NaN": (put("k1", value=float("nan")), "k1"),
     "the lens is unknown": (put("camera_model", value="MAGIC"), "MAGIC"),
     "the lens is a list": (put("camera_model", value=["PINHOLE"]), "camera_model"),
@@ -214,7 +214,7 @@ ROWS: dict[str, tuple[Spoil, str]] = {
     "points are of no file": (put("ply_file_path", value="nowhere.ply"), "nowhere.ply"),
     "points are a list": (put("ply_file_path", value=[1]), "ply_file_path"),
     "points are a picture": (put("ply_file_path", value="images/001.png"), "images/001.png"),
-    "points: NaN": (points(lambda t: t.replace("1 0 0", "nan 0 0")), "points3D.ply"),
+    "points: NaN": (points(lambda t: t.replace("1 0 0", "nan 0 0")), "points have"),
     "points: far": (points(lambda t: t.replace("1 0 0", "1e300 0 0")), "points have"),
     "points: declared 9e18": (points(lambda t: t.replace("vertex 3", "vertex 9223372036854775807")),
                               "points3D.ply"),
@@ -229,9 +229,8 @@ ROWS: dict[str, tuple[Spoil, str]] = {
     "points: words": (points(lambda t: t.replace("1 0 0", "one 0 0")), "points3D.ply"),
     "points: a list property": (points(lambda t: t.replace(
         "property float x", "property list uchar float x")), "points3D.ply"),
-    "points: format 9": (points(lambda t: t.replace("ascii 1.0", "ascii 9.0")), "points3D.ply"),
-    "points: colours of 300": (points(lambda t: t.replace("9 9 9\n1", "300 9 9\n1")),
-                               "points3D.ply"),
+    "points: format 9": (points(lambda t: t.replace("ascii 1.0", "ascii 9.0")), ""),
+    "points: colours of 300": (points(lambda t: t.replace("9 9 9\n1", "300 9 9\n1")), ""),
     "points: none": (points(lambda t: t.replace("vertex 3", "vertex 0"), ""), ""),
     "the mask is black": (masked(np.zeros((48, 48))), "mask"),
     "the mask is of another size": (masked(np.full((9, 9), 255)), "mask.png"),
@@ -274,6 +273,8 @@ ROWS: dict[str, tuple[Spoil, str]] = {
         lambda folder: (folder / "ds/transforms.json").write_text("[" * 100_000),
         "transforms.json"),
 }  # fmt: skip
+# What is there can be read, and nothing says that there was more.
+SHORTER = {("data.csv", "cut in half"), ("points3D.txt", "empty"), ("points3D.txt", "cut in half")}
 LAYOUTS = ("plane", "colmap_text", "colmap_binary", "folder", "euroc", "tumvi")
 
 
@@ -290,7 +291,7 @@ def dataset_rows(world: Path) -> Iterator[tuple[str, str, Spoil, str]]:
         for path in [*tables, *[p for p in listed if p.suffix == ".png"][:1]]:
             damages = TO_ANY_FILE | (TO_TEXT if path.suffix in (".json", ".yaml", ".txt") else {})
             for name, damage in damages.items():
-                may_pass = name in CAUSES or (path.suffix == ".csv" and name == "cut in half")
+                may_pass = name in CAUSES or (path.name, name) in SHORTER
                 yield (
                     f"{path} is {name}", layout,
                     lambda folder, path=path, damage=damage: damage(folder / path),

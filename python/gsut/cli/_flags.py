@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -67,7 +68,7 @@ def add_capture(parser: argparse.ArgumentParser) -> None:
     for name, where in (("nadir", "down"), ("zenith", "up")):
         parser.add_argument(
             f"--{name}-cap",
-            type=float,
+            type=finite,
             default=0.0,
             metavar="DEGREES",
             help=f"of 360-degree pictures: so far from straight {where} nothing counts (tripod, "
@@ -85,6 +86,17 @@ def add_moved_data(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--data", metavar="DATA", help="the dataset, if it is not where training read it"
     )
+
+
+def finite(text: str) -> float:
+    """A number, for `type=`: NaN and infinities are refused."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"takes a finite number, found {text!r}")
+    return value
 
 
 def folder_name(text: str) -> str:

@@ -17,7 +17,8 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_quiet, print_json
+from gsut.cli._flags import add_json, add_quiet, finite, print_json
+from gsut.files import regular
 from gsut.lens import OWN_SUFFIX
 from gsut.output_folder import claim_folder
 from gsut.run import Progress
@@ -61,7 +62,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--spacing",
         metavar="METRES",
-        type=float,
+        type=finite,
         help="side of a square, in metres (or any unit: the poses of a rig then have it)",
     )
     parser.add_argument(
@@ -89,7 +90,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--knot-degrees",
         metavar="X",
-        type=float,
+        type=finite,
         help="angle between the knots of a splined lens, in degrees [default: 16, more where "
         "corners are few]",
     )
@@ -202,5 +203,7 @@ def _images(given: list[str]) -> list[Path]:
                 raise InputError(f"no file matches {name}; check the path")
             found += [Path(match) for match in matches]
         else:
+            if os.path.lexists(path) and not path.is_file():
+                regular(path)  # a pipe, a link to itself: said so
             found.append(path)
     return found

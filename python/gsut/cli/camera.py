@@ -10,7 +10,7 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.cli._flags import add_json, parsed_size, print_json
+from gsut.cli._flags import add_json, finite, parsed_size, print_json
 
 HELP = "convert a lens into another model, find one by the camera's name"
 DESCRIPTION = "Works on lens files and on a database of calibrated lenses."
@@ -81,7 +81,7 @@ def _add_convert(actions: Any) -> None:
     convert.add_argument("--camera-id", metavar="ID", help="which camera of LENS")
     convert.add_argument(
         "--max-angle",
-        type=float,
+        type=finite,
         metavar="DEGREES",
         help="leave out what is farther from the axis [default: the whole image]",
     )
@@ -103,7 +103,7 @@ def _add_convert(actions: Any) -> None:
     )
     convert.add_argument(
         "--distance",
-        type=float,
+        type=finite,
         metavar="UNITS",
         help="where both lenses are to agree, if the rays of one do not meet [default: far away]",
     )

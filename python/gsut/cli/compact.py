@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import FILE_SUFFIXES, add_json, add_moved_data, add_quiet, print_json
+from gsut.cli._flags import FILE_SUFFIXES, add_json, add_moved_data, add_quiet, finite, print_json
 from gsut.files import refuse_existing
 
 HELP = "fewer Gaussians for the same picture"
@@ -29,10 +29,10 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="folder of the new run; of a PLY file the PLY file to write",
     )  # fmt: skip
     parser.add_argument(
-        "--keep", type=float, metavar="X", help="fraction of the Gaussians to keep, such as 0.1"
+        "--keep", type=finite, metavar="X", help="fraction of the Gaussians to keep, such as 0.1"
     )
     parser.add_argument(
-        "--target-psnr-drop", type=float, metavar="DB",
+        "--target-psnr-drop", type=finite, metavar="DB",
         help="instead: the fewest Gaussians that lose at most DB on the held-out views",
     )  # fmt: skip
     parser.add_argument(
@@ -51,7 +51,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "more steps pay, up to as many as the run had [default 0: no photograph is used]",
     )  # fmt: skip
     parser.add_argument(
-        "--harmonics-drop", type=float, metavar="DB",
+        "--harmonics-drop", type=finite, metavar="DB",
         help="lower each Gaussian's degree of harmonics as far as the held-out views lose at most "
         "DB by it [default: leave them]",
     )  # fmt: skip

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from gsut.cli._flags import add_json, folder_name, print_json
+from gsut.cli._flags import add_json, finite, folder_name, print_json
 from gsut.data import writable_layouts
 
 HELP = "convert a dataset, a run's poses or a ROS bag into another layout"
@@ -64,15 +64,15 @@ def _add_parts(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parts.add_argument("--cameras", metavar="NAMES", help="those to use, such as cam0,cam1")
     parts.add_argument(
-        "--time-range", nargs=2, type=float, metavar=("FIRST", "LAST"),
+        "--time-range", nargs=2, type=finite, metavar=("FIRST", "LAST"),
         help="seconds since the first picture, or since 1970",
     )  # fmt: skip
     parts.add_argument(
-        "--time-offset", type=float, metavar="S",
+        "--time-offset", type=finite, metavar="S",
         help="seconds: time of the poses' clock minus that of the pictures' [default 0]",
     )  # fmt: skip
     parts.add_argument(
-        "--time-tolerance", type=float, metavar="S",
+        "--time-tolerance", type=finite, metavar="S",
         help="between a picture and its nearest pose [default 0.02]",
     )  # fmt: skip
     for name, what in (("image", "pictures"), ("pose", "poses")):

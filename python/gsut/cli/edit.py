@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json
+from gsut.cli._flags import add_json, add_moved_data, add_quiet, finite, print_json
 from gsut.cli.convert import scene_file_of
 from gsut.files import refuse_existing
 
@@ -37,13 +37,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--crop-sphere",
-        type=float,
+        type=finite,
         nargs=4,
         metavar=("X", "Y", "Z", "R"),
         help="keep what lies within R of this point",
     )
     parser.add_argument(
-        "--min-opacity", type=float, metavar="X", help="leave out what is less opaque, of 0 to 1"
+        "--min-opacity", type=finite, metavar="X", help="leave out what is less opaque, of 0 to 1"
     )
     parser.add_argument(
         "--floaters", action="store_true",
@@ -54,7 +54,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="leave out what none of a run's training photographs shows",
     )  # fmt: skip
     parser.add_argument(
-        "--up", type=float, nargs=3, metavar=("X", "Y", "Z"),
+        "--up", type=finite, nargs=3, metavar=("X", "Y", "Z"),
         help="turn the scene so that this direction is up (-y, as viewers take it)",
     )  # fmt: skip
     parser.add_argument(
@@ -64,9 +64,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--ground", action="store_true",
         help="find the ground, within 30 degrees of --up or --upright [default], and make it y = 0",
     )  # fmt: skip
-    parser.add_argument("--scale", type=float, metavar="X", help="multiply all lengths by X")
+    parser.add_argument("--scale", type=finite, metavar="X", help="multiply all lengths by X")
     parser.add_argument(
-        "--length", type=float, nargs=7, metavar=("X", "Y", "Z", "X", "Y", "Z", "L"),
+        "--length", type=finite, nargs=7, metavar=("X", "Y", "Z", "X", "Y", "Z", "L"),
         help="instead: scale so that these two points are L apart, such as 1.20 for a table",
     )  # fmt: skip
     parser.add_argument(

@@ -15,6 +15,7 @@ from gsut.cli._flags import (
     add_json,
     add_run,
     check_first,
+    finite,
     folder_name,
     print_json,
 )
@@ -60,7 +61,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--depth-unit",
-        type=float,
+        type=finite,
         default=1e-3,
         metavar="X",
         help="the dataset's units in a level of 16-bit depths [default 0.001: millimetres]",

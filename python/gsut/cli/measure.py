@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_moved_data, print_json
+from gsut.cli._flags import add_json, add_moved_data, finite, print_json
 
 HELP = "distances between points of a scene, by pixels of photographs"
 DESCRIPTION = (
@@ -23,11 +23,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="name of a photograph and a pixel of it; repeatable",
     )  # fmt: skip
     parser.add_argument(
-        "--point", nargs=3, type=float, action="append", default=[], metavar=("X", "Y", "Z"),
+        "--point", nargs=3, type=finite, action="append", default=[], metavar=("X", "Y", "Z"),
         help="in the dataset's coordinates; repeatable",
     )  # fmt: skip
     parser.add_argument(
-        "--length", type=float, metavar="L",
+        "--length", type=finite, metavar="L",
         help="how far the first two are apart in truth: prints the --scale for `gsut edit`",
     )  # fmt: skip
     add_moved_data(parser)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_quiet, add_run, print_json
+from gsut.cli._flags import add_json, add_quiet, add_run, finite, print_json
 from gsut.files import refuse_existing
 
 HELP = "the surface as a mesh, or a grid of distances or of what is occupied"
@@ -39,7 +39,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--voxel",
-        type=float,
+        type=finite,
         metavar="SIZE",
         help="in the dataset's units [default: a pixel's width at the median depth, at least a "
         "1024th of the scene; of a grid a 128th of its longest side]",
@@ -88,7 +88,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--crop",
-        type=float,
+        type=finite,
         nargs=6,
         metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
         help="box in the dataset's coordinates outside of which nothing stays",

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
-from gsut.cli._flags import add_json, add_moved_data, parsed_size, print_json
+from gsut.cli._flags import add_json, add_moved_data, finite, parsed_size, print_json
 from gsut.files import refuse_existing, whole_folder
 
 HELP = "images, depths or a film through any lens along any path"
@@ -49,7 +49,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--fov",
-        type=float,
+        type=finite,
         metavar="DEGREES",
         help="field of view across the image: the lens' focal lengths are scaled to it",
     )
@@ -70,7 +70,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--fps",
-        type=float,
+        type=finite,
         default=30.0,
         metavar="X",
         help="images a second of a film [default 30; of a GIF at most 50]",
@@ -91,7 +91,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--depth-unit",
-        type=float,
+        type=finite,
         default=1e-3,
         metavar="X",
         help="the dataset's units in a level of 16-bit depths [default 0.001: millimetres]",
@@ -103,7 +103,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--voxel",
-        type=float,
+        type=finite,
         metavar="SIZE",
         help="one point of the cloud in each voxel of this size, in the dataset's units [default: "
         "a pixel's width at the first image's median depth]",

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import add_capture, add_json, add_quiet, folder_name, print_json
+from gsut.cli._flags import add_capture, add_json, add_quiet, finite, folder_name, print_json
 from gsut.cli.poses import EXPECTED_IMAGES, pose_seconds, with_readout
 from gsut.cli.view import LivePage, add_live_flags
 from gsut.data import CAPTURE_FOLDER, STRIP
@@ -86,7 +86,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "find`) [default: what the pictures say of their camera, else the lens is estimated]",
     )
     parser.add_argument(
-        "--fov", type=float, metavar="DEGREES", help="rough horizontal field of view"
+        "--fov", type=finite, metavar="DEGREES", help="rough horizontal field of view"
     )
     add_capture(parser)
     parser.add_argument(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import struct
 import zlib
 from pathlib import Path
@@ -22,6 +23,8 @@ _JPEG_BARE = frozenset({0x01, *range(0xD0, 0xD9)})  # markers without a length
 _JPEG_START = b"\xff\xd8"
 # What the decoder says of data that no encoder writes, and of which it made the picture up.
 _JPEG_DAMAGE = ("premature end", "bad Huffman code", "extraneous bytes")
+_PNG_CHANNELS = {2: 3, 4: 2, 6: 4}  # of other types one
+_DEFLATES = 1040  # bytes that one of zlib can stand for, at most (1032)
 _COPY_AGAIN = "copy or export the file again"
 
 
@@ -45,6 +48,13 @@ def read_header(path: Path) -> ImageHeader:
         head = file.read(26)
         if head.startswith(_PNG_SIGNATURE) and len(head) == 26:
             width, height = struct.unpack(">II", head[16:24])
+            channels = _PNG_CHANNELS.get(head[25], 1)
+            size = os.fstat(file.fileno()).st_size
+            if width * height * channels * head[24] // 8 > _DEFLATES * size:
+                raise DatasetError(
+                    path, f"says {width} x {height} pixels, more than its {size} bytes can hold",
+                    _COPY_AGAIN,
+                )  # fmt: skip
             return ImageHeader(width, height, head[25] in _PNG_TYPES_WITH_ALPHA)
         if head.startswith(_JPEG_START):
             file.seek(2)

@@ -32,7 +32,7 @@ def load_points_ply(
         InputError: the file cannot be opened, is no PLY file, misses a property (the message
             names it and what is there), is truncated, or has colours of no known range.
     """
-    points, colors, white = _core.read_ply_points(os.fspath(path))
+    points, colors, white = _core.read_ply_points(os.fsencode(path))
     if notes is not None and white:
         notes.append(f"{path}: the points' colours are read as numbers of 0 to {white:g}")
     return points, colors

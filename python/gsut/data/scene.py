@@ -15,6 +15,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import CameraMotion, InputError, Shutter
+from gsut.data.findings import DatasetError
 from gsut.data.images import decode_scaled, shrink_both
 from gsut.data.masks import lens_mask, read_mask
 from gsut.lens import Camera
@@ -359,7 +360,7 @@ class Scene:
             valid = valid & self._masks.get(
                 key, lambda: (read_mask(path, full, camera.width, camera.height),)
             )[0]  # fmt: skip
-        return valid
+        return _with_pixels(valid, view)
 
     def _lens_mask(self, camera_index: int) -> np.ndarray:
         """(H, W) bool: pixels with a ray, all of whose source pixels have one too."""
@@ -368,6 +369,18 @@ class Scene:
             return (lens_mask(self.cameras[camera_index], self.file_cameras[camera_index]),)
 
         return self._masks.get(("lens", camera_index), make)[0]
+
+
+def _with_pixels(valid: np.ndarray, view: View) -> np.ndarray:
+    """The mask; raises DatasetError where it leaves nothing."""
+    if not valid.any():
+        raise DatasetError(
+            view.mask_path or view.image_path,
+            "the mask leaves no pixel that counts",
+            "masks are white where the picture counts: is it inverted, or does this picture lie "
+            "outside the lens' circle?",
+        )
+    return valid
 
 
 def _moved(camera_from_world: np.ndarray, origin: np.ndarray) -> np.ndarray:

@@ -42,6 +42,10 @@ def read_json(source: Path) -> Any:
             f"not valid JSON at line {error.lineno}, column {error.colno} ({error.msg})",
             "the file may be cut off: copy or export it again",
         ) from error
+    except RecursionError as error:
+        raise DatasetError(
+            source, "cannot be understood: nested too deeply", "export it again"
+        ) from error
 
 
 def read_yaml(source: Path) -> dict[str, Any]:

@@ -43,7 +43,7 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
         InputError: the file cannot be opened, is no PLY file, misses a property (the message names
             it and what is there), its comment on the origin is damaged, or it is truncated.
     """
-    *arrays, not_finite, origin = _core.read_ply(os.fspath(path))
+    *arrays, not_finite, origin = _core.read_ply(os.fsencode(path))
     gaussians = Gaussians(*arrays).translated(origin_in(comments_of(path), path)).translated(origin)
     if not_finite == 0:
         _warn_of_rounding(path, gaussians)
@@ -89,7 +89,7 @@ def save_ply(
         InputError: the file cannot be written, or a comment holds a line break.
     """
     stored = for_file(gaussians)
-    _core.write_ply(os.fspath(path), stored, [*comments, *origin_comments(stored)])
+    _core.write_ply(os.fsencode(path), stored, [*comments, *origin_comments(stored)])
 
 
 def comments_of(path: str | os.PathLike[str]) -> list[str]:

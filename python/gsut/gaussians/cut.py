@@ -47,7 +47,8 @@ def inside_sphere(gaussians: Gaussians, center: np.ndarray, radius: float) -> np
         (N,) bool.
     """
     places = gaussians.means + (gaussians.origin - np.asarray(center, np.float64))
-    return np.sum(places * places, axis=1) <= radius * radius
+    with np.errstate(over="ignore"):  # beyond every radius
+        return np.sum(places * places, axis=1) <= radius * radius
 
 
 def merged(scenes: Sequence[Gaussians]) -> Gaussians:

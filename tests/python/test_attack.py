@@ -1,0 +1,34 @@
+"""A sample of `./run attack`: bad inputs end in one sentence and change nothing."""
+
+import pytest
+
+from attack.datasets import dataset_cases
+from attack.harness import attack, disagreement
+from attack.tables import cases
+from attack.world import make_world
+
+EVERY = 61  # of the table; another part of it for each kind
+EVERY_DATASET = 47  # these train: slower
+LEAST = 400  # cases in the whole table
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory):
+    return make_world(tmp_path_factory.mktemp("world"))
+
+
+def test_sample_of_bad_inputs_is_refused_in_one_sentence(world, tmp_path):
+    table = [case for case in cases() if case.words[0] != "calibrate"]  # processes of their own
+    assert len(table) >= LEAST
+    assert len({case.title for case in table}) == len(table)
+    for number, case in enumerate(table[::EVERY]):
+        said = attack(case, world, tmp_path / str(number))
+        assert said is None, f"{case.title}: {said}"
+
+
+def test_doctor_and_train_agree_on_a_sample_of_spoiled_datasets(world, tmp_path):
+    pairs = list(dataset_cases(world))
+    assert len(pairs) >= LEAST
+    for number, (doctor, train) in enumerate(pairs[::EVERY_DATASET]):
+        said = disagreement(doctor, train, world, tmp_path / str(number))
+        assert said is None, f"{train.title}: {said}"
