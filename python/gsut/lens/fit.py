@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -116,8 +117,9 @@ def _widening(
         near = angles <= max(share * angles.max(), np.sort(angles)[min(60, len(angles) - 1)])
         part = dataclasses.replace(target, points=target.points[near], pixels=target.pixels[near])
         # What fits the centre may have a pole just beyond it: the first guess gets its chance too.
+        guesses = (start,) if params is start else (params, start)
         steps = _MAX_STEPS if share == 1.0 else _STEPS_WIDENING
-        tries = [_refine(model, guess, fixed, part, steps) for guess in (params, start)]
+        tries = [_refine(model, guess, fixed, part, steps) for guess in guesses]
         params, cost = min(tries, key=lambda found: found[1])
     return params, cost
 
@@ -128,10 +130,14 @@ def _refine(
     """The parameters that fit best, from `params` on, and their cost."""
     free = [i for i in range(len(params)) if i not in fixed]
 
-    def lens_of(values: np.ndarray) -> Camera:
+    @functools.lru_cache(maxsize=1)  # cost and derivatives are asked of the same lens, which is dear
+    def lens_at(values: bytes) -> Camera:
         moved = params.copy()
-        moved[free] = values
+        moved[free] = np.frombuffer(values)
         return Camera(model, moved, target.camera.width, target.camera.height)
+
+    def lens_of(values: np.ndarray) -> Camera:
+        return lens_at(values.tobytes())
 
     def cost_of(values: np.ndarray) -> float:
         try:
