@@ -130,7 +130,8 @@ def _refine(
     """The parameters that fit best, from `params` on, and their cost."""
     free = [i for i in range(len(params)) if i not in fixed]
 
-    @functools.lru_cache(maxsize=1)  # cost and derivatives are asked of the same lens, which is dear
+    # Cost and derivatives are asked of the same lens, and making one is dear.
+    @functools.lru_cache(maxsize=1)
     def lens_at(values: bytes) -> Camera:
         moved = params.copy()
         moved[free] = np.frombuffer(values)
