@@ -2,7 +2,10 @@
 
 import csv
 import json
+import os
 import re
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -254,3 +257,13 @@ def test_bench_view_measures_frames_over_the_wire(capsys):
     assert all(row["frames_per_second"] > 0 and row["kilobytes"] > 0 for row in rows)
     assert rows[0]["psnr"] is None  # infinite: the whole frame is the renderer's
     assert rows[1]["psnr"] > 10
+
+
+def test_run_bench_lists_the_benchmarks():
+    run = Path(__file__).resolve().parents[3] / "run"
+    if not (run.parent / ".venv/bin/python").exists():
+        pytest.skip("./run setup was not run here")
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run([run, "bench", "--help"], capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert "render" in done.stdout
