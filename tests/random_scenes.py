@@ -157,3 +157,10 @@ def relative_error(found: np.ndarray, expected: np.ndarray) -> float:
     difference = np.linalg.norm(np.asarray(found, np.float64) - expected)
     size = np.linalg.norm(expected)
     return float(difference / size) if size > 0 else float(difference)
+
+
+def open_rule():
+    """No cut-offs, which central differences would see."""
+    rule = gsut.BlendRule()
+    rule.alpha_min, rule.transmittance_min = 1e-30, 0.0
+    return rule

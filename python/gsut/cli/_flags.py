@@ -88,6 +88,17 @@ def add_moved_data(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_depth_unit(parser: argparse.ArgumentParser) -> None:
+    """--depth-unit, of 16-bit files that are read or written."""
+    parser.add_argument(
+        "--depth-unit",
+        type=finite,
+        default=1e-3,
+        metavar="X",
+        help="the dataset's units in a level of 16-bit depths [default 0.001: millimetres]",
+    )
+
+
 def finite(text: str) -> float:
     """A number, for `type=`: NaN and infinities are refused."""
     try:

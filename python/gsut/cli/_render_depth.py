@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,9 +12,9 @@ import numpy as np
 
 from gsut._core import CameraMotion, InputError
 from gsut.data import Frame, inverse, write_transforms
-from gsut.files import refuse_existing, write_file
+from gsut.files import refuse_existing, whole_file
 from gsut.render import render_surface, write_png, z_of_distance
-from gsut.surface import Cloud, DepthMap, check_mesh_name, save_mesh
+from gsut.surface import Cloud, DepthMap, save_mesh
 
 _DEPTH = "depth"
 _LEVELS = 65535
@@ -55,7 +54,6 @@ class DepthOutput:
             file = Path(arguments.cloud)
             if file.suffix.lower() != ".ply":
                 raise InputError(f"{file}: clouds are written as .ply")
-            check_mesh_name(file)
             refuse_existing(file)
         return cls(arguments, folder)
 
@@ -79,18 +77,17 @@ class DepthOutput:
         if self._kind is None or self.folder is None:
             return
         depth = z_of_distance(distance, camera) if self._kind == "z" else distance
-        content = io.BytesIO()
-        np.save(content, depth.astype(np.float32))
         (self.folder / _DEPTH).mkdir(exist_ok=True)
         file = self.folder / _DEPTH / f"{name}.npy"
-        write_file(file, content.getvalue())
+        with whole_file(file) as temporary:
+            np.save(temporary, depth.astype(np.float32))
         with np.errstate(invalid="ignore"):
             levels = np.rint(depth / self._unit)
             fits = levels <= _LEVELS
         self._known += int(np.isfinite(levels).sum())
         self._too_far += int((levels > _LEVELS).sum())
         write_png(file.with_suffix(".png"), np.where(fits, levels, 0).astype(np.uint16))
-        poses: dict[str, Any] = {"world_from_camera": place}
+        poses: dict[str, Any]
         if isinstance(place, CameraMotion):
             poses = {
                 "world_from_camera": inverse(place.at(0.5)),
@@ -99,7 +96,7 @@ class DepthOutput:
                 "shutter": place.shutter,
             }
         else:
-            poses["world_from_camera"] = inverse(np.asarray(place, np.float64))
+            poses = {"world_from_camera": inverse(np.asarray(place, np.float64))}
         # By that name a dataset's depths are along the rays.
         along_rays = file if self._kind == "ray" else None
         self._frames.append(

@@ -11,11 +11,11 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.cli._flags import (
+    add_depth_unit,
     add_force,
     add_json,
     add_run,
     check_first,
-    finite,
     folder_name,
     print_json,
 )
@@ -59,13 +59,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "counts), a point cloud (.ply), or a folder of depths along the rays named like the images "
         "(.npy, or .png of 16 bits) [alone: the depth files that the dataset names]",
     )
-    parser.add_argument(
-        "--depth-unit",
-        type=finite,
-        default=1e-3,
-        metavar="X",
-        help="the dataset's units in a level of 16-bit depths [default 0.001: millimetres]",
-    )
+    add_depth_unit(parser)
     parser.add_argument(
         "--mesh", metavar="FILE", help="the mesh to judge [default: as `gsut mesh` makes it]"
     )

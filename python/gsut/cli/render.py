@@ -12,7 +12,14 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
-from gsut.cli._flags import add_json, add_moved_data, finite, parsed_size, print_json
+from gsut.cli._flags import (
+    add_depth_unit,
+    add_json,
+    add_moved_data,
+    finite,
+    parsed_size,
+    print_json,
+)
 from gsut.files import refuse_existing, whole_folder
 
 HELP = "images, depths or a film through any lens along any path"
@@ -89,13 +96,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "NaN: nothing) and depth/NAME.png (16 bits, 0: nothing); ray: along each pixel's ray; z: "
         "along the camera's axis, for lenses below 90 degrees from it",
     )
-    parser.add_argument(
-        "--depth-unit",
-        type=finite,
-        default=1e-3,
-        metavar="X",
-        help="the dataset's units in a level of 16-bit depths [default 0.001: millimetres]",
-    )
+    add_depth_unit(parser)
     parser.add_argument(
         "--cloud",
         metavar="FILE.ply",

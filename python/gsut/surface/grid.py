@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import json
 import math
 import os
@@ -15,7 +14,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.files import write_file
+from gsut.files import whole_file, write_file
 from gsut.surface.cloud import world_rays
 from gsut.surface.extract import (
     DepthMap,
@@ -155,8 +154,6 @@ def save_grid(path: str | os.PathLike[str], grid: Grid, *, occupancy: bool = Fal
     """
     path = Path(path)
     check_grid_name(path)
-    content = io.BytesIO()
-    np.save(content, grid.occupancy if occupancy else grid.distances)
     values: dict[str, Any] = {"values": "distance to the nearest surface", "unknown": "NaN"}
     values["sign"] = "positive in free space, negative behind a surface"
     if occupancy:
@@ -169,7 +166,8 @@ def save_grid(path: str | os.PathLike[str], grid: Grid, *, occupancy: bool = Fal
         "place": "values[i, j, k] is at origin + voxel * (i, j, k), in the dataset's coordinates",
     }
     write_file(path.with_suffix(".json"), json.dumps(values, indent=1) + "\n")
-    write_file(path, content.getvalue())
+    with whole_file(path) as temporary, open(temporary, "wb") as file:
+        np.save(file, grid.occupancy if occupancy else grid.distances)
 
 
 def check_grid_name(path: Path) -> None:

@@ -9,6 +9,7 @@ from gsut import _core
 from random_scenes import (
     fisheye,
     gaussians_in_view,
+    open_rule,
     pinhole,
     random_pose,
     relative_error,
@@ -23,13 +24,6 @@ CAMERAS = {
     "moving pupil": lambda: small_camera("cahvore", width=14),
     "rolling shutter": lambda: pinhole(14),
 }
-
-
-def open_rule():
-    """No cut-offs, which central differences would see."""
-    rule = gsut.BlendRule()
-    rule.alpha_min, rule.transmittance_min = 1e-30, 0.0
-    return rule
 
 
 def scene_of(rng, kind, count):

@@ -10,6 +10,7 @@ from gsut.render import z_of_distance
 from random_scenes import (
     fisheye,
     gaussians_in_view,
+    open_rule,
     pinhole,
     random_pose,
     relative_error,
@@ -18,13 +19,6 @@ from random_scenes import (
 from surface_scenes import lines_of
 
 STEP = 1e-5
-
-
-def open_rule():
-    """No cut-offs, which central differences would see."""
-    rule = gsut.BlendRule()
-    rule.alpha_min, rule.transmittance_min = 1e-30, 0.0
-    return rule
 
 
 def rays_of(camera, motion):
