@@ -13,7 +13,7 @@ from gsut.cli._flags import finite
 # Command -> what it is given beside the flag, and what that needs.
 BASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "calibrate": (
-        ("photo.png", "--board", "5x4", "--spacing", "0.03", "-o", "out.yaml"), ("photo.png",)
+        ("boards", "--board", "5x4", "--spacing", "0.05", "-o", "out.yaml"), ("boards",)
     ),
     "camera convert": (("lenses/opencv.yaml", "kannala_brandt"), ("lenses/opencv.yaml",)),
     "camera find": (("hero9",), ()),
@@ -27,8 +27,11 @@ BASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("scenes/a.ply", "--point", "0", "0", "0", "--point", "1", "0", "0"), ("scenes/a.ply",)
     ),
     "mesh": (("run", "-o", "out.ply"), ("ds", "run")),
-    "points": (("ds", "-o", "out.ply"), ("ds",)),
-    "poses": (("folder", "-o", "out", "--quiet"), ("folder",)),
+    "points": (("walked", "-o", "out.ply"), ("walked",)),
+    "poses": (
+        ("film.mp4", "-o", "out", "--camera", "lens320.json", "--quiet"),
+        ("film.mp4", "lens320.json"),
+    ),
     "render": (
         ("scenes/a.ply", "-o", "out", "--frames", "1", "--size", "16x16"), ("scenes/a.ply",)
     ),
@@ -37,7 +40,7 @@ BASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }  # fmt: skip
 NO_NUMBERS = ("nan", "inf", "-inf", "x", "", "1,2;3", "1e999")
 ODD = ("-1", "0", "1e300", "9" * 25)  # of some flags a number in a good sense
-LONG = ("demo", "scene")  # with a number in a good sense these take their time
+LONG = ("calibrate", "demo", "scene")  # with a number in a good sense these take their time
 
 
 def of_flags() -> Iterator[Case]:
@@ -52,7 +55,7 @@ def of_flags() -> Iterator[Case]:
                 said = "[-_ ]".join(map(re.escape, flag.strip("-").split("-")))
                 yield Case(
                     "flag", f"{flag} {value!r}", (*words, *given), needs,
-                    said=() if value in ODD else (f"{said}|{re.escape(action.dest)}",),
+                    said=(f"{said}|{re.escape(action.dest)}",),
                     may_pass=value in ODD,
                     keeps=("out",),
                 )  # fmt: skip

@@ -21,6 +21,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from attack.world import copy_needs, inside
 from gsut.cli import main
 from gsut.files import UNFINISHED
 
@@ -79,9 +80,9 @@ class Told:
     output: str = ""
 
 
-def run_words(words: tuple[str, ...]) -> Told:
-    """Runs a command, in this process where its words go through Python's streams."""
-    if words[0] == "calibrate":  # calib/ is a process of its own
+def run_words(words: tuple[str, ...], apart: bool = False) -> Told:
+    """Runs a command in this process, or in one of its own."""
+    if apart:
         started = time.monotonic()
         command = [sys.executable, "-m", "gsut", *words]
         try:
@@ -104,17 +105,6 @@ def run_words(words: tuple[str, ...]) -> Told:
         finally:
             warnings.showwarning = before
     return Told(status, errors.getvalue(), time.process_time() - started, out.getvalue())
-
-
-@contextlib.contextmanager
-def inside(folder: Path) -> Iterator[None]:
-    """The current folder, for a while."""
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
 
 
 @contextlib.contextmanager
@@ -142,16 +132,14 @@ def attack(case: Case, world: Path, scratch: Path) -> str | None:
 def carry_out(case: Case, world: Path, scratch: Path) -> tuple[Told, str | None]:
     """As `attack`, with what was told."""
     scratch.mkdir()
-    for need in case.needs:
-        source, target = world / need, scratch / need
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copytree(source, target) if source.is_dir() else shutil.copy(source, target)
+    copy_needs(case.needs, world, scratch)
     try:
         with inside(scratch):
             if case.spoil is not None:
                 case.spoil(scratch)
             before = snapshot(scratch)
-            told = run_words(case.words)
+            # calib/ is a process of its own, whose words do not go through Python's streams
+            told = run_words(case.words, case.words[0] == "calibrate" and case.kind != "flag")
             gc.collect()  # folders that a failed command held are let go
             return told, fault(case, told, before, snapshot(scratch))
     finally:
