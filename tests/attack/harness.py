@@ -27,7 +27,7 @@ from gsut.files import UNFINISHED
 
 Spoil = Callable[[Path], object]
 SLOWEST = 20.0  # processor seconds of one case
-PATIENCE = 30.0  # seconds by the clock: something waits that should not
+PATIENCE = 300.0  # seconds by the clock: something waits that should not
 
 
 class Hang(BaseException):

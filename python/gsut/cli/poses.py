@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
 from gsut.capture import Capture, capture, is_video
-from gsut.cli._flags import add_capture, add_json, add_quiet, finite, folder_name, print_json
+from gsut.cli._flags import add_capture, add_json, add_quiet, degrees, folder_name, print_json
 from gsut.data import CAPTURE_FOLDER, find_lens_file, read_capture
 from gsut.lens import is_lens_name, lens_by_name
 from gsut.output_folder import claim_folder
@@ -58,7 +58,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--fov",
-        type=finite,
+        type=degrees,
         metavar="DEGREES",
         help="rough horizontal field of view of an unknown lens [default: several are tried]",
     )
