@@ -131,8 +131,8 @@ Eigen::Matrix3d FitRotation(std::span<const Bearing> first, std::span<const Bear
   return svd.matrixU() * sign * svd.matrixV().transpose();
 }
 
-// How many inliers a rotation alone explains: from the pose's, which few wrong matches move, and from
-// what fits all inliers, fitted again to those that it explains.
+// How many inliers a rotation alone explains: from the pose's, which few wrong matches move, and
+// from what fits all inliers, fitted again to those that it explains.
 int CountRotationInliers(std::span<const Bearing> first, std::span<const Bearing> second,
                          const std::vector<std::uint8_t>& inliers, const Eigen::Matrix3d& start,
                          double max_error) {
