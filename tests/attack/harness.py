@@ -46,6 +46,7 @@ class Case:
         spoil: changes the copies.
         said: what the sentence must name: a pattern each.
         may_pass: the command may also succeed: what was given can be read in a good sense.
+        noted: what `doctor` must say where both go on: a pattern.
         keeps: names that the command may leave though it fails: stages for the next time.
     """
 
@@ -56,6 +57,7 @@ class Case:
     spoil: Spoil | None = None
     said: tuple[str, ...] = ()
     may_pass: bool = False
+    noted: str = ""
     keeps: tuple[str, ...] = ()
 
     @property
@@ -156,7 +158,8 @@ def disagreement(doctor: Case, train: Case, world: Path, scratch: Path) -> str |
     if found.status is None or found.status != told.status:
         return f"train {told.status}, doctor {found.status}: {told.errors} {found.output[-900:]}"
     if told.status == 0:
-        return None
+        noted = re.search(doctor.noted, found.output)
+        return None if noted else f"goes on without a word of {doctor.noted}: {found.output[-600:]}"
     sentence = told.errors.splitlines()[-1]
     if not found.output:  # there is no dataset to look at
         return None if found.errors.splitlines()[-1] == sentence else f"others: {found.errors}"
