@@ -40,7 +40,7 @@ from gsut.run import (
     flag_name,
     worst,
 )
-from gsut.sfm import PosesOptions
+from gsut.sfm import PosesOptions, check_lens
 
 HELP = "a scene from a video or photographs, in one command"
 DESCRIPTION = (
@@ -172,6 +172,7 @@ def _make(
     """All stages that are not done; returns the final state."""
     from gsut.capture import capture
 
+    check_lens(arguments.camera)
     expected = {"capture": _CAPTURE_SECONDS, "poses": 100.0, "training": 60.0, "report": 1.0}
     claimed = claim_folder(folder.path / POSES, "poses", arguments.inputs[0])
     with claimed, StagedProgress(expected, not arguments.quiet) as bars:
