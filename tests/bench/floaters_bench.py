@@ -34,6 +34,7 @@ COLUMNS = (
     ("way", "way", ""),
     ("held out [dB]", "psnr", ".2f"),
     ("of it the sky", "psnr_sky", ".2f"),
+    ("open left black", "psnr_black", ".2f"),
     ("blobs a view", "blobs", ".2f"),
     ("their pixels [%]", "near_percent", ".3f"),
     ("sky beyond the windows [%]", "beyond_percent", ".0f"),
@@ -148,6 +149,8 @@ def floaters(gaussians: gsut.Gaussians, scene: gsut.Scene) -> dict[str, float]:
         shown = gsut.render(gaussians, camera, scene.views[index].motion, background=None)
         truth = scene.image(index).astype(np.float32) / np.float32(255)
         image = np.clip(shown.image, 0.0, 1.0)
+        behind = np.float32(0.0) if shown.behind is None else shown.behind
+        black = np.clip(shown.image - (1.0 - shown.alpha)[..., None] * behind, 0.0, 1.0)
         covered = mask & (shown.alpha > _OPAQUE)
         at = shown.depth / np.maximum(shown.alpha, np.finfo(np.float32).tiny)
         near = covered & (at < _NEAR * away)
@@ -156,6 +159,7 @@ def floaters(gaussians: gsut.Gaussians, scene: gsut.Scene) -> dict[str, float]:
         seen_sky = sky & mask
         rows.append({
             "psnr": psnr(image, truth, mask), "blobs": blobs,
+            "psnr_black": psnr(black, truth, mask),
             "near_percent": 100 * near.sum() / mask.sum(),
             "open_percent": 100 * float(np.mean(1.0 - shown.alpha[mask])),
             "psnr_sky": psnr(image, truth, seen_sky) if seen_sky.any() else np.nan,

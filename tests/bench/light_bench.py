@@ -121,7 +121,7 @@ def run_light(options: LightBenchOptions, say: Callable[[str], None]) -> list[di
             truth = disturb(clean, data, parts, seed=1)
             ways = next(
                 (("off", f"off, {flag}") for part, flag in _FLAGS.items() if part in parts),
-                ("off", "auto", "on"),
+                ("off", "auto"),
             )
             for exposure in ways:
                 say(f"{name}, --exposure {exposure}")

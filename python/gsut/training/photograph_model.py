@@ -195,7 +195,7 @@ class PhotographModel:
         self._known[view], self._mean = True, None
 
     def _used_gains(self, views: Any = slice(None)) -> np.ndarray:
-        """(V, 3), of one view (3,), log-gains whose mean over known views is zero; zero if unused."""
+        """(V, 3), of one view (3,), log-gains of mean zero over the known views; zero if unused."""
         if not self._gains_used:
             return np.zeros_like(self._log_gains[views])
         if self._mean is None:
