@@ -80,7 +80,7 @@ def test_the_loop_of_another_block_goes_before_the_next_is_made(task, monkeypatc
     run_segment(task, None, kept)
     before = weakref.ref(kept[0])
     monkeypatch.setattr("gsut.blocks.segment.BlockLoop", lambda task: pytest.fail(str(before())))
-    with pytest.raises(pytest.fail.Exception, match="^None$"):  # nothing holds its photographs
+    with pytest.raises(pytest.fail.Exception, match=r"^None$"):  # nothing holds its photographs
         run_segment(dataclasses.replace(task), None, kept)
 
 
