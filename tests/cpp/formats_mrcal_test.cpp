@@ -1,5 +1,6 @@
 // Reading and writing .cameramodel against libmrcal, on real files; skipped where either is absent.
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include "gsut/base/errors.h"
 #include "gsut/formats/camera_model.h"
@@ -130,7 +131,7 @@ TEST_F(RealCameraModel, ReadFileProjectsAsLibmrcal) {
 
 TEST_F(RealCameraModel, WrittenFileIsReadByLibmrcalWithTheSameNumbers) {
   const std::filesystem::path written =
-      std::filesystem::path(testing::TempDir()) / "camera_model_mrcal_test.cameramodel";
+      testing::TempDir() + "gsut_mrcal_" + std::to_string(getpid()) + ".cameramodel";
   for (const auto& path : files_) {
     SCOPED_TRACE(path.string());
     CameraModelFile file = ReadByGsut(path);
@@ -157,7 +158,7 @@ TEST_F(RealCameraModel, WrittenFileIsReadByLibmrcalWithTheSameNumbers) {
 
 TEST_F(RealCameraModel, CutOffFileIsRefusedByBoth) {
   const std::filesystem::path cut =
-      std::filesystem::path(testing::TempDir()) / "camera_model_mrcal_cut.cameramodel";
+      testing::TempDir() + "gsut_mrcal_cut_" + std::to_string(getpid()) + ".cameramodel";
   std::filesystem::copy_file(files_.front(), cut,
                              std::filesystem::copy_options::overwrite_existing);
   std::filesystem::resize_file(cut, std::filesystem::file_size(cut) / 2);

@@ -1,5 +1,6 @@
 // Tests the C++ interface of gsut/formats/ply; files of all kinds are tested from Python.
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <cstdio>
 #include <cstring>
@@ -36,7 +37,8 @@ struct Scene {
 
 class PlyTest : public testing::Test {
  protected:
-  std::string path_ = testing::TempDir() + "gsut_ply_test.ply";
+  // Its own file a process: ctest runs tests side by side.
+  std::string path_ = testing::TempDir() + "gsut_ply_" + std::to_string(getpid()) + ".ply";
   void TearDown() override { std::remove(path_.c_str()); }
 };
 

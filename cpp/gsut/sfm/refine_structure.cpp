@@ -147,6 +147,7 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   map.Filter(current.max_error);
   tell("final adjustment");
   Structure result = map.Result(options.covariances);
+  tell("covariances");
   result.initial_first = 0;
   result.initial_second = farthest;
   return result;

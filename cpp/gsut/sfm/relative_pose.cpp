@@ -131,22 +131,27 @@ Eigen::Matrix3d FitRotation(std::span<const Bearing> first, std::span<const Bear
   return svd.matrixU() * sign * svd.matrixV().transpose();
 }
 
-// How many inliers a rotation alone explains: fitted, then fitted again to those that it explains.
+// How many inliers a rotation alone explains: from the pose's, which few wrong matches move, and
+// from what fits all inliers, fitted again to those that it explains.
 int CountRotationInliers(std::span<const Bearing> first, std::span<const Bearing> second,
-                         const std::vector<std::uint8_t>& inliers, double max_error) {
-  std::vector<std::uint8_t> chosen = inliers;
-  int count = 0;
-  for (int round = 0; round < kRefinements; ++round) {
-    const Eigen::Matrix3d rotation = FitRotation(first, second, chosen);
-    count = 0;
-    for (std::size_t i = 0; i < first.size(); ++i) {
-      chosen[i] =
-          inliers[i] && BearingResidual(second[i], rotation * first[i].ray).norm() < max_error;
-      count += chosen[i];
+                         const std::vector<std::uint8_t>& inliers, const Eigen::Matrix3d& start,
+                         double max_error) {
+  int most = 0;
+  for (Eigen::Matrix3d rotation : {start, FitRotation(first, second, inliers)}) {
+    std::vector<std::uint8_t> chosen(inliers.size());
+    for (int round = 0; round < kRefinements; ++round) {
+      int count = 0;
+      for (std::size_t i = 0; i < first.size(); ++i) {
+        chosen[i] =
+            inliers[i] && BearingResidual(second[i], rotation * first[i].ray).norm() < max_error;
+        count += chosen[i];
+      }
+      most = std::max(most, count);
+      if (count < 3) break;
+      rotation = FitRotation(first, second, chosen);
     }
-    if (count < 3) break;
   }
-  return count;
+  return most;
 }
 
 }  // namespace
@@ -231,7 +236,7 @@ RelativePose EstimateRelativePose(std::span<const Bearing> first, std::span<cons
   std::nth_element(parallaxes.begin(), upper, parallaxes.end());
   result.parallax = *upper;
   result.num_rotation_inliers =
-      CountRotationInliers(first, second, result.inliers, options.max_error);
+      CountRotationInliers(first, second, result.inliers, pose.rotation, options.max_error);
   result.second_from_first = pose;
   result.found = true;
   return result;

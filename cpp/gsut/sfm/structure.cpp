@@ -250,7 +250,9 @@ class Mapper {
     map_->Filter(options_.max_error);
     map_->DropWeakImages();
     ReportProgress("final adjustment");
-    return map_->Result(options_.covariances);
+    Structure result = map_->Result(options_.covariances);
+    ReportProgress("covariances");
+    return result;
   }
 
   void ReportProgress(const char* step) const {

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut._core import InputError, Shutter
+from gsut._core import InputError, Shutter, SolveError
 from gsut.data import Rig, read_rig, write_rig
 from gsut.files import write_file
 from gsut.output_folder import claim_folder
@@ -30,7 +30,7 @@ from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.models import further_models, write_models
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import FIGURES, TRANSFORMS, figures, write_dataset
-from gsut.sfm.overlap import require_overlap
+from gsut.sfm.overlap import require_overlap, why_nothing
 from gsut.sfm.poses_log import PosesLog, solution_notes
 from gsut.sfm.poses_verdict import poses_verdict
 from gsut.sfm.report import REPORT, write_report
@@ -257,10 +257,14 @@ def _map_incrementally(
     *,
     shutter: Shutter | None,
 ) -> Solution:
-    return solve(
-        photographs.names, photographs.lenses, features, pairs, options, on_progress,
-        shutter=shutter,
-    )  # fmt: skip
+    try:
+        return solve(
+            photographs.names, photographs.lenses, features, pairs, options, on_progress,
+            shutter=shutter,
+        )  # fmt: skip
+    except SolveError as error:
+        otherwise = "let the lens be estimated: --unknown-lens"
+        raise why_nothing(error, features, pairs, otherwise) from None
 
 
 def _key(photographs: Photographs, options: PosesOptions, fov: float | None) -> dict[str, Any]:

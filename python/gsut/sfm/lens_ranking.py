@@ -24,6 +24,9 @@ _FAVOUR = 1.02  # on the share of a lens that the database or EXIF speaks for
 # which more is no better (of the diagonal): pairs that move say more than pairs with many matches.
 _ENOUGH_MATCHES = 300
 _ENOUGH_SPREAD = 0.06
+# Of pairs of a camera that turned on the spot a turn alone explains so much, of what agrees to a
+# larger error: where the lens is only nearly right.
+_TURNED, _TURN_ERROR = 0.8, 3.0
 # Steps of the focal length and of k1 around the best lens, coarse to fine.
 _STEPS = ((0.15, 0.06), (0.07, 0.03), (0.035, 0.015))
 
@@ -67,6 +70,28 @@ class LensRanking:
 
     def share(self, camera: Camera, pairs: int = _PAIRS, most: int = _MATCHES) -> float:
         """Mean share of the matches that agree through this lens, of so many pairs and matches."""
+        return self._shares(camera, pairs, most, 1.0)[0]
+
+    def only_turned(self, lenses: Sequence[Camera]) -> bool:
+        """Whether a lens near one of these explains by turns alone what agrees through it."""
+
+        def by_turns(camera: Camera) -> float:
+            agree, turns = self._shares(camera, _PAIRS, _MATCHES, _TURN_ERROR)
+            return turns / max(agree, 1e-9)
+
+        best = max(lenses, key=by_turns)
+        most = by_turns(best)
+        for step, _ in _STEPS:
+            for factor in (1 + step, 1 / (1 + step)):
+                camera = with_scaled_focal(best, factor)
+                if (found := by_turns(camera)) > most:
+                    best, most = camera, found
+        return most > _TURNED
+
+    def _shares(
+        self, camera: Camera, pairs: int, most: int, error_factor: float
+    ) -> tuple[float, float]:
+        """Mean shares of the matches that agree with one pose a pair, and with a turn alone."""
         matches_of = [matches[:most] for matches in self._matches[:pairs]]
         bearings = [_core.ImageBearings(camera, f.pixels) for f in self._features]
         valid = [b.valid for b in bearings]
@@ -74,13 +99,14 @@ class LensRanking:
             m[valid[a][m[:, 0]] & valid[b][m[:, 1]]]
             for (a, b), m in zip(self._pairs[:pairs], matches_of, strict=True)
         ]
-        error = self._error * float(np.hypot(camera.width, camera.height))
+        error = error_factor * self._error * float(np.hypot(camera.width, camera.height))
         found = _core.verify_pairs(bearings, self._pairs[:pairs], seen, error, self._seed)
         shares = [
-            float(inliers.sum()) / len(matches)
-            for (inliers, *_), matches in zip(found, matches_of, strict=True)
+            (float(inliers.sum()) / len(matches), turns / len(matches))
+            for (inliers, _, turns, *_), matches in zip(found, matches_of, strict=True)
         ]
-        return float(np.mean(shares)) if shares else 0.0
+        agree, turns = np.mean(shares, axis=0) if shares else (0.0, 0.0)
+        return float(agree), float(turns)
 
     def best(
         self,

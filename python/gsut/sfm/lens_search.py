@@ -18,7 +18,7 @@ from gsut.sfm.lens_pairs import choose_connected_pairs, keep_most_distinct, only
 from gsut.sfm.lens_ranking import LensRanking, RankedLens
 from gsut.sfm.matching import PairMatches, RawMatches, verify
 from gsut.sfm.options import PosesOptions
-from gsut.sfm.overlap import require_overlap
+from gsut.sfm.overlap import require_overlap, why_nothing
 from gsut.sfm.poses_log import PosesLog
 from gsut.sfm.solution import Solution, refine, solve
 
@@ -47,9 +47,10 @@ _SAME_FOCAL = 0.12
 _CONFIRMED = 0.5e-3
 # Matches are verified again where the lens' focal length has changed by more.
 _VERIFY_AGAIN = 0.03
+# Of the search's time so much is over when lenses are ranked, the first images tried with some,
+# more images solved with the best, and the radial coefficients chosen.
+_RANKED, _STARTED, _BEGUN, _CHOSEN = 0.12, 0.38, 0.48, 0.8
 _PERSPECTIVE_UP_TO = math.radians(50.0)  # from the axis: also tried as a perspective lens
-# Fewer images, and less parallax in degrees, are named where nothing is found.
-_FEW_IMAGES, _LITTLE_PARALLAX = 10, 1.5
 # On the largest error of pairs, of a rolling shutter that a global one stands in for.
 _ROLLING_PAIRS = 3.0
 
@@ -108,20 +109,26 @@ def search_lens(
     ladder = lens_ladder(first.width, first.height, fov_degrees)
     ranked = ranking.best(
         photographs.candidates, ladder,
-        lambda done, total: trials.tell("first lenses", 0.3 * done / total),
+        lambda done, total: trials.tell("first lenses", _RANKED * done / total),
     )  # fmt: skip
     pairs = trials.verified(ranked[0].camera, raw)
     require_overlap(photographs.names, features, pairs)
-    best = _first_solution(trials, raw, pairs, ranked)
-    if abs(best.cameras[0].params[0] / ranked[0].camera.params[0] - 1) > _VERIFY_AGAIN:
-        pairs = trials.verified(best.cameras[0], raw)
-    chosen, flags = _best_model(trials, pairs, best)
-    lens = chosen.cameras[0]
-    final = solve(
-        photographs.names, [lens] * len(photographs), features, pairs, options,
-        log.on_images("mapping"),
-        lens_free=flags, lens_settled=True, shutter=shutter,
-    )  # fmt: skip
+    try:
+        best = _first_solution(trials, raw, pairs, ranked)
+        if abs(best.cameras[0].params[0] / ranked[0].camera.params[0] - 1) > _VERIFY_AGAIN:
+            pairs = trials.verified(best.cameras[0], raw)
+        chosen, flags = _best_model(trials, pairs, best)
+        lens = chosen.cameras[0]
+        final = solve(
+            photographs.names, [lens] * len(photographs), features, pairs, options,
+            log.on_images("mapping"),
+            lens_free=flags, lens_settled=True, shutter=shutter,
+        )  # fmt: skip
+    except SolveError as error:
+        raise why_nothing(
+            error, features, pairs, "give a rough field of view by --fov, or a lens by --camera",
+            turned=ranking.only_turned(ladder),
+        ) from None  # fmt: skip
     return LensSearch(final, trials.rows, pairs, flags)
 
 
@@ -146,7 +153,7 @@ def _first_solution(
             lens.camera, _START, keep_most_distinct(few, _FIRST_MATCHES), share=lens.share
         )
         tried.append(focal)
-        trials.tell("first images", 0.3 + 0.3 * len(tried) / _MOST_FIRST)
+        trials.tell("first images", _RANKED + (_STARTED - _RANKED) * len(tried) / _MOST_FIRST)
         if solution is None:
             continue
         found.append(solution)
@@ -158,28 +165,10 @@ def _first_solution(
         ):
             break
     if not found:
-        raise SolveError(_why_nothing(trials, pairs))
+        refused = [row["refused"] for row in trials.rows if "refused" in row]
+        of_none = f"; the lens found is that of no camera ({refused[0]})" if refused else ""
+        raise SolveError(f"no lens tried gives a reconstruction{of_none}")
     return min(found, key=_rank)
-
-
-def _why_nothing(trials: _Trials, pairs: Sequence[PairMatches]) -> str:
-    """What the lenses tried say of the images, and what to do."""
-    refused = [row["refused"] for row in trials.rows if "refused" in row]
-    parallax = math.degrees(float(np.median([pair.parallax for pair in pairs])))
-    reasons = []
-    if trials.num_images < _FEW_IMAGES:
-        reasons.append(f"{trials.num_images} images are few: take 20 or more")
-    if parallax < _LITTLE_PARALLAX:
-        reasons.append(
-            f"the camera hardly moved between them ({parallax:.1f} degrees of parallax): walk "
-            "sideways to what you photograph"
-        )
-    if refused:
-        reasons.append(f"the lens found is that of no camera ({refused[0]})")
-    return (
-        f"no lens tried gives a reconstruction{'; ' if reasons else ''}{'; '.join(reasons)}; or "
-        "give a rough field of view by --fov, or a lens by --camera"
-    )
 
 
 def _best_model(
@@ -189,22 +178,24 @@ def _best_model(
     images = _FIRST_IMAGES if trials.rolling else _MODEL_IMAGES
     more = keep_most_distinct(choose_connected_pairs(pairs, images), _MODEL_MATCHES)
     start = best if trials.rolling else trials.solve(best.cameras[0], _START, more) or best
+    trials.tell("models", _BEGUN)
     chosen: tuple[Solution, np.ndarray] = (start, _START)
     models = _models(start)
     if trials.rolling:  # each trial begins from nothing: the fewest
         models = models[-1:]
     for number, (flags, model) in enumerate(models, 1):
         found = trials.refine(start, model(start.cameras[0]), flags, more)
-        trials.tell("models", 0.6 + 0.3 * number / len(models))
+        trials.tell("models", _BEGUN + (_CHOSEN - _BEGUN) * number / len(models))
         if found is not None and _is_better(found, chosen[0], _BETTER):
             chosen = found, flags
-    for freed, share in (((2, 3), _BETTER_CENTER), ((0, 1), _BETTER_ASPECT)):
+    freeing = (((2, 3), _BETTER_CENTER), ((0, 1), _BETTER_ASPECT))
+    for number, (freed, share) in enumerate(freeing, 1):
         flags = chosen[1].copy()
         flags[list(freed)] = _FREE
         found = trials.refine(start, chosen[0].cameras[0], flags, more)
         if found is not None and _is_better(found, chosen[0], share):
             chosen = found, flags
-    trials.tell("models", 1.0)
+        trials.tell("models", _CHOSEN + (1 - _CHOSEN) * number / len(freeing))
     return chosen
 
 
@@ -265,11 +256,6 @@ class _Trials:
         self._show = show
         self._shutter = shutter
         self._share = 0.0
-
-    @property
-    def num_images(self) -> int:
-        """Images in all."""
-        return len(self._names)
 
     @property
     def rolling(self) -> bool:

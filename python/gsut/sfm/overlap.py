@@ -1,4 +1,4 @@
-"""Explains why there is nothing to reconstruct."""
+"""Explains why there is nothing to reconstruct, and what to do."""
 
 from __future__ import annotations
 
@@ -10,6 +10,10 @@ from gsut._core import SolveError
 from gsut.data import some_names
 from gsut.sfm.features import Features
 from gsut.sfm.matching import PairMatches
+from gsut.sfm.poses_verdict import picture_faults
+
+_FEW_IMAGES, _LITTLE_PARALLAX = 10, 1.5  # fewer images, and less parallax in degrees, are named
+_POOR = 2  # of the faults that a verdict knows, the grave ones
 
 
 def require_overlap(
@@ -53,3 +57,37 @@ def _same(pair: PairMatches) -> bool:
     """Whether neither turn nor shift is seen."""
     turn = np.arccos(np.clip((np.trace(pair.second_from_first[:3, :3]) - 1) / 2, -1, 1))
     return bool(np.degrees(turn) < 0.05)
+
+
+def why_nothing(
+    error: SolveError,
+    features: Sequence[Features],
+    pairs: Sequence[PairMatches],
+    otherwise: str,
+    *,
+    turned: bool = False,
+) -> SolveError:
+    """An error of the mapper with what the images say of its cause, gravest first.
+
+    Args:
+        error: that nothing could be reconstructed.
+        features: of all images. pairs: verified.
+        otherwise: what else may help.
+        turned: they show that the camera turned on the spot.
+    """
+    reasons = []
+    if turned:
+        reasons.append(
+            "the camera only turned on the spot, so there is no depth: walk between the pictures"
+        )
+    faults = picture_faults(features, len(features))
+    reasons += [f"{what}: {advice}" for level, what, advice in faults if level == _POOR]
+    if len(features) < _FEW_IMAGES:
+        reasons.append(f"{len(features)} images are few: take 20 or more")
+    parallax = np.degrees(float(np.median([pair.parallax for pair in pairs] or [np.inf])))
+    if parallax < _LITTLE_PARALLAX and not turned:
+        reasons.append(
+            f"the camera hardly moved between them ({parallax:.1f} degrees of parallax): walk "
+            "sideways to what you photograph"
+        )
+    return SolveError("; ".join([str(error), *reasons, f"or {otherwise}"]))

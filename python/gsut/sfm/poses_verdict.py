@@ -21,9 +21,9 @@ from gsut.sfm.solution import FEATURE_VARIANCE, Solution
 _REGISTERED = (0.95, 0.6)
 _IMAGES = (20, 6)
 _OBSERVATIONS = (100, 30)  # of an image, in the tenth part that sees fewest points
-# Share of the matches that end in points: 0.54 for a good flight with a rolling shutter, 0.3 to
-# 0.4 with a wrong lens.
-_AGREEING = (0.5, 0.25)
+# Share of the matches that end in points, where the lens was estimated, and where it was given:
+# 0.54 for a good flight with a rolling shutter, 0.3 to 0.4 with a wrong lens.
+_AGREEING, _AGREEING_GIVEN = (0.5, 0.25), (0.5, 0.45)
 # Above the first usable at most, above the second poor: two standard deviations of the focal
 # length over it, and the median residual over the image's diagonal.
 _FOCAL = (0.02, 0.1)
@@ -106,13 +106,14 @@ def poses_verdict(
     weak = float(np.percentile(counts, 10)) if counts.any() else math.inf  # no points: by colours
     residual = solution.median / math.hypot(camera.width, camera.height)
     sigma = 0.0 if doubt is None else 2 * doubt.focal_sigma
-    # (how bad: 0 to 2, what, what to do)
+    # (how bad: 0 to 2, what, what to do), causes before what they lead to
     found = [
         (
             0 if doubt is None or not doubt.motion else 2 if doubt.motion.startswith(TURNED) else 1,
             (doubt.motion or "").split(":")[0] if doubt else "",
             (doubt.motion or "").rpartition(": ")[2] if doubt else "",
         ),
+        *picture_faults(features, total),
         (
             _below(registered / max(1, total), _REGISTERED),
             f"{total - registered} of {total} images could not be connected with the others",
@@ -129,7 +130,10 @@ def poses_verdict(
             "take more pictures between them, each showing two thirds of the one before",
         ),
         (
-            _below(1.0 if agreeing is None else agreeing, _AGREEING),
+            _below(
+                1.0 if agreeing is None else agreeing,
+                _AGREEING_GIVEN if doubt is None else _AGREEING,
+            ),
             f"only {100 * (agreeing or 0):.0f} % of the matches agree in all images together",
             "give --shutter rolling if the camera moved fast"
             if doubt is not None
@@ -146,7 +150,6 @@ def poses_verdict(
             f"points are off by {solution.median:.2f} px",
             "give --shutter rolling if the camera moved fast, or the lens by --camera",
         ),
-        *_of_pictures(features, total),
     ]  # fmt: skip
     found = [row for row in found if row[0] > 0]
     found.sort(key=lambda row: -row[0])
@@ -159,21 +162,21 @@ def poses_verdict(
     return Verdict(level, what, tuple(row[1] for row in found), advice)
 
 
-def _of_pictures(features: Sequence[Features], total: int) -> list[tuple[int, str, str]]:
-    """Reasons of blur and exposure."""
+def picture_faults(features: Sequence[Features], total: int) -> list[tuple[int, str, str]]:
+    """Exposure and blur: how bad (0 to 2), what, and what to do."""
     few = sum(len(f) < _FEW_FEATURES for f in features)
     grey = np.array([float(f.colors.mean()) for f in features if len(f)])
     dark, bright = int((grey < _DARK).sum()), int((grey > _BRIGHT).sum())
     return [
         (
-            _above(few / max(1, total), _BAD),
-            f"{few} of {total} images have few features: blurred, dark or without texture",
-            "hold the camera still, film more slowly or with more light",
-        ),
-        (
             _above((dark + bright) / max(1, total), _BAD),
             f"{dark} of {total} images are too dark, {bright} too bright",
             "film with more light and a fixed exposure",
+        ),
+        (
+            _above(few / max(1, total), _BAD),
+            f"{few} of {total} images have few features: blurred, dark or without texture",
+            "hold the camera still, film more slowly or with more light",
         ),
     ]
 

@@ -18,6 +18,7 @@ GSUT = [sys.executable, "-m", "gsut"]
 # Runs many commands in one process whose files cannot grow beyond 64 bytes, as on a full disk.
 ON_FULL_DISK = """
 import contextlib, io, json, resource, sys
+sys.dont_write_bytecode = True  # Python keeps what a full disk leaves of it, and fails on it later
 import av, cv2, numpy  # what opens files of its own
 from gsut.cli import main
 
