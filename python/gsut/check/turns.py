@@ -21,7 +21,8 @@ from gsut.sfm import angular_errors
 MATCHED = 0.5  # of the matches must fit one relative pose a pair, for there to be evidence
 _FEWEST = 4  # turns from which something is told
 _EXPLAINED = 0.5  # cost of poses, see `cost`, that need no other start
-_STEPS, _WIDEST = 6, 0.2  # of the refinement of a camera's turn on its body; radians
+_TILTS, _STARTS = (-0.3, 0.0, 0.3), 12  # radians about each axis; tilts that are refined
+_WIDEST, _FINEST = 0.2, 0.005  # steps of the search for a camera's turn on its body; radians
 _AGREE = 2.5  # degrees, median, of turns that are explained
 _BETTER = 0.5  # of the given turns' error, at most
 _SHARE = 0.7  # of the turns
@@ -41,7 +42,7 @@ def turn_of_body(evidence: Evidence) -> np.ndarray:
     if len(found) >= _FEWEST:
         tried.append(_refined(sample, _hand_eye(evidence, found), Evidence.cost_of_poses))
     if not tried or sample.cost_of_poses(evidence.table.poses @ tried[0]) > _EXPLAINED:
-        tried.append(_refined(sample, _searched(sample), Evidence.cost_of_poses))
+        tried.append(_searched(sample))
     return min(tried, key=lambda turn: sample.cost_of_poses(evidence.table.poses @ turn))
 
 
@@ -59,15 +60,18 @@ def _hand_eye(
 
 
 def _searched(evidence: Evidence) -> np.ndarray:
-    """The turn with the smallest median error near any of the 24."""
-    tried = []
+    """The turn at which most matches fit, of those near one of the 24, or between them, that have
+    the smallest median errors."""
+    starts = []
     for axes in signed_permutations():
-        if np.linalg.det(axes) > 0:
+        for tilt in itertools.product(_TILTS, repeat=3) if np.linalg.det(axes) > 0 else ():
             start = np.eye(4)
-            start[:3, :3] = axes
-            turn = _refined(evidence, start, _median_error)
-            tried.append((_median_error(evidence, evidence.table.poses @ turn), turn))
-    return min(tried, key=lambda each: each[0])[1]
+            start[:3, :3] = axes @ exp_pose([0.0, 0.0, 0.0, *tilt])[:3, :3]
+            starts.append((_median_error(evidence, evidence.table.poses @ start), start))
+    starts.sort(key=lambda each: each[0])
+    near = [_refined(evidence, start, _median_error) for _, start in starts[:_STARTS]]
+    turns = [_refined(evidence, turn, Evidence.cost_of_poses) for turn in near]
+    return min(turns, key=lambda turn: evidence.cost_of_poses(evidence.table.poses @ turn))
 
 
 def _median_error(evidence: Evidence, poses: np.ndarray) -> float:
@@ -82,7 +86,8 @@ def _refined(
     """The turn near another one at which poses cost least: a search by ever smaller steps."""
     poses = evidence.table.poses
     best, step = cost_of(evidence, poses @ turn), _WIDEST
-    for _ in range(_STEPS):
+    while step > _FINEST:
+        before = best
         for axis, sign in itertools.product(range(3), (-1.0, 1.0)):
             moved = np.zeros(6)
             moved[3 + axis] = sign * step
@@ -90,7 +95,8 @@ def _refined(
             value = cost_of(evidence, poses @ trial)
             if value < best:
                 best, turn = value, trial
-        step /= 2
+        if best == before:
+            step /= 2
     return turn
 
 
