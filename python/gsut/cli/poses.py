@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 # estimated from them. Mapping with a lens that is known, and beside an unknown one.
 _STAGE_SECONDS = {
     "features": 5.7, "preview": 1.0, "matching": 5.5, "verifying": 2.2, "lens": 20.0,
-    "mapping": 23.0, "shutter": 25.0, "rig": 15.0,
+    "mapping": 24.0, "shutter": 12.0, "rig": 15.0,
 }  # fmt: skip
-_MAPPING_UNKNOWN = 33.0
+_MAPPING_UNKNOWN = 42.0
 _MEGAPIXELS = 0.5
-# By what power of the megapixels they grow (three captures of 0.2 to 2 megapixels).
-_GROWTH = {"features": 0.75, "lens": 0.4, "mapping": 0.4}
+# By what power of the megapixels they grow (four captures of 0.2 to 2 megapixels).
+_GROWTH = {"features": 0.75, "lens": 0.4, "mapping": 0.25}
 EXPECTED_IMAGES = 60
 
 HELP = "camera poses and points of photographs, without COLMAP"

@@ -19,7 +19,7 @@ from gsut.run import StagedProgress, Verdict
 from gsut.sfm.poses_log import PosesLog
 from small_videos import walk_past
 
-# What three runs of `gsut poses` told, at which second: processor seconds, those of the stages that
+# What four runs of `gsut poses` told, at which second: processor seconds, those of the stages that
 # use both cores halved.
 LOGGED = Path(__file__).parent / "logged_poses.json"
 
@@ -169,7 +169,7 @@ def test_verdict_of_few_pictures_names_what_to_do():
 @pytest.mark.parametrize("run", json.loads(LOGGED.read_text()), ids=lambda run: run["images"])
 def test_time_left_of_logged_poses_holds_within_half(run):
     clock = Clock()
-    taken = {"kind": "photographs", "size": run["size"]}
+    taken = {"kind": "video" if run["video"] else "photographs", "size": run["size"]}
     expected = pose_seconds(taken, "auto", run["known"])
     bars = StagedProgress(expected, enabled=False, clock=clock)
     shown = InStages(bars, expected)
