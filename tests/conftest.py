@@ -33,3 +33,13 @@ def defaults():
     yield
     gsut.set_isa(os.environ.get("GSUT_ISA", ""))
     gsut.set_num_threads(0)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_wait_for_the_disk():
+    """Files go to the system, not to the disk, for which a run of the tests would wait thousands of
+    times: what they kill is processes, not the power."""
+    patch = pytest.MonkeyPatch()
+    patch.setattr(os, "fsync", lambda descriptor: None)
+    yield
+    patch.undo()

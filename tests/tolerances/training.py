@@ -6,3 +6,4 @@ PANORAMA_SEAM_STEP = (
     1.5  # colour step across the seam over the step between its neighbours; observed 1.2
 )
 VIEWERS_GAIN_DB = 2.8  # of 25 steps on thin blobs; least 5.6
+BLURRED_SKY = 0.06  # of colours in [0, 1]: mean over 3 x 3 pixels of clouds; worst 0.039

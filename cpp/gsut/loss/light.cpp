@@ -14,8 +14,8 @@ namespace {
 
 // Outside of these a sensor is no longer linear in light, or its noise is all there is.
 constexpr float kBlack = 0.02f, kSaturated = 0.96f;
-// Neighbouring rows tell the same: every fourth, of high images some 64 to 90.
-constexpr std::int64_t kRowStep = 4, kRows = 64;
+// Neighbouring rows tell the same: every fourth, of high images some 40 to 79.
+constexpr std::int64_t kRowStep = 4, kRows = 40;
 constexpr std::int64_t kBlockRows = 32;
 
 std::array<float, 256> LevelsOfBytes() {

@@ -13,7 +13,7 @@ struct LightSums {
   double tc[3] = {}, cc[3] = {};
 };
 
-// Over unmasked pixels of every fourth row (of high images of fewer, 64 to 90 in all), where the
+// Over unmasked pixels of every fourth row (of high images of fewer, 40 to 79 in all), where the
 // photograph is neither black nor saturated in any channel. bins: (H, W), each below num_bins, such
 // as a ring of field angle; null: all 0. sums: (num_bins), overwritten. The same bits on any number
 // of threads. Throws InputError if a bin is not below num_bins.

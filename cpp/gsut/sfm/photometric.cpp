@@ -3,7 +3,6 @@
 
 #include <ceres/ceres.h>
 
-#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -14,6 +13,7 @@
 #include "gsut/base/errors.h"
 #include "gsut/cameras/ray_jacobian.h"
 #include "gsut/sfm/lens_parameters.h"
+#include "gsut/sfm/photometric_covariance.h"
 #include "gsut/sfm/pose_manifold.h"
 #include "gsut/sfm/solver_log.h"
 #include "gsut/sfm/stop_after.h"
@@ -251,56 +251,25 @@ double Rms(const SceneEvaluation& evaluation, const std::vector<PhotometricImage
   return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(1, count)));
 }
 
-// Blocks of an image, along its longer side, that count as independent in the covariance.
-constexpr int kCovarianceBlocks = 16;
-constexpr int kFewestBlocks = 32;  // with pixels; below it each pixel counts as independent
-
-// N^-1 (sum g g^T) N^-1 of one image: N its normal equations with Huber's weights, pose first; g of
-// a block its right-hand side, as pixels of a block may err together (Liang and Zeger 1986).
 Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const PhotometricImage& image,
                                        const Camera& camera, const PhotometricOptions& options) {
-  const int size = options.with_gain ? 8 : 6;
-  const int width = camera.width();
-  const int side = (std::max(width, camera.height()) + kCovarianceBlocks - 1) / kCovarianceBlocks;
-  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(size, size);
-  Eigen::MatrixXd by_block = Eigen::MatrixXd::Zero(size, kCovarianceBlocks * kCovarianceBlocks);
-  Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(size, size);  // of the pixels' right-hand sides
-  for (std::size_t i = 0; i < image.pixels.size(); ++i) {
+  const auto rows_of = [&](std::size_t i, ColorRows* rows) {
     const ColorCost cost(state, &image.colors[3 * i], i, 0);
     Vector3d residual = Vector3d::Zero();
     const double* parameters[2] = {state.pose.data(), state.gain.data()};
     cost.Evaluate(parameters, residual.data(), nullptr);
     const double length = residual.norm();
-    const double weight =
+    rows->weight =
         options.loss_scale > 0 && length > options.loss_scale ? options.loss_scale / length : 1.0;
-    Eigen::Matrix<double, 3, Eigen::Dynamic> rows(3, size);
-    rows.leftCols<6>() = state.gain[0] * cost.ByPoseTangent();
+    rows->residual = residual;
+    rows->slopes.leftCols<6>() = state.gain[0] * cost.ByPoseTangent();
     if (options.with_gain) {
-      rows.col(6) = Map<const Vector3d>(&state.colors[3 * i]);
-      rows.col(7).setOnes();
+      rows->slopes.col(6) = Map<const Vector3d>(&state.colors[3 * i]);
+      rows->slopes.col(7).setOnes();
     }
-    normal += weight * rows.transpose() * rows;
-    const int pixel = static_cast<int>(image.pixels[i]);
-    const int block = pixel / width / side * kCovarianceBlocks + pixel % width / side;
-    const Eigen::VectorXd right = weight * rows.transpose() * residual;
-    by_block.col(block) += right;
-    squares += right * right.transpose();
-  }
-  // To a diagonal of ones, so that units do not matter; Eigen solves a singular matrix in silence.
-  const Eigen::VectorXd scale =
-      normal.diagonal().cwiseSqrt().unaryExpr([](double d) { return d > 0.0 ? 1.0 / d : 0.0; });
-  const Eigen::LDLT<Eigen::MatrixXd> factors(scale.asDiagonal() * normal * scale.asDiagonal());
-  constexpr double kSingular = 1e-12;
-  if (factors.info() != Eigen::Success || !(factors.vectorD().minCoeff() > kSingular)) {
-    throw SolveError("the photograph does not determine its pose: too little of it shows texture");
-  }
-  const auto blocks = (by_block.colwise().squaredNorm().array() > 0.0).count();
-  if (blocks >= kFewestBlocks) {
-    squares = by_block * by_block.transpose() * (static_cast<double>(blocks) / (blocks - 1));
-  }
-  const Eigen::MatrixXd scaled = factors.solve(Eigen::MatrixXd(scale.asDiagonal()));
-  const Eigen::MatrixXd inverse = scale.asDiagonal() * scaled;
-  return (inverse * squares * inverse.transpose()).topLeftCorner<6, 6>();
+  };
+  return PhotometricCovariance(image.pixels, camera.width(), camera.height(),
+                               options.with_gain ? 8 : 6, rows_of);
 }
 
 }  // namespace

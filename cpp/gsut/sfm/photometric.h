@@ -47,9 +47,9 @@ struct PhotometricSummary {
   int iterations = 0, evaluations = 0;
   bool converged = false;
   // With covariances and no free lens: of each image (centre in the world, rotation vector in the
-  // camera frame, as PoseCovariances), from the normal equations and the differences that remain,
-  // which may err together within a sixteenth of the image. What the whole scene errs by is not
-  // in it.
+  // camera frame, as PoseCovariances), by leaving out one part of the image after the other: blocks
+  // of a sixteenth of its longer side, or less where they would be fewer than 32. What the whole
+  // scene errs by is not in it.
   std::vector<Eigen::Matrix<double, 6, 6>> covariances;
 };
 

@@ -19,6 +19,7 @@ from gsut.data import (
     check_lenses,
     check_points,
     check_poses,
+    diagnose_scene,
     load_dataset,
     sorted_findings,
 )
@@ -63,7 +64,7 @@ def check_against_photographs(
 
 
 def doctor(
-    path: str | os.PathLike, *, test_every: int = TEST_EVERY, progress: bool = True
+    data: str | os.PathLike | Scene, *, test_every: int = TEST_EVERY, progress: bool = True
 ) -> list[Finding]:
     """Reads a dataset without stopping at the first error, and looks at all of it.
 
@@ -72,18 +73,21 @@ def doctor(
     photographs: where they contradict each other, what was probably meant is named.
 
     Args:
-        path: a folder with transforms.json, a COLMAP model or images with lens and poses; or a
-            transforms.json file itself.
-        test_every: hold out every n-th image by name, 0 for none.
+        data: a folder with transforms.json, a COLMAP model or images with lens and poses; a
+            transforms.json file itself; or a scene, such as `make_scene` makes of arrays.
+        test_every: of a folder: hold out every n-th image by name, 0 for none.
         progress: show bars while images are decoded.
 
     Returns:
         Findings, errors first. Training can start if none has severity "error".
     """
-    findings = diagnose_files(path, test_every=test_every, progress=progress)
+    if isinstance(data, Scene):
+        findings = sorted_findings(diagnose_scene(data, progress=progress))
+    else:
+        findings = diagnose_files(data, test_every=test_every, progress=progress)
     if any(finding.severity == "error" for finding in findings):
         return findings
-    scene = load_dataset(path, test_every=0)
+    scene = data if isinstance(data, Scene) else load_dataset(data, test_every=0)
     found = check_against_photographs(scene)
     if all(finding.severity == "info" for finding in found):
         found += look_closer(scene)

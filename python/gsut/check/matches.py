@@ -125,7 +125,7 @@ def _features(scene: Scene, index: int, options: PosesOptions) -> Features:
     view = scene.views[index]
     try:
         pixels = scene.image(index)
-        valid = None if view.mask_path is None else decode_mask(view.mask_path)
+        valid = view.valid if view.mask_path is None else decode_mask(view.mask_path)
     except InputError:  # said by the checks of the files
         pixels, valid = np.zeros((8, 8, 3), np.uint8), None
     return features_in(pixels, valid, options)

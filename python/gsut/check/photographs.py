@@ -109,15 +109,14 @@ def _fitted(evidence: Evidence, most: float) -> list[tuple[float, str, str, str]
     """What fits once something is estimated: the lens near another one, or a turn of the camera."""
     found = []
     turn = turn_of_body(evidence)
-    if turn is not None:
-        value = evidence.cost_of_poses(evidence.table.poses @ turn)
-        if value < most:
-            rows = "; ".join(" ".join(f"{v:.4f}" for v in row) for row in turn[:3, :3])
-            found.append((
-                value, "these poses as a body's on which the camera is turned", "multiply each "
-                f"camera-to-world matrix by the camera's place on the body (inverse of Kalibr's "
-                f"T_cam_imu); its rotation is about [{rows}]", "poses",
-            ))  # fmt: skip
+    value = evidence.cost_of_poses(evidence.table.poses @ turn)
+    if value < most:
+        rows = "; ".join(" ".join(f"{v:.4f}" for v in row) for row in turn[:3, :3])
+        found.append((
+            value, "these poses as a body's on which the camera is turned", "multiply each "
+            f"camera-to-world matrix by the camera's place on the body (inverse of Kalibr's "
+            f"T_cam_imu); its rotation is about [{rows}]", "poses",
+        ))  # fmt: skip
     cameras, sample = evidence.scene.cameras, evidence.sample
     tried = other_lenses(cameras, sample.cost_of_lenses)
     lenses = sorted(tried, key=lambda lens: sample.cost_of_lenses(lens.cameras))

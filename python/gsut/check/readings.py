@@ -61,13 +61,14 @@ def _axes(file_axes: np.ndarray) -> list[tuple[str, np.ndarray]]:
     names = {"OpenCV": np.eye(3), "OpenGL": _GL, "ROS body": _ROS}
     own = next(name for name, axes in names.items() if np.array_equal(axes, file_axes))
     known = [(own, file_axes)] + [(n, axes) for n, axes in names.items() if n != own]
-    for axes in _signed_permutations():
+    for axes in signed_permutations():
         if np.linalg.det(axes) > 0 and not any(np.array_equal(axes, other) for _, other in known):
             known.append((f"x, y, z = {_in_words(axes)}", axes))
     return known
 
 
-def _signed_permutations() -> Iterator[np.ndarray]:
+def signed_permutations() -> Iterator[np.ndarray]:
+    """The 48 (3, 3) matrices that permute axes and change signs."""
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
             yield np.eye(3)[list(order)] * np.array(signs)[:, None]
@@ -173,7 +174,7 @@ def _as_quaternions(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Rea
 
 def _mirrored(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Reading]:
     r, t = matrices[:, :3, :3], matrices[:, :3, 3]
-    for axes in _signed_permutations():
+    for axes in signed_permutations():
         if np.array_equal(axes, np.eye(3)):
             continue
         words = "mirrored" if np.linalg.det(axes) < 0 else "turned"

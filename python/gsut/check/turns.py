@@ -7,33 +7,48 @@ a way that no matrix mends, their turns still tell how.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from gsut._core import exp_pose
 from gsut.check.evidence import Evidence
+from gsut.check.readings import signed_permutations
 from gsut.data import OPENGL_FROM_OPENCV
 from gsut.gaussians import rotations_of
+from gsut.sfm import angular_errors
 
 MATCHED = 0.5  # of the matches must fit one relative pose a pair, for there to be evidence
 _FEWEST = 4  # turns from which something is told
-_STEPS, _WIDEST = 6, 0.2  # of the refinement of a camera's turn on its body; radians
+_EXPLAINED = 0.5  # cost of poses, see `cost`, that need no other start
+_TILTS, _STARTS = (-0.3, 0.0, 0.3), 12  # radians about each axis; tilts that are refined
+_WIDEST, _FINEST = 0.2, 0.005  # steps of the search for a camera's turn on its body; radians
 _AGREE = 2.5  # degrees, median, of turns that are explained
 _BETTER = 0.5  # of the given turns' error, at most
 _SHARE = 0.7  # of the turns
 _CLOCKS = (-0.75, -0.5, -0.25, 0.25, 0.5, 0.75)  # frames
 
 
-def turn_of_body(evidence: Evidence) -> np.ndarray | None:
+def turn_of_body(evidence: Evidence) -> np.ndarray:
     """(4, 4) body_from_camera, a rotation: turns of cameras against turns of the given poses.
 
-    Rotation vectors of both differ by the rotation sought (hand-eye calibration; Kabsch); it is
-    then refined so that most matches fit.
+    Rotation vectors of both differ by the rotation sought (hand-eye calibration; Kabsch). Where
+    that does not explain the matches, as turns are less exact under a rolling shutter, the 24 ways
+    to name the camera's axes are starts of a search for the smallest median error. What is found is
+    refined so that most matches fit.
     """
-    found = list(_turns(evidence))
-    if len(found) < _FEWEST:
-        return None
+    sample, found = evidence.sample, list(_turns(evidence))
+    tried = []
+    if len(found) >= _FEWEST:
+        tried.append(_refined(sample, _hand_eye(evidence, found), Evidence.cost_of_poses))
+    if not tried or sample.cost_of_poses(evidence.table.poses @ tried[0]) > _EXPLAINED:
+        tried.append(_searched(sample))
+    return min(tried, key=lambda turn: sample.cost_of_poses(evidence.table.poses @ turn))
+
+
+def _hand_eye(
+    evidence: Evidence, found: Sequence[tuple[tuple[int, int], np.ndarray]]
+) -> np.ndarray:
     given = [rotation_vector(_given(evidence, *views)) for views, _ in found]
     left, _, right = np.linalg.svd(
         np.array(given).T @ np.array([rotation_vector(turn) for _, turn in found])
@@ -41,22 +56,47 @@ def turn_of_body(evidence: Evidence) -> np.ndarray | None:
     flip = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
     turn = np.eye(4)
     turn[:3, :3] = left @ flip @ right
-    return _refined(evidence.sample, turn)
+    return turn
 
 
-def _refined(evidence: Evidence, turn: np.ndarray) -> np.ndarray:
-    """The turn near another one at which the most matches fit: a search by ever smaller steps."""
+def _searched(evidence: Evidence) -> np.ndarray:
+    """The turn at which most matches fit, of those near one of the 24, or between them, that have
+    the smallest median errors."""
+    starts = []
+    for axes in signed_permutations():
+        for tilt in itertools.product(_TILTS, repeat=3) if np.linalg.det(axes) > 0 else ():
+            start = np.eye(4)
+            start[:3, :3] = axes @ exp_pose([0.0, 0.0, 0.0, *tilt])[:3, :3]
+            starts.append((_median_error(evidence, evidence.table.poses @ start), start))
+    starts.sort(key=lambda each: each[0])
+    near = [_refined(evidence, start, _median_error) for _, start in starts[:_STARTS]]
+    turns = [_refined(evidence, turn, Evidence.cost_of_poses) for turn in near]
+    return min(turns, key=lambda turn: evidence.cost_of_poses(evidence.table.poses @ turn))
+
+
+def _median_error(evidence: Evidence, poses: np.ndarray) -> float:
+    """Radians; infinite where most matches have no rays."""
+    errors = angular_errors(evidence.rays, evidence.table.of_matches(poses))
+    return float(np.median(np.where(np.isfinite(errors), errors, np.inf)))
+
+
+def _refined(
+    evidence: Evidence, turn: np.ndarray, cost_of: Callable[[Evidence, np.ndarray], float]
+) -> np.ndarray:
+    """The turn near another one at which poses cost least: a search by ever smaller steps."""
     poses = evidence.table.poses
-    best, step = evidence.cost_of_poses(poses @ turn), _WIDEST
-    for _ in range(_STEPS):
+    best, step = cost_of(evidence, poses @ turn), _WIDEST
+    while step > _FINEST:
+        before = best
         for axis, sign in itertools.product(range(3), (-1.0, 1.0)):
             moved = np.zeros(6)
             moved[3 + axis] = sign * step
             trial = turn @ exp_pose(moved)
-            value = evidence.cost_of_poses(poses @ trial)
+            value = cost_of(evidence, poses @ trial)
             if value < best:
                 best, turn = value, trial
-        step /= 2
+        if best == before:
+            step /= 2
     return turn
 
 

@@ -16,7 +16,7 @@ from gsut.data.color_points import UNCOLORED, color_points, has_colors, points_s
 from gsut.data.convert import convert_dataset, save_dataset, writable_layouts
 from gsut.data.depth_files import MILLIMETRE, read_depth
 from gsut.data.digests import scene_digests
-from gsut.data.doctor import diagnose, findings_text
+from gsut.data.doctor import diagnose, diagnose_scene, findings_text
 from gsut.data.findings import SEVERITIES, DatasetError, Finding, some_names, sorted_findings
 from gsut.data.images import (
     IMAGE_SUFFIXES,
@@ -77,6 +77,7 @@ __all__ = [
     "decode_image",
     "decode_mask",
     "diagnose",
+    "diagnose_scene",
     "find_images",
     "find_lens_file",
     "find_mask",

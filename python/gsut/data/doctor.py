@@ -13,9 +13,10 @@ from gsut.data.check_geometry import check_lenses, check_memory, check_points, c
 from gsut.data.check_images import as_finding, check_images
 from gsut.data.findings import SEVERITIES, Finding, sorted_findings
 from gsut.data.load import read_dataset
+from gsut.data.scene import Scene
 from gsut.data.split import TEST_EVERY
 
-__all__ = ["Finding", "diagnose", "findings_text"]
+__all__ = ["Finding", "diagnose", "diagnose_scene", "findings_text"]
 
 
 def diagnose(
@@ -42,15 +43,26 @@ def diagnose(
 
     try:
         listing = read_dataset(Path(path), on_error=collect)
-        scene = assemble(listing, test_every=test_every, on_error=collect).centred
+        scene = assemble(listing, test_every=test_every, on_error=collect)
     except InputError as error:
         collect(error)
         return sorted_findings(findings)
-    findings += [Finding("warning", str(path), note) for note in scene.notes]
+    return sorted_findings([*findings, *diagnose_scene(scene, progress=progress)])
+
+
+def diagnose_scene(scene: Scene, *, progress: bool = True) -> list[Finding]:
+    """What `diagnose` says of a dataset once it is read.
+
+    Args:
+        scene: at full size.
+        progress: show bars while images are decoded.
+    """
+    where, scene = str(scene.path), scene.centred
+    findings = [Finding("warning", where, note) for note in scene.notes]
     findings.append(
         Finding(
             "info",
-            str(path),
+            where,
             f"{len(scene)} views ({len(scene.train_indices)} for training,"
             f" {len(scene.test_indices)} held out), {len(scene.cameras)} cameras",
         )
@@ -61,7 +73,7 @@ def diagnose(
     findings += check_images(scene, progress=progress)
     findings += check_colors(scene, progress=progress)
     findings += check_memory(scene)
-    return sorted_findings(findings)
+    return findings
 
 
 def findings_text(findings: Sequence[Finding]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 
@@ -43,6 +44,7 @@ class Hall:
     lamps: tuple[Lamp, ...]
 
 
+@functools.lru_cache(maxsize=2)
 def make_hall(seed: int) -> Hall:
     """The hall with textures drawn from a seed; its geometry is always the same."""
     rng = np.random.default_rng(seed)

@@ -18,6 +18,7 @@ _MOST_PARAMS = 64
 _MAX_STEPS = 300
 _STEPS_WIDENING = 60  # while the field still widens
 _LEAST_GAIN = 1e-12  # of the cost in a step, below which the search ends
+_GAIN_WIDENING = 1e-6  # the same while the field still widens: where the next one starts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,16 +119,21 @@ def _widening(
         part = dataclasses.replace(target, points=target.points[near], pixels=target.pixels[near])
         # What fits the centre may have a pole just beyond it: the first guess gets its chance too.
         guesses = (start,) if params is start else (params, start)
-        steps = _MAX_STEPS if share == 1.0 else _STEPS_WIDENING
-        tries = [_refine(model, guess, fixed, part, steps) for guess in guesses]
+        ends = (_MAX_STEPS, _LEAST_GAIN) if share == 1.0 else (_STEPS_WIDENING, _GAIN_WIDENING)
+        tries = [_refine(model, guess, fixed, part, *ends) for guess in guesses]
         params, cost = min(tries, key=lambda found: found[1])
     return params, cost
 
 
 def _refine(
-    model: str, params: np.ndarray, fixed: tuple[int, ...], target: FitTarget, steps: int
+    model: str,
+    params: np.ndarray,
+    fixed: tuple[int, ...],
+    target: FitTarget,
+    steps: int,
+    least_gain: float,
 ) -> tuple[np.ndarray, float]:
-    """The parameters that fit best, from `params` on, and their cost."""
+    """The parameters that fit best, from `params` on, and their cost: `minimize_least_squares`."""
     free = [i for i in range(len(params)) if i not in fixed]
 
     # Cost and derivatives are asked of the same lens, and making one is dear.
@@ -158,7 +164,7 @@ def _refine(
         return jacobian.T @ residual[valid].ravel(), jacobian.T @ jacobian
 
     values, cost = minimize_least_squares(
-        params[free], cost_of, normal_equations, max_steps=steps, least_gain=_LEAST_GAIN
+        params[free], cost_of, normal_equations, max_steps=steps, least_gain=least_gain
     )
     return np.array(lens_of(values).params), float(cost)
 

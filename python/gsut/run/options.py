@@ -149,7 +149,7 @@ class TrainOptions:
     )
     init_count: int | None = option(
         None, "Gaussians", "number of first Gaussians", low=1, high=100_000_000,
-        none="all points; 30000 if random; never more than --max-gaussians",
+        none="all points, and a far sky where photographs show one that has none; 30000 if random",
     )
     init_scale: float = option(
         0.5, "Gaussians", "first standard deviation", unit="x mean distance of 3 neighbours",

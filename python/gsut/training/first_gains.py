@@ -86,6 +86,7 @@ def _fit(
     """Robust least squares of logs (n, 3) = the point's + the view's + falloff (n, k) x its own.
 
     Points are eliminated: what is fitted is each sample's difference from its point's mean.
+    Products are numpy's own: BLAS wakes threads for them that spin longer than they work.
 
     Args:
         view, point: (n,) of each sample.
@@ -99,17 +100,17 @@ def _fit(
     for _ in range(_ROUNDS):
         total = np.bincount(point, weights, num_points)
         right, basis = (_centred(values, point, weights, total) for values in (logs, falloff))
-        normal, side = basis.T @ (weights[:, None] * basis), basis.T @ (weights[:, None] * right)
+        normal, side = (_product(basis, weights[:, None] * each) for each in (basis, right))
         if num_views:
             where = np.bincount(point * num_views + view, weights, num_points * num_views)
             where = where.reshape(num_points, num_views)
-            of_views = np.diag(where.sum(axis=0)) - where.T @ (where / total[:, None])
+            of_views = np.diag(where.sum(axis=0)) - _product(where, where / total[:, None])
             both = _sums(view, weights[:, None] * basis, num_views)
             normal = np.block([[of_views, both], [both.T, normal]])
             side = np.concatenate([_sums(view, weights[:, None] * right, num_views), side])
         # Gains have a constant in common that nothing tells: of all solutions the smallest.
         found = np.linalg.lstsq(normal, side, rcond=1e-9)[0]
-        model = falloff @ found[num_views:]
+        model = np.einsum("nk,kc->nc", falloff, found[num_views:])
         if num_views:
             model += found[view]
         largest = np.abs(right - _centred(model, point, weights, total)).max(axis=1)
@@ -124,6 +125,11 @@ def _centred(
 ) -> np.ndarray:
     """Samples (n, k) less the weighted mean of all of their point."""
     return values - (_sums(point, weights[:, None] * values, len(total)) / total[:, None])[point]
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(i, j) a'b of (n, i) and (n, j)."""
+    return np.einsum("ni,nj->ij", a, b)
 
 
 def _sums(rows: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:

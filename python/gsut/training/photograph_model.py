@@ -71,6 +71,7 @@ class PhotographModel:
         # The last sums of each view: (V, 2, rings x quadrants, 3) of T C and of C^2.
         self._sums = np.zeros((count, 2, _RINGS * _QUADRANTS, 3))
         self._before = np.zeros_like(self._sums)  # those of the visit before
+        self._mean: np.ndarray | None = None  # of the known log-gains, until one changes
         self._falloffs: list[Falloff | None] = [None] * len(scene.cameras)
         self._looked = (0, 0)  # how often for gains, for falloffs
         self._by_points = False
@@ -82,7 +83,7 @@ class PhotographModel:
             self._log_gains = np.log(light.gains)
             self._known[list(scene.train_indices)] = True
             self._falloffs = list(light.falloffs)
-        self._bases: dict[int, np.ndarray] = {}
+        self._bases: dict[int, tuple[float, np.ndarray]] = {}
         self._planes: dict[tuple[int, int, int], Any] = {}  # of one level's cameras
         self._parts: dict[tuple[int, int, int], np.ndarray] = {}
 
@@ -113,7 +114,7 @@ class PhotographModel:
             self._planes = {k: v for k, v in self._planes.items() if k[0] != key[0]}
             inverse = 1.0 / falloff.at(field_angles(camera))
             self._planes[key] = _core.FalloffPlane(inverse.astype(np.float32))
-        target.set_light(np.exp(-self._used_gains()[view]), self._planes.get(key))
+        target.set_light(np.exp(-self._used_gains(view)), self._planes.get(key))
 
     def _compare(
         self,
@@ -181,47 +182,52 @@ class PhotographModel:
 
     def _learn_gain(self, view: int) -> None:
         """Halfway from what was known to what the last image says."""
-        tc, cc = self._sums[view].reshape(2, _RINGS, _QUADRANTS, 3).sum(axis=2)
-        light = self._light_of_rings(self._camera_of[view])
-        tc, cc = (light * tc).sum(axis=0), (light**2 * cc).sum(axis=0)
-        if not (tc > 0).all() or not (cc > 0).all():
+        sums = self._sums[view]
+        if self._falloffs[self._camera_of[view]] is not None:
+            light = np.repeat(self._light_of_rings(self._camera_of[view]), _QUADRANTS, axis=0)
+            sums = sums * np.stack([light, light**2])
+        tc, cc = sums.sum(axis=1)
+        if not min(tc.min(), cc.min()) > 0:
             return
-        found = np.clip(np.log(tc / cc), -_STRONGEST, _STRONGEST)
+        found = np.minimum(np.maximum(np.log(tc / cc), -_STRONGEST), _STRONGEST)
         before = self._log_gains[view] if self._known[view] else found
         self._log_gains[view] = 0.5 * (before + found)
-        self._known[view] = True
+        self._known[view], self._mean = True, None
 
-    def _used_gains(self) -> np.ndarray:
-        """(V, 3) log-gains whose mean over the known views is zero; all zero if unused."""
+    def _used_gains(self, views: Any = slice(None)) -> np.ndarray:
+        """(V, 3), of one view (3,), log-gains of mean zero over the known views; zero if unused."""
         if not self._gains_used:
-            return np.zeros_like(self._log_gains)
-        return self._log_gains - self._log_gains[self._known].mean(axis=0)
+            return np.zeros_like(self._log_gains[views])
+        if self._mean is None:
+            self._mean = self._log_gains[self._known].mean(axis=0)
+        return self._log_gains[views] - self._mean
 
     def _light_of_rings(self, camera: int) -> np.ndarray:
         """(rings, 3) the mean falloff of each ring."""
         falloff = self._falloffs[camera]
         if falloff is None:
             return np.ones((_RINGS, 3))
-        return 1.0 + self._basis(camera) @ falloff.coefficients.T
+        return 1.0 + self._basis(camera)[1] @ falloff.coefficients.T
 
-    def _basis(self, camera: int) -> np.ndarray:
-        """The `_mean_basis` of a camera, computed when a falloff is first asked for."""
+    def _basis(self, camera: int) -> tuple[float, np.ndarray]:
+        """Widest angle and `_mean_basis` of a camera, computed when they are first asked for."""
         if camera not in self._bases:
-            self._bases[camera] = _mean_basis(field_angles(self._scene.cameras[camera]))
+            angles = field_angles(self._scene.cameras[camera])
+            self._bases[camera] = _widest(angles), _mean_basis(angles)
         return self._bases[camera]
 
     def _find_falloffs(self) -> None:
         """Least squares over the rings of all photographs of a camera, gains held."""
         self._planes = {}
-        for camera, lens in enumerate(self._scene.cameras):
-            angle = _widest(field_angles(lens))
+        for camera in range(len(self._scene.cameras)):
+            angle, basis = self._basis(camera)
             views = [v for v in np.flatnonzero(self._known) if self._camera_of[v] == camera]
             rings = self._sums[views].reshape(-1, 2, _RINGS, _QUADRANTS, 3).sum(axis=3)
             gains = np.exp(self._log_gains[views])[:, None]
             tc, cc = gains * rings[:, 0], gains**2 * rings[:, 1]  # (views, rings, 3)
             if not (cc.sum(axis=(0, 1)) > 0).all():
                 continue
-            found = _fit_falloff(angle, self._basis(camera), tc.sum(axis=0), cc.sum(axis=0))
+            found = _fit_falloff(angle, basis, tc.sum(axis=0), cc.sum(axis=0))
             values = found.at(np.linspace(0.0, angle, _CHECKED))
             believed = values.min() > _DARKEST and values.max() < _BRIGHTEST
             self._falloffs[camera] = found if believed and _differs(tc, cc) else None
@@ -237,6 +243,7 @@ class PhotographModel:
         for name in _STATE:
             setattr(self, name, copy.copy(state[name]))
         self._falloffs = [Falloff.from_dict(each) for each in state["falloffs"]]
+        self._mean = None
 
 
 _STATE = ("_mode", "_gains_used", "_log_gains", "_known", "_sums", "_before", "_looked")

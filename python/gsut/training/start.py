@@ -12,6 +12,7 @@ from gsut.data import Scene, color_points, has_colors, some_names, with_shutter
 from gsut.gaussians import Gaussians, chosen_points, seed_from_points, seed_in_view
 from gsut.refine import TracksResult, check_refinable, refine_by_tracks
 from gsut.run import Progress, TrainOptions
+from gsut.training.first_sky import first_sky
 
 # Random first Gaussians lie between these distances from a camera, in units of the scene's extent.
 _RANDOM_NEAR, _RANDOM_FAR = 0.05, 4.0
@@ -132,7 +133,7 @@ def refine_first_poses(scene: Scene, options: TrainOptions, progress: bool) -> T
 
 
 def seed_first(scene: Scene, options: TrainOptions) -> Gaussians:
-    """The Gaussians that training starts from: on the scene's points, or random in view."""
+    """The Gaussians that training starts from: on the scene's points and sky, or random in view."""
     o = options
     shape: dict[str, Any] = {
         "sh_degree": o.sh_degree,
@@ -148,9 +149,12 @@ def seed_first(scene: Scene, options: TrainOptions) -> Gaussians:
             min(o.init_count or _RANDOM_COUNT, o.max_gaussians), near=_RANDOM_NEAR * scene.extent,
             far=_RANDOM_FAR * scene.extent, **shape,
         )  # fmt: skip
+    sky = first_sky(scene) if o.init_count is None else None
     most = min(o.init_count or len(scene.points), o.max_gaussians)
     rows = chosen_points(len(scene.points), most, o.seed)
     points, colors = scene.points[rows], scene.point_colors[rows]
     if not has_colors(scene):
         colors, _ = color_points(scene, points)
+    if sky is not None and len(points) + len(sky[0]) <= o.max_gaussians:
+        points, colors = np.concatenate([points, sky[0]]), np.concatenate([colors, sky[1]])
     return seed_from_points(points, colors, **shape)

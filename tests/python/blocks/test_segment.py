@@ -1,6 +1,7 @@
 """One block's training: exact gradients, a context that stays, a pure function of the state."""
 
 import dataclasses
+import weakref
 
 import numpy as np
 import pytest
@@ -72,6 +73,15 @@ def test_segments_from_files_give_the_bits_of_one_go(task, tmp_path):
         np.testing.assert_array_equal(kept_loop[name], whole[name])
     assert state["pixels"] > 0
     assert all(path.endswith(".png") for path in photographs_of(values))
+
+
+def test_the_loop_of_another_block_goes_before_the_next_is_made(task, monkeypatch):
+    kept = []
+    run_segment(task, None, kept)
+    before = weakref.ref(kept[0])
+    monkeypatch.setattr("gsut.blocks.segment.BlockLoop", lambda task: pytest.fail(str(before())))
+    with pytest.raises(pytest.fail.Exception, match=r"^None$"):  # nothing holds its photographs
+        run_segment(dataclasses.replace(task), None, kept)
 
 
 def test_gradients_of_the_pixels_that_count_are_those_of_the_whole_view(task):

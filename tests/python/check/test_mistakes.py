@@ -1,12 +1,14 @@
 """The usual mistakes are named by the photographs, before time is spent; good data are let pass."""
 
+import dataclasses
 from collections import Counter
 
 import numpy as np
 import pytest
 
 import gsut
-from gsut.check import check_scene, doctor
+import tolerances
+from gsut.check import check_scene, doctor, gather_evidence, turns
 from gsut.check.turns import rotation_vector
 from gsut.cli import main
 from gsut.data import inverse
@@ -60,10 +62,38 @@ def test_train_stops_at_a_contradiction_and_force_goes_on(hall, tmp_path, capsys
     assert "read as world-to-camera" in capsys.readouterr().out
 
 
+def test_doctor_judges_a_scene_of_arrays_as_it_does_files(hall):
+    recorded = gsut.load_dataset(hall)
+    images, masks = zip(*((recorded.image(i), recorded.mask(i)) for i in range(20)), strict=True)
+    poses, lens = recorded.poses(range(20)), recorded.cameras[0]
+    good = doctor(gsut.make_scene(images, lens, poses, masks=masks), progress=False)
+    assert [str(f) for f in good if f.severity == "error"] == []
+    assert any("the photographs agree with poses and lens" in f.what for f in good)
+    wrong = doctor(gsut.make_scene(images, lens, np.linalg.inv(poses), masks=masks), progress=False)
+    said = next(f for f in wrong if f.severity == "error")
+    assert "read as world-to-camera" in said.what and said.where == "arrays in memory"
+
+
 def test_doctor_says_that_the_photographs_agree(hall):
     found = doctor(hall, progress=False)
     assert [str(f) for f in found if f.severity == "error"] == []
     assert any("the photographs agree with poses and lens" in f.what for f in found)
+
+
+def test_turn_of_a_body_is_found_without_the_turns_of_the_matches(hall, monkeypatch):
+    evidence = gather_evidence(gsut.load_dataset(hall))
+    turn = gsut.exp_pose([0, 0, 0, 0.2, -0.15, 0.1])
+    turn[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]] @ turn[:3, :3]  # a body's axes, and a tilt
+    right = evidence.table.poses
+    table = dataclasses.replace(evidence.table, poses=right @ inverse(turn))
+    wrong = dataclasses.replace(evidence, table=table)
+    assert wrong.cost_of_poses(table.poses) > 0.9
+    monkeypatch.setattr(turns, "_FEWEST", 1000)  # as where no relative pose fits
+    found = turns.turn_of_body(wrong)
+    off = np.degrees(np.linalg.norm(rotation_vector(found[:3, :3] @ turn[:3, :3].T)))
+    print(f"{off:.2f} degrees")
+    assert off < tolerances.BODY_TURN_DEGREES
+    assert wrong.cost_of_poses(table.poses @ found) < evidence.cost_of_poses(right) + 0.1
 
 
 def test_photographs_without_features_say_nothing(tmp_path, rng):

@@ -10,6 +10,7 @@ import pytest
 import gsut
 import tolerances
 from gsut.cli import main
+from gsut.data import writable_layouts
 from gsut.data.points import load_points_ply
 from gsut.formats import formats
 from gsut.render import PixelFilter, to_uint8, write_png
@@ -142,6 +143,40 @@ def test_grid_of_a_run_lies_where_the_points_do(case, tmp_path):
     surface = told["origin"] + told["voxel"] * cells
     middle = np.median(gsut.load_dataset(data).points, axis=0)
     assert np.linalg.norm(np.median(surface, axis=0) - middle) < 1
+
+
+def test_mesh_and_cut_scene_lie_where_the_points_do(case, tmp_path):
+    _, data, run = case
+    middle = np.median(gsut.load_dataset(data).points, axis=0)
+    words = ["--voxel", "0.1", "--support", "0", "--quiet"]
+    assert main(["mesh", str(run), "-o", str(tmp_path / "mesh.ply"), *words]) == 0
+    vertices = gsut.load_mesh(tmp_path / "mesh.ply").vertices
+    assert np.linalg.norm(np.median(vertices, axis=0) - middle) < 1
+    box = [f"{value:.17g}" for value in (*(middle - 0.3), *(middle + 0.3))]
+    words = ["edit", str(run), "-o", str(tmp_path / "cut.ply"), "--quiet", "--crop-box", *box]
+    assert main(words) == 0
+    whole, cut = gsut.load_ply(run / "scene.ply"), gsut.load_ply(tmp_path / "cut.ply")
+    assert 0 < len(cut) < len(whole)
+    assert np.abs(cut.means + cut.origin - middle).max() < 0.3 + tolerances.FORMATS_IN_PLACE
+
+
+def test_coloured_points_and_each_layout_keep_the_place(case, tmp_path):
+    _, data, _ = case
+    scene = gsut.load_dataset(data, test_every=0)
+    cloud = tmp_path / "cloud.ply"
+    words = ["--colour", str(data / "points3D.ply"), "-o", str(cloud), "--quiet"]
+    assert main(["points", str(data), *words]) == 0
+    atol = tolerances.DATA_UTM_POSITION
+    np.testing.assert_allclose(load_points_ply(cloud)[0], scene.points, rtol=0, atol=atol)
+    for layout in writable_layouts():
+        out = tmp_path / layout
+        assert main(["data", "convert", str(data), str(out), "--to", layout, "--link"]) == 0
+        found = gsut.load_dataset(out, test_every=0)
+        theirs, mine = (np.array([v.camera_center for v in each.views]) for each in (found, scene))
+        away = np.linalg.norm(theirs[:, None] - mine, axis=-1)  # a layout may order by other names
+        assert sorted(away.argmin(axis=1)) == list(range(len(scene))), layout
+        assert away.min(axis=1).max() < tolerances.ENGINEER_UTM, layout
+        np.testing.assert_allclose(found.points, scene.points, rtol=0, atol=atol)
 
 
 def test_compacted_run_and_file_stay_in_place(case, tmp_path):

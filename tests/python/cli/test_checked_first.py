@@ -1,0 +1,73 @@
+"""Commands that work on a dataset's poses check it before they spend time; --force goes on."""
+
+import argparse
+import importlib
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut.check import before
+from gsut.cli import build_parser, command_names, main
+from gsut.data import Finding
+from rendered_dataset import write_dataset
+
+# Words of each command, and what it spends its time in.
+COMMANDS = {
+    "train": ("train DATA -o OUT", "gsut", "train"),
+    "train, poses refined": ("train DATA -o OUT --refine-poses", "gsut", "train"),
+    "train, in blocks": ("train DATA -o OUT --blocks 2", "gsut", "train_blocks"),
+    "eval": ("eval RUN", "gsut.evaluate", "evaluate"),
+    "localize": ("localize DATA/images/000.png --run RUN", "gsut.refine", "localize"),
+    "points": ("points DATA -o OUT.ply", "gsut.sfm", "triangulate"),
+}
+
+
+class SpentError(Exception):
+    """Time would be spent now; no error of the user's, so that `main` raises it."""
+
+
+@pytest.fixture(scope="module")
+def places(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("checked")
+    data = write_dataset(folder / "data", np.random.default_rng(20260821))
+    options = gsut.TrainOptions(steps=2, max_gaussians=100, eval_every=2, checkpoint_every=2)
+    gsut.train(gsut.load_dataset(data), options, out=folder / "run", progress=False)
+    return {"DATA": str(data), "RUN": str(folder / "run")}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_contradiction_stops_the_command_before_it_spends_time(
+    name, places, tmp_path, monkeypatch, capsys
+):
+    line, module, spends = COMMANDS[name]
+    for key, value in (*places.items(), ("OUT", str(tmp_path / "out"))):
+        line = line.replace(key, value)
+    looked = []
+
+    def contradict(scene, evidence):
+        looked.append(len(scene))
+        return [Finding("error", str(scene.path), "the photographs contradict the poses", "mend")]
+
+    def spend(*_, **__):
+        raise SpentError
+
+    monkeypatch.setattr(before, "check_photographs", contradict)
+    monkeypatch.setattr(importlib.import_module(module), spends, spend)
+    assert main(line.split()) == 2
+    said = capsys.readouterr().err
+    assert "contradict the poses; mend" in said and "--force goes on as it is" in said
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(SpentError):
+        main([*line.split(), "--force"])
+    assert looked == [len(gsut.load_dataset(places["DATA"]))] * 2
+
+
+def test_the_table_has_every_command_that_can_be_forced():
+    found = set()
+    for name in command_names():
+        action = build_parser([name])._subparsers._group_actions[0]
+        assert isinstance(action, argparse._SubParsersAction)
+        if "--force" in action.choices[name]._option_string_actions:
+            found.add(name)
+    assert found == {name.split(",")[0] for name in COMMANDS}
