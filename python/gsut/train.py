@@ -18,7 +18,7 @@ from gsut.run import TrainOptions
 from gsut.training import (
     TrainingLoop,
     TrainingRecord,
-    complexity_of_run,
+    choose_complexity,
     measure_training,
     plain_background,
     prepare_scene,
@@ -93,7 +93,7 @@ def train(
     record = TrainingRecord(out, o, scene, resume, progress, watch)
     fresh = record.checkpoint is None
     tracks = refine_first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
-    complexity = complexity_of_run(scene, o, tracks, record.run, progress is True)  # how many
+    complexity = choose_complexity(scene, o, record.note)  # as many as the photographs bear
     o = with_most(o, complexity.max_gaussians)
     loop = TrainingLoop(scene, o, tracks=tracks)  # gaussians/: the first ones
     with record.follow(loop):

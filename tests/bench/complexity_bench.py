@@ -15,7 +15,7 @@ import gsut
 from gsut._core import InputError, set_num_threads
 from gsut.evaluate import mean_psnr
 from gsut.run import TrainOptions
-from gsut.training import Complexity, TrainingLoop, choose_complexity
+from gsut.training import TrainingLoop, choose_complexity
 from tests.bench.plots import plot_complexity
 from tests.bench.report_rows import (
     add_files,
@@ -38,7 +38,6 @@ COLUMNS = (
     ("CPU-s", "cpu_seconds", ".0f"),
     ("chosen", "chosen", ""),
     ("below the best [dB]", "below", ".2f"),
-    ("CPU-s of choosing", "choice_cpu_seconds", ".1f"),
 )
 
 
@@ -86,8 +85,7 @@ def complexity_bench(
         scene = _scene(options, kept)
         name = f"{options.data.resolve().name} x {options.scale:g}, {options.steps} steps"
         capture = {"capture": name, "views": len(scene.train_indices)}
-        say(f"{name}, {len(scene.train_indices)} views: choice")
-        chosen, seconds = _choose(scene, options, rows, capture)
+        chosen = choose_complexity(scene, TrainOptions(steps=options.steps).resolved())
         for count in sorted({*options.sweep(), chosen.max_gaussians}, reverse=True):
             for degree in options.degrees:
                 key = capture | {"max_gaussians": count, "sh_degree": degree}
@@ -97,7 +95,7 @@ def complexity_bench(
                     write(rows)
         for row in rows:
             if _same(row, capture) and row["max_gaussians"] == chosen.max_gaussians:
-                row |= {"chosen": "*", "choice_cpu_seconds": seconds, "choice": chosen.as_dict()}
+                row |= {"chosen": "*", "choice": dataclasses.asdict(chosen)}
         _tell_below(rows, capture)
         write(rows)
     return rows
@@ -114,18 +112,6 @@ def _scene(options: ComplexityBenchOptions, kept: int) -> Any:
         places = np.unique(np.linspace(0, len(train) - 1, kept).round().astype(int))
         scene = scene.replace(train_indices=[train[place] for place in places])
     return scene
-
-
-def _choose(
-    scene: Any, options: ComplexityBenchOptions, rows: Sequence[dict[str, Any]], capture: Any
-) -> tuple[Complexity, float]:
-    """What gsut chooses, and in how many CPU-seconds."""
-    for row in rows:
-        if _same(row, capture) and "choice" in row:
-            return Complexity.from_dict(row["choice"]), row["choice_cpu_seconds"]
-    started = time.process_time()
-    chosen = choose_complexity(scene, TrainOptions(steps=options.steps).resolved())
-    return chosen, time.process_time() - started
 
 
 def _train(
@@ -190,7 +176,7 @@ def run(arguments: argparse.Namespace) -> int:
         scale=arguments.scale,
     )
     done = rows_to_keep(arguments)
-    total = len(options.views) * (1 + len(options.sweep()) * len(options.degrees))
+    total = len(options.views) * (1 + len(options.sweep())) * len(options.degrees)
     with bar(total) as advance:
         rows = complexity_bench(options, advance, row_writer(arguments), done)
     print_and_write(rows, COLUMNS, arguments)

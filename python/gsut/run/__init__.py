@@ -5,7 +5,6 @@ from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.environment import describe_environment, peak_rss_mb
 from gsut.run.folder import (
     BLOCKS,
-    COMPLEXITY,
     ENVIRONMENT,
     METRICS,
     OPTIONS,
@@ -40,7 +39,6 @@ __all__ = [
     "AUTO",
     "BLOCKS",
     "COMMON_OPTIONS",
-    "COMPLEXITY",
     "ENVIRONMENT",
     "METRICS",
     "MOST_BLOCKS",

@@ -20,7 +20,6 @@ OPTIONS = "options.json"  # the TrainOptions, resolved
 ENVIRONMENT = "environment.json"  # dataset, command line, versions and machine
 HISTORY = "history.jsonl"  # one JSON object a line: step, seconds, loss, num_gaussians, [psnr]
 CHECKPOINT = "checkpoint.npz"  # the whole state of training
-COMPLEXITY = "complexity.json"  # how many Gaussians were chosen, and on what grounds
 SCENE = "scene.ply"  # the trained Gaussians
 METRICS = "metrics.json"  # the figures on the held-out images
 REPORT = "report.html"  # all of it to look at
@@ -32,7 +31,7 @@ RENDERS = "renders"  # pictures of the held-out views
 
 _FILES = (
     *(OPTIONS, ENVIRONMENT, HISTORY, CHECKPOINT, SCENE, METRICS, REPORT, REFINED, TRANSFORMS),
-    *(COMPLEXITY, BLOCKS, RENDERS),
+    *(BLOCKS, RENDERS),
 )
 _DAMAGED = f"it is damaged; {SCENE}, if it is there, can be used by itself"
 # Options that a resumed run may have otherwise than the run that it goes on with: they change

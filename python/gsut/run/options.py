@@ -136,8 +136,8 @@ class TrainOptions:
 
     max_gaussians: int = option(
         AUTO, "Gaussians", "most Gaussians; auto: fast 50000, balanced 200000, best 300000, or "
-        "fewer where short trainings predict training views set aside better with fewer (from "
-        "1000 steps on, of at most 30 training views)", low=1, high=100_000_000, words=(AUTO,),
+        "fewer where photographs are few: 7000 a training view, and one for 4 of their pixels",
+        low=1, high=100_000_000, words=(AUTO,),
     )
     sh_degree: int = option(
         None, "Gaussians", "degree of the spherical harmonics of colour", low=0, high=3,

@@ -6,12 +6,7 @@ from gsut.training.compact_run import (
     count_for_bytes,
     write_compacted_run,
 )
-from gsut.training.complexity import (
-    Complexity,
-    choose_complexity,
-    complexity_of_run,
-    with_most,
-)
+from gsut.training.complexity import Complexity, choose_complexity, with_most
 from gsut.training.finetuning import finetune, finetune_options
 from gsut.training.for_viewers import VIEWER_STEPS, ForViewers, tune_for_viewers
 from gsut.training.loop import TrainingLoop
@@ -39,7 +34,6 @@ __all__ = [
     "TrainingRecord",
     "about_cameras",
     "choose_complexity",
-    "complexity_of_run",
     "count_for_bytes",
     "finetune",
     "finetune_options",

@@ -64,6 +64,10 @@ class TrainingRecord:
             self.checkpoint = None if found is None else found[1]
             self.history = self.run.read_history()
 
+    def note(self, text: str) -> None:
+        """A line for who watches the bar."""
+        self._bar.note(text)
+
     @contextlib.contextmanager
     def follow(self, loop: TrainingLoop) -> Iterator[None]:
         """Brings the loop to the checkpoint, shows a bar meanwhile, and saves its state at last."""

@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 
 from gsut.run import PRESETS
-from gsut.training import complexity
 from rendered_dataset import write_dataset
 from tests.bench.__main__ import main
 
 
 def test_bench_complexity_marks_the_choice_and_resumes(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(PRESETS["balanced"], "max_gaussians", 300)
-    for name, value in (("_FEWEST_STEPS", 20), ("_STEPS", 10), ("_LEAST", 90)):
-        monkeypatch.setattr(complexity, name, value)
     data = write_dataset(tmp_path / "data", np.random.default_rng(20260821))
     files = [tmp_path / "rows.json", tmp_path / "plot.svg"]
     words = ["complexity", str(data), "--steps", "20", "--counts", "300,100", "--resume"]

@@ -1,14 +1,11 @@
-"""The number of Gaussians that a run chooses by predicting views set aside."""
-
-import json
+"""The number of Gaussians that a run may have, by counts of photographs and pixels."""
 
 import numpy as np
 import pytest
 
 import gsut
 from gsut import TrainOptions
-from gsut.run import PRESETS
-from gsut.training import Complexity, choose_complexity, complexity
+from gsut.training import choose_complexity, complexity
 from random_scenes import arrays_of
 from rendered_dataset import write_dataset
 
@@ -19,93 +16,64 @@ def scene(tmp_path_factory):
     return gsut.load_dataset(write_dataset(folder, np.random.default_rng(20260821)))
 
 
-@pytest.fixture
-def small(monkeypatch):
-    """Pilots and runs of a few steps and Gaussians."""
-    monkeypatch.setitem(PRESETS["balanced"], "max_gaussians", 600)
-    for name, value in (("_FEWEST_STEPS", 40), ("_STEPS", 12), ("_LEAST", 60)):
-        monkeypatch.setattr(complexity, name, value)
+def valid_pixels(scene):
+    return sum(int(scene.mask(index).sum()) for index in scene.train_indices)
 
 
-def predict_from(monkeypatch, table):
-    """Pilots that predict as a table {Gaussians: dB} says; returns what they were given."""
-    given = []
-
-    def predict(scene, options, on_progress):
-        given.append((scene, options))
-        return table[options.max_gaussians * 4]
-
-    monkeypatch.setattr(complexity, "_predict", predict)
-    return given
+def chosen_with(scene, monkeypatch, per_view, pixels_each, **options):
+    monkeypatch.setattr(complexity, "_PER_VIEW", per_view)
+    monkeypatch.setattr(complexity, "_PIXELS_EACH", pixels_each)
+    said = []
+    return choose_complexity(scene, TrainOptions(**options).resolved(), said.append), said
 
 
-@pytest.mark.parametrize(
-    ("table", "chosen", "tried"),
-    [
-        ({200_000: 30.0, 66_668: 29.0}, 200_000, 2),
-        ({200_000: 30.0, 66_668: 30.1}, 200_000, 2),  # no clear gain
-        ({200_000: 18.0, 66_668: 19.0, 22_224: 18.5}, 66_668, 3),
-        ({200_000: 10.0, 66_668: 11.0, 22_224: 12.0, 7_408: 13.0}, 7_408, 4),  # and no further
-    ],
-)
-def test_choice_goes_down_while_fewer_predict_better(scene, monkeypatch, table, chosen, tried):
-    given = predict_from(monkeypatch, table)
-    found = choose_complexity(scene.centred, TrainOptions().resolved())
-    # Pilots have a quarter of the pixels, and of the Gaussians, rounded.
-    assert found.max_gaussians == pytest.approx(chosen, abs=2)
-    numbers = [row["max_gaussians"] for row in found.pilots]
-    assert numbers == pytest.approx(list(table)[:tried], abs=2)
-    assert Complexity.from_dict(json.loads(json.dumps(found.as_dict()))) == found
-    assert len(given) == tried
+def test_number_grows_with_photographs_up_to_the_presets(scene, monkeypatch):
+    views = len(scene.train_indices)
+    found, said = chosen_with(scene, monkeypatch, 1000, 1)
+    assert (found.max_gaussians, found.fewer) == (1000 * views, True)
+    words = f"{views} photographs: at most {1000 * views:,} Gaussians of degree 1, 1,000 each: "
+    assert said == [f"{words}more would learn so few by heart"]
+    half = scene.replace(train_indices=scene.train_indices[: views // 2])
+    assert chosen_with(half, monkeypatch, 1000, 1)[0].max_gaussians == 1000 * (views // 2)
+    many, said = chosen_with(scene, monkeypatch, 10**6, 1e-9)
+    assert (many.max_gaussians, many.fewer) == (200_000, False)
+    assert said == [
+        f"{views} photographs: at most 200,000 Gaussians of degree 1, the preset's number"
+    ]
 
 
-def test_pilots_see_neither_views_set_aside_nor_test_views(scene, monkeypatch):
-    given = predict_from(monkeypatch, {200_000: 30.0, 66_668: 29.0})
-    found = choose_complexity(scene.centred, TrainOptions().resolved())
-    names = [view.name for view in scene.views]
-    for pilot, options in given:
-        assert [names[i] for i in pilot.test_indices] == list(found.aside)
-        assert set(pilot.train_indices) | set(pilot.test_indices) == set(scene.train_indices)
-        assert not set(pilot.train_indices) & set(pilot.test_indices)
-        assert options.steps == 300
-        assert (
-            options
-            == TrainOptions(
-                steps=300, max_gaussians=options.max_gaussians, eval_every=30
-            ).resolved()
-        )
+def test_number_is_bounded_by_pixels_that_can_be_compared(scene, monkeypatch):
+    pixels = valid_pixels(scene)
+    found, (said,) = chosen_with(scene, monkeypatch, 10**6, 4)
+    assert found.max_gaussians == pixels // 4
+    assert f"{pixels // 4:,} Gaussians of degree 1, one for 4 pixels: " in said
+    # Photographs of half the size have a quarter of them.
+    small = scene.scaled(0.5)
+    found, _ = chosen_with(small, monkeypatch, 10**6, 4)
+    assert found.max_gaussians == valid_pixels(small) // 4
 
 
-@pytest.mark.parametrize(
-    ("options", "most"),
-    [({"max_gaussians": 500}, 500), ({"preset": "fast"}, 50_000), ({"steps": 999}, 200_000)],
-)
-def test_nothing_is_tried_where_the_number_is_given_or_the_run_is_short(
-    scene, monkeypatch, options, most
+def test_a_number_that_is_given_stays_and_nothing_is_said(scene, monkeypatch):
+    found, said = chosen_with(scene, monkeypatch, 1, 1, max_gaussians=500, sh_degree=2)
+    assert (found.max_gaussians, found.sh_degree, found.fewer) == (500, 2, False)
+    assert said == []
+    assert chosen_with(scene, monkeypatch, 0, 1)[0].max_gaussians == 1
+
+
+def test_training_takes_the_number_says_so_and_has_the_bits_of_one_that_is_given(
+    scene, tmp_path, monkeypatch, capsys
 ):
-    given = predict_from(monkeypatch, {})
-    assert choose_complexity(scene, TrainOptions(**options).resolved()) == Complexity(most)
-    few = scene.replace(train_indices=scene.train_indices[:3])
-    assert choose_complexity(few, TrainOptions().resolved()) == Complexity(200_000)
-    monkeypatch.setattr(complexity, "_MOST_VIEWS", len(scene.train_indices) - 1)
-    assert choose_complexity(scene, TrainOptions().resolved()) == Complexity(200_000)
-    assert given == []
-
-
-def test_training_chooses_trains_on_all_views_and_resumes_to_the_same_bits(scene, tmp_path, small):
-    options = TrainOptions(steps=40, checkpoint_every=10, eval_every=0)
-    whole = gsut.train(scene, options, out=tmp_path / "a", progress=False)
-    found = whole.metrics["complexity"]
-    assert len(found["pilots"]) >= 2
-    assert len(whole.gaussians) == found["max_gaussians"] <= 600
-    assert any("training views set aside" in note for note in whole.metrics["notes"])
-    assert json.loads((tmp_path / "a" / "complexity.json").read_text()) == found
-    fixed = TrainOptions(steps=40, max_gaussians=found["max_gaussians"])
-    same = gsut.train(scene, fixed, progress=False)
-    assert arrays_of(same.gaussians) == arrays_of(whole.gaussians)
-    # Stopped half-way and resumed.
-    stop = {"watch": lambda loop, row: loop.step < 20, "progress": False}
-    gsut.train(scene, options, out=tmp_path / "b", **stop)
-    (tmp_path / "b" / "metrics.json").unlink()
-    again = gsut.train(scene, options, out=tmp_path / "b", resume=True, progress=False)
-    assert arrays_of(again.gaussians) == arrays_of(whole.gaussians)
+    monkeypatch.setattr(complexity, "_PER_VIEW", 20)
+    most = 20 * len(scene.train_indices)
+    options = TrainOptions(steps=20, eval_every=0)
+    whole = gsut.train(scene, options, out=tmp_path / "a", progress=True)
+    assert len(whole.gaussians) == most
+    assert whole.metrics["complexity"]["max_gaussians"] == most
+    line = f"{len(scene.train_indices)} photographs: at most {most} Gaussians of degree 1, 20 each"
+    assert any(note.startswith(line) for note in whole.metrics["notes"])
+    assert line in capsys.readouterr().err
+    assert line in (tmp_path / "a" / "report.html").read_text()
+    given = gsut.train(scene, TrainOptions(steps=20, max_gaussians=most), progress=False)
+    assert arrays_of(given.gaussians) == arrays_of(whole.gaussians)
+    assert given.metrics["complexity"]["because"] == ""
+    assert not any("photographs: at most" in note for note in given.metrics["notes"])
