@@ -17,6 +17,7 @@ from gsut.cli._flags import (
     add_quiet,
     finite,
     print_json,
+    whole,
 )
 from gsut.files import refuse_existing
 
@@ -54,7 +55,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "published k-means; lightgaussian, pup: prune by score [default ghap]",
     )  # fmt: skip
     parser.add_argument(
-        "--finetune", type=Number(0, whole=True), default=0, metavar="STEPS",
+        "--finetune", type=whole, default=0, metavar="STEPS",
         help="train the result STEPS steps on the photographs; the fewer Gaussians are kept, the "
         "more steps pay, up to as many as the run had [default 0: no photograph is used]",
     )  # fmt: skip
@@ -146,7 +147,7 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
             f"-o {arguments.out}: of a run a run is made, a folder; then gsut convert makes a file"
         )
     target = RunFolder.claim(arguments.out, "compact", arguments.source)
-    target.refuse_run()  # before anything that takes long
+    target.refuse_finished()  # before anything that takes long
     train_options, scene, gaussians = read_trained(source, arguments.data)
 
     def on_try(count: int, psnr: float) -> None:

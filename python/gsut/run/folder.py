@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import json
 import os
+import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -134,6 +135,18 @@ class RunFolder:
                 f"{self.path} already holds a run; add --resume to go on with it, or give another "
                 "folder (nothing was overwritten)"
             )
+
+    def refuse_finished(self) -> None:
+        """As `refuse_run`; what a killed process left of a run that this command makes in one go is
+        removed."""
+        if (self.path / REPORT).is_file():
+            self.refuse_run()
+        for name in _FILES:
+            path = self.path / name
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
 
     @property
     def renders(self) -> Path:

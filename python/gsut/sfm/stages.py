@@ -17,7 +17,7 @@ from gsut.sfm.features import Features
 from gsut.sfm.matching import RawMatches
 
 FOLDER = "stages"
-_KEY = "key.json"
+_KEY = "key.txt"
 _MATCHES = "matches.npz"
 
 
