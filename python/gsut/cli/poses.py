@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
 from gsut.capture import Capture, capture, is_video
-from gsut.cli._flags import add_capture, add_json, add_quiet, finite, folder_name, print_json
+from gsut.cli._flags import add_capture, add_json, add_quiet, degrees, folder_name, print_json
 from gsut.data import CAPTURE_FOLDER, find_lens_file, read_capture
 from gsut.lens import is_lens_name, lens_by_name
 from gsut.output_folder import claim_folder
 from gsut.run import Progress, StagedProgress, Verdict, add_option_flags, given_options
-from gsut.sfm import PosesOptions, done_already
+from gsut.sfm import PosesOptions, check_lens, done_already
 
 if TYPE_CHECKING:
     from gsut.sfm import PosesResult
@@ -58,7 +58,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--fov",
-        type=finite,
+        type=degrees,
         metavar="DEGREES",
         help="rough horizontal field of view of an unknown lens [default: several are tried]",
     )
@@ -118,6 +118,7 @@ def _run(arguments: argparse.Namespace, options: PosesOptions) -> int:
         if options.pairs == "auto":
             options = dataclasses.replace(options, pairs="sequential")
     images, camera = arguments.images, arguments.camera
+    check_lens(camera)
     if arguments.rig is None and needs_capture(images, camera, arguments.unknown_lens):
         taken = capture_with_bars([images], Path(arguments.out) / CAPTURE_FOLDER, arguments)
         images, options = taken.path, with_readout(options, camera, taken)
