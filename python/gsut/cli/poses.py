@@ -23,11 +23,16 @@ from gsut.sfm import PosesOptions, check_lens, done_already
 if TYPE_CHECKING:
     from gsut.sfm import PosesResult
 
-# Seconds that each stage takes of so many images: what is left is estimated from them.
-POSE_SECONDS = {
-    "features": 5.0, "preview": 1.0, "matching": 4.0, "verifying": 1.0, "lens": 20.0,
-    "mapping": 25.0, "shutter": 25.0, "rig": 15.0,
+# Seconds that each stage takes of so many images of half a megapixel on two cores: what is left is
+# estimated from them. Mapping with a lens that is known, and beside an unknown one.
+_STAGE_SECONDS = {
+    "features": 5.7, "preview": 1.0, "matching": 5.5, "verifying": 2.2, "lens": 20.0,
+    "mapping": 24.0, "shutter": 12.0, "rig": 15.0,
 }  # fmt: skip
+_MAPPING_UNKNOWN = 42.0
+_MEGAPIXELS = 0.5
+# By what power of the megapixels they grow (four captures of 0.2 to 2 megapixels).
+_GROWTH = {"features": 0.75, "lens": 0.4, "mapping": 0.25}
 EXPECTED_IMAGES = 60
 
 HELP = "camera poses and points of photographs, without COLMAP"
@@ -190,7 +195,7 @@ def estimate_with_bars(
     known = unsaid if camera is None else not is_lens_name(camera)
     expected = pose_seconds(taken, options.shutter, known, bool(settings.get("rig")))
     with StagedProgress(expected, enabled) as bars:
-        shown = _InStages(bars, expected)
+        shown = InStages(bars, expected)
         with contextlib.closing(shown):
             return find_poses(images, out, on_progress=shown.show, notes_to=bars.note, **settings)
 
@@ -204,15 +209,25 @@ def pose_seconds(
         taken: content of capture.json, or nothing.
         shutter: as in PosesOptions. known: whether the lens is. rig: whether one was given.
     """
-    absent = {"verifying"} if not known else set()
+    absent = {"lens" if known else "verifying"}
     if taken.get("kind") != "video" or shutter != "auto":
         absent.add("shutter")
     if not rig and not taken.get("lenses"):
         absent.add("rig")
-    return {name: seconds for name, seconds in POSE_SECONDS.items() if name not in absent}
+    expected = {name: _STAGE_SECONDS[name] for name in _STAGE_SECONDS if name not in absent}
+    if not known:
+        expected["mapping"] = _MAPPING_UNKNOWN
+    if "size" in taken:
+        width, height = taken["size"]
+        times = min(width * height / 1e6, PosesOptions().max_megapixels) / _MEGAPIXELS
+        for name in set(_GROWTH) & set(expected):
+            expected[name] *= times ** _GROWTH[name]
+        # By the features squared, of which larger images have no more than these.
+        expected["matching"] *= min(1.0, times) ** 2
+    return expected
 
 
-class _InStages:
+class InStages:
     """Moves the bar of all stages as the work tells of one after the other."""
 
     def __init__(self, bars: StagedProgress, expected: dict[str, float]) -> None:
@@ -231,10 +246,7 @@ class _InStages:
                 for name, seconds in self._expected.items():
                     self._bars.expect(name, seconds * total / EXPECTED_IMAGES)
             names = list(self._expected)
-            passed = names[: names.index(stage)]
-            if stage == "verifying":  # through a known lens
-                passed.append("lens")
-            for name in passed:
+            for name in names[: names.index(stage)]:
                 if name not in self._bars.seconds:
                     self._bars.skip(name)
             self._stage = stage

@@ -295,10 +295,7 @@ def _pose_seconds(taken: Mapping[str, Any], arguments: argparse.Namespace) -> di
 
     named = arguments.camera is not None and not is_lens_name(arguments.camera)
     known = named or bool(taken.get("lens"))
-    expected = pose_seconds(taken, arguments.shutter, known)
-    if known:
-        del expected["lens"]
-    return expected
+    return pose_seconds(taken, arguments.shutter, known)
 
 
 def _expect(
