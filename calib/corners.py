@@ -18,7 +18,8 @@ _LARGEST_WINDOW = 5  # half-side in pixels of cornerSubPix: 11 x 11 pixels
 _SUBPIX_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)  # steps, pixels
 _BLURRED = 0.4  # edge width over corner spacing; sharp boards of four real sets have 0.05 to 0.17
 _SOFT_PX = 6.0  # of the sharpest edges; photographs in focus have 2 to 3
-_FEWEST_PX_A_SQUARE = 2  # of the image's shorter side; OpenCV's detectors fail on much less
+# Of the image's shorter side, a square and in all: OpenCV's detectors fail on less.
+_FEWEST_PX_A_SQUARE, _FEWEST_PX = 2, 16
 _EMPTY_GREY = 5.0  # grey levels of deviation below which nothing is in the image
 _DARK, _SHARPEST = 2.0, 0.1  # percent of the pixels that are called dark, and sharp
 _COARSER = (2, 4, 8)  # a board seen only at this fraction of the size is blurred
@@ -55,7 +56,7 @@ def find_boards(photographs: Sequence[Photograph], board: Board, progress: bool 
 
 def find_board(image: np.ndarray, photograph: Photograph, board: Board) -> None:
     """Finds the board in one grey image (H, W) uint8; fills in the photograph's findings."""
-    if min(image.shape) < _FEWEST_PX_A_SQUARE * max(board.columns, board.rows):
+    if _is_too_small(image, board):
         photograph.reason = (
             f"its {image.shape[1]} x {image.shape[0]} pixels are too few for a board of {board}"
         )
@@ -89,6 +90,11 @@ def find_board(image: np.ndarray, photograph: Photograph, board: Board) -> None:
         return
     photograph.corners = corners
     photograph.noise = corner_noise(corners.reshape(board.rows, board.columns, 2)).ravel()
+
+
+def _is_too_small(image: np.ndarray, board: Board) -> bool:
+    least = max(_FEWEST_PX_A_SQUARE * max(board.columns, board.rows), _FEWEST_PX)
+    return min(image.shape) < least
 
 
 def _detect(image: np.ndarray, board: Board) -> tuple[np.ndarray | None, str]:
@@ -130,7 +136,7 @@ def _why_not(image: np.ndarray, photograph: Photograph, board: Board) -> str:
     size = (board.columns, board.rows)
     for factor in _COARSER:
         small = cv2.resize(image, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA)
-        if min(small.shape) < _FEWEST_PX_A_SQUARE * max(size):
+        if _is_too_small(small, board):
             break
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
         if cv2.findChessboardCorners(small, size, flags=flags)[0]:

@@ -148,7 +148,8 @@ def _lives(process: int) -> bool:
 
 
 def refuse_existing(path: Path, by: str = "") -> None:
-    """Raises InputError where something is there already: a file is written under a new name.
+    """Raises InputError where something is there already, or nothing can be: a file is written
+    under a new name, and no time is spent on one that nobody can write.
 
     Args:
         path: to be written.
@@ -156,6 +157,10 @@ def refuse_existing(path: Path, by: str = "") -> None:
     """
     if path.exists():
         raise InputError(f"{path} exists; give another name{by} (nothing was overwritten)")
+    folder = path.parent
+    if not (folder.is_dir() and os.access(folder, os.W_OK)):
+        what = "cannot be written to" if folder.is_dir() else "is no folder that is there"
+        raise InputError(f"{path} cannot be written: {folder} {what}; give another name{by}")
 
 
 def regular(path: str | os.PathLike[str]) -> Path:

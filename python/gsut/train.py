@@ -12,6 +12,7 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.check import refuse_too_large
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
 from gsut.run import TrainOptions
@@ -78,12 +79,13 @@ def train(
 
     Raises:
         InputError: no training view, an option out of range, or `out` holds a run.
-        DatasetError: a photograph or a mask cannot be used.
+        DatasetError: a photograph or a mask cannot be used, or memory does not suffice.
     """
     o = (options or TrainOptions()).resolved()
     _core.set_num_threads(o.threads)
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
+    refuse_too_large(scene, o)  # check/: of the memory that is free
     given, scene = scene, prepare_scene(scene.centred, o)  # data/: size of the images, shutter
     scene = without_blurred(scene, o)
     scene.check_pixels()  # data/: a damaged photograph is found now

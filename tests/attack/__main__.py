@@ -12,7 +12,7 @@ from pathlib import Path
 
 from attack.datasets import dataset_cases
 from attack.harness import attack, disagreement
-from attack.kills import add_to_world, kills
+from attack.kills import kills
 from attack.tables import cases
 from attack.world import make_world
 
@@ -22,7 +22,7 @@ MEMORY = 8 << 30  # bytes that no small file may make a command take
 def main() -> int:
     parser = argparse.ArgumentParser(prog="./run attack", description=__doc__)
     parser.add_argument("--only", default="", metavar="WORD", help="cases whose title has it")
-    parser.add_argument("--kills", type=int, default=0, metavar="N", help="commands killed")
+    parser.add_argument("--kills", type=int, default=0, metavar="N", help="of each command")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of their moments")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="each n-th case only")
     arguments = parser.parse_args()
@@ -52,8 +52,8 @@ def main() -> int:
             elif seconds > 5:
                 print(f"slow  {seconds:.1f} s {case.title}", flush=True)
         if arguments.kills:
-            add_to_world(world)
-            for name, said in kills(world, folder, arguments.kills, arguments.seed):
+            n, seed, only = arguments.kills, arguments.seed, arguments.only
+            for name, said in kills(world, folder, n, seed, only.removeprefix("kill ")):
                 counts[f"kill {name}"] += 1
                 if said is not None:
                     faults[f"kill {name}"] += 1

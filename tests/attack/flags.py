@@ -8,12 +8,12 @@ from collections.abc import Iterator
 
 from attack.harness import Case
 from gsut.cli import build_parser
-from gsut.cli._flags import finite
+from gsut.cli._flags import Number
 
 # Command -> what it is given beside the flag, and what that needs.
 BASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "calibrate": (
-        ("photo.png", "--board", "5x4", "--spacing", "0.03", "-o", "out.yaml"), ("photo.png",)
+        ("boards", "--board", "5x4", "--spacing", "0.05", "-o", "out.yaml"), ("boards",)
     ),
     "camera convert": (("lenses/opencv.yaml", "kannala_brandt"), ("lenses/opencv.yaml",)),
     "camera find": (("hero9",), ()),
@@ -27,8 +27,11 @@ BASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("scenes/a.ply", "--point", "0", "0", "0", "--point", "1", "0", "0"), ("scenes/a.ply",)
     ),
     "mesh": (("run", "-o", "out.ply"), ("ds", "run")),
-    "points": (("ds", "-o", "out.ply"), ("ds",)),
-    "poses": (("folder", "-o", "out", "--quiet"), ("folder",)),
+    "points": (("walked", "-o", "out.ply"), ("walked",)),
+    "poses": (
+        ("film.mp4", "-o", "out", "--camera", "lens320.json", "--quiet"),
+        ("film.mp4", "lens320.json"),
+    ),
     "render": (
         ("scenes/a.ply", "-o", "out", "--frames", "1", "--size", "16x16"), ("scenes/a.ply",)
     ),
@@ -36,8 +39,43 @@ BASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "train": (("ds", "-o", "out", "--steps", "2", "--quiet"), ("ds",)),
 }  # fmt: skip
 NO_NUMBERS = ("nan", "inf", "-inf", "x", "", "1,2;3", "1e999")
-ODD = ("-1", "0", "1e300", "9" * 25)  # of some flags a number in a good sense
-LONG = ("demo", "scene")  # with a number in a good sense these take their time
+MANY = "9" * 25
+ODD = ("-1", "0", "1e300", MANY)  # of few flags a number in a good sense: these
+COORDINATES = ("-1", "0", MANY)
+GOOD: dict[tuple[str, str], tuple[str, ...]] = {
+    ("edit", "--up"): COORDINATES,  # its direction counts
+    ("edit", "--length"): ("-1", "0"),  # the first number, of a place
+    ("measure", "--point"): COORDINATES,
+    ("measure", "--length"): (MANY,),  # of what was measured, in any unit
+    ("camera convert", "--distance"): (MANY,),  # far away
+    # Nothing of it, none left out, all or a number found by gsut, as their help says.
+    **{
+        (command, flag): ("0",)
+        for command, flags in {
+            "compact": ("--finetune", "--seed"),
+            "convert": ("--sh-degree",),
+            "edit": ("--min-opacity",),
+            "mesh": ("--support", "--threads"),
+            "points": ("--dense",),
+            "poses": ("--nadir-cap", "--zenith-cap", "--feature-scale", "--preview-matches",
+                      "--extend-rounds", "--threads", "--seed", "--contrast"),
+            "train": ("--port", "--seed", "--threads", "--eval-every", "--checkpoint-every",
+                      "--max-side", "--test-every", "--sh-degree", "--low-pass", "--lr-means",
+                      "--lr-scales", "--lr-quats", "--lr-opacity", "--lr-sh0", "--lr-sh-rest",
+                      "--average-from", "--ssim-weight", "--opacity-regularizer",
+                      "--scale-regularizer", "--densify-from", "--grow-until"),
+        }.items() for flag in flags
+    },
+}  # fmt: skip
+# What is wrong before the number is looked at.
+SOONER = {
+    ("data convert", "--time-range"): "there is no lens file",  # of pictures with a trajectory
+    ("data convert", "--time-offset"): "there is no lens file",
+    ("data convert", "--time-tolerance"): "there is no lens file",
+    ("demo", "--rig"): "unrecognized arguments: -inf",  # its number may be left out
+    ("points", "--dense"): "unrecognized arguments: -inf",
+}
+LONG = ("calibrate", "demo", "scene")  # with a number in a good sense these take their time
 
 
 def of_flags() -> Iterator[Case]:
@@ -49,11 +87,11 @@ def of_flags() -> Iterator[Case]:
             for value in NO_NUMBERS + (() if command in LONG else ODD):
                 words = (*command.split(), *_without(base, flag, count), f"{flag}")
                 given = [value] + ["1"] * (count - 1)
-                said = "[-_ ]".join(map(re.escape, flag.strip("-").split("-")))
+                names = ["[-_ ]".join(map(re.escape, flag.strip("-").split("-")))]
+                names += [re.escape(action.dest), *filter(None, [SOONER.get((command, flag))])]
                 yield Case(
                     "flag", f"{flag} {value!r}", (*words, *given), needs,
-                    said=() if value in ODD else (f"{said}|{re.escape(action.dest)}",),
-                    may_pass=value in ODD,
+                    said=("|".join(names),), may_pass=value in GOOD.get((command, flag), ()),
                     keeps=("out",),
                 )  # fmt: skip
 
@@ -66,7 +104,7 @@ def numeric_flags(command: str) -> list[argparse.Action]:
     return [
         action for action in parser._actions
         if action.option_strings and action.nargs != 0
-        and (action.type in (int, finite) or action.metavar in ("N", "X"))
+        and (action.type is int or isinstance(action.type, Number) or action.metavar in ("N", "X"))
     ]  # fmt: skip
 
 

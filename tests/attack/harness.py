@@ -21,12 +21,13 @@ import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from attack.world import copy_needs, inside
 from gsut.cli import main
 from gsut.files import UNFINISHED
 
 Spoil = Callable[[Path], object]
 SLOWEST = 20.0  # processor seconds of one case
-PATIENCE = 30.0  # seconds by the clock: something waits that should not
+PATIENCE = 300.0  # seconds by the clock: something waits that should not
 
 
 class Hang(BaseException):
@@ -45,6 +46,7 @@ class Case:
         spoil: changes the copies.
         said: what the sentence must name: a pattern each.
         may_pass: the command may also succeed: what was given can be read in a good sense.
+        noted: what `doctor` must say where both go on: a pattern.
         keeps: names that the command may leave though it fails: stages for the next time.
     """
 
@@ -55,6 +57,7 @@ class Case:
     spoil: Spoil | None = None
     said: tuple[str, ...] = ()
     may_pass: bool = False
+    noted: str = ""
     keeps: tuple[str, ...] = ()
 
     @property
@@ -79,9 +82,9 @@ class Told:
     output: str = ""
 
 
-def run_words(words: tuple[str, ...]) -> Told:
-    """Runs a command, in this process where its words go through Python's streams."""
-    if words[0] == "calibrate":  # calib/ is a process of its own
+def run_words(words: tuple[str, ...], apart: bool = False) -> Told:
+    """Runs a command in this process, or in one of its own."""
+    if apart:
         started = time.monotonic()
         command = [sys.executable, "-m", "gsut", *words]
         try:
@@ -104,17 +107,6 @@ def run_words(words: tuple[str, ...]) -> Told:
         finally:
             warnings.showwarning = before
     return Told(status, errors.getvalue(), time.process_time() - started, out.getvalue())
-
-
-@contextlib.contextmanager
-def inside(folder: Path) -> Iterator[None]:
-    """The current folder, for a while."""
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
 
 
 @contextlib.contextmanager
@@ -142,16 +134,14 @@ def attack(case: Case, world: Path, scratch: Path) -> str | None:
 def carry_out(case: Case, world: Path, scratch: Path) -> tuple[Told, str | None]:
     """As `attack`, with what was told."""
     scratch.mkdir()
-    for need in case.needs:
-        source, target = world / need, scratch / need
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copytree(source, target) if source.is_dir() else shutil.copy(source, target)
+    copy_needs(case.needs, world, scratch)
     try:
         with inside(scratch):
             if case.spoil is not None:
                 case.spoil(scratch)
             before = snapshot(scratch)
-            told = run_words(case.words)
+            # calib/ is a process of its own, whose words do not go through Python's streams
+            told = run_words(case.words, case.words[0] == "calibrate" and case.kind != "flag")
             gc.collect()  # folders that a failed command held are let go
             return told, fault(case, told, before, snapshot(scratch))
     finally:
@@ -168,7 +158,8 @@ def disagreement(doctor: Case, train: Case, world: Path, scratch: Path) -> str |
     if found.status is None or found.status != told.status:
         return f"train {told.status}, doctor {found.status}: {told.errors} {found.output[-900:]}"
     if told.status == 0:
-        return None
+        noted = re.search(doctor.noted, found.output)
+        return None if noted else f"goes on without a word of {doctor.noted}: {found.output[-600:]}"
     sentence = told.errors.splitlines()[-1]
     if not found.output:  # there is no dataset to look at
         return None if found.errors.splitlines()[-1] == sentence else f"others: {found.errors}"

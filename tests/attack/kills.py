@@ -6,23 +6,30 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import os
 import random
+import re
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
-import gsut
-import small_videos
-import synthetic_boards
+import numpy as np
+from PIL import Image
+
+from attack.world import copy_needs
+from attack.zygote import Zygote
+from gsut.data import load_points_ply
 from gsut.files import UNFINISHED
+from gsut.output_folder import MARKER
 
 LONGEST = 600.0  # seconds by the clock of one command
+FIRST = 0.02  # of an unbroken run's time, before which nothing happens
 VIEWED = ("--view", "--no-open")
+VIEW_SECONDS = 2.0  # after which a page is left, unbroken
+PAGES = ("view", "train, viewed")
+DONE = re.compile("exists|already holds|is not empty")  # what is said where a kill came too late
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,10 +39,9 @@ class Killed:
     Attributes:
         name: in the counts.
         words: the command.
-        again: what goes on after a kill; None: the same command.
-        results: files whose bits are compared; of ".json" what is not a time is.
+        results: files whose bits are compared.
         needs: names in the world.
-        share: of all kills.
+        again: what goes on after a kill; None: the same command.
     """
 
     name: str
@@ -43,132 +49,134 @@ class Killed:
     results: tuple[str, ...]
     needs: tuple[str, ...]
     again: tuple[str, ...] | None = None
-    share: int = 1
 
 
-TRAIN = ("train", "ds", "-o", "out", "--steps", "120", "--quiet", "--checkpoint-every", "20")
+TRAIN = ("train", "ds", "-o", "out", "--steps", "80", "--quiet", "--checkpoint-every", "10",
+         "--max-gaussians", "300")  # fmt: skip
 REFINE = ("--refine-poses", "--max-side", "48")
+BLOCKS = ("--blocks", "2")
+SCENE, MORE = ("out/scene.ply",), ("--resume",)
 COMMANDS = (
-    Killed("train", TRAIN, ("out/scene.ply",), ("ds",), (*TRAIN, "--resume"), 4),
-    Killed("train, refined", (*TRAIN, *REFINE), ("out/scene.ply", "out/refined.json"), ("ds",),
-           (*TRAIN, *REFINE, "--resume"), 3),
-    Killed("train, viewed", TRAIN, ("out/scene.ply",), ("ds",), (*TRAIN, "--resume"), 2),
+    Killed("train", TRAIN, SCENE, ("ds",), TRAIN + MORE),
+    Killed("train, refined", TRAIN + REFINE, (*SCENE, "out/refined.json"), ("ds",),
+           TRAIN + REFINE + MORE),
+    Killed("train, in blocks", TRAIN + BLOCKS, SCENE, ("ds",), TRAIN + BLOCKS + MORE),
+    Killed("train, viewed", TRAIN, SCENE, ("ds",), TRAIN + MORE),
     Killed("compact", ("compact", "run", "-o", "out", "--keep", "0.5", "--finetune", "60"),
-           ("out/scene.ply",), ("ds", "run"), share=3),
+           SCENE, ("ds", "run")),
     Killed("convert", ("convert", "run", "out.spz", "--for", "viewers", "--steps", "60"),
-           ("out.spz",), ("ds", "run"), share=2),
-    Killed("mesh", ("mesh", "run", "-o", "out.ply"), ("out.ply",), ("ds", "run"), share=2),
+           ("out.spz",), ("ds", "run")),
+    Killed("mesh", ("mesh", "run", "-o", "out.ply"), ("out.ply",), ("ds", "run")),
     Killed("render", ("render", "run", "-o", "out", "--frames", "40", "--size", "64x64"),
-           ("out/00000.png", "out/00039.png"), ("ds", "run"), share=2),
-    Killed("poses", ("poses", "walk.mp4", "-o", "out", "--frames", "8", "--quiet"),
-           ("out/transforms.json",), ("walk.mp4",), share=3),
-    Killed("scene", ("scene", "walk.mp4", "-o", "out", "--frames", "8", "--steps", "60",
-                     "--preset", "fast", "--quiet"), ("out/scene.ply",), ("walk.mp4",), share=2),
-    Killed("calibrate", ("calibrate", "boards", "--board", "8x6", "--spacing", "0.05", "--lens",
-                         "fisheye", "--solver", "opencv", "-o", "lens/out.yaml"),
-           ("lens/out.yaml",), ("boards", "lens"), share=2),
-    Killed("view", ("view", "run", "--no-open"), ("run/scene.ply",), ("ds", "run")),
+           ("out/00000.png", "out/00039.png"), ("ds", "run")),
+    Killed("view", ("view", "run", "--no-open"), (), ("ds", "run")),
+    Killed("poses", ("poses", "film.mp4", "-o", "out", "--camera", "lens320.json", "--quiet"),
+           ("out/transforms.json", "out/points3D.ply"), ("film.mp4", "lens320.json")),
+    Killed("scene", ("scene", "film.mp4", "-o", "out", "--camera", "lens320.json", "--steps", "30",
+                     "--preset", "fast", "--quiet"), SCENE, ("film.mp4", "lens320.json")),
+    Killed("calibrate", ("calibrate", "boards", "--board", "5x4", "--spacing", "0.05", "--lens",
+                         "fisheye", "--solver", "opencv", "-o", "out.yaml"),
+           ("out.yaml",), ("boards",)),
 )  # fmt: skip
 
 
-def add_to_world(world: Path) -> None:
-    """A film to walk through and photographs of a board."""
-    small_videos.walk(world / "walk.mp4", 40)
-    (world / "lens").mkdir()
-    (world / "lens" / "mine.txt").write_text("mine\n")
-    write_boards(world / "boards")
+def kills(
+    world: Path, folder: Path, count: int, seed: int, only: str = ""
+) -> Iterator[tuple[str, str | None]]:
+    """Name and what is wrong, or None, of so many kills of each command: half of them at random
+    times, half before random changes to files, which lie close together."""
+    zygote = Zygote()
+    try:
+        for command in COMMANDS:
+            if only in command.name:
+                yield from _kills_of(command, zygote, world, folder, count, random.Random(seed))
+    finally:
+        zygote.close()
 
 
-def write_boards(folder: Path) -> None:
-    import cv2
-    import numpy as np
-
-    folder.mkdir()
-    camera = gsut.Camera("kannala_brandt", [150, 150, 160, 120, 0.01, 0, 0, 0], 320, 240)
-    board = synthetic_boards.Board(8, 6, 0.05)
-    rng = np.random.default_rng(4)
-    poses = synthetic_boards.random_poses(camera, board, 10, 35.0, rng)
-    for number, pose in enumerate(poses):
-        cv2.imwrite(str(folder / f"{number:02d}.png"), synthetic_boards.draw(camera, board, pose))
-
-
-def kills(world: Path, folder: Path, count: int, seed: int) -> Iterator[tuple[str, str | None]]:
-    """Name and what is wrong, or None, of each of so many kills."""
-    chance = random.Random(seed)
-    turns = [command for command in COMMANDS for _ in range(command.share)]
-    order = [turns[i % len(turns)] for i in range(max(count, 0))]
-    wanted: dict[Killed, tuple[dict[str, str], float]] = {}
-    for number, command in enumerate(sorted(order, key=COMMANDS.index)):
+def _kills_of(
+    command: Killed, zygote: Zygote, world: Path, folder: Path, count: int, chance: random.Random
+) -> Iterator[tuple[str, str | None]]:
+    whole = folder / f"whole {command.name}"
+    whole.mkdir()
+    copy_needs(command.needs, world, whole)
+    started = time.monotonic()
+    unbroken = zygote.run(_words(command), whole, after=_longest(command))
+    took = time.monotonic() - started
+    if unbroken["status"] != (-signal.SIGKILL if command.name in PAGES else 0):
+        yield command.name, f"unbroken: {unbroken['errors']}"
+        return
+    wanted = _results(command, whole)
+    shutil.rmtree(whole)
+    for number in range(count):
         scratch = folder / f"kill-{number}"
-        if command not in wanted:
-            _copy(command, world, scratch)
-            started = time.monotonic()
-            told = _run(command.words, scratch, until=6.0 if command.name == "view" else None)
-            took = time.monotonic() - started
-            if told and command.name != "view":
-                yield command.name, f"unbroken: {told}"
-                continue
-            wanted[command] = _results(command, scratch), took
-            shutil.rmtree(scratch)
-        results, took = wanted[command]
-        _copy(command, world, scratch)
-        yield command.name, _kill(command, scratch, chance.uniform(0.05, 1.0) * took, results)
+        scratch.mkdir()
+        copy_needs(command.needs, world, scratch)
+        moment: dict[str, Any] = {"after": chance.uniform(FIRST, 1.0) * took}
+        if number % 2 and unbroken["changes"]:
+            moment = {"before": 1 + chance.randrange(unbroken["changes"]), "after": LONGEST}
+        yield command.name, _kill(command, zygote, scratch, moment, wanted)
         shutil.rmtree(scratch)
 
 
-def _copy(command: Killed, world: Path, scratch: Path) -> None:
-    scratch.mkdir()
-    for need in command.needs:
-        source, target = world / need, scratch / need
-        shutil.copytree(source, target) if source.is_dir() else shutil.copy(source, target)
+def _words(command: Killed) -> tuple[str, ...]:
+    return (*command.words, *VIEWED) if command.name == "train, viewed" else command.words
 
 
-def _run(words: tuple[str, ...], folder: Path, until: float | None = None) -> str:
-    """Runs a command, killed after so many seconds; its errors where it did not end well."""
-    command = [sys.executable, "-m", "gsut", *words]
-    with open(folder.with_suffix(".log"), "w+b") as log:
-        process = subprocess.Popen(
-            command, cwd=folder, stdout=subprocess.DEVNULL, stderr=log, start_new_session=True
-        )
-        try:
-            status = process.wait(LONGEST if until is None else until)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            status = process.wait()
-        log.seek(0)
-        return "" if status == 0 else f"{status}: {log.read()[-400:].decode(errors='replace')}"
+def _longest(command: Killed) -> float:
+    return VIEW_SECONDS if command.name in PAGES else LONGEST
 
 
-def _kill(command: Killed, scratch: Path, after: float, results: dict[str, str]) -> str | None:
-    before = {path: _digest(path) for path in _files(scratch)}
-    words = (*command.words, *VIEWED) if command.name == "train, viewed" else command.words
-    _run(words, scratch, until=after)
-    for path in _files(scratch):
-        if path.suffix == ".json" and UNFINISHED not in str(path):
-            try:
-                json.loads(path.read_text())
-            except ValueError:
-                return f"after {after:.1f} s {path.name} is half-written"
-    for name, digest in _results(command, scratch).items():
-        if command.again is None and digest not in ("absent", results[name]):
-            return f"after {after:.1f} s {name} is there with other bits"
-    changed = [p.name for p, digest in before.items() if not p.exists() or _digest(p) != digest]
+def _kill(
+    command: Killed, zygote: Zygote, scratch: Path, moment: dict[str, Any], wanted: dict[str, str]
+) -> str | None:
+    """What is wrong after this kill and after what goes on, or None."""
+    when = "change {before}".format(**moment) if "before" in moment else f"{moment['after']:.2f} s"
+    given = {path: _digest(path) for path in _files(scratch)}
+    zygote.run(_words(command), scratch, **moment)
+    half = [path.name for path in _files(scratch) if not _is_whole(path)]
+    if half:
+        return f"killed at {when}: {half} half-written"
+    early = {name for name, found in _results(command, scratch).items() if found != "absent"}
+    wrong = [name for name in early if _results(command, scratch)[name] != wanted[name]]
+    if wrong:
+        return f"killed at {when}: {wrong} there with other bits"
+    changed = [p.name for p, digest in given.items() if not p.exists() or _digest(p) != digest]
     if changed:
-        return f"after {after:.1f} s {changed} changed"
+        return f"killed at {when}: {changed} changed"
     if command.name == "view":
         return None
-    done = scratch / command.results[0]
-    if command.again is None and done.exists() and not (scratch / "out").is_dir():
-        return None  # it had ended: a second time would be refused
-    told = _run(command.again or command.words, scratch)
-    if told and not ("exists" in told or "already holds" in told or "is not empty" in told):
-        return f"after {after:.1f} s, again: {told}"
+    told = zygote.run(command.again or command.words, scratch)
+    done = early == set(wanted) and told["status"] == 2 and DONE.search(told["errors"])
+    if told["status"] != 0 and not done:
+        return f"killed at {when}, again: {told['errors']}"
     left = [p.name for p in scratch.rglob("*") if UNFINISHED in p.name]
     if left:
-        return f"after {after:.1f} s {left} is left"
+        return f"killed at {when}, again: {left} left"
     found = _results(command, scratch)
-    wrong = [name for name in results if found[name] != results[name]]
-    return f"after {after:.1f} s {wrong} has other bits {told}" if wrong else None
+    wrong = [name for name in wanted if found[name] != wanted[name]]
+    return f"killed at {when}, again: {wrong} with other bits" if wrong else None
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a file that is there by its own name can be read to its end."""
+    if UNFINISHED in str(path):
+        return True  # not by its own name
+    try:
+        if path.suffix == ".json" and path.name != MARKER:
+            json.loads(path.read_text())
+        elif path.suffix == ".npz":
+            with np.load(path, allow_pickle=False) as members:
+                for name in members:
+                    members[name]
+        elif path.suffix in (".png", ".jpg"):
+            with Image.open(path) as image:
+                image.load()
+        elif path.suffix == ".ply":
+            load_points_ply(path)
+    except Exception:
+        return False
+    return True
 
 
 def _files(folder: Path) -> list[Path]:

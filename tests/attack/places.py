@@ -19,8 +19,8 @@ FILES: dict[tuple[str, ...], tuple[str, ...]] = {
     ("camera", "convert", "lenses/opencv.yaml", "pinhole", "-o", "OUT.json"):
         ("lenses/opencv.yaml",),
     ("mesh", "run", "-o", "OUT.ply"): ("ds", "run"),
-    ("points", "ds", "-o", "OUT.ply"): ("ds",),
-    ("data", "convert", "plane", "OUT.txt"): ("plane",),
+    ("points", "walked", "-o", "OUT.ply"): ("walked",),
+    ("data", "convert", "plane", "OUT.txt", "--to", "tum"): ("plane",),
 }  # fmt: skip
 FOLDERS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("train", "ds", "-o", "OUT", "--steps", "2", "--quiet"): ("ds",),
@@ -29,7 +29,8 @@ FOLDERS: dict[tuple[str, ...], tuple[str, ...]] = {
         ("scenes/a.ply",),
     ("compact", "run", "-o", "OUT", "--keep", "0.5", "--method", "lightgaussian"): ("ds", "run"),
     ("data", "convert", "plane", "OUT"): ("plane",),
-    ("poses", "folder", "-o", "OUT", "--quiet"): ("folder",),
+    ("poses", "film.mp4", "-o", "OUT", "--camera", "lens320.json", "--quiet"):
+        ("film.mp4", "lens320.json"),
     ("scene", "film.mp4", "-o", "OUT", "--quiet"): ("film.mp4",),
     ("demo", "--no-open", "-o", "OUT", "--steps", "1"): (),
 }  # fmt: skip

@@ -5,8 +5,12 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import os
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 import gsut
@@ -14,17 +18,37 @@ import rendered_dataset
 import small_datasets
 import small_recordings
 import small_videos
-from attack.harness import inside
+import synthetic_boards
 from formats.scene_cases import plain_scene
 from gsut import formats
 from gsut.cli import main
 from gsut.lens import convert_camera
+from random_scenes import pinhole
 
 STEPS = "20"
+RIG = "".join(
+    f"cam{i}:\n  camera_model: pinhole\n  intrinsics: [90, 90, 24, 18]\n  resolution: [48, 36]\n"
+    f"  distortion_model: none\n  distortion_coeffs: []\n{pose}"
+    for i, pose in enumerate(
+        ("", "  T_cn_cnm1:\n  - [1, 0, 0, 0.1]\n  - [0, 1, 0, 0]\n  - [0, 0, 1, 0]\n"
+             "  - [0, 0, 0, 1]\n")
+    )
+)  # fmt: skip
 LENSES = ("gsut.lens.json", "opencv.yaml", "opencv.json", "camchain.yaml", "cameras.txt",
           "cameras.bin", "transforms.json", "aria.json", "matlab.json", "camera_models.json",
           "calibration.xml", "lens.cameramodel", "calib_results.txt")  # fmt: skip
 SCENES = ("a.ply", "b.compressed.ply", "c.spz", "d.sog", "e.glb", "f.splat")
+
+
+@contextlib.contextmanager
+def inside(folder: Path) -> Iterator[None]:
+    """The current folder, for a while."""
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
 
 
 def make_world(folder: Path) -> Path:
@@ -71,4 +95,43 @@ def write_tables(folder: Path) -> None:
     (folder / "positions.csv").write_text("\n".join(["name,x,y,z", *rows]) + "\n")
     small_datasets.write_png(folder / "mask.png", np.full((48, 48), 255, np.uint8))
     small_datasets.write_ply(folder / "points.ply", *small_datasets.points())
-    small_datasets.write_png(folder / "photo.png", small_datasets.texture(np.ones((48, 48, 2))))
+    shutil.copy(folder / "ds/images/003.png", folder / "photo.png")
+    pinhole(48).save(folder / "lens48.json")
+    gsut.Camera("pinhole", [300, 300, 160, 120], 320, 240).save(folder / "lens320.json")
+    (folder / "rig.yaml").write_text(RIG)
+
+
+def write_walked(place: Path) -> None:
+    """A dataset of photographs with texture, whose poses gsut found."""
+    words = ("poses", "film.mp4", "-o", str(place), "--camera", "lens320.json", "--quiet")
+    with contextlib.redirect_stdout(io.StringIO()), inside(place.parent):
+        assert main(words) == 0, "the attack's own film cannot be used"
+
+
+def write_boards(place: Path) -> None:
+    place.mkdir()
+    camera = gsut.Camera("kannala_brandt", [75, 75, 80, 60, 0.01, 0, 0, 0], 160, 120)
+    board = synthetic_boards.Board(5, 4, 0.05)
+    poses = synthetic_boards.random_poses(camera, board, 5, 35.0, np.random.default_rng(4))
+    for number, pose in enumerate(poses):
+        picture = synthetic_boards.draw(camera, board, pose)
+        cv2.imwrite(str(place / f"{number:02d}.png"), picture)
+
+
+# What takes a while to make, and few cases need.
+LATER: dict[str, Callable[[Path], object]] = {
+    "walked": write_walked,
+    "boards": write_boards,
+    "walk.mp4": lambda place: small_videos.walk(place, 40),
+}
+
+
+def copy_needs(needs: tuple[str, ...], world: Path, scratch: Path) -> None:
+    """Copies of what lies in the world, made now where nobody has needed it before."""
+    for need in needs:
+        source, target = world / need, scratch / need
+        make = LATER.get(Path(need).parts[0])
+        if make is not None and not (world / Path(need).parts[0]).exists():
+            make(world / Path(need).parts[0])
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copytree(source, target) if source.is_dir() else shutil.copy(source, target)

@@ -19,7 +19,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.run import peak_rss_mb
+from gsut.run import free_memory, peak_rss_mb
 from tests.bench.measure import BACKWARD_STAGES, FORWARD_STAGES, step_loop, step_times
 from tests.bench.plots import plot_scale
 from tests.bench.report_rows import add_files, bar, check_files, numbers, print_and_write, words
@@ -132,18 +132,6 @@ def add_linear_fit(rows: Sequence[dict[str, Any]]) -> tuple[float, float]:
     return float(a), float(b)
 
 
-def available_memory() -> int | None:
-    """Bytes that a new process can have without swapping; None where it is not told."""
-    try:
-        with open("/proc/meminfo") as file:
-            for line in file:
-                if line.startswith("MemAvailable:"):
-                    return 1024 * int(line.split()[1])
-    except OSError:
-        pass
-    return None
-
-
 def _measured_apart(count: int, width: int, height: int, options: ScaleOptions) -> dict[str, Any]:
     row: dict[str, Any] = {
         "name": f"scale_{count}_{width}x{height}", "isa": _core.active_isa(),
@@ -152,7 +140,7 @@ def _measured_apart(count: int, width: int, height: int, options: ScaleOptions) 
     }  # fmt: skip
     row |= dict.fromkeys(_MEASURED)
     needed = _BYTES_PER_GAUSSIAN * count + _BYTES_PER_PIXEL * width * height + _BYTES_FIXED
-    available = available_memory()
+    available = free_memory()
     if available is not None and needed + _RESERVE_BYTES > available:
         row["note"] = (
             f"left out: may need {needed / 1e9:.1f} GB, {available / 1e9:.1f} GB are available"

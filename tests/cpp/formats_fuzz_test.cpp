@@ -1,5 +1,5 @@
 // Feeds the parsers with damaged files, under whatever sanitizer this is built with: a file is read
-// or refused by InputError. GSUT_FUZZ_FILES: how many of each kind; GSUT_FUZZ_SEED: of the damage.
+// or refused by InputError. GSUT_FUZZ_FILES: how many of each file; GSUT_FUZZ_SEED: of the damage.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -9,25 +9,28 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <functional>
 #include <sstream>
 #include <string>
-#include <vector>
+#include <utility>
 
 #include "gsut/base/errors.h"
 #include "gsut/base/rng.h"
-#include "gsut/formats/camera_model.h"
-#include "gsut/formats/ply.h"
-#include "gsut/gaussians/harmonics.h"
+#include "parsers.h"
 
 namespace gsut {
 namespace {
 
-constexpr std::int64_t kMostRows = 1 << 20;  // of a file of some kilobytes
+using Parser = std::int64_t (*)(const std::string&, const std::string&);
 
 std::uint64_t Setting(const char* name, std::uint64_t otherwise) {
   const char* text = std::getenv(name);
   return text == nullptr ? otherwise : std::strtoull(text, nullptr, 10);
+}
+
+std::string ContentOf(const std::filesystem::path& path) {
+  std::ostringstream content;
+  content << std::ifstream(path, std::ios::binary).rdbuf();
+  return content.str();
 }
 
 class Damage {
@@ -92,84 +95,39 @@ class Damage {
   std::uint64_t next_ = 0;
 };
 
-// How many damaged forms of the content were read; anything but InputError fails the test.
-std::int64_t Feed(const std::string& content, std::uint64_t stream,
-                  const std::function<void(const std::string&)>& parse) {
-  Damage damage(stream);
-  std::int64_t read = 0;
-  parse(content);  // as it is, it is read
-  const std::uint64_t files = Setting("GSUT_FUZZ_FILES", 300);
-  for (std::uint64_t i = 0; i < files; ++i) {
-    const std::string damaged = damage.Of(content);
-    try {
-      parse(damaged);
-      ++read;
-    } catch (const InputError& error) {
-      EXPECT_GT(std::string(error.what()).size(), 10U);
-    }
-  }
-  return read;
-}
-
-class FormatsFuzz : public testing::Test {
+class FormatsFuzz : public testing::TestWithParam<std::pair<const char*, Parser>> {
  protected:
   std::string path_ = testing::TempDir() + "gsut_fuzz_" + std::to_string(getpid()) + ".ply";
   void TearDown() override { std::remove(path_.c_str()); }
-
-  void Write(const std::string& content) const {
-    std::ofstream(path_, std::ios::binary | std::ios::trunc) << content;
-  }
-  std::string Content() const {
-    std::ostringstream content;
-    content << std::ifstream(path_, std::ios::binary).rdbuf();
-    return content.str();
-  }
-  void ReadGaussians(const std::string& content) const {
-    Write(content);
-    PlyGaussianReader reader(path_);
-    const std::int64_t n = reader.size();
-    ASSERT_LE(n, kMostRows);
-    const int k = reader.sh_coefficients();
-    std::vector<float> means(3 * n), quats(4 * n), scales(3 * n), logits(n), sh(3 * n * k);
-    reader.Read({n, k, means.data(), quats.data(), scales.data(), logits.data(), sh.data()});
-  }
 };
 
-TEST_F(FormatsFuzz, GaussiansOfDamagedPlyFiles) {
-  std::vector<float> values(600, 0.25f);
-  for (const int k : {1, 16}) {
-    WritePly(path_,
-             {5, k, values.data(), values.data(), values.data(), values.data(), values.data()},
-             {"a comment"});
-    Feed(Content(), k, [this](const std::string& content) { ReadGaussians(content); });
+// The corpus' files are read, those named found_... (by fuzzers) read or refused, and so is what
+// damage makes of them: anything but InputError fails the test.
+TEST_P(FormatsFuzz, DamagedFilesAreReadOrRefused) {
+  const auto& [folder, parse] = GetParam();
+  int files = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(GSUT_CORPUS + std::string(folder))) {
+    const std::string content = ContentOf(entry.path());
+    Damage damage(++files);
+    const std::uint64_t count = Setting("GSUT_FUZZ_FILES", 150);
+    for (std::uint64_t i = 0; i <= count; ++i) {
+      const bool whole = i == 0;
+      try {
+        EXPECT_LE(parse(whole ? content : damage.Of(content), path_), kMostRows);
+      } catch (const InputError& error) {
+        EXPECT_GT(std::string(error.what()).size(), 10U);
+        EXPECT_TRUE(!whole || entry.path().filename().string().starts_with("found_")) << entry;
+      }
+    }
   }
+  EXPECT_GE(files, 3);
 }
 
-TEST_F(FormatsFuzz, PointsOfDamagedPlyFiles) {
-  const std::string properties =
-      "property float x\nproperty double y\nproperty float z\nproperty uchar red\n"
-      "property uchar green\nproperty uchar blue\n";
-  const std::string rows = "element vertex 3\n" + properties + "element face 1\n" +
-                           "property list uchar int vertex_indices\nend_header\n";
-  const std::string text =
-      "ply\nformat ascii 1.0\n" + rows + "0 1 2 9 9 9\n1 2 3 9 9 9\n3 4 5 250 1 2\n3 0 1 2\n";
-  const std::string binary =
-      "ply\nformat binary_little_endian 1.0\n" + rows + std::string(3 * 19 + 13, '\3');
-  std::uint64_t stream = 100;
-  for (const std::string& content : {text, binary}) {
-    Feed(content, ++stream, [this](const std::string& damaged) {
-      Write(damaged);
-      ASSERT_LE(ReadPlyPoints(path_).positions.size(), 3 * kMostRows);
-    });
-  }
-}
-
-TEST_F(FormatsFuzz, DamagedCameraModels) {
-  const std::string content =
-      "{ 'lensmodel': 'LENSMODEL_OPENCV4', 'intrinsics': [ 90, 91, 50, 40, 0.1, -0.02, 1e-3, "
-      "2e-4,], 'extrinsics': [0, 0, 0, 0, 0, 0], 'imagersize': [100, 80], 'note': r'it\\'s', }\n";
-  Feed(content, 200, [](const std::string& text) { ParseCameraModel(text, "lens.cameramodel"); });
-}
+INSTANTIATE_TEST_SUITE_P(Parsers, FormatsFuzz,
+                         testing::Values(std::pair{"/gaussians", &ReadGaussians},
+                                         std::pair{"/points", &ReadPoints},
+                                         std::pair{"/cameramodel", &ReadCameraModel}),
+                         [](const auto& info) { return std::string(info.param.first + 1); });
 
 }  // namespace
 }  // namespace gsut

@@ -79,3 +79,18 @@ def stretch_second_half(path: Path) -> None:
         size = struct.unpack(">I", data[start : start + 4])[0]
         data[start : start + 4] = struct.pack(">I", size + len(new) - len(old))
     path.write_bytes(data)
+
+
+def coded_otherwise(path: Path) -> Path:
+    """Says that frames are in a code that nobody knows."""
+    path.write_bytes(path.read_bytes().replace(b"mp4v", b"zzzz").replace(b"esds", b"zzzz"))
+    return path
+
+
+def frames_of_noise(path: Path) -> Path:
+    """Frames that are nothing, under an index that is whole."""
+    data = bytearray(path.read_bytes())
+    start, end = data.find(b"mdat") + 4, data.find(b"moov") - 4
+    data[start:end] = np.random.default_rng(0).integers(0, 256, end - start, np.uint8).tobytes()
+    path.write_bytes(data)
+    return path

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from gsut import InputError
-from gsut.files import whole_file, write_file, write_json
+from gsut.files import refuse_existing, whole_file, write_file, write_json
 
 
 def test_file_whose_writing_fails_leaves_the_old_one(tmp_path):
@@ -22,3 +22,12 @@ def test_file_whose_writing_fails_leaves_the_old_one(tmp_path):
 def test_file_into_no_folder_is_refused_and_named(tmp_path):
     with pytest.raises(InputError, match=r"cannot write .*absent/a.txt: No such file"):
         write_file(tmp_path / "absent" / "a.txt", "text")
+
+
+@pytest.mark.parametrize("name", ["absent/a.ply", "file/a.ply", "loop/a.ply"])
+def test_a_name_that_nothing_can_have_is_refused_before_work_is_done(tmp_path, name):
+    (tmp_path / "file").touch()
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(InputError, match=r"a\.ply cannot be written: .* is no folder that is"):
+        refuse_existing(tmp_path / name)
+    refuse_existing(tmp_path / "a.ply")

@@ -99,7 +99,8 @@ class Parser {
 
   void ParseElement(std::istringstream& words) {
     PlyElement element;
-    if (!(words >> element.name >> element.count) || element.count < 0) {
+    std::string more;
+    if (!(words >> element.name >> element.count) || element.count < 0 || words >> more) {
       Fail("expected \"element NAME COUNT\" with COUNT >= 0");
     }
     header_.elements.push_back(std::move(element));

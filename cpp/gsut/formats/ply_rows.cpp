@@ -136,6 +136,7 @@ class Values {
 void ReadElement(Values& reader, const PlyElement& element, const std::string& path,
                  const std::function<void(const double*)>* row_function) {
   std::vector<double> values(element.properties.size());
+  if (element.properties.empty()) return;  // rows of nothing, however many the header claims
   for (std::int64_t row = 0; row < element.count; ++row) {
     const auto read = [&](const PlyProperty& property, PlyType type, double* value) {
       const Outcome outcome = reader.Read(type, value);

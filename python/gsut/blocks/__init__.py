@@ -2,7 +2,7 @@
 
 from gsut.blocks.driver import BlocksResult, train_blocks
 from gsut.blocks.layout import Layout
-from gsut.blocks.plan import choose_count, text_of
+from gsut.blocks.plan import choose_count
 from gsut.blocks.shares import Shares, find_shares
 
 __all__ = [
@@ -11,6 +11,5 @@ __all__ = [
     "Shares",
     "choose_count",
     "find_shares",
-    "text_of",
     "train_blocks",
 ]

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 
 from gsut._core import InputError
 from gsut.data import Scene
-from gsut.run import BlockOptions, TrainOptions
+from gsut.run import BlockOptions, TrainOptions, free_memory, size_text
 from gsut.training import with_most
 
 # Of all Gaussians and steps; at half the size, so that it is about a tenth of the work. With many
@@ -113,8 +112,8 @@ def choose_count(scene: Scene, options: TrainOptions, blocks: BlockOptions) -> i
         if total / count < _FEWEST_GAUSSIANS:
             smallest = needed(scene, options, blocks, count)
             raise InputError(
-                f"--memory {text_of(limit)}: even blocks of {total // count:,} Gaussians take "
-                f"{text_of(smallest)} with {blocks.workers} worker(s); give more memory, fewer "
+                f"--memory {size_text(limit)}: even blocks of {total // count:,} Gaussians take "
+                f"{size_text(smallest)} with {blocks.workers} worker(s); give more memory, fewer "
                 "--workers or smaller images (--max-side)"
             )
     return count
@@ -145,18 +144,10 @@ def check_memory(sizes: dict[str, int], blocks: BlockOptions) -> None:
     at_once = size * (blocks.workers if blocks.cluster is None else 1)
     if limit is not None and at_once > limit:
         raise InputError(
-            f"--memory {text_of(limit)}: {name} takes about {text_of(size)}"
+            f"--memory {size_text(limit)}: {name} takes about {size_text(size)}"
             f"{f', times {blocks.workers} workers' if at_once > size else ''}; give more --blocks, "
             "fewer --workers, fewer --max-gaussians or smaller images (--max-side)"
         )
-
-
-def text_of(size: float) -> str:
-    """Bytes in words."""
-    for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
-        if size >= factor:
-            return f"{size / factor:.3g} {unit}"
-    return f"{size:.0f} bytes"
 
 
 def round_of(task_options: TrainOptions, blocks: BlockOptions, number: int) -> tuple[int, int]:
@@ -184,17 +175,3 @@ def check_trainable(options: TrainOptions) -> None:
     for flag, given in refused.items():
         if given:
             raise InputError(f"{flag} is not there for --blocks; leave one of the two out")
-
-
-def free_memory() -> int | None:
-    """Bytes that this machine could give to a program now; None where it does not say."""
-    try:
-        with open("/proc/meminfo", encoding="ascii") as file:
-            rows = dict(line.split(":", 1) for line in file)
-        return 1024 * int(rows["MemAvailable"].split()[0])
-    except (OSError, KeyError, ValueError, IndexError):
-        pass
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
-    except (AttributeError, OSError, ValueError):
-        return None

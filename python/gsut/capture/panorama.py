@@ -55,7 +55,9 @@ def of_panoramas(taken: Capture, nadir: float = 0.0, zenith: float = 0.0) -> Cap
         InputError: caps of pictures that are no panoramas.
     """
     if not (0 <= nadir < 90 and 0 <= zenith < 90):
-        raise InputError(f"caps take 0 to 90 degrees, found {nadir:g} and {zenith:g}")
+        raise InputError(
+            f"caps take 0 to 90 degrees, found {nadir:g} (nadir cap) and {zenith:g} (zenith cap)"
+        )
     width, height = taken.figures["size"]
     paths = [taken.path / row["path"] for row in taken.figures["frames"]]
     if _WIDTHS[0] * height <= width <= _WIDTHS[1] * height:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from gsut._core import InputError
 from gsut.check.evidence import gather_evidence
 from gsut.check.matches import ImagePair, neighbouring_matches
+from gsut.check.memory import check_memory
 from gsut.check.photographs import check_half_pixel, check_photographs
 from gsut.check.points import check_points_frame
 from gsut.data import (
@@ -88,6 +89,7 @@ def doctor(
     if any(finding.severity == "error" for finding in findings):
         return findings
     scene = data if isinstance(data, Scene) else load_dataset(data, test_every=0)
+    findings += check_memory(scene)
     found = check_against_photographs(scene)
     if all(finding.severity == "info" for finding in found):
         found += look_closer(scene)

@@ -24,6 +24,11 @@ FILE_SUFFIXES = frozenset(
 )
 
 
+# Of flags without bounds: the squares of floating-point ones are finite.
+_MOST, _MOST_WHOLE = 1e100, 2**31 - 1
+_MOST_UNIT = 1e6  # of a level of 16 bits
+
+
 def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--json", action="store_true", help="print the figures as JSON instead of the summary"
@@ -61,14 +66,14 @@ def add_capture(parser: argparse.ArgumentParser) -> None:
     """How pictures are taken from a video or a 360-degree camera."""
     parser.add_argument(
         "--frames",
-        type=int,
+        type=count,
         metavar="N",
         help="frames to choose of a video [default: by how far the view moves, 60 to 300]",
     )
     for name, where in (("nadir", "down"), ("zenith", "up")):
         parser.add_argument(
             f"--{name}-cap",
-            type=finite,
+            type=Number(0, 90),
             default=0.0,
             metavar="DEGREES",
             help=f"of 360-degree pictures: so far from straight {where} nothing counts (tripod, "
@@ -92,22 +97,60 @@ def add_depth_unit(parser: argparse.ArgumentParser) -> None:
     """--depth-unit, of 16-bit files that are read or written."""
     parser.add_argument(
         "--depth-unit",
-        type=finite,
+        type=Number(0, _MOST_UNIT, above=True),
         default=1e-3,
         metavar="X",
         help="the dataset's units in a level of 16-bit depths [default 0.001: millimetres]",
     )
 
 
-def finite(text: str) -> float:
-    """A number, for `type=`: NaN and infinities are refused."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"takes a finite number, found {text!r}")
-    return value
+class Number:
+    """A number within bounds, for `type=`; NaN and infinities are refused.
+
+    Args:
+        low, high: allowed both; without bounds as far as squares can be told from infinity, or
+            whole numbers counted by a machine.
+        whole: without digits behind the point.
+        above: `low` itself is not allowed.
+    """
+
+    def __init__(
+        self,
+        low: float | None = None,
+        high: float | None = None,
+        *,
+        whole: bool = False,
+        above: bool = False,
+    ) -> None:
+        self.whole, self._above = whole, above
+        most = _MOST_WHOLE if whole else _MOST
+        self._low, self._high = -most if low is None else low, most if high is None else high
+
+    def __call__(self, text: str) -> Any:
+        try:
+            value = int(text) if self.whole else float(text)
+        except ValueError:
+            value = math.nan
+        above = value > self._low if self._above else value >= self._low
+        if not (above and value <= self._high):
+            raise argparse.ArgumentTypeError(f"takes {self._words(value)}, found {text[:80]!r}")
+        return value
+
+    def _words(self, value: float) -> str:
+        if not self.whole and not math.isfinite(value):
+            return "a finite number"
+        words = "a whole number" if self.whole else "a number"
+        most = f" to {self._high:.10g}"
+        if not self._above:
+            return f"{words} from {self._low:.10g}{most}"
+        return f"{words} above {self._low:.10g}, up{most}"
+
+
+finite = Number()
+whole = Number(whole=True)
+count = Number(1, whole=True)
+degrees = Number(0, 360, above=True)  # of a field of view
+positive = Number(0, above=True)
 
 
 def folder_name(text: str) -> str:

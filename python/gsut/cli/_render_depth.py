@@ -44,6 +44,8 @@ class DepthOutput:
         Raises:
             InputError: depths of a film, a unit out of range, or a file that exists.
         """
+        if arguments.voxel is not None and not arguments.cloud:
+            raise InputError("--voxel is of a cloud of points; add --cloud FILE.ply")
         if arguments.depth is None and not arguments.cloud:
             return None
         if arguments.depth and folder is None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.cli._flags import add_json, finite, parsed_size, print_json
+from gsut.cli._flags import Number, add_json, count, parsed_size, positive, print_json, whole
 
 HELP = "convert a lens into another model, find one by the camera's name"
 DESCRIPTION = "Works on lens files and on a database of calibrated lenses."
@@ -30,7 +30,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     find.add_argument("words", metavar="WORDS", nargs="+", help="such as: hero9 max wide")
     find.add_argument("--size", metavar="WxH", help="of your pictures: such lenses come first")
     find.add_argument(
-        "--lines", type=int, default=_LINES, metavar="N", help="most lines [default: %(default)s]"
+        "--lines", type=count, default=_LINES, metavar="N", help="most lines [default: %(default)s]"
     )
     add_json(find)
     find.set_defaults(action=_find)
@@ -47,7 +47,7 @@ def _find(arguments: argparse.Namespace) -> int:
     found = find_lenses(arguments.words, size=size)
     if not found:
         lens_by_name(" ".join(arguments.words))  # says which word is to blame
-    shown = found[: max(1, arguments.lines)]
+    shown = found[: arguments.lines]
     if arguments.json:
         rows = [
             {**dataclasses.asdict(p), "name": p.name, "fov_degrees": p.fov_degrees,
@@ -81,29 +81,29 @@ def _add_convert(actions: Any) -> None:
     convert.add_argument("--camera-id", metavar="ID", help="which camera of LENS")
     convert.add_argument(
         "--max-angle",
-        type=finite,
+        type=Number(0, 180, above=True),
         metavar="DEGREES",
         help="leave out what is farther from the axis [default: the whole image]",
     )
     convert.add_argument(
         "--num-params",
-        type=int,
+        type=count,
         metavar="N",
         help="of a lens with any number of coefficients [default: four coefficients]",
     )
     convert.add_argument(
-        "--order", type=int, metavar="2|3", help="of splined_stereographic [default: 3]"
+        "--order", type=whole, metavar="2|3", help="of splined_stereographic [default: 3]"
     )
     convert.add_argument(
         "--control-points",
-        type=int,
+        type=whole,
         nargs="+",
         metavar="N",
         help="of splined_stereographic: NX, or NX NY [default: 16, NY at the same pitch]",
     )
     convert.add_argument(
         "--distance",
-        type=finite,
+        type=positive,
         metavar="UNITS",
         help="where both lenses are to agree, if the rays of one do not meet [default: far away]",
     )

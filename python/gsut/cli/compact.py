@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import FILE_SUFFIXES, add_json, add_moved_data, add_quiet, finite, print_json
+from gsut.cli._flags import (
+    FILE_SUFFIXES,
+    Number,
+    add_json,
+    add_moved_data,
+    add_quiet,
+    finite,
+    print_json,
+)
 from gsut.files import refuse_existing
 
 HELP = "fewer Gaussians for the same picture"
@@ -46,7 +54,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "published k-means; lightgaussian, pup: prune by score [default ghap]",
     )  # fmt: skip
     parser.add_argument(
-        "--finetune", type=int, default=0, metavar="STEPS",
+        "--finetune", type=Number(0, whole=True), default=0, metavar="STEPS",
         help="train the result STEPS steps on the photographs; the fewer Gaussians are kept, the "
         "more steps pay, up to as many as the run had [default 0: no photograph is used]",
     )  # fmt: skip
@@ -56,7 +64,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "DB by it [default: leave them]",
     )  # fmt: skip
     add_moved_data(parser)
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="[default 0]")
+    parser.add_argument(
+        "--seed", type=Number(0, whole=True), default=0, metavar="N", help="[default 0]"
+    )
     add_quiet(parser)
     add_json(parser)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json
+from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json, whole
 from gsut.files import refuse_existing
 
 HELP = "a scene in another format: SPZ, SOG, glTF, USD, PLY, a page for any browser"
@@ -42,7 +42,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "and 0.3 pixels wider, show it as gsut does; gsut itself then shows it a little thinner "
         "[default gsut: as it is]",
     )  # fmt: skip
-    parser.add_argument("--steps", type=int, metavar="N", help="of --for viewers [default 300]")
+    parser.add_argument("--steps", type=whole, metavar="N", help="of --for viewers [default 300]")
     add_moved_data(parser)
     add_quiet(parser)
     add_json(parser)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.cli._flags import add_json, folder_name, print_json
+from gsut.cli._flags import add_json, folder_name, print_json, whole
 from gsut.cli.train import print_figures, train_into
 from gsut.cli.view import has_display
 from gsut.run import OPTIONS, REPORT, RunFolder, TrainOptions, Verdict
@@ -34,12 +34,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="folder for all of it [default demo]",
     )
     parser.add_argument(
-        "--steps", type=int, metavar="N", default=1000, help="training steps [default 1000]"
+        "--steps", type=whole, metavar="N", default=1000, help="training steps [default 1000]"
     )
     parser.add_argument(
         "--rig",
         nargs="?",
-        type=int,
+        type=whole,
         const=2,
         choices=(2, 4),
         help="two fisheyes on one body instead, or four of 220 degrees with OCamCalib's files: "

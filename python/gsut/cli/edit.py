@@ -20,6 +20,8 @@ DESCRIPTION = (
     "are in the coordinates of IN. IN is left as it is; an OUT that exists is refused."
 )
 
+_LEAST_SCALE = 1e-12  # from the size of an atom to a building's; float32 ends at 1e38
+
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -102,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
     whole = merged(parts)
     kept = whole[_kept(whole, arguments)]
     if len(kept) == 0:
-        raise InputError("nothing is left; crop less")
+        raise InputError("nothing is left; crop less (--crop-box, --crop-sphere, --min-opacity)")
     if arguments.positions:
         fit = _fit_of_positions(arguments)
         scale, rotation, translation = fit.scale, fit.rotation, fit.translation
@@ -154,8 +156,12 @@ def _scale_of(arguments: argparse.Namespace) -> float:
         known = np.array(arguments.length)
         apart = np.linalg.norm(known[3:6] - known[:3])
         scale = known[6] / apart if apart > 0 else np.nan
-    if not 0 < scale < np.inf:
-        raise InputError(f"the scale must be above 0, found {scale}")
+    if not _LEAST_SCALE <= scale <= 1 / _LEAST_SCALE:
+        flag = "--scale" if arguments.length is None else "--length"
+        raise InputError(
+            f"{flag}: the scale must be above 0, from {_LEAST_SCALE:g} to {1 / _LEAST_SCALE:g}, "
+            f"found {scale:g}"
+        )
     return float(scale)
 
 

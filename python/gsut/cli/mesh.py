@@ -11,7 +11,16 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_quiet, add_run, finite, print_json
+from gsut.cli._flags import (
+    Number,
+    add_json,
+    add_quiet,
+    add_run,
+    finite,
+    positive,
+    print_json,
+    whole,
+)
 from gsut.files import refuse_existing
 
 HELP = "the surface as a mesh, or a grid of distances or of what is occupied"
@@ -39,7 +48,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--voxel",
-        type=finite,
+        type=positive,
         metavar="SIZE",
         help="in the dataset's units [default: a pixel's width at the median depth, at least a "
         "1024th of the scene; of a grid a 128th of its longest side]",
@@ -65,7 +74,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--support",
-        type=int,
+        type=Number(high=8, whole=True),
         default=2,
         metavar="N",
         help="other views, of the 8 nearest, that must agree with a depth to 1 %% [default 2; 0: "
@@ -73,7 +82,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--max-side",
-        type=int,
+        type=whole,
         default=1024,
         metavar="PIXELS",
         help="of the depth maps [default 1024]",
@@ -91,18 +100,18 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="box in the dataset's coordinates outside of which nothing stays",
     )
     parser.add_argument(
-        "--parts", type=int, metavar="N",
+        "--parts", type=whole, metavar="N",
         help="keep the N largest connected parts [default: all of a thousandth of the faces]",
     )  # fmt: skip
     parser.add_argument(
-        "--faces", type=int, metavar="N", help="reduce to about N faces (needs gsut[mesh])"
+        "--faces", type=whole, metavar="N", help="reduce to about N faces (needs gsut[mesh])"
     )
     parser.add_argument(
         "--picture", metavar="FILE.png",
         help="also the mesh as the photograph in the middle sees it, through its lens: lit from "
         "there, grey in front, blue from behind",
     )  # fmt: skip
-    parser.add_argument("--threads", type=int, default=0, metavar="N", help="[default 0: all]")
+    parser.add_argument("--threads", type=whole, default=0, metavar="N", help="[default 0: all]")
     add_quiet(parser)
     add_json(parser)
 

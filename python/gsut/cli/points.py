@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cli._flags import add_force, add_json, add_quiet, check_first, print_json
+from gsut.cli._flags import add_force, add_json, add_quiet, check_first, print_json, whole
 from gsut.files import refuse_existing
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--dense",
-        type=int,
+        type=whole,
         nargs="?",
         const=_DENSE,
         default=0,

@@ -13,21 +13,26 @@ from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
 from gsut.capture import Capture, capture, is_video
-from gsut.cli._flags import add_capture, add_json, add_quiet, finite, folder_name, print_json
+from gsut.cli._flags import add_capture, add_json, add_quiet, degrees, folder_name, print_json
 from gsut.data import CAPTURE_FOLDER, find_lens_file, read_capture
 from gsut.lens import is_lens_name, lens_by_name
 from gsut.output_folder import claim_folder
 from gsut.run import Progress, StagedProgress, Verdict, add_option_flags, given_options
-from gsut.sfm import PosesOptions, done_already
+from gsut.sfm import PosesOptions, check_lens, done_already
 
 if TYPE_CHECKING:
     from gsut.sfm import PosesResult
 
-# Seconds that each stage takes of so many images: what is left is estimated from them.
-POSE_SECONDS = {
-    "features": 5.0, "preview": 1.0, "matching": 4.0, "verifying": 1.0, "lens": 20.0,
-    "mapping": 25.0, "shutter": 25.0, "rig": 15.0,
+# Seconds that each stage takes of so many images of half a megapixel on two cores: what is left is
+# estimated from them. Mapping with a lens that is known, and beside an unknown one.
+_STAGE_SECONDS = {
+    "features": 5.7, "preview": 1.0, "matching": 5.5, "verifying": 2.2, "lens": 20.0,
+    "mapping": 24.0, "shutter": 12.0, "rig": 15.0,
 }  # fmt: skip
+_MAPPING_UNKNOWN = 42.0
+_MEGAPIXELS = 0.5
+# By what power of the megapixels they grow (four captures of 0.2 to 2 megapixels).
+_GROWTH = {"features": 0.75, "lens": 0.4, "mapping": 0.25}
 EXPECTED_IMAGES = 60
 
 HELP = "camera poses and points of photographs, without COLMAP"
@@ -58,7 +63,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--fov",
-        type=finite,
+        type=degrees,
         metavar="DEGREES",
         help="rough horizontal field of view of an unknown lens [default: several are tried]",
     )
@@ -118,6 +123,7 @@ def _run(arguments: argparse.Namespace, options: PosesOptions) -> int:
         if options.pairs == "auto":
             options = dataclasses.replace(options, pairs="sequential")
     images, camera = arguments.images, arguments.camera
+    check_lens(camera)
     if arguments.rig is None and needs_capture(images, camera, arguments.unknown_lens):
         taken = capture_with_bars([images], Path(arguments.out) / CAPTURE_FOLDER, arguments)
         images, options = taken.path, with_readout(options, camera, taken)
@@ -189,7 +195,7 @@ def estimate_with_bars(
     known = unsaid if camera is None else not is_lens_name(camera)
     expected = pose_seconds(taken, options.shutter, known, bool(settings.get("rig")))
     with StagedProgress(expected, enabled) as bars:
-        shown = _InStages(bars, expected)
+        shown = InStages(bars, expected)
         with contextlib.closing(shown):
             return find_poses(images, out, on_progress=shown.show, notes_to=bars.note, **settings)
 
@@ -203,15 +209,25 @@ def pose_seconds(
         taken: content of capture.json, or nothing.
         shutter: as in PosesOptions. known: whether the lens is. rig: whether one was given.
     """
-    absent = {"verifying"} if not known else set()
+    absent = {"lens" if known else "verifying"}
     if taken.get("kind") != "video" or shutter != "auto":
         absent.add("shutter")
     if not rig and not taken.get("lenses"):
         absent.add("rig")
-    return {name: seconds for name, seconds in POSE_SECONDS.items() if name not in absent}
+    expected = {name: _STAGE_SECONDS[name] for name in _STAGE_SECONDS if name not in absent}
+    if not known:
+        expected["mapping"] = _MAPPING_UNKNOWN
+    if "size" in taken:
+        width, height = taken["size"]
+        times = min(width * height / 1e6, PosesOptions().max_megapixels) / _MEGAPIXELS
+        for name in set(_GROWTH) & set(expected):
+            expected[name] *= times ** _GROWTH[name]
+        # By the features squared, of which larger images have no more than these.
+        expected["matching"] *= min(1.0, times) ** 2
+    return expected
 
 
-class _InStages:
+class InStages:
     """Moves the bar of all stages as the work tells of one after the other."""
 
     def __init__(self, bars: StagedProgress, expected: dict[str, float]) -> None:
@@ -230,10 +246,7 @@ class _InStages:
                 for name, seconds in self._expected.items():
                     self._bars.expect(name, seconds * total / EXPECTED_IMAGES)
             names = list(self._expected)
-            passed = names[: names.index(stage)]
-            if stage == "verifying":  # through a known lens
-                passed.append("lens")
-            for name in passed:
+            for name in names[: names.index(stage)]:
                 if name not in self._bars.seconds:
                     self._bars.skip(name)
             self._stage = stage

@@ -16,9 +16,12 @@ from gsut.cli._flags import (
     add_depth_unit,
     add_json,
     add_moved_data,
+    degrees,
     finite,
     parsed_size,
+    positive,
     print_json,
+    whole,
 )
 from gsut.files import refuse_existing, whole_folder
 
@@ -56,7 +59,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--fov",
-        type=finite,
+        type=degrees,
         metavar="DEGREES",
         help="field of view across the image: the lens' focal lengths are scaled to it",
     )
@@ -71,7 +74,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--frames",
-        type=int,
+        type=whole,
         metavar="N",
         help="number of images of auto, orbit and train [default 120; of a film 300]",
     )
@@ -104,7 +107,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--voxel",
-        type=finite,
+        type=positive,
         metavar="SIZE",
         help="one point of the cloud in each voxel of this size, in the dataset's units [default: "
         "a pixel's width at the first image's median depth]",
@@ -256,7 +259,7 @@ def _shaped(arguments: argparse.Namespace, lens: Any) -> Any:
 
     if arguments.size:
         lens = lens.resized(*parsed_size(arguments.size))
-    return with_field_of_view(lens, arguments.fov) if arguments.fov else lens
+    return lens if arguments.fov is None else with_field_of_view(lens, arguments.fov)
 
 
 def _write_video(

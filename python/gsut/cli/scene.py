@@ -15,7 +15,15 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import add_capture, add_json, add_quiet, finite, folder_name, print_json
+from gsut.cli._flags import (
+    add_capture,
+    add_json,
+    add_quiet,
+    degrees,
+    folder_name,
+    print_json,
+    whole,
+)
 from gsut.cli.poses import EXPECTED_IMAGES, pose_seconds, with_readout
 from gsut.cli.view import LivePage, add_live_flags
 from gsut.data import CAPTURE_FOLDER, STRIP
@@ -32,7 +40,7 @@ from gsut.run import (
     flag_name,
     worst,
 )
-from gsut.sfm import PosesOptions
+from gsut.sfm import PosesOptions, check_lens
 
 HELP = "a scene from a video or photographs, in one command"
 DESCRIPTION = (
@@ -77,7 +85,10 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="how long to train: see `gsut train --help` [default: %(default)s]",
     )
     parser.add_argument(
-        "--steps", type=int, metavar="N", help="training steps, one picture each [default: preset]"
+        "--steps",
+        type=whole,
+        metavar="N",
+        help="training steps, one picture each [default: preset]",
     )
     parser.add_argument(
         "--camera",
@@ -86,7 +97,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "find`) [default: what the pictures say of their camera, else the lens is estimated]",
     )
     parser.add_argument(
-        "--fov", type=finite, metavar="DEGREES", help="rough horizontal field of view"
+        "--fov", type=degrees, metavar="DEGREES", help="rough horizontal field of view"
     )
     add_capture(parser)
     parser.add_argument(
@@ -95,8 +106,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         default="auto",
         help="see `gsut poses --help` [default: %(default)s]",
     )
-    parser.add_argument("--seed", type=int, default=0, help="seed of every random number")
-    parser.add_argument("--threads", type=int, default=0, help="threads; 0 = all processors")
+    parser.add_argument("--seed", type=whole, default=0, help="seed of every random number")
+    parser.add_argument("--threads", type=whole, default=0, help="threads; 0 = all processors")
     add_live_flags(parser)
     add_quiet(parser)
     add_json(parser)
@@ -161,6 +172,7 @@ def _make(
     """All stages that are not done; returns the final state."""
     from gsut.capture import capture
 
+    check_lens(arguments.camera)
     expected = {"capture": _CAPTURE_SECONDS, "poses": 100.0, "training": 60.0, "report": 1.0}
     claimed = claim_folder(folder.path / POSES, "poses", arguments.inputs[0])
     with claimed, StagedProgress(expected, not arguments.quiet) as bars:
@@ -283,10 +295,7 @@ def _pose_seconds(taken: Mapping[str, Any], arguments: argparse.Namespace) -> di
 
     named = arguments.camera is not None and not is_lens_name(arguments.camera)
     known = named or bool(taken.get("lens"))
-    expected = pose_seconds(taken, arguments.shutter, known)
-    if known:
-        del expected["lens"]
-    return expected
+    return pose_seconds(taken, arguments.shutter, known)
 
 
 def _expect(

@@ -22,7 +22,6 @@ from gsut.run import (
     BLOCKS,
     COMMON_OPTIONS,
     METRICS,
-    OPTIONS,
     REPORT,
     BlockOptions,
     RunFolder,
@@ -65,7 +64,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     run = RunFolder.claim(arguments.out, "train", arguments.data)
     given = given_options(TrainOptions, arguments)
-    if arguments.resume and (run.path / OPTIONS).is_file():
+    if arguments.resume and run.holds_run():
         options = dataclasses.replace(run.read_options(), **given)
     else:
         options = TrainOptions(**given)

@@ -10,7 +10,7 @@ import threading
 import webbrowser
 from typing import Any, TextIO
 
-from gsut.cli._flags import add_json, add_moved_data, print_json
+from gsut.cli._flags import Number, add_json, add_moved_data, print_json
 
 HELP = "walk through a scene in the browser"
 DESCRIPTION = (
@@ -34,7 +34,13 @@ def add_view_flags(parser: argparse.ArgumentParser) -> None:
         help="address to serve on; any but the loopback lets other machines look, whoever has the "
         "page's address with its token [default: the loopback]",
     )
-    parser.add_argument("--port", type=int, default=0, metavar="N", help="[default 0: a free one]")
+    parser.add_argument(
+        "--port",
+        type=Number(0, 65535, whole=True),
+        default=0,
+        metavar="N",
+        help="[default 0: a free one]",
+    )
     parser.add_argument("--no-open", action="store_true", help="do not open the page in a browser")
 
 

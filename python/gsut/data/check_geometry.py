@@ -22,8 +22,6 @@ POINTS_TESTED = 5000
 FAR_FROM_ORIGIN = 1e3  # distance over extent at which float32 coordinates lose about 0.1 mm in 1 m
 EXTENT_RANGE = (1e-2, 1e3)  # usual extents; others work but are worth a look
 POINT_SPREAD_RANGE = (0.05, 100.0)  # median distance of the points over the extent
-BYTES_PER_GAUSSIAN = 59 * 4 * 4  # 59 floats (degree 3) as value, gradient and two moments
-GAUSSIANS_ASSUMED = 200_000
 
 
 def check_lenses(scene: Scene) -> Iterator[Finding]:
@@ -233,20 +231,3 @@ def points_in_views(scene: Scene) -> np.ndarray:
             inside = (pixels >= 0) & (pixels < [camera.width, camera.height])
         seen[index] = np.asarray(valid, bool) & inside.all(axis=1)
     return seen
-
-
-def check_memory(scene: Scene) -> Iterator[Finding]:
-    """What training will need."""
-    pixels = sum(scene.camera(i).width * scene.camera(i).height for i in range(len(scene)))
-    rays = sum(camera.width * camera.height for camera in scene.cameras) * 3 * 8
-    largest = max(camera.width * camera.height for camera in scene.cameras)
-    gaussians = GAUSSIANS_ASSUMED * BYTES_PER_GAUSSIAN
-    buffers = largest * 3 * 4 * 8  # render, target, gradients and loss maps as float
-    total = 3 * pixels + rays + gaussians + buffers
-    yield Finding(
-        "info",
-        str(scene.path),
-        f"training at full size needs about {total / 2**30:.1f} GiB ({pixels / 1e6:.0f} million"
-        f" pixels and {GAUSSIANS_ASSUMED} Gaussians assumed); a scale of 0.5 takes a quarter of the"
-        " images' part",
-    )

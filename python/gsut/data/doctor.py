@@ -9,7 +9,7 @@ from pathlib import Path
 from gsut._core import InputError
 from gsut.data.assemble import assemble
 from gsut.data.check_colors import check_colors
-from gsut.data.check_geometry import check_lenses, check_memory, check_points, check_poses
+from gsut.data.check_geometry import check_lenses, check_points, check_poses
 from gsut.data.check_images import as_finding, check_images
 from gsut.data.findings import SEVERITIES, Finding, sorted_findings
 from gsut.data.load import read_dataset
@@ -25,7 +25,7 @@ def diagnose(
     """Reads a dataset without stopping at the first error, and looks at all of it.
 
     Files, sizes and poses; every image is decoded; blur, exposure and repeats; lens domain; cameras
-    against points; colours of points against pixels; memory.
+    against points; colours of points against pixels.
 
     Args:
         path: a folder with transforms.json, a COLMAP model or images with lens and poses; or a
@@ -72,7 +72,6 @@ def diagnose_scene(scene: Scene, *, progress: bool = True) -> list[Finding]:
     findings += check_points(scene)
     findings += check_images(scene, progress=progress)
     findings += check_colors(scene, progress=progress)
-    findings += check_memory(scene)
     return findings
 
 

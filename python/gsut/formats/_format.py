@@ -10,10 +10,13 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.gaussians import Gaussians
+from gsut.run import check_fits
 
 # A file may claim this many Gaussians whatever its size; more only at a byte each or more. The
 # densest real files hold one in eight bytes, so this stops only bombs.
 _FREE_CLAIM = 65536
+_LEAST_BYTES = 56  # of a Gaussian without harmonics, in memory
+ELSEWHERE = "read it on a machine that has more, or make it smaller there (gsut compact)"
 # What reading a description raises that is JSON, or not even that, but not of the kind expected.
 WRONG_JSON = (
     *(KeyError, IndexError, TypeError, ValueError, AttributeError),
@@ -113,9 +116,11 @@ class Format:
 
 
 def check_claim(path: Path, count: int, size: int, what: str = "Gaussians") -> None:
-    """Raises InputError, before memory is asked for, if so many cannot be in `size` bytes."""
+    """Raises InputError, before memory is asked for, if so many cannot be in `size` bytes, or in
+    the memory that is free."""
     if not 0 <= count <= max(size, _FREE_CLAIM):
         raise InputError(
             f"{path}: claims {count:,} {what} in {size:,} bytes, which cannot be; the file is "
             "damaged"
         )
+    check_fits(f"reading {count:,} {what} of {path}", _LEAST_BYTES * count, ELSEWHERE)

@@ -10,15 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from gsut import _core
-from gsut.formats._format import Format, SceneFile, WriteSettings, Written
+from gsut.files import regular
+from gsut.formats._format import ELSEWHERE, Format, SceneFile, WriteSettings, Written
 from gsut.formats._origin import for_file, origin_comments, origin_in
 from gsut.gaussians import Gaussians
+from gsut.run import check_fits
 
 # How Brush and Postshot say that a filter of the screen belongs to a file.
 _ANTIALIASED = ("SplatRenderMode: mip", "antialiased 1")
 # How gsut says that nothing stands behind the scene: what is open shows what is around it.
 NO_BACKGROUND = "gsut: no background"
 _HEADER_BYTES = 65536  # read for comments
+_TEXT_BYTES = 4  # of a text file for one in memory, at most
 PACKED = b"packed_position"  # a property of SuperSplat's compressed files
 
 
@@ -43,6 +46,7 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
         InputError: the file cannot be opened, is no PLY file, misses a property (the message names
             it and what is there), its comment on the origin is damaged, or it is truncated.
     """
+    _check_size(path)
     *arrays, not_finite, origin = _core.read_ply(os.fsencode(path))
     gaussians = Gaussians(*arrays).translated(origin_in(comments_of(path), path)).translated(origin)
     if not_finite == 0:
@@ -57,6 +61,17 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
     for array in arrays:
         finite &= np.isfinite(array.reshape(len(array), -1)).all(axis=1)
     return gaussians[finite]
+
+
+def _check_size(path: str | os.PathLike[str]) -> None:
+    """Raises InputError if the memory that is free cannot hold the file's numbers."""
+    try:
+        with open(regular(path), "rb") as file:
+            is_text = b"\nformat ascii" in file.read(_HEADER_BYTES)
+    except OSError:
+        return  # told by the reader
+    size = os.path.getsize(path) // (_TEXT_BYTES if is_text else 1)
+    check_fits(f"reading {os.fspath(path)}", size, ELSEWHERE)
 
 
 def _warn_of_rounding(path: str | os.PathLike[str], gaussians: Gaussians) -> None:

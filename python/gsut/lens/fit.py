@@ -15,6 +15,7 @@ from gsut.lens.camera import Camera, camera_models
 from gsut.lens.fit_spline import SplineGrid, fit_spline
 
 _MOST_PARAMS = 64
+_COUNTED = 2**31  # by the core
 _MAX_STEPS = 300
 _STEPS_WIDENING = 60  # while the field still widens
 _LEAST_GAIN = 1e-12  # of the cost in a step, below which the search ends
@@ -49,12 +50,14 @@ def check_model(model: str, num_params: int | None) -> None:
     """Raises InputError if there is no such lens, or not with that many coefficients."""
     if model not in camera_models():
         raise InputError(f"unknown camera model '{model}'; known: {', '.join(camera_models())}")
-    if num_params is not None and not _core.camera_accepts_params(model, num_params):
+    if num_params is None:
+        return
+    if not 0 <= num_params < _COUNTED or not _core.camera_accepts_params(model, num_params):
         raise InputError(
             f"'{model}' does not take {num_params} parameters; it takes"
             f" {_core.camera_param_names(model)}"
         )
-    if num_params is not None and num_params > _MOST_PARAMS and not model.startswith("splined"):
+    if num_params > _MOST_PARAMS and not model.startswith("splined"):
         raise InputError(
             f"{num_params} parameters for '{model}'; more than {_MOST_PARAMS} fit nothing but noise"
         )

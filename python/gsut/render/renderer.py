@@ -15,6 +15,10 @@ from gsut.gaussians import Gaussians
 from gsut.render.motion import camera_motion, place_about
 from gsut.render.projection import DEFAULT_UNSCENTED
 from gsut.render.surroundings import surroundings
+from gsut.run import check_fits
+
+# Bytes at least: a pixel's ray, colour, alpha, depth, distortion; a Gaussian in the frame's lists.
+_PIXEL_BYTES, _LISTED_BYTES = 40, 60
 
 
 @dataclasses.dataclass
@@ -129,8 +133,13 @@ def render(
         reference.
 
     Raises:
-        InputError: shapes, poses, shutter, parity or dtype are wrong.
+        InputError: shapes, poses, shutter, parity or dtype are wrong, or memory does not suffice.
     """
+    check_fits(
+        f"an image of {camera.width} x {camera.height} of {len(gaussians):,} Gaussians",
+        _PIXEL_BYTES * camera.width * camera.height + _LISTED_BYTES * len(gaussians),
+        "render a smaller one (--size), or fewer Gaussians (gsut compact)",
+    )
     rule = _blend_rule(parity, blend)
     color = tuple(float(c) for c in ((0.0, 0.0, 0.0) if background is None else background))
     if len(color) != 3:

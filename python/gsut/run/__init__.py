@@ -16,6 +16,7 @@ from gsut.run.folder import (
     TRANSFORMS,
     RunFolder,
 )
+from gsut.run.memory import check_fits, free_memory, size_text
 from gsut.run.option_fields import (
     add_option_flags,
     check_options,
@@ -58,12 +59,14 @@ __all__ = [
     "TrainOptions",
     "Verdict",
     "add_option_flags",
+    "check_fits",
     "check_options",
     "choices_in",
     "default_text",
     "describe_environment",
     "describe_options",
     "flag_name",
+    "free_memory",
     "given_options",
     "option",
     "option_info",
@@ -71,6 +74,7 @@ __all__ = [
     "peak_rss_mb",
     "read_checkpoint",
     "show_every_option",
+    "size_text",
     "worst",
     "write_checkpoint",
 ]

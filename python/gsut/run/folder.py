@@ -177,8 +177,17 @@ class RunFolder:
             return json.loads(path.read_text(encoding="utf-8"))
 
     def read_options(self) -> TrainOptions:
-        """The options of the run."""
+        """The options of the run.
+
+        Raises:
+            InputError: the file is absent or damaged.
+        """
         path = self.path / OPTIONS
+        if not os.path.lexists(path):
+            raise InputError(
+                f"{path} is absent, so nobody knows how the run was made; {SCENE}, if it is there, "
+                "can be used by itself, and a new run needs another folder"
+            )
         with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
             return TrainOptions.from_json(
                 regular(path).read_text(encoding="utf-8"), source=str(path)
@@ -245,8 +254,6 @@ class RunFolder:
         self.write_text(HISTORY, "".join(json.dumps(row) + "\n" for row in rows))
 
     def _check_same_options(self, options: TrainOptions) -> None:
-        if not (self.path / OPTIONS).is_file():
-            return  # killed before the options were written: nothing to disagree with
         saved = dataclasses.asdict(self.read_options())
         wanted = dataclasses.asdict(options.resolved())
         for name, value in wanted.items():

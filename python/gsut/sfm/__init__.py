@@ -18,7 +18,7 @@ from gsut.sfm.estimate import (
     read_figures,
 )
 from gsut.sfm.features import Features, features_in
-from gsut.sfm.inputs import Photographs, find_photographs, require_central
+from gsut.sfm.inputs import Photographs, check_lens, find_photographs, require_central
 from gsut.sfm.lens_refinement import refine_lens
 from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.options import PosesOptions
@@ -42,6 +42,7 @@ __all__ = [
     "TriangulatedPoints",
     "angular_errors",
     "calibrate_from_dataset",
+    "check_lens",
     "collect_features",
     "compare_poses",
     "diagonal",

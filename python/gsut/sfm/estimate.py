@@ -143,7 +143,7 @@ def find_poses(
             pairs = verify(
                 features, photographs.lenses, raw, options, log.on_pairs("verifying"), shutter
             )
-            require_overlap(photographs.names, features, pairs)
+            require_overlap(photographs.names, features, pairs, known=True)
         log.watch.lap("matching")
         extra: dict[str, Any] = {"lens": "known" if known else "estimated"}
         fit: RigFit | None = None

@@ -23,6 +23,7 @@ _NEIGHBORS = 4  # of each photograph
 _SHARED = 15  # points that two neighbours both see
 # Degrees between the rays to the points that two neighbours see: enough for a distance, and little
 # enough for a patch to look alike.
+_AT_ONCE = 30_000  # places; cv2.remap takes less than 2^15
 _LEAST_ANGLE, _MOST_ANGLE = 1.5, 20.0
 _SMOOTH = 20  # of the image's longer side: distances are averaged over so much
 _RETURNS = 0.7  # pixels of the small images: the flow there and back again ends where it began
@@ -192,10 +193,13 @@ def _sampled(values: np.ndarray, places: np.ndarray) -> np.ndarray:
     if not len(places):
         return np.zeros((0, 2))
     at = (places - 0.5).astype(np.float32)[None]
-    found = cv2.remap(
-        values, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    return found[0].astype(np.float64)
+    found = [
+        cv2.remap(
+            values, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        for part in np.array_split(at, -(-len(places) // _AT_ONCE), axis=1)
+    ]
+    return np.concatenate(found, axis=1)[0].astype(np.float64)
 
 
 def _neighbors(scene: Scene, positions: np.ndarray, of_view: list[np.ndarray]) -> list[list[int]]:

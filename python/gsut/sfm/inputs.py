@@ -229,6 +229,13 @@ def _with_profile(found: Photographs, name: str) -> Photographs:
     )
 
 
+def check_lens(lens: str | None) -> None:
+    """Raises InputError or OSError, before time is spent, if `--camera` names a file that holds no
+    lens."""
+    if lens is not None and not is_lens_name(lens):
+        _lens_of(Path(lens))
+
+
 def _lens_of(path: Path) -> Camera:
     if not path.is_dir():
         return load_camera(path)

@@ -112,7 +112,7 @@ def search_lens(
         lambda done, total: trials.tell("first lenses", _RANKED * done / total),
     )  # fmt: skip
     pairs = trials.verified(ranked[0].camera, raw)
-    require_overlap(photographs.names, features, pairs)
+    require_overlap(photographs.names, features, pairs, known=False)
     try:
         best = _first_solution(trials, raw, pairs, ranked)
         if abs(best.cameras[0].params[0] / ranked[0].camera.params[0] - 1) > _VERIFY_AGAIN:

@@ -17,12 +17,17 @@ _POOR = 2  # of the faults that a verdict knows, the grave ones
 
 
 def require_overlap(
-    names: Sequence[str], features: Sequence[Features], pairs: Sequence[PairMatches]
+    names: Sequence[str],
+    features: Sequence[Features],
+    pairs: Sequence[PairMatches],
+    *,
+    known: bool,
 ) -> None:
     """Refuses images that nothing can be made of.
 
     Args:
         names, features: of all images. pairs: verified matches.
+        known: whether the lens was given.
 
     Raises:
         SolveError: no overlap, images all the same, or a camera that only turned; says which.
@@ -34,9 +39,11 @@ def require_overlap(
                 f"{len(few)} of {len(names)} images have almost no features"
                 f" ({some_names(few)}); photograph something with texture, in focus and well lit"
             )
+        lens = ", or the lens is not theirs" if known else ""
         raise SolveError(
-            f"no two of the {len(names)} images have matches that agree; photographs must "
-            "overlap by more than half, and the lens must be that of the images"
+            f"no two of the {len(names)} images have matches that agree: they show different "
+            f"things or overlap too little{lens}; give photographs of one place, each overlapping "
+            "the next by more than half"
         )
     parallax = np.array([pair.parallax for pair in pairs])
     turned = np.array([pair.rotation_matches > 0.9 * len(pair.matches) for pair in pairs])

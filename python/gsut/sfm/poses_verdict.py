@@ -117,7 +117,8 @@ def poses_verdict(
         (
             _below(registered / max(1, total), _REGISTERED),
             f"{total - registered} of {total} images could not be connected with the others",
-            "add pictures between those that are connected and the others",
+            "add pictures between those that are connected and the others; those of another camera "
+            "or zoom need a run of their own",
         ),
         (
             _below(registered, _IMAGES),

@@ -182,9 +182,10 @@ def fuse_depth(
         mesh = mesh.cropped(*np.sort(np.asarray(o.crop, np.float64).reshape(2, 3), axis=0))
     mesh = mesh.without_small_parts(1e-3) if o.parts is None else mesh.largest_parts(o.parts)
     if not len(mesh):
+        inside = "" if o.crop is None else " inside the box of --crop"
         raise InputError(
-            "no surface was found: no two views agree on one; try --support 0, larger voxels or "
-            "another --depth, or look at the renders"
+            f"no surface was found{inside}: no two views agree on one; try --support 0, larger "
+            "voxels or another --depth, or look at the renders"
         )
     if any(m.image is not None for m in maps):
         reach = _BEHIND * voxel

@@ -18,6 +18,7 @@ _LONGER_SIDE = 240  # pixels of the photographs that are asked
 _SEEN_BY = 3  # photographs, or a direction says nothing
 _GAP = 0.035  # of a photograph's longer side, within which a point is near
 _ALIKE = 0.06  # standard deviation of one colour, values in [0, 1]
+_PLAIN = 0.03  # standard deviation over all directions, below which a background is no sky
 # Distances in units of the points' (99 of 100 are nearer): a sky's, and that it is compared with.
 _FAR, _NEAR, _PERCENT = 10.0, 1.0, 99.0
 # Light comes from afar where photographs disagree by more than noise at the points' distance, and
@@ -47,18 +48,21 @@ def first_sky(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
     away = float(np.percentile(np.linalg.norm(points - middle, axis=1), _PERCENT))
     far = middle + _FAR * away * _directions()
     seen, taken = np.zeros(len(far), int), np.zeros(len(far), bool)
+    near_points = {row: _near_points(small, row, points) for row in rows}
     for row in rows:
         directions, x, y = _pixels(small, row, far)
         seen[directions] += 1
-        taken[directions[_near_points(small, row, points)[y, x]]] = True
+        taken[directions[near_points[row][y, x]]] = True
     far = far[(seen >= _SEEN_BY) & ~taken]
     if len(far) < _FEWEST:
         return None
-    colors, apart = _colors(small, rows, far)
+    colors, apart = _colors(small, near_points, far)
     alike = apart < _ALIKE
     far, colors = far[alike], colors[alike]
+    if len(far) < _FEWEST or colors.std(axis=0).mean() < _PLAIN:
+        return None
     near = middle + (_NEAR / _FAR) * (far - middle)
-    of_near, of_far = _colors(small, rows, near)[1], apart[alike]
+    of_near, of_far = _colors(small, near_points, near)[1], apart[alike]
     compared = np.isfinite(of_near)
     afar = (of_near > _NOISE) & (of_far < _LEFT_OVER * of_near)
     if compared.sum() < _FEWEST or afar.sum() < _MOST * compared.sum():
@@ -100,18 +104,19 @@ def _near_points(scene: Scene, row: int, points: np.ndarray) -> np.ndarray:
 
 
 def _colors(
-    scene: Scene, rows: tuple[int, ...], points: np.ndarray
+    scene: Scene, near_points: dict[int, np.ndarray], points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean colours (n, 3) in [0, 1] of what photographs show of points; standard deviations (n,).
 
-    NaN where too few see a point.
+    NaN where too few see a point. Pixels near the scene's own points (`near_points`, by view) do
+    not count: they show what stands before a sky.
     """
     import cv2
 
     count, total, squares = np.zeros(len(points)), *np.zeros((2, len(points), 3))
-    for row in rows:
+    for row, taken in near_points.items():
         found, x, y = _pixels(scene, row, points)
-        counts = scene.mask(row)[y, x]
+        counts = scene.mask(row)[y, x] & ~taken[y, x]
         found, x, y = found[counts], x[counts], y[counts]
         shown = cv2.blur(scene.image(row), (3, 3))[y, x] / 255.0
         count[found] += 1

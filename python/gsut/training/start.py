@@ -149,7 +149,7 @@ def seed_first(scene: Scene, options: TrainOptions) -> Gaussians:
             min(o.init_count or _RANDOM_COUNT, o.max_gaussians), near=_RANDOM_NEAR * scene.extent,
             far=_RANDOM_FAR * scene.extent, **shape,
         )  # fmt: skip
-    sky = first_sky(scene) if o.init_count is None else None
+    sky = first_sky(scene) if o.init_count is None and o.background is None else None
     most = min(o.init_count or len(scene.points), o.max_gaussians)
     rows = chosen_points(len(scene.points), most, o.seed)
     points, colors = scene.points[rows], scene.point_colors[rows]

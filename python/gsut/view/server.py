@@ -106,6 +106,7 @@ class _Server(http.server.ThreadingHTTPServer):
 class _Handler(http.server.BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"  # one connection for all frames
     disable_nagle_algorithm = True
+    timeout = 60.0  # seconds without a byte, after which a connection is closed
     routes: dict[str, Route] = {}  # noqa: RUF012  # of the server's own subclass
     token = ""
     hosts: frozenset[str] | None = None
@@ -114,14 +115,14 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self._answer(dict(parse_qsl(urlsplit(self.path).query)))
 
     def do_POST(self) -> None:
-        length = int(self.headers.get("Content-Length") or 0)
-        if length > _MOST_BYTES:
+        length = self.headers.get("Content-Length") or "0"
+        if not (length.isdecimal() and len(length) < 20 and int(length) <= _MOST_BYTES):
             self.close_connection = True
             return self._refuse(413, f"more than {_MOST_BYTES >> 20} MiB at once are not taken")
         try:
-            values = json.loads(self.rfile.read(length) or b"{}")
+            values = json.loads(self.rfile.read(int(length)) or b"{}")
             assert isinstance(values, dict)
-        except (ValueError, AssertionError):
+        except (ValueError, AssertionError, RecursionError):
             return self._refuse(400, "the request is no JSON object")
         self._answer(values)
 

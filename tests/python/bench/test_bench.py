@@ -105,7 +105,7 @@ def test_scale_bench_measures_in_another_process():
 
 
 def test_scale_bench_of_too_much_for_the_memory_is_left_out(monkeypatch):
-    monkeypatch.setattr(scale_bench, "available_memory", lambda: 10**9)
+    monkeypatch.setattr(scale_bench, "free_memory", lambda: 10**9)
     options = scale_bench.ScaleOptions(counts=(10**8,), megapixels=(1.0,))
     (row,) = scale_bench.scale_bench(options)
     assert row["step_ms"] is None

@@ -82,6 +82,10 @@ def tiny(folder, paths):
     return changed(folder, paths[:4], lambda image: image[:, :4])
 
 
+def smaller(folder, paths):
+    return changed(folder, paths[:4], lambda image: image[:14, :14])
+
+
 def unreadable(folder, paths):
     (folder / "changed-note.png").write_text("this is no image")
     return [*paths[:4], folder / "changed-note.png"]
@@ -105,6 +109,7 @@ def missing(folder, paths):
         (all_blurred, "7x5", "blurred"),
         (all_cropped, "7x5", "cropped"),
         (tiny, "7x5", "4 x 320 pixels are too few for a board of 7 x 5"),
+        (smaller, "7x5", "14 x 14 pixels are too few for a board of 7 x 5"),
         (unreadable, "7x5", "not a readable image"),
         (cut_off, "7x5", "the image is cut off after"),
         (missing, "7x5", "cannot be read"),

@@ -13,6 +13,8 @@ from gsut.capture.video import Video
 from small_videos import (
     HEIGHT,
     WIDTH,
+    coded_otherwise,
+    frames_of_noise,
     stretch_second_half,
     texture,
     turn_by_quarter,
@@ -137,6 +139,10 @@ def test_bad_videos_say_what_to_do(tmp_path):
         extract_frames(text, tmp_path / "out")
     with pytest.raises(gsut.InputError, match="--frames takes 2 or more, found 1"):
         extract_frames(few, tmp_path / "out", count=1)
+    for name, change in (("other", coded_otherwise), ("noise", frames_of_noise)):
+        broken = change(walk(tmp_path / f"{name}.mp4", frames=10))
+        with pytest.raises(gsut.InputError, match=r"damaged, or its codec is not known here"):
+            extract_frames(broken, tmp_path / "out")
     cut = tmp_path / "cut.mp4"
     cut.write_bytes((few.read_bytes())[:2000])
     with pytest.raises(gsut.InputError, match="cut off before its index"):

@@ -7,14 +7,21 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import gsut
 from gsut.cli import main
+from gsut.cli.poses import InStages, pose_seconds
 from gsut.run import StagedProgress, Verdict
+from gsut.sfm.poses_log import PosesLog
 from small_videos import walk_past
+
+# What four runs of `gsut poses` told, at which second: processor seconds, those of the stages that
+# use both cores halved.
+LOGGED = Path(__file__).parent / "logged_poses.json"
 
 WORDS = ["--frames", "6", "--preset", "fast", "--steps", "40", "--threads", "1"]
 
@@ -157,3 +164,26 @@ def test_verdict_of_few_pictures_names_what_to_do():
         and "10 of them blurred" in str(found)
     )
     assert _capture_verdict({"frames": rows[10:], "size": (4, 3)}).level == "good"
+
+
+@pytest.mark.parametrize("run", json.loads(LOGGED.read_text()), ids=lambda run: run["images"])
+def test_time_left_of_logged_poses_holds_within_half(run):
+    clock = Clock()
+    taken = {"kind": "video" if run["video"] else "photographs", "size": run["size"]}
+    expected = pose_seconds(taken, "auto", run["known"])
+    bars = StagedProgress(expected, enabled=False, clock=clock)
+    shown = InStages(bars, expected)
+    mapping = PosesLog(shown.show).on_images("mapping")
+    end, ratios = run["rows"][-1][0], []
+    for seconds, stage, done, total, step in run["rows"]:
+        clock.now = seconds
+        if stage == "mapping":
+            mapping(done, total, 0, step)
+        elif stage != "end":
+            shown.show(stage, done, total, step)
+        if seconds < 0.9 * end:
+            ratios.append(bars.left() / (end - seconds))
+    assert len(ratios) > 15
+    within = (np.array(ratios) < 1.5) & (np.array(ratios) > 1 / 1.5)
+    assert within.mean() > 0.9, ratios
+    assert max(ratios) < 2 and min(ratios) > 0.5, ratios

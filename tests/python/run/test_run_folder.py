@@ -219,6 +219,15 @@ def test_resume_without_a_run_begins_one(tmp_path):
     assert run.read_options() == OPTIONS_OF_RUN.resolved()
 
 
+def test_resume_where_the_options_are_gone_is_refused_and_changes_nothing(tmp_path):
+    run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
+    run.save_checkpoint(3, {})
+    (run.path / OPTIONS).unlink()
+    with pytest.raises(InputError, match=r"options\.json is absent, so nobody knows how"):
+        RunFolder.create(run.path, OPTIONS_OF_RUN, resume=True)
+    assert sorted(p.name for p in run.path.iterdir()) == [CHECKPOINT, MARKER]
+
+
 def test_history_after_a_crash_is_rolled_back_to_the_checkpoint(tmp_path):
     run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
     for step in range(1, 6):

@@ -14,7 +14,7 @@ from gsut.demo import make_demo_scene
 from gsut.demo.hall import make_hall
 from gsut.demo.tracing import Tracer
 from gsut.sfm import PosesOptions
-from gsut.sfm.flow import follow_pixels
+from gsut.sfm.flow import _sampled, follow_pixels
 
 DENSE = 6000
 
@@ -197,3 +197,9 @@ def test_train_colours_points_that_have_none(hall, tmp_path, capsys):
     found = [gsut.train(s, options, progress=False).gaussians.sh[:, 0] for s in (scene, grey)]
     same = np.corrcoef(found[0].ravel(), found[1].ravel())[0, 1]
     assert same > 0.8
+
+
+def test_flow_at_more_places_than_opencv_takes_at_once(rng):
+    ramp = np.stack(np.meshgrid(np.arange(8.0), np.arange(6.0)), axis=-1).astype(np.float32)
+    places = rng.integers(0, 6, (70_000, 2)) + 0.5
+    assert np.array_equal(_sampled(ramp, places), places - 0.5)

@@ -27,7 +27,7 @@ from gsut.sfm.lens_search import search_lens
 from gsut.sfm.matching import RawMatches, verify
 from gsut.sfm.motion import TURNED, critical_motion
 from gsut.sfm.options import PosesOptions
-from gsut.sfm.overlap import why_nothing
+from gsut.sfm.overlap import require_overlap, why_nothing
 from gsut.sfm.poses_log import PosesLog
 from gsut.sfm.poses_verdict import LensDoubt, poses_verdict
 from gsut.sfm.solution import solve
@@ -303,3 +303,8 @@ def test_nothing_found_names_causes_and_what_to_do():
     assert "have few features" in words and words.endswith("; or give --fov")
     words = str(why_nothing(gsut.SolveError("no start"), few[:3], [], "x", turned=True))
     assert "turned on the spot" in words and "3 images are few: take 20" in words
+    seen = [Features(np.zeros((99, 2)), *(np.ones((99, n)) for n in (1, 128, 3)))] * 4
+    for known in (True, False):  # pictures that have nothing to do with each other
+        with pytest.raises(gsut.SolveError, match="photographs of one place") as refused:
+            require_overlap(["a", "b", "c", "d"], seen, [], known=known)
+        assert ("lens" in str(refused.value)) == known

@@ -63,6 +63,16 @@ def test_wrong_token_is_refused_in_a_sentence(server, path):
     assert sentence(data) == "wrong token: open the address that gsut view printed"
 
 
+@pytest.mark.parametrize(
+    ("length", "body", "status"),
+    [("-5", None, 413), ("many", None, 413), ("9" * 30, None, 413), (None, "[" * 100_000, 400)],
+)
+def test_a_request_of_no_length_or_no_sense_is_answered(server, length, body, status):
+    headers = {} if length is None else {"Content-Length": length}
+    reply, data = ask(server, f"/{server.token}/frame", body or "{}", headers)
+    assert reply.status == status and sentence(data)
+
+
 def test_foreign_host_name_is_refused(server):
     reply, data = ask(server, f"/{server.token}/scene", headers={"Host": "evil.example"})
     assert reply.status == 403

@@ -1,0 +1,104 @@
+"""What memory is free, and whether something fits into it, asked before it is begun."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from gsut._core import InputError
+
+_SMALL = 256 << 20  # bytes that nobody is asked about
+_GROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
+
+
+def check_fits(what: str, size: float, advice: str) -> None:
+    """Refuses, before it is begun, what the memory that is free cannot hold.
+
+    Args:
+        what: is to be done, for the message.
+        size: bytes that it takes at least.
+        advice: what to do about it.
+
+    Raises:
+        InputError: names both numbers.
+    """
+    if size <= _SMALL:
+        return
+    free = free_memory()
+    if free is not None and size > free:
+        raise InputError(
+            f"{what} takes about {size_text(size)} of memory, and {size_text(free)} are free; "
+            f"{advice}"
+        )
+
+
+def free_memory() -> int | None:
+    """Bytes that this process could still get: of the machine's memory (with its swap), of its
+    control groups' and of its own limit; None where nobody tells."""
+    told = [*_of_machine(), *_of_groups(), *_of_limit()]
+    return max(0, min(told)) if told else None
+
+
+def size_text(size: float) -> str:
+    """Bytes in words."""
+    for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if size >= factor:
+            return f"{size / factor:.3g} {unit}"
+    return f"{size:.0f} bytes"
+
+
+def _of_machine() -> list[int]:
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        rows = {name: int(value.split()[0]) for name, _, value in (r.partition(":") for r in lines)}
+        return [1024 * (rows["MemAvailable"] + rows.get("SwapFree", 0))]
+    except (OSError, KeyError, ValueError, IndexError):
+        pass
+    try:
+        return [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2]
+    except (AttributeError, OSError, ValueError):
+        return []
+
+
+def _of_groups() -> list[int]:
+    """What each control group that this process is in has left; of its own files in memory, those
+    that can be dropped count as free."""
+    try:
+        lines = _OWN_GROUPS.read_text().splitlines()
+    except OSError:
+        return []
+    found = []
+    for line in lines:
+        number, controllers, name = line.split(":", 2)
+        if number == "0":
+            folder, files = _GROUPS, ("memory.max", "memory.current", "inactive_file")
+        elif "memory" in controllers.split(","):
+            folder = _GROUPS / "memory"
+            files = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+        else:
+            continue
+        inner = folder / name.lstrip("/")
+        groups = [g for g in (inner, *inner.parents) if g == folder or folder in g.parents]
+        found += [left for group in groups if (left := _left_in(group, *files)) is not None]
+    return found
+
+
+def _left_in(group: Path, most: str, used: str, droppable: str) -> int | None:
+    try:
+        free = int((group / most).read_text()) - int((group / used).read_text())
+        rows = dict(row.split() for row in (group / "memory.stat").read_text().splitlines())
+        return free + int(rows.get(droppable, 0))
+    except (OSError, ValueError):  # "max": no limit
+        return None
+
+
+def _of_limit() -> list[int]:
+    """`ulimit -v`."""
+    try:
+        import resource
+
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+    except (ImportError, OSError, ValueError, IndexError):
+        return []
+    return [] if limit == resource.RLIM_INFINITY else [limit - pages * resource.getpagesize()]
