@@ -63,12 +63,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "depths reach farther than 5 times their median]",
     )
     scale.add_argument(
-        "--bounded",
-        action="store_const",
-        const=False,
-        dest="open",
+        "--bounded", action="store_const", const=False, dest="open",
         help="voxels of one size everywhere",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "--kind",
         choices=("median", "expected", "strongest"),
@@ -103,14 +100,17 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="box in the dataset's coordinates outside of which nothing stays",
     )
     parser.add_argument(
-        "--parts",
-        type=whole,
-        metavar="N",
+        "--parts", type=whole, metavar="N",
         help="keep the N largest connected parts [default: all of a thousandth of the faces]",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "--faces", type=whole, metavar="N", help="reduce to about N faces (needs gsut[mesh])"
     )
+    parser.add_argument(
+        "--picture", metavar="FILE.png",
+        help="also the mesh as the photograph in the middle sees it, through its lens: lit from "
+        "there, grey in front, blue from behind",
+    )  # fmt: skip
     parser.add_argument("--threads", type=whole, default=0, metavar="N", help="[default 0: all]")
     add_quiet(parser)
     add_json(parser)
@@ -118,6 +118,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from gsut import _core
+    from gsut.render import write_png
     from gsut.run import Progress, RunFolder
     from gsut.surface import (
         MeshOptions,
@@ -127,14 +128,19 @@ def run(arguments: argparse.Namespace) -> int:
         extract_mesh,
         save_grid,
         save_mesh,
+        shaded_picture,
     )
     from gsut.training import read_trained
 
     out = Path(arguments.out)
     to_grid = out.suffix.lower() == ".npy" or arguments.occupancy
     (check_grid_name if to_grid else check_mesh_name)(out)
-    for file in (out, out.with_suffix(".json")) if to_grid else (out,):
-        refuse_existing(file)
+    picture = arguments.picture and Path(arguments.picture)
+    if picture and (to_grid or picture.suffix.lower() != ".png"):
+        raise InputError(f"--picture {picture}: takes a name that ends in .png, of a mesh")
+    for file in (out, out.with_suffix(".json") if to_grid else picture):
+        if file:
+            refuse_existing(file)
     for name in ("support", "threads"):
         if getattr(arguments, name) < 0:
             raise InputError(f"--{name} must be >= 0")
@@ -168,6 +174,10 @@ def run(arguments: argparse.Namespace) -> int:
         save_grid(out, made, occupancy=arguments.occupancy)
     else:
         save_mesh(out, made)
+        if picture:
+            middle = len(scene.views) // 2
+            camera, motion = scene.camera(middle), scene.views[middle].motion
+            write_png(picture, shaded_picture(made, camera, motion))
     figures |= {"seconds": time.perf_counter() - began, "out": str(out)}
     if arguments.json:
         print_json(figures)

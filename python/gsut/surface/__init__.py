@@ -6,6 +6,7 @@ from gsut.surface.extract import DepthMap, MeshOptions, depth_maps, extract_mesh
 from gsut.surface.grid import Grid, check_grid_name, extract_grid, grid_of_depth, save_grid
 from gsut.surface.mesh import Mesh
 from gsut.surface.mesh_files import check_mesh_name, load_mesh, save_mesh
+from gsut.surface.shading import shaded_picture
 from gsut.surface.worth import depth_figures, mesh_figures, tree_of
 
 __all__ = [
@@ -30,5 +31,6 @@ __all__ = [
     "mesh_figures",
     "save_grid",
     "save_mesh",
+    "shaded_picture",
     "tree_of",
 ]

@@ -2,12 +2,13 @@
 
 import json
 
+import cv2
 import numpy as np
 import pytest
 
 import tolerances
 from gsut import InputError, _core
-from gsut.surface import Mesh, load_mesh, save_mesh
+from gsut.surface import Mesh, load_mesh, save_mesh, shaded_picture
 from random_scenes import pinhole
 from surface_scenes import (
     directions,
@@ -30,6 +31,19 @@ def ball():
     vertices, faces = fused([pinhole(80)] * 12, poses, depth, 0.1).mesh()
     colors = (0.5 + 0.4 * vertices).astype(np.float32)
     return Mesh(vertices, faces, colors)
+
+
+def test_shaded_picture_is_bright_where_a_face_looks_at_the_camera(ball):
+    camera, pose = pinhole(80), looking(np.array([0.0, 0.0, 3.0]))
+    front = shaded_picture(ball, camera, pose)
+    assert front.shape == (80, 80, 3) and (front[0, 0] == 255).all()
+    assert front[40, 40].max() == 219  # 0.86, lit at a right angle
+    assert front[40, 66].max() < 140  # near the limb
+    inside = shaded_picture(ball, camera, looking(np.array([0.0, 0.0, 0.1]), (0, 0, -1)))
+    red, _, blue = inside[40, 40]
+    assert blue > red + 20  # from behind
+    with pytest.raises(InputError, match="faces"):
+        shaded_picture(Mesh(ball.vertices, ball.faces[:0]), camera, pose)
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb"])
@@ -142,7 +156,10 @@ def test_mesh_command_writes_the_plane_and_refuses_what_it_cannot(tmp_path, caps
     from gsut.cli import main
 
     run, out = str(plane_run(tmp_path)), tmp_path / "a.ply"
-    assert main(["mesh", run, "-o", str(out), "--json", "--voxel", "0.05"]) == 0
+    picture = tmp_path / "a.png"
+    words = ["--json", "--voxel", "0.05", "--picture", str(picture)]
+    assert main(["mesh", run, "-o", str(out), *words]) == 0
+    assert (cv2.imread(str(picture)) < 230).any(axis=2).mean() > 0.1
     figures = json.loads(capsys.readouterr().out)
     mesh = load_mesh(out)
     assert len(mesh) == figures["faces"] > 1000
