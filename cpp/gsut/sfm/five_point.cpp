@@ -1,10 +1,11 @@
 // Essential matrices of five pairs of bearings, through the ten cubics in three unknowns.
 #include "gsut/sfm/five_point.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <Eigen/QR>
 #include <cmath>
+
+#include "gsut/sfm/eigenvalues.h"
 
 namespace gsut {
 namespace {
@@ -98,18 +99,19 @@ std::vector<Eigen::Matrix3d> FivePoint(const std::array<Eigen::Vector3d, 5>& ray
       rows.leftCols<10>().partialPivLu().solve(rows.rightCols<10>());
   if (!reduced.allFinite()) return {};
   // Multiplication by x of the basis xx xy xz yy yz zz x y z 1.
-  Eigen::Matrix<double, 10, 10> action = Eigen::Matrix<double, 10, 10>::Zero();
+  SmallMatrix action = SmallMatrix::Zero(10, 10);
   for (int i = 0; i < 6; ++i) action.row(i) = -reduced.row(i);  // xxx xxy xxz xyy xyz xzz
   action(6, 0) = 1.0;
   action(7, 1) = 1.0;
   action(8, 2) = 1.0;
   action(9, 6) = 1.0;
-  const Eigen::EigenSolver<Eigen::Matrix<double, 10, 10>> solver(action);
-  if (solver.info() != Eigen::Success) return {};
+  SmallComplexVector values;
+  SmallComplexMatrix vectors;
+  if (!FindEigenvalues(action, &values, &vectors)) return {};
   std::vector<Eigen::Matrix3d> solutions;
   for (int i = 0; i < 10; ++i) {
-    if (solver.eigenvalues()[i].imag() != 0.0) continue;
-    const Eigen::Matrix<double, 10, 1> v = solver.eigenvectors().col(i).real();
+    if (values[i].imag() != 0.0) continue;
+    const Eigen::Matrix<double, 10, 1> v = vectors.col(i).real();
     // (x, y, z, 1) up to a factor stands in the last four rows.
     Eigen::Vector4d weights = v.tail<4>();
     const Eigen::Matrix<double, 9, 1> entries = null_space * weights;

@@ -1,9 +1,10 @@
 // Camera poses of three bearings: Grunert's quartic, Newton on the depths, two triads.
 #include "gsut/sfm/three_point.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <cmath>
+
+#include "gsut/sfm/eigenvalues.h"
 
 namespace gsut {
 namespace {
@@ -15,14 +16,15 @@ constexpr int kNewtonSteps = 5;
 std::vector<double> QuarticRoots(const std::array<double, 5>& c) {
   constexpr double kImaginary = 1e-4;
   if (!(std::abs(c[4]) > 0.0)) return {};
-  Eigen::Matrix4d companion = Eigen::Matrix4d::Zero();
+  SmallMatrix companion = SmallMatrix::Zero(4, 4);
   for (int i = 0; i < 4; ++i) companion(i, 3) = -c[i] / c[4];
   for (int i = 0; i < 3; ++i) companion(i + 1, i) = 1.0;
   if (!companion.allFinite()) return {};
-  const Eigen::EigenSolver<Eigen::Matrix4d> solver(companion, false);
+  SmallComplexVector values;
+  if (!FindEigenvalues(companion, &values)) return {};
   std::vector<double> roots;
   for (int i = 0; i < 4; ++i) {
-    const auto root = solver.eigenvalues()[i];
+    const std::complex<double> root = values[i];
     if (std::abs(root.imag()) <= kImaginary * (1.0 + std::abs(root.real()))) {
       roots.push_back(root.real());
     }

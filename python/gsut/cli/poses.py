@@ -123,7 +123,8 @@ def _run(arguments: argparse.Namespace, options: PosesOptions) -> int:
         if options.pairs == "auto":
             options = dataclasses.replace(options, pairs="sequential")
     images, camera = arguments.images, arguments.camera
-    check_lens(camera)
+    if arguments.rig is None:
+        check_lens(camera)
     if arguments.rig is None and needs_capture(images, camera, arguments.unknown_lens):
         taken = capture_with_bars([images], Path(arguments.out) / CAPTURE_FOLDER, arguments)
         images, options = taken.path, with_readout(options, camera, taken)

@@ -18,7 +18,7 @@ _MOST_PARAMS = 64
 _COUNTED = 2**31  # by the core
 _MAX_STEPS = 300
 _STEPS_WIDENING = 60  # while the field still widens
-_LEAST_GAIN = 1e-12  # of the cost in a step, below which the search ends
+_LEAST_GAIN = 1e-9  # of the cost in a step, below which the search ends
 _GAIN_WIDENING = 1e-6  # the same while the field still widens: where the next one starts
 
 

@@ -1,6 +1,7 @@
 """The command line: commands on a faked run, refusals in one sentence, and start-up time."""
 
 import argparse
+import functools
 import importlib
 import json
 import os
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 import gsut
+import gsut.demo
 import small_run
 from gsut.cli import build_parser, command_names, main
 from gsut.cli.demo import _free_run
@@ -425,7 +427,9 @@ def test_progress_disabled_writes_nothing(capsys):
 
 
 @pytest.mark.skipif(not hasattr(gsut, "train"), reason="this build has no gsut.train yet")
-def test_demo_for_real_ends_with_a_report(tmp_path, capsys):
+def test_demo_for_real_ends_with_a_report(tmp_path, capsys, monkeypatch):
+    small = functools.partial(gsut.demo.make_demo_scene, size=96)  # what takes long is drawing it
+    monkeypatch.setattr(gsut.demo, "make_demo_scene", small)
     assert main(["demo", "-o", str(tmp_path / "demo"), "--steps", "20", "--no-open"]) == 0
     run = RunFolder.open(tmp_path / "demo" / "run")
     assert (run.path / REPORT).stat().st_size > 10_000
