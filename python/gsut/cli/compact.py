@@ -147,7 +147,7 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
             f"-o {arguments.out}: of a run a run is made, a folder; then gsut convert makes a file"
         )
     target = RunFolder.claim(arguments.out, "compact", arguments.source)
-    target.refuse_finished()  # before anything that takes long
+    target.refuse_finished(arguments.source)  # before anything that takes long
     train_options, scene, gaussians = read_trained(source, arguments.data)
 
     def on_try(count: int, psnr: float) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.files import json_text, plain, reading, regular, whole_file, write_file
-from gsut.output_folder import OutputFolder, claim_folder
+from gsut.output_folder import MARKER, OutputFolder, claim_folder
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.options import TrainOptions
 
@@ -136,10 +136,11 @@ class RunFolder:
                 "folder (nothing was overwritten)"
             )
 
-    def refuse_finished(self) -> None:
-        """As `refuse_run`; what a killed process left of a run that this command makes in one go is
-        removed."""
-        if (self.path / REPORT).is_file():
+    def refuse_finished(self, source: str | os.PathLike[str]) -> None:
+        """As `refuse_run`; what a killed process left of the run that this command makes of
+        `source`, in one go, is removed."""
+        made_of = (self.read_json(MARKER) or {}).get("input")
+        if made_of != os.path.realpath(source) or (self.path / REPORT).is_file():
             self.refuse_run()
         for name in _FILES:
             path = self.path / name

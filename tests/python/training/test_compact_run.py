@@ -52,9 +52,17 @@ def test_compact_of_a_run_is_a_run_that_can_be_evaluated(run, tmp_path, capsys):
     assert found["compaction"]["method"] == "ghap"
     assert found["compaction"]["source_num_gaussians"] == 300
     assert found["compaction"]["source_psnr"] == metrics_of(run)["psnr"]
-    assert (out / "report.html").is_file()
     assert main(["eval", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["psnr"] == pytest.approx(found["psnr"], abs=1e-9)
+    # Killed before its last file it is begun again, by the command that made it only.
+    (out / "report.html").unlink()
+    before = (out / SCENE).read_bytes()
+    assert main(["compact", str(out), "--keep", "0.5", "-o", str(out), "--quiet"]) == 2
+    assert (out / SCENE).read_bytes() == before
+    assert main(["compact", str(run), "--keep", "0.5", "-o", str(out), "--quiet"]) == 0
+    assert (out / "report.html").is_file() and (out / SCENE).read_bytes() == before
+    assert main(["compact", str(run), "--keep", "0.5", "-o", str(out), "--quiet"]) == 2
+    assert "already holds a run" in capsys.readouterr().err
 
 
 def test_finetuning_gains_and_keeps_the_number(run, tmp_path):
