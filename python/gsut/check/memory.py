@@ -10,8 +10,8 @@ from gsut.optimize import grown_count
 from gsut.run import TrainOptions, free_memory, size_text
 
 _FIRST = 10_000  # Gaussians that a scene without points begins with, at least
-# Counted, to be rather low: a Gaussian's parameters, gradient and two moments, with its records in a
-# frame; a pixel's ray, target, image, gradient and loss; the program.
+# Counted, to be rather low: a Gaussian's parameters, gradient and two moments, with its records in
+# a frame; a pixel's ray, target, image, gradient and loss; the program.
 _ROWS, _RECORD_BYTES, _PIXEL_BYTES, _PROGRAM_BYTES = 4, 200, 100, 150 << 20
 
 
