@@ -134,4 +134,7 @@ def copy_needs(needs: tuple[str, ...], world: Path, scratch: Path) -> None:
         if make is not None and not (world / Path(need).parts[0]).exists():
             make(world / Path(need).parts[0])
         target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copytree(source, target) if source.is_dir() else shutil.copy(source, target)
+        if source.is_dir():
+            shutil.copytree(source, target, dirs_exist_ok=True)
+        else:
+            shutil.copy(source, target)

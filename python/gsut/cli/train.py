@@ -100,7 +100,7 @@ def _block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockOption
         layout = str(run.path / BLOCKS / "layout.json")
         kept = {"blocks": before if isinstance(before, str) else layout, "rounds": plan["rounds"]}
         given = kept | given
-    elif arguments.resume and given and run.holds_run():
+    elif arguments.resume and given and run.has_steps():
         raise InputError(f"{run.path} was not begun in blocks; leave --{next(iter(given))} out")
     if not given:
         return None

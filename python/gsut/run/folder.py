@@ -126,6 +126,10 @@ class RunFolder:
         """Whether the folder has any file of a run."""
         return any((self.path / name).exists() for name in _FILES)
 
+    def has_steps(self) -> bool:
+        """Whether a training has left what it would go on from."""
+        return any((self.path / name).exists() for name in (HISTORY, CHECKPOINT, SCENE))
+
     def refuse_run(self) -> None:
         """Raises InputError if the folder has any file of a run, or is not a folder."""
         if self.path.exists() and not self.path.is_dir():
@@ -137,17 +141,13 @@ class RunFolder:
             )
 
     def refuse_finished(self, source: str | os.PathLike[str]) -> None:
-        """As `refuse_run`; what a killed process left of the run that this command makes of
-        `source`, in one go, is removed."""
+        """As `refuse_run`, but removes what a killed process left of a run made of `source`."""
         made_of = (self.read_json(MARKER) or {}).get("input")
         if made_of != os.path.realpath(source) or (self.path / REPORT).is_file():
             self.refuse_run()
         for name in _FILES:
-            path = self.path / name
-            if path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path)
-            else:
-                path.unlink(missing_ok=True)
+            shutil.rmtree(self.path / name, ignore_errors=True)  # of a file: nothing
+            (self.path / name).unlink(missing_ok=True)
 
     @property
     def renders(self) -> Path:

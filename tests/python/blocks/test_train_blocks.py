@@ -14,8 +14,9 @@ import gsut
 from gsut.blocks import workers
 from gsut.blocks.layout import Layout
 from gsut.blocks.plan import check_memory, choose_count, needed
-from gsut.cli import main
+from gsut.cli import build_parser, main
 from gsut.run import RunFolder, read_checkpoint, size_text
+from gsut.run.folder import HISTORY
 from small_blocks import OPTIONS, same_bits, states, train
 
 
@@ -183,3 +184,15 @@ def test_memory_decides_the_number_of_blocks_and_refuses_what_does_not_fit(scene
 def test_wrong_flags_are_refused_before_anything_is_read(tmp_path, capsys, flags, words):
     assert main(["train", str(tmp_path), "-o", str(tmp_path / "run"), *flags]) != 0
     assert words in capsys.readouterr().err
+
+
+def test_a_run_killed_before_its_first_step_is_begun_again_in_blocks(tmp_path):
+    from gsut.cli.train import _block_options
+
+    run = RunFolder.create(tmp_path / "run", OPTIONS)
+    words = ["train", "ds", "-o", str(run.path), "--blocks", "2", "--resume"]
+    parsed = build_parser().parse_args(words)
+    assert _block_options(run, parsed).blocks == "2"
+    run.write_text(HISTORY, "[]")
+    with pytest.raises(gsut.InputError, match="was not begun in blocks; leave --blocks out"):
+        _block_options(run, parsed)
