@@ -100,7 +100,11 @@ def _block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockOption
         layout = str(run.path / BLOCKS / "layout.json")
         kept = {"blocks": before if isinstance(before, str) else layout, "rounds": plan["rounds"]}
         given = kept | given
-    elif arguments.resume and given and run.has_steps():
+    elif arguments.resume and given and run.holds_run():
+        if not run.has_steps():
+            raise InputError(
+                f"{run.path} was broken off before its first step; delete it, leave --resume out"
+            )
         raise InputError(f"{run.path} was not begun in blocks; leave --{next(iter(given))} out")
     if not given:
         return None

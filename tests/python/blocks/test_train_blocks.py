@@ -186,13 +186,14 @@ def test_wrong_flags_are_refused_before_anything_is_read(tmp_path, capsys, flags
     assert words in capsys.readouterr().err
 
 
-def test_a_run_killed_before_its_first_step_is_begun_again_in_blocks(tmp_path):
+def test_a_run_broken_off_before_its_blocks_says_what_to_do(tmp_path):
     from gsut.cli.train import _block_options
 
     run = RunFolder.create(tmp_path / "run", OPTIONS)
     words = ["train", "ds", "-o", str(run.path), "--blocks", "2", "--resume"]
     parsed = build_parser().parse_args(words)
-    assert _block_options(run, parsed).blocks == "2"
+    with pytest.raises(gsut.InputError, match="before its first step; delete it, leave --resume"):
+        _block_options(run, parsed)
     run.write_text(HISTORY, "[]")
     with pytest.raises(gsut.InputError, match="was not begun in blocks; leave --blocks out"):
         _block_options(run, parsed)
