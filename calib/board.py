@@ -5,6 +5,7 @@ Pixels everywhere in calib are OpenCV's and mrcal's: (0, 0) is the centre of the
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -120,7 +121,7 @@ def assign_cameras(paths: Sequence[Path], cameras: Sequence[str]) -> list[Photog
     Raises:
         BoardError: a path holds no camera's name, an image is given twice, or a camera has none.
     """
-    resolved = [path.resolve() for path in paths]
+    resolved = [Path(os.path.realpath(path)) for path in paths]  # a link to itself stays
     twice = {path for path in resolved if resolved.count(path) > 1}
     if twice:
         raise BoardError(f"{min(twice)} is given twice; give every image once")
