@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable
 from typing import Any
 
@@ -170,8 +169,7 @@ def run_segment(
     done = 0 if state is None else int(state["segment"])
     loop = next((each for each in kept if each._task is task), None)
     if loop is None or loop.step != (task.begin if state is None else state["step"]):
-        kept.clear()
-        gc.collect()  # a loop refers to itself; its photographs go before others are read
+        kept.clear()  # its photographs go before others are read
         loop = BlockLoop(task)
         if state is not None:
             loop.load_state_dict(state["loop"])

@@ -124,6 +124,10 @@ class TrainingViews:
         """(n, 4, 4) camera_from_world of the training views, in their order."""
         return self.scene.poses(self.scene.train_indices)
 
+    def training_cameras(self) -> tuple[list[Any], np.ndarray]:
+        """The cameras of the training views and their poses (V, 4, 4), as they are now."""
+        return [self.scene.camera(i) for i in self.scene.train_indices], self.poses
+
     def move(self, camera_from_world: np.ndarray) -> None:
         """Goes on with other poses (n, 4, 4) of the training views."""
         self.scene = self.scene.with_poses(self.scene.train_indices, camera_from_world)

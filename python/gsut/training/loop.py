@@ -104,7 +104,7 @@ class TrainingLoop:
         self.surface = (
             SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if options.surface else None
         )
-        self._filter = LowPassFilter(options.low_pass, self._training_cameras)
+        self._filter = LowPassFilter(options.low_pass, self.views.training_cameras)
         self._mean = TrajectoryMean(options.average_from)
 
     @property
@@ -274,10 +274,6 @@ class TrainingLoop:
             if self.surface is not None:
                 self.surface.known.forget()
             self.stopwatch.lap("refine")
-
-    def _training_cameras(self) -> tuple[list[Any], np.ndarray]:
-        scene = self.scene
-        return [scene.camera(i) for i in scene.train_indices], self.views.poses
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that later steps depend on."""
