@@ -10,6 +10,7 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.files import json_text
+from gsut.run import MOST_WHOLE
 
 # Of pictures, films, scenes and tables: nobody means a folder by such a name.
 FILE_SUFFIXES = frozenset(
@@ -24,8 +25,7 @@ FILE_SUFFIXES = frozenset(
 )
 
 
-# Of flags without bounds: the squares of floating-point ones are finite.
-_MOST, _MOST_WHOLE = 1e100, 2**31 - 1
+_MOST = 1e100  # of flags without bounds: its square is finite
 _MOST_UNIT = 1e6  # of a level of 16 bits
 
 
@@ -123,7 +123,7 @@ class Number:
         above: bool = False,
     ) -> None:
         self.whole, self._above = whole, above
-        most = _MOST_WHOLE if whole else _MOST
+        most = MOST_WHOLE if whole else _MOST
         self._low, self._high = -most if low is None else low, most if high is None else high
 
     def __call__(self, text: str) -> Any:

@@ -18,6 +18,7 @@ from gsut.run.folder import (
 )
 from gsut.run.memory import check_fits, free_memory, size_text
 from gsut.run.option_fields import (
+    MOST_WHOLE,
     add_option_flags,
     check_options,
     choices_in,
@@ -43,6 +44,7 @@ __all__ = [
     "ENVIRONMENT",
     "METRICS",
     "MOST_BLOCKS",
+    "MOST_WHOLE",
     "OPTIONS",
     "PAGE",
     "PRESETS",

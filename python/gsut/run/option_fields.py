@@ -17,7 +17,7 @@ from gsut._core import InputError
 _UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 
 
-_MOST_WHOLE = 2**31 - 1  # of options without a limit of their own
+MOST_WHOLE = 2**31 - 1  # of options without a limit of their own
 
 
 @dataclasses.dataclass(frozen=True)
@@ -169,7 +169,7 @@ def _checked(flag: str, value: Any, info: OptionInfo, kind: Any) -> Any:
     except (TypeError, ValueError):
         raise InputError(f"{flag} must be {_kind_text(plain, info)}, found {value!r}") from None
     if plain is int and info.high is None:
-        info = dataclasses.replace(info, high=_MOST_WHOLE)
+        info = dataclasses.replace(info, high=MOST_WHOLE)
     if not info.holds(number):
         raise InputError(f"{flag} must be {info.range_text()}, found {value!r}")
     return number
