@@ -280,8 +280,51 @@ THINGS: dict[str, Strange] = {
 }  # fmt: skip
 
 
+# Where to write: what the command reads, or what another one wrote.
+ONTO: dict[tuple[str, ...], tuple[str, ...]] = {
+    ("train", "ds", "-o", "ds", *SHORT): ("ds",),
+    ("train", "ds", "-o", "ds/images", *SHORT): ("ds",),
+    ("train", "ds", "-o", "ds", "--resume", *SHORT): ("ds",),
+    ("train", "run", "-o", "run", "--resume", "--steps", "3", "--quiet"): ("ds", "run"),
+    ("train", "plane", "-o", "run", "--resume", "--quiet"): ("ds", "run", "plane"),
+    ("poses", "folder", "-o", "folder", "--quiet"): ("folder",),
+    ("poses", "folder", "-o", "run", "--quiet"): ("folder", "ds", "run"),
+    ("poses", "film.mp4", "-o", "film.mp4", "--quiet"): ("film.mp4",),
+    ("scene", "film.mp4", "-o", "ds", "--quiet"): ("film.mp4", "ds"),
+    ("scene", "film.mp4", "-o", "run", "--quiet"): ("film.mp4", "ds", "run"),
+    ("data", "convert", "ds", "ds"): ("ds",),
+    ("data", "convert", "ds", "ds/images"): ("ds",),
+    ("data", "convert", "ds", "run"): ("ds", "run"),
+    ("data", "convert", "plane", "plane/images/000.png", "--to", "tum"): ("plane",),
+    ("eval", "run", "-o", "ds"): ("ds", "run"),
+    ("eval", "run", "-o", "ds/images"): ("ds", "run"),
+    ("render", "run", "-o", "run", *TINY): ("ds", "run"),
+    ("render", "run", "-o", "ds/images", *TINY): ("ds", "run"),
+    ("render", "scenes/a.ply", "-o", "scenes", *TINY): ("scenes/a.ply",),
+    ("render", "scenes/a.ply", "-o", "film.mp4", *TINY): ("scenes/a.ply", "film.mp4"),
+    ("compact", "run", "-o", "run", "--keep", "0.5"): ("ds", "run"),
+    ("compact", "run", "-o", "run/scene.ply", "--keep", "0.5"): ("ds", "run"),
+    ("compact", "scenes/a.ply", "-o", "scenes/a.ply", "--keep", "0.5"): ("scenes/a.ply",),
+    ("convert", "scenes/a.ply", "scenes/a.ply"): ("scenes/a.ply",),
+    ("convert", "run", "run/scene.ply"): ("ds", "run"),
+    ("edit", "scenes/a.ply", "-o", "scenes/a.ply", "--scale", "2"): ("scenes/a.ply",),
+    ("edit", "run", "-o", "run/scene.ply", "--scale", "2"): ("ds", "run"),
+    ("edit", "run", "-o", "run", "--scale", "2"): ("ds", "run"),
+    ("mesh", "run", "-o", "run/scene.ply"): ("ds", "run"),
+    ("mesh", "run", "-o", "ds/points3D.ply"): ("ds", "run"),
+    ("mesh", "run", "-o", "out.ply", "--picture", "photo.png"): ("ds", "run", "photo.png"),
+    ("points", "walked", "-o", "walked/points3D.ply"): ("walked",),
+    ("camera", "convert", "lens48.json", "pinhole", "-o", "lens48.json"): ("lens48.json",),
+    ("calibrate", "boards", "--board", "5x4", "--spacing", "0.05", "--solver", "opencv", "--lens",
+     "fisheye", "-o", "boards/02.png"): ("boards",),
+    ("calibrate", "--from-dataset", "ds", "-o", "lens48.json", "--quiet"): ("ds", "lens48.json"),
+}  # fmt: skip
+
+
 def of_strange() -> Iterator[Case]:
-    """Every thing to every command."""
+    """Every thing to every command, and every command onto what is there."""
+    for words, needs in ONTO.items():
+        yield Case("onto", "what is there", words, needs, said=(r"\w",), keeps=("out",))
     for name, thing in THINGS.items():
         for command, words in COMMANDS.items():
             if command == WAITS and thing.passes:

@@ -59,10 +59,10 @@ def test_pictures_and_table_that_disagree_are_told(tmp_path):
     made.write_euroc(tmp_path)
     pictures = sorted((tmp_path / "mav0/cam1/data").iterdir())
     pictures[2].rename(pictures[2].with_name("77.png"))
-    table = re.escape(f"{tmp_path}/mav0/cam1/data.csv")
-    told = " ".join(gsut.load_dataset(tmp_path).notes)
-    assert re.search(rf"{table}: 1 pictures do not exist and are left out: {pictures[2].name}", told)
-    assert re.search(rf"{table}: 1 pictures are not in it and are left out: 77.png", told)
+    table = f"{tmp_path}/mav0/cam1/data.csv"
+    notes = gsut.load_dataset(tmp_path).notes
+    assert f"{table}: 1 pictures do not exist and are left out: {pictures[2].name}" in notes
+    assert f"{table}: 1 pictures are not in it and are left out: 77.png" in notes
 
 
 def test_camchain_without_imu_of_the_second_camera_goes_through_the_first(tmp_path):
