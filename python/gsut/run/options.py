@@ -30,7 +30,8 @@ PRESETS: dict[str, dict[str, Any]] = {
 # What `gsut train --help` lists; the rest is for `--help all`.
 COMMON_OPTIONS = (
     "preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "shutter",
-    "refine_poses", "refine_lens", "max_gaussians", "sh_degree", "surface",
+    "refine_poses", "refine_lens", "max_gaussians", "sh_degree", "primitive",
+    "surface",
 )  # fmt: skip
 
 # "The rate of the means times the number of steps is what matters": 1.6e-3 at 500 steps, 8e-4 at
@@ -142,6 +143,10 @@ class TrainOptions:
     sh_degree: int = option(
         None, "Gaussians", "degree of the spherical harmonics of colour", low=0, high=3,
         none="fast and balanced 1, best 2",
+    )
+    primitive: str = option(
+        "gaussian", "Gaussians", "surfel: flat discs without a third scale, as in 2DGS; the file "
+        "is 2DGS's, too", choices=("gaussian", "surfel"),
     )
     init: str = option(
         "auto", "Gaussians", "first Gaussians: the data's points, random ones inside the cameras' "
@@ -303,6 +308,11 @@ class TrainOptions:
             raise InputError(
                 f"--coarse-to-fine {fractions[0]:g},{fractions[1]:g}: the quarter resolution "
                 "must end before the half resolution does"
+            )
+        if self.primitive == "surfel" and self.low_pass:
+            raise InputError(
+                f"--low-pass {self.low_pass:g} makes Gaussians thicker, and surfels have no "
+                "thickness; leave one of the two out"
             )
         if self.refine_lens:
             object.__setattr__(self, "refine_poses", True)
