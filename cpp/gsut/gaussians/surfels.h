@@ -11,8 +11,7 @@ inline constexpr double kSurfelLogThickness = -9.210340371976182;
 
 // Makes the third of three logarithms of scales a surfel's.
 inline void PressSurfel(float* log_scales) {
-  log_scales[2] =
-      std::min(log_scales[0], log_scales[1]) + static_cast<float>(kSurfelLogThickness);
+  log_scales[2] = std::min(log_scales[0], log_scales[1]) + static_cast<float>(kSurfelLogThickness);
 }
 
 }  // namespace gsut

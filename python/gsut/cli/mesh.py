@@ -106,6 +106,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--faces", type=whole, metavar="N", help="reduce to about N faces (needs gsut[mesh])"
     )
+    _add_pages(parser)
+    parser.add_argument("--threads", type=whole, default=0, metavar="N", help="[default 0: all]")
+    add_quiet(parser)
+    add_json(parser)
+
+
+def _add_pages(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--picture", metavar="FILE.png",
         help="also the mesh as the photograph in the middle sees it, through its lens: lit from "
@@ -115,9 +122,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--report", metavar="FILE.html",
         help="also a page with the mesh and the depths as some of the photographs' views see them",
     )  # fmt: skip
-    parser.add_argument("--threads", type=whole, default=0, metavar="N", help="[default 0: all]")
-    add_quiet(parser)
-    add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 from gsut import _core
 from gsut.compact import compact, seen_views
 from gsut.data import Level, Scene, TrainingViews
-from gsut.gaussians import Gaussians, LowPassFilter, are_surfels, press_surfels, to_surfels
+from gsut.gaussians import Gaussians, LowPassFilter
 from gsut.lens import CalibrationWeights
 from gsut.optimize import (
     LearningRates,
@@ -87,11 +87,9 @@ class TrainingLoop:
         self.options = options = dataclasses.replace(options, max_gaussians=options.most_gaussians)
         self.step, self.seconds = 0, 0.0
         start = seed_first(scene, options) if start is None else start
-        self._surfels = options.primitive == "surfel"
-        if self._surfels and not are_surfels(start):
-            start = to_surfels(start)
         self.densification = densification_of(options, len(start))
-        self.optimizer = optimizer_of(start, self.densification.capacity(), options.seed)
+        surfels = options.primitive == "surfel"
+        self.optimizer = optimizer_of(start, self.densification.capacity(), options.seed, surfels)
         self.views = TrainingViews(scene, options.coarse_to_fine)
         lens = options.calibration_weights
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
@@ -108,7 +106,7 @@ class TrainingLoop:
             SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if options.surface else None
         )
         self._filter = LowPassFilter(options.low_pass, self.views.training_cameras)
-        self._mean = TrajectoryMean(options.average_from)
+        self._mean = TrajectoryMean(options.average_from, surfels)
 
     @property
     def scene(self) -> Scene:
@@ -131,9 +129,7 @@ class TrainingLoop:
 
     def result(self) -> Gaussians:
         """What the run gives, were this its last step: the mean over the last steps, filtered."""
-        result = self._filter.of(self._mean.of(self.gaussians))
-        self._press(result)
-        return result
+        return self._filter.of(self._mean.of(self.gaussians))
 
     def finished_scene(self) -> Scene:
         """The scene with the poses and lenses that fit `result` best, were this the last step."""
@@ -229,11 +225,8 @@ class TrainingLoop:
         optimizer.accumulate(gradients.means, trained(self.renderer.distances()), touched)
         self.stopwatch.lap("statistics")
         self._add_surface(step)
-        if self._surfels:
-            gradients.log_scales[:, 2] = 0
         visible = touched if self.options.sparse_adam else None
         optimizer.step(gradients, step.rates, visible, step.degree)
-        self._press(self.gaussians)
         self.stopwatch.lap("adam")
         self.densification.explore(optimizer, step.rates.means)
         self.stopwatch.lap("noise")
@@ -268,14 +261,8 @@ class TrainingLoop:
             self.optimizer = self.optimizer.restarted(small.gaussians)
             self._begin_anew()
 
-    def _press(self, gaussians: Any) -> None:
-        """Gives surfels their thickness, in place."""
-        if self._surfels:
-            press_surfels(gaussians.log_scales)
-
     def _begin_anew(self) -> None:
         """The Gaussians are others: what was kept of the old ones does not hold."""
-        self._press(self.gaussians)
         self._filter.renew()
         self._mean.restart()
         self.stopwatch.lap("densify")

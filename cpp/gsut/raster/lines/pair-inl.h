@@ -335,9 +335,8 @@ HWY_INLINE LineHit HitOf(const LineChunk& chunk, int j, const LinePixels& line) 
       FastReciprocal(hn::MulAdd(hit.w_x, hit.w_x, hn::MulAdd(hit.w_y, hit.w_y, hn::Set(d, 1.0f))));
   hit.tau = hn::Mul(hn::MulAdd(hit.e_x, hit.w_x, hn::Mul(hit.e_y, hit.w_y)), hit.reciprocal);
   hit.c = hn::MulSub(hit.e_x, hit.w_y, hn::Mul(hit.e_y, hit.w_x));
-  hit.u = hn::Mul(hit.reciprocal,
-                  hn::MulAdd(hit.e_x, hit.e_x,
-                             hn::MulAdd(hit.e_y, hit.e_y, hn::Mul(hit.c, hit.c))));
+  hit.u = hn::Mul(hit.reciprocal, hn::MulAdd(hit.e_x, hit.e_x,
+                                             hn::MulAdd(hit.e_y, hit.e_y, hn::Mul(hit.c, hit.c))));
   hit.x = hn::MulAdd(chunk.Get(C::kReach, j), hit.tau, depth);
   return hit;
 }
