@@ -26,7 +26,7 @@ from gsut.run import Stopwatch, TrainOptions
 from gsut.training.context import Context
 from gsut.training.densification import DensificationStep, densification_of
 from gsut.training.photograph_model import PhotographModel
-from gsut.training.start import seed_first
+from gsut.training.start import first_gaussians
 from gsut.training.surface_terms import SurfaceTerms, SurfaceWeights
 
 # Steps after which the low-pass filter's radii are found again (Mip-Splatting: 100).
@@ -59,7 +59,7 @@ class TrainingLoop:
     Args:
         scene: training views, cameras and points, at the resolution to train at.
         options: resolved.
-        start: the first Gaussians; None: `seed_first`. Of `MixedGaussians` neither number nor
+        start: the first Gaussians; None: `first_gaussians`. Of `MixedGaussians` neither number nor
             degrees change.
         tracks: gives the first poses where they come from tracks of features; None: the scene's.
         light: of the photographs, where a run before has found it.
@@ -69,6 +69,7 @@ class TrainingLoop:
         views: photographs, poses and lenses; the only owner of the latter.
         photographs: their exposure, white balance and falloff.
         optimizer: owner of the Gaussians.
+        notes: what was found in the photographs before the first step.
         step: steps made.
         seconds: of the steps alone, without reading images and measuring PSNR.
         stopwatch: of the steps' stages, for ./run bench train.
@@ -86,7 +87,9 @@ class TrainingLoop:
         scene = scene if tracks is None else tracks.scene
         self.options = options = dataclasses.replace(options, max_gaussians=options.most_gaussians)
         self.step, self.seconds = 0, 0.0
-        start = seed_first(scene, options) if start is None else start
+        self.notes: list[str] = []
+        if start is None:
+            start, self.notes = first_gaussians(scene, options)
         self.densification = densification_of(options, len(start))
         self.optimizer = optimizer_of(start, self.densification.capacity(), options.seed)
         self.views = TrainingViews(scene, options.coarse_to_fine)
