@@ -25,6 +25,7 @@ from gsut.render import DEFAULT_UNSCENTED, Light, random_background
 from gsut.run import Stopwatch, TrainOptions
 from gsut.training.context import Context
 from gsut.training.densification import DensificationStep, densification_of
+from gsut.training.motion_blur import BlurRenderer, Exposure
 from gsut.training.photograph_model import PhotographModel
 from gsut.training.start import first_gaussians
 from gsut.training.surface_terms import SurfaceTerms, SurfaceWeights
@@ -97,7 +98,8 @@ class TrainingLoop:
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
         refine = options.refine_poses
         self.refiner = TrainingRefiner(self.views, options, tracks) if refine else None
-        self.renderer = _core.Renderer()
+        self.renderer: Any = _core.Renderer() if options.motion_blur is None else BlurRenderer()
+        self._exposure = Exposure(scene, options.motion_blur)
         self.rule = _core.BlendRule()
         self.stopwatch = Stopwatch()
         self._context = Context(context)
@@ -185,10 +187,10 @@ class TrainingLoop:
             self._gradients = drawn.zeros_like()
             self._touched = np.zeros(len(drawn), np.uint8)
         behind = self.options.background or random_background(self.options.seed, step.number)
+        place = self._exposure.places(self.scene, step.level, step.view)
         self.renderer.render(
-            drawn, step.level.camera(step.view), self.scene.views[step.view].motion,
-            self.rule, behind, step.degree, DEFAULT_UNSCENTED, image, None, None,
-            True, None, self._tiles(step),
+            drawn, step.level.camera(step.view), place, self.rule, behind, step.degree,
+            DEFAULT_UNSCENTED, image, None, None, True, None, self._tiles(step),
         )  # fmt: skip
         self.stopwatch.lap("render")
 
