@@ -9,7 +9,13 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import Scene, color_points, has_colors, some_names, with_shutter
-from gsut.gaussians import Gaussians, chosen_points, seed_from_points, seed_in_view
+from gsut.gaussians import (
+    Gaussians,
+    chosen_points,
+    seed_from_points,
+    seed_in_view,
+    seed_surfels,
+)
 from gsut.refine import TracksResult, check_refinable, refine_by_tracks
 from gsut.run import Progress, TrainOptions
 from gsut.training.first_sky import first_sky, sky_note
@@ -169,6 +175,13 @@ def seed_first(
         options: resolved.
         sky: points and colours, see `first_sky`.
     """
+    first = _seed_gaussians(scene, options, sky)
+    return seed_surfels(first) if options.primitive == "surfel" else first
+
+
+def _seed_gaussians(
+    scene: Scene, options: TrainOptions, sky: tuple[np.ndarray, np.ndarray] | None
+) -> Gaussians:
     o = options
     shape: dict[str, Any] = {
         "sh_degree": o.sh_degree,
