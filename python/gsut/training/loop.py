@@ -88,9 +88,7 @@ class TrainingLoop:
         scene = scene if tracks is None else tracks.scene
         self.options = options = dataclasses.replace(options, max_gaussians=options.most_gaussians)
         self.step, self.seconds = 0, 0.0
-        self.notes: list[str] = []
-        if start is None:
-            start, self.notes = first_gaussians(scene, options)
+        start, self.notes = first_gaussians(scene, options) if start is None else (start, [])
         self.densification = densification_of(options, len(start))
         surfels = options.primitive == "surfel"
         self.optimizer = optimizer_of(start, self.densification.capacity(), options.seed, surfels)
