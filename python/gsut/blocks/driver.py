@@ -33,9 +33,16 @@ from gsut.blocks.workers import Job, Workers, write_state
 from gsut.data import Scene, scene_digests
 from gsut.evaluate import mean_psnr
 from gsut.files import UNFINISHED
-from gsut.gaussians import Gaussians, merged
+from gsut.gaussians import Gaussians, merged, order_for_reading
 from gsut.run import BLOCKS, BlockOptions, Progress, RunFolder, TrainOptions, describe_environment
-from gsut.training import measure, plain_background, prepare_scene, write_results
+from gsut.training import (
+    choose_complexity,
+    measure,
+    plain_background,
+    prepare_scene,
+    with_most,
+    write_results,
+)
 
 _CURVE_VIEWS = 8  # held out, that each round is measured on
 _LAYOUT, _PLAN = f"{BLOCKS}/layout.json", f"{BLOCKS}/plan.json"
@@ -155,7 +162,9 @@ class _Training:
         self._engine = engine
         if options.background is None:
             options = dataclasses.replace(options, background=plain_background(scene))
-        self._options, self._scene = options, scene
+        self._complexity = choose_complexity(scene, options.resolved())
+        self._options = with_most(options, self._complexity.max_gaussians)
+        self._scene = scene
         self._folder = run.path / BLOCKS
         self._stages: dict[str, dict[str, float]] = run.read_json(_STAGES) or {}
         self._peak: dict[int, float] = {}
@@ -288,7 +297,8 @@ class _Training:
             _core.set_num_threads(self._options.threads)
         self._peak = {b: max(self._peak.get(b, 0.0), mb) for b, mb in board.peaks.items()}
         states = [state for job in jobs if (state := job.read_state()) is not None]
-        gaussians = merged([Gaussians(**state["result"]) for state in states])
+        parts = [Gaussians(**state["result"]) for state in states]
+        gaussians = merged([part[order_for_reading(part)] for part in parts])
         self._note(number, states, gaussians)
         return gaussians
 
@@ -319,6 +329,7 @@ class _Training:
             gaussians, scene, chosen, resolved, self._run, steps=steps, train_seconds=seconds,
             align=o.refine_poses, light=self.coarse.light,
         )  # fmt: skip
+        self._complexity.tell(metrics)
         if self.coarse.figures is not None:
             metrics["refinement"] = self.coarse.figures
         write_map(self._folder, gaussians, self._owners(gaussians), scene)

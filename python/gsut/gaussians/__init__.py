@@ -1,7 +1,7 @@
 """The scene's parameters: arrays, packed harmonics, seeding, the low-pass filter."""
 
 from gsut.gaussians.arrays import SH_C0, Gaussians
-from gsut.gaussians.cut import ground_of, inside_box, inside_sphere, merged
+from gsut.gaussians.cut import ground_of, inside_box, inside_sphere, merged, seen_most
 from gsut.gaussians.low_pass import (
     LowPassFilter,
     filter_radii,
@@ -19,12 +19,16 @@ from gsut.gaussians.quaternions import (
 )
 from gsut.gaussians.seeding import chosen_points, seed_from_points, seed_in_view
 from gsut.gaussians.similarity import transformed, upright
+from gsut.gaussians.stored import DRAWN_BYTES, StoredGaussians, bytes_each, order_for_reading
 
 __all__ = [
+    "DRAWN_BYTES",
     "SH_C0",
     "Gaussians",
     "LowPassFilter",
     "MixedGaussians",
+    "StoredGaussians",
+    "bytes_each",
     "chosen_points",
     "filter_radii",
     "ground_of",
@@ -34,6 +38,7 @@ __all__ = [
     "low_pass_backward",
     "merged",
     "morton_order",
+    "order_for_reading",
     "pack_harmonics",
     "pixel_density",
     "quaternion_of",
@@ -42,6 +47,7 @@ __all__ = [
     "rotations_of",
     "seed_from_points",
     "seed_in_view",
+    "seen_most",
     "to_mixed",
     "transformed",
     "upright",
