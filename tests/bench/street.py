@@ -1,4 +1,4 @@
-"""A made street: rooms like the demo's hall in a grid, with doors between, ray-cast view by view."""
+"""A made street: rooms like the demo's hall in a grid, with doors; ray-cast view by view."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Street:
     def trace(
         self, room: int, origins: np.ndarray, directions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Light (N, 3) and distance (N,) along unit directions (N, 3) from points (N, 3) of a room."""
+        """Light (N, 3) and distance (N,) along unit directions (N, 3) from points of a room."""
         count = len(directions)
         light, distance = np.zeros((count, 3), np.float32), np.zeros(count)
         rooms, starts, open_ = np.full(count, room), origins.copy(), np.arange(count)
@@ -55,9 +55,8 @@ class Street:
             on = []
             for each in np.unique(rooms[open_]):
                 rows = open_[rooms[open_] == each]
-                on.append(
-                    self._in_room(int(each), rows, starts, directions, rooms, light, distance)
-                )
+                rays = starts, directions, rooms
+                on.append(self._in_room(int(each), rows, *rays, light, distance))
             open_ = np.concatenate(on)
             if not len(open_):
                 break
