@@ -296,15 +296,20 @@ class _Training:
             board.close()
             _core.set_num_threads(self._options.threads)
         self._peak = {b: max(self._peak.get(b, 0.0), mb) for b, mb in board.peaks.items()}
-        states = [state for job in jobs if (state := job.read_state()) is not None]
-        parts = [Gaussians(**state["result"]) for state in states]
-        gaussians = merged([part[order_for_reading(part)] for part in parts])
-        self._note(number, states, gaussians)
+        parts, step = [], 0
+        for job in jobs:
+            state = job.read_state()
+            assert state is not None
+            part = Gaussians(**state["result"])
+            parts.append(part[order_for_reading(part)])
+            step += int(state["step"])
+        gaussians = merged(parts)
+        self._note(step, gaussians)
         return gaussians
 
-    def _note(self, number: int, states: list[dict[str, Any]], gaussians: Gaussians) -> None:
-        """A row of the history: what the round came to."""
-        scene, step = self.coarse.scene, sum(int(state["step"]) for state in states)
+    def _note(self, step: int, gaussians: Gaussians) -> None:
+        """A row of the history: what a round came to, that ended with this step of all blocks."""
+        scene = self.coarse.scene
         row: dict[str, Any] = {
             "step": step, "num_gaussians": len(gaussians),
             "seconds": sum(row["seconds"] for row in self._stages.values()),

@@ -19,10 +19,17 @@ from gsut.gaussians.quaternions import (
 )
 from gsut.gaussians.seeding import chosen_points, seed_from_points, seed_in_view
 from gsut.gaussians.similarity import transformed, upright
-from gsut.gaussians.stored import DRAWN_BYTES, StoredGaussians, bytes_each, order_for_reading
+from gsut.gaussians.stored import (
+    DRAWN_BYTES,
+    LEAST_ALPHA,
+    StoredGaussians,
+    bytes_each,
+    order_for_reading,
+)
 
 __all__ = [
     "DRAWN_BYTES",
+    "LEAST_ALPHA",
     "SH_C0",
     "Gaussians",
     "LowPassFilter",

@@ -17,7 +17,7 @@ _READ_PIECES = 64  # at once, at most
 # Of Gaussians whose reach is so many times the median's: each size has pieces of its own, or a few
 # large ones would make every piece as large.
 _SIZES = (4.0, 16.0, 64.0)
-_LEAST_ALPHA = 1.0 / 255.0  # below which nothing is drawn
+LEAST_ALPHA = 1.0 / 255.0  # below which nothing is drawn
 # Bytes of a Gaussian beside its own numbers, while it is drawn and while its size is changed.
 DRAWN_BYTES, _CHANGE_BYTES = 300, 250
 
@@ -25,7 +25,7 @@ DRAWN_BYTES, _CHANGE_BYTES = 300, 250
 def reach_of(gaussians: Gaussians) -> np.ndarray:
     """(N,) world units from its centre, beyond which no ray sees a Gaussian; 0: none does."""
     opacity = 1.0 / (1.0 + np.exp(-gaussians.opacity_logits.astype(np.float64)))
-    squared = 2.0 * np.log(np.maximum(opacity / _LEAST_ALPHA, 1.0))
+    squared = 2.0 * np.log(np.maximum(opacity / LEAST_ALPHA, 1.0))
     return np.sqrt(squared) * np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.gaussians import Gaussians, StoredGaussians
+from gsut.gaussians import LEAST_ALPHA, Gaussians, StoredGaussians
 from gsut.run import size_text
 
 _TILE = 16  # pixels a side
@@ -41,6 +41,8 @@ class StoredImage:
         sh_degree: int,
         unscented: Sequence[float],
     ) -> None:
+        if rule.alpha_min < LEAST_ALPHA:
+            raise InputError("a blend rule with alpha_min below 1/255 needs Gaussians in memory")
         self._gaussians, self._camera, self._place = gaussians, camera, place
         self._settings = rule, background, sh_degree, unscented
         self._renderer = _core.Renderer()

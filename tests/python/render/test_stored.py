@@ -11,7 +11,7 @@ import tolerances as tol
 from gsut.formats import load_ply, open_ply
 from gsut.gaussians import StoredGaussians, order_for_reading
 from gsut.render import PixelFilter
-from random_scenes import fisheye, pinhole, random_pose
+from random_scenes import fisheye, open_rule, pinhole, random_pose
 
 COUNT, LARGE = 60_000, 500_000
 LIMIT = 11_500_000  # bytes: less than half of the scene
@@ -140,6 +140,8 @@ def test_what_does_not_fit_or_needs_all_is_said(ply, rng):
         stored.to_gaussians()
     with pytest.raises(gsut.InputError, match="double reference"):
         gsut.render(stored, pinhole(64), pose_near(rng), dtype="float64")
+    with pytest.raises(gsut.InputError, match="alpha_min below 1/255"):
+        gsut.render(stored, pinhole(64), pose_near(rng), blend=open_rule())
     seen = gsut.render(open_ply(ply, LIMIT), pinhole(32), pose_near(rng))
     with pytest.raises(gsut.InputError, match="gradients are of Gaussians in memory"):
         gsut.render_backward(seen, np.ones_like(seen.image))
