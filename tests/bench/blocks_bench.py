@@ -99,6 +99,12 @@ def blocks_bench(
             own.append({"scene": data.name, "training": name} | _figures(runs[name], metrics))
         say(f"{data.name}, seams")
         _judge(own, runs)
+        say(f"{data.name}, one of as many steps")
+        more = [*options.flags, "--steps", str(own[-1]["steps"])]
+        run = options.runs / f"{data.name}-more"
+        figures = _figures(run, train_apart(data, run, more))
+        below = own[0]["psnr"] - figures["psnr"]
+        own.append({"scene": data.name, "training": "one, as many steps", "below": below} | figures)
         rows += own
         write(rows)
     return rows
@@ -118,6 +124,7 @@ def _figures(run: Path, metrics: dict[str, Any]) -> dict[str, Any]:
     if blocks is None:
         row["megapixels"] = _pixels_of(run) / 1e6
         return row
+    row["steps"] += blocks["coarse"]["steps"]
     row["megapixels"] = blocks["pixels"] / 1e6
     row["megabytes"] = sum(stage["bytes"] for stage in blocks["stages"].values()) / 1e6
     row["stages"] = blocks["stages"]
@@ -217,7 +224,7 @@ def run(arguments: argparse.Namespace) -> int:
         options = BlocksBenchOptions(
             arguments.data, arguments.blocks, flags, arguments.size, arguments.workers, runs
         )
-        total = max(1, len(arguments.data)) * (1 + len(options.trainings()))
+        total = max(1, len(arguments.data)) * (2 + len(options.trainings()))
         with bar(total) as advance:
             rows = blocks_bench(options, advance, row_writer(arguments))
     print_and_write(rows, _COLUMNS, arguments)

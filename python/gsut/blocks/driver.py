@@ -342,6 +342,7 @@ class _Training:
             "count": len(self.layout), "rounds": self._blocks.rounds,
             "workers": self._blocks.workers, "rows": rows, "stages": self._stages,
             "coarse": {"gaussians": len(self.coarse.gaussians), "pixels": self.coarse.pixels,
+                       "steps": coarse_options(o, self._count).steps,
                        "seconds": self.coarse.seconds},
             "pixels": self.coarse.pixels + sum(row["pixels"] for row in rows),
         }  # fmt: skip

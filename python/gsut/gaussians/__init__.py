@@ -26,6 +26,7 @@ from gsut.gaussians.stored import (
     bytes_each,
     order_for_reading,
 )
+from gsut.gaussians.surfels import are_surfels, press_surfels, seed_surfels, to_surfels
 
 __all__ = [
     "DRAWN_BYTES",
@@ -35,6 +36,7 @@ __all__ = [
     "LowPassFilter",
     "MixedGaussians",
     "StoredGaussians",
+    "are_surfels",
     "bytes_each",
     "chosen_points",
     "filter_radii",
@@ -48,14 +50,17 @@ __all__ = [
     "order_for_reading",
     "pack_harmonics",
     "pixel_density",
+    "press_surfels",
     "quaternion_of",
     "quaternion_products",
     "rotations_backward",
     "rotations_of",
     "seed_from_points",
     "seed_in_view",
+    "seed_surfels",
     "seen_most",
     "to_mixed",
+    "to_surfels",
     "transformed",
     "upright",
 ]

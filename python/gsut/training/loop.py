@@ -88,7 +88,8 @@ class TrainingLoop:
         self.step, self.seconds = 0, 0.0
         start = seed_first(scene, options) if start is None else start
         self.densification = densification_of(options, len(start))
-        self.optimizer = optimizer_of(start, self.densification.capacity(), options.seed)
+        surfels = options.primitive == "surfel"
+        self.optimizer = optimizer_of(start, self.densification.capacity(), options.seed, surfels)
         self.views = TrainingViews(scene, options.coarse_to_fine)
         lens = options.calibration_weights
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
@@ -105,7 +106,7 @@ class TrainingLoop:
             SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if options.surface else None
         )
         self._filter = LowPassFilter(options.low_pass, self.views.training_cameras)
-        self._mean = TrajectoryMean(options.average_from)
+        self._mean = TrajectoryMean(options.average_from, surfels)
 
     @property
     def scene(self) -> Scene:

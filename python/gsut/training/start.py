@@ -9,7 +9,13 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import Scene, color_points, has_colors, some_names, with_shutter
-from gsut.gaussians import Gaussians, chosen_points, seed_from_points, seed_in_view
+from gsut.gaussians import (
+    Gaussians,
+    chosen_points,
+    seed_from_points,
+    seed_in_view,
+    seed_surfels,
+)
 from gsut.refine import TracksResult, check_refinable, refine_by_tracks
 from gsut.run import Progress, TrainOptions
 from gsut.training.first_sky import first_sky
@@ -134,6 +140,11 @@ def refine_first_poses(scene: Scene, options: TrainOptions, progress: bool) -> T
 
 def seed_first(scene: Scene, options: TrainOptions) -> Gaussians:
     """The Gaussians that training starts from: on the scene's points and sky, or random in view."""
+    first = _seed_gaussians(scene, options)
+    return seed_surfels(first) if options.primitive == "surfel" else first
+
+
+def _seed_gaussians(scene: Scene, options: TrainOptions) -> Gaussians:
     o = options
     shape: dict[str, Any] = {
         "sh_degree": o.sh_degree,

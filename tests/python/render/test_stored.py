@@ -9,7 +9,7 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut.formats import load_ply, open_ply
-from gsut.gaussians import StoredGaussians, order_for_reading
+from gsut.gaussians import StoredGaussians, order_for_reading, to_surfels
 from gsut.render import PixelFilter
 from random_scenes import fisheye, open_rule, pinhole, random_pose
 
@@ -85,6 +85,16 @@ def test_stored_scene_has_the_bits_of_one_in_memory(ply, rng, monkeypatch):
     assert all(max(reads) < COUNT / 2 for reads in parts.values())
     assert len(parts["sphere"]) > 4  # it was drawn in parts
     assert sum(parts["pinhole"]) < sum(parts["sphere"])  # of less
+
+
+def test_stored_surfels_have_the_bits_of_those_in_memory(tmp_path, rng):
+    path = tmp_path / "discs.ply"
+    gsut.save_ply(path, to_surfels(shell(rng, 5000)))
+    assert b"scale_2" not in path.read_bytes()[:1000]
+    stored, camera, pose = open_ply(path, 1_900_000), fisheye(96), np.eye(4)
+    assert isinstance(stored, StoredGaussians)
+    found, expected = (gsut.render(g, camera, pose).image for g in (stored, load_ply(path)))
+    assert (found == expected).all()
 
 
 def test_lens_that_sees_little_reads_little(ply, rng, monkeypatch):
