@@ -254,7 +254,8 @@ class _Training:
         would both correct it: the one half sees what the other has become.
         """
         count = len(self.layout)
-        return [range(count)] if number == 0 else [range(0, count, 2), range(1, count, 2)]
+        turns = [range(count)] if number == 0 else [range(0, count, 2), range(1, count, 2)]
+        return [turn for turn in turns if turn]
 
     def write_tasks(self, number: int, turn: range, gaussians: Gaussians) -> list[Job]:
         """The tasks of some blocks in a round, from the Gaussians of all.
