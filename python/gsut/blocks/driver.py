@@ -42,6 +42,7 @@ from gsut.run import (
     RunFolder,
     TrainOptions,
     describe_environment,
+    read_plan,
 )
 from gsut.training import (
     choose_complexity,
@@ -148,7 +149,7 @@ def _open_run(
     now = plain(division | {"version": _core.__version__, "isa": _core.active_isa()})
     first = {"plan.json": now} | ({} if given is None else {"layout.json": given})
     run = RunFolder.create(out, options, resume=resume, environment=environment, blocks=first)
-    plan = run.read_json(PLAN)
+    plan = read_plan(run) or {}
     for name, value in now.items():
         if plan[name] != value:
             hint = " (set GSUT_ISA)" if name == "isa" else ""
@@ -191,7 +192,7 @@ class _Training:
 
     def _agreed_count(self) -> int:
         """The number of blocks; a run that is resumed keeps its own."""
-        plan = self._run.read_json(PLAN)
+        plan = read_plan(self._run) or {}
         if "count" not in plan:
             layout = self._run.path / _LAYOUT  # as it was given
             if layout.is_file():
