@@ -24,10 +24,11 @@ from gsut.sfm.options import PosesOptions
 from gsut.sfm.poses_log import PosesLog
 from gsut.sfm.solution import Solution
 
-# Factors on the focal length that an image without a pose is tried with, and the matches, the most
-# distinct first, by which it is.
-_FACTORS = np.geomspace(0.25, 4.0, 25)
-_TRIED_MATCHES = 200
+# Factors on the focal length that an image without a pose is tried with, how many matches with, how
+# many images, and the share of the usual share of matches that must fit.
+_FACTORS = np.geomspace(0.25, 4.0, 33)
+_TRIED_MATCHES, _MOST_TRIED, _FITS = 200, 40, 0.5
+_ROUGH = 3.0  # on the largest error meanwhile: between two factors
 _FITTED = 300  # points of an image, by which its focal length is found at most
 _FEWEST_POINTS = 20
 _ROUNDS = 8
@@ -148,16 +149,20 @@ def find_zooms(
         return []
     logs = np.full(len(features), np.nan)
     sightings = _sightings(solution, features, raw)
-    doubted = _doubted(solution, sightings, options)
+    shares = _fitting_shares(solution, sightings, options)
+    if np.isnan(shares).all():
+        return []
+    usual = float(np.nanmedian(shares))
+    doubted = shares < _DOUBTED * usual
     for image in np.flatnonzero(solution.registered & ~doubted):
         rows = np.flatnonzero(solution.observations[:, 1] == image)
         rows = rows[:: max(1, len(rows) // _FITTED)]
         points = solution.points[solution.observations[rows, 0]]
         pose = solution.camera_from_world[image]
         logs[image] = _fitted(lens, pose, solution.pixels[rows], points)
-    for number, (pixels, points) in sightings.items():
-        if doubted[number] or not solution.registered[number]:
-            logs[number] = _tried(lens, pixels, points, options)
+    open_ = [n for n in sorted(sightings) if doubted[n] or not solution.registered[n]]
+    for number in open_[:: max(1, -(-len(open_) // _MOST_TRIED))]:
+        logs[number] = _tried(lens, *sightings[number], options, _FITS * usual)
     return [
         Zoom(
             float(lens.params[0] * math.exp(np.median(logs[group]))),
@@ -203,10 +208,10 @@ def _sightings(
     return sightings
 
 
-def _doubted(
+def _fitting_shares(
     solution: Solution, sightings: dict[int, tuple[np.ndarray, np.ndarray]], options: PosesOptions
 ) -> np.ndarray:
-    """(N,) bool: images whose pose fits far fewer of their matches than is usual."""
+    """(N,) share of the matches with points that an image's pose fits; NaN: it has none."""
     lens = solution.cameras[0]
     max_error = options.max_error * math.hypot(lens.width, lens.height) / 1000
     shares = np.full(len(solution.names), np.nan)
@@ -215,14 +220,19 @@ def _doubted(
             pose = solution.camera_from_world[image]
             seen, _ = lens.project(points @ pose[:3, :3].T + pose[:3, 3])
             shares[image] = float(np.mean(np.linalg.norm(seen - pixels, axis=1) < max_error))
-    if np.isnan(shares).all():
-        return np.zeros(len(shares), bool)
-    return shares < _DOUBTED * np.nanmedian(shares)
+    return shares
 
 
-def _tried(lens: Camera, pixels: np.ndarray, points: np.ndarray, options: PosesOptions) -> float:
-    """Logarithm of the factor on the focal length that an image asks for; NaN: not known."""
-    max_error = options.max_error * math.hypot(lens.width, lens.height) / 1000
+def _tried(
+    lens: Camera, pixels: np.ndarray, points: np.ndarray, options: PosesOptions, least: float
+) -> float:
+    """Logarithm of the factor on the focal length that an image asks for.
+
+    NaN: with none of them at least this share of the matches fits.
+    """
+    max_error = _ROUGH * options.max_error * math.hypot(lens.width, lens.height) / 1000
+    some = slice(None, None, max(1, len(pixels) // _TRIED_MATCHES))
+    pixels, points = pixels[some], points[some]
     most, best = 0, None
     for factor in _FACTORS:
         scaled = with_scaled_focal(lens, factor)
@@ -231,10 +241,9 @@ def _tried(lens: Camera, pixels: np.ndarray, points: np.ndarray, options: PosesO
         pose, inliers = _core.absolute_pose(bearings, rows, points[rows], max_error, options.seed)
         if inliers.sum() > most:
             most, best = int(inliers.sum()), (factor, pose, rows[inliers])
-    if best is None or most < options.min_inliers:
+    if best is None or most < max(options.min_inliers, least * len(pixels)):
         return math.nan
     factor, pose, rows = best
-    rows = rows[:: max(1, len(rows) // _FITTED)]
     return math.log(factor) + _fitted(
         with_scaled_focal(lens, factor), pose, pixels[rows], points[rows]
     )
