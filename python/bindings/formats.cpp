@@ -36,11 +36,11 @@ py::tuple ReadPly(const py::bytes& path) {
 }
 
 void WritePlyFile(const py::bytes& path_bytes, const py::object& gaussians,
-                  const std::vector<std::string>& comments) {
+                  const std::vector<std::string>& comments, bool surfels) {
   const std::string path = path_bytes;
   const GaussiansView<const float> view = ConstGaussians<float>(gaussians);
   const py::gil_scoped_release release;
-  WritePly(path, view, comments);
+  WritePly(path, view, comments, surfels);
 }
 
 py::tuple ReadPoints(const py::bytes& path_bytes) {
@@ -65,8 +65,8 @@ void BindFormats(pybind11::module_& m) {
         "Means, quats, log_scales, opacity_logits, sh (float32), the number of rows that are not "
         "finite, and what was taken off the means (3 numbers), of a PLY file.");
   m.def("write_ply", &WritePlyFile, py::arg("path"), py::arg("gaussians"),
-        py::arg("comments") = std::vector<std::string>(),
-        "Writes float32 Gaussians as a binary PLY file, atomically.");
+        py::arg("comments") = std::vector<std::string>(), py::arg("surfels") = false,
+        "Writes float32 Gaussians as a binary PLY file, atomically; surfels: without scale_2.");
   m.def("read_ply_points", &ReadPoints, py::arg("path"),
         "Positions (N,3) float64, colours (N,3) uint8 of a PLY point cloud, and the file's value "
         "of full brightness where it is an unusual one, else 0.");

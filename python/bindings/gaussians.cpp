@@ -9,6 +9,7 @@
 #include "gsut/gaussians/facing_axes.h"
 #include "gsut/gaussians/low_pass.h"
 #include "gsut/gaussians/seed.h"
+#include "gsut/gaussians/surfels.h"
 #include "gsut/gaussians/seed_distances.h"
 
 namespace gsut::bindings {
@@ -140,6 +141,7 @@ void FacingAxesBackwardAs(const py::object& gaussians, const std::array<double, 
 }  // namespace
 
 void BindGaussians(pybind11::module_& m) {
+  m.attr("SURFEL_LOG_THICKNESS") = kSurfelLogThickness;
   m.def("harmonics_basis", &Basis, py::arg("degree"), py::arg("directions"),
         "Basis values (N,K) of unit directions (N,3), in double.");
   m.def("eval_harmonics", &Colors, py::arg("directions"), py::arg("sh"),

@@ -149,21 +149,14 @@ double SsimOfArrays(const py::object& a, const py::object& b, const py::object& 
   return Ssim(x.data(), y.data(), mask_array.data(), height, width, rule);
 }
 
-// (H, W, 3) floats that several targets share.
-struct FalloffPlane {
-  std::shared_ptr<const std::vector<float>> values;
-};
-
 void SetLight(PhotometricTarget& target, const std::array<float, 3>& inverse_gain,
-              const py::object& inverse_falloff) {
-  std::shared_ptr<const std::vector<float>> plane;
-  if (!inverse_falloff.is_none()) plane = inverse_falloff.cast<const FalloffPlane&>().values;
+              const std::shared_ptr<FalloffPlane>& inverse_falloff) {
   const py::gil_scoped_release release;
-  target.SetLight(inverse_gain, std::move(plane));
+  target.SetLight(inverse_gain, inverse_falloff);
 }
 
-py::tuple LightSumsOf(const PhotometricTarget& target, const py::object& image,
-                      const py::object& bins, int num_bins) {
+py::array_t<double> LightSumsOf(const PhotometricTarget& target, const py::object& image,
+                                const py::object& bins, int num_bins) {
   const float* pixels = ConstData<float>(image, "image", {target.height(), target.width(), 3});
   const std::uint8_t* of_pixels = nullptr;
   if (!bins.is_none()) {
@@ -175,26 +168,30 @@ py::tuple LightSumsOf(const PhotometricTarget& target, const py::object& image,
     const py::gil_scoped_release release;
     SumLight(target, pixels, of_pixels, num_bins, sums.data());
   }
-  py::array_t<double> tc = NewArray<double>({num_bins, 3}), cc = NewArray<double>({num_bins, 3});
+  py::array_t<double> out = NewArray<double>({2, num_bins, 3});
+  double* const tc = out.mutable_data();
+  double* const cc = tc + 3 * sums.size();
   for (std::size_t b = 0; b < sums.size(); ++b) {
-    std::copy_n(sums[b].tc, 3, tc.mutable_data() + 3 * b);
-    std::copy_n(sums[b].cc, 3, cc.mutable_data() + 3 * b);
+    std::copy_n(sums[b].tc, 3, tc + 3 * b);
+    std::copy_n(sums[b].cc, 3, cc + 3 * b);
   }
-  return py::make_tuple(tc, cc);
+  return out;
 }
 
 void BindTargets(py::module_& m) {
-  py::class_<FalloffPlane>(m, "FalloffPlane", R"doc(
+  py::class_<FalloffPlane, std::shared_ptr<FalloffPlane>>(m, "FalloffPlane", R"doc(
 Factors of a photograph's pixels, shared by the targets of one camera.
 
 Args:
     values: (H, W, 3) float32, positive.
+
+Raises:
+    InputError: values that are not positive and finite.
 )doc")
       .def(py::init([](const py::object& values) {
              const auto plane = ReadArray<float>(values, "values", {kAny, kAny, 3});
              const float* data = plane.data();
-             return FalloffPlane{
-                 std::make_shared<const std::vector<float>>(data, data + plane.size())};
+             return std::make_shared<FalloffPlane>(std::vector<float>(data, data + plane.size()));
            }),
            py::arg("values"));
   py::class_<PhotometricTarget>(m, "PhotometricTarget", R"doc(
@@ -238,7 +235,7 @@ Args:
     inverse_falloff: a FalloffPlane of the photograph's size; None: 1 everywhere.
 
 Raises:
-    InputError: values that are not positive and finite, a plane of another size.
+    InputError: a gain that is not positive and finite, a plane of another size.
 )doc")
       .def("light_sums", &LightSumsOf, py::arg("image"), py::arg("bins") = py::none(),
            py::arg("num_bins") = 1, R"doc(
@@ -252,7 +249,7 @@ Args:
     num_bins: number of bins B.
 
 Returns:
-    tc, cc: (B, 3) sums of photograph (without `set_light`) times image, and of image squared.
+    (2, B, 3): tc, sums of photograph (without `set_light`) times image, and cc, of image squared.
 
 Raises:
     InputError: wrong shapes or dtypes, a bin that is not there.

@@ -241,10 +241,11 @@ py::dict Estimate(const std::vector<const Camera*>& cameras,
   });
 }
 
-py::dict Refine(const std::vector<const Camera*>& cameras, const std::vector<int>& camera_of_image,
-                const py::list& pixels, const py::list& verified, const py::list& camera_from_world,
-                const py::dict& settings, const py::object& on_progress,
-                const std::vector<std::uint8_t>& registered, const py::object& rig) {
+py::dict RefinedStructure(const std::vector<const Camera*>& cameras,
+                          const std::vector<int>& camera_of_image, const py::list& pixels,
+                          const py::list& verified, const py::list& camera_from_world,
+                          const py::dict& settings, const py::object& on_progress,
+                          const std::vector<std::uint8_t>& registered, const py::object& rig) {
   Inputs inputs = ReadInputs(cameras, camera_of_image, pixels, verified, settings);
   inputs.options.rig = ReadRig(rig);
   std::vector<Pose> poses;
@@ -280,7 +281,7 @@ py::dict TriangulatePoints(const std::vector<const Camera*>& cameras,
 void BindSfmStructure(py::module_& m) {
   m.def("estimate_poses", &Estimate, py::arg("cameras"), py::arg("camera_of_image"),
         py::arg("pixels"), py::arg("verified"), py::arg("settings"), py::arg("on_progress"));
-  m.def("refine_structure", &Refine, py::arg("cameras"), py::arg("camera_of_image"),
+  m.def("refine_structure", &RefinedStructure, py::arg("cameras"), py::arg("camera_of_image"),
         py::arg("pixels"), py::arg("verified"), py::arg("camera_from_world"), py::arg("settings"),
         py::arg("on_progress"), py::arg("registered") = std::vector<std::uint8_t>(),
         py::arg("rig") = py::none());

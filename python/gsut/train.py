@@ -105,6 +105,8 @@ def train(
     gaussians = loop.result().copy()  # optimize/: the mean over the last steps
     scene = loop.finished_scene()  # refine/: poses and lens against the finished Gaussians
     scene, metrics = measure_training(loop, gaussians, scene, record.run)  # evaluate/
+    for note in metrics["notes"][len(scene.notes) :]:
+        record.note(note)
     complexity.tell(metrics)
     if record.run is not None:
         refined = scene if o.refine_poses else None

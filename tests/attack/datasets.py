@@ -277,11 +277,14 @@ ROWS: dict[str, tuple[Spoil, str]] = {
 SHORTER = {("data.csv", "cut in half"), ("points3D.txt", "empty"), ("points3D.txt", "cut in half")}
 FAILS = "(?!)"  # no sentence has it: this must pass
 # What may be absent, and what doctor says then.
-NO_POINTS = "points"
+NO_POINTS, NO_PICTURE, FIRST = "points", r"000\.png", "1403636579763555584.png"
 OPTIONAL = {
-    "plane": {"000.png": r"000\.png", "points3D.ply": NO_POINTS},
-    "colmap_text": {"points3D.txt": NO_POINTS},
-    "colmap_binary": {"points3D.bin": NO_POINTS},
+    "plane": {"000.png": NO_PICTURE, "points3D.ply": NO_POINTS},
+    "colmap_text": {"000.png": NO_PICTURE, "points3D.txt": NO_POINTS},
+    "colmap_binary": {"000.png": NO_PICTURE, "points3D.bin": NO_POINTS},
+    "folder": {"000.png": NO_PICTURE, "points3D.ply": NO_POINTS},
+    "euroc": {FIRST: re.escape(FIRST), "data.csv": ""},  # without a table names are times
+    "tumvi": {FIRST: ""},  # of which there is no list
 }
 LAYOUTS = ("plane", "colmap_text", "colmap_binary", "folder", "euroc", "tumvi")
 

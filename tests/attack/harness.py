@@ -97,7 +97,7 @@ def run_words(words: tuple[str, ...], apart: bool = False) -> Told:
     before = warnings.showwarning
     started = time.process_time()
     status: int | None = None
-    with _limits(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
+    with _limits() as stopped, contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
         try:
             status = main(list(words))
         except SystemExit as end:  # argparse's --help
@@ -106,19 +106,25 @@ def run_words(words: tuple[str, ...], apart: bool = False) -> Told:
             errors.write(traceback.format_exc())
         finally:
             warnings.showwarning = before
+    if stopped:  # also where what was stopped has swallowed that
+        return Told(None, f"it hangs: {errors.getvalue()}", time.process_time() - started)
     return Told(status, errors.getvalue(), time.process_time() - started, out.getvalue())
 
 
 @contextlib.contextmanager
-def _limits() -> Iterator[None]:
+def _limits() -> Iterator[list[int]]:
+    """Stops what takes too long; yields the list that then gets the signal."""
+    stopped: list[int] = []
+
     def stop(number: int, _: object) -> None:
+        stopped.append(number)
         raise Hang(f"signal {number}")
 
     old = [signal.signal(number, stop) for number in (signal.SIGPROF, signal.SIGALRM)]
     signal.setitimer(signal.ITIMER_PROF, SLOWEST)
     signal.setitimer(signal.ITIMER_REAL, PATIENCE)
     try:
-        yield
+        yield stopped
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
         signal.setitimer(signal.ITIMER_REAL, 0)
@@ -185,6 +191,9 @@ def fault(case: Case, told: Told, before: dict[str, str], after: dict[str, str])
     new = [name for name in after if name not in before and not kept.match(name)]
     if new:
         return f"failed and left {new}: {told.errors[-300:]}"
+    if case.words[0] == "doctor" and told.output:  # which finds what is wrong: no error of its own
+        missing = [each for each in case.said if not re.search(each, told.output)]
+        return f"does not find {missing}: {told.output[-600:]}" if missing else None
     lines = [line for line in told.errors.splitlines() if line.startswith("gsut: error: ")]
     if len(lines) != 1 or not told.errors.endswith(lines[0] + "\n"):
         return f"not one sentence at the end: {told.errors[-600:]}"

@@ -10,6 +10,7 @@ from attack.damage import CAUSES, TO_ANY_FILE, TO_TEXT
 from attack.flags import BASES, of_flags
 from attack.harness import Case, Spoil
 from attack.places import FILES, FOLDERS, of_places
+from attack.strange import of_strange
 from attack.world import LENSES, SCENES
 
 RUN_FILES = ("options.json", "metrics.json", "scene.ply", "environment.json", "history.jsonl",
@@ -34,7 +35,12 @@ OF_RUN: dict[tuple[str, ...], tuple[str, ...]] = {
 # What is no file of a run is none of its.
 ABSENT = "absent|holds no run|does not say which dataset|no dataset found"
 # Files that do not say how long they are or what they hold.
-HEADLESS = {("positions.csv", "cut in half"), ("f.splat", "cut in half"), ("f.splat", "noise")}
+HEADLESS = {
+    ("positions.csv", "cut in half"),
+    ("f.splat", "cut in half"),
+    ("f.splat", "noise"),
+    ("02.png", "missing"),
+}  # a folder of photographs is what is in it
 TEXTS = (".json", ".yaml", ".txt", ".xml", ".csv", ".cameramodel", ".jsonl")
 
 
@@ -128,4 +134,4 @@ def _named_by(words: tuple[str, ...]) -> list[str]:
 def cases() -> list[Case]:
     """The whole table."""
     files = list(of_files())
-    return [*of_bases(files), *files, *of_flags(), *of_places()]
+    return [*of_bases(files), *files, *of_flags(), *of_places(), *of_strange()]

@@ -17,16 +17,30 @@ import numpy as np
 
 import gsut
 from gsut.demo import make_demo_scene
+from gsut.demo.dataset import render_views
+from gsut.demo.hall import make_hall
+from gsut.demo.texture import to_linear, to_srgb
+from gsut.demo.views import camera_path
 from gsut.evaluate import evaluate
 from gsut.render import Falloff, Light, field_angles
-from gsut.training import TrainingLoop
+from gsut.training import TrainingLoop, prepare_scene
+from gsut.training.first_gains import first_gains
 from tests.bench.report_rows import add_files, check_files, print_and_write
 
 _EXPOSURE, _BALANCE = 0.07, 0.02  # standard deviations of log-gains, as measured on fox
 _CORRELATION = 4.0  # views over which exposure stays alike
 _FALLOFF = (-0.25, -0.1, 0.0)  # of t^2, t^4, t^6: 65 % at the rim
 _BLURRED, _BLUR = 4, (5.0, 11.0)  # one of so many photographs is moved by so many pixels
-_FLAGS = {"people": "--robust", "blur": "--drop-blurred"}  # what helps
+# The camera walks on while photographs are exposed: for so long, of the time from one to the next;
+# so many rays a pixel's side, from so many places for each pixel that it moves by.
+_EXPOSED, _RAYS, _PLACES = 0.1, 2, (1.5, 4, 30)
+_FINE = 200  # places on the path from one photograph to the next
+# What helps.
+_FLAGS = {
+    "people": "--robust",
+    "blur": "--drop-blurred",
+    "motion": f"--motion-blur {_EXPOSED:g}",
+}
 _NOISE = 1.0  # grey levels, standard deviation
 COLUMNS = (
     ("light in the photographs", "disturbed", ""),
@@ -116,6 +130,7 @@ def run_light(options: LightBenchOptions, say: Callable[[str], None]) -> list[di
             ("exposure, falloff, noise", ("gain", "falloff", "noise")),
             ("two passers-by", ("people",)),
             ("blur, noise", ("blur", "noise")),
+            ("camera moves, noise", ("motion", "noise")),
         ):
             data = Path(folder) / name.replace(", ", "_")
             truth = disturb(clean, data, parts, seed=1)
@@ -137,7 +152,8 @@ def disturb(clean: Path, data: Path, parts: tuple[str, ...], seed: int) -> Light
         clean: the dataset.
         data: the copy.
         parts: of "gain" (drifts smoothly over the views), "falloff", "noise", "people" (two in
-            each training photograph, nowhere twice) and "blur" (of some training photographs).
+            each training photograph, nowhere twice), "blur" (of some training photographs) and
+            "motion" (of the camera along the demo's path, in all training photographs).
         seed: of all that is random.
 
     Returns:
@@ -157,7 +173,10 @@ def disturb(clean: Path, data: Path, parts: tuple[str, ...], seed: int) -> Light
     train = sorted(scene.train_indices, key=lambda row: scene.views[row].name.split("_")[-1])
     moved = rng.choice(train, len(train) // _BLURRED, replace=False) if "blur" in parts else []
     for index, view in enumerate(scene.views):
-        lit = scene.image(index) * light.on(scene.cameras[0], index, 0)
+        seen = scene.image(index)
+        if "motion" in parts and index in scene.train_indices:
+            seen = _seen_in_motion(scene, index)
+        lit = seen * light.on(scene.cameras[0], index, 0)
         if "people" in parts and index in scene.train_indices:
             lit = _with_people(lit.astype(np.uint8), rng)
         if index in moved:
@@ -167,6 +186,36 @@ def disturb(clean: Path, data: Path, parts: tuple[str, ...], seed: int) -> Light
         pixels = np.clip(np.rint(lit), 0, 255).astype(np.uint8)
         cv2.imwrite(str(data / view.name), pixels[..., ::-1])
     return light
+
+
+def _first_look(scene: gsut.Scene, settings: gsut.TrainOptions) -> float:
+    """Processor seconds in which the scene's points are asked for gains."""
+    small = prepare_scene(scene.centred, settings.resolved())
+    small.check_pixels()
+    started = time.process_time()
+    first_gains(small)
+    return time.process_time() - started
+
+
+def _seen_in_motion(scene: gsut.Scene, index: int) -> np.ndarray:
+    """(H, W, 3) in grey levels: the mean of light over the exposure on the demo's path."""
+    name, camera = scene.views[index].name, scene.cameras[0]
+    place, count = int(name.split("_")[-1].split(".")[0]), _FINE * len(scene.views)
+    path = camera_path(count, 0)
+    half = round(_EXPOSED * _FINE / 2)
+    ways = np.arange(-half, half + 1) + _FINE * place
+    ends = [np.linalg.inv(path[way % count]) for way in (ways[0], ways[-1])]
+    rays, valid = camera.rays()
+    far = scene.extent * rays[valid].astype(np.float64)
+    turned = far @ (ends[1] @ np.linalg.inv(ends[0]))[:3, :3].T
+    apart = np.linalg.norm(camera.project(turned)[0] - camera.project(far)[0], axis=1)
+    per_pixel, least, most = _PLACES
+    number = int(np.clip(per_pixel * np.nanmedian(apart), least, most))
+    chosen = np.linspace(0, len(ways) - 1, 2 * number + 1).round().astype(int)[1::2]
+    poses = [path[way % count] for way in ways[chosen]]
+    shown = render_views(make_hall(0), camera, poses, False, _RAYS)
+    light = np.mean([to_linear(picture / 255.0) for picture in shown], axis=0)
+    return 255.0 * to_srgb(light)
 
 
 def _moved(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -215,6 +264,7 @@ def _train(
         steps=options.steps, max_gaussians=options.max_gaussians, scale=options.scale,
         exposure=exposure.split(",")[0], robust="--robust" in exposure,
         drop_blurred="--drop-blurred" in exposure, eval_every=options.steps,
+        motion_blur=_EXPOSED if "--motion-blur" in exposure else None,
     )  # fmt: skip
     stages: dict[str, list[float]] = {}
 
@@ -225,7 +275,10 @@ def _train(
     started = time.process_time()
     result = gsut.train(scene, settings, progress=False, watch=look)
     row = {"exposure": exposure, "cpu_seconds": time.process_time() - started}
-    row["model_percent"] = 100 * stages["light"][1] / sum(cpu for _, cpu in stages.values())
+    model = stages["light"][1] + (
+        0.0 if settings.exposure == "off" else _first_look(scene, settings)
+    )
+    row["model_percent"] = 100 * model / sum(cpu for _, cpu in stages.values())
     names = ("psnr", "psnr_unit_gain", "psnr_color_corrected", "psnr_half_image")
     row |= {name: result.metrics[name] for name in names}
     if clean is None or truth is None:

@@ -38,6 +38,13 @@ COLUMNS = (
     ("s", "seconds", ".1f"),
     ("most memory [MB]", "megabytes", ".0f"),
 )
+TRAININGS = (
+    ("plain", False, "gaussian"),
+    ("--surface", True, "gaussian"),
+    ("surfels, --surface", True, "surfel"),
+    ("surfels, as long", False, "surfel"),
+    ("plain, as long", False, "gaussian"),
+)
 HELP = "meshes of exact depths through any lens, fusion's speed, depth with and without --surface"
 
 
@@ -160,15 +167,17 @@ def fusion_row(across: int, views: int, size: int) -> dict[str, Any]:
 
 
 def training_rows(data: Path, truth: Path | None, steps: int) -> list[dict[str, Any]]:
-    """Trained plainly, with --surface, and plainly for as many CPU-seconds as that took."""
+    """Trained plainly, with --surface, as surfels; without it for as many CPU-seconds as with."""
     scene = gsut.load_dataset(data)
     common = {"preset": "fast", "max_gaussians": 50_000}
     rows: list[dict[str, Any]] = []
-    plain = steps
-    for name, surface in (("plain", False), ("--surface", True), ("plain, as long", False)):
-        if name == "plain, as long":
-            plain = round(steps * rows[1]["cpu_seconds"] / rows[0]["cpu_seconds"])
-        options = gsut.TrainOptions(**common, steps=plain, surface=surface)
+    for name, surface, primitive in TRAININGS:
+        steps_here = steps
+        if "as long" in name:
+            steps_here = round(steps * rows[1]["cpu_seconds"] / rows[0]["cpu_seconds"])
+        options = gsut.TrainOptions(
+            **common, steps=steps_here, surface=surface, primitive=primitive
+        )
         processor = time.process_time()
         result = gsut.train(scene, options, progress=sys.stderr.isatty())
         taken = time.process_time() - processor
@@ -181,7 +190,7 @@ def training_rows(data: Path, truth: Path | None, steps: int) -> list[dict[str, 
         scores = {s["distance"]: s["fscore"] for s in found.get("mesh", {}).get("fscores", [])}
         rows.append(
             _row(
-                what=f"{data.name}, {name}, {plain} steps", psnr=result.metrics["psnr"],
+                what=f"{data.name}, {name}, {steps_here} steps", psnr=result.metrics["psnr"],
                 expected=100 * found["depth"]["expected"]["abs_rel_median"],
                 median=100 * median["abs_rel_median"], fscore=scores.get(0.02),
                 cpu_seconds=taken,

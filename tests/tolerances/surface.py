@@ -22,5 +22,6 @@ GRID_VOXELS = 0.3  # a mesh within a quarter voxel, its chords; worst 0.255
 CLOUD_UNITS = 5e-7  # float32 of a PLY at 4 units, float depths; worst 2.1e-7
 PLANE_POINTS = 1e-2  # discs of a thousandth of a unit, seen at a slant; worst 5.1e-3
 DEPTH_LEVELS = 0.51e-3  # half a level of 16 bits
-SURFEL = 2e-5  # a thickness of 1e-4 seen at up to 88 degrees, float depths; worst 7.1e-6
+SURFEL = 2e-5  # a thickness of 1e-4 seen at up to 89 degrees, float depths; worst 1.3e-5
+SURFEL_GRADIENTS = 1e-4  # relative L2, of the same; worst 4.4e-5
 OPEN3D_MEAN_VOXELS = 0.1  # a ball 0.069 from Open3D's mesh; a box's faces 0.047 from the truth

@@ -22,9 +22,7 @@ PlanePoint OnCircle(const PlaneMap& map, double radius, double azimuth) {
   return map(radius * std::cos(azimuth), radius * std::sin(azimuth));
 }
 
-bool IsRegular(const PlaneMap& map, double radius, double azimuth) {
-  const double x = radius * std::cos(azimuth);
-  const double y = radius * std::sin(azimuth);
+bool IsRegular(const PlaneMap& map, double x, double y) {
   const PlanePoint p = map(x, y);
   const double du = -p.du_dx * y + p.du_dy * x;  // along the circle
   const double dv = -p.dv_dx * y + p.dv_dy * x;
@@ -77,10 +75,14 @@ std::vector<double> SampleRadii(double limit) {
 // The first radius at this azimuth where the map stops being regular; limit if it never does.
 double FirstSingularRadius(const PlaneMap& map, const std::vector<double>& radii, double azimuth,
                            double limit) {
+  const double along_x = std::cos(azimuth), along_y = std::sin(azimuth);
+  const auto is_regular = [&](double radius) {
+    return IsRegular(map, radius * along_x, radius * along_y);
+  };
   double good = 0.0;
   for (const double radius : radii) {
     if (good >= limit) break;
-    if (IsRegular(map, radius, azimuth)) {
+    if (is_regular(radius)) {
       good = radius;
       continue;
     }
@@ -88,7 +90,7 @@ double FirstSingularRadius(const PlaneMap& map, const std::vector<double>& radii
     for (;;) {
       const double middle = 0.5 * (good + bad);
       if (!(middle > good && middle < bad)) return std::min(good, limit);
-      (IsRegular(map, middle, azimuth) ? good : bad) = middle;
+      (is_regular(middle) ? good : bad) = middle;
     }
   }
   return limit;

@@ -13,6 +13,7 @@
 #include "gsut/base/errors.h"
 #include "gsut/formats/ply_rows.h"
 #include "gsut/gaussians/harmonics.h"
+#include "gsut/gaussians/surfels.h"
 
 namespace gsut {
 namespace {
@@ -85,8 +86,13 @@ void PutLittleEndian(float value, char* out) {
   if constexpr (std::endian::native == std::endian::big) std::reverse(out, out + sizeof value);
 }
 
+// How many scales the file has: surfels have two.
+int CountScales(const PlyElement& element) {
+  return element.Find("scale_2") < 0 && element.Find("scale_1") >= 0 ? 2 : 3;
+}
+
 std::string GaussianHeader(const GaussiansView<const float>& gaussians,
-                           const std::vector<std::string>& comments, int* properties) {
+                           const std::vector<std::string>& comments, int scales, int* properties) {
   std::string text = "ply\nformat binary_little_endian 1.0\n";
   for (const std::string& comment : comments) text += "comment " + comment + "\n";
   text += "element vertex " + std::to_string(gaussians.size) + "\n";
@@ -102,13 +108,13 @@ std::string GaussianHeader(const GaussiansView<const float>& gaussians,
   add_numbered("f_dc_", 3);
   add_numbered("f_rest_", 3 * (gaussians.sh_coefficients - 1));
   add("opacity");
-  add_numbered("scale_", 3);
+  add_numbered("scale_", scales);
   add_numbered("rot_", 4);
   return text + "end_header\n";
 }
 
 // One row in the order of GaussianHeader.
-void PutRow(const GaussiansView<const float>& g, std::int64_t row, char* out) {
+void PutRow(const GaussiansView<const float>& g, std::int64_t row, int scales, char* out) {
   const auto put = [&](float value) {
     PutLittleEndian(value, out);
     out += sizeof value;
@@ -124,7 +130,7 @@ void PutRow(const GaussiansView<const float>& g, std::int64_t row, char* out) {
     for (int k = 1; k < g.sh_coefficients; ++k) put(sh[3 * k + channel]);
   }
   put(g.opacity_logits[row]);
-  put_range(g.log_scales + 3 * row, 3);
+  put_range(g.log_scales + 3 * row, scales);
   put_range(g.quats + 4 * row, 4);
 }
 
@@ -138,7 +144,7 @@ PlyGaussianReader::PlyGaussianReader(const std::string& path)
     FindProperty(element, name, path, "Gaussians");
   }
   FindNumbered(element, "f_dc_", 3, path);
-  FindNumbered(element, "scale_", 3, path);
+  FindNumbered(element, "scale_", CountScales(element), path);
   FindNumbered(element, "rot_", 4, path);
   sh_coefficients_ = CountCoefficients(element, path);
   FindNumbered(element, "f_rest_", 3 * (sh_coefficients_ - 1), path);
@@ -153,7 +159,7 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
     means.push_back(FindProperty(element, name, path_, "Gaussians"));
   }
   const std::size_t opacity = FindProperty(element, "opacity", path_, "Gaussians");
-  const auto scales = FindNumbered(element, "scale_", 3, path_);
+  const auto scales = FindNumbered(element, "scale_", CountScales(element), path_);
   const auto rotations = FindNumbered(element, "rot_", 4, path_);
   // sh[k][channel] of the file: f_dc for k = 0, then channel-major f_rest.
   const int k_count = sh_coefficients_;
@@ -191,6 +197,7 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
     }
     get(rotations, out.quats + 4 * row);
     get(scales, out.log_scales + 3 * row);
+    if (scales.size() < 3) PressSurfel(out.log_scales + 3 * row);
     float& logit = out.opacity_logits[row];
     logit = static_cast<float>(values[opacity]);
     if (std::isinf(logit)) logit = std::copysign(kLargestLogit, logit);
@@ -218,7 +225,7 @@ std::string WritablePath(const std::string& path) {
 }  // namespace
 
 void WritePly(const std::string& name, const GaussiansView<const float>& gaussians,
-              const std::vector<std::string>& comments) {
+              const std::vector<std::string>& comments, bool surfels) {
   const std::string path = WritablePath(name);
   for (const std::string& comment : comments) {
     if (comment.find_first_of("\r\n") != std::string::npos) {
@@ -226,7 +233,8 @@ void WritePly(const std::string& name, const GaussiansView<const float>& gaussia
     }
   }
   int properties = 0;
-  const std::string header = GaussianHeader(gaussians, comments, &properties);
+  const int scales = surfels ? 2 : 3;
+  const std::string header = GaussianHeader(gaussians, comments, scales, &properties);
   const std::string partial = path + ".partial";
   std::ofstream stream(partial, std::ios::binary | std::ios::trunc);
   if (!stream) throw InputError(path + ": cannot be written: " + std::strerror(errno));
@@ -237,7 +245,8 @@ void WritePly(const std::string& name, const GaussiansView<const float>& gaussia
   for (std::int64_t begin = 0; begin < gaussians.size; begin += kBlockRows) {
     const std::int64_t end = std::min(begin + kBlockRows, gaussians.size);
     for (std::int64_t row = begin; row < end; ++row) {
-      PutRow(gaussians, row, block.data() + static_cast<std::size_t>(row - begin) * row_bytes);
+      PutRow(gaussians, row, scales,
+             block.data() + static_cast<std::size_t>(row - begin) * row_bytes);
     }
     stream.write(block.data(),
                  static_cast<std::streamsize>(static_cast<std::size_t>(end - begin) * row_bytes));

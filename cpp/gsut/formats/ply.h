@@ -14,7 +14,8 @@ namespace gsut {
 
 // Gaussians of a PLY file: properties x y z, f_dc_0..2, f_rest_0..(0, 9, 24 or 45, channel-major),
 // opacity (a logit), scale_0..2 (logarithms), rot_0..3 (w x y z) of element `vertex`, in any order,
-// of any numeric type, ascii or binary; others (nx ny nz ...) are ignored.
+// of any numeric type, ascii or binary; others (nx ny nz ...) are ignored. Without scale_2 they are
+// surfels (2DGS), and the third scale is that of `PressSurfel`.
 class PlyGaussianReader {
  public:
   // Reads the header. Throws InputError naming the file and what is missing or wrong.
@@ -43,10 +44,10 @@ class PlyGaussianReader {
 };
 
 // Writes binary little-endian float32 with nx ny nz = 0, as 3DGS does: to "PATH.partial" first,
-// then renamed, so that PATH is never half a file. Bits are kept. Throws InputError if a comment
-// holds a line break or the file cannot be written.
+// then renamed, so that PATH is never half a file. Bits are kept. surfels: without the third scale,
+// as 2DGS does. Throws InputError if a comment holds a line break or the file cannot be written.
 void WritePly(const std::string& path, const GaussiansView<const float>& gaussians,
-              const std::vector<std::string>& comments = {});
+              const std::vector<std::string>& comments = {}, bool surfels = false);
 
 struct PlyPoints {
   std::vector<double> positions;     // (N, 3)

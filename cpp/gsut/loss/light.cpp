@@ -18,23 +18,17 @@ constexpr float kBlack = 0.02f, kSaturated = 0.96f;
 constexpr std::int64_t kRowStep = 4, kRows = 40;
 constexpr std::int64_t kBlockRows = 32;
 
-std::array<float, 256> LevelsOfBytes() {
-  std::array<float, 256> levels{};
-  for (std::size_t b = 0; b < levels.size(); ++b) levels[b] = static_cast<float>(b) / 255.0f;
-  return levels;
-}
-
-struct ByteLevels {
-  const std::uint8_t* values;
-  float operator[](std::int64_t i) const {
-    static const std::array<float, 256> kLevels = LevelsOfBytes();
-    return kLevels[values[i]];
+// The values of bytes.
+class Levels {
+ public:
+  Levels() {
+    for (std::size_t b = 0; b < values_.size(); ++b) values_[b] = static_cast<float>(b) / 255.0f;
   }
-};
+  float operator()(std::uint8_t byte) const { return values_[byte]; }
+  float operator()(float value) const { return value; }
 
-struct FloatLevels {
-  const float* values;
-  float operator[](std::int64_t i) const { return values[i]; }
+ private:
+  std::array<float, 256> values_;
 };
 
 void Add(const LightSums& run, LightSums* sum) {
@@ -46,14 +40,17 @@ void Add(const LightSums& run, LightSums* sum) {
 
 // Adds pixels [first, first + count). Neighbours mostly share a bin: runs of them are summed in
 // registers.
-template <class Levels>
-void AddRow(const PhotometricTarget& target, const Levels& levels, const float* image,
-            const std::uint8_t* bins, std::int64_t first, std::int64_t count, LightSums* out) {
+template <class T>
+void AddRow(const PhotometricTarget& target, const Levels& levels, const T* photograph,
+            const float* image, const std::uint8_t* bins, std::int64_t first, std::int64_t count,
+            LightSums* out) {
   LightSums run;
   int bin = 0;
+  const std::uint8_t* const mask = target.mask();
   for (std::int64_t p = first; p < first + count; ++p) {
-    if (target.mask() != nullptr && target.mask()[p] == 0) continue;
-    const float t[3] = {levels[3 * p], levels[3 * p + 1], levels[3 * p + 2]};
+    if (mask != nullptr && mask[p] == 0) continue;
+    const T* const pixel = photograph + 3 * p;
+    const float t[3] = {levels(pixel[0]), levels(pixel[1]), levels(pixel[2])};
     if (!(std::min({t[0], t[1], t[2]}) > kBlack)) continue;
     if (!(std::max({t[0], t[1], t[2]}) < kSaturated)) continue;
     if (bins != nullptr && bins[p] != bin) {
@@ -91,15 +88,16 @@ void SumLight(const PhotometricTarget& target, const float* image, const std::ui
   CheckBins(bins, width, height, step, num_bins);
   const std::int64_t blocks = (height + kBlockRows - 1) / kBlockRows;
   std::vector<LightSums> parts(static_cast<std::size_t>(blocks * num_bins));
+  static const Levels levels;
   ParallelFor(blocks, 1, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t block = begin; block < end; ++block) {
       LightSums* const out = &parts[static_cast<std::size_t>(block * num_bins)];
       const std::int64_t last = std::min(height, (block + 1) * kBlockRows);
       for (std::int64_t row = block * kBlockRows; row < last; row += step) {
         if (target.byte_image() != nullptr) {
-          AddRow(target, ByteLevels{target.byte_image()}, image, bins, row * width, width, out);
+          AddRow(target, levels, target.byte_image(), image, bins, row * width, width, out);
         } else {
-          AddRow(target, FloatLevels{target.float_image()}, image, bins, row * width, width, out);
+          AddRow(target, levels, target.float_image(), image, bins, row * width, width, out);
         }
       }
     }

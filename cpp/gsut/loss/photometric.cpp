@@ -57,12 +57,22 @@ void CheckValues(const std::vector<float>& image, const std::uint8_t* mask, std:
   }
 }
 
+void CheckFactor(float value, const char* name) {
+  if (value > 0.0f && std::isfinite(value)) return;
+  throw InputError(std::string(name) + " holds " + std::to_string(value) +
+                   "; give positive, finite values");
+}
+
 template <class To>
 std::vector<To> Rounded(const std::vector<double>& values) {
   return std::vector<To>(values.begin(), values.end());
 }
 
 }  // namespace
+
+FalloffPlane::FalloffPlane(std::vector<float> values) : values_(std::move(values)) {
+  for (const float value : values_) CheckFactor(value, "inverse_falloff");
+}
 
 PhotometricTarget::PhotometricTarget(const float* image, std::int64_t height, std::int64_t width,
                                      const std::uint8_t* mask, const PhotometricOptions& options)
@@ -90,7 +100,8 @@ void PhotometricTarget::Prepare(const std::uint8_t* mask, const PhotometricOptio
   scale_plane_ = Rounded<float>(scale.plane);
   scale_rows_ = Rounded<float>(scale.rows);
   scale_columns_ = Rounded<float>(scale.columns);
-  if (options.keep_statistics) ComputeStatistics();
+  keep_statistics_ = options.keep_statistics;
+  if (keep_statistics_) ComputeStatistics();
 }
 
 void PhotometricTarget::ComputeStatistics() {
@@ -107,30 +118,28 @@ void PhotometricTarget::ComputeStatistics() {
 }
 
 void PhotometricTarget::SetLight(const std::array<float, 3>& inverse_gain,
-                                 std::shared_ptr<const std::vector<float>> inverse_falloff) {
-  const auto check = [](float value, const char* name) {
-    if (value > 0.0f && std::isfinite(value)) return;
-    throw InputError(std::string(name) + " holds " + std::to_string(value) +
-                     "; give positive, finite values");
-  };
-  for (const float value : inverse_gain) check(value, "inverse_gain");
+                                 std::shared_ptr<const FalloffPlane> inverse_falloff) {
+  for (const float value : inverse_gain) CheckFactor(value, "inverse_gain");
   inverse_gain_ = inverse_gain;
-  if (inverse_falloff == inverse_falloff_) return;
-  if (inverse_falloff != nullptr) {
-    if (static_cast<std::int64_t>(inverse_falloff->size()) != height_ * width_ * 3) {
-      throw InputError("inverse_falloff has " + std::to_string(inverse_falloff->size()) +
-                       " values; give three for each of " + std::to_string(height_ * width_) +
-                       " pixels");
-    }
-    for (const float value : *inverse_falloff) check(value, "inverse_falloff");
+  if (inverse_falloff == inverse_falloff_) {
+    if (keep_statistics_ && mean_.empty()) ComputeStatistics();
+    return;
+  }
+  if (inverse_falloff != nullptr &&
+      static_cast<std::int64_t>(inverse_falloff->values().size()) != height_ * width_ * 3) {
+    throw InputError("inverse_falloff has " + std::to_string(inverse_falloff->values().size()) +
+                     " values; give three for each of " + std::to_string(height_ * width_) +
+                     " pixels");
   }
   inverse_falloff_ = std::move(inverse_falloff);
-  if (!mean_.empty()) ComputeStatistics();
+  mean_.clear();
+  variance_.clear();
 }
 
 std::int64_t PhotometricTarget::bytes() const {
+  const std::int64_t statistics = keep_statistics_ ? 2 * 3 * height_ * width_ : 0;
   const std::size_t floats = float_image_.size() + scale_plane_.size() + scale_rows_.size() +
-                             scale_columns_.size() + mean_.size() + variance_.size();
+                             scale_columns_.size() + static_cast<std::size_t>(statistics);
   return static_cast<std::int64_t>(floats * sizeof(float) + byte_image_.size() + mask_.size());
 }
 

@@ -21,6 +21,18 @@ struct PhotometricOptions {
   bool keep_statistics = false;
 };
 
+// Factors of a photograph's pixels (H, W, 3), shared by the targets of one camera.
+class FalloffPlane {
+ public:
+  // Throws InputError: values that are not positive and finite.
+  explicit FalloffPlane(std::vector<float> values);
+
+  const std::vector<float>& values() const { return values_; }
+
+ private:
+  std::vector<float> values_;
+};
+
 // One training image, with all of the loss that does not depend on the rendered image.
 // Memory: 3 (uint8) or 12 (float) bytes a pixel for the image, 24 with statistics, 5 with a mask.
 class PhotometricTarget {
@@ -37,18 +49,19 @@ class PhotometricTarget {
 
   // The light that the photograph was taken in: the loss compares the image with the photograph's
   // values times `inverse_gain` of their channel times `inverse_falloff` of their pixel, so that
-  // images know of neither. inverse_falloff: (H, W, 3), shared by the targets of a camera; null: 1.
-  // Statistics are computed anew if the falloff is another object.
-  // Throws InputError: values that are not positive and finite, a plane of another size.
+  // images know of neither. inverse_falloff: null: 1. If it is another object, statistics are
+  // dropped; if it is then stated again, they are computed: a falloff that changes from one visit
+  // of the target to the next would not be worth them.
+  // Throws InputError: a gain that is not positive and finite, a plane of another size.
   void SetLight(const std::array<float, 3>& inverse_gain,
-                std::shared_ptr<const std::vector<float>> inverse_falloff);
+                std::shared_ptr<const FalloffPlane> inverse_falloff);
 
   std::int64_t height() const { return height_; }
   std::int64_t width() const { return width_; }
   std::int64_t pixels() const { return pixels_; }            // L1 is averaged over
   std::int64_t ssim_pixels() const { return ssim_pixels_; }  // SSIM is averaged over
   WindowRule window_rule() const { return window_rule_; }    // after the fallback
-  std::int64_t bytes() const;                                // of memory held
+  std::int64_t bytes() const;  // of memory held, dropped statistics too
 
   // What the kernels read; null where absent.
   const float* float_image() const { return float_image_.empty() ? nullptr : float_image_.data(); }
@@ -62,7 +75,7 @@ class PhotometricTarget {
   const std::array<float, 3>& inverse_gain() const { return inverse_gain_; }
   bool has_gain() const { return inverse_gain_ != std::array<float, 3>{1.0f, 1.0f, 1.0f}; }
   const float* inverse_falloff() const {
-    return inverse_falloff_ == nullptr ? nullptr : inverse_falloff_->data();
+    return inverse_falloff_ == nullptr ? nullptr : inverse_falloff_->values().data();
   }
   // Without the gain, with the falloff.
   const float* mean() const { return mean_.empty() ? nullptr : mean_.data(); }
@@ -79,7 +92,8 @@ class PhotometricTarget {
   std::vector<std::uint8_t> mask_;
   std::vector<float> scale_plane_, scale_rows_, scale_columns_;
   std::array<float, 3> inverse_gain_ = {1.0f, 1.0f, 1.0f};
-  std::shared_ptr<const std::vector<float>> inverse_falloff_;
+  std::shared_ptr<const FalloffPlane> inverse_falloff_;
+  bool keep_statistics_ = false;
   std::vector<float> mean_, variance_;  // (H, W, 3) of the image minus 0.5, in the SSIM window
 };
 

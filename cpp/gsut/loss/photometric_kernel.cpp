@@ -96,17 +96,19 @@ class BlockLoss {
     float* const image = lines_.Image(row - first_);
     float* const difference = lines_.Difference(row - first_);
     LoadTargetRow(target_, lines_, row, target);
+    float* const plain = kComputeTarget ? lines_.Line(Lines::kPlain) : nullptr;
+    if (kComputeTarget) std::copy_n(target, lines_.length, plain);
     if (target_.has_gain()) MultiplyLine(lines_, lines_.Line(Lines::kGain), target);
     LoadMaskRow(target_, lines_, row, mask);
     CopyRow(lines_, image_, target_.width(), row, image);
     CentreImage(lines_, mask, target, image, difference);
-    if (kComputeTarget) CentreTarget(lines_, mask, target);
+    if (kComputeTarget) CentreTarget(lines_, mask, plain);
     if (InBlock(row)) sums_.absolute += SumLine<true>(difference, lines_.core, lines_.core_end);
     const DF d;
     const Weights weights;
     for (std::int64_t i = 0; i < lines_.length; i += n) {
       float* const out = signals + i * kSignals;
-      if (kComputeTarget) BlurTarget(weights, target + i, out);
+      if (kComputeTarget) BlurTarget(weights, plain + i, out);
       VF mean, square, unused;
       BlurSquare<true>(weights, difference + i, mean, square);
       hn::Store(mean, d, out + (kFirst + kDifferenceMean) * n);
@@ -134,8 +136,8 @@ class BlockLoss {
     if (!kComputeTarget) {
       CopyRow(lines_, target_.mean(), target_.width(), row, means);
       CopyRow(lines_, target_.variance(), target_.width(), row, variances);
-      if (target_.has_gain()) ApplyGainToStatistics(lines_, means, variances);
     }
+    const float* const gains = target_.has_gain() ? lines_.Line(Lines::kGain) : nullptr;
     float* const dssims = lines_.Line(Lines::kDssim);
     float* const coefficients[Lines::kCoefficients] = {lines_.Line(Lines::kCoefficient0),
                                                        lines_.Line(Lines::kCoefficient0 + 1),
@@ -158,6 +160,7 @@ class BlockLoss {
         mean_y = hn::Load(d, means + i);
         variance_y = hn::Load(d, variances + i);
       }
+      if (gains != nullptr) ApplyGainToMoments(gains + i, mean_y, variance_y);
       const std::int64_t image_at = at + kFirst * n;
       const VF mean_d = hn::Mul(scale, BlurColumn(weights, rows, image_at + kDifferenceMean * n));
       const VF square_d =

@@ -82,6 +82,7 @@ class Lines {
     kGradient,
     kGain,
     kLight,
+    kPlain,  // the photograph without its gain
     kCoefficient0
   };
   float* Line(int single) const { return base_ + (3 * kRing + single) * stride_; }
@@ -187,18 +188,13 @@ void LoadTargetRow(const PhotometricTarget& target, const Lines& lines, std::int
   MultiplyLine(lines, light, line);
 }
 
-// The kept statistics of a photograph (minus 0.5) become those of the photograph times its gain.
-void ApplyGainToStatistics(const Lines& lines, float* HWY_RESTRICT mean,
-                           float* HWY_RESTRICT variance) {
+// Mean (minus 0.5) and variance of a photograph become those of the photograph times its gain.
+HWY_INLINE void ApplyGainToMoments(const float* gains, VF& mean, VF& variance) {
   const DF d;
   const VF centre = hn::Set(d, kCentre);
-  const float* HWY_RESTRICT gains = lines.Line(Lines::kGain);
-  for (std::int64_t i = 0; i < lines.length; i += Lanes()) {
-    const VF gain = hn::Load(d, gains + i);
-    const VF full = hn::Mul(gain, hn::Add(hn::Load(d, mean + i), centre));
-    hn::Store(hn::Sub(full, centre), d, mean + i);
-    hn::Store(hn::Mul(hn::Mul(gain, gain), hn::Load(d, variance + i)), d, variance + i);
-  }
+  const VF gain = hn::Load(d, gains);
+  mean = hn::Sub(hn::Mul(gain, hn::Add(mean, centre)), centre);
+  variance = hn::Mul(hn::Mul(gain, gain), variance);
 }
 
 // Prepares what stays the same over the block: zeros outside the image, the scale of the columns.

@@ -157,14 +157,18 @@ void DepthView::Project(int count, const PointBatch& points, ViewedBatch* out) c
     if (change <= kSettled) break;
   }
   const std::vector<double>& origins = camera_.Rays().origins;
-  for (int i = 0; i < count; ++i) {
-    float x = in_camera.x[i], y = in_camera.y[i], z = in_camera.z[i];
-    if (!origins.empty() && std::isfinite(out->u[i]) && std::isfinite(out->v[i])) {
+  for (int i = 0; i < count && !origins.empty(); ++i) {
+    if (std::isfinite(out->u[i]) && std::isfinite(out->v[i])) {
       const int column = static_cast<int>(std::clamp(out->u[i], 0.0f, float(width() - 1)));
       const int row = static_cast<int>(std::clamp(out->v[i], 0.0f, float(height() - 1)));
       const double* o = &origins[3 * (static_cast<std::size_t>(row) * width() + column)];
-      x -= static_cast<float>(o[0]), y -= static_cast<float>(o[1]), z -= static_cast<float>(o[2]);
+      in_camera.x[i] -= static_cast<float>(o[0]);
+      in_camera.y[i] -= static_cast<float>(o[1]);
+      in_camera.z[i] -= static_cast<float>(o[2]);
     }
+  }
+  for (int i = 0; i < count; ++i) {
+    const float x = in_camera.x[i], y = in_camera.y[i], z = in_camera.z[i];
     out->distance[i] = std::sqrt(x * x + y * y + z * z);
   }
 }

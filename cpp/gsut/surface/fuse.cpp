@@ -20,8 +20,14 @@ using Block = std::array<std::int32_t, 3>;
 constexpr std::size_t kRecent = 4096;
 // A distant pixel covers more voxels than this at most, to each side.
 constexpr double kMostVoxelsOfPixel = 12;
-// Points that stand for a block: its corners and its middle, filled up.
-constexpr int kCorners = 16;
+// Points that stand for a block: its corners and its middle, and what they are filled up to.
+constexpr int kCorners = 9, kCornerBatch = 16;
+
+// Numbers one by one: array's own operators compare bytes by a call.
+bool Same(const Block& a, const Block& b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2]; }
+bool Before(const Block& a, const Block& b) {
+  return a[0] != b[0] ? a[0] < b[0] : a[1] != b[1] ? a[1] < b[1] : a[2] < b[2];
+}
 
 struct BlockCollector {
   std::vector<Block> found;
@@ -43,7 +49,7 @@ struct BlockCollector {
                                      static_cast<std::uint32_t>(y) * 19349663u ^
                                      static_cast<std::uint32_t>(z) * 83492791u;
           Block& seen = recent[hash % kRecent];
-          if (seen == block) continue;
+          if (Same(seen, block)) continue;
           seen = block;
           found.push_back(block);
         }
@@ -53,8 +59,8 @@ struct BlockCollector {
 };
 
 void SortUnique(std::vector<Block>* blocks) {
-  std::sort(blocks->begin(), blocks->end());
-  blocks->erase(std::unique(blocks->begin(), blocks->end()), blocks->end());
+  std::sort(blocks->begin(), blocks->end(), Before);
+  blocks->erase(std::unique(blocks->begin(), blocks->end(), Same), blocks->end());
 }
 
 std::vector<Block> BlocksOf(const DepthView& view, const VoxelSpace& space, double truncation) {
@@ -117,7 +123,7 @@ class BlockFusion {
         }
       }
     }
-    for (int corner = 0; corner < kCorners; ++corner) {
+    for (int corner = 0; corner < kCornerBatch; ++corner) {
       const int side = kBlockSide - 1;
       const int of = corner < 8 ? (corner & 1) * side + (corner >> 1 & 1) * side * kBlockSide +
                                       (corner >> 2 & 1) * side * kBlockSide * kBlockSide
@@ -143,7 +149,7 @@ class BlockFusion {
   // False where no voxel lies in the image, or all lie well behind what the view sees there.
   bool MaySee(const DepthView& view) {
     if ((view.place() - middle_).norm() < 2.0 * radius_) return true;
-    view.Project(kCorners, corners_, &viewed_);
+    view.Project(kCornerBatch, corners_, &viewed_);
     const float width = static_cast<float>(view.width());
     const float height = static_cast<float>(view.height());
     float low[2] = {width, height}, high[2] = {0.0f, 0.0f};
@@ -198,8 +204,10 @@ DistanceField FuseDepth(const std::vector<DepthView>& views, const VoxelSpace& s
   for (std::vector<Block>& of_view : of_views) {
     const auto before = static_cast<std::ptrdiff_t>(field.blocks.size());
     field.blocks.insert(field.blocks.end(), of_view.begin(), of_view.end());
-    std::inplace_merge(field.blocks.begin(), field.blocks.begin() + before, field.blocks.end());
-    field.blocks.erase(std::unique(field.blocks.begin(), field.blocks.end()), field.blocks.end());
+    std::inplace_merge(field.blocks.begin(), field.blocks.begin() + before, field.blocks.end(),
+                       Before);
+    field.blocks.erase(std::unique(field.blocks.begin(), field.blocks.end(), Same),
+                       field.blocks.end());
     of_view = {};
   }
   const auto count = static_cast<std::int64_t>(field.blocks.size());

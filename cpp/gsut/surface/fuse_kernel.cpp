@@ -23,12 +23,14 @@ using Mask = hn::Mask<decltype(d)>;
 
 struct Samples {
   Vec inverse, cosine, weight;  // of the depth; 0: none
+  Mask counts;
 };
 
 HWY_INLINE Int ToIndex(Mask has, Vec x) { return hn::ConvertTo(di, hn::IfThenElseZero(has, x)); }
 
-// DepthView::Sample, lane by lane.
-HWY_INLINE Samples SampleAt(const DepthPixels& pixels, Vec u, Vec v) {
+// DepthView::Sample, lane by lane; cosine and weight only if counts(inverse) holds for any.
+template <class Counts>
+HWY_INLINE Samples SampleAt(const DepthPixels& pixels, Vec u, Vec v, Counts&& counts) {
   const Vec zero = hn::Zero(d), half = hn::Set(d, 0.5f), one = hn::Set(d, 1.0f);
   const Vec width = hn::Set(d, static_cast<float>(pixels.width));
   const Vec height = hn::Set(d, static_cast<float>(pixels.height));
@@ -66,17 +68,22 @@ HWY_INLINE Samples SampleAt(const DepthPixels& pixels, Vec u, Vec v) {
   const Vec least = hn::Min(hn::Min(four[0], four[1]), hn::Min(four[2], four[3]));
   const Vec most = hn::Max(hn::Max(four[0], four[1]), hn::Max(four[2], four[3]));
   const Mask smooth = hn::And(between, hn::Lt(most, hn::Mul(hn::Set(d, kSameSurface), least)));
-  Samples out = {hn::IfThenElseZero(smooth, mixed()), zero, zero};
+  Samples out = {hn::IfThenElseZero(smooth, mixed()), zero, zero, smooth};
+  const Mask single = hn::AndNot(smooth, inside);
+  const bool any_single = !hn::AllFalse(d, single);
+  const float* base = pixels.values;
+  Int nearest = hn::Zero(di);
+  if (any_single) {
+    nearest = hn::Mul(fields, hn::Add(ToIndex(inside, u), hn::Mul(ToIndex(inside, v), stride)));
+    out.inverse = hn::IfThenElse(single, hn::GatherIndex(d, base, nearest), out.inverse);
+  }
+  out.counts = counts(out.inverse);
+  if (hn::AllFalse(d, out.counts)) return out;
   gather(1);
   out.cosine = mixed();
   gather(2);
   out.weight = mixed();
-  const Mask single = hn::AndNot(smooth, inside);
-  if (hn::AllFalse(d, single)) return out;
-  const Int nearest =
-      hn::Mul(fields, hn::Add(ToIndex(inside, u), hn::Mul(ToIndex(inside, v), stride)));
-  const float* base = pixels.values;
-  out.inverse = hn::IfThenElse(single, hn::GatherIndex(d, base, nearest), out.inverse);
+  if (!any_single) return out;
   out.cosine = hn::IfThenElse(single, hn::GatherIndex(d, base + 1, nearest), out.cosine);
   out.weight = hn::IfThenElse(single, hn::GatherIndex(d, base + 2, nearest), out.weight);
   return out;
@@ -87,17 +94,21 @@ void Add(const DepthPixels& pixels, float truncation, float free_weight, int cou
   const Vec zero = hn::Zero(d), one = hn::Set(d, 1.0f), far = hn::Set(d, truncation);
   for (int i = 0; i < count; i += static_cast<int>(hn::Lanes(d))) {
     const Vec size = hn::Load(d, voxels.size + i);
-    const Samples seen = SampleAt(pixels, hn::Load(d, voxels.u + i), hn::Load(d, voxels.v + i));
-    Mask counts = hn::And(hn::Gt(size, zero), hn::Gt(seen.inverse, zero));
-    if (hn::AllFalse(d, counts)) continue;
-    const Vec depth = hn::Div(one, hn::IfThenElse(counts, seen.inverse, one));
     const Vec distance = hn::Load(d, voxels.distance + i);
-    const Vec per_voxel = hn::Div(one, hn::IfThenElse(counts, size, one));
-    const Vec before = hn::Mul(hn::Sub(depth, distance), per_voxel);
+    Vec before = zero;  // voxels from here to the surface, along the ray
+    const auto counting = [&](Vec inverse) HWY_ATTR {
+      const Mask has = hn::And(hn::Gt(size, zero), hn::Gt(inverse, zero));
+      const Vec depth = hn::Div(one, hn::IfThenElse(has, inverse, one));
+      const Vec per_voxel = hn::Div(one, hn::IfThenElse(has, size, one));
+      before = hn::Mul(hn::Sub(depth, distance), per_voxel);
+      // Behind a surface seen at a slant its plane soon says nothing.
+      return hn::And(has, hn::Gt(before, hn::Set(d, -kSlant * truncation)));
+    };
+    const Samples seen =
+        SampleAt(pixels, hn::Load(d, voxels.u + i), hn::Load(d, voxels.v + i), counting);
+    if (hn::AllFalse(d, seen.counts)) continue;
     const Vec in_voxels = hn::Mul(before, seen.cosine);
-    // Behind a surface seen at a slant its plane soon says nothing.
-    counts = hn::And(counts, hn::And(hn::Gt(in_voxels, hn::Neg(far)),
-                                     hn::Gt(before, hn::Set(d, -kSlant * truncation))));
+    const Mask counts = hn::And(seen.counts, hn::Gt(in_voxels, hn::Neg(far)));
     Vec weight = hn::Div(hn::Mul(seen.weight, seen.cosine), hn::Mul(distance, distance));
     const Vec fading = hn::Mul(hn::Add(far, in_voxels), hn::Set(d, 1.0f / (truncation - 1.0f)));
     weight = hn::Mul(weight, hn::Min(fading, one));

@@ -32,14 +32,21 @@ from gsut.blocks.tasks import TaskMaker
 from gsut.blocks.workers import Job, Workers, write_state
 from gsut.data import Scene, scene_digests
 from gsut.evaluate import mean_psnr
-from gsut.files import UNFINISHED
+from gsut.files import UNFINISHED, plain
 from gsut.gaussians import Gaussians, merged
-from gsut.run import BLOCKS, BlockOptions, Progress, RunFolder, TrainOptions, describe_environment
+from gsut.run import (
+    BLOCKS,
+    PLAN,
+    BlockOptions,
+    Progress,
+    RunFolder,
+    TrainOptions,
+    describe_environment,
+)
 from gsut.training import measure, plain_background, prepare_scene, write_results
 
 _CURVE_VIEWS = 8  # held out, that each round is measured on
-_LAYOUT, _PLAN = f"{BLOCKS}/layout.json", f"{BLOCKS}/plan.json"
-_STAGES, _OPTIONS = f"{BLOCKS}/stages.json", f"{BLOCKS}/options.json"
+_LAYOUT, _STAGES = f"{BLOCKS}/layout.json", f"{BLOCKS}/stages.json"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,7 +107,7 @@ def train_blocks(
     near = prepare_scene(scene.centred, o.resolved())
     near.check_pixels()
     engine = Workers(b.workers, o.threads) if b.cluster is None else Cluster(b.cluster)
-    run, o = _open_run(out, o, scene, resume)
+    run, o = _open_run(out, o, b, scene, resume)
     training = _Training(run, o, b, near, engine, progress)
     with training.stage("coarse"):
         training.coarse = training.train_coarse()  # everything; poses, lens and light, then frozen
@@ -117,23 +124,32 @@ def train_blocks(
 
 
 def _open_run(
-    out: Any, options: TrainOptions, scene: Scene, resume: bool
+    out: Any, options: TrainOptions, blocks: BlockOptions, scene: Scene, resume: bool
 ) -> tuple[RunFolder, TrainOptions]:
-    """The folder, and the options as they were first given: those of a run have none left out."""
+    """The folder, and the options as they were first given: those of a run have none left out.
+
+    Raises:
+        InputError: see `RunFolder.create`; or the run to resume was begun with another division,
+            version or instruction set.
+    """
     environment = describe_environment(scene.path) | {"digests": scene_digests(scene)}
-    run = RunFolder.create(out, options, resume=resume, environment=environment)
-    folder = run.path / BLOCKS
-    folder.mkdir(exist_ok=True)
-    for leftover in folder.rglob(UNFINISHED + "*"):
+    counted = blocks.count() or blocks.blocks == "auto"
+    given = None if counted else Layout.read(blocks.blocks).as_dict()
+    division = {"blocks": blocks.blocks if given is None else given, "rounds": blocks.rounds}
+    now = plain(division | {"version": _core.__version__, "isa": _core.active_isa()})
+    first = {"plan.json": now} | ({} if given is None else {"layout.json": given})
+    run = RunFolder.create(out, options, resume=resume, environment=environment, blocks=first)
+    plan = run.read_json(PLAN)
+    for name, value in now.items():
+        if plan[name] != value:
+            hint = " (set GSUT_ISA)" if name == "isa" else ""
+            raise InputError(
+                f"{run.path} was begun with {name} {plan[name]}, not {value}; a resumed run keeps "
+                f"it{hint}, or begin a new run"
+            )
+    for leftover in (run.path / BLOCKS).rglob(UNFINISHED + "*"):
         leftover.unlink()
-    given = run.path / _OPTIONS
-    if given.is_file():
-        text = given.read_text(encoding="utf-8")
-        return run, dataclasses.replace(
-            TrainOptions.from_json(text, str(given)), threads=options.threads
-        )
-    run.write_text(_OPTIONS, options.to_json() + "\n")
-    return run, options
+    return run, dataclasses.replace(run.begun_with(), threads=options.threads)
 
 
 class _Training:
@@ -159,36 +175,19 @@ class _Training:
         self._folder = run.path / BLOCKS
         self._stages: dict[str, dict[str, float]] = run.read_json(_STAGES) or {}
         self._peak: dict[int, float] = {}
-        self._given = None if blocks.count() or blocks.blocks == "auto" else blocks.blocks
         self._count = self._agreed_count()
         self._shares: Shares | None = None
 
     def _agreed_count(self) -> int:
-        """The number of blocks; a run that is resumed keeps its own.
-
-        Raises:
-            InputError: it was begun with another number, version or instruction set.
-        """
-        given = None if self._given is None else Layout.read(self._given)
-        plan = self._run.read_json(_PLAN)
-        now = {
-            "blocks": self._blocks.blocks if given is None else given.as_dict(),
-            "rounds": self._blocks.rounds,
-            "version": _core.__version__,
-            "isa": _core.active_isa(),
-        }
-        if plan is None:
-            count = choose_count(self._scene, self._options, self._blocks)
-            count = len(given) if given is not None else count
-            self._run.write_json(_PLAN, now | {"count": count})
-            return count
-        for name, value in now.items():
-            if plan[name] != value:
-                hint = " (set GSUT_ISA)" if name == "isa" else ""
-                raise InputError(
-                    f"{self._run.path} was begun with {name} {plan[name]}, not {value}; a resumed "
-                    f"run keeps it{hint}, or begin a new run"
-                )
+        """The number of blocks; a run that is resumed keeps its own."""
+        plan = self._run.read_json(PLAN)
+        if "count" not in plan:
+            layout = self._run.path / _LAYOUT  # as it was given
+            if layout.is_file():
+                plan["count"] = len(Layout.read(str(layout)))
+            else:
+                plan["count"] = choose_count(self._scene, self._options, self._blocks)
+            self._run.write_json(PLAN, plan)
         return int(plan["count"])
 
     @contextlib.contextmanager
@@ -219,19 +218,17 @@ class _Training:
 
     def choose_layout(self) -> Layout:
         """As the file says that was given, as it was before, or by bisection."""
-        kept = self._run.read_json(_LAYOUT)
-        if self._given is not None or kept is not None:
-            path = self._given or str(self._run.path / _LAYOUT)
-            layout = Layout.read(path)
-        else:
-            g, scene = self.coarse.gaussians, self.coarse.scene
-            small = scene.scaled(coarse_scale(scene))
-            with Progress(self._progress) as bar:
-                seen = Counter(bar, "layout", len(scene.train_indices))
-                work = work_of(g, small, scene.train_indices, seen.one)
-            centers = np.array([scene.views[i].camera_center for i in scene.train_indices])
-            points = g.means.astype(np.float64) + scene.world_offset
-            layout = bisect(points, work, centers + scene.world_offset, self._count)
+        path = self._run.path / _LAYOUT
+        if path.is_file():
+            return Layout.read(str(path))
+        g, scene = self.coarse.gaussians, self.coarse.scene
+        small = scene.scaled(coarse_scale(scene))
+        with Progress(self._progress) as bar:
+            seen = Counter(bar, "layout", len(scene.train_indices))
+            work = work_of(g, small, scene.train_indices, seen.one)
+        centers = np.array([scene.views[i].camera_center for i in scene.train_indices])
+        points = g.means.astype(np.float64) + scene.world_offset
+        layout = bisect(points, work, centers + scene.world_offset, self._count)
         self._run.write_json(_LAYOUT, layout.as_dict())
         return layout
 

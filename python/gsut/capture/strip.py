@@ -12,6 +12,7 @@ from gsut.data import STRIP
 from gsut.files import whole_file
 
 _HEIGHT = 96  # of a picture, pixels
+_WIDEST = 4  # heights: what is wider is squeezed
 _COLUMNS = 10
 _MOST = 60  # pictures; of more, some evenly
 _BLURRED_COLOR = (40, 40, 220)  # blue, green, red
@@ -43,10 +44,14 @@ def write_strip(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
 def _tile(path: Path, row: dict[str, Any]) -> np.ndarray:
     import cv2
 
-    pixels = cv2.imread(str(path), cv2.IMREAD_REDUCED_COLOR_2)
+    try:
+        pixels = cv2.imread(str(path), cv2.IMREAD_REDUCED_COLOR_2)
+    except cv2.error:  # one pixel has no half
+        pixels = None
     if pixels is None:
         return np.full((_HEIGHT, _HEIGHT, 3), 200, np.uint8)
-    width = max(1, round(pixels.shape[1] * _HEIGHT / pixels.shape[0]))
+    width = round(pixels.shape[1] * _HEIGHT / pixels.shape[0])
+    width = min(max(1, width), _WIDEST * _HEIGHT)
     tile = cv2.resize(pixels, (width, _HEIGHT), interpolation=cv2.INTER_AREA)
     if row.get("time") is not None:
         text = f"{row['time']:.1f} s"

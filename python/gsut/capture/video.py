@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.files import regular
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".360", ".insv")
 # GoPro's firmware names since HERO9; before, HD8 is HERO8.
@@ -117,7 +118,7 @@ def stream_start(path: Path, stream: int, count: int) -> tuple[np.ndarray, tuple
     import av
 
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(regular(path))) as container:
             streams = container.streams.video
             if stream >= len(streams):
                 return None

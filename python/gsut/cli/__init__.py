@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import io
+import itertools
 import os
 import pkgutil
 import sys
@@ -74,6 +75,7 @@ def run_command(
     try:
         _starting.done()
         try:
+            _refuse_empty(words)
             parsed = parser_of(words).parse_args(words)
             return parsed.run(parsed)
         finally:
@@ -89,6 +91,16 @@ def run_command(
         if sentence is None:  # a bug of ours is shown as one
             raise
         return _report(sentence)
+
+
+def _refuse_empty(words: Sequence[str]) -> None:
+    """Raises InputError at an empty word: as a path it would mean the current folder."""
+    for before, word in itertools.pairwise(("gsut", *words)):
+        if not word:
+            raise _core.InputError(
+                f"after {before} the name is empty, or the value missing; is a variable of the "
+                "shell not set?"
+            )
 
 
 def _sentence_of(error: Exception) -> str | None:

@@ -6,11 +6,13 @@ import argparse
 import dataclasses
 import math
 import shlex
+from pathlib import Path
 from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
 from gsut.cli._flags import Number, add_json, count, parsed_size, positive, print_json, whole
+from gsut.files import refuse_existing
 
 HELP = "convert a lens into another model, find one by the camera's name"
 DESCRIPTION = "Works on lens files and on a database of calibrated lenses."
@@ -114,6 +116,8 @@ def _add_convert(actions: Any) -> None:
 def _convert(arguments: argparse.Namespace) -> int:
     from gsut.lens import SplineGrid, convert_camera, format_conversion, load_camera
 
+    if arguments.out is not None:
+        refuse_existing(Path(arguments.out), " with -o")
     camera = load_camera(arguments.lens, camera_id=arguments.camera_id)
     limit = None if arguments.max_angle is None else math.radians(arguments.max_angle)
     grid = None

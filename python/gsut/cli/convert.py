@@ -37,6 +37,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "[default 3]",
     )  # fmt: skip
     parser.add_argument(
+        "--three-scales", action="store_true",
+        help="of a .ply of surfels: with a third scale, as programs need it that know no 2DGS "
+        "[default: as 2DGS, without]",
+    )  # fmt: skip
+    parser.add_argument(
         "--for", choices=("gsut", "viewers"), default="gsut", dest="reader",
         help="viewers: fine-tune a run's scene so that viewers, which draw every Gaussian affinely "
         "and 0.3 pixels wider, show it as gsut does; gsut itself then shows it a little thinner "
@@ -50,6 +55,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from gsut.formats import WriteSettings, format_of, read_scene_file
+    from gsut.gaussians import are_surfels
 
     out = Path(arguments.out)
     chosen = format_of(out)
@@ -66,6 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
         antialiased=found.antialiased,
         spz_version=arguments.spz_version,
         view=_first_view(arguments, out, gaussians),
+        three_scales=arguments.three_scales,
     )
     figures = {
         "source": str(path),
@@ -73,6 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
         "out": str(out),
         "format": chosen.name,
         "num_gaussians": len(gaussians),
+        "surfels": are_surfels(gaussians),
         "sh_degree": gaussians.sh_degree,
         "antialiased": found.antialiased,
         "for_viewers": tuning,
@@ -178,8 +186,9 @@ def _write(out: Path, gaussians: Any, settings: Any) -> dict[str, Any]:
 
 def _print_summary(figures: dict[str, Any]) -> None:
     before, after = figures["source_bytes"] / 1e6, figures["bytes"] / 1e6
+    kind = "surfels" if figures["surfels"] else "Gaussians"
     print(
-        f"{figures['num_gaussians']:,} Gaussians, {before:.1f} -> {after:.1f} MB in "
+        f"{figures['num_gaussians']:,} {kind}, {before:.1f} -> {after:.1f} MB in "
         f"{figures['write_seconds']:.1f} s: {figures['out']} ({figures['format']})"
     )
     tuning = figures["for_viewers"]

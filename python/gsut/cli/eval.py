@@ -26,6 +26,7 @@ DESCRIPTION = (
     "Renders the held-out views of a run's dataset and prints PSNR, SSIM and the PSNR by field "
     "angle. Changes nothing in RUN."
 )
+_PAGE = "surface.html"
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -48,7 +49,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=folder_name,
         metavar="FOLDER",
-        help="new folder for the pictures (truth, render, 16-bit distance) and metrics.json",
+        help="new folder for the pictures (truth, render, 16-bit distance) and metrics.json; with "
+        "--geometry also surface.html: errors of depth, and the mesh as views see it",
     )
     parser.add_argument(
         "--geometry",
@@ -134,7 +136,9 @@ def _figures(
     if options.refine_poses:
         print("gsut: note: poses as the run refined them, held-out views aligned", file=sys.stderr)
     if arguments.geometry is not None:
-        figures["geometry"] = _geometry(arguments, gaussians, scene, indices, options.background)
+        figures["geometry"] = _geometry(
+            arguments, gaussians, scene, indices, options.background, out
+        )
     if out is not None:
         RunFolder(out).write_json(METRICS, figures)
     return figures
@@ -146,12 +150,31 @@ def _geometry(
     scene: Any,
     indices: Sequence[int],
     background: Any,
+    out: Path | None,
 ) -> dict[str, Any]:
+    """Figures of depth and mesh, and a page about them in `out`, if given."""
+    from gsut.files import write_file
     from gsut.run import Progress
-    from gsut.surface import geometry_figures, load_mesh
+    from gsut.surface import (
+        Mesh,
+        SurfaceView,
+        geometry_figures,
+        geometry_tables,
+        load_mesh,
+        shown_views,
+        surface_page,
+    )
+
+    names = {scene.views[index].name for index in shown_views(indices)}
+    views: list[SurfaceView] = []
+    meshes: list[Mesh] = []
+
+    def keep(view: SurfaceView) -> None:
+        if view.name in names:
+            views.append(view)
 
     with Progress(sys.stderr.isatty()) as bars:
-        return geometry_figures(
+        figures = geometry_figures(
             gaussians,
             scene,
             indices,
@@ -160,7 +183,14 @@ def _geometry(
             mesh=load_mesh(arguments.mesh) if arguments.mesh else None,
             background=background,
             progress=bars.show,
+            on_view=keep,
+            on_mesh=meshes.append,
         )
+    if out is not None:
+        title = f"Surface of {arguments.folder}"
+        page = surface_page(title, views, meshes[0] if meshes else None, geometry_tables(figures))
+        write_file(out / _PAGE, page)
+    return figures
 
 
 def print_geometry(geometry: dict[str, Any]) -> None:

@@ -21,7 +21,7 @@ from gsut.cli._flags import (
     print_json,
     whole,
 )
-from gsut.files import refuse_existing
+from gsut.files import refuse_existing, write_file
 
 HELP = "the surface as a mesh, or a grid of distances or of what is occupied"
 DESCRIPTION = (
@@ -106,14 +106,22 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--faces", type=whole, metavar="N", help="reduce to about N faces (needs gsut[mesh])"
     )
+    _add_pages(parser)
+    parser.add_argument("--threads", type=whole, default=0, metavar="N", help="[default 0: all]")
+    add_quiet(parser)
+    add_json(parser)
+
+
+def _add_pages(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--picture", metavar="FILE.png",
         help="also the mesh as the photograph in the middle sees it, through its lens: lit from "
         "there, grey in front, blue from behind",
     )  # fmt: skip
-    parser.add_argument("--threads", type=whole, default=0, metavar="N", help="[default 0: all]")
-    add_quiet(parser)
-    add_json(parser)
+    parser.add_argument(
+        "--report", metavar="FILE.html",
+        help="also a page with the mesh and the depths as some of the photographs' views see them",
+    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -124,8 +132,9 @@ def run(arguments: argparse.Namespace) -> int:
         MeshOptions,
         check_grid_name,
         check_mesh_name,
+        depth_maps,
         extract_grid,
-        extract_mesh,
+        fuse_depth,
         save_grid,
         save_mesh,
         shaded_picture,
@@ -138,7 +147,10 @@ def run(arguments: argparse.Namespace) -> int:
     picture = arguments.picture and Path(arguments.picture)
     if picture and (to_grid or picture.suffix.lower() != ".png"):
         raise InputError(f"--picture {picture}: takes a name that ends in .png, of a mesh")
-    for file in (out, out.with_suffix(".json") if to_grid else picture):
+    report = arguments.report and Path(arguments.report)
+    if report and (to_grid or report.suffix.lower() != ".html"):
+        raise InputError(f"--report {report}: takes a name that ends in .html, of a mesh")
+    for file in (out, out.with_suffix(".json") if to_grid else picture, report):
         if file:
             refuse_existing(file)
     for name in ("support", "threads"):
@@ -168,7 +180,8 @@ def run(arguments: argparse.Namespace) -> int:
             made: Any = extract_grid(gaussians, scene, settings, **behind)
             figures = {"shape": list(made.distances.shape), "voxel": made.voxel}
         else:
-            made = extract_mesh(gaussians, scene, settings, **behind)
+            maps = depth_maps(gaussians, scene, settings, **behind)
+            made = fuse_depth(maps, settings, progress=bars.show)
             figures = {"vertices": len(made.vertices), "faces": len(made.faces)}
     if to_grid:
         save_grid(out, made, occupancy=arguments.occupancy)
@@ -178,9 +191,33 @@ def run(arguments: argparse.Namespace) -> int:
             middle = len(scene.views) // 2
             camera, motion = scene.camera(middle), scene.views[middle].motion
             write_png(picture, shaded_picture(made, camera, motion))
+        if report:
+            names = [scene.views[i].name for i in scene.train_indices or range(len(scene.views))]
+            write_file(report, _page(arguments.folder, made, dict(zip(names, maps, strict=True))))
     figures |= {"seconds": time.perf_counter() - began, "out": str(out)}
     if arguments.json:
         print_json(figures)
     elif not arguments.quiet:
         print(f"{out}: {made}, {figures['seconds']:.1f} s")
     return 0
+
+
+def _page(run: str, mesh: Any, maps: dict[str, Any]) -> str:
+    """A page of some of the depth maps, by name, and of the mesh as their views see it."""
+    from gsut.page import html_table, number_text
+    from gsut.surface import SurfaceView, shown_views, surface_page
+
+    names = list(maps)
+    views = [
+        SurfaceView(names[k], maps[names[k]].camera, maps[names[k]].motion, maps[names[k]].image,
+                    maps[names[k]].depth)
+        for k in shown_views(range(len(names)))
+    ]  # fmt: skip
+    size = mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)
+    rows = [
+        ["vertices", number_text(len(mesh.vertices), 0)],
+        ["faces", number_text(len(mesh.faces), 0)],
+        ["size", " x ".join(number_text(side) for side in size)],
+        ["depth maps", number_text(len(maps), 0)],
+    ]
+    return surface_page(f"Mesh of {run}", views, mesh, [html_table(rows)])

@@ -179,7 +179,10 @@ def _stage(arguments: argparse.Namespace) -> Any:
     if place.is_file():
         if arguments.out is None:
             raise InputError("a file has no folder for its images: say where to, with -o")
-        return stage_of(place, arguments.data)
+        stage = stage_of(place, arguments.data)
+        if stage.kind == "data":
+            raise InputError(f"{place} is of a dataset, which has no Gaussians; `gsut train` it")
+        return stage
     return stage_of(RunFolder.open(place).path, arguments.data)
 
 

@@ -22,6 +22,7 @@ from gsut.run import (
     BLOCKS,
     COMMON_OPTIONS,
     METRICS,
+    PLAN,
     REPORT,
     BlockOptions,
     RunFolder,
@@ -65,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     run = RunFolder.claim(arguments.out, "train", arguments.data)
     given = given_options(TrainOptions, arguments)
     if arguments.resume and run.holds_run():
-        options = dataclasses.replace(run.read_options(), **given)
+        options = dataclasses.replace(run.begun_with(), **given)
     else:
         options = TrainOptions(**given)
         if not arguments.resume:
@@ -94,17 +95,13 @@ def _block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockOption
         InputError: a flag that makes no sense without --blocks, or with it.
     """
     given = given_options(BlockOptions, arguments)
-    plan = run.read_json(f"{BLOCKS}/plan.json") if arguments.resume else None
+    plan = run.read_json(PLAN) if arguments.resume else None
     if plan is not None:
         before = plan["blocks"]
         layout = str(run.path / BLOCKS / "layout.json")
         kept = {"blocks": before if isinstance(before, str) else layout, "rounds": plan["rounds"]}
         given = kept | given
     elif arguments.resume and given and run.holds_run():
-        if not run.has_steps():
-            raise InputError(
-                f"{run.path} was broken off before its first step; delete it, leave --resume out"
-            )
         raise InputError(f"{run.path} was not begun in blocks; leave --{next(iter(given))} out")
     if not given:
         return None
@@ -148,6 +145,8 @@ def train_into(
             print(f"gsut: note: {note}", file=sys.stderr)
     if not (resume and run.holds_run()):
         check_first(scene, force, quiet)
+    elif run.is_finished() and not quiet:
+        print(f"gsut: note: {run.path} is finished; nothing in it changes", file=sys.stderr)
     try:
         if blocks is not None:
             gsut.train_blocks(

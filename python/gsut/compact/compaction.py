@@ -12,7 +12,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.compact.method import method_of
 from gsut.compact.scores import SeenView
-from gsut.gaussians import Gaussians
+from gsut.gaussians import Gaussians, are_surfels, to_surfels
 from gsut.render import place_about
 
 
@@ -59,8 +59,8 @@ def compact(
         on_view: called after each view.
 
     Returns:
-        The reduced Gaussians: round(keep N) of the rows that are finite (ghap-paper: within one a
-        block). The same bits on any number of threads.
+        The reduced Gaussians, of surfels surfels: round(keep N) of the rows that are finite
+        (ghap-paper: within one a block). The same bits on any number of threads.
 
     Raises:
         InputError: keep, count or method out of range, or no views for a method that needs them.
@@ -80,6 +80,8 @@ def compact(
     if scores is not None and len(scores) != len(g):
         raise InputError(f"scores must be one a finite Gaussian, {len(g)}, found {len(scores)}")
     reduced = method_of(method).reduce(g, target, scores, views, seed, on_view)
+    if are_surfels(g):
+        reduced = to_surfels(reduced)
     return Compaction(reduced.translated(origin), dropped)
 
 

@@ -36,7 +36,7 @@ from gsut.data.points import TRIANGULATED, load_points_ply, points_ply
 from gsut.data.poses import OPENGL_FROM_OPENCV, centers_of, inverse, rigid_transform
 from gsut.data.rig import Rig, read_rig, relative_changes, write_rig
 from gsut.data.scene import Scene, View
-from gsut.data.shutter import frame_times, with_shutter
+from gsut.data.shutter import frame_times, neighbours_in_time, views_within, with_shutter
 from gsut.data.split import TEST_EVERY
 from gsut.data.training_views import Level, TrainingViews
 from gsut.data.write_colmap import ColmapImage, ColmapModel, colmap_texts
@@ -90,6 +90,7 @@ __all__ = [
     "load_dataset",
     "load_points_ply",
     "make_scene",
+    "neighbours_in_time",
     "points_ply",
     "points_seen",
     "read_capture",
@@ -107,6 +108,7 @@ __all__ = [
     "some_names",
     "sorted_findings",
     "view_agreement",
+    "views_within",
     "with_shutter",
     "writable_layouts",
     "write_rig",

@@ -76,10 +76,11 @@ def points_seen(
     camera, pose = scene.camera(index), scene.views[index].camera_from_world
     relative = points @ pose[:3, :3].T + pose[:3, 3]
     pixels, valid = camera.project(relative)
+    x, y = np.ascontiguousarray(pixels.T)
     with np.errstate(invalid="ignore"):
-        inside = (pixels >= 0) & (pixels < [camera.width, camera.height])
-    rows = np.flatnonzero(np.asarray(valid, bool) & inside.all(axis=1))
-    x, y = pixels[rows].astype(np.int64).T
+        inside = (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
+    rows = np.flatnonzero(np.asarray(valid, bool) & inside)
+    x, y = x[rows].astype(np.int64), y[rows].astype(np.int64)
     kept = scene.mask(index)[y, x]
     rows, x, y = rows[kept], x[kept], y[kept]
     away = np.linalg.norm(relative[rows], axis=1).astype(np.float32)

@@ -64,21 +64,50 @@ def _moving_views(views: Sequence[View], readout_time: float, shutter: Shutter) 
     """The views with a start and an end pose from their neighbours in time."""
     if len(views) < 2:
         raise InputError("--readout-time needs at least two frames to find the camera's velocity")
-    times = frame_times([view.name for view in views])
-    order = np.argsort(times, kind="stable")
-    place = {int(index): rank for rank, index in enumerate(order)}
     moving = []
-    for index, view in enumerate(views):
-        rank = place[index]
-        before, after = (int(order[np.clip(rank + side, 0, len(views) - 1)]) for side in (-1, 1))
-        share = 0.5 * readout_time / (times[after] - times[before])
-        start, end = _moved(view, views[before], views[after], share)
+    for view, (before, after, time) in zip(views, neighbours_in_time(views), strict=True):
+        start, end = _moved(view, views[before], views[after], 0.5 * readout_time / time)
         moving.append(
             dataclasses.replace(
                 view, camera_from_world_start=start, camera_from_world_end=end, shutter=shutter
             )
         )
     return moving
+
+
+def neighbours_in_time(views: Sequence[View]) -> list[tuple[int, int, float]]:
+    """Of each view the one before and the one after it, and the time between them in frames.
+
+    The first and the last are neighbours of themselves. Frames are in the order of the numbers in
+    their names.
+    """
+    times = frame_times([view.name for view in views])
+    order = np.argsort(times, kind="stable")
+    place = np.argsort(order)
+    sides = [order[np.clip(place + side, 0, len(views) - 1)].tolist() for side in (-1, 1)]
+    return [(a, b, float(times[b] - times[a])) for a, b in zip(*sides, strict=True)]
+
+
+def views_within(view: View, before: View, after: View, share: float, count: int) -> list[View]:
+    """The view at moments of its exposure: the middles of `count` equal parts of it.
+
+    Args:
+        view, before, after: in the order of time, the outer ones give the velocity.
+        share: the exposure, over the time between `before` and `after`.
+    """
+    out = []
+    for at in share * ((np.arange(count) + 0.5) / count - 0.5):
+        pose = _moved(view, before, after, abs(at))[int(at > 0)] if at else view.camera_from_world
+        step = pose @ inverse(view.camera_from_world)
+        ends = (view.camera_from_world_start, view.camera_from_world_end)
+        start, end = (None if each is None else step @ each for each in ends)
+        out.append(
+            dataclasses.replace(
+                view, camera_from_world=pose, camera_from_world_start=start,
+                camera_from_world_end=end,
+            )
+        )  # fmt: skip
+    return out
 
 
 def frame_times(names: Sequence[str]) -> np.ndarray:

@@ -139,9 +139,11 @@ def whole_pixels(camera: Camera) -> np.ndarray:
     return valid[:-1, :-1] & valid[1:, :-1] & valid[:-1, 1:] & valid[1:, 1:]
 
 
-def _sample_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _sample_rays(
+    camera: Camera, samples_per_side: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(S, H, W, 3) float32 rays and their origins on a grid in each pixel, (S, H, W) validity."""
-    steps = (np.arange(SAMPLES_PER_SIDE) + 0.5) / SAMPLES_PER_SIDE
+    steps = (np.arange(samples_per_side) + 0.5) / samples_per_side
     shape = (-1, camera.height, camera.width)
     samples = []
     for dy, dx in itertools.product(steps, steps):
@@ -154,12 +156,13 @@ def _sample_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def render_views(
-    hall: Hall, camera: Camera, poses: list[np.ndarray], progress: bool
-) -> Iterator[np.ndarray]:
+    hall: Hall, camera: Camera, poses: list[np.ndarray], progress: bool,
+    samples_per_side: int = SAMPLES_PER_SIDE,
+) -> Iterator[np.ndarray]:  # fmt: skip
     """(H, W, 3) uint8 RGB images, one a pose, black outside the image circle."""
-    rays, origins, valid = _sample_rays(camera)
+    rays, origins, valid = _sample_rays(camera, samples_per_side)
     share = valid.mean(axis=0)
-    tracer = Tracer(hall, SAMPLES_PER_SIDE**2)
+    tracer = Tracer(hall, samples_per_side**2)
     blocks = [
         (slice(y, y + _BLOCK), slice(x, x + _BLOCK))
         for y in range(0, camera.height, _BLOCK)

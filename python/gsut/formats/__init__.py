@@ -21,7 +21,7 @@ from gsut.formats._errors import largest_errors
 from gsut.formats._format import Format, SceneFile, StartView, WriteSettings, Written
 from gsut.formats._origin import for_file, place_text
 from gsut.formats.ply import NO_BACKGROUND, load_ply, save_ply
-from gsut.gaussians import Gaussians
+from gsut.gaussians import Gaussians, are_surfels
 
 __all__ = [
     "NO_BACKGROUND",
@@ -156,9 +156,12 @@ def save_gaussians(
     if not good.any():
         raise InputError(f"{path}: there is no Gaussian to write")
     kept = np.flatnonzero(good)
-    written = chosen.write(path, g if good.all() else g[good], settings or WriteSettings())
+    settings = settings or WriteSettings()
+    written = chosen.write(path, g if good.all() else g[good], settings)
     rows = kept if written.rows is None else kept[written.rows]
     left_out = written.left_out
+    if are_surfels(g) and (settings.three_scales or not chosen.keeps_surfels):
+        left_out += ("surfels: the file holds Gaussians a ten-thousandth as thick as wide",)
     if g.origin.any() and not chosen.keeps_origin:
         left_out += (f"where the scene lies: the file holds {place_text(g.origin)}",)
     return Written(rows, {k: v for k, v in written.clipped.items() if v}, left_out)

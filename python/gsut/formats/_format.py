@@ -66,11 +66,13 @@ class WriteSettings:
         antialiased: see `SceneFile`; kept where the format has a place for it.
         spz_version: 3, which every reader of SPZ knows, or 4.
         view: where a page begins; None: it shows all of the scene.
+        three_scales: surfels are written as thin Gaussians, also where the format has surfels.
     """
 
     antialiased: bool = False
     spz_version: int = 3
     view: StartView | None = None
+    three_scales: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,6 +107,7 @@ class Format:
             one suffix, the one that says yes reads.
         keeps_origin: the file says where its zero lies in the world, and `read` gives it back as
             `Gaussians.origin`; without it the zero of a scene far from the world's is lost.
+        keeps_surfels: it has a layout of surfels.
     """
 
     name: str
@@ -113,6 +116,7 @@ class Format:
     read: Callable[[Path], SceneFile] | None
     holds: Callable[[bytes], bool]
     keeps_origin: bool = False
+    keeps_surfels: bool = False
 
 
 def check_claim(path: Path, count: int, size: int, what: str = "Gaussians") -> None:

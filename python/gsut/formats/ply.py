@@ -13,7 +13,7 @@ from gsut import _core
 from gsut.files import regular
 from gsut.formats._format import ELSEWHERE, Format, SceneFile, WriteSettings, Written
 from gsut.formats._origin import for_file, origin_comments, origin_in
-from gsut.gaussians import Gaussians
+from gsut.gaussians import Gaussians, are_surfels
 from gsut.run import check_fits
 
 # How Brush and Postshot say that a filter of the screen belongs to a file.
@@ -31,8 +31,10 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
     Args:
         path: ascii or binary of either byte order; properties x y z, f_dc_0..2, f_rest_* (0, 9, 24
             or 45 of them, channel-major), opacity (logit), scale_0..2 (logarithm), rot_0..3 (w, x,
-            y, z, any norm) in any order and numeric type. Others are ignored. A comment "gsut:
-            dataset coordinates = these + X Y Z" is where the file's zero lies in the world.
+            y, z, any norm) in any order and numeric type. Others are ignored. Without scale_2 they
+            are surfels (2DGS): Gaussians a ten-thousandth as thick as they are wide. A comment
+            "gsut: dataset coordinates = these + X Y Z" is where the file's zero lies in the
+            world.
 
     Returns:
         float32 Gaussians in world coordinates, with the comment's `origin`, or one near the first
@@ -89,7 +91,11 @@ def _warn_of_rounding(path: str | os.PathLike[str], gaussians: Gaussians) -> Non
 
 
 def save_ply(
-    path: str | os.PathLike[str], gaussians: Gaussians, comments: Sequence[str] = ()
+    path: str | os.PathLike[str],
+    gaussians: Gaussians,
+    comments: Sequence[str] = (),
+    *,
+    surfels: bool | None = None,
 ) -> None:
     """Writes Gaussians as a PLY file in the layout of 3DGS (binary little endian, float32).
 
@@ -99,12 +105,14 @@ def save_ply(
             than 1e-5 of the scene's extent (UTM coordinates), about their `origin`, which
             a comment names and `load_ply` reads back.
         comments: lines of text for the header, none with a line break.
+        surfels: in the layout of 2DGS, without scale_2; None: where all are surfels.
 
     Raises:
         InputError: the file cannot be written, or a comment holds a line break.
     """
     stored = for_file(gaussians)
-    _core.write_ply(os.fsencode(path), stored, [*comments, *origin_comments(stored)])
+    flat = are_surfels(stored) if surfels is None else surfels
+    _core.write_ply(os.fsencode(path), stored, [*comments, *origin_comments(stored)], flat)
 
 
 def comments_of(path: str | os.PathLike[str]) -> list[str]:
@@ -130,7 +138,8 @@ def _read(path: Path) -> SceneFile:
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
-    save_ply(path, gaussians, ["written by gsut", antialiased_comment(settings.antialiased)])
+    comments = ["written by gsut", antialiased_comment(settings.antialiased)]
+    save_ply(path, gaussians, comments, surfels=False if settings.three_scales else None)
     return Written()
 
 
@@ -141,4 +150,5 @@ FORMAT = Format(
     _read,
     lambda head: head.startswith(b"ply") and PACKED not in head,
     keeps_origin=True,
+    keeps_surfels=True,
 )

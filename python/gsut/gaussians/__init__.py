@@ -19,12 +19,14 @@ from gsut.gaussians.quaternions import (
 )
 from gsut.gaussians.seeding import chosen_points, seed_from_points, seed_in_view
 from gsut.gaussians.similarity import transformed, upright
+from gsut.gaussians.surfels import are_surfels, press_surfels, seed_surfels, to_surfels
 
 __all__ = [
     "SH_C0",
     "Gaussians",
     "LowPassFilter",
     "MixedGaussians",
+    "are_surfels",
     "chosen_points",
     "filter_radii",
     "ground_of",
@@ -36,13 +38,16 @@ __all__ = [
     "morton_order",
     "pack_harmonics",
     "pixel_density",
+    "press_surfels",
     "quaternion_of",
     "quaternion_products",
     "rotations_backward",
     "rotations_of",
     "seed_from_points",
     "seed_in_view",
+    "seed_surfels",
     "to_mixed",
+    "to_surfels",
     "transformed",
     "upright",
 ]

@@ -141,27 +141,23 @@ def _refine(
 
     # Cost and derivatives are asked of the same lens, and making one is dear.
     @functools.lru_cache(maxsize=1)
-    def lens_at(values: bytes) -> Camera:
+    def tried(values: bytes) -> tuple[Camera, np.ndarray, np.ndarray]:
         moved = params.copy()
         moved[free] = np.frombuffer(values)
-        return Camera(model, moved, target.camera.width, target.camera.height)
-
-    def lens_of(values: np.ndarray) -> Camera:
-        return lens_at(values.tobytes())
+        lens = Camera(model, moved, target.camera.width, target.camera.height)
+        return lens, *_residuals(lens, target)
 
     def cost_of(values: np.ndarray) -> float:
         try:
-            lens = lens_of(values)
+            lens, residual, valid = tried(values.tobytes())
         except InputError:  # a parameter left its range
             return math.inf
-        residual, valid = _residuals(lens, target)
         # A point that the lens does not see counts as one at the image's own size.
         unseen = float(lens.width**2 + lens.height**2)
         return float((residual**2).sum() + unseen * (~valid).sum())
 
     def normal_equations(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        lens = lens_of(values)
-        residual, valid = _residuals(lens, target)
+        lens, residual, valid = tried(values.tobytes())
         jacobian = -lens.project_jacobian(target.points)[1][valid][:, :, free]
         jacobian = jacobian.reshape(-1, len(free))
         return jacobian.T @ residual[valid].ravel(), jacobian.T @ jacobian
@@ -169,7 +165,7 @@ def _refine(
     values, cost = minimize_least_squares(
         params[free], cost_of, normal_equations, max_steps=steps, least_gain=least_gain
     )
-    return np.array(lens_of(values).params), float(cost)
+    return np.array(tried(values.tobytes())[0].params), float(cost)
 
 
 def _residuals(lens: Camera, target: FitTarget) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.gaussians import Gaussians, morton_order
+from gsut.gaussians import Gaussians, are_surfels, morton_order, press_surfels, to_surfels
 from gsut.optimize.arrays import FIELDS, copy_rows, mask_bytes
 
 ADAM = (0.9, 0.999, 1e-15)  # beta 1, beta 2 and epsilon of 3DGS
@@ -50,6 +50,7 @@ class GaussianOptimizer:
         gaussians: the start, copied to float32.
         capacity: rows to reserve, at least len(gaussians); give the final number to never copy.
         seed: of densification and noise, 0 to 2^64 - 1; their numbers depend on it and on `steps`.
+        surfels: the third scale has no gradient and is that of surfels after each call.
 
     Attributes:
         steps: Adam steps made.
@@ -69,12 +70,15 @@ class GaussianOptimizer:
         capacity: int | None = None,
         *,
         seed: int = 0,
+        surfels: bool = False,
     ) -> None:
+        if surfels and not are_surfels(gaussians):
+            gaussians = to_surfels(gaussians)
         size = len(gaussians)
         capacity = size if capacity is None else capacity
         if capacity < size:
             raise InputError(f"capacity is {capacity}, but there are {size} Gaussians")
-        self.steps, self.seed = 0, seed
+        self.steps, self.seed, self.surfels = 0, seed, surfels
         params = copy_rows(gaussians.astype(np.float32), size, capacity)
         moments = copy_rows(params, 0, capacity), copy_rows(params, 0, capacity)
         self.arrays: tuple[Gaussians, Gaussians, Gaussians] = (params, *moments)
@@ -121,6 +125,8 @@ class GaussianOptimizer:
                 raise InputError(
                     f"gradient of {name} must have shape {expected}, found {gradient.shape}"
                 )
+        if self.surfels:
+            gradients[FIELDS.index("log_scales")][:, 2] = 0
         params, moment1, moment2 = (
             [getattr(rows, name) for name in FIELDS] for rows in self.arrays
         )
@@ -130,6 +136,7 @@ class GaussianOptimizer:
             self.size, mask_bytes(visible), [3, 4, 3, 1, 3 * coefficients], *ADAM,
         )  # fmt: skip
         self.steps += 1
+        self._press()
 
     def add_regularizer(
         self, grads: Any, opacity_weight: float = 0.01, scale_weight: float = 0.01
@@ -173,7 +180,7 @@ class GaussianOptimizer:
 
     def restarted(self, gaussians: Gaussians) -> GaussianOptimizer:
         """An optimizer of other Gaussians, with moments of 0, that goes on counting steps."""
-        new = GaussianOptimizer(gaussians, seed=self.seed)
+        new = GaussianOptimizer(gaussians, seed=self.seed, surfels=self.surfels)
         new.steps = self.steps
         return new
 
@@ -246,6 +253,11 @@ class GaussianOptimizer:
         self.gradient_max = np.zeros(size, np.float32)
         self.gradient_sum = np.zeros(size, np.float32)
         self.seen = np.zeros(size, np.int32)
+        self._press()
+
+    def _press(self) -> None:
+        if self.surfels:
+            press_surfels(self.gaussians.log_scales)
 
     def _set_capacity(self, rows: int) -> None:
         params, moment1, moment2 = (copy_rows(old, self.size, rows) for old in self.arrays)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.gaussians import Gaussians, MixedGaussians
+from gsut.gaussians import Gaussians, MixedGaussians, press_surfels
 from gsut.optimize.arrays import mask_bytes
 from gsut.optimize.optimizer import ADAM, GaussianOptimizer, LearningRates
 
@@ -20,15 +20,16 @@ class MixedOptimizer:
 
     Args:
         gaussians: the start, copied.
+        surfels: as of `GaussianOptimizer`; the start must be surfels.
 
     Attributes:
         gaussians: follow each step.
         steps: Adam steps made.
     """
 
-    def __init__(self, gaussians: MixedGaussians) -> None:
+    def __init__(self, gaussians: MixedGaussians, surfels: bool = False) -> None:
         self.gaussians = gaussians.copy()
-        self.steps = 0
+        self.steps, self._surfels = 0, surfels
         self._moments = gaussians.zeros_like(), gaussians.zeros_like()
 
     def step(
@@ -40,6 +41,8 @@ class MixedOptimizer:
     ) -> None:
         """One Adam step in place, as `GaussianOptimizer.step`."""
         self.steps += 1
+        if self._surfels:
+            grads.log_scales[:, 2] = 0
         seen = mask_bytes(visible)
         sets = (self.gaussians, grads, *self._moments)
         geometry = [[getattr(arrays, name) for name in _GEOMETRY] for arrays in sets]
@@ -51,6 +54,8 @@ class MixedOptimizer:
             of_sh = [rates.sh0] * 3 + [rates.sh_rest] * (3 * (coefficients - 1))
             bands = [[band] for _, band in parts]
             self._adam(bands, [of_sh], None if seen is None else seen[rows], [3 * coefficients])
+        if self._surfels:
+            press_surfels(self.gaussians.log_scales)
 
     def _adam(
         self,
@@ -82,13 +87,14 @@ class MixedOptimizer:
         """Nothing: statistics are for densification."""
 
 
-def optimizer_of(start: Any, capacity: int | None, seed: int) -> Any:
+def optimizer_of(start: Any, capacity: int | None, seed: int, surfels: bool = False) -> Any:
     """The optimizer of a run.
 
     Args:
         start: `Gaussians`, or `MixedGaussians`, whose number and degrees stay.
         capacity, seed: of a `GaussianOptimizer`.
+        surfels: of either.
     """
     if isinstance(start, MixedGaussians):
-        return MixedOptimizer(start)
-    return GaussianOptimizer(start, capacity, seed=seed)
+        return MixedOptimizer(start, surfels)
+    return GaussianOptimizer(start, capacity, seed=seed, surfels=surfels)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.gaussians import Gaussians
+from gsut.gaussians import Gaussians, press_surfels
 
 _EVERY = 4  # steps between the states that are averaged
 
@@ -23,10 +23,11 @@ class TrajectoryMean:
 
     Args:
         begin: fraction of the steps after which states count; 1: none do.
+        surfels: the mean is one of surfels.
     """
 
-    def __init__(self, begin: float) -> None:
-        self._begin = begin
+    def __init__(self, begin: float, surfels: bool = False) -> None:
+        self._begin, self._surfels = begin, surfels
         self._mean: Any = None  # Gaussians or MixedGaussians
         self._count = 0
 
@@ -49,6 +50,8 @@ class TrajectoryMean:
             if not isinstance(mean, np.ndarray):
                 continue  # the degrees of MixedGaussians, which stay
             mean += (getattr(gaussians, field.name) - mean) * np.float32(1 / self._count)
+        if self._surfels:
+            press_surfels(self._mean.log_scales)
 
     def restart(self) -> None:
         """Forgets all states: rows stand for other Gaussians from here on."""

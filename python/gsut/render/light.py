@@ -32,8 +32,11 @@ class Falloff:
 
     def at(self, angles: np.ndarray) -> np.ndarray:
         """(..., 3) factors at field angles (...) in radians; 1 where the angle is NaN."""
-        basis = falloff_basis(angles / self.max_angle)
-        return np.where(np.isnan(angles)[..., None], 1.0, 1.0 + basis @ self.coefficients.T)
+        square = np.nan_to_num(angles / self.max_angle, nan=0.0) ** 2
+        out = np.empty((*square.shape, 3))
+        for channel, (a, b, c) in enumerate(self.coefficients):
+            out[..., channel] = 1.0 + square * (a + square * (b + square * c))
+        return out
 
     def as_dict(self) -> dict[str, Any]:
         """For metrics.json and checkpoints."""

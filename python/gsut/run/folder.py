@@ -7,12 +7,21 @@ import dataclasses
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.files import json_text, plain, reading, regular, whole_file, write_file
+from gsut.files import (
+    json_text,
+    plain,
+    reading,
+    regular,
+    whole_file,
+    whole_folder,
+    write_file,
+    write_json,
+)
 from gsut.output_folder import MARKER, OutputFolder, claim_folder
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.options import TrainOptions
@@ -27,7 +36,8 @@ REPORT = "report.html"  # all of it to look at
 REFINED = "refined.json"  # poses and lenses, where they were refined (see gsut.refined_poses)
 TRANSFORMS = "transforms.json"  # the same as a dataset, where the format has the lens
 PAGE = "scene.html"  # the scene for any browser, where somebody asked for it (gsut convert)
-BLOCKS = "blocks"  # states of a training in blocks, and its layout
+BLOCKS = "blocks"  # states of a training in blocks, its plan and layout
+PLAN = f"{BLOCKS}/plan.json"  # how it is divided, with its TrainOptions as they were given
 RENDERS = "renders"  # pictures of the held-out views
 
 _FILES = (
@@ -53,6 +63,7 @@ class RunFolder:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         self._claim: OutputFolder | None = None  # of a folder that is written: see create
+        self._stays = False  # a finished run, of which nothing is written again
 
     @classmethod
     def create(
@@ -63,8 +74,10 @@ class RunFolder:
         resume: bool = False,
         environment: dict[str, Any] | None = None,
         command: str = "train",
+        blocks: dict[str, Any] | None = None,
     ) -> RunFolder:
-        """Makes the folder of a new run, or takes up the one of an interrupted run.
+        """Makes the folder of a new run, or takes up the one of an interrupted run. One that is
+        finished stays as it is, whatever is written to it.
 
         Args:
             path: the folder; it and its parents are made where absent.
@@ -74,6 +87,8 @@ class RunFolder:
                 holds the command line that reproduces it. Its "digests" (see `scene_digests`) must
                 be those of the data that the run was begun with.
             command: which makes the run.
+            blocks: of a training in blocks: name -> content of the JSON files in its folder, which
+                a new run gets at once and before all others; PLAN's gets the options as given.
 
         Raises:
             InputError: the folder holds a run and resume is not said; the run to resume has other
@@ -83,10 +98,18 @@ class RunFolder:
         run = cls.claim(path, command, (environment or {}).get("dataset"))
         if run.holds_run():
             if resume:
-                run._check_same_options(options)
-                run._check_same_data(environment or {})
+                _check_same_way(run, blocks is not None)
+                _check_same_options(run, options)
+                _check_same_data(run, environment or {})
+                run._stays = run.is_finished()
             else:
                 run.refuse_run()
+        elif blocks is not None:
+            plan = Path(PLAN).name
+            given = {"options": dataclasses.asdict(options)}
+            with whole_folder(run.path / BLOCKS) as folder:
+                for name, content in blocks.items():
+                    write_json(folder / name, content | (given if name == plan else {}))
         run.write_text(OPTIONS, options.resolved().to_json() + "\n")
         if environment is not None and not (resume and (run.path / ENVIRONMENT).is_file()):
             run.write_json(ENVIRONMENT, environment)
@@ -126,9 +149,13 @@ class RunFolder:
         """Whether the folder has any file of a run."""
         return any((self.path / name).exists() for name in _FILES)
 
-    def has_steps(self) -> bool:
-        """Whether a training has left what it would go on from."""
-        return any((self.path / name).exists() for name in (HISTORY, CHECKPOINT, SCENE))
+    def is_finished(self) -> bool:
+        """Whether a training has done all its steps and written all its files."""
+        if not all((self.path / name).is_file() for name in (SCENE, METRICS, REPORT)):
+            return False
+        with reading(lambda what: InputError(f"{self.path / METRICS}: {what}; {_DAMAGED}")):
+            steps = self.read_json(METRICS)["steps"]
+        return (self.path / PLAN).is_file() or steps == self.read_options().steps
 
     def refuse_run(self) -> None:
         """Raises InputError if the folder has any file of a run, or is not a folder."""
@@ -165,13 +192,15 @@ class RunFolder:
             InputError: the folder cannot be written (permissions, disk full); what was there
                 before is unchanged.
         """
-        with whole_file(self.path / name) as temporary:
-            writer(temporary)
+        if not self._stays:
+            with whole_file(self.path / name) as temporary:
+                writer(temporary)
         return self.path / name
 
     def write_text(self, name: str, text: str) -> Path:
         """Writes RUN/name atomically as UTF-8."""
-        write_file(self.path / name, text)
+        if not self._stays:
+            write_file(self.path / name, text)
         return self.path / name
 
     def write_json(self, name: str, value: Any) -> Path:
@@ -202,10 +231,15 @@ class RunFolder:
                 f"{path} is absent, so nobody knows how the run was made; {SCENE}, if it is there, "
                 "can be used by itself, and a new run needs another folder"
             )
-        with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
-            return TrainOptions.from_json(
-                regular(path).read_text(encoding="utf-8"), source=str(path)
-            )
+        return _options_of(path, lambda: regular(path).read_text(encoding="utf-8"))
+
+    def begun_with(self) -> TrainOptions:
+        """The options to go on with: as they were given to a training in blocks, which makes others
+        of them than of resolved ones; else as `read_options`."""
+        plan = self.read_json(PLAN)
+        if plan is None:
+            return self.read_options()
+        return _options_of(self.path / PLAN, lambda: json.dumps(plan["options"]))
 
     # Checkpoints.
 
@@ -241,6 +275,8 @@ class RunFolder:
 
     def append_history(self, row: dict[str, Any]) -> None:
         """Adds one line to history.jsonl; `row` holds at least `step`."""
+        if self._stays:
+            return
         try:
             with open(self.path / HISTORY, "a", encoding="utf-8") as file:
                 file.write(json.dumps(plain(row)) + "\n")
@@ -262,33 +298,47 @@ class RunFolder:
     def roll_back_history(self, step: int) -> None:
         """Drops the rows of history.jsonl that come after `step`."""
         if (self.path / HISTORY).is_file():
-            self._write_history(row for row in self.read_history() if row["step"] <= step)
+            rows = (json.dumps(row) for row in self.read_history() if row["step"] <= step)
+            self.write_text(HISTORY, "".join(row + "\n" for row in rows))
 
-    def _write_history(self, rows: Iterable[dict[str, Any]]) -> None:
-        self.write_text(HISTORY, "".join(json.dumps(row) + "\n" for row in rows))
 
-    def _check_same_options(self, options: TrainOptions) -> None:
-        saved = dataclasses.asdict(self.read_options())
-        wanted = dataclasses.asdict(options.resolved())
-        for name, value in wanted.items():
-            if name not in _FREE_ON_RESUME and saved[name] != value:
-                raise InputError(
-                    f"{self.path} was begun with {name} = {saved[name]}, not {value}; a resumed "
-                    "run keeps its options, so leave this one out or begin a new run"
-                )
+def _options_of(path: Path, read: Callable[[], str]) -> TrainOptions:
+    with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
+        return TrainOptions.from_json(read(), source=str(path))
 
-    def _check_same_data(self, environment: dict[str, Any]) -> None:
-        saved = (self.read_json(ENVIRONMENT) or {}).get("digests")
-        now = environment.get("digests")
-        if not saved or not now:
-            return  # killed before they were written: nothing to disagree with
-        changed = [name for name, digest in now.items() if saved.get(name) != digest]
-        if changed:
+
+def _check_same_way(run: RunFolder, in_blocks: bool) -> None:
+    if (run.path / PLAN).is_file() != in_blocks:
+        ways = ("as a whole", "in blocks")
+        raise InputError(
+            f"{run.path} was begun {ways[not in_blocks]}, not {ways[in_blocks]}; a resumed run "
+            "goes on as it was begun"
+        )
+
+
+def _check_same_options(run: RunFolder, options: TrainOptions) -> None:
+    saved = dataclasses.asdict(run.begun_with().resolved())
+    wanted = dataclasses.asdict(options.resolved())
+    for name, value in wanted.items():
+        if name not in _FREE_ON_RESUME and saved[name] != value:
             raise InputError(
-                f"{self.path} was begun with other {' and '.join(changed)} than "
-                f"{environment['dataset']} has now; a resumed run needs the same data: give those, "
-                "or begin a new run"
+                f"{run.path} was begun with {name} = {saved[name]}, not {value}; a resumed "
+                "run keeps its options, so leave this one out or begin a new run"
             )
+
+
+def _check_same_data(run: RunFolder, environment: dict[str, Any]) -> None:
+    saved = (run.read_json(ENVIRONMENT) or {}).get("digests")
+    now = environment.get("digests")
+    if not saved or not now:
+        return  # killed before they were written: nothing to disagree with
+    changed = [name for name, digest in now.items() if saved.get(name) != digest]
+    if changed:
+        raise InputError(
+            f"{run.path} was begun with other {' and '.join(changed)} than "
+            f"{environment['dataset']} has now; a resumed run needs the same data: give those, "
+            "or begin a new run"
+        )
 
 
 def _reason(error: OSError) -> str:

@@ -9,13 +9,12 @@ the number of steps are None until `TrainOptions.resolved()` fills them in.
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import json
-import math
 from typing import Any
 
 from gsut._core import InputError
 from gsut.run.option_fields import check_options, choices_in, describe_options, option
+from gsut.run.recipe import recipe
 
 # --max-gaussians auto: see gsut.training.complexity.
 AUTO = "auto"
@@ -32,22 +31,6 @@ COMMON_OPTIONS = (
     "preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "shutter",
     "refine_poses", "refine_lens", "max_gaussians", "sh_degree", "surface",
 )  # fmt: skip
-
-# "The rate of the means times the number of steps is what matters": 1.6e-3 at 500 steps, 8e-4 at
-# 1000; from 1667 steps on the rate stays at the value measured as best for 2000 and more.
-_MEANS_LR_TIMES_STEPS = 0.8
-_MEANS_LR_RANGE = (4.8e-4, 3.2e-3)  # the upper end (250 steps) is extrapolated, not measured
-# Decay of the other rates, (steps, factor at the last step): none in short runs.
-_LR_FINAL_FACTOR = ((1000, 1.0), (2000, 0.5), (7000, 0.3))
-# Steps between relocations: 50 in the short recipe, 100 in the medium one.
-_DENSIFY_EVERY = ((1000, 50.0), (2000, 100.0))
-# Until which fraction of the steps to train at 1/4 and 1/2 of the resolution.
-_QUARTER_UNTIL = ((1000, 0.20), (2000, 0.15), (7000, 0.075))
-_HALF_UNTIL = ((1000, 0.45), (2000, 0.40), (7000, 0.20))
-_GROW_UNTIL = 0.5  # fraction of the steps until which Gaussians grow
-_NOISE_FROM_STEPS = 1500  # noise gained nothing at 500 and 1000 steps, 0.17 dB at 2000
-_SH_WITHIN = 0.6  # all harmonics are in use after this fraction of the steps (degree 1: half of it)
-_SH_EVERY_MOST = 1000  # the published interval
 
 
 @describe_options
@@ -143,6 +126,10 @@ class TrainOptions:
         None, "Gaussians", "degree of the spherical harmonics of colour", low=0, high=3,
         none="fast and balanced 1, best 2",
     )
+    primitive: str = option(
+        "gaussian", "Gaussians", "surfel: flat discs without a third scale, as in 2DGS; the file "
+        "is 2DGS's, too", choices=("gaussian", "surfel"),
+    )
     init: str = option(
         "auto", "Gaussians", "first Gaussians: the data's points, random ones inside the cameras' "
         "view, or points where the data has them", choices=("auto", "points", "random"),
@@ -214,17 +201,14 @@ class TrainOptions:
     )
     exposure: str = option(
         "auto", "Loss", "exposure and white balance of each photograph are found and taken out: "
-        "on, off, or auto: where photographs differ", choices=("auto", "on", "off"),
-    )
+        "on, off, or auto: where photographs differ", choices=("auto", "on", "off"))
     surface: bool = option(
         False, "Loss", "Gaussians become flat and agree on one surface: for depth, normals and "
-        "gsut mesh",
-    )
+        "gsut mesh")
     known_depth: str = option(
         "auto", "Loss", "distances that --surface takes from the data: points, files (along the "
         "ray; 16-bit pictures in millimetres, .npy in the data's units), off, or auto: files where "
-        "training views have them, else points", choices=("auto", "points", "files", "off"),
-    )
+        "training views have them, else points", choices=("auto", "points", "files", "off"))
     robust: bool = option(
         False, "Loss", "areas of a photograph that differ from all others, such as passers-by, are "
         "left out of the loss", reason="+0.5 dB on the demo's hall with two in every photograph, "
@@ -232,6 +216,11 @@ class TrainOptions:
     drop_blurred: bool = option(
         False, "Loss", "photographs far less sharp than their neighbours in time are left out",
         reason="+1.4 dB on the demo's hall with a quarter of the photographs blurred")
+    motion_blur: float | None = option(
+        None, "Loss", "photographs are blurred by the camera's motion: time that each is exposed; "
+        "it is compared with the mean of up to three poses within, at the velocity between its "
+        "neighbours", unit="x time between frames", low=0.0, high=1.0, low_open=True, none="sharp",
+        reason="+1.6 dB on the demo's hall, blurred by 6 pixels, in twice the time")
     opacity_regularizer: float = option(
         0.01, "Loss", "weight of the mean opacity", low=0.0, high=100.0, reason="published (MCMC)")
     scale_regularizer: float = option(
@@ -239,16 +228,13 @@ class TrainOptions:
     coarse_to_fine: tuple[float, float] = option(
         "auto", "Loss", "train at 1/4 of the resolution until the first, at 1/2 until the second "
         "fraction of the steps; 0,0 = full resolution throughout", low=0.0, high=1.0,
-        words=("auto",), reason="a third of the time less for 0.2 dB",
-    )
+        words=("auto",), reason="a third of the time less for 0.2 dB")
     calibration_weights: str | None = option(
         None, "Loss", "lens file of `gsut calibrate`: residuals count less where that lens is "
-        "uncertain", none="all pixels count the same",
-    )
+        "uncertain", none="all pixels count the same")
     sh_every: int = option(
         None, "Loss", "steps between degrees of harmonics", unit="steps", low=1,
-        none="0.6 steps / (degree + 1), at most 1000",
-    )
+        none="0.6 steps / (degree + 1), at most 1000")
 
     strategy: str = option(
         "mcmc", "Densification", "mcmc: relocation, with a cap; adaptive: clone, split and prune "
@@ -304,6 +290,11 @@ class TrainOptions:
                 f"--coarse-to-fine {fractions[0]:g},{fractions[1]:g}: the quarter resolution "
                 "must end before the half resolution does"
             )
+        if self.primitive == "surfel" and self.low_pass:
+            raise InputError(
+                f"--low-pass {self.low_pass:g} makes Gaussians thicker, and surfels have no "
+                "thickness; leave one of the two out"
+            )
         if self.refine_lens:
             object.__setattr__(self, "refine_poses", True)
         if self.compact_at is not None and self.compact_at >= self.steps:
@@ -328,27 +319,11 @@ class TrainOptions:
             `background` (all but the first depend on the data) and `compact_at` (never) may be
             None. Values that were given are kept; resolving twice changes nothing.
         """
-        steps = self.steps
-        means_low, means_high = _MEANS_LR_RANGE
-        densify_every = round(_at_steps(steps, _DENSIFY_EVERY))
-        derived: dict[str, Any] = {
-            "eval_every": max(1, steps // 10),
-            "lr_means": min(max(_MEANS_LR_TIMES_STEPS / steps, means_low), means_high),
-            "lr_final_factor": _at_steps(steps, _LR_FINAL_FACTOR),
-            "sh_every": max(
-                1, min(_SH_EVERY_MOST, round(_SH_WITHIN * steps / (self.sh_degree + 1)))
-            ),
-            # At least ten times in a run that is shorter than the recipes.
-            "densify_every": max(1, min(densify_every, steps // 10)),
-            "noise": steps >= _NOISE_FROM_STEPS,
-            "grow_until": _GROW_UNTIL,
+        changes = {
+            name: value
+            for name, value in recipe(self.steps, self.sh_degree).items()
+            if getattr(self, name) in (None, AUTO)
         }
-        changes = {name: value for name, value in derived.items() if getattr(self, name) is None}
-        if not isinstance(self.coarse_to_fine, tuple):
-            changes["coarse_to_fine"] = (
-                _at_steps(steps, _QUARTER_UNTIL),
-                _at_steps(steps, _HALF_UNTIL),
-            )
         return dataclasses.replace(self, **changes)
 
     def to_json(self) -> str:
@@ -386,14 +361,3 @@ class TrainOptions:
             return cls(**given)
         except InputError as error:
             raise InputError(f"{source}: {error}") from None
-
-
-def _at_steps(steps: int, table: tuple[tuple[int, float], ...]) -> float:
-    """Value at `steps`, linear in log(steps) between the table's rows, constant outside."""
-    if steps <= table[0][0]:
-        return table[0][1]
-    for (s0, v0), (s1, v1) in itertools.pairwise(table):
-        if steps <= s1:
-            t = math.log(steps / s0) / math.log(s1 / s0)
-            return v0 + t * (v1 - v0)
-    return table[-1][1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +10,15 @@ import numpy as np
 
 from gsut._core import CameraMotion, InputError
 from gsut.data import MILLIMETRE, read_depth
-from gsut.render import field_angles, render, render_surface
+from gsut.render import field_angles, render, render_surface, to_uint8
 from gsut.surface.cloud import world_rays
 from gsut.surface.extract import MeshOptions, OnProgress, extract_mesh, silent
 from gsut.surface.mesh import Mesh
 from gsut.surface.mesh_files import load_mesh
+from gsut.surface.report import SurfaceView
 from gsut.surface.worth import depth_figures, mesh_figures, tree_of
 
+OnView = Callable[[SurfaceView], None]
 KINDS = ("expected", "median", "strongest")
 
 
@@ -31,6 +33,8 @@ def geometry_figures(
     options: MeshOptions | None = None,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
     progress: OnProgress = silent,
+    on_view: OnView | None = None,
+    on_mesh: Callable[[Mesh], None] | None = None,
 ) -> dict[str, Any]:
     """Figures of depth on views, and of the mesh where the truth is one.
 
@@ -45,6 +49,8 @@ def geometry_figures(
         mesh: what is judged; None: `extract_mesh` with `options`.
         background: colour behind the Gaussians; None: see `render`.
         progress: called with (stage, done, total).
+        on_view: called with what each view shows, its truth too.
+        on_mesh: called with the mesh that is judged.
 
     Returns:
         dict depth: for each kind of depth the figures of `depth_figures` over all pixels of the
@@ -73,12 +79,14 @@ def geometry_figures(
                 f"{truth or scene.path} has no depth of these views (NAME.png in 16 bits, or "
                 "NAME.npy); try --split all"
             )
-        figures["depth"] = _of_views(gaussians, scene, rows, background)
+        figures["depth"] = _of_views(gaussians, scene, rows, background, on_view)
         figures["depth"]["views"] = len(rows)
     if of_mesh is not None:
         if mesh is None:
             mesh = extract_mesh(gaussians, scene, options, background=background, progress=progress)
         figures["mesh"] = mesh_figures(mesh, of_mesh, scene)
+        if on_mesh is not None:
+            on_mesh(mesh)
     return figures
 
 
@@ -87,12 +95,16 @@ def _of_views(
     scene: Any,
     rows: list[tuple[int, np.ndarray]],
     background: Sequence[float] | None,
+    on_view: OnView | None = None,
 ) -> dict[str, Any]:
     columns: dict[str, list[np.ndarray]] = {kind: [] for kind in (*KINDS, "truth", "angle")}
     for index, true in rows:
-        camera = scene.camera(index)
-        result = render(gaussians, camera, scene.views[index].motion, background=background)
+        camera, view = scene.camera(index), scene.views[index]
+        result = render(gaussians, camera, view.motion, background=background)
         surface = render_surface(result)
+        if on_view is not None:
+            image = to_uint8(result.image)
+            on_view(SurfaceView(view.name, camera, view.motion, image, surface.median, true))
         for kind in KINDS:
             columns[kind].append(getattr(surface, kind).ravel())
         columns["truth"].append(true.ravel())

@@ -14,7 +14,7 @@ from gsut.data import Scene, points_seen
 from gsut.render import interpolated_gains
 
 _MOST_VIEWS = 150  # photographs that are looked at, evenly chosen
-_MOST_POINTS, _MOST_COMPARED = 20_000, 5_000  # that hide each other; of them compared
+_MOST_POINTS, _MOST_COMPARED = 10_000, 2_500  # that hide each other; of them compared
 _FEWEST_VIEWS, _FEWEST_SEEN = 5, 60  # photographs, and points of each, below which nothing is said
 _SEEN_BY = 3  # photographs, or a point says nothing
 _DARKEST, _BRIGHTEST = 8, 245  # grey levels that are neither noise nor clipped
@@ -49,7 +49,8 @@ def first_gains(scene: Scene) -> np.ndarray | None:
     view, point = view[often], np.unique(point[often], return_inverse=True)[1]
     if np.bincount(view, minlength=len(views)).min() < _FEWEST_SEEN:
         return None
-    logs, falloff = np.log(colors[often]), radius[often, None] ** (2 * np.arange(1, _ORDERS + 1))
+    logs = np.log(np.ascontiguousarray(colors[often].T))
+    falloff = radius[often] ** (2 * np.arange(1, _ORDERS + 1)[:, None])
     gains, error = _fit(view, point, logs, falloff, len(views))
     _, without = _fit(view, point, logs, falloff, 0)
     if gains.mean(axis=1).std() < _DIFFER or error > _LEFT_OVER * without:
@@ -75,7 +76,7 @@ def _colors(
     height, width = image.shape[:2]
     side = max(height, width) // _AREAS | 1
     colors = cv2.blur(image, (side, side))[y, x]
-    good = ((colors > _DARKEST) & (colors < _BRIGHTEST)).all(axis=1)
+    good = (colors.min(axis=1) > _DARKEST) & (colors.max(axis=1) < _BRIGHTEST)
     radius = np.hypot(x[good] - width / 2, y[good] - height / 2) / np.hypot(width / 2, height / 2)
     return rows[good], colors[good] / 255.0, radius
 
@@ -83,7 +84,7 @@ def _colors(
 def _fit(
     view: np.ndarray, point: np.ndarray, logs: np.ndarray, falloff: np.ndarray, num_views: int
 ) -> tuple[np.ndarray, float]:
-    """Robust least squares of logs (n, 3) = the point's + the view's + falloff (n, k) x its own.
+    """Robust least squares of logs (3, n) = the point's + the view's + falloff (k, n) x its own.
 
     Points are eliminated: what is fitted is each sample's difference from its point's mean.
     Products are numpy's own: BLAS wakes threads for them that spin longer than they work.
@@ -99,21 +100,22 @@ def _fit(
     num_points, weights = int(point.max()) + 1, np.ones(len(view))
     for _ in range(_ROUNDS):
         total = np.bincount(point, weights, num_points)
-        right, basis = (_centred(values, point, weights, total) for values in (logs, falloff))
-        normal, side = (_product(basis, weights[:, None] * each) for each in (basis, right))
+        right, basis = (_centred(rows, point, weights, total) for rows in (logs, falloff))
+        weighted = weights * basis
+        normal, side = (np.einsum("in,jn->ij", weighted, rows) for rows in (basis, right))
         if num_views:
             where = np.bincount(point * num_views + view, weights, num_points * num_views)
             where = where.reshape(num_points, num_views)
-            of_views = np.diag(where.sum(axis=0)) - _product(where, where / total[:, None])
-            both = _sums(view, weights[:, None] * basis, num_views)
-            normal = np.block([[of_views, both], [both.T, normal]])
-            side = np.concatenate([_sums(view, weights[:, None] * right, num_views), side])
+            shared = np.einsum("ni,nj->ij", where, where / total[:, None])
+            both = _sums(view, weighted, num_views)
+            normal = np.block([[np.diag(where.sum(axis=0)) - shared, both.T], [both, normal]])
+            side = np.concatenate([_sums(view, weights * right, num_views).T, side])
         # Gains have a constant in common that nothing tells: of all solutions the smallest.
         found = np.linalg.lstsq(normal, side, rcond=1e-9)[0]
-        model = np.einsum("nk,kc->nc", falloff, found[num_views:])
+        errors = right - np.einsum("kc,kn->cn", found[num_views:], basis)
         if num_views:
-            model += found[view]
-        largest = np.abs(right - _centred(model, point, weights, total)).max(axis=1)
+            errors -= _centred(found[:num_views].T[:, view], point, weights, total)
+        largest = np.abs(errors).max(axis=0)
         error = max(float(np.median(largest)), np.finfo(float).eps)
         weights = 1.0 / (1.0 + (largest / (1.4826 * error)) ** 2) ** 2  # Geman and McClure's
     gains = found[:num_views]
@@ -121,17 +123,12 @@ def _fit(
 
 
 def _centred(
-    values: np.ndarray, point: np.ndarray, weights: np.ndarray, total: np.ndarray
+    rows: np.ndarray, point: np.ndarray, weights: np.ndarray, total: np.ndarray
 ) -> np.ndarray:
-    """Samples (n, k) less the weighted mean of all of their point."""
-    return values - (_sums(point, weights[:, None] * values, len(total)) / total[:, None])[point]
+    """Samples (k, n) less the weighted mean of all of their point."""
+    return rows - (_sums(point, weights * rows, len(total)) / total)[:, point]
 
 
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(i, j) a'b of (n, i) and (n, j)."""
-    return np.einsum("ni,nj->ij", a, b)
-
-
-def _sums(rows: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """(count, k) sums of samples (n, k) over each row."""
-    return np.stack([np.bincount(rows, column, count) for column in values.T], axis=1)
+def _sums(which: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
+    """(k, count) sums of samples (k, n) over each of `which` (n,)."""
+    return np.stack([np.bincount(which, row, count) for row in rows])

@@ -70,6 +70,15 @@ def first_sky(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
     return far, np.rint(255 * colors).astype(np.uint8)
 
 
+def sky_note(count: int) -> str:
+    """That so many first Gaussians are a sky's, and why, in a sentence."""
+    return (
+        f"{count} of the first Gaussians are a sky, {_FAR:g} times as far as the points: no point "
+        "lies there, and the photographs agree only when that is taken for far away "
+        "(--init-count leaves it out)."
+    )
+
+
 def _directions() -> np.ndarray:
     """(n, 3) unit vectors, evenly over the sphere along a spiral."""
     steps = np.arange(_DIRECTIONS) + 0.5

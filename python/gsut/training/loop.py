@@ -25,8 +25,9 @@ from gsut.render import DEFAULT_UNSCENTED, Light, random_background
 from gsut.run import Stopwatch, TrainOptions
 from gsut.training.context import Context
 from gsut.training.densification import DensificationStep, densification_of
+from gsut.training.motion_blur import BlurRenderer, Exposure
 from gsut.training.photograph_model import PhotographModel
-from gsut.training.start import seed_first
+from gsut.training.start import first_gaussians
 from gsut.training.surface_terms import SurfaceTerms, SurfaceWeights
 
 # Steps after which the low-pass filter's radii are found again (Mip-Splatting: 100).
@@ -59,7 +60,7 @@ class TrainingLoop:
     Args:
         scene: training views, cameras and points, at the resolution to train at.
         options: resolved.
-        start: the first Gaussians; None: `seed_first`. Of `MixedGaussians` neither number nor
+        start: the first Gaussians; None: `first_gaussians`. Of `MixedGaussians` neither number nor
             degrees change.
         tracks: gives the first poses where they come from tracks of features; None: the scene's.
         light: of the photographs, where a run before has found it.
@@ -69,6 +70,7 @@ class TrainingLoop:
         views: photographs, poses and lenses; the only owner of the latter.
         photographs: their exposure, white balance and falloff.
         optimizer: owner of the Gaussians.
+        notes: what was found in the photographs before the first step.
         step: steps made.
         seconds: of the steps alone, without reading images and measuring PSNR.
         stopwatch: of the steps' stages, for ./run bench train.
@@ -86,15 +88,17 @@ class TrainingLoop:
         scene = scene if tracks is None else tracks.scene
         self.options = options = dataclasses.replace(options, max_gaussians=options.most_gaussians)
         self.step, self.seconds = 0, 0.0
-        start = seed_first(scene, options) if start is None else start
+        start, self.notes = first_gaussians(scene, options) if start is None else (start, [])
         self.densification = densification_of(options, len(start))
-        self.optimizer = optimizer_of(start, self.densification.capacity(), options.seed)
+        surfels = options.primitive == "surfel"
+        self.optimizer = optimizer_of(start, self.densification.capacity(), options.seed, surfels)
         self.views = TrainingViews(scene, options.coarse_to_fine)
         lens = options.calibration_weights
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
         refine = options.refine_poses
         self.refiner = TrainingRefiner(self.views, options, tracks) if refine else None
-        self.renderer = _core.Renderer()
+        self.renderer: Any = _core.Renderer() if options.motion_blur is None else BlurRenderer()
+        self._exposure = Exposure(scene, options.motion_blur)
         self.rule = _core.BlendRule()
         self.stopwatch = Stopwatch()
         self._context = Context(context)
@@ -105,7 +109,7 @@ class TrainingLoop:
             SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if options.surface else None
         )
         self._filter = LowPassFilter(options.low_pass, self.views.training_cameras)
-        self._mean = TrajectoryMean(options.average_from)
+        self._mean = TrajectoryMean(options.average_from, surfels)
 
     @property
     def scene(self) -> Scene:
@@ -182,10 +186,10 @@ class TrainingLoop:
             self._gradients = drawn.zeros_like()
             self._touched = np.zeros(len(drawn), np.uint8)
         behind = self.options.background or random_background(self.options.seed, step.number)
+        place = self._exposure.places(self.scene, step.level, step.view)
         self.renderer.render(
-            drawn, step.level.camera(step.view), self.scene.views[step.view].motion,
-            self.rule, behind, step.degree, DEFAULT_UNSCENTED, image, None, None,
-            True, None, self._tiles(step),
+            drawn, step.level.camera(step.view), place, self.rule, behind, step.degree,
+            DEFAULT_UNSCENTED, image, None, None, True, None, self._tiles(step),
         )  # fmt: skip
         self.stopwatch.lap("render")
 

@@ -10,7 +10,9 @@ until the images are better than they are.
 
 from __future__ import annotations
 
+import bisect
 import copy
+import math
 from typing import Any
 
 import numpy as np
@@ -29,8 +31,10 @@ _FROM = 0.05
 # are compared with photographs all the same, for the falloffs.
 _POINTS_ALONE, _POINTS_UNTIL = 0.3, 0.5
 _DECIDED_AT = (0.25, 0.3, 0.35, 0.4, 0.5, 0.6)
-_FALLOFF_AT = (0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.93)
-_LOOKS = (_DECIDED_AT, _FALLOFF_AT)
+_FALLOFF_AT = (0.35, 0.5, 0.65, 0.8, 0.93)
+# A falloff that is found again is taken where it has moved by more than this: with each that is
+# another, every photograph's statistics are, too.
+_MOVED = 0.002
 # Photographs differ where their gains come out alike at two visits and in the quarters of the
 # picture; errors of a young scene do neither. Chance makes gains of two visits agree so well once
 # in a thousand times (normal deviate), and lets gains differ by three standard errors of their
@@ -48,6 +52,7 @@ _RINGS, _QUADRANTS = 8, 4  # parts of a photograph: field angle, and quarter of 
 _STRONGEST = 0.7  # largest logarithm of a gain that is believed: a factor of two
 _PRIOR = 1e-4  # weight of a ring's prior; those of what is seen add up to 1
 _DARKEST, _BRIGHTEST = 0.1, 1.05  # falloffs that are believed: lenses darken towards the rim
+_BASIS_ROWS = 100  # of all pixels, at least so many rows and columns say what a ring is
 _CHECKED = 65  # angles at which a falloff is checked
 
 
@@ -71,21 +76,28 @@ class PhotographModel:
         # The last sums of each view: (V, 2, rings x quadrants, 3) of T C and of C^2.
         self._sums = np.zeros((count, 2, _RINGS * _QUADRANTS, 3))
         self._before = np.zeros_like(self._sums)  # those of the visit before
-        self._mean: np.ndarray | None = None  # of the known log-gains, until one changes
+        self._total = [0.0] * 3  # of the known log-gains; those of other views are zero
+        self._num_known = 0
         self._falloffs: list[Falloff | None] = [None] * len(scene.cameras)
         self._looked = (0, 0)  # how often for gains, for falloffs
         self._by_points = False
         first = first_gains(scene) if light is None and self._mode != "off" else None
         if first is not None:
-            self._log_gains, self._gains_used, self._by_points = first, True, True
-            self._known[list(scene.train_indices)] = True
+            self._gains_used, self._by_points = True, True
+            self._know(first)
         if light is not None:
-            self._log_gains = np.log(light.gains)
-            self._known[list(scene.train_indices)] = True
+            self._know(np.log(light.gains))
             self._falloffs = list(light.falloffs)
         self._bases: dict[int, tuple[float, np.ndarray]] = {}
+        self._lights: dict[int, np.ndarray] = {}  # see `_light_of_parts`
         self._planes: dict[tuple[int, int, int], Any] = {}  # of one level's cameras
         self._parts: dict[tuple[int, int, int], np.ndarray] = {}
+
+    def _know(self, log_gains: np.ndarray) -> None:
+        """Begins with these (V, 3) of the training views; those of others stay zero."""
+        train = list(self._scene.train_indices)
+        self._log_gains[train], self._known[train] = log_gains[train], True
+        self._total, self._num_known = self._log_gains.sum(axis=0).tolist(), len(train)
 
     def observe(
         self,
@@ -114,7 +126,7 @@ class PhotographModel:
             self._planes = {k: v for k, v in self._planes.items() if k[0] != key[0]}
             inverse = 1.0 / falloff.at(field_angles(camera))
             self._planes[key] = _core.FalloffPlane(inverse.astype(np.float32))
-        target.set_light(np.exp(-self._used_gains(view)), self._planes.get(key))
+        target.set_light(self._inverse_gain(view), self._planes.get(key))
 
     def _compare(
         self,
@@ -134,16 +146,17 @@ class PhotographModel:
         if key not in self._parts:
             self._parts = {k: v for k, v in self._parts.items() if k[0] != key[0]}
             self._parts[key] = _parts(camera)
-        self._before[view] = self._sums[view]
+        if not self._gains_used:
+            self._before[view] = self._sums[view]
         self._sums[view] = target.light_sums(image, self._parts[key], _RINGS * _QUADRANTS)
         if not self._by_points or fraction >= _POINTS_UNTIL:
             self._learn_gain(view)
-        decided, found = (sum(fraction >= at for at in fractions) for fractions in _LOOKS)
-        if decided > self._looked[0]:
+        looked = bisect.bisect(_DECIDED_AT, fraction), bisect.bisect(_FALLOFF_AT, fraction)
+        if looked[0] > self._looked[0]:
             self._gains_used = self._gains_used or self.spread() > _DIFFER
-        if found > self._looked[1]:
+        if looked[1] > self._looked[1]:
             self._find_falloffs()
-        self._looked = (decided, found)
+        self._looked = looked
 
     def spread(self) -> float:
         """Standard deviation of log-gains that two visits and all quarters of a picture show.
@@ -175,39 +188,50 @@ class PhotographModel:
         if not self._gains_used and not any(self._falloffs):
             return None
         known = np.flatnonzero(self._known)
-        gains = np.exp(
-            interpolated_gains(self._used_gains(), known.tolist(), self._names, self._camera_of)
-        )
-        return Light(gains, tuple(self._falloffs))
+        logs = np.zeros_like(self._log_gains)
+        if self._gains_used:
+            logs = self._log_gains - self._log_gains[known].mean(axis=0)
+        logs = interpolated_gains(logs, known.tolist(), self._names, self._camera_of)
+        return Light(np.exp(logs), tuple(self._falloffs))
 
     def _learn_gain(self, view: int) -> None:
         """Halfway from what was known to what the last image says."""
         sums = self._sums[view]
         if self._falloffs[self._camera_of[view]] is not None:
-            light = np.repeat(self._light_of_rings(self._camera_of[view]), _QUADRANTS, axis=0)
-            sums = sums * np.stack([light, light**2])
-        tc, cc = sums.sum(axis=1)
-        if not min(tc.min(), cc.min()) > 0:
+            sums = sums * self._light_of_parts(self._camera_of[view])
+        tc, cc = np.add.reduce(sums, axis=1).tolist()
+        if not all(value > 0 for value in (*tc, *cc)):
             return
-        found = np.minimum(np.maximum(np.log(tc / cc), -_STRONGEST), _STRONGEST)
-        before = self._log_gains[view] if self._known[view] else found
-        self._log_gains[view] = 0.5 * (before + found)
-        self._known[view], self._mean = True, None
+        found = [math.log(t / c) for t, c in zip(tc, cc, strict=True)]
+        found = [min(max(gain, -_STRONGEST), _STRONGEST) for gain in found]
+        before = self._log_gains[view].tolist()
+        if not self._known[view]:
+            self._known[view] = True
+            self._num_known += 1
+            gains = found
+        else:
+            gains = [0.5 * (a + b) for a, b in zip(before, found, strict=True)]
+        self._log_gains[view] = gains
+        change = zip(self._total, gains, before, strict=True)
+        self._total = [total + now - old for total, now, old in change]
 
-    def _used_gains(self, views: Any = slice(None)) -> np.ndarray:
-        """(V, 3), of one view (3,), log-gains of mean zero over the known views; zero if unused."""
+    def _inverse_gain(self, view: int) -> list[float]:
+        """What a view's photograph is multiplied by, one a channel; 1 if gains are unused."""
         if not self._gains_used:
-            return np.zeros_like(self._log_gains[views])
-        if self._mean is None:
-            self._mean = self._log_gains[self._known].mean(axis=0)
-        return self._log_gains[views] - self._mean
+            return [1.0, 1.0, 1.0]
+        gains = self._log_gains[view].tolist()
+        count = max(1, self._num_known)
+        return [math.exp(total / count - g) for total, g in zip(self._total, gains, strict=True)]
 
-    def _light_of_rings(self, camera: int) -> np.ndarray:
-        """(rings, 3) the mean falloff of each ring."""
+    def _light_of_parts(self, camera: int) -> np.ndarray:
+        """(2, rings x quadrants, 3) what sums of T C and C^2 are multiplied by."""
         falloff = self._falloffs[camera]
-        if falloff is None:
-            return np.ones((_RINGS, 3))
-        return 1.0 + self._basis(camera)[1] @ falloff.coefficients.T
+        assert falloff is not None
+        if camera not in self._lights:
+            light = 1.0 + self._basis(camera)[1] @ falloff.coefficients.T
+            light = np.repeat(light, _QUADRANTS, axis=0)
+            self._lights[camera] = np.stack([light, light**2])
+        return self._lights[camera]
 
     def _basis(self, camera: int) -> tuple[float, np.ndarray]:
         """Widest angle and `_mean_basis` of a camera, computed when they are first asked for."""
@@ -218,7 +242,6 @@ class PhotographModel:
 
     def _find_falloffs(self) -> None:
         """Least squares over the rings of all photographs of a camera, gains held."""
-        self._planes = {}
         for camera in range(len(self._scene.cameras)):
             angle, basis = self._basis(camera)
             views = [v for v in np.flatnonzero(self._known) if self._camera_of[v] == camera]
@@ -230,7 +253,18 @@ class PhotographModel:
             found = _fit_falloff(angle, basis, tc.sum(axis=0), cc.sum(axis=0))
             values = found.at(np.linspace(0.0, angle, _CHECKED))
             believed = values.min() > _DARKEST and values.max() < _BRIGHTEST
-            self._falloffs[camera] = found if believed and _differs(tc, cc) else None
+            self._take_falloff(camera, found if believed and _differs(tc, cc) else None)
+
+    def _take_falloff(self, camera: int, found: Falloff | None) -> None:
+        """Uses this one from now on, unless it is as good as the one before."""
+        before = self._falloffs[camera]
+        if found is not None and before is not None:
+            angles = np.linspace(0.0, found.max_angle, _CHECKED)
+            if np.abs(found.at(angles) / before.at(angles) - 1.0).max() < _MOVED:
+                return
+        self._falloffs[camera] = found
+        self._lights.pop(camera, None)
+        self._planes = {key: plane for key, plane in self._planes.items() if key[0] != camera}
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that later steps depend on."""
@@ -243,10 +277,13 @@ class PhotographModel:
         for name in _STATE:
             setattr(self, name, copy.copy(state[name]))
         self._falloffs = [Falloff.from_dict(each) for each in state["falloffs"]]
-        self._mean = None
+        self._lights, self._planes = {}, {}
 
 
-_STATE = ("_mode", "_gains_used", "_log_gains", "_known", "_sums", "_before", "_looked")
+_STATE = (
+    "_mode", "_gains_used", "_log_gains", "_known", "_total", "_num_known", "_sums", "_before",
+    "_looked",
+)  # fmt: skip
 
 
 def _gains_of(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -280,7 +317,8 @@ def _parts(camera: _core.Camera) -> np.ndarray:
     """(H, W) uint8 part of a photograph each pixel lies in: ring x quadrants + quadrant."""
     lower = np.arange(camera.height)[:, None] >= camera.height / 2
     right = np.arange(camera.width)[None] >= camera.width / 2
-    return (_rings(field_angles(camera)) * _QUADRANTS + 2 * lower + right).astype(np.uint8)
+    angles = field_angles(camera)
+    return (_rings(angles, _widest(angles)) * _QUADRANTS + 2 * lower + right).astype(np.uint8)
 
 
 def _widest(angles: np.ndarray) -> float:
@@ -288,16 +326,17 @@ def _widest(angles: np.ndarray) -> float:
     return float(np.nanmax(angles, initial=np.finfo(float).tiny))
 
 
-def _rings(angles: np.ndarray) -> np.ndarray:
-    """The ring of each field angle (...); of NaN the last one."""
-    widest = _widest(angles)
+def _rings(angles: np.ndarray, widest: float) -> np.ndarray:
+    """The ring of each field angle (...) of a camera that sees so wide; of NaN the last one."""
     return np.minimum(_RINGS * np.nan_to_num(angles, nan=widest) / widest, _RINGS - 1).astype(int)
 
 
 def _mean_basis(angles: np.ndarray) -> np.ndarray:
     """(rings, ORDERS) means of the falloff's even powers over the pixels of each ring."""
-    known = angles[~np.isnan(angles)]
-    ring, basis = _rings(known), falloff_basis(known / _widest(angles))
+    few = max(1, min(angles.shape) // _BASIS_ROWS)
+    widest, some = _widest(angles), angles[::few, ::few]
+    known = some[~np.isnan(some)]
+    ring, basis = _rings(known, widest), falloff_basis(known / widest)
     counts = np.maximum(1, np.bincount(ring, minlength=_RINGS))
     sums = [np.bincount(ring, column, minlength=_RINGS) for column in basis.T]
     return np.stack(sums, axis=1) / counts[:, None]

@@ -76,6 +76,7 @@ def measure_training(
     if scene.test_indices:
         some = scene.train_indices[:: -(-len(scene.train_indices) // _BESIDE)]
         metrics["psnr_train"] = mean_psnr(scene, gaussians, some, loop.options.background)
+    metrics["notes"] += loop.notes
     if loop.refiner is not None:
         metrics["refinement"] = loop.refiner.figures()
     return scene, metrics

@@ -9,10 +9,16 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import Scene, color_points, has_colors, some_names, with_shutter
-from gsut.gaussians import Gaussians, chosen_points, seed_from_points, seed_in_view
+from gsut.gaussians import (
+    Gaussians,
+    chosen_points,
+    seed_from_points,
+    seed_in_view,
+    seed_surfels,
+)
 from gsut.refine import TracksResult, check_refinable, refine_by_tracks
 from gsut.run import Progress, TrainOptions
-from gsut.training.first_sky import first_sky
+from gsut.training.first_sky import first_sky, sky_note
 
 # Random first Gaussians lie between these distances from a camera, in units of the scene's extent.
 _RANDOM_NEAR, _RANDOM_FAR = 0.05, 4.0
@@ -132,8 +138,50 @@ def refine_first_poses(scene: Scene, options: TrainOptions, progress: bool) -> T
         return refine_by_tracks(scene, options, bar.show)
 
 
-def seed_first(scene: Scene, options: TrainOptions) -> Gaussians:
-    """The Gaussians that training starts from: on the scene's points and sky, or random in view."""
+def first_gaussians(scene: Scene, options: TrainOptions) -> tuple[Gaussians, list[str]]:
+    """What training starts from, a sky among it where the photographs show one; notes of that.
+
+    Args:
+        scene: as it is trained on.
+        options: resolved.
+    """
+    sky = _sky_to_seed(scene, options)
+    notes = [] if sky is None else [sky_note(len(sky[0]))]
+    return seed_first(scene, options, sky), notes
+
+
+def _sky_to_seed(scene: Scene, options: TrainOptions) -> tuple[np.ndarray, np.ndarray] | None:
+    """`first_sky`, where the options leave the first Gaussians open and there is room for it."""
+    o = options
+    if not _on_points(scene, o) or o.init_count is not None or o.background is not None:
+        return None
+    sky = first_sky(scene)
+    if sky is None or min(len(scene.points), o.max_gaussians) + len(sky[0]) > o.max_gaussians:
+        return None
+    return sky
+
+
+def _on_points(scene: Scene, options: TrainOptions) -> bool:
+    return options.init != "random" and len(scene.points) > 0
+
+
+def seed_first(
+    scene: Scene, options: TrainOptions, sky: tuple[np.ndarray, np.ndarray] | None = None
+) -> Gaussians:
+    """The Gaussians that training starts from: on the scene's points and `sky`, or random in view.
+
+    Args:
+        scene: as it is trained on.
+        options: resolved.
+        sky: points and colours, see `first_sky`.
+    """
+    first = _seed_gaussians(scene, options, sky)
+    return seed_surfels(first) if options.primitive == "surfel" else first
+
+
+def _seed_gaussians(
+    scene: Scene, options: TrainOptions, sky: tuple[np.ndarray, np.ndarray] | None
+) -> Gaussians:
     o = options
     shape: dict[str, Any] = {
         "sh_degree": o.sh_degree,
@@ -143,18 +191,17 @@ def seed_first(scene: Scene, options: TrainOptions) -> Gaussians:
     }
     if o.init == "points" and len(scene.points) == 0:
         raise InputError(f"{scene.path} has no points to start from; use --init random")
-    if o.init == "random" or len(scene.points) == 0:
+    if not _on_points(scene, o):
         return seed_in_view(
             [scene.camera(i) for i in scene.train_indices], scene.poses(scene.train_indices),
             min(o.init_count or _RANDOM_COUNT, o.max_gaussians), near=_RANDOM_NEAR * scene.extent,
             far=_RANDOM_FAR * scene.extent, **shape,
         )  # fmt: skip
-    sky = first_sky(scene) if o.init_count is None and o.background is None else None
     most = min(o.init_count or len(scene.points), o.max_gaussians)
     rows = chosen_points(len(scene.points), most, o.seed)
     points, colors = scene.points[rows], scene.point_colors[rows]
     if not has_colors(scene):
         colors, _ = color_points(scene, points)
-    if sky is not None and len(points) + len(sky[0]) <= o.max_gaussians:
+    if sky is not None:
         points, colors = np.concatenate([points, sky[0]]), np.concatenate([colors, sky[1]])
     return seed_from_points(points, colors, **shape)

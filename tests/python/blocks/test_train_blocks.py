@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import gsut
+from attack.harness import snapshot
 from gsut.blocks import workers
 from gsut.blocks.layout import Layout
 from gsut.blocks.plan import check_memory, choose_count, needed
-from gsut.cli import build_parser, main
+from gsut.cli import main
 from gsut.run import RunFolder, read_checkpoint, size_text
-from gsut.run.folder import HISTORY
 from small_blocks import OPTIONS, same_bits, states, train
 
 
@@ -186,14 +186,40 @@ def test_wrong_flags_are_refused_before_anything_is_read(tmp_path, capsys, flags
     assert words in capsys.readouterr().err
 
 
-def test_a_run_broken_off_before_its_blocks_says_what_to_do(tmp_path):
-    from gsut.cli.train import _block_options
+def test_run_killed_before_its_first_step_goes_on_to_the_same_bits(
+    scene, finished, tmp_path, monkeypatch
+):
+    def stop(*_):
+        raise KeyboardInterrupt
 
-    run = RunFolder.create(tmp_path / "run", OPTIONS)
-    words = ["train", "ds", "-o", str(run.path), "--blocks", "2", "--resume"]
-    parsed = build_parser().parse_args(words)
-    with pytest.raises(gsut.InputError, match="before its first step; delete it, leave --resume"):
-        _block_options(run, parsed)
-    run.write_text(HISTORY, "[]")
-    with pytest.raises(gsut.InputError, match="was not begun in blocks; leave --blocks out"):
-        _block_options(run, parsed)
+    out = tmp_path / "run"
+    monkeypatch.setattr(RunFolder, "write_text", stop)  # all but the folder of the blocks
+    with pytest.raises(KeyboardInterrupt):
+        train(scene, out)
+    monkeypatch.undo()
+    assert [path.name for path in (out / "blocks").iterdir()] == ["plan.json"]
+    monkeypatch.setattr("gsut.blocks.driver.train_coarse", stop)
+    words = ["train", str(scene.path), "-o", str(out), "--resume", "--quiet"]
+    assert main(words) == 130
+    assert (out / "options.json").is_file()
+    monkeypatch.undo()
+    monkeypatch.setattr("gsut.training.results.write_report", lambda run: None)
+    assert main(words) == 0
+    assert same_bits(finished / "run", out)
+
+
+def test_run_goes_on_as_a_whole_or_in_blocks_as_it_was_begun(scene, finished, tmp_path, capsys):
+    with pytest.raises(gsut.InputError, match="was begun in blocks, not as a whole"):
+        gsut.train(scene, OPTIONS, out=finished / "run", resume=True, progress=False)
+    whole = RunFolder.create(tmp_path / "whole", OPTIONS)
+    with pytest.raises(gsut.InputError, match="was begun as a whole, not in blocks"):
+        train(scene, whole.path, resume=True)
+    words = ["train", "ds", "-o", str(whole.path), "--blocks", "2", "--resume"]
+    assert main(words) == 2
+    assert "was not begun in blocks; leave --blocks out" in capsys.readouterr().err
+
+
+def test_finished_run_in_blocks_stays_as_it_is(scene, finished):
+    before = snapshot(finished / "run")
+    train(scene, finished / "run", resume=True, report=True)
+    assert snapshot(finished / "run") == before

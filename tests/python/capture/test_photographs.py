@@ -46,6 +46,14 @@ def test_facts_of_a_photograph(tmp_path):
     assert facts.place == pytest.approx((-33.5, 10.01, 120.0))
 
 
+@pytest.mark.parametrize("size", [(1, 1), (5000, 1), (1, 5000)])
+def test_photographs_without_a_picture_to_speak_of_are_collected(tmp_path, size):
+    photograph(tmp_path / "p/a.png", size)
+    collect_photographs([tmp_path / "p"], tmp_path / "out")
+    strip = cv2.imread(str(tmp_path / "out/strip.jpg"))
+    assert strip.shape[0] == 100 and 0 < strip.shape[1] <= 10 * (4 * 96 + 4)
+
+
 def test_photographs_stay_where_they_are_and_give_a_lens_to_begin_with(tmp_path):
     for i in range(3):
         photograph(tmp_path / f"p/{i}.jpg", orientation=(1, 6, 1)[i], second=2 * i)

@@ -9,6 +9,7 @@ import gsut
 import small_run
 from formats.scene_cases import plain_scene
 from gsut.cli import main
+from gsut.gaussians import press_surfels
 
 
 @pytest.fixture
@@ -34,6 +35,20 @@ def test_convert_json_has_the_errors_of_the_file(ply, tmp_path, capsys):
     assert figures["errors"]["position"] == 0.0
     before, after = gsut.load_gaussians(ply), gsut.load_gaussians(out)
     np.testing.assert_array_equal(after.sh, before.sh[:, :4])
+
+
+def test_convert_keeps_surfels_or_says_that_they_are_gaussians_now(tmp_path, rng, capsys):
+    g = plain_scene(rng, 50, 1)
+    press_surfels(g.log_scales)
+    gsut.save_ply(tmp_path / "in.ply", g)
+    cases = {"out.ply": [], "three.ply": ["--three-scales"], "out.glb": []}
+    for name, flags in cases.items():
+        assert main(["convert", str(tmp_path / "in.ply"), str(tmp_path / name), *flags]) == 0
+        said = capsys.readouterr().out
+        assert "50 surfels" in said
+        assert ("the file holds Gaussians" in said) == (name != "out.ply")
+    assert b"scale_2" not in (tmp_path / "out.ply").read_bytes()
+    assert b"scale_2" in (tmp_path / "three.ply").read_bytes()
 
 
 def test_convert_takes_the_folder_of_a_run(tmp_path, monkeypatch, capsys):

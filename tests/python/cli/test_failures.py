@@ -151,6 +151,8 @@ def test_every_writer_on_a_full_disk_fails_and_names_the_file(tmp_path, rng):
         (["train", "in", "-o", "a", "--port", "99999"], "--port: takes a whole number from 0 to"),
         (["train", "in", "-o", ""], "the name is empty"),
         (["poses", "in", "-o", ""], "the name is empty"),
+        (["doctor", ""], "after doctor the name is empty"),
+        (["eval", "in", "--data", ""], "after --data the name is empty"),
     ],
 )
 def test_sizes_without_bound_are_refused_at_once(words, said, tmp_path, monkeypatch, rng, capsys):

@@ -55,6 +55,16 @@ def test_tumvi_takes_lenses_and_places_from_the_camchain(tmp_path):
     assert_truth(gsut.load_dataset(made.write_tumvi(tmp_path)))
 
 
+def test_pictures_and_table_that_disagree_are_told(tmp_path):
+    made.write_euroc(tmp_path)
+    pictures = sorted((tmp_path / "mav0/cam1/data").iterdir())
+    pictures[2].rename(pictures[2].with_name("77.png"))
+    table = f"{tmp_path}/mav0/cam1/data.csv"
+    notes = gsut.load_dataset(tmp_path).notes
+    assert f"{table}: 1 pictures do not exist and are left out: {pictures[2].name}" in notes
+    assert f"{table}: 1 pictures are not in it and are left out: 77.png" in notes
+
+
 def test_camchain_without_imu_of_the_second_camera_goes_through_the_first(tmp_path):
     made.write_tumvi(tmp_path)
     chain = tmp_path / "dso/camchain.yaml"

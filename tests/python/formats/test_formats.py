@@ -7,6 +7,7 @@ import pytest
 
 from gsut import InputError, formats
 from gsut.data.points import load_points_ply
+from gsut.gaussians import press_surfels
 from random_scenes import assert_same, random_gaussians
 
 pytestmark = pytest.mark.quick
@@ -127,7 +128,7 @@ def test_load_ply_with_infinite_opacity_logits_keeps_them_as_20(tmp_path, rng):
     assert found.opacity_logits.tolist() == [20.0, 0.0, -20.0]
 
 
-@pytest.mark.parametrize("name", ["y", "f_dc_1", "opacity", "scale_2", "rot_0", "f_rest_4"])
+@pytest.mark.parametrize("name", ["y", "f_dc_1", "opacity", "scale_1", "rot_0", "f_rest_4"])
 def test_load_ply_with_a_missing_property_names_it(tmp_path, rng, name):
     columns = columns_of(random_gaussians(rng, 2, 4))
     del columns[name]
@@ -137,6 +138,23 @@ def test_load_ply_with_a_missing_property_names_it(tmp_path, rng, name):
     assert "a.ply" in str(error.value)
     expected = "8 properties f_rest_" if name.startswith("f_rest") else f'"{name}" is missing'
     assert expected in str(error.value)
+
+
+def test_surfels_are_written_and_read_as_2dgs_does(tmp_path, rng):
+    g = random_gaussians(rng, 30, 4)
+    press_surfels(g.log_scales)
+    columns = columns_of(g)
+    del columns["scale_2"]
+    for byte_order in "<>a":
+        write_table(tmp_path / "2dgs.ply", columns, byte_order, dict.fromkeys(columns, "f4"))
+        assert_same(formats.load_ply(tmp_path / "2dgs.ply"), g)
+    formats.save_ply(tmp_path / "ours.ply", g)
+    head = (tmp_path / "ours.ply").read_bytes().split(b"end_header")[0]
+    assert b"scale_1" in head and b"scale_2" not in head
+    assert_same(formats.load_ply(tmp_path / "ours.ply"), g)
+    formats.save_ply(tmp_path / "three.ply", g, surfels=False)
+    assert b"scale_2" in (tmp_path / "three.ply").read_bytes()
+    assert_same(formats.load_ply(tmp_path / "three.ply"), g)
 
 
 @pytest.mark.parametrize("byte_order", ["<", "a"])

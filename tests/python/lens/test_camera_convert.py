@@ -84,6 +84,8 @@ def test_convert_command_writes_the_lens_and_prints_the_worst_error(tmp_path, ca
     printed = capsys.readouterr().out
     assert "opencv4 -> opencv8" in printed and "worst (px)" in printed
     assert load_camera(out).model == "opencv8"
+    assert main(["camera", "convert", str(lens), "opencv4", "-o", str(lens)]) == 2
+    assert f"{lens} exists; give another name with -o" in capsys.readouterr().err
     assert main(["camera", "convert", str(lens), "nonsense"]) == 2
     assert "unknown camera model 'nonsense'" in capsys.readouterr().err
 

@@ -226,8 +226,11 @@ def test_loss_of_a_photograph_in_its_light_matches_reference(
         set_isa(isa)
         target = _core.PhotometricTarget(photograph, mask, "partial", keep_statistics)
         plain, _ = _core.photometric_loss(target, image)
-        target.set_light(gain, _core.FalloffPlane(falloff) if with_falloff else None)
+        plane = _core.FalloffPlane(falloff) if with_falloff else None
+        target.set_light(gain, plane)
         loss, gradient = _core.photometric_loss(target, image)
+        target.set_light(gain, plane)  # stated again: now with statistics of it
+        assert _core.photometric_loss(target, image)[0] == loss
         assert loss == pytest.approx(reference, rel=tolerances.LOSS_RELATIVE)
         error = np.linalg.norm(gradient - expected) / np.linalg.norm(expected)
         assert error < tolerances.LOSS_GRADIENT_RELATIVE
@@ -260,6 +263,8 @@ def test_light_that_is_none_is_refused(pair):
         target.set_light([1.0, 0.0, 1.0])
     with pytest.raises(InputError, match="give three for each of"):
         target.set_light([1.0, 1.0, 1.0], _core.FalloffPlane(np.ones((3, 4, 3), np.float32)))
+    with pytest.raises(InputError, match="inverse_falloff holds 0"):
+        _core.FalloffPlane(np.zeros((*photograph.shape[:2], 3), np.float32))
     with pytest.raises(InputError, match="from num_bins on, which is 2"):
         target.light_sums(image, np.full(image.shape[:2], 2, np.uint8), 2)
 

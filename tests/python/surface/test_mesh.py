@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+import gsut
 import tolerances
 from gsut import InputError, _core
 from gsut.surface import Mesh, load_mesh, save_mesh, shaded_picture
@@ -158,7 +159,10 @@ def test_mesh_command_writes_the_plane_and_refuses_what_it_cannot(tmp_path, caps
     run, out = str(plane_run(tmp_path)), tmp_path / "a.ply"
     picture = tmp_path / "a.png"
     words = ["--json", "--voxel", "0.05", "--picture", str(picture)]
+    words += ["--report", str(tmp_path / "a.html")]
     assert main(["mesh", run, "-o", str(out), *words]) == 0
+    shown = min(6, len(gsut.load_dataset(tmp_path / "data").train_indices))
+    assert (tmp_path / "a.html").read_text().count("<img") == 3 * shown  # render, depth, mesh
     assert (cv2.imread(str(picture)) < 230).any(axis=2).mean() > 0.1
     figures = json.loads(capsys.readouterr().out)
     mesh = load_mesh(out)
@@ -170,6 +174,7 @@ def test_mesh_command_writes_the_plane_and_refuses_what_it_cannot(tmp_path, caps
     assert main(["mesh", run, "-o", str(out)]) == 2
     assert "nothing was overwritten" in capsys.readouterr().err
     assert main(["mesh", run, "-o", str(tmp_path / "a.stl")]) == 2
+    assert main(["mesh", run, "-o", str(tmp_path / "b.ply"), "--report", "a.txt"]) == 2
     assert main(["mesh", run, "-o", str(tmp_path / "b.ply"), "--faces", "0"]) == 2
     far = ["--crop", "1000", "1000", "1000", "1001", "1001", "1001"]
     capsys.readouterr()

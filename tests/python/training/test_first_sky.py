@@ -10,7 +10,7 @@ import tolerances as tol
 from gsut.data import make_scene
 from gsut.lens import Camera
 from gsut.training.first_sky import first_sky
-from gsut.training.start import seed_first
+from gsut.training.start import first_gaussians
 
 CAMERA = Camera("pinhole", [60.0, 60.0, 60.0, 40.0], 120, 80)
 CENTERS = np.array([[x, 0.0, z] for x in (-3.0, -1.0, 1.0, 3.0) for z in (0.0, 1.0)])
@@ -60,10 +60,20 @@ def test_first_sky_of_plain_wall_or_known_surface_is_none(sky: str) -> None:
     assert first_sky(ground_scene(sky)) is None
 
 
-def test_seed_first_adds_sky_within_the_cap_only() -> None:
+def test_first_gaussians_add_sky_within_the_cap_only() -> None:
     scene = ground_scene("clouds")
     found = first_sky(scene)
     assert found is not None
     most = len(scene.points) + len(found[0])
     for cap, count in ((most, most), (most - 1, len(scene.points))):
-        assert len(seed_first(scene, gsut.TrainOptions(max_gaussians=cap).resolved())) == count
+        options = gsut.TrainOptions(max_gaussians=cap).resolved()
+        gaussians, notes = first_gaussians(scene, options)
+        assert len(gaussians) == count and len(notes) == (count == most)
+
+
+def test_a_run_says_that_it_seeded_a_sky(capsys) -> None:
+    options = gsut.TrainOptions(steps=2, max_gaussians=1000, eval_every=0)
+    for sky, said in (("clouds", True), ("wall", False)):
+        result = gsut.train(ground_scene(sky), options)
+        found = [note for note in result.metrics["notes"] if "are a sky" in note]
+        assert len(found) == said and ("are a sky" in capsys.readouterr().err) == said

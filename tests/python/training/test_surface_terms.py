@@ -11,6 +11,7 @@ import small_datasets
 import tolerances
 from gsut import InputError, TrainOptions, _core
 from gsut.data import read_depth
+from gsut.gaussians import are_surfels
 from gsut.training.known_depth import KnownDepth
 from gsut.training.loop import TrainingLoop
 from gsut.training.surface_terms import SurfaceTerms, SurfaceWeights
@@ -140,6 +141,35 @@ def test_depth_files_are_known_at_any_size_and_damaged_ones_are_named(tmp_path):
     (folder / "depth.png").write_bytes(b"")
     with pytest.raises(InputError, match=r"depth.png"):
         read_depth(scene, view)
+
+
+@pytest.mark.parametrize("strategy", ["mcmc", "adaptive"])
+def test_surfels_stay_surfels_and_go_on_to_the_same_bits(scene, strategy):
+    options = TrainOptions(
+        steps=60, max_gaussians=300, coarse_to_fine=(0.0, 0.0), primitive="surfel",
+        surface=strategy == "mcmc", strategy=strategy, compact_at=50, keep=0.5, noise=True,
+    ).resolved()  # fmt: skip
+
+    def trained(state=None, until=60):
+        loop = TrainingLoop(scene, options)
+        first = loop.gaussians.log_scales.copy()
+        if state is not None:
+            loop.load_state_dict(state)
+        while loop.step < until:
+            loop.advance()
+            assert are_surfels(loop.gaussians)
+        return loop, first
+
+    whole, first = trained()
+    assert are_surfels(whole.result())
+    assert not np.isin(whole.gaussians.log_scales[:, :2], first).any()
+    again, _ = trained(trained(until=45)[0].state_dict())
+    assert arrays_of(again.result()) == arrays_of(whole.result())
+
+
+def test_surfels_with_a_filter_that_thickens_them_are_refused():
+    with pytest.raises(InputError, match="--low-pass"):
+        TrainOptions(primitive="surfel", low_pass=0.3)
 
 
 def test_training_for_surfaces_flattens_and_goes_on_to_the_same_bits(scene):

@@ -141,8 +141,10 @@ HWY_INLINE void BackwardBlock(bool with_depth, bool stop_before, bool with_poses
   const FloatVec past = FastReciprocal(hn::Sub(one, alpha));
   const FloatVec h = hn::Mul(hn::IfThenElseZero(hn::Lt(raw, limit), alpha),
                              hn::NegMulAdd(behind, past, hn::Mul(transmittance, value)));
-  const FloatVec r_x = hn::IfThenElseZero(is_hit, hit.r_x);
-  const FloatVec r_y = hn::IfThenElseZero(is_hit, hit.r_y);
+  const FloatVec r_x =
+      hn::IfThenElseZero(is_hit, hn::Mul(hit.reciprocal, hn::MulAdd(hit.c, hit.w_y, hit.e_x)));
+  const FloatVec r_y =
+      hn::IfThenElseZero(is_hit, hn::Mul(hit.reciprocal, hn::NegMulAdd(hit.c, hit.w_x, hit.e_y)));
   const FloatVec r_z = hn::IfThenElseZero(is_hit, hn::Neg(hit.tau));
   FloatVec q_x = hn::Mul(h, r_x), q_y = hn::Mul(h, r_y), q_z = hn::Mul(h, r_z);
   FloatVec g = zero;

@@ -8,8 +8,10 @@
 //   e_x = x_a A + x_b B, e_y = y_a A + y_b B, A = (m.E1 - a) - (m.D) s, B = (m.E2 - b) - (m.D) t:
 // the differences are taken first, from small numbers, so that float keeps its digits. The turn
 // within the plane makes (x_a, x_b) and (y_a, y_b) orthogonal: bounds by intervals are tight. Then
-//   tau = (e.w) / (1 + w_x^2 + w_y^2), residual = (e_x - tau w_x, e_y - tau w_y, -tau),
-//   D^2 = |residual|^2, and the nearest point lies at x = m.D + sd tau.
+//   tau = (e.w) / (1 + w_x^2 + w_y^2), residual = (e_x + c w_y, e_y - c w_x, -e.w) / (1 + |w|^2),
+//   c = e_x w_y - e_y w_x, D^2 = |residual|^2 = (|e|^2 + c^2) / (1 + |w|^2),
+// and the nearest point lies at x = m.D + sd tau. No large numbers cancel, also where a Gaussian is
+// so thin (a surfel) that e and w are.
 // e is divided by the square root k of the cut-off of D^2, so that a Gaussian is drawn where
 // u = |residual|^2 < 1.
 
@@ -305,9 +307,10 @@ struct LineChunk {
 
 // Response of one pair at a block of pixels.
 struct LineHit {
-  FloatVec tau, r_x, r_y;         // residual over k; tau is minus its third component
-  FloatVec u;                     // its square
+  FloatVec tau;                   // minus the residual's third component, over k
+  FloatVec u;                     // the residual's square
   FloatVec x;                     // where the nearest point lies on the line
+  FloatVec e_x, e_y, c;           // over k
   FloatVec w_x, w_y, reciprocal;  // 1 / (1 + w_x^2 + w_y^2)
 };
 
@@ -322,18 +325,18 @@ HWY_INLINE LineHit HitOf(const LineChunk& chunk, int j, const LinePixels& line) 
   const FloatVec depth = chunk.Get(C::kMd, j);
   const FloatVec a = hn::NegMulAdd(depth, line.s, hn::Sub(chunk.Get(C::kM1, j), line.a));
   const FloatVec b = hn::NegMulAdd(depth, line.t, hn::Sub(chunk.Get(C::kM2, j), line.b));
-  const FloatVec e_x = hn::MulAdd(chunk.Get(C::kXa, j), a, hn::Mul(chunk.Get(C::kXb, j), b));
-  const FloatVec e_y = hn::MulAdd(chunk.Get(C::kYa, j), a, hn::Mul(chunk.Get(C::kYb, j), b));
+  hit.e_x = hn::MulAdd(chunk.Get(C::kXa, j), a, hn::Mul(chunk.Get(C::kXb, j), b));
+  hit.e_y = hn::MulAdd(chunk.Get(C::kYa, j), a, hn::Mul(chunk.Get(C::kYb, j), b));
   hit.w_x = hn::MulAdd(chunk.Get(C::kWxs, j), line.s,
                        hn::MulAdd(chunk.Get(C::kWxt, j), line.t, chunk.Get(C::kWx0, j)));
   hit.w_y = hn::MulAdd(chunk.Get(C::kWys, j), line.s,
                        hn::MulAdd(chunk.Get(C::kWyt, j), line.t, chunk.Get(C::kWy0, j)));
   hit.reciprocal =
       FastReciprocal(hn::MulAdd(hit.w_x, hit.w_x, hn::MulAdd(hit.w_y, hit.w_y, hn::Set(d, 1.0f))));
-  hit.tau = hn::Mul(hn::MulAdd(e_x, hit.w_x, hn::Mul(e_y, hit.w_y)), hit.reciprocal);
-  hit.r_x = hn::NegMulAdd(hit.tau, hit.w_x, e_x);
-  hit.r_y = hn::NegMulAdd(hit.tau, hit.w_y, e_y);
-  hit.u = hn::MulAdd(hit.r_x, hit.r_x, hn::MulAdd(hit.r_y, hit.r_y, hn::Mul(hit.tau, hit.tau)));
+  hit.tau = hn::Mul(hn::MulAdd(hit.e_x, hit.w_x, hn::Mul(hit.e_y, hit.w_y)), hit.reciprocal);
+  hit.c = hn::MulSub(hit.e_x, hit.w_y, hn::Mul(hit.e_y, hit.w_x));
+  hit.u = hn::Mul(hit.reciprocal, hn::MulAdd(hit.e_x, hit.e_x,
+                                             hn::MulAdd(hit.e_y, hit.e_y, hn::Mul(hit.c, hit.c))));
   hit.x = hn::MulAdd(chunk.Get(C::kReach, j), hit.tau, depth);
   return hit;
 }

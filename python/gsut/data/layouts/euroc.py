@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gsut.data.findings import DatasetError
+from gsut.data.findings import DatasetError, some_names
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts._write_euroc import write_euroc
 from gsut.data.mounts import BODY, matrix_of, read_mounts
@@ -68,8 +68,9 @@ def record(path: Path) -> Recording:
     root = path.parent if chosen else _root(path) or path
     base = root.parent if root.name == ROOT else root
     folders = _camera_folders(root)
-    streams = [_stream(folder) for folder in folders]
-    recording = Recording(path, streams, cameras=chosen, names_from=base)
+    notes: list[str] = []
+    streams = [_stream(folder, notes) for folder in folders]
+    recording = Recording(path, streams, cameras=chosen, names_from=base, notes=notes)
     sensors = {f.name: f / "sensor.yaml" for f in folders if (f / "sensor.yaml").is_file()}
     chains = [
         chain
@@ -92,7 +93,7 @@ def record(path: Path) -> Recording:
     return recording
 
 
-def _stream(folder: Path) -> Stream:
+def _stream(folder: Path, notes: list[str]) -> Stream:
     pictures = _pictures_folder(folder) or folder
     table = folder / "data.csv"
     stream = stream_of(folder.name, pictures)
@@ -101,7 +102,7 @@ def _stream(folder: Path) -> Stream:
     if not table.is_file():
         return stream
     present = {path.name: path for path in stream.images}
-    images, times = [], []
+    images, times, absent = [], [], []
     for number, fields in rows_of(table):
         if len(fields) < 2:
             raise DatasetError(
@@ -112,10 +113,17 @@ def _stream(folder: Path) -> Stream:
         if fields[1] in present:
             times.append(fields[0])
             images.append(present[fields[1]])
+        else:
+            absent.append(fields[1])
     if not images:
         raise DatasetError(
             table, f"names none of the {len(present)} pictures in {pictures}", "copy both again"
         )
+    beside = sorted(present.keys() - {path.name for path in images})
+    for names, what in ((absent, "do not exist"), (beside, "are not in it")):
+        if names:
+            what = f"{len(names)} pictures {what} and are left out: {some_names(names)}"
+            notes.append(f"{table}: {what}")
     stream.images, stream.times = images, times
     return stream
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 from pathlib import Path
 
-from gsut.data.findings import DatasetError
+from gsut.data.findings import DatasetError, some_names
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts._write_tum import write_tum
 from gsut.data.layouts.folder import POINT_FILES, find_lens_file
@@ -31,7 +31,7 @@ def record(path: Path) -> Recording:
     """The pictures that the list names; poses and lens may be absent."""
     table = _list_file(path) or path / _LISTS[0]
     stream = Stream("", [], [])
-    missing = 0
+    missing = []
     for number, fields in rows_of(table):
         pairs = [fields[i : i + _TIME_AND_FILE] for i in range(0, len(fields), _TIME_AND_FILE)]
         colour = [p for p in pairs if len(p) == _TIME_AND_FILE and not p[1].startswith("depth")]
@@ -43,14 +43,15 @@ def record(path: Path) -> Recording:
             )
         time, name = colour[0]
         if not (path / name).is_file():
-            missing += 1
+            missing.append(name)
             continue
         stream.images.append(path / name)
         assert stream.times is not None
         stream.times.append(time)
     recording = Recording(path, [stream], names_from=path)
     if missing:
-        recording.notes.append(f"{table}: {missing} of its pictures do not exist")
+        what = f"{len(missing)} pictures do not exist and are left out: {some_names(missing)}"
+        recording.notes.append(f"{table}: {what}")
     lens = find_lens_file(path)
     if lens is not None:
         recording.mounts = functools.partial(read_mounts, lens)

@@ -1,0 +1,51 @@
+"""The recipe: values of training options that depend on how many steps there are."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+# "The rate of the means times the number of steps is what matters": 1.6e-3 at 500 steps, 8e-4 at
+# 1000; from 1667 steps on the rate stays at the value measured as best for 2000 and more.
+_MEANS_LR_TIMES_STEPS = 0.8
+_MEANS_LR_RANGE = (4.8e-4, 3.2e-3)  # the upper end (250 steps) is extrapolated, not measured
+# Decay of the other rates, (steps, factor at the last step): none in short runs.
+_LR_FINAL_FACTOR = ((1000, 1.0), (2000, 0.5), (7000, 0.3))
+# Steps between relocations: 50 in the short recipe, 100 in the medium one.
+_DENSIFY_EVERY = ((1000, 50.0), (2000, 100.0))
+# Until which fraction of the steps to train at 1/4 and 1/2 of the resolution.
+_QUARTER_UNTIL = ((1000, 0.20), (2000, 0.15), (7000, 0.075))
+_HALF_UNTIL = ((1000, 0.45), (2000, 0.40), (7000, 0.20))
+_GROW_UNTIL = 0.5  # fraction of the steps until which Gaussians grow
+_NOISE_FROM_STEPS = 1500  # noise gained nothing at 500 and 1000 steps, 0.17 dB at 2000
+_SH_WITHIN = 0.6  # all harmonics are in use after this fraction of the steps (degree 1: half of it)
+_SH_EVERY_MOST = 1000  # the published interval
+
+
+def recipe(steps: int, sh_degree: int) -> dict[str, Any]:
+    """Name of an option -> its value where it is not given."""
+    means_low, means_high = _MEANS_LR_RANGE
+    densify_every = round(_at_steps(steps, _DENSIFY_EVERY))
+    return {
+        "eval_every": max(1, steps // 10),
+        "lr_means": min(max(_MEANS_LR_TIMES_STEPS / steps, means_low), means_high),
+        "lr_final_factor": _at_steps(steps, _LR_FINAL_FACTOR),
+        "sh_every": max(1, min(_SH_EVERY_MOST, round(_SH_WITHIN * steps / (sh_degree + 1)))),
+        # At least ten times in a run that is shorter than the recipes.
+        "densify_every": max(1, min(densify_every, steps // 10)),
+        "noise": steps >= _NOISE_FROM_STEPS,
+        "grow_until": _GROW_UNTIL,
+        "coarse_to_fine": (_at_steps(steps, _QUARTER_UNTIL), _at_steps(steps, _HALF_UNTIL)),
+    }
+
+
+def _at_steps(steps: int, table: tuple[tuple[int, float], ...]) -> float:
+    """Value at `steps`, linear in log(steps) between the table's rows, constant outside."""
+    if steps <= table[0][0]:
+        return table[0][1]
+    for (s0, v0), (s1, v1) in itertools.pairwise(table):
+        if steps <= s1:
+            t = math.log(steps / s0) / math.log(s1 / s0)
+            return v0 + t * (v1 - v0)
+    return table[-1][1]

@@ -1,0 +1,145 @@
+"""A page about a surface: photographs' views of the mesh, their depths, and where these err."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gsut._core import CameraMotion
+from gsut.page import html_table, number_text, picture_address, sections_page
+from gsut.surface.mesh import Mesh
+from gsut.surface.shading import shaded_picture
+
+_MOST_VIEWS, _MOST_WIDE = 6, 380
+_FULL_ERROR = 0.05  # of the distance: the brightest colour
+_GREY = 190
+_HOW = (
+    "Distances are along the rays, blue near to red far. Errors are black where there is none, "
+    f"bright from {100 * _FULL_ERROR:.0f} % of the distance on; grey: no depth, or no truth. The "
+    "mesh is lit from the camera: grey in front, blue from behind, white: nothing."
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class SurfaceView:
+    """What a view shows of a surface.
+
+    Attributes:
+        name: of the photograph.
+        camera, motion: as the depth was rendered.
+        image: (H, W, 3) uint8.
+        depth: (H, W) along the rays; not finite: none.
+        truth: (H, W) likewise, or None.
+    """
+
+    name: str
+    camera: Any
+    motion: np.ndarray | CameraMotion
+    image: np.ndarray
+    depth: np.ndarray
+    truth: np.ndarray | None = None
+
+
+def shown_views(indices: Sequence[int]) -> list[int]:
+    """The few of many views that a page shows, spread evenly."""
+    count = min(len(indices), _MOST_VIEWS)
+    return [indices[(2 * k + 1) * len(indices) // (2 * count)] for k in range(count)]
+
+
+def surface_page(
+    title: str, views: Sequence[SurfaceView], mesh: Mesh | None, parts: Sequence[str] = ()
+) -> str:
+    """A self-contained HTML page.
+
+    Args:
+        title: of the page.
+        views: that are shown, see `shown_views`.
+        mesh: shown as each view sees it, if given.
+        parts: HTML that stands before the pictures, such as `geometry_tables`.
+    """
+    shown = [_view_part(view, mesh) for view in views]
+    return sections_page(title, [], [*parts, f"<h2>Views</h2><p>{_HOW}</p>", *shown])
+
+
+def geometry_tables(figures: dict[str, Any]) -> list[str]:
+    """Tables of what `geometry_figures` found, as parts of a page."""
+    parts = []
+    depth = {kind: row for kind, row in figures.get("depth", {}).items() if kind != "views"}
+    if depth:
+        rings = next(iter(depth.values()))["rings"]
+        heading = [
+            "depth", "AbsRel [%]", "its median", "RMSE", "RMSE of log", "δ < 1.25 [%]",
+            "pixels [%]", *(f"{r['from_degrees']:.0f}° to {r['to_degrees']:.0f}°" for r in rings),
+        ]  # fmt: skip
+        rows = [
+            [
+                kind, _percent(row["abs_rel"]), _percent(row["abs_rel_median"]),
+                number_text(row["rmse"], 4), number_text(row["rmse_log"], 4),
+                _percent(row["delta1"]), _percent(row["coverage"]),
+                *(_percent(ring["abs_rel_median"]) for ring in row["rings"]),
+            ]
+            for kind, row in depth.items()
+        ]  # fmt: skip
+        note = f"<p>{figures['depth']['views']} views; by field angle: the median of AbsRel.</p>"
+        parts.append(f"<h2>Depth</h2>{note}{html_table(rows, heading)}")
+    if mesh := figures.get("mesh"):
+        names = ("accuracy", "completeness", "chamfer", "normal_consistency")
+        rows = [[name.replace("_", " "), number_text(mesh[name], 4)] for name in names]
+        scores = [
+            [f"{row['distance']:g}", *(number_text(row[n], 3) for n in _SCORES)]
+            for row in mesh["fscores"]
+        ]
+        heading = ["at a distance of", *(name.replace("fscore", "F-score") for name in _SCORES)]
+        parts.append(f"<h2>Mesh</h2>{html_table(rows)}{html_table(scores, heading)}")
+    return parts
+
+
+_SCORES = ("precision", "recall", "fscore")
+
+
+def _percent(value: float | None) -> str:
+    return number_text(None if value is None else 100 * value)
+
+
+def _view_part(view: SurfaceView, mesh: Mesh | None) -> str:
+    pictures = [("render", view.image), ("depth", _depth_colors(view.depth))]
+    if view.truth is not None:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            error = np.abs(view.depth - view.truth) / view.truth
+        middle = float(np.nanmedian(error)) if np.isfinite(error).any() else float("nan")
+        pictures.append((f"error, median {_percent(middle)} %", _error_colors(error)))
+    if mesh is not None and len(mesh):
+        width = min(view.camera.width, _MOST_WIDE)
+        camera = view.camera.resized(width, round(view.camera.height * width / view.camera.width))
+        pictures.append(("mesh", shaded_picture(mesh, camera, view.motion)))
+    figures = "".join(
+        f'<figure style="margin:0"><img src="{picture_address(image, _MOST_WIDE)}" alt="">'
+        f"<figcaption><small>{html.escape(text)}</small></figcaption></figure>"
+        for text, image in pictures
+    )
+    columns = f"grid-template-columns: repeat({len(pictures)}, minmax(0, {_MOST_WIDE}px))"
+    return f'<h3>{html.escape(view.name)}</h3><div class="plots" style="{columns}">{figures}</div>'
+
+
+def _depth_colors(depth: np.ndarray) -> np.ndarray:
+    has = np.isfinite(depth) & (depth > 0)
+    logs = np.log(np.where(has, depth, 1))
+    low, high = np.percentile(logs[has], (2, 98)) if has.any() else (0.0, 1.0)
+    return _colored((logs - low) / max(high - low, 1e-9), has, "COLORMAP_TURBO")
+
+
+def _error_colors(error: np.ndarray) -> np.ndarray:
+    has = np.isfinite(error)
+    return _colored(np.where(has, error, 0) / _FULL_ERROR, has, "COLORMAP_INFERNO")
+
+
+def _colored(share: np.ndarray, has: np.ndarray, colors: str) -> np.ndarray:
+    import cv2  # here, because gsut --help needs none
+
+    levels = np.round(255 * np.clip(share, 0, 1)).astype(np.uint8)
+    shown = cv2.applyColorMap(levels, getattr(cv2, colors))[..., ::-1]
+    return np.where(has[..., None], shown, np.uint8(_GREY))

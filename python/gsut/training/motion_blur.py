@@ -1,0 +1,155 @@
+"""Photographs that the camera's motion has blurred: the mean of what is seen while it moves.
+
+A photograph is compared with the mean of renders from several poses within its exposure, in linear
+light. The camera's velocity is that between its neighbours in time. What is trained is the scene
+without blur.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError
+from gsut.data import Level, Scene, View, neighbours_in_time, views_within
+from gsut.gaussians import Gaussians
+
+# Renders lie about so many pixels apart, or those between would show as ghosts.
+_APART = 2.0
+_MOST = 3  # poses; five gain 0.1 dB more on the demo's hall
+_POINTS = 200  # of the scene, that tell how far a view moves
+_DARKEST = 1e-3  # value below which a mean has the slope of this one
+
+
+class Exposure:
+    """Where cameras are while they take their photographs.
+
+    Args:
+        scene: at full resolution.
+        share: `--motion-blur`; None: they stand still, or move behind a rolling shutter.
+
+    Raises:
+        InputError: a share of fewer than two frames.
+    """
+
+    def __init__(self, scene: Scene, share: float | None) -> None:
+        self._share = share
+        self._pixels: dict[int, float] = {}  # that a view moves, at full resolution
+        if share is None:
+            return
+        if len(scene.views) < 2:
+            raise InputError(
+                "--motion-blur needs at least two frames to find the camera's velocity"
+            )
+        self._neighbours = neighbours_in_time(scene.views)
+
+    def places(self, scene: Scene, level: Level, view: int) -> Any:
+        """What `BlurRenderer` takes for a view: its one place, or a list of some.
+
+        Args:
+            scene: at full resolution, with the poses as they are now.
+            level: that is trained at.
+        """
+        if self._share is None:
+            return scene.views[view].motion
+        if view not in self._pixels:
+            self._pixels[view] = _pixels_between(scene, view, *self._views(scene, view, 2))
+        between = self._pixels[view] * level.camera(view).width / scene.camera(view).width
+        # Two moments lie half of the exposure apart.
+        count = int(np.clip(round(2.0 * between / _APART), 1, _MOST))
+        places = [each.motion for each in self._views(scene, view, count)]
+        return places if count > 1 else places[0]
+
+    def _views(self, scene: Scene, view: int, count: int) -> list[View]:
+        """The view at so many moments of its exposure."""
+        before, after, time = self._neighbours[view]
+        moment = (scene.views[view], scene.views[before], scene.views[after])
+        return views_within(*moment, (self._share or 0.0) / time, count)
+
+
+def _pixels_between(scene: Scene, view: int, first: View, second: View) -> float:
+    """How far the scene's points, or what is as far as it is large, move in a view: the median."""
+    camera = scene.camera(view)
+    pose = first.camera_from_world
+    points = scene.points[:: -(-max(1, len(scene.points)) // _POINTS)]
+    seen = points @ pose[:3, :3].T + pose[:3, 3]
+    if not _inside(camera, seen)[1].any():
+        rays, valid = camera.rays()
+        seen = scene.extent * rays[valid][:: -(-int(valid.sum()) // _POINTS)].astype(np.float64)
+    step = second.camera_from_world @ np.linalg.inv(pose)
+    (before, one), (after, other) = (
+        _inside(camera, each) for each in (seen, seen @ step[:3, :3].T + step[:3, 3])
+    )
+    both = one & other
+    return float(np.median(np.linalg.norm(after - before, axis=1)[both])) if both.any() else 0.0
+
+
+def _inside(camera: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (N, 2) of points in the camera's frame, and which lie in the image."""
+    pixels, valid = camera.project(points)
+    with np.errstate(invalid="ignore"):
+        inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
+    return pixels, inside & np.asarray(valid, bool)
+
+
+class BlurRenderer:
+    """Renders from one place, as `_core.Renderer` does, or the mean of what several show.
+
+    The mean is taken of squared values, which are close to linear light.
+    """
+
+    def __init__(self) -> None:
+        self._renderers = [_core.Renderer()]
+        self._shown: list[np.ndarray] = []  # of each place; empty: there was one
+        self._mean = np.zeros(0, np.float32)
+
+    def render(
+        self, gaussians: Any, camera: Any, place: Any, rule: Any, behind: Any, degree: int,
+        unscented: Any, image: np.ndarray, *more: Any,
+    ) -> None:  # fmt: skip
+        """As `_core.Renderer.render`; `place` may be a list of places."""
+        places = place if isinstance(place, list) else [place]
+        while len(self._renderers) < len(places):
+            self._renderers.append(_core.Renderer())
+        several = len(places) > 1
+        self._shown = [np.zeros_like(image) for _ in places] if several else []
+        for each, renderer, shown in zip(
+            places, self._renderers, self._shown or [image], strict=False
+        ):
+            renderer.render(gaussians, camera, each, rule, behind, degree, unscented, shown, *more)
+        if several:
+            np.sqrt(np.mean(np.square(np.maximum(self._shown, 0.0)), axis=0), out=image)
+            self._mean = np.maximum(image, _DARKEST)
+
+    def backward(
+        self, dimage: np.ndarray, dalpha: Any, ddepth: Any, gradients: Gaussians,
+        touched: np.ndarray, write_untouched: bool, with_poses: bool,
+    ) -> None:  # fmt: skip
+        """As `_core.Renderer.backward`, of what was rendered last; without depth if of several."""
+        if not self._shown:
+            self._renderers[0].backward(
+                dimage, dalpha, ddepth, gradients, touched, write_untouched, with_poses
+            )
+            return
+        sums, any_touched = gradients.zeros_like(), np.zeros_like(touched)
+        arrays = [
+            (getattr(sums, field.name), getattr(gradients, field.name))
+            for field in dataclasses.fields(gradients)
+            if isinstance(getattr(gradients, field.name), np.ndarray)
+        ]
+        for renderer, shown in zip(self._renderers, self._shown, strict=False):
+            part = dimage * np.maximum(shown, 0.0) / (len(self._shown) * self._mean)
+            renderer.backward(part, None, None, gradients, touched, True, with_poses)
+            np.maximum(any_touched, touched, out=any_touched)
+            for total, one in arrays:
+                total += one
+        for total, one in arrays:
+            one[...] = total
+        touched[...] = any_touched
+
+    def distances(self) -> np.ndarray:
+        """As `_core.Renderer.distances`, from the middle of the places."""
+        return self._renderers[len(self._shown) // 2].distances()

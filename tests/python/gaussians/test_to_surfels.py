@@ -1,0 +1,55 @@
+"""Surfels: which axis becomes the normal, what they are told by, first ones on points."""
+
+import numpy as np
+
+from gsut.gaussians import (
+    are_surfels,
+    merged,
+    press_surfels,
+    rotations_of,
+    seed_from_points,
+    seed_surfels,
+    to_surfels,
+    transformed,
+)
+from random_scenes import random_gaussians
+
+
+def axes_of(g):
+    """(N, 3, 3), axes in columns."""
+    quats = g.quats.astype(np.float64)
+    return rotations_of(quats / np.linalg.norm(quats, axis=1, keepdims=True))
+
+
+def test_to_surfels_makes_the_shortest_axis_the_normal_and_keeps_the_others(rng):
+    g = random_gaussians(rng, 60, dtype=np.float64)
+    flat = to_surfels(g)
+    rows, shortest = np.arange(60), np.argmin(g.log_scales, axis=1)
+    assert set(shortest) == {0, 1, 2}
+    before, after = axes_of(g), axes_of(flat)
+    cosines = np.abs(np.einsum("nci,ncj->nij", before, after))
+    assert np.allclose(cosines[rows, shortest, 2], 1)
+    for k in range(2):  # the same axes with the same scales
+        same = np.argmax(cosines[:, :, k], axis=1)
+        assert np.allclose(cosines[rows, same, k], 1)
+        assert np.array_equal(g.log_scales[rows, same], flat.log_scales[:, k])
+    assert are_surfels(flat) and not are_surfels(g)
+    assert np.array_equal(g.means, flat.means)
+
+
+def test_surfels_are_told_after_moves_and_in_float32_not_beside_others(rng):
+    g = random_gaussians(rng, 20)
+    press_surfels(g.log_scales)
+    assert are_surfels(g) and are_surfels(g[3:5]) and not are_surfels(g[:0])
+    turned = transformed(g, np.eye(3), 123.4, translation=np.array([5.0, 0, 0]))
+    assert are_surfels(turned)
+    assert not are_surfels(merged([g, random_gaussians(rng, 1)]))
+
+
+def test_first_surfels_lie_in_the_surface_of_the_points(rng):
+    points = rng.normal(size=(4000, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    flat = seed_surfels(seed_from_points(points))
+    cosine = np.abs(np.sum(axes_of(flat)[:, :, 2] * points, axis=1))
+    assert np.median(cosine) > 0.99 and are_surfels(flat)
+    assert are_surfels(seed_surfels(seed_from_points(points[:3])))
