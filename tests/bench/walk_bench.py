@@ -128,6 +128,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--samples", type=int, default=3, help="rays a pixel, and moments [default: %(default)d]"
     )
+    parser.add_argument("--frames", type=int, help="to choose of each film [default: as gsut does]")
     parser.add_argument("--preset", default="fast", help="of `gsut scene` [default: %(default)s]")
     parser.add_argument("--poses", action="store_true", help="only `gsut poses`, not the scene")
     parser.add_argument("--keep", metavar="FOLDER", help="films and scenes stay here")
@@ -176,6 +177,8 @@ def measure(name: str, film: Film, video: Path, arguments: argparse.Namespace) -
     words = (
         ["poses", *words] if arguments.poses else ["scene", *words, "--preset", arguments.preset]
     )
+    if arguments.frames:
+        words += ["--frames", str(arguments.frames)]
     if main(words) != 0:
         return row | {"verdict": "refused", "words": "see above"}
     data = out if arguments.poses else out / "poses"
