@@ -1,9 +1,11 @@
 """While the command line imports, Ctrl-C ends it at once and silently: nothing has begun.
 
 An exception in the midst of an import would be a traceback, or another error of the library that is
-being imported. A program that imports gsut keeps its own way with signals.
+being imported. A core that cannot be used is told in a sentence. A program that imports gsut keeps
+its own way with signals and errors.
 """
 
+import os
 import signal
 import sys
 import threading
@@ -32,3 +34,10 @@ _waits = (
 )
 if _waits:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+if _is_command() and not os.environ.get("GSUT_DEBUG"):
+    try:
+        import gsut._core  # noqa: F401
+    except ImportError as error:  # an unknown GSUT_ISA, or a library that is missing
+        print(f"gsut: error: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import stat
 import threading
 import weakref
 from collections.abc import Collection
@@ -112,6 +113,8 @@ def _claim(
     made = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if os.path.lexists(marker) and not stat.S_ISREG(marker.lstat().st_mode):
+            raise InputError(f"{marker} is not a file of gsut; remove it, or name another folder")
         descriptor = os.open(marker, os.O_RDWR | os.O_CREAT, 0o644)
     except OSError as error:
         raise InputError(

@@ -84,12 +84,15 @@ def kills(
     world: Path, folder: Path, count: int, seed: int, only: str = ""
 ) -> Iterator[tuple[str, str | None]]:
     """Name and what is wrong, or None, of so many kills of each command: half of them at random
-    times, half before random changes to files, which lie close together."""
+    times, half before random changes to files, which lie close together. Of those whose name is
+    `only`, else of those whose name has it."""
     zygote = Zygote()
+    wanted = [command for command in COMMANDS if command.name == only] or [
+        command for command in COMMANDS if only in command.name
+    ]
     try:
-        for command in COMMANDS:
-            if only in command.name:
-                yield from _kills_of(command, zygote, world, folder, count, random.Random(seed))
+        for command in wanted:
+            yield from _kills_of(command, zygote, world, folder, count, random.Random(seed))
     finally:
         zygote.close()
 

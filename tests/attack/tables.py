@@ -87,6 +87,8 @@ def of_files() -> Iterator[Case]:
         ("film", "film.mp4", ("scene", "film.mp4", "-o", "out", "--quiet")),
         ("board", "boards/02.png", ("calibrate", "boards", "--board", "5x4", "--spacing", "0.05",
                                     "--lens", "fisheye", "--solver", "opencv", "-o", "out.yaml")),
+        ("blocks", "blocks/blocks/plan.json", ("train", "ds", "-o", "blocks", "--resume",
+                                               "--quiet")),
     ]  # fmt: skip
     for kind, file, words in singles:
         needs = [file, *_named_by(words)]
@@ -126,7 +128,7 @@ def of_bases(spoiled: list[Case]) -> Iterator[Case]:
 
 
 def _named_by(words: tuple[str, ...]) -> list[str]:
-    known = ("scenes/a.ply", "ds", "run", "folder", "photo.png", "film.mp4", "boards")
+    known = ("scenes/a.ply", "ds", "run", "folder", "photo.png", "film.mp4", "boards", "blocks")
     found = [each for each in known if any(w == each or w.startswith(each + "/") for w in words)]
     return ["ds", *found] if "run" in found else found
 

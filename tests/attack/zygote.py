@@ -14,6 +14,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from attack.apart import import_all
+
 _OPERATIONS = frozenset(
     f"os.{name}" for name in ("rename", "mkdir", "rmdir", "remove", "link", "symlink", "truncate")
 )
@@ -107,12 +109,7 @@ def _answer(process: int, asked: dict[str, Any], errors: str) -> dict[str, Any]:
 
 
 def _serve() -> None:
-    import cv2  # noqa: F401
-
-    import gsut.cli.train
-    import gsut.sfm
-    import gsut.training  # noqa: F401
-
+    import_all()
     for line in sys.stdin:
         asked = json.loads(line)
         errors = asked["folder"] + ".log"

@@ -10,7 +10,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 # Folder (or module) of python/gsut -> floor; the package `gsut` itself is above all.
 FLOORS = {
-    **dict.fromkeys(("_core", "_starting"), -1),
+    "_core": -2,
+    "_starting": -1,
     **dict.fromkeys(("files", "least_squares"), 0),  # what folders of floor 1 share
     "output_folder": 0.5,  # above `files`
     **dict.fromkeys(("gaussians", "lens", "run", "page"), 1),

@@ -102,6 +102,18 @@ def test_claim_of_no_folder_says_so(tmp_path, name):
         claim_folder(name and tmp_path / name, "train")
 
 
+@pytest.mark.parametrize(
+    "make", [Path.mkdir, os.mkfifo, lambda marker: marker.symlink_to("../precious")]
+)
+def test_claim_where_the_marker_is_something_else_is_refused(tmp_path, make):
+    (tmp_path / "precious").write_text("mine")
+    (tmp_path / "run").mkdir()
+    make(tmp_path / "run" / MARKER)
+    with pytest.raises(InputError, match=r"gsut\.json is not a file of gsut; remove it"):
+        claim_folder(tmp_path / "run", "train")
+    assert (tmp_path / "precious").read_text() == "mine"
+
+
 def test_claim_while_another_process_writes_is_refused_and_free_after_a_kill(tmp_path):
     environment = os.environ | {"PYTHONPATH": str(Path(gsut.__file__).parent.parent)}
     process = subprocess.Popen(

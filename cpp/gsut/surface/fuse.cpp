@@ -91,18 +91,23 @@ std::vector<Block> BlocksOf(const DepthView& view, const VoxelSpace& space, doub
 // One block's voxels about the centre, its corners, and what the views add up to.
 class BlockFusion {
  public:
-  BlockFusion(const VoxelSpace& space, const FuseOptions& options)
+  BlockFusion(const VoxelSpace& space, const FuseOptions& options, const Block& block)
       : space_(space),
         truncation_(static_cast<float>(options.truncation)),
-        free_weight_(static_cast<float>(options.free_weight)) {}
-
-  void Fuse(const std::vector<DepthView>& views, const Block& block, float* values) {
+        free_weight_(static_cast<float>(options.free_weight)) {
     Place(block);
     std::fill(std::begin(sum_), std::end(sum_), 0.0f);
     std::fill(std::begin(weight_), std::end(weight_), 0.0f);
-    for (const DepthView& view : views) {
-      if (MaySee(view)) Add(view);
-    }
+  }
+
+  void Add(const DepthView& view, ViewedBatch* viewed) {
+    if (!MaySee(view, viewed)) return;
+    view.Project(kBlockVoxels, voxels_, viewed);
+    AddDepths(view.pixels(), truncation_, free_weight_, kBlockVoxels,
+              {viewed->u, viewed->v, viewed->distance, size_, sum_, weight_});
+  }
+
+  void Write(float* values) const {
     for (int i = 0; i < kBlockVoxels; ++i) {
       values[i] =
           weight_[i] > 0.0f ? sum_[i] / weight_[i] : std::numeric_limits<float>::quiet_NaN();
@@ -147,36 +152,26 @@ class BlockFusion {
   }
 
   // False where no voxel lies in the image, or all lie well behind what the view sees there.
-  bool MaySee(const DepthView& view) {
+  bool MaySee(const DepthView& view, ViewedBatch* viewed) const {
     if ((view.place() - middle_).norm() < 2.0 * radius_) return true;
-    view.Project(kCornerBatch, corners_, &viewed_);
+    view.Project(kCornerBatch, corners_, viewed);
     const float width = static_cast<float>(view.width());
     const float height = static_cast<float>(view.height());
     float low[2] = {width, height}, high[2] = {0.0f, 0.0f};
-    bool all_behind = true;
     for (int i = 0; i < kCorners; ++i) {
-      const float u = viewed_.u[i], v = viewed_.v[i];
+      const float u = viewed->u[i], v = viewed->v[i];
       if (!(std::isfinite(u) && std::isfinite(v))) continue;
       low[0] = std::min(low[0], u), low[1] = std::min(low[1], v);
       high[0] = std::max(high[0], u), high[1] = std::max(high[1], v);
-      DepthSample sample;
-      all_behind = all_behind && view.Sample(u, v, &sample) &&
-                   viewed_.distance[i] > 1.1f * sample.depth + 2.0f * kSlant * reach_;
     }
     const bool in_image = low[0] < width && low[1] < height && high[0] > 0.0f && high[1] > 0.0f;
-    return in_image && !all_behind;
-  }
-
-  void Add(const DepthView& view) {
-    view.Project(kBlockVoxels, voxels_, &viewed_);
-    AddDepths(view.pixels(), truncation_, free_weight_, kBlockVoxels,
-              {viewed_.u, viewed_.v, viewed_.distance, size_, sum_, weight_});
+    return in_image && !AllBehind(view.pixels(), kCornerBatch, viewed->u, viewed->v,
+                                  viewed->distance, 2.0f * kSlant * reach_);
   }
 
   const VoxelSpace& space_;
   const float truncation_, free_weight_;
   PointBatch voxels_, corners_;
-  ViewedBatch viewed_;
   alignas(64) float size_[kBlockVoxels];
   alignas(64) float sum_[kBlockVoxels];
   alignas(64) float weight_[kBlockVoxels];
@@ -218,12 +213,22 @@ DistanceField FuseDepth(const std::vector<DepthView>& views, const VoxelSpace& s
                      " that memory is allowed for; take larger voxels");
   }
   field.values.resize(static_cast<std::size_t>(count) * kBlockVoxels);
+  // Neighbouring blocks look at the same pixels of a view, which are then still in the cache.
   constexpr std::int64_t kGrain = 16;
   ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    BlockFusion fusion(field.space, options);
+    std::vector<BlockFusion> fusions;
+    fusions.reserve(static_cast<std::size_t>(end - begin));
     for (std::int64_t i = begin; i < end; ++i) {
-      const auto at = static_cast<std::size_t>(i);
-      fusion.Fuse(views, field.blocks[at], &field.values[at * kBlockVoxels]);
+      fusions.emplace_back(field.space, options, field.blocks[static_cast<std::size_t>(i)]);
+    }
+    ViewedBatch viewed;
+    for (const DepthView& view : views) {
+      for (BlockFusion& fusion : fusions) fusion.Add(view, &viewed);
+    }
+    float* values = &field.values[static_cast<std::size_t>(begin) * kBlockVoxels];
+    for (const BlockFusion& fusion : fusions) {
+      fusion.Write(values);
+      values += kBlockVoxels;
     }
   });
   return field;

@@ -89,6 +89,24 @@ HWY_INLINE Samples SampleAt(const DepthPixels& pixels, Vec u, Vec v, Counts&& co
   return out;
 }
 
+// A lane where u or v is no number has no say.
+bool Behind(const DepthPixels& pixels, int count, const float* u, const float* v,
+            const float* distance, float slack) {
+  const Vec zero = hn::Zero(d), one = hn::Set(d, 1.0f);
+  for (int i = 0; i < count; i += static_cast<int>(hn::Lanes(d))) {
+    const Vec at_u = hn::Load(d, u + i), at_v = hn::Load(d, v + i);
+    const Mask asked = hn::And(hn::IsFinite(at_u), hn::IsFinite(at_v));
+    const auto none = [&](Vec) HWY_ATTR { return hn::Lt(zero, zero); };
+    const Vec inverse = SampleAt(pixels, at_u, at_v, none).inverse;
+    const Mask has = hn::Gt(inverse, zero);
+    const Vec depth = hn::Div(one, hn::IfThenElse(has, inverse, one));
+    const Vec limit = hn::MulAdd(hn::Set(d, kWellBehind), depth, hn::Set(d, slack));
+    const Mask behind = hn::And(has, hn::Gt(hn::Load(d, distance + i), limit));
+    if (!hn::AllFalse(d, hn::AndNot(behind, asked))) return false;
+  }
+  return true;
+}
+
 void Add(const DepthPixels& pixels, float truncation, float free_weight, int count,
          const SeenVoxels& voxels) {
   const Vec zero = hn::Zero(d), one = hn::Set(d, 1.0f), far = hn::Set(d, truncation);
@@ -130,6 +148,12 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace gsut {
 HWY_EXPORT(Add);
+HWY_EXPORT(Behind);
+
+bool AllBehind(const DepthPixels& pixels, int count, const float* u, const float* v,
+               const float* distance, float slack) {
+  return HWY_DYNAMIC_DISPATCH(Behind)(pixels, count, u, v, distance, slack);
+}
 
 void AddDepths(const DepthPixels& pixels, float truncation, float free_weight, int count,
                const SeenVoxels& voxels) {

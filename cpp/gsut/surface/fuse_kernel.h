@@ -14,6 +14,8 @@ struct DepthPixels {
 inline constexpr float kSameSurface = 1.1f;
 // How far behind a surface its distance counts along the ray, in truncations.
 inline constexpr float kSlant = 1.5f;
+// A point this many times as far away as the depth there is out of sight.
+inline constexpr float kWellBehind = 1.1f;
 
 // Voxels as a view sees them, and the sums that grow: of weight x distance in voxels, of weight.
 struct SeenVoxels {
@@ -26,5 +28,10 @@ struct SeenVoxels {
 // DepthView::Sample.
 void AddDepths(const DepthPixels& pixels, float truncation, float free_weight, int count,
                const SeenVoxels& voxels);
+
+// Whether all points lie well behind what the view sees there, by `slack` besides. Those without a
+// pixel (NaN) have no say; one without a depth does not lie behind. Arrays and count as above.
+bool AllBehind(const DepthPixels& pixels, int count, const float* u, const float* v,
+               const float* distance, float slack);
 
 }  // namespace gsut

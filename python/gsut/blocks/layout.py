@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.files import regular
 from gsut.run import MOST_BLOCKS
 
 # Beyond so many diagonals of the cameras' box from it things are far; they are a block of their own
@@ -81,7 +82,7 @@ class Layout:
             InputError: it cannot be read or understood.
         """
         try:
-            with open(path, encoding="utf-8") as file:
+            with open(regular(path), encoding="utf-8") as file:
                 values = json.load(file)
         except OSError as error:
             raise InputError(f"cannot read {path}: {error.strerror}") from None

@@ -69,6 +69,9 @@ def run_command(
     """
     words = sys.argv[1:] if arguments is None else list(arguments)
     warnings.showwarning = _show_warning
+    for name in ("stdout", "stderr"):  # closed before the command began
+        if getattr(sys, name) is None:
+            setattr(sys, name, io.StringIO())
     for stream in (sys.stdout, sys.stderr):  # a name that the terminal cannot show is shown escaped
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -116,6 +119,8 @@ def _sentence_of(error: Exception) -> str | None:
         return "a file is nested too deeply to be read; is it what it should be?"
     if isinstance(error, OSError):
         _drop_output()  # it may be what failed
+        if isinstance(error, FileNotFoundError) and error.filename is None:
+            return "the current folder is not there any more; go to another"
         where = f"{error.filename}: " if error.filename is not None else ""
         return f"{where}{error.strerror or error}"
     if isinstance(error, RuntimeError) and "Symlink loop" in str(error):  # before Python 3.13

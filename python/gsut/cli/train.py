@@ -22,7 +22,6 @@ from gsut.run import (
     BLOCKS,
     COMMON_OPTIONS,
     METRICS,
-    PLAN,
     REPORT,
     BlockOptions,
     RunFolder,
@@ -30,6 +29,7 @@ from gsut.run import (
     Verdict,
     add_option_flags,
     given_options,
+    read_plan,
 )
 
 HELP = "train a scene on photographs"
@@ -95,7 +95,7 @@ def _block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockOption
         InputError: a flag that makes no sense without --blocks, or with it.
     """
     given = given_options(BlockOptions, arguments)
-    plan = run.read_json(PLAN) if arguments.resume else None
+    plan = read_plan(run) if arguments.resume else None
     if plan is not None:
         before = plan["blocks"]
         layout = str(run.path / BLOCKS / "layout.json")

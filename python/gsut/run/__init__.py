@@ -16,6 +16,7 @@ from gsut.run.folder import (
     SCENE,
     TRANSFORMS,
     RunFolder,
+    read_plan,
 )
 from gsut.run.memory import check_fits, free_memory, size_text
 from gsut.run.option_fields import (
@@ -77,6 +78,7 @@ __all__ = [
     "parse_size",
     "peak_rss_mb",
     "read_checkpoint",
+    "read_plan",
     "show_every_option",
     "size_text",
     "worst",

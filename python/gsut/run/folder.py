@@ -45,6 +45,7 @@ _FILES = (
     *(BLOCKS, RENDERS),
 )
 _DAMAGED = f"it is damaged; {SCENE}, if it is there, can be used by itself"
+_OF_PLAN = ("blocks", "rounds", "version", "isa", "options")
 # Options that a resumed run may have otherwise than the run that it goes on with: they change
 # neither the result's bits nor the steps at which history is written.
 _FREE_ON_RESUME = ("threads", "checkpoint_every")
@@ -155,7 +156,7 @@ class RunFolder:
             return False
         with reading(lambda what: InputError(f"{self.path / METRICS}: {what}; {_DAMAGED}")):
             steps = self.read_json(METRICS)["steps"]
-        return (self.path / PLAN).is_file() or steps == self.read_options().steps
+        return read_plan(self) is not None or steps == self.read_options().steps
 
     def refuse_run(self) -> None:
         """Raises InputError if the folder has any file of a run, or is not a folder."""
@@ -236,7 +237,7 @@ class RunFolder:
     def begun_with(self) -> TrainOptions:
         """The options to go on with: as they were given to a training in blocks, which makes others
         of them than of resolved ones; else as `read_options`."""
-        plan = self.read_json(PLAN)
+        plan = read_plan(self)
         if plan is None:
             return self.read_options()
         return _options_of(self.path / PLAN, lambda: json.dumps(plan["options"]))
@@ -307,8 +308,30 @@ def _options_of(path: Path, read: Callable[[], str]) -> TrainOptions:
         return TrainOptions.from_json(read(), source=str(path))
 
 
+def read_plan(run: RunFolder) -> dict[str, Any] | None:
+    """How a training in blocks is divided: its "blocks", their number or layout, and "rounds", the
+    "version" and "isa" it was begun with, its "options" as they were given, and in time "count".
+
+    Returns:
+        None where the run is one as a whole.
+
+    Raises:
+        InputError: the file is absent or damaged.
+    """
+    if not (run.path / BLOCKS).is_dir():
+        return None
+    path = run.path / PLAN
+    with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
+        plan = run.read_json(PLAN)
+        if plan is None:
+            raise InputError(f"{path} is absent or is not a file, so the run cannot go on")
+        if "count" in plan:
+            plan["count"] = int(plan["count"])
+        return {name: plan[name] for name in _OF_PLAN} | plan
+
+
 def _check_same_way(run: RunFolder, in_blocks: bool) -> None:
-    if (run.path / PLAN).is_file() != in_blocks:
+    if (read_plan(run) is not None) != in_blocks:
         ways = ("as a whole", "in blocks")
         raise InputError(
             f"{run.path} was begun {ways[not in_blocks]}, not {ways[in_blocks]}; a resumed run "

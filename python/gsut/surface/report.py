@@ -17,11 +17,12 @@ from gsut.surface.shading import shaded_picture
 _MOST_VIEWS, _MOST_WIDE = 6, 380
 _FULL_ERROR = 0.05  # of the distance: the brightest colour
 _GREY = 190
-_HOW = (
-    "Distances are along the rays, blue near to red far. Errors are black where there is none, "
-    f"bright from {100 * _FULL_ERROR:.0f} % of the distance on; grey: no depth, or no truth. The "
-    "mesh is lit from the camera: grey in front, blue from behind, white: nothing."
+_OF_DEPTH = "Distances are along the rays, blue near to red far; grey: none."
+_OF_ERROR = (
+    f"Errors are black where there is none, bright from {100 * _FULL_ERROR:.0f} % of the distance "
+    "on; grey: no depth, or no truth."
 )
+_OF_MESH = "The mesh is lit from the camera: grey in front, blue from behind, white: nothing."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +63,9 @@ def surface_page(
         parts: HTML that stands before the pictures, such as `geometry_tables`.
     """
     shown = [_view_part(view, mesh) for view in views]
-    return sections_page(title, [], [*parts, f"<h2>Views</h2><p>{_HOW}</p>", *shown])
+    judged = any(view.truth is not None for view in views)
+    said = [_OF_DEPTH, _OF_ERROR * judged, _OF_MESH * (mesh is not None)]
+    return sections_page(title, [], [*parts, f"<h2>Views</h2><p>{' '.join(said)}</p>", *shown])
 
 
 def geometry_tables(figures: dict[str, Any]) -> list[str]:

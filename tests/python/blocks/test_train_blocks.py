@@ -217,6 +217,9 @@ def test_run_goes_on_as_a_whole_or_in_blocks_as_it_was_begun(scene, finished, tm
     words = ["train", "ds", "-o", str(whole.path), "--blocks", "2", "--resume"]
     assert main(words) == 2
     assert "was not begun in blocks; leave --blocks out" in capsys.readouterr().err
+    (whole.path / "blocks").mkdir()  # of a run in blocks whose plan is lost
+    assert main(words) == 2
+    assert "plan.json is absent or is not a file" in capsys.readouterr().err
 
 
 def test_finished_run_in_blocks_stays_as_it_is(scene, finished):

@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -162,3 +163,27 @@ def test_sizes_without_bound_are_refused_at_once(words, said, tmp_path, monkeypa
     assert main(words) == EXIT_INPUT
     assert said in capsys.readouterr().err
     assert {p.name for p in tmp_path.iterdir()} - {"a"} == {"in.ply", "in.yaml"}
+
+
+def test_closed_output_is_no_fault(monkeypatch):
+    monkeypatch.setattr("sys.stdout", None)
+    monkeypatch.setattr("sys.stderr", None)
+    assert main(["camera", "find", "gopro"]) == 0
+    assert main(["doctor", "nowhere"]) == EXIT_INPUT
+
+
+def test_current_folder_that_is_gone_is_said(tmp_path, monkeypatch, capsys):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert main(["train", str(tmp_path), "-o", "out"]) == EXIT_INPUT
+    assert "the current folder is not there any more" in capsys.readouterr().err
+
+
+def test_unknown_instruction_set_is_told_in_a_sentence():
+    done = subprocess.run(
+        [sys.executable, "-m", "gsut", "--version"], env=ENVIRONMENT | {"GSUT_ISA": "bogus"},
+        capture_output=True, check=False, text=True,
+    )  # fmt: skip
+    assert done.returncode == EXIT_INPUT
+    assert re.fullmatch(r'gsut: error: instruction set "bogus" \(GSUT_ISA\) .*\n', done.stderr)
