@@ -6,6 +6,7 @@ import dataclasses
 
 from gsut._core import InputError
 from gsut.data import Scene
+from gsut.gaussians import bytes_each
 from gsut.run import BlockOptions, TrainOptions, free_memory, size_text
 from gsut.training import with_most
 
@@ -24,6 +25,7 @@ _TRAINED_ROWS, _CONTEXT_ROWS, _FRAME_BYTES = 6, 3, 600
 _PIXEL_BYTES, _TARGET_BYTES = 200, 40
 _TARGETS_KEPT, _IMAGES_KEPT = 2 << 30, 1 << 30  # caches of data/
 _PROGRAM_BYTES = 250 << 20
+_MERGE_COPIES = 3  # of the whole scene: as it was, the blocks' parts, and as it is
 _USED = 0.8  # of the free memory, where no limit is given
 _UNEVEN = 1.5  # the largest block over the mean
 
@@ -65,8 +67,8 @@ def block_options(
 
 def gaussian_bytes(sh_degree: int, trained: bool = True) -> int:
     """What a Gaussian takes in training, or as context."""
-    floats = 11 + 3 * (sh_degree + 1) ** 2
-    return 4 * floats * (_TRAINED_ROWS if trained else _CONTEXT_ROWS) + _FRAME_BYTES
+    rows = _TRAINED_ROWS if trained else _CONTEXT_ROWS
+    return bytes_each(sh_degree) * rows + _FRAME_BYTES
 
 
 def training_bytes(scene: Scene, sh_degree: int, own: int, context: int, views: int) -> int:
@@ -125,8 +127,9 @@ def needed(scene: Scene, options: TrainOptions, blocks: BlockOptions, count: int
     own = round(total / count * (_UNEVEN if count > 1 else 1.0))
     context = min(round(CONTEXT_MOST * own), total - own) if count > 1 else 0
     one = training_bytes(scene, options.sh_degree, own, max(context, 0), views)
-    merged = 0 if count == 1 else total * 4 * (11 + 3 * (options.sh_degree + 1) ** 2)
-    return one * (blocks.workers if blocks.cluster is None else 1) + merged
+    whole = 0 if count == 1 else total * bytes_each(options.sh_degree)
+    together = one * (blocks.workers if blocks.cluster is None else 1) + whole
+    return max(together, _MERGE_COPIES * whole)
 
 
 def check_memory(sizes: dict[str, int], blocks: BlockOptions) -> None:
