@@ -25,7 +25,6 @@ _TRAINED_ROWS, _CONTEXT_ROWS, _FRAME_BYTES = 6, 3, 600
 _PIXEL_BYTES, _TARGET_BYTES = 200, 40
 _TARGETS_KEPT, _IMAGES_KEPT = 2 << 30, 1 << 30  # caches of data/
 _PROGRAM_BYTES = 250 << 20
-_MERGE_COPIES = 3  # of the whole scene: as it was, the blocks' parts, and as it is
 _USED = 0.8  # of the free memory, where no limit is given
 _UNEVEN = 1.5  # the largest block over the mean
 
@@ -128,8 +127,7 @@ def needed(scene: Scene, options: TrainOptions, blocks: BlockOptions, count: int
     context = min(round(CONTEXT_MOST * own), total - own) if count > 1 else 0
     one = training_bytes(scene, options.sh_degree, own, max(context, 0), views)
     whole = 0 if count == 1 else total * bytes_each(options.sh_degree)
-    together = one * (blocks.workers if blocks.cluster is None else 1) + whole
-    return max(together, _MERGE_COPIES * whole)
+    return one * (blocks.workers if blocks.cluster is None else 1) + whole
 
 
 def check_memory(sizes: dict[str, int], blocks: BlockOptions) -> None:
