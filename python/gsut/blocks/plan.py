@@ -168,6 +168,7 @@ def check_trainable(options: TrainOptions) -> None:
     """
     refused = {
         "--robust": options.robust,
+        "--motion-blur": options.motion_blur is not None,
         "--surface": options.surface,
         "--compact-at": options.compact_at is not None,
         "--low-pass": options.low_pass > 0,

@@ -154,6 +154,7 @@ def test_resumed_run_keeps_its_division(scene, finished):
     ("given", "words"),
     [
         ({"robust": True}, "--robust"),
+        ({"motion_blur": 0.5}, "--motion-blur"),
         ({"surface": True}, "--surface"),
         ({"low_pass": 0.3}, "--low-pass"),
         ({"strategy": "mini"}, "--strategy mini"),
