@@ -34,6 +34,7 @@ _IN_WINDOW = 0.02  # metres within which a surface is the window itself
 _BEYOND = 1.5  # of the distance to the window: what is further lies outside
 _LOW, _HIGH = np.array([0.85, 0.75, 0.62]), np.array([0.25, 0.45, 0.80])  # sky by height
 _CLOUDS = 0.08
+_CLOUDLESS = np.array([0.55, 0.70, 0.92])
 HELP = "floaters and sky: blobs before what is there, in a hall with open windows or in the sky"
 COLUMNS = (
     ("way", "way", ""),
@@ -64,7 +65,7 @@ class FloatersBenchOptions:
         sky: of the height of its photographs, from the top.
         scale: of its photographs.
         steps, max_gaussians: of each training.
-        views, size: of the hall.
+        views, size: of the hall. cloudless: its sky has one colour.
     """
 
     data: Path | None = None
@@ -74,12 +75,16 @@ class FloatersBenchOptions:
     max_gaussians: int = 30_000
     views: int = 40
     size: int = 200
+    cloudless: bool = False
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--data", type=Path, help="a dataset under a sky [default: the hall]")
     for field in dataclasses.fields(FloatersBenchOptions)[1:]:
         flag, kind = "--" + field.name.replace("_", "-"), type(field.default)
+        if kind is bool:
+            parser.add_argument(flag, action="store_true", help="the hall's sky has one colour")
+            continue
         parser.add_argument(flag, type=kind, default=field.default, help=f"[{field.default:.3g}]")
     add_files(parser)
 
@@ -109,7 +114,7 @@ def run_floaters(options: FloatersBenchOptions, say: Callable[[str], None]) -> l
             rows.append({"way": way} | blobs_in_sky(result, options.sky))
         return rows
     with tempfile.TemporaryDirectory(prefix="gsut-floaters-") as folder:
-        data = open_hall(Path(folder), options.views, 6, options.size)
+        data = open_hall(Path(folder), options.views, 6, options.size, options.cloudless)
         rows = []
         for way, values in WAYS.items():
             say(way)
@@ -119,7 +124,9 @@ def run_floaters(options: FloatersBenchOptions, say: Callable[[str], None]) -> l
     return rows
 
 
-def open_hall(folder: Path, views: int, test_views: int, size: int) -> Path:
+def open_hall(
+    folder: Path, views: int, test_views: int, size: int, cloudless: bool = False
+) -> Path:
     """The demo's hall, its stained glass gone: a sky without end behind the windows."""
     data = make_demo_scene(folder / "hall", views, test_views, size, progress=False)
     scene, hall = gsut.load_dataset(data), make_hall(0)
@@ -127,7 +134,8 @@ def open_hall(folder: Path, views: int, test_views: int, size: int) -> Path:
     for index, view in enumerate(scene.views):
         _, sky, directions = _truth(hall, scene, index)
         image = scene.image(index).copy()
-        image[sky] = np.rint(255 * sky_colors(directions[sky]))
+        shown = _CLOUDLESS if cloudless else sky_colors(directions[sky])
+        image[sky] = np.rint(255 * shown)
         cv2.imwrite(str(data / view.name), image[..., ::-1])
     inside = ~_in_window(hall, scene.points)
     kept = points_ply(scene.points[inside], scene.point_colors[inside])

@@ -151,7 +151,7 @@ def poses_bench(
         path = Path(asked["data"])
         if asked["program"] == "pycolmap":
             assert options.pycolmap is not None
-            row = _measure_pycolmap(path, asked["lens"], options.pycolmap, options)
+            row = measure_pycolmap(path, asked["lens"], options.pycolmap, options)
         else:
             row = _measure(path, asked["lens"], asked["shutter"], options)
         rows.append({**row, "asked": asked})
@@ -247,10 +247,14 @@ def _fitted_lens(data: Path, model: str, folder: Path) -> Path:
     return folder / "fitted.lens.json"
 
 
-def _measure_pycolmap(
-    data: Path, lens: str, python: str, bench: PosesBenchOptions
+def measure_pycolmap(
+    data: Path, lens: str, python: str, bench: PosesBenchOptions, *, sequential: bool = False
 ) -> dict[str, Any]:
-    """pycolmap's incremental mapping of the same images, in a process of its own."""
+    """pycolmap's incremental mapping of the same images, in a process of its own.
+
+    Args:
+        sequential: each image is matched with those after it only, as those of a video.
+    """
     photographs = find_photographs(data, None)
     row = _row(data, lens, program="pycolmap", shutter="global", images=len(photographs))
     paths = [path.resolve() for path in photographs.paths]
@@ -258,7 +262,7 @@ def _measure_pycolmap(
     names = [path.relative_to(root).as_posix() for path in paths]
     request: dict[str, Any] = {
         "images": str(root), "names": names, "threads": bench.threads or -1,
-        "model": None, "params": None,
+        "model": None, "params": None, "sequential": sequential,
     }  # fmt: skip
     if lens == "known":
         cameras = {camera for camera in photographs.cameras if camera is not None}

@@ -17,9 +17,10 @@ def run(request: dict) -> dict:
     """Poses, and seconds and processor seconds of each stage.
 
     Args:
-        request: "images" (folder), "names", "work" (empty folder), "threads"; "model" and "params"
-            (COLMAP's) of the known lens, or None: SIMPLE_RADIAL, estimated; "text": empty folder
-            for the model as COLMAP text.
+        request: "images" (folder), "names", "work" (empty folder), "threads"; "sequential": each
+            image is matched with those after it only; "model" and "params" (COLMAP's) of the known
+            lens, or None: SIMPLE_RADIAL, estimated; "text": empty folder for the model as COLMAP
+            text.
     """
     pycolmap: Any = importlib.import_module("pycolmap")
     work = Path(request["work"])
@@ -48,7 +49,8 @@ def run(request: dict) -> dict:
         extraction_options=extraction, device=pycolmap.Device.cpu,
     )  # fmt: skip
     lap("features")
-    pycolmap.match_exhaustive(database, matching_options=matching, device=pycolmap.Device.cpu)
+    match = pycolmap.match_sequential if request["sequential"] else pycolmap.match_exhaustive
+    match(database, matching_options=matching, device=pycolmap.Device.cpu)
     lap("matching")
     mapping.ba_refine_focal_length = mapping.ba_refine_extra_params = not known
     models = pycolmap.incremental_mapping(database, request["images"], work, options=mapping)

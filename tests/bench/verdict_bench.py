@@ -1,4 +1,4 @@
-"""`./run bench verdict`: twelve captures of the demo's hall, six of them poor, each for its reason.
+"""`./run bench verdict`: captures of the demo's hall, good and poor, each for its reason.
 
 Each is judged by `gsut poses`; a command that refuses with a sentence has called it poor.
 """
@@ -24,7 +24,7 @@ from gsut.sfm.lens_candidates import lens_of_field
 from tests.bench.report_rows import table_text
 from tests.bench.walk_film import Film, film_pictures, walk
 
-HELP = "twelve captures of the demo's hall, good and poor: whether the verdict is right"
+HELP = "thirteen captures of the demo's hall, good and poor: whether the verdict is right"
 COLUMNS = (
     ("capture", "capture", ""),
     ("expected", "expected", ""),
@@ -34,6 +34,7 @@ COLUMNS = (
 )
 _WIDTH, _HEIGHT, _COUNT = 400, 300, 32
 _SECONDS = 16.0
+_ZOOM = 1.6
 Pictures = list[np.ndarray]
 
 
@@ -98,6 +99,18 @@ def _far_apart(pictures: Pictures) -> Pictures:
     ]
 
 
+def _zoomed(pictures: Pictures) -> Pictures:
+    """Every second one zoomed in."""
+    import cv2
+
+    middle = (_WIDTH - 1) / 2, (_HEIGHT - 1) / 2
+    zoom = cv2.getRotationMatrix2D(middle, 0.0, _ZOOM)
+    return [
+        cv2.warpAffine(p, zoom, (_WIDTH, _HEIGHT), flags=cv2.INTER_CUBIC) if i % 2 else p
+        for i, p in enumerate(pictures)
+    ]
+
+
 _ONES = np.ones(_COUNT)
 CAPTURES: dict[str, Case] = {
     "a walk": Case(lambda plain, wide: plain),
@@ -118,6 +131,7 @@ CAPTURES: dict[str, Case] = {
         lambda plain, wide: wide, ("poor",), "agree|off by", lens_of_field(_WIDTH, _HEIGHT, 45, 1.0)
     ),
     "turned on the spot": Case(lambda plain, wide: _turned(), ("poor",), "turn"),
+    "two zooms": Case(lambda plain, wide: _zoomed(plain), ("usable", "poor"), "2 zooms"),
 }
 
 

@@ -23,10 +23,11 @@ from gsut.lens import Camera, lens_by_name
 from gsut.sfm import compare_poses
 from gsut.sfm.lens_candidates import lens_of_field
 from tests.bench.report_rows import table_text
-from tests.bench.walk_film import Film, walk, write_film
+from tests.bench.walk_film import Film, Path4, walk, write_film
 
 HELP = "films of known cameras in the demo's hall: poses, lens and readout against the truth"
 _LONG = 120.0  # seconds of --long
+_WIDE = 480, 270  # size of a film that lies
 COLUMNS = (
     ("film", "film", ""),
     ("registered", "registered", "d"),
@@ -45,10 +46,6 @@ COLUMNS = (
 )
 
 
-def _gopro() -> Camera:
-    return lens_by_name("GoPro HERO5 Black, NO-EIS").camera(480, 270)
-
-
 def _circle(focal: float) -> Camera:
     """A lens of 200 degrees whose circle fills most of its square."""
     params = [focal, focal, 192.7, 191.6, 0.02, -0.006, 0.0, 0.0]
@@ -60,30 +57,46 @@ _BACK_FROM_FRONT = np.eye(4)
 _BACK_FROM_FRONT[:3, :3] = Rotation.from_rotvec([0.01, np.pi - 0.015, 0.008]).as_matrix()
 _BACK_FROM_FRONT[:3, 3] = [0.001, 0.0, 0.024]
 
-# Each with another lens, motion, readout and hall; lenses and readout times as phones, action
-# cameras and drones have them. The search for the readout time was settled while looking at "phone"
-# and, in an earlier form, at "action camera"; the others served to choose nothing.
+
+def _of_database(name: str, path: Path4, seconds: float, **more: Any) -> Film:
+    """A film through a lens of the database, read as fast and in the order that it says."""
+    profile = lens_by_name(name)
+    camera = profile.camera(*_WIDE)
+    readout = (profile.readout_ms or 0.0) / 1000
+    if more.get("sideways"):  # the sensor's top is at the right of the upright picture
+        fx, fy, cx, cy, *rest = camera.params
+        params = [fy, fx, camera.height - cy, cx, *rest]
+        camera, readout = Camera(camera.model, params, *_WIDE[::-1]), -readout
+    return Film(camera, path, seconds, readout=readout, **more)
+
+
+# Each with another lens, motion, readout and hall; lenses and readout times are those of the
+# database, or as phones and drones have them. The search for the readout time was settled while
+# looking at "phone"; the others served to choose nothing.
 FILMS: dict[str, Callable[[float], Film]] = {
-    "action camera": lambda s: Film(_gopro(), walk(s), s, readout=0.0167),
+    "action camera": lambda s: _of_database("GoPro HERO, Wide, NO-EIS", walk(s), s),
+    "read upwards": lambda s: _of_database(
+        "Insta360 OneRS, 1inch, 60fps", walk(s, seed=10), s, seed=9
+    ),
     "phone": lambda s: Film(
-        lens_of_field(480, 270, 68, 1.0), walk(s, seed=3), s, readout=0.022, seed=2
+        lens_of_field(*_WIDE, 68, 1.0), walk(s, seed=3), s, readout=0.022, seed=2
     ),
-    "phone upright": lambda s: Film(
-        lens_of_field(270, 480, 66, 1.0), walk(s, seed=4), s, readout=0.022, seed=3, sideways=True
+    "phone upright": lambda s: _of_database(
+        "Apple iPhone 14, 26mm, 30P", walk(s, seed=4), s, seed=3, sideways=True
     ),
-    "wide, shaken": lambda s: Film(
-        lens_of_field(480, 270, 122, 0.3), walk(s, seed=5, shake_degrees=1.5), s, readout=0.012,
+    "wide and shaken": lambda s: Film(
+        lens_of_field(*_WIDE, 122, 0.3), walk(s, seed=5, shake_degrees=1.5), s, readout=0.012,
         seed=4,
     ),
     "straight on": lambda s: Film(
-        lens_of_field(480, 270, 84, 0.9),
+        lens_of_field(*_WIDE, 84, 0.9),
         walk(s, seed=6, forward=6.0 / s, looking=0.0, shake_degrees=0.3), s, seed=5,
     ),
     "on the spot": lambda s: Film(
-        lens_of_field(480, 270, 75, 1.0), walk(s, seed=7, around=0.0, looking=1.2), s, seed=6
+        lens_of_field(*_WIDE, 75, 1.0), walk(s, seed=7, around=0.0, looking=1.2), s, seed=6
     ),
     "global shutter": lambda s: Film(
-        lens_of_field(480, 270, 75, 1.0), walk(s, seed=8), s, readout=0.0, seed=7
+        lens_of_field(*_WIDE, 75, 1.0), walk(s, seed=8), s, readout=0.0, seed=7
     ),
     "dual fisheye": lambda s: Film(
         _circle(104.0), walk(s, seed=9), s, readout=0.0, seed=8, back=_circle(105.0),
@@ -98,14 +111,24 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         f"{', '.join(FILMS)} [default: %(default)s]",
     )  # fmt: skip
     parser.add_argument(
-        "--seconds", type=float, default=24.0, help="of each film [default: %(default)g]"
+        "--seconds", type=float, default=8.0, help="of each film [default: %(default)g]"
     )
     parser.add_argument(
-        "--frame-rate", type=float, default=12.0, help="frames a second [default: %(default)g]"
+        "--frame-rate", type=float, default=24.0, help="frames a second [default: %(default)g]"
     )
     parser.add_argument(
         "--long", action="store_true", help=f"a walk of {_LONG:g} s, as people film one"
     )
+    parser.add_argument(
+        "--scale",
+        type=float,
+        default=1.0,
+        help="size of the film's pictures [default: %(default)g]",
+    )
+    parser.add_argument(
+        "--samples", type=int, default=3, help="rays a pixel, and moments [default: %(default)d]"
+    )
+    parser.add_argument("--frames", type=int, help="to choose of each film [default: as gsut does]")
     parser.add_argument("--preset", default="fast", help="of `gsut scene` [default: %(default)s]")
     parser.add_argument("--poses", action="store_true", help="only `gsut poses`, not the scene")
     parser.add_argument("--keep", metavar="FOLDER", help="films and scenes stay here")
@@ -123,7 +146,7 @@ def run(arguments: argparse.Namespace) -> int:
         folder = Path(arguments.keep or temporary)
         folder.mkdir(parents=True, exist_ok=True)
         for name in names:
-            film = dataclasses.replace(FILMS[name](seconds), frame_rate=arguments.frame_rate)
+            film = _filmed(FILMS[name](seconds), arguments)
             target = folder / f"{name}.mp4"
             if not target.is_file():
                 write_film(film, target)
@@ -135,6 +158,17 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _filmed(film: Film, arguments: argparse.Namespace) -> Film:
+    """The film at the frame rate, size and number of samples that are asked for."""
+    camera = film.camera
+    width, height = (2 * round(arguments.scale * n / 2) for n in (camera.width, camera.height))
+    return dataclasses.replace(
+        film, frame_rate=arguments.frame_rate, samples=arguments.samples,
+        camera=camera.resized(width, height),
+        back=None if film.back is None else film.back.resized(width, height),
+    )  # fmt: skip
+
+
 def measure(name: str, film: Film, video: Path, arguments: argparse.Namespace) -> dict[str, Any]:
     """The row of one film; `words` is its verdict and its notes."""
     out = video.with_suffix("")
@@ -143,6 +177,8 @@ def measure(name: str, film: Film, video: Path, arguments: argparse.Namespace) -
     words = (
         ["poses", *words] if arguments.poses else ["scene", *words, "--preset", arguments.preset]
     )
+    if arguments.frames:
+        words += ["--frames", str(arguments.frames)]
     if main(words) != 0:
         return row | {"verdict": "refused", "words": "see above"}
     data = out if arguments.poses else out / "poses"

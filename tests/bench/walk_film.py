@@ -20,10 +20,12 @@ from gsut.data import inverse
 from gsut.demo.hall import make_hall
 from gsut.demo.tracing import Tracer
 from gsut.lens import Camera
+from tests.python.small_videos import turn_by_quarter
 
 # World-from-camera poses (N, 4, 4) at times (N,) in seconds.
 Path4 = Callable[[np.ndarray], np.ndarray]
 _ROWS, _COLUMNS = 18, 48  # of a block of pixels that is traced at once
+_SPREAD = np.array([0.7549, 0.5698])  # of samples over a pixel: Roberts' sequence in the plane
 _NOISE = 1.5  # grey levels, standard deviation
 _DRIFT, _TINT = 0.07, 0.02  # of exposure and white balance
 _DRIFT_SECONDS = 11.0
@@ -41,9 +43,10 @@ class Film:
         readout: seconds from the first row to the last; below 0: from the last to the first.
         exposure: seconds.
         crf: of H.264: 18 hardly visible, 28 rough.
-        samples: rays a pixel, a square number: also moments within the exposure.
+        samples: rays a pixel: also moments within the exposure.
         seed: of the hall's textures and of the noise.
-        sideways: columns are read one after the other: a phone held upright.
+        sideways: a phone held upright: columns are read one after the other, and the file holds
+            lying pictures with the flag that turns them.
         back: a second lens of the same size, whose pictures stand at the right of those of the
             first; where a lens has no ray its pictures are black.
         back_from_front: (4, 4) of it.
@@ -56,7 +59,7 @@ class Film:
     readout: float = 0.016
     exposure: float = 0.008
     crf: int = 22
-    samples: int = 4
+    samples: int = 3
     seed: int = 1
     sideways: bool = False
     back: Camera | None = None
@@ -150,11 +153,15 @@ def write_film(film: Film, target: Path) -> None:
     with av.open(str(target), "w") as out:
         rate = fractions.Fraction(film.frame_rate).limit_denominator(1001)
         stream = out.add_stream("libx264", rate=rate, options={"crf": str(film.crf)})
-        stream.width, stream.height = camera.width * len(film.lenses), camera.height
+        size = camera.width * len(film.lenses), camera.height
+        stream.width, stream.height = size[::-1] if film.sideways else size
         stream.pix_fmt = "yuv420p"
         for picture in film_pictures(film):
-            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+            stored = np.ascontiguousarray(np.rot90(picture)) if film.sideways else picture
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(stored, format="rgb24")))
         out.mux(stream.encode(None))
+    if film.sideways:
+        turn_by_quarter(target, camera.height)
 
 
 def film_pictures(film: Film) -> Iterator[np.ndarray]:
@@ -173,15 +180,13 @@ def film_pictures(film: Film) -> Iterator[np.ndarray]:
 
 
 def _rays(camera: Camera, samples: int) -> np.ndarray:
-    """(S, H, W, 3) float32 unit rays through a grid in each pixel."""
-    side = math.isqrt(samples)
-    steps = (np.arange(side) + 0.5) / side
+    """(S, H, W, 3) float32 unit rays, spread over each pixel, their mean in its middle."""
+    spread = (np.arange(samples)[:, None] + 0.5) * _SPREAD % 1.0
     rays = []
-    for dy in steps:
-        for dx in steps:
-            x, y = np.meshgrid(np.arange(camera.width) + dx, np.arange(camera.height) + dy)
-            found, _ = camera.unproject(np.stack([x.ravel(), y.ravel()], axis=1))
-            rays.append(np.nan_to_num(found).astype(np.float32).reshape(*x.shape, 3))
+    for dx, dy in spread - spread.mean(axis=0) + 0.5:
+        x, y = np.meshgrid(np.arange(camera.width) + dx, np.arange(camera.height) + dy)
+        found, _ = camera.unproject(np.stack([x.ravel(), y.ravel()], axis=1))
+        rays.append(np.nan_to_num(found).astype(np.float32).reshape(*x.shape, 3))
     return np.stack(rays)
 
 
@@ -208,9 +213,10 @@ def _exposed(
         seen = own.any(axis=3)
         if not seen.any():
             return np.zeros((*own.shape[1:3], 3))
-        line = block[1] if film.sideways else block[0]
-        at = poses[:, None, line] if film.sideways else poses[:, line, None]
-        directions = np.einsum("...ij,...j->...i", at[..., :3, :3], own)
+        line = 2 if film.sideways else 1
+        at = np.expand_dims(poses[:, block[line - 1]], 3 - line)
+        rotation = at[..., :3, :3]
+        directions = sum(rotation[..., k] * own[..., k, None] for k in range(3))
         origins = np.broadcast_to(at[..., :3, 3], directions.shape)
         shape = (samples, -1, 3)
         found = tracer.colors(origins.reshape(shape), directions.reshape(shape))

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import gsut
 from gsut.blocks import cluster as room
-from small_blocks import train
+from small_blocks import LARGE_OPTIONS, OPTIONS, train
 
 _STORE_BYTES = 80 << 20  # the least that Ray takes
 _HEALTH = {
@@ -40,8 +40,11 @@ def main(data: str, out: str, case: str) -> None:
     report = room.write_file
     wanted = int(os.environ.get("KILLS", "2"))
 
+    largest: dict[str, int] = {}
+
     def disturb(path: os.PathLike, content: bytes) -> None:
         report(path, content)
+        largest[str(path)] = max(largest.get(str(path), 0), len(content))
         if case == "worker killed" and len(killed) < wanted:
             threading.Thread(target=_kill_a_worker, args=(killed,)).start()
         if case == "node killed" and len(killed) < wanted:
@@ -60,13 +63,18 @@ def main(data: str, out: str, case: str) -> None:
     scene = gsut.load_dataset(data)
     try:
         resume = Path(out).exists()
-        result = train(scene, Path(out), resume=resume, cluster=ray_cluster.address)
+        training = LARGE_OPTIONS if case == "small store" else OPTIONS
+        result = train(
+            scene, Path(out), resume=resume, training=training, cluster=ray_cluster.address
+        )
     except gsut.InputError as error:
         print(json.dumps({"refused": str(error)}))
         return
     print(json.dumps({
         "killed": len(killed), "seconds": time.monotonic() - began,
         "gaussians": len(result.gaussians),
+        "state_bytes": sum(n for path, n in largest.items() if path.endswith("state1.npz")),
+        "store_bytes": _STORE_BYTES,
     }))  # fmt: skip
 
 

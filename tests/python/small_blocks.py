@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import os
 from pathlib import Path
 from unittest import mock
@@ -13,6 +14,10 @@ import gsut
 from rendered_dataset import write_dataset
 
 OPTIONS = gsut.TrainOptions(steps=60, max_gaussians=400, sh_degree=1, seed=3, threads=1)
+# States of three blocks that are together larger than the least object store of Ray, 80 MB.
+LARGE_OPTIONS = dataclasses.replace(
+    OPTIONS, max_gaussians=330_000, init="random", init_count=330_000, steps=50
+)
 RESULTS = ("scene.ply", "blocks/layout.json")
 
 
@@ -27,6 +32,7 @@ def train(
     blocks: str = "3",
     resume: bool = False,
     report: bool = False,
+    training: gsut.TrainOptions = OPTIONS,
     **given,
 ):
     """A training of the small scene in blocks; a report takes as long as the training."""
@@ -35,7 +41,7 @@ def train(
         if not report:
             stack.enter_context(mock.patch("gsut.training.results.write_report"))
             stack.enter_context(mock.patch("gsut.blocks.driver.write_map"))
-        return gsut.train_blocks(scene, OPTIONS, options, out=out, resume=resume, progress=False)
+        return gsut.train_blocks(scene, training, options, out=out, resume=resume, progress=False)
 
 
 def same_bits(one: Path, other: Path) -> bool:

@@ -6,6 +6,7 @@ import gsut
 from gsut import _core
 from gsut.sfm.correspondences import match_images
 from gsut.sfm.features import Features
+from gsut.sfm.lens_candidates import with_scaled_focal
 from gsut.sfm.matching import verify
 from gsut.sfm.options import PosesOptions
 
@@ -41,9 +42,20 @@ class Synthetic:
     """Points around a walk, seen by features with noise and with descriptors that match."""
 
     def __init__(
-        self, rng, images=8, points=500, noise=0.2, turn_only=False, readout=None, camera=None
+        self,
+        rng,
+        images=8,
+        points=500,
+        noise=0.2,
+        turn_only=False,
+        readout=None,
+        camera=None,
+        zooms=None,
     ):
-        """readout: of a rolling shutter, top to bottom, over the time between frames, or None."""
+        """readout: of a rolling shutter, top to bottom, over the time between frames, or None.
+
+        zooms: factor on the focal length of each image, or None.
+        """
         self.camera = camera or gsut.Camera(
             "kannala_brandt", [300, 301, 500, 505, 0.02, -0.01, 0.002, -0.0003], 1000, 1010
         )
@@ -61,18 +73,19 @@ class Synthetic:
                 velocity = readout * np.array([0.3, 0.1 * i, 0.0, 0.02, 0.15, 0.01])
             self.velocities.append(velocity)
             self.poses.append(pose)
-            projected = self._seen(pose, velocity)
-            _, features = observe(rng, self.camera, *projected, noise, identity)
+            camera = with_scaled_focal(self.camera, zooms[i]) if zooms else self.camera
+            projected = self._seen(camera, pose, velocity)
+            _, features = observe(rng, camera, *projected, noise, identity)
             self.features.append(shuffled(rng, features))
 
-    def _seen(self, pose, velocity):
+    def _seen(self, camera, pose, velocity):
         """Pixels of all points, each at the time of its line, and which have one."""
         times = np.zeros(len(self.points))
         for _ in range(30 if velocity.any() else 1):  # the line that sees a point: a fixed point
             moved = np.array([_core.moved_pose(pose, velocity, t) for t in times])
             p = np.einsum("nij,nj->ni", moved[:, :3, :3], self.points) + moved[:, :3, 3]
-            pixels, valid = self.camera.project(p)
-            times = np.where(valid, pixels[:, 1] / self.camera.height - 0.5, 0.0)
+            pixels, valid = camera.project(p)
+            times = np.where(valid, pixels[:, 1] / camera.height - 0.5, 0.0)
         return pixels, valid
 
     def verified(self, options=None):

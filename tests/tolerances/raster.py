@@ -71,3 +71,4 @@ SURROUNDINGS_GRADIENT = 1e-4  # relative to the largest: float32 of a quotient; 
 BACKGROUND_MEAN = 0.08  # four standard errors of 199 uniform numbers
 PIXEL_FILTER_DB = 6.0  # gained on Gaussians below a pixel at a quarter of the size; least 11.6
 PIXEL_FILTER_FLOAT = 1e-3  # float32 of logarithms, of a difference and a logit; worst 1e-4
+STORED_OVERHEAD = 8e6  # bytes beside the limit: a read of 16,384 rows, rays; worst 4.2e6

@@ -2,7 +2,7 @@
 
 from gsut.blocks.driver import BlocksResult, train_blocks
 from gsut.blocks.layout import Layout
-from gsut.blocks.plan import choose_count
+from gsut.blocks.plan import choose_count, training_bytes
 from gsut.blocks.shares import Shares, find_shares
 
 __all__ = [
@@ -12,4 +12,5 @@ __all__ = [
     "choose_count",
     "find_shares",
     "train_blocks",
+    "training_bytes",
 ]

@@ -36,8 +36,8 @@ def write_map(folder: Path, gaussians: Gaussians, owners: np.ndarray, scene: Sce
     colors = np.array(SERIES)[owners[rows] % len(SERIES)]
     axes.scatter(points[rows, across], points[rows, along], s=1.5, c=colors, linewidths=0)
     axes.scatter(
-        centers[:, across], centers[:, along], s=10, facecolors="none", edgecolors=INK,
-        linewidths=0.6,
+        centers[:, across], centers[:, along], s=24, facecolors="none", edgecolors=INK,
+        linewidths=1.0,
     )  # fmt: skip
     blocks = np.unique(owners)
     for block in blocks if len(blocks) <= _MOST_NUMBERS else ():

@@ -33,7 +33,7 @@ from gsut.blocks.workers import Job, Workers, write_state
 from gsut.data import Scene, scene_digests
 from gsut.evaluate import mean_psnr
 from gsut.files import UNFINISHED, plain
-from gsut.gaussians import Gaussians, merged
+from gsut.gaussians import Gaussians, merged, order_for_reading
 from gsut.run import (
     BLOCKS,
     PLAN,
@@ -44,7 +44,14 @@ from gsut.run import (
     describe_environment,
     read_plan,
 )
-from gsut.training import measure, plain_background, prepare_scene, write_results
+from gsut.training import (
+    choose_complexity,
+    measure,
+    plain_background,
+    prepare_scene,
+    with_most,
+    write_results,
+)
 
 _CURVE_VIEWS = 8  # held out, that each round is measured on
 _LAYOUT, _STAGES = f"{BLOCKS}/layout.json", f"{BLOCKS}/stages.json"
@@ -116,10 +123,12 @@ def train_blocks(
         training.layout = training.choose_layout()  # bisection of the work
     gaussians = training.coarse.gaussians
     for number in range(b.rounds):
-        with training.stage(f"tasks {number + 1}"):
-            jobs = training.write_tasks(number, gaussians)  # views, pixels, context
-        with training.stage(f"round {number + 1}"):
-            gaussians = training.run_round(number, jobs)  # workers; merge by ownership
+        for turn in training.turns(number):
+            with training.stage(f"tasks {number + 1}"):
+                jobs = training.write_tasks(number, turn, gaussians)  # views, pixels, context
+            with training.stage(f"round {number + 1}"):
+                gaussians = training.run_turn(jobs, gaussians)  # workers; merge by ownership
+        training.note(number, gaussians)
     with training.stage("measure"):
         return training.finish(gaussians, scene)
 
@@ -172,7 +181,9 @@ class _Training:
         self._engine = engine
         if options.background is None:
             options = dataclasses.replace(options, background=plain_background(scene))
-        self._options, self._scene = options, scene
+        self._complexity = choose_complexity(scene, options.resolved())
+        self._options = with_most(options, self._complexity.max_gaussians)
+        self._scene = scene
         self._folder = run.path / BLOCKS
         self._stages: dict[str, dict[str, float]] = run.read_json(_STAGES) or {}
         self._peak: dict[int, float] = {}
@@ -237,17 +248,23 @@ class _Training:
         points = gaussians.means.astype(np.float64) + self._scene.world_offset
         return self.layout.owners(points)
 
-    def write_tasks(self, number: int, gaussians: Gaussians) -> list[Job]:
-        """The blocks' tasks of a round, from the Gaussians of all.
+    def turns(self, number: int) -> list[range]:
+        """The blocks of a round that are trained beside each other, turn after turn.
+
+        In the second round, where blocks correct what their seams show, two that do so at once
+        would both correct it: the one half sees what the other has become.
+        """
+        count = len(self.layout)
+        turns = [range(count)] if number == 0 else [range(0, count, 2), range(1, count, 2)]
+        return [turn for turn in turns if turn]
+
+    def write_tasks(self, number: int, turn: range, gaussians: Gaussians) -> list[Job]:
+        """The tasks of some blocks in a round, from the Gaussians of all.
 
         Raises:
             InputError: a block would take more than the memory that was given.
         """
-        jobs = [
-            Job(block, folder / f"task{number + 1}.npz", folder / f"state{number + 1}.npz")
-            for block in range(len(self.layout))
-            for folder in [self._folder / f"b{block:03d}"]
-        ]
+        jobs = [self._job(block, number) for block in turn]
         missing = [job for job in jobs if not (job.task.is_file() or job.state.is_file())]
         if not missing:
             return jobs
@@ -276,8 +293,12 @@ class _Training:
                     write_state(job.task, task.as_dict())
         return jobs
 
-    def run_round(self, number: int, jobs: list[Job]) -> Gaussians:
-        """Trains all blocks of a round; their Gaussians in the order of the blocks."""
+    def _job(self, block: int, number: int) -> Job:
+        folder = self._folder / f"b{block:03d}"
+        return Job(block, folder / f"task{number + 1}.npz", folder / f"state{number + 1}.npz")
+
+    def run_turn(self, jobs: list[Job], gaussians: Gaussians) -> Gaussians:
+        """Trains blocks; the Gaussians of all, theirs replaced, in the order of the blocks."""
         board = Board(jobs, self._progress)
         try:
             self._engine.run(jobs, board.report)
@@ -285,14 +306,21 @@ class _Training:
             board.close()
             _core.set_num_threads(self._options.threads)
         self._peak = {b: max(self._peak.get(b, 0.0), mb) for b, mb in board.peaks.items()}
-        states = [state for job in jobs if (state := job.read_state()) is not None]
-        gaussians = merged([Gaussians(**state["result"]) for state in states])
-        self._note(number, states, gaussians)
-        return gaussians
+        owners, parts = self._owners(gaussians), []
+        trained = {job.block: job for job in jobs}
+        for block in range(len(self.layout)):
+            if block not in trained:
+                parts.append(gaussians[owners == block])
+                continue
+            part = Gaussians(**_state_of(trained[block])["result"])
+            parts.append(part[order_for_reading(part)])
+        return merged(parts)
 
-    def _note(self, number: int, states: list[dict[str, Any]], gaussians: Gaussians) -> None:
-        """A row of the history: what the round came to."""
-        scene, step = self.coarse.scene, sum(int(state["step"]) for state in states)
+    def note(self, number: int, gaussians: Gaussians) -> None:
+        """A row of the history: what a round came to."""
+        jobs = (self._job(block, number) for block in range(len(self.layout)))
+        step = sum(int(_state_of(job)["step"]) for job in jobs)
+        scene = self.coarse.scene
         row: dict[str, Any] = {
             "step": step, "num_gaussians": len(gaussians),
             "seconds": sum(row["seconds"] for row in self._stages.values()),
@@ -317,6 +345,7 @@ class _Training:
             gaussians, scene, chosen, resolved, self._run, steps=steps, train_seconds=seconds,
             align=o.refine_poses, light=self.coarse.light,
         )  # fmt: skip
+        self._complexity.tell(metrics)
         if self.coarse.figures is not None:
             metrics["refinement"] = self.coarse.figures
         write_map(self._folder, gaussians, self._owners(gaussians), scene)
@@ -324,6 +353,7 @@ class _Training:
             "count": len(self.layout), "rounds": self._blocks.rounds,
             "workers": self._blocks.workers, "rows": rows, "stages": self._stages,
             "coarse": {"gaussians": len(self.coarse.gaussians), "pixels": self.coarse.pixels,
+                       "steps": coarse_options(o, self._count).steps,
                        "seconds": self.coarse.seconds},
             "pixels": self.coarse.pixels + sum(row["pixels"] for row in rows),
         }  # fmt: skip
@@ -337,20 +367,25 @@ class _Training:
         counts = np.bincount(self._owners(gaussians), minlength=len(self.layout))
         rows = []
         for block in range(len(self.layout)):
-            folder = self._folder / f"b{block:03d}"
-            jobs = [Job(block, folder / f"task{n + 1}.npz", folder / f"state{n + 1}.npz")
-                    for n in range(self._blocks.rounds)]  # fmt: skip
-            states = [state for job in jobs if (state := job.read_state()) is not None]
+            jobs = [self._job(block, number) for number in range(self._blocks.rounds)]
+            states = [_state_of(job) for job in jobs]
             rows.append({
                 "block": block, "gaussians": int(counts[block]),
                 "views": max(int(state.get("views", 0)) for state in states),
                 "steps": int(states[-1]["step"]),
                 "seconds": sum(float(state["seconds"]) for state in states),
                 "pixels": sum(int(state["pixels"]) for state in states),
-                "bytes": sum(file.stat().st_size for file in folder.glob("*.npz")),
+                "bytes": sum(f.stat().st_size for f in jobs[0].state.parent.glob("*.npz")),
                 "peak_rss_mb": self._peak.get(block),
             })  # fmt: skip
         return rows
+
+
+def _state_of(job: Job) -> dict[str, Any]:
+    """The state of a block that was trained."""
+    state = job.read_state()
+    assert state is not None
+    return state
 
 
 def _untrained(own: Gaussians) -> dict[str, Any]:

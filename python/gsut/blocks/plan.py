@@ -6,6 +6,7 @@ import dataclasses
 
 from gsut._core import InputError
 from gsut.data import Scene
+from gsut.gaussians import bytes_each
 from gsut.run import BlockOptions, TrainOptions, free_memory, size_text
 from gsut.training import with_most
 
@@ -65,8 +66,8 @@ def block_options(
 
 def gaussian_bytes(sh_degree: int, trained: bool = True) -> int:
     """What a Gaussian takes in training, or as context."""
-    floats = 11 + 3 * (sh_degree + 1) ** 2
-    return 4 * floats * (_TRAINED_ROWS if trained else _CONTEXT_ROWS) + _FRAME_BYTES
+    rows = _TRAINED_ROWS if trained else _CONTEXT_ROWS
+    return bytes_each(sh_degree) * rows + _FRAME_BYTES
 
 
 def training_bytes(scene: Scene, sh_degree: int, own: int, context: int, views: int) -> int:
@@ -125,8 +126,8 @@ def needed(scene: Scene, options: TrainOptions, blocks: BlockOptions, count: int
     own = round(total / count * (_UNEVEN if count > 1 else 1.0))
     context = min(round(CONTEXT_MOST * own), total - own) if count > 1 else 0
     one = training_bytes(scene, options.sh_degree, own, max(context, 0), views)
-    merged = 0 if count == 1 else total * 4 * (11 + 3 * (options.sh_degree + 1) ** 2)
-    return one * (blocks.workers if blocks.cluster is None else 1) + merged
+    whole = 0 if count == 1 else total * bytes_each(options.sh_degree)
+    return one * (blocks.workers if blocks.cluster is None else 1) + whole
 
 
 def check_memory(sizes: dict[str, int], blocks: BlockOptions) -> None:
@@ -167,6 +168,7 @@ def check_trainable(options: TrainOptions) -> None:
     """
     refused = {
         "--robust": options.robust,
+        "--motion-blur": options.motion_blur is not None,
         "--surface": options.surface,
         "--compact-at": options.compact_at is not None,
         "--low-pass": options.low_pass > 0,

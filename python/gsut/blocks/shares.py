@@ -17,7 +17,7 @@ from gsut.render import DEFAULT_UNSCENTED
 _LEAST = 1 / 255  # share of a pixel that counts: a grey level
 _CHANNELS = 3  # blocks that are drawn together, one a colour
 _FEW = 6  # blocks up to which all are drawn, of more those alone that a first pass has found
-_WORK_VIEWS = 64  # that the work is measured in
+_WORK_VIEWS = 64  # that the work is measured in, and what a block sees of the others
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,7 +125,9 @@ def choose_context(
     others = gaussians[~own]
     if len(others) <= most:
         return others
-    others = others[blend_weights(gaussians, views)[~own] > 0]
+    some = views[:: max(1, -(-len(views) // _WORK_VIEWS))]
+    weights = blend_weights(gaussians, some)[~own]
+    others, weights = others[weights > 0], weights[weights > 0]
     if len(others) <= most:
         return others
-    return compact(others, count=most, method="field", views=views, seed=seed).gaussians
+    return compact(others, count=most, method="field", scores=weights, seed=seed).gaussians

@@ -93,6 +93,16 @@ def add_moved_data(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_memory(parser: argparse.ArgumentParser) -> None:
+    """--memory, of commands that look at a run."""
+    parser.add_argument(
+        "--memory",
+        metavar="SIZE",
+        help="that the Gaussians of a run may take, such as 2GB: those of a larger scene stay in "
+        "their file, and each image reads what its lens may see [default: most of what is free]",
+    )
+
+
 def add_depth_unit(parser: argparse.ArgumentParser) -> None:
     """--depth-unit, of 16-bit files that are read or written."""
     parser.add_argument(

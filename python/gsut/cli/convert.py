@@ -129,9 +129,9 @@ def _first_view(arguments: argparse.Namespace, out: Path, gaussians: Any) -> Any
     from gsut.cli._start_view import start_view
     from gsut.formats import for_file
     from gsut.run import RunFolder
-    from gsut.training import read_trained
+    from gsut.training import read_scene
 
-    _, scene, _ = read_trained(RunFolder.open(arguments.source), arguments.data)
+    scene = read_scene(RunFolder.open(arguments.source), arguments.data)[1]
     return start_view(scene, gaussians, for_file(gaussians).origin)
 
 

@@ -93,9 +93,9 @@ def _convert(arguments: argparse.Namespace) -> int:
     source, scene = Path(arguments.source), None
     if _is_run(source):
         from gsut.run import RunFolder
-        from gsut.training import read_trained
+        from gsut.training import read_scene
 
-        scene = read_trained(RunFolder.open(source), None)[1]
+        scene = read_scene(RunFolder.open(source), None)[1]
         source = scene.path
     notes = convert_dataset(
         source,

@@ -14,6 +14,7 @@ from gsut.cli._flags import (
     add_depth_unit,
     add_force,
     add_json,
+    add_memory,
     add_run,
     check_first,
     folder_name,
@@ -65,6 +66,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mesh", metavar="FILE", help="the mesh to judge [default: as `gsut mesh` makes it]"
     )
+    add_memory(parser)
     add_force(parser)
     add_json(parser)
 
@@ -72,13 +74,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from gsut.cli.train import print_figures
     from gsut.run import RunFolder
-    from gsut.training import read_trained
+    from gsut.training import open_trained, read_scene
 
     run = RunFolder.open(arguments.folder)
-    options, trained_on, gaussians = read_trained(run, arguments.data)
+    options, trained_on, gaussians = open_trained(run, arguments.data, arguments.memory)
     scene = trained_on
     if arguments.scale is not None:
-        scene = read_trained(run, arguments.data, arguments.scale)[1]
+        scene = read_scene(run, arguments.data, arguments.scale)[1]
     indices = {
         "test": scene.test_indices,
         "train": scene.train_indices,

@@ -15,6 +15,7 @@ from gsut._core import CameraMotion, InputError
 from gsut.cli._flags import (
     add_depth_unit,
     add_json,
+    add_memory,
     add_moved_data,
     degrees,
     finite,
@@ -112,6 +113,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="one point of the cloud in each voxel of this size, in the dataset's units [default: "
         "a pixel's width at the first image's median depth]",
     )
+    add_memory(parser)
     add_json(parser)
 
 
@@ -179,11 +181,11 @@ def _stage(arguments: argparse.Namespace) -> Any:
     if place.is_file():
         if arguments.out is None:
             raise InputError("a file has no folder for its images: say where to, with -o")
-        stage = stage_of(place, arguments.data)
+        stage = stage_of(place, arguments.data, arguments.memory)
         if stage.kind == "data":
             raise InputError(f"{place} is of a dataset, which has no Gaussians; `gsut train` it")
         return stage
-    return stage_of(RunFolder.open(place).path, arguments.data)
+    return stage_of(RunFolder.open(place).path, arguments.data, arguments.memory)
 
 
 def _pixel_filter(stage: Any) -> Any:

@@ -10,7 +10,7 @@ import threading
 import webbrowser
 from typing import Any, TextIO
 
-from gsut.cli._flags import Number, add_json, add_moved_data, print_json
+from gsut.cli._flags import Number, add_json, add_memory, add_moved_data, print_json
 
 HELP = "walk through a scene in the browser"
 DESCRIPTION = (
@@ -22,6 +22,7 @@ DESCRIPTION = (
 def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="RUN|FILE.ply|DATA", help="what to look at")
     add_moved_data(parser)
+    add_memory(parser)
     add_view_flags(parser)
     add_json(parser)
 
@@ -47,7 +48,7 @@ def add_view_flags(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from gsut.view import LOOPBACK, Session, ViewServer, stage_of
 
-    stage = stage_of(arguments.scene, arguments.data)
+    stage = stage_of(arguments.scene, arguments.data, arguments.memory)
     for note in () if stage.scene is None else stage.scene.notes:
         print(f"gsut: note: {note}", file=sys.stderr)
     session = Session(stage)

@@ -18,6 +18,7 @@ from gsut.render import (
     Light,
     PixelFilter,
     Ring,
+    StoredPixelFilter,
     color_corrected_psnr,
     field_angles,
     half_image_psnr,
@@ -44,7 +45,7 @@ def evaluate(
     *,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
     light: Light | None = None,
-    pixels: PixelFilter | None = None,
+    pixels: PixelFilter | StoredPixelFilter | None = None,
     render_folder: Path | None = None,
     on_view: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:

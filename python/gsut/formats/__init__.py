@@ -20,7 +20,7 @@ from gsut.files import regular
 from gsut.formats._errors import largest_errors
 from gsut.formats._format import Format, SceneFile, StartView, WriteSettings, Written
 from gsut.formats._origin import for_file, place_text
-from gsut.formats.ply import NO_BACKGROUND, load_ply, save_ply
+from gsut.formats.ply import NO_BACKGROUND, load_ply, open_ply, save_ply
 from gsut.gaussians import Gaussians, are_surfels
 
 __all__ = [
@@ -37,6 +37,7 @@ __all__ = [
     "largest_errors",
     "load_gaussians",
     "load_ply",
+    "open_ply",
     "place_text",
     "read_scene_file",
     "save_gaussians",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +13,15 @@ from gsut import _core
 from gsut.files import regular
 from gsut.formats._format import ELSEWHERE, Format, SceneFile, WriteSettings, Written
 from gsut.formats._origin import for_file, origin_comments, origin_in
-from gsut.gaussians import Gaussians, are_surfels
-from gsut.run import check_fits
+from gsut.gaussians import (
+    DRAWN_BYTES,
+    Gaussians,
+    StoredGaussians,
+    are_surfels,
+    bytes_each,
+    press_surfels,
+)
+from gsut.run import check_fits, free_memory
 
 # How Brush and Postshot say that a filter of the screen belongs to a file.
 _ANTIALIASED = ("SplatRenderMode: mip", "antialiased 1")
@@ -22,6 +29,9 @@ _ANTIALIASED = ("SplatRenderMode: mip", "antialiased 1")
 NO_BACKGROUND = "gsut: no background"
 _HEADER_BYTES = 65536  # read for comments
 _TEXT_BYTES = 4  # of a text file for one in memory, at most
+_OF_FREE = 0.8  # that Gaussians may take where nobody says how much
+_PLAIN_FORMAT, _PLAIN_ELEMENT = ["format", "binary_little_endian", "1.0"], ["element", "vertex"]
+_PLAIN_END = b"end_header\n"
 PACKED = b"packed_position"  # a property of SuperSplat's compressed files
 
 
@@ -63,6 +73,69 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
     for array in arrays:
         finite &= np.isfinite(array.reshape(len(array), -1)).all(axis=1)
     return gaussians[finite]
+
+
+def open_ply(
+    path: str | os.PathLike[str], memory: int | None = None
+) -> Gaussians | StoredGaussians:
+    """Gaussians of a PLY file; where they do not fit into memory, those that stay in the file.
+
+    Args:
+        path: see `load_ply`; of files that gsut did not write all are read.
+        memory: bytes that they may take while they are drawn; None: four fifths of what is free.
+
+    Raises:
+        InputError: see `load_ply`.
+    """
+    free = free_memory()
+    limit = memory or (None if free is None else int(_OF_FREE * free))
+    found = None if limit is None else _plain_rows(Path(path))
+    if limit is None or found is None:
+        return load_ply(path)
+    rows, count, sh_degree = found
+    if count * (bytes_each(sh_degree) + DRAWN_BYTES) <= limit:
+        return load_ply(path)
+    stored = StoredGaussians.of(rows, count, limit)
+    return load_ply(path) if stored is None else stored
+
+
+def _plain_rows(path: Path) -> tuple[Callable[[int, int], Gaussians], int, int] | None:
+    """What reads rows of a file of float32 alone, their number and degree; None: another file."""
+    with open(regular(path), "rb") as file:
+        head = file.read(_HEADER_BYTES)
+    text, end, _ = head.partition(_PLAIN_END)
+    words = [line.split() for line in text.decode("utf-8", "replace").splitlines()]
+    words = [line for line in words if line[:1] not in ([], ["comment"])]
+    is_plain = end and words[:2] == [["ply"], _PLAIN_FORMAT] and words[2][:2] == _PLAIN_ELEMENT
+    if not is_plain or any(line[:2] != ["property", "float"] for line in words[3:]):
+        return None
+    columns = {line[2]: number for number, line in enumerate(words[3:])}
+    rest = sum(name.startswith("f_rest_") for name in columns)
+    names = [
+        [*"xyz"], [f"rot_{i}" for i in range(4)],
+        [f"scale_{i}" for i in range(3 if "scale_2" in columns else 2)], ["opacity"],
+        [f"f_dc_{i}" for i in range(3)], [f"f_rest_{i}" for i in range(rest)],
+    ]  # fmt: skip
+    count, offset = int(words[2][2]), len(text) + len(end)
+    whole = path.stat().st_size >= offset + 4 * len(columns) * count
+    if not whole or any(name not in columns for group in names for name in group):
+        return None  # `load_ply` says what is wrong
+    means, quats, scales, opacity, base, others = ([columns[n] for n in group] for group in names)
+    origin = origin_in(comments_of(path), path)
+
+    def rows(begin: int, end: int) -> Gaussians:
+        table = np.fromfile(
+            path, "<f4", (end - begin) * len(columns), offset=offset + 4 * begin * len(columns)
+        ).reshape(end - begin, len(columns))
+        harmonics = table[:, others].reshape(len(table), 3, rest // 3).transpose(0, 2, 1)
+        sh = np.concatenate([table[:, None, base], harmonics], axis=1)
+        sizes = np.zeros((len(table), 3), np.float32)
+        sizes[:, : len(scales)] = table[:, scales]
+        if len(scales) == 2:
+            press_surfels(sizes)
+        return Gaussians(table[:, means], table[:, quats], sizes, table[:, opacity[0]], sh, origin)
+
+    return rows, count, {0: 0, 9: 1, 24: 2, 45: 3}.get(rest, 0)
 
 
 def _check_size(path: str | os.PathLike[str]) -> None:

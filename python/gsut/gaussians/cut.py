@@ -51,6 +51,20 @@ def inside_sphere(gaussians: Gaussians, center: np.ndarray, radius: float) -> np
         return np.sum(places * places, axis=1) <= radius * radius
 
 
+def seen_most(gaussians: Gaussians, at: np.ndarray, share: float) -> np.ndarray:
+    """(N,) bool: a share of them, those with the largest shadows on a point.
+
+    Args:
+        gaussians: N Gaussians.
+        at: (N, 3) centres from that point, in units of the scene's extent.
+        share: 0 to 1.
+    """
+    scales = np.sort(gaussians.log_scales, axis=1)[:, 1:].sum(axis=1)
+    opacity = -np.logaddexp(0, -gaussians.opacity_logits)
+    seen = opacity + scales - np.log1p(np.sum(at**2, axis=1))
+    return seen >= np.quantile(seen, 1 - share)
+
+
 def merged(scenes: Sequence[Gaussians]) -> Gaussians:
     """Scenes of one world as one, in their order.
 

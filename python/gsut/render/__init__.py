@@ -22,7 +22,7 @@ from gsut.render.metrics import (
 from gsut.render.motion import place_about
 from gsut.render.paths import orbit_path, smooth_path, turn_path
 from gsut.render.pictures import picture_stems, to_uint8, write_png
-from gsut.render.pixel_filter import PixelFilter, is_coarser
+from gsut.render.pixel_filter import PixelFilter, StoredPixelFilter, is_coarser
 from gsut.render.projection import METHODS, Projection, project
 from gsut.render.renderer import DEFAULT_UNSCENTED, Gradients, Render, render, render_backward
 from gsut.render.surface import (
@@ -48,6 +48,7 @@ __all__ = [
     "Projection",
     "Render",
     "Ring",
+    "StoredPixelFilter",
     "Surface",
     "auto_path",
     "color_corrected_psnr",

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion
-from gsut.gaussians import filter_radii, pixel_density
+from gsut.gaussians import StoredGaussians, filter_radii, pixel_density
 from gsut.render.motion import place_about
 
 _SQUARE = 1.0 / 12.0  # variance of a square pixel along a side of length 1
@@ -50,7 +50,9 @@ class PixelFilter:
         self._finest = finest**2
 
     @staticmethod
-    def of_run(gaussians: Any, scene: Any, most_cameras: int = _MOST_CAMERAS) -> PixelFilter:
+    def of_run(
+        gaussians: Any, scene: Any, most_cameras: int = _MOST_CAMERAS
+    ) -> PixelFilter | StoredPixelFilter:
         """For Gaussians that were trained on a scene's training views.
 
         Args:
@@ -58,6 +60,8 @@ class PixelFilter:
             scene: at the size that was trained at.
             most_cameras: see above.
         """
+        if isinstance(gaussians, StoredGaussians):
+            return StoredPixelFilter(gaussians, scene, most_cameras)
         rows = scene.train_indices or range(len(scene))
         cameras = [scene.camera(row) for row in rows]
         return PixelFilter(gaussians, cameras, scene.poses(rows), most_cameras)
@@ -97,6 +101,29 @@ class PixelFilter:
         log_scales[rows] = 0.5 * np.log(after)
         logits[rows] = np.log(opacity) - np.log1p(-opacity)
         return dataclasses.replace(g, log_scales=log_scales, opacity_logits=logits)
+
+
+class StoredPixelFilter:
+    """`PixelFilter` of Gaussians in a file: each image's are widened when they are read.
+
+    Args:
+        gaussians: in a file.
+        scene, most_cameras: see `PixelFilter.of_run`.
+    """
+
+    def __init__(self, gaussians: StoredGaussians, scene: Any, most_cameras: int) -> None:
+        self.gaussians = gaussians
+        self._scene, self._most_cameras = scene, most_cameras
+
+    def of(self, camera: Any, camera_from_world: Any) -> StoredGaussians:
+        """See `PixelFilter.of`."""
+
+        def widened(part: Any) -> Any:
+            return PixelFilter.of_run(part, self._scene, self._most_cameras).of(
+                camera, camera_from_world
+            )
+
+        return self.gaussians.changed(widened)
 
 
 def is_coarser(camera: Any, photographs: Sequence[Any]) -> bool:

@@ -11,9 +11,10 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import BlendRule, InputError
-from gsut.gaussians import Gaussians
+from gsut.gaussians import Gaussians, StoredGaussians
 from gsut.render.motion import camera_motion, place_about
 from gsut.render.projection import DEFAULT_UNSCENTED
+from gsut.render.stored import StoredImage
 from gsut.render.surroundings import surroundings
 from gsut.run import check_fits
 
@@ -40,7 +41,7 @@ class Render:
     alpha: np.ndarray
     depth: np.ndarray
     distortion: np.ndarray
-    gaussians: Gaussians
+    gaussians: Any
     camera: _core.Camera
     camera_from_world: Any  # (4, 4), or a _core.CameraMotion
     rule: BlendRule
@@ -96,7 +97,7 @@ def _blend_rule(parity: str | None, blend: BlendRule | None) -> BlendRule:
 
 
 def render(
-    gaussians: Gaussians,
+    gaussians: Gaussians | StoredGaussians,
     camera: _core.Camera,
     camera_from_world: Any,
     *,
@@ -111,7 +112,7 @@ def render(
     """Renders Gaussians: each pixel's ray is evaluated against the Gaussians in 3D.
 
     Args:
-        gaussians: the scene.
+        gaussians: the scene; of one that stays in its file what the image shows is read.
         camera: lens and image size.
         camera_from_world: (4, 4) rigid transform, or an object with such a `matrix`; of the
             Gaussians' world, which is the dataset's. With a rolling shutter the pair of them at
@@ -137,7 +138,8 @@ def render(
     """
     check_fits(
         f"an image of {camera.width} x {camera.height} of {len(gaussians):,} Gaussians",
-        _PIXEL_BYTES * camera.width * camera.height + _LISTED_BYTES * len(gaussians),
+        _PIXEL_BYTES * camera.width * camera.height
+        + (0 if isinstance(gaussians, StoredGaussians) else _LISTED_BYTES * len(gaussians)),
         "render a smaller one (--size), or fewer Gaussians (gsut compact)",
     )
     rule = _blend_rule(parity, blend)
@@ -148,6 +150,8 @@ def render(
     place = place_about(pose, gaussians.origin)
     degree = min(int(sh_degree), gaussians.sh_degree)
     if dtype == "float64":
+        if isinstance(gaussians, StoredGaussians):
+            raise InputError("the double reference takes Gaussians in memory, not in a file")
         g = gaussians.astype(np.float64)
         exact = _core.render_reference(g, camera, place, rule, color, degree)
         image, alpha, depth, _, distortion = exact
@@ -155,6 +159,10 @@ def render(
         return out if background is not None else _over_surroundings(out)
     if dtype != "float32":
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
+    if isinstance(gaussians, StoredGaussians):
+        drawn = StoredImage(gaussians, camera, place, rule, color, degree, tuple(unscented)).draw()
+        out = Render(*drawn, gaussians, camera, pose, rule, color, degree, None)
+        return out if background is not None else _over_surroundings(out)
     g = gaussians.astype(np.float32)
     shape = (camera.height, camera.width)
     image = np.zeros((*shape, 3), np.float32)
@@ -211,6 +219,8 @@ def render_backward(
         InputError: shapes differ from the image's.
     """
     g = result.gaussians
+    if isinstance(g, StoredGaussians):
+        raise InputError("gradients are of Gaussians in memory, not of those in a file")
     dimage = np.ascontiguousarray(dimage, dtype=g.dtype)
     dalpha = None if dalpha is None else np.ascontiguousarray(dalpha, dtype=g.dtype)
     ddepth = None if ddepth is None else np.ascontiguousarray(ddepth, dtype=g.dtype)

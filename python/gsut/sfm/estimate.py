@@ -24,7 +24,6 @@ from gsut.sfm.finish import finish_solution
 from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_candidates import guess_lenses
 from gsut.sfm.lens_pair import write_lens_pair
-from gsut.sfm.lens_search import search_lens
 from gsut.sfm.lens_start import compare_lens
 from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.models import further_models, write_models
@@ -38,6 +37,7 @@ from gsut.sfm.rig import COVARIANCE_OF, RigFit, refuse_beside_rig, solve_rig
 from gsut.sfm.rig_images import find_rig_photographs
 from gsut.sfm.solution import Solution, matches_in_points, solve
 from gsut.sfm.stages import Stages, digest
+from gsut.sfm.zooms import Zoom, find_zooms, search_zooms, zooms_notes
 
 RIG = "rig.json"
 # (photographs, features, pairs, options, on_progress) -> poses and points; lenses are known.
@@ -148,6 +148,7 @@ def find_poses(
         extra: dict[str, Any] = {"lens": "known" if known else "estimated"}
         fit: RigFit | None = None
         flags: np.ndarray | None = None
+        zooms: list[Zoom] = []
         if on_rig is not None:
             solution, fit = solve_rig(
                 photographs, features, pairs, options, log.on_images("mapping"),
@@ -156,8 +157,12 @@ def find_poses(
         elif known:
             run = mapper or functools.partial(_map_incrementally, shutter=shutter)
             solution = run(photographs, features, pairs, options, log.on_images("mapping"))
+            if mapper is None:
+                zooms = find_zooms(solution, features, raw, options)
         else:
-            search = search_lens(photographs, features, raw, options, fov_degrees, log, shutter)
+            search, zooms = search_zooms(
+                photographs, features, raw, options, fov_degrees, log, shutter
+            )
             solution, pairs, extra["lens_search"] = search.solution, search.pairs, search.rows
             flags = search.flags
         models: list[Solution] = []
@@ -172,12 +177,12 @@ def find_poses(
     extra["matches_in_points"] = agreeing
     for text in compare_lens(photographs, solution.cameras[0], options, extra):
         log.note(text)
-    for text in write_models(models, photographs, folder):
+    for text in (*zooms_notes(zooms), *write_models(models, photographs, folder)):
         log.note(text)
     extra["models"] = [int(model.num_registered) for model in models]
     for text in solution_notes(solution, agreeing, fit, doubt, known=known):
         log.note(text)
-    verdict = poses_verdict(solution, features, agreeing, doubt)
+    verdict = poses_verdict(solution, features, agreeing, doubt, len(zooms))
     extra |= {"verdict": verdict.as_dict(), "made_from": digest(key)}
     values = _write(folder, solution, photographs, fit, extra, log)
     stages.remove()

@@ -92,6 +92,7 @@ def poses_verdict(
     features: Sequence[Features],
     agreeing: float | None,
     doubt: LensDoubt | None,
+    zooms: int = 0,
 ) -> Verdict:
     """The verdict.
 
@@ -99,6 +100,7 @@ def poses_verdict(
         solution: poses and points. features: of all images.
         agreeing: share of the matches that end in points, or None.
         doubt: of the lens, where it was estimated.
+        zooms: that the images were taken at, where more than one.
     """
     total, registered = len(solution.names), solution.num_registered
     camera = solution.cameras[0]
@@ -106,6 +108,7 @@ def poses_verdict(
     weak = float(np.percentile(counts, 10)) if counts.any() else math.inf  # no points: by colours
     residual = solution.median / math.hypot(camera.width, camera.height)
     sigma = 0.0 if doubt is None else 2 * doubt.focal_sigma
+    lost = _below(registered / max(1, total), _REGISTERED)
     # (how bad: 0 to 2, what, what to do), causes before what they lead to
     found = [
         (
@@ -115,7 +118,12 @@ def poses_verdict(
         ),
         *picture_faults(features, total),
         (
-            _below(registered / max(1, total), _REGISTERED),
+            max(1, lost) if zooms > 1 else 0,
+            f"the images were taken at {zooms} zooms",
+            "put the images of each zoom into a folder of their own",
+        ),
+        (
+            lost,
             f"{total - registered} of {total} images could not be connected with the others",
             "add pictures between those that are connected and the others; those of another camera "
             "or zoom need a run of their own",

@@ -21,7 +21,14 @@ from gsut.training.start import (
     size_note,
     without_blurred,
 )
-from gsut.training.trained_run import TrainedRun, load_run, read_light, read_trained
+from gsut.training.trained_run import (
+    TrainedRun,
+    load_run,
+    open_trained,
+    read_light,
+    read_scene,
+    read_trained,
+)
 
 __all__ = [
     "VIEWER_STEPS",
@@ -41,9 +48,11 @@ __all__ = [
     "load_run",
     "measure",
     "measure_training",
+    "open_trained",
     "plain_background",
     "prepare_scene",
     "read_light",
+    "read_scene",
     "read_trained",
     "refine_first_poses",
     "size_note",

@@ -20,6 +20,7 @@ _SEEN_BY = 3  # photographs, or a point says nothing
 _DARKEST, _BRIGHTEST = 8, 245  # grey levels that are neither noise nor clipped
 _AREAS = 96  # along a photograph's longer side: over one colours are averaged
 _ROUNDS = 5  # of re-weighting
+_ALONE = 2**18  # multiplications that OpenBLAS does on one thread
 _ORDERS = 2  # of the falloff: of t^2 and t^4 in the distance from the image's middle
 # Gains are believed that bring the points' colours this much closer together (fox: 0.76 of the
 # median error is left), and whose standard deviation is more than hidden or shining points explain
@@ -87,8 +88,6 @@ def _fit(
     """Robust least squares of logs (3, n) = the point's + the view's + falloff (k, n) x its own.
 
     Points are eliminated: what is fitted is each sample's difference from its point's mean.
-    Products are numpy's own: BLAS wakes threads for them that spin longer than they work.
-
     Args:
         view, point: (n,) of each sample.
         logs, falloff: see above.
@@ -106,7 +105,7 @@ def _fit(
         if num_views:
             where = np.bincount(point * num_views + view, weights, num_points * num_views)
             where = where.reshape(num_points, num_views)
-            shared = np.einsum("ni,nj->ij", where, where / total[:, None])
+            shared = _product(where, where / total[:, None])
             both = _sums(view, weighted, num_views)
             normal = np.block([[np.diag(where.sum(axis=0)) - shared, both.T], [both, normal]])
             side = np.concatenate([_sums(view, weights * right, num_views).T, side])
@@ -120,6 +119,18 @@ def _fit(
         weights = 1.0 / (1.0 + (largest / (1.4826 * error)) ** 2) ** 2  # Geman and McClure's
     gains = found[:num_views]
     return gains - gains.mean(axis=0) if num_views else gains, error
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(i, j) a'b of (n, i) and (n, j), in parts that BLAS wakes no threads for.
+
+    They would spin longer than they work.
+    """
+    rows = max(1, _ALONE // (a.shape[1] * b.shape[1]))
+    return sum(
+        (a[at : at + rows].T @ b[at : at + rows] for at in range(0, len(a), rows)),
+        start=np.zeros((a.shape[1], b.shape[1])),
+    )
 
 
 def _centred(

@@ -3,7 +3,9 @@
 Directions from the cameras' middle are a sky's where no point lies near them in any photograph
 that sees them, and these show one colour there. White walls do that too. So photographs must agree
 far better when most of these directions are taken for far than at the distance of the points: then
-their light does come from afar. A sky without clouds cannot be told from a wall, and is not seeded.
+their light does come from afar. A sky without clouds cannot show that. It is one if all of it is
+above the cameras, and if what any photograph shows empty of points is mostly so in all of them when
+it is taken for far away: a near wall moves before the points around it.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ _LONGER_SIDE = 240  # pixels of the photographs that are asked
 _SEEN_BY = 3  # photographs, or a direction says nothing
 _GAP = 0.035  # of a photograph's longer side, within which a point is near
 _ALIKE = 0.06  # standard deviation of one colour, values in [0, 1]
-_PLAIN = 0.03  # standard deviation over all directions, below which a background is no sky
+_PLAIN = 0.03  # standard deviation over all directions, below which a sky is without clouds
+_STAYS, _LOWEST = 0.5, 2.0  # of what is empty somewhere; percentile of the height of a plain sky
 # Distances in units of the points' (99 of 100 are nearer): a sky's, and that it is compared with.
 _FAR, _NEAR, _PERCENT = 10.0, 1.0, 99.0
 # Light comes from afar where photographs disagree by more than noise at the points' distance, and
@@ -47,34 +50,42 @@ def first_sky(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
     middle = np.mean([scene.views[row].camera_center for row in rows], axis=0)
     away = float(np.percentile(np.linalg.norm(points - middle, axis=1), _PERCENT))
     far = middle + _FAR * away * _directions()
-    seen, taken = np.zeros(len(far), int), np.zeros(len(far), bool)
+    seen, (taken, empty) = np.zeros(len(far), int), np.zeros((2, len(far)), bool)
     near_points = {row: _near_points(small, row, points) for row in rows}
     for row in rows:
         directions, x, y = _pixels(small, row, far)
         seen[directions] += 1
-        taken[directions[near_points[row][y, x]]] = True
-    far = far[(seen >= _SEEN_BY) & ~taken]
+        near = near_points[row][y, x]
+        taken[directions[near]], empty[directions[~near]] = True, True
+    often = seen >= _SEEN_BY
+    stays = np.count_nonzero(often & ~taken) > _STAYS * np.count_nonzero(often & empty)
+    far = far[often & ~taken]
     if len(far) < _FEWEST:
         return None
     colors, apart = _colors(small, near_points, far)
     alike = apart < _ALIKE
     far, colors = far[alike], colors[alike]
-    if len(far) < _FEWEST or colors.std(axis=0).mean() < _PLAIN:
+    if len(far) < _FEWEST:
         return None
-    near = middle + (_NEAR / _FAR) * (far - middle)
-    of_near, of_far = _colors(small, near_points, near)[1], apart[alike]
-    compared = np.isfinite(of_near)
-    afar = (of_near > _NOISE) & (of_far < _LEFT_OVER * of_near)
-    if compared.sum() < _FEWEST or afar.sum() < _MOST * compared.sum():
-        return None
+    if colors.std(axis=0).mean() < _PLAIN:
+        up = -np.sum([scene.views[row].camera_from_world[1, :3] for row in rows], axis=0)
+        if not stays or np.percentile((far - middle) @ up, _LOWEST) <= 0:
+            return None
+    else:
+        near = middle + (_NEAR / _FAR) * (far - middle)
+        of_near, of_far = _colors(small, near_points, near)[1], apart[alike]
+        compared = np.isfinite(of_near)
+        afar = compared & (of_near > _NOISE) & (of_far < _LEFT_OVER * of_near)
+        if compared.sum() < _FEWEST or afar.sum() < _MOST * compared.sum():
+            return None
     return far, np.rint(255 * colors).astype(np.uint8)
 
 
 def sky_note(count: int) -> str:
     """That so many first Gaussians are a sky's, and why, in a sentence."""
     return (
-        f"{count} of the first Gaussians are a sky, {_FAR:g} times as far as the points: no point "
-        "lies there, and the photographs agree only when that is taken for far away "
+        f"{count} of the first Gaussians are a sky, {_FAR:g} times as far as the points: there the "
+        "photographs show no points, but colours that agree when they are taken for far away "
         "(--init-count leaves it out)."
     )
 

@@ -37,7 +37,6 @@ class Exposure:
 
     def __init__(self, scene: Scene, share: float | None) -> None:
         self._share = share
-        self._pixels: dict[int, float] = {}  # that a view moves, at full resolution
         if share is None:
             return
         if len(scene.views) < 2:
@@ -55,11 +54,11 @@ class Exposure:
         """
         if self._share is None:
             return scene.views[view].motion
-        if view not in self._pixels:
-            self._pixels[view] = _pixels_between(scene, view, *self._views(scene, view, 2))
-        between = self._pixels[view] * level.camera(view).width / scene.camera(view).width
-        # Two moments lie half of the exposure apart.
-        count = int(np.clip(round(2.0 * between / _APART), 1, _MOST))
+        # Two moments lie half of the exposure apart. Asked anew in each step: what a run does after
+        # it was resumed depends on nothing but its poses.
+        pixels = 2.0 * _pixels_between(scene, view, *self._views(scene, view, 2))
+        pixels *= level.camera(view).width / scene.camera(view).width
+        count = int(np.clip(round(pixels / _APART), 1, _MOST))
         places = [each.motion for each in self._views(scene, view, count)]
         return places if count > 1 else places[0]
 

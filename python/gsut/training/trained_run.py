@@ -5,30 +5,52 @@ from __future__ import annotations
 import dataclasses
 import os
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from gsut._core import InputError
 from gsut.data import Scene, load_dataset
-from gsut.formats import load_ply
+from gsut.formats import load_ply, open_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import read_refined
 from gsut.render import Light
-from gsut.run import ENVIRONMENT, METRICS, SCENE, RunFolder, TrainOptions
+from gsut.run import ENVIRONMENT, METRICS, SCENE, RunFolder, TrainOptions, parse_size
 from gsut.training.start import prepare_scene
 
 
-def read_trained(
-    run: RunFolder, data: str | None, scale: float | None = None
-) -> tuple[TrainOptions, Scene, Gaussians]:
+def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene, Gaussians]:
     """Options, scene with the poses that the run refined (if it did), and Gaussians of a run.
 
     Args:
         run: of a finished training.
         data: the dataset; None: where training read it.
-        scale: of the scene's images to the files' size; None: as they were trained on.
 
     Returns:
         Scene and Gaussians in the dataset's coordinates.
+    """
+    return *read_scene(run, data), load_ply(run.path / SCENE)
+
+
+def open_trained(
+    run: RunFolder, data: str | None, memory: str | None
+) -> tuple[TrainOptions, Scene, Any]:
+    """`read_trained`, with `StoredGaussians` where all do not fit into memory.
+
+    Args:
+        run, data: see `read_trained`.
+        memory: that the Gaussians may take, such as 2GB; None: most of what is free.
+    """
+    limit = None if memory is None else parse_size(memory, "--memory")
+    return *read_scene(run, data), open_ply(run.path / SCENE, limit)
+
+
+def read_scene(
+    run: RunFolder, data: str | None, scale: float | None = None
+) -> tuple[TrainOptions, Scene]:
+    """Options of a finished run, and its scene with the poses that it refined.
+
+    Args:
+        run, data: see `read_trained`.
+        scale: of the scene's images to the files' size; None: as they were trained on.
     """
     path = run.path / SCENE
     if not path.is_file():
@@ -44,8 +66,7 @@ def read_trained(
         raise InputError(f"the dataset {data} is not there any more; say where it is with --data")
     scene = load_dataset(data, test_every=options.test_every, test_names=options.test_names)
     size = options if scale is None else dataclasses.replace(options, scale=scale, max_side=0)
-    scene = read_refined(run, prepare_scene(scene, size))
-    return options, scene, load_ply(path)
+    return options, read_refined(run, prepare_scene(scene, size))
 
 
 class TrainedRun(NamedTuple):

@@ -10,13 +10,21 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.data import rigid_transform, shrink_image
-from gsut.gaussians import SH_C0, Gaussians, MixedGaussians, pack_harmonics, upright
+from gsut.gaussians import (
+    SH_C0,
+    Gaussians,
+    StoredGaussians,
+    pack_harmonics,
+    seen_most,
+    upright,
+)
 from gsut.lens import Camera
 from gsut.render import (
     DEFAULT_UNSCENTED,
     PixelFilter,
     is_coarser,
     place_about,
+    render,
     solid,
     to_uint8,
     with_surroundings,
@@ -152,7 +160,7 @@ class Frames:
         self._buffers: tuple[np.ndarray, ...] = ()
         self._chosen: dict[Any, Any] = {}
         self.floaters: np.ndarray | None = None
-        self._pixels: PixelFilter | None = None
+        self._pixels: Any = None  # a PixelFilter
         place = stage.place()
         self.center, self.extent = place["center"], place["extent"]
         up = place["up"] / np.linalg.norm(place["up"])
@@ -251,6 +259,9 @@ class Frames:
             image[:], alpha[:], depth[:] = solid(self.stage.background), 0, 0
             return image, alpha, depth
         gaussians = self._for_pixels(gaussians, request, camera, place)
+        if isinstance(gaussians, StoredGaussians):
+            seen = render(gaussians, camera, place, background=self.stage.background)
+            return seen.image, seen.alpha, seen.depth
         fills = self.stage.background is None
         self._renderer.render(
             gaussians, camera, place_about(place, gaussians.origin), self._rule,
@@ -279,7 +290,7 @@ class Frames:
         g = self.stage.gaussians
         if g is None:
             raise InputError("there are no Gaussians here")
-        return g.to_gaussians() if isinstance(g, MixedGaussians) else g
+        return g if isinstance(g, Gaussians) else g.to_gaussians()
 
     def kept(self, whole: Gaussians, crop: np.ndarray | None, clean: bool) -> np.ndarray:
         """(N,) bool: inside the crop box and, if `clean`, no floaters."""
@@ -297,6 +308,8 @@ class Frames:
     def _gaussians(self, request: FrameRequest) -> Any:
         """The Gaussians inside the crop box, and of these the share that is seen most."""
         g, crop, share = self.stage.gaussians, request.crop, request.share
+        if isinstance(g, StoredGaussians):
+            return g if crop is None else g.changed(lambda part: part[self.kept(part, crop, False)])
         clean = request.clean and self.floaters is not None
         some = share < 1 and self.stage.kind != "training"
         if g is None or not (some or clean or crop is not None):
@@ -312,7 +325,7 @@ class Frames:
             whole = self.whole()
             kept = self.kept(whole, crop, clean)
             if some:
-                kept &= _seen_most(whole, self._in_axes(whole), share)
+                kept &= seen_most(whole, self._in_axes(whole), share)
             self._chosen[key] = pack_harmonics(whole[kept])
         return self._chosen[key]
 
@@ -320,7 +333,7 @@ class Frames:
         image = np.zeros((camera.height, camera.width, 3), np.uint8)
         gaussians = self._gaussians(request)
         if gaussians is not None and len(gaussians):
-            if isinstance(gaussians, MixedGaussians):
+            if not isinstance(gaussians, Gaussians):
                 gaussians = gaussians.to_gaussians()
             colors = to_uint8(0.5 + SH_C0 * gaussians.sh[:, 0])
             centers = gaussians.means + gaussians.origin
@@ -374,14 +387,6 @@ class Frames:
         b = [(x, 0, 1) for x in lines] + [(1, 0, z) for z in lines]
         starts, ends = (np.array(side) * self.extent @ axes + middle for side in (a, b))
         draw_lines(image, camera, pose, starts, ends, [(120, 130, 145)] * len(a))
-
-
-def _seen_most(gaussians: Gaussians, at: np.ndarray, share: float) -> np.ndarray:
-    """(N,) bool: those with the largest shadows, seen from about the scene's middle."""
-    scales = np.sort(gaussians.log_scales, axis=1)[:, 1:].sum(axis=1)
-    opacity = -np.logaddexp(0, -gaussians.opacity_logits)
-    seen = opacity + scales - np.log1p(np.sum(at**2, axis=1))
-    return seen >= np.quantile(seen, 1 - share)
 
 
 def _colored(level: np.ndarray, known: np.ndarray, colors: str) -> np.ndarray:

@@ -17,7 +17,7 @@ from gsut.gaussians import pack_harmonics, seed_from_points
 from gsut.lens import Camera
 from gsut.render import Light
 from gsut.run import METRICS, OPTIONS, RunFolder
-from gsut.training import read_light, read_trained
+from gsut.training import open_trained, read_light
 
 # Points of a dataset are drawn as small, nearly opaque Gaussians: of this size over the distance
 # to their neighbours, and at most so many.
@@ -93,12 +93,15 @@ def _place_of_views(scene: Scene) -> dict[str, Any]:
     return {"up": up, "center": center, "extent": scene.extent, "pose": poses[0]}
 
 
-def stage_of(path: str | os.PathLike[str], data: str | None = None) -> Stage:
+def stage_of(
+    path: str | os.PathLike[str], data: str | None = None, memory: str | None = None
+) -> Stage:
     """The stage of a finished run, a file of Gaussians or a dataset.
 
     Args:
         path: which of them is told by what is there.
         data: a run's dataset, if it is not where training read it; photographs beside a file.
+        memory: that a run's Gaussians may take, such as 2GB; None: most of what is free.
 
     Raises:
         InputError: there is no such file or folder, or it cannot be read.
@@ -110,7 +113,7 @@ def stage_of(path: str | os.PathLike[str], data: str | None = None) -> Stage:
         )
     if (place / OPTIONS).is_file():
         run = RunFolder.open(place)
-        options, scene, gaussians = read_trained(run, data)
+        options, scene, gaussians = open_trained(run, data, memory)
         figures = run.read_json(METRICS) or {}
         name = "/".join(place.resolve().parts[-2:])
         packed = pack_harmonics(gaussians)
@@ -118,6 +121,8 @@ def stage_of(path: str | os.PathLike[str], data: str | None = None) -> Stage:
             name, "run", packed, scene, options.background, figures=figures,
             light=read_light(run, scene), folder=place,
         )  # fmt: skip
+    if memory is not None:
+        raise InputError(f"--memory is for runs, and {place} is none; leave it out")
     if place.is_file() and place.suffix.lower() != ".json":
         file = read_scene_file(place)
         packed = pack_harmonics(file.gaussians)

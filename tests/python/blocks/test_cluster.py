@@ -15,13 +15,14 @@ from gsut.blocks import cluster
 from gsut.blocks.segment import run_segment
 from gsut.blocks.task import BlockTask, photographs_of
 from gsut.run import read_checkpoint
-from small_blocks import same_bits, train
+from small_blocks import LARGE_OPTIONS, same_bits, train
 
 SCRIPT = Path(__file__).parents[1] / "ray_runs.py"
 needs_ray = pytest.mark.skipif(
     importlib.util.find_spec("ray") is None, reason="Ray is not installed (gsut[cluster])"
 )
 _SECONDS = 300
+KILLS = int(os.environ.get("KILLS", "2"))  # of a worker, and of a node
 
 
 def on_ray(folder: Path, out: Path, case: str) -> dict:
@@ -40,12 +41,23 @@ def on_ray(folder: Path, out: Path, case: str) -> dict:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "kills"),
-    [("one node", 0), ("two nodes", 0), ("worker killed", 2), ("node killed", 2)],
+    [("one node", 0), ("two nodes", 0), ("worker killed", KILLS), ("node killed", KILLS)],
 )
 def test_cluster_gives_the_bits_of_one_machine(finished, tmp_path, case, kills):
     told = on_ray(finished, tmp_path / "run", case)
     assert told["killed"] == kills
     assert same_bits(finished / "run", tmp_path / "run")
+
+
+@needs_ray
+@pytest.mark.slow
+def test_states_larger_than_the_object_store_give_the_same_bits(finished, tmp_path):
+    scene = gsut.load_dataset(finished / "data")
+    train(scene, tmp_path / "here", training=LARGE_OPTIONS)
+    told = on_ray(finished, tmp_path / "there", "small store")
+    print(f"states of {told['state_bytes'] / 1e6:.0f} MB")
+    assert told["state_bytes"] > told["store_bytes"]
+    assert same_bits(tmp_path / "here", tmp_path / "there")
 
 
 @needs_ray

@@ -49,6 +49,19 @@ def test_training_in_blocks_writes_one_scene(finished):
     assert history[1]["psnr"] > 15
 
 
+def test_second_round_trains_odd_blocks_among_what_even_ones_have_become(finished):
+    folder = finished / "run/blocks"
+
+    def rows(block, file, *keys):
+        content = read_checkpoint(folder / f"b{block:03d}/{file}.npz")
+        return {row.tobytes() for key in keys for row in content[key]["means"]}
+
+    seen = [rows(block, "task2", "own", "context") for block in (0, 1)]
+    assert rows(1, "state1", "result") <= seen[0]
+    assert rows(0, "state2", "result") <= seen[1]
+    assert not rows(0, "state1", "result") <= seen[1]
+
+
 def test_workers_that_are_killed_give_the_same_bits(scene, finished, tmp_path, monkeypatch):
     killed = []
     tell = workers.Workers.run
@@ -141,6 +154,7 @@ def test_resumed_run_keeps_its_division(scene, finished):
     ("given", "words"),
     [
         ({"robust": True}, "--robust"),
+        ({"motion_blur": 0.5}, "--motion-blur"),
         ({"surface": True}, "--surface"),
         ({"low_pass": 0.3}, "--low-pass"),
         ({"strategy": "mini"}, "--strategy mini"),

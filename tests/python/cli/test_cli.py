@@ -166,10 +166,10 @@ def test_refusal_with_debug_shows_the_traceback(monkeypatch, capsys):
 
 
 def test_missing_file_of_the_system_is_one_sentence(monkeypatch, capsys, run):
-    def gone(path):
+    def gone(path, memory):
         raise FileNotFoundError(2, "No such file or directory", "scene.ply")
 
-    monkeypatch.setattr(importlib.import_module("gsut.training.trained_run"), "load_ply", gone)
+    monkeypatch.setattr(importlib.import_module("gsut.training.trained_run"), "open_ply", gone)
     assert "scene.ply: No such file or directory" in refused(capsys, "eval", str(run.path))
 
 

@@ -605,10 +605,10 @@ def test_bench_poses_without_pycolmap_says_so(solved_sponza, tmp_path):
     python = tmp_path / "python"
     python.write_text(f"#!/bin/sh\nexit {pycolmap_poses.MISSING}\n")
     python.chmod(0o755)
-    row = poses_bench._measure_pycolmap(solved_sponza, "known", str(python), ONE_THREAD)
+    row = poses_bench.measure_pycolmap(solved_sponza, "known", str(python), ONE_THREAD)
     assert row["registered"] == 0 and "has no pycolmap: pip install" in row["failure"]
     with pytest.raises(gsut.InputError, match="cannot be run"):
-        poses_bench._measure_pycolmap(solved_sponza, "known", str(tmp_path / "absent"), ONE_THREAD)
+        poses_bench.measure_pycolmap(solved_sponza, "known", str(tmp_path / "absent"), ONE_THREAD)
 
 
 def test_bench_poses_compares_what_pycolmap_answers(solved_sponza, tmp_path):
@@ -625,7 +625,7 @@ def test_bench_poses_compares_what_pycolmap_answers(solved_sponza, tmp_path):
     python = tmp_path / "python"
     python.write_text(f'#!/bin/sh\ncp {answer} "$3"\n')
     python.chmod(0o755)
-    row = poses_bench._measure_pycolmap(solved_sponza, "known", str(python), ONE_THREAD)
+    row = poses_bench.measure_pycolmap(solved_sponza, "known", str(python), ONE_THREAD)
     assert row["registered"] == IMAGES and row["total_seconds"] == 6
     assert row["ate_percent"] < 1e-8 and row["rotation_max_degrees"] < 1e-8
 

@@ -25,7 +25,7 @@ def sky_colors(directions: np.ndarray) -> np.ndarray:
 
 
 def ground_scene(sky: str, seed: int = 0) -> gsut.Scene:
-    """Views over ground with points, of another shade in each; above clouds, wall, or points."""
+    """Views over ground with points, of another shade in each; above a sky, a wall, or points."""
     rng = np.random.default_rng(seed)
     points = np.stack([rng.uniform(-6, 6, 400), np.full(400, 1.5), rng.uniform(4, 12, 400)], 1)
     if sky == "points":
@@ -33,10 +33,11 @@ def ground_scene(sky: str, seed: int = 0) -> gsut.Scene:
         points = np.concatenate([points, np.stack(wall, 1)])
     rays = CAMERA.rays()[0]
     above = sky_colors(rays) if sky == "clouds" else np.full(rays.shape, 0.7)
-    images = [
-        np.rint(255 * np.where(rays[..., 1:2] < 0, above, shade)).astype(np.uint8)
-        for shade in rng.random(len(CENTERS))
-    ]
+    images = []
+    for center, shade in zip(CENTERS, rng.random(len(CENTERS)), strict=True):
+        at = center + rays * (13.0 - center[2]) / rays[..., 2:]
+        shown = at[..., 1:2] < 0.6 if sky == "wall" else rays[..., 1:2] < 0  # the wall's foot
+        images.append(np.rint(255 * np.where(shown, above, shade)).astype(np.uint8))
     poses = np.tile(np.eye(4), (len(CENTERS), 1, 1))
     poses[:, :3, 3] = -CENTERS
     return make_scene(images, CAMERA, poses, points=points, test_every=0)
@@ -53,6 +54,23 @@ def test_first_sky_of_clouds_lies_far_and_has_their_colors() -> None:
     assert away.min() > 9 * np.linalg.norm(scene.points, axis=1).max()
     off = colors / 255 - sky_colors(directions / away[:, None])
     assert np.abs(off).max() < tol.BLURRED_SKY
+
+
+def test_first_sky_without_clouds_lies_above_and_has_its_color() -> None:
+    scene = ground_scene("cloudless")
+    found = first_sky(scene)
+    assert found is not None
+    directions = found[0] - CENTERS.mean(axis=0)
+    assert (directions[:, 1] < 0).all() and len(directions) > 100
+    assert (np.abs(found[1].astype(int) - round(255 * 0.7)) <= 1).all()
+
+
+def test_first_sky_of_a_plain_surface_that_moves_before_points_around_it_is_none() -> None:
+    # Points on a wall, all around a part of it that is plain, above the cameras.
+    scene = ground_scene("points")
+    plain = (np.abs(scene.points[:, 0]) < 9) & (scene.points[:, 1] < -1) & (scene.points[:, 1] > -9)
+    scene = scene.replace(points=scene.points[~plain], point_colors=scene.point_colors[~plain])
+    assert first_sky(scene) is None
 
 
 @pytest.mark.parametrize("sky", ["wall", "points"])

@@ -13,7 +13,7 @@ from gsut.cli import main
 from gsut.evaluate import evaluate
 from gsut.render import Falloff, Light, PixelFilter, field_angles, interpolated_gains
 from gsut.run import RunFolder
-from gsut.training import read_light, read_trained
+from gsut.training import read_light, read_scene, read_trained
 from gsut.training.photograph_model import PhotographModel
 from rendered_dataset import VIEWS, write_dataset
 
@@ -107,11 +107,12 @@ def test_stopped_and_resumed_same_bits_and_eval_has_the_same_figures(
     assert main(["eval", str(run), "--json"]) == 0
     assert f'"psnr": {resumed.metrics["psnr"]:.6f}'[:16] in capsys.readouterr().out
     assert main(["eval", str(run), "--scale", "0.25", "--json"]) == 0
-    options, small, gaussians = read_trained(RunFolder.open(run), None, 0.25)
+    options, small = read_scene(RunFolder.open(run), None, 0.25)
+    gaussians = read_trained(RunFolder.open(run), None)[2]
     light = read_light(RunFolder.open(run), small)
     filtered = evaluate(
         gaussians, small, small.test_indices, background=options.background, light=light,
-        pixels=PixelFilter.of_run(gaussians, read_trained(RunFolder.open(run), None)[1]),
+        pixels=PixelFilter.of_run(gaussians, read_scene(RunFolder.open(run), None)[1]),
     )["psnr"]  # fmt: skip
     plain = evaluate(
         gaussians, small, small.test_indices, background=options.background, light=light

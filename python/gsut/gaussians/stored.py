@@ -1,0 +1,165 @@
+"""Gaussians that stay in their file: of a scene larger than memory an image reads what it shows."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.gaussians.arrays import Gaussians
+from gsut.gaussians.morton import morton_order
+
+_ROWS = 256  # of a piece, which is read whole or not at all
+_READ_PIECES = 64  # at once, at most
+# Of Gaussians whose reach is so many times the median's: each size has pieces of its own, or a few
+# large ones would make every piece as large.
+_SIZES = (4.0, 16.0, 64.0)
+LEAST_ALPHA = 1.0 / 255.0  # below which nothing is drawn
+# Bytes of a Gaussian beside its own numbers, while it is drawn and while its size is changed.
+DRAWN_BYTES, _CHANGE_BYTES = 300, 250
+
+
+def reach_of(gaussians: Gaussians) -> np.ndarray:
+    """(N,) world units from its centre, beyond which no ray sees a Gaussian; 0: none does."""
+    opacity = 1.0 / (1.0 + np.exp(-gaussians.opacity_logits.astype(np.float64)))
+    squared = 2.0 * np.log(np.maximum(opacity / LEAST_ALPHA, 1.0))
+    return np.sqrt(squared) * np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))
+
+
+def order_for_reading(gaussians: Gaussians) -> np.ndarray:
+    """(N,) rows in an order in which neighbours of one size stand together."""
+    reach = reach_of(gaussians)
+    sizes = np.searchsorted(np.array(_SIZES) * np.median(reach), reach) if len(reach) else reach
+    groups = [np.flatnonzero(sizes == size) for size in range(len(_SIZES) + 1)]
+    ordered = [rows[morton_order(gaussians.means[rows])] for rows in groups if len(rows)]
+    return np.concatenate([np.zeros(0, np.int64), *ordered])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StoredGaussians:
+    """N Gaussians in a file, with the balls that hold each piece of 256 rows.
+
+    `gsut.render` draws them: the same bits as of all in memory.
+
+    Attributes:
+        rows: reads the Gaussians of rows [begin, end), about `origin`.
+        count: N.
+        origin: (3,) float64, see `Gaussians`.
+        sh_degree: of all.
+        limit: bytes that those of one image may take.
+        balls: (pieces, 4) centre and radius, about `origin`.
+        change: what is done to the Gaussians that were read, or None.
+    """
+
+    rows: Callable[[int, int], Gaussians]
+    count: int
+    origin: np.ndarray
+    sh_degree: int
+    limit: int
+    balls: np.ndarray
+    change: Callable[[Gaussians], Any] | None = None
+    _last: dict[bytes, Any] = dataclasses.field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(
+        cls, rows: Callable[[int, int], Gaussians], count: int, limit: int
+    ) -> StoredGaussians | None:
+        """Looks at all pieces once; None: some values are not finite.
+
+        Args:
+            rows, count, limit: see the attributes.
+        """
+        first, balls = rows(0, min(count, 1)), []
+        for begin in range(0, count, _ROWS * _READ_PIECES):
+            some = rows(begin, min(count, begin + _ROWS * _READ_PIECES))
+            reach, means = reach_of(some), some.means.astype(np.float64)
+            if not all(np.isfinite(a).all() for a in (means, reach, some.quats, some.sh)):
+                return None
+            for at in range(0, len(some), _ROWS):
+                piece = means[at : at + _ROWS]
+                center = 0.5 * (piece.min(axis=0) + piece.max(axis=0))
+                away = np.linalg.norm(piece - center, axis=1) + reach[at : at + _ROWS]
+                balls.append((*center, away.max()))
+        bound = np.array(balls).reshape(-1, 4)
+        return cls(rows, count, first.origin, first.sh_degree, limit, bound)
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __repr__(self) -> str:
+        return f"StoredGaussians({self.count}, sh_degree={self.sh_degree}, in a file)"
+
+    def changed(self, change: Callable[[Gaussians], Any]) -> StoredGaussians:
+        """The same, with something done to what is read."""
+        return dataclasses.replace(self, change=change, _last={})
+
+    def to_gaussians(self) -> Gaussians:
+        """Not there.
+
+        Raises:
+            InputError: says so.
+        """
+        raise InputError(
+            f"this needs all {self.count:,} Gaussians in memory: give more --memory, or a smaller "
+            "scene (gsut compact)"
+        )
+
+    def bytes_of(self, pieces: np.ndarray) -> int:
+        """What these pieces take while they are drawn, about."""
+        extra = DRAWN_BYTES + (0 if self.change is None else _CHANGE_BYTES)
+        return len(pieces) * _ROWS * (bytes_each(self.sh_degree) + extra)
+
+    def seen(
+        self, apex: np.ndarray, around: float, axis: np.ndarray, half_angle: float
+    ) -> np.ndarray:
+        """Numbers of the pieces that a cone of rays may see, rising.
+
+        Args:
+            apex: (3,) about `origin`.
+            around: of the apex, in which the rays begin.
+            axis: (3,) of length 1.
+            half_angle: radians.
+        """
+        offset = self.balls[:, :3] - apex
+        away, reach = np.linalg.norm(offset, axis=1), self.balls[:, 3] + around
+        far = np.maximum(away, 1e-300)
+        angle = np.arccos(np.clip(offset @ axis / far, -1.0, 1.0))
+        covered = np.arcsin(np.minimum(reach / far, 1.0))
+        return np.flatnonzero((away <= reach) | (angle - covered <= half_angle))
+
+    def read(self, pieces: np.ndarray) -> Any:
+        """The Gaussians of pieces, in the file's order; those of the last call are kept."""
+        key = pieces.tobytes()
+        if key not in self._last:
+            self._last.clear()
+            out = self._read(pieces)
+            self._last[key] = out if self.change is None else self.change(out)
+        return self._last[key]
+
+    def _read(self, pieces: np.ndarray) -> Gaussians:
+        ends = np.minimum((pieces + 1) * _ROWS, self.count)
+        total = int((ends - pieces * _ROWS).sum())
+        k = (self.sh_degree + 1) ** 2
+        shapes = {"means": (3,), "quats": (4,), "log_scales": (3,), "opacity_logits": (),
+                  "sh": (k, 3)}  # fmt: skip
+        arrays = {name: np.empty((total, *shape), np.float32) for name, shape in shapes.items()}
+        place, at = 0, 0
+        while at < len(pieces):
+            last = at + 1  # a run of pieces that stand together is one read
+            while (
+                last < min(len(pieces), at + _READ_PIECES) and pieces[last] == pieces[last - 1] + 1
+            ):
+                last += 1
+            some = self.rows(int(pieces[at]) * _ROWS, int(ends[last - 1]))
+            for name, array in arrays.items():
+                array[place : place + len(some)] = getattr(some, name)
+            place, at = place + len(some), last
+        return Gaussians(**arrays, origin=self.origin)
+
+
+def bytes_each(sh_degree: int) -> int:
+    """Of a Gaussian's numbers."""
+    return 4 * (11 + 3 * (sh_degree + 1) ** 2)

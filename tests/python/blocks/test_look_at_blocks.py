@@ -1,0 +1,105 @@
+"""A run in blocks that is larger than the memory given: eval, render and view look at it alike."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut.cli import main
+from gsut.gaussians import StoredGaussians, order_for_reading, stored
+from gsut.run import RunFolder
+from gsut.training import open_trained
+from gsut.view import Session, stage_of
+
+COUNT = 6000
+MEMORY = "2.2MB"  # of the 2.4 that these take
+
+
+@pytest.fixture(scope="module")
+def grown(finished, tmp_path_factory):
+    """The finished run, with more and smaller Gaussians."""
+    run = tmp_path_factory.mktemp("grown") / "run"
+    shutil.copytree(finished / "run", run)
+    rng = np.random.default_rng(20261122)
+    g = gsut.Gaussians(
+        rng.uniform(-2.0, 2.0, (COUNT, 3)), rng.standard_normal((COUNT, 4)),
+        rng.uniform(-5.0, -4.0, (COUNT, 3)), rng.uniform(-1.0, 3.0, COUNT),
+        0.5 * rng.standard_normal((COUNT, 4, 3)),
+    ).astype(np.float32)  # fmt: skip
+    gsut.save_ply(run / "scene.ply", g[order_for_reading(g)])
+    return run
+
+
+@pytest.fixture
+def run(grown, monkeypatch):
+    monkeypatch.setattr(stored, "_ROWS", 16)  # pieces as small as this scene is
+    monkeypatch.setattr(stored, "_CHANGE_BYTES", 0)
+    return grown
+
+
+@pytest.fixture
+def reads(monkeypatch):
+    """Rows of each reading from the file."""
+    found, read = [], StoredGaussians._read
+
+    def counted(self, pieces):
+        out = read(self, pieces)
+        found.append(len(out))
+        return out
+
+    monkeypatch.setattr(StoredGaussians, "_read", counted)
+    return found
+
+
+def test_eval_has_the_same_figures(run, reads, capsys):
+    told = []
+    for flags in ([], ["--memory", MEMORY]):
+        assert main(["eval", str(run), "--json", "--split", "all", *flags]) == 0
+        told.append(json.loads(capsys.readouterr().out))
+        for row in (told[-1], *told[-1]["views"]):
+            del row["render_ms"]
+    assert told[0] == told[1]
+    assert len(reads) >= len(told[0]["views"])
+    assert max(reads) < told[0]["num_gaussians"] == COUNT
+
+
+@pytest.mark.parametrize("size", ["40x40", "32x32"])  # the second is coarser than the photographs
+def test_render_writes_the_same_pictures(run, reads, tmp_path, size):
+    flags = ["render", str(run), "--path", "test", "--size", size]
+    assert main([*flags, "-o", str(tmp_path / "whole")]) == 0
+    assert not reads
+    assert main([*flags, "-o", str(tmp_path / "stored"), "--memory", MEMORY]) == 0
+    assert reads
+    names = sorted(path.name for path in (tmp_path / "whole").glob("*.png"))
+    assert len(names) == 2
+    for name in names:
+        pictures = [(tmp_path / kind / name).read_bytes() for kind in ("whole", "stored")]
+        assert pictures[0] == pictures[1]
+
+
+def test_view_draws_the_same_frames_and_refuses_what_needs_all(run, reads):
+    sessions = [Session(stage_of(run, None, memory)) for memory in (None, MEMORY)]
+    pose = open_trained(RunFolder.open(run), None, None)[1].views[3].camera_from_world
+    frame = {"pose": pose.ravel().tolist(), "lens": 0, "width": 40, "height": 40, "quality": None}
+    box = [[-0.5, -0.5, -0.5], [0.5, 0.5, 0.2]]
+    cases = ({}, {"mode": "distance"}, {"crop": box}, {"share": 0.5})
+    for case in cases[:-1]:
+        replies = [session.frame({**frame, **case}) for session in sessions]
+        assert replies[0].content == replies[1].content
+    assert len(reads) >= len(cases) - 1
+    assert sessions[1].frame({**frame, "share": 0.5}).content  # all of them: no half is known
+    for ask in (
+        lambda s: s.frame({**frame, "mode": "centers"}),
+        lambda s: s.ground({"up": [0, 0, 1]}),
+    ):
+        with pytest.raises(gsut.InputError, match="needs all 6,000 Gaussians"):
+            ask(sessions[1])
+
+
+def test_memory_is_for_runs(run, finished, capsys):
+    assert main(["render", str(run / "scene.ply"), "-o", "x", "--memory", "1GB"]) != 0
+    assert "--memory is for runs" in capsys.readouterr().err
+    assert main(["eval", str(run), "--memory", "much"]) != 0
+    assert "--memory must be like" in capsys.readouterr().err

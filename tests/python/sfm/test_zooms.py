@@ -1,0 +1,100 @@
+"""Images of two zooms: told by the focal length that each asks for; one zoom is none."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut.sfm import zooms
+from gsut.sfm.correspondences import match_images
+from gsut.sfm.inputs import Photographs
+from gsut.sfm.lens_candidates import with_scaled_focal
+from gsut.sfm.lens_search import LensSearch
+from gsut.sfm.options import PosesOptions
+from gsut.sfm.poses_verdict import poses_verdict
+from gsut.sfm.solution import solve
+from gsut.sfm.zooms import find_zooms, search_zooms, zooms_notes
+from synthetic_walk import Synthetic, quiet
+
+IMAGES, FACTOR = 9, 1.5
+OPTIONS = PosesOptions(extend_rounds=0)
+LENS = gsut.Camera("kannala_brandt", [500, 500, 500, 505, 0.02, -0.01, 0, 0], 1000, 1010)
+NAMES = [f"{i}.jpg" for i in range(IMAGES)]
+SECOND = [2, 5, 8]  # images of the second zoom
+
+
+@pytest.fixture(scope="module")
+def mixed():
+    """A walk with every third image of another zoom, and its raw matches."""
+    factors = [FACTOR if i in SECOND else 1.0 for i in range(IMAGES)]
+    scene = Synthetic(
+        np.random.default_rng(4), images=IMAGES, points=500, camera=LENS, zooms=factors
+    )
+    return scene, match_images(NAMES, scene.features, OPTIONS, quiet)
+
+
+@pytest.fixture(scope="module")
+def of_one(mixed):
+    """Poses of the images of the first zoom alone, the lens known."""
+    scene, _ = mixed
+    pairs = [p for p in scene.verified() if not {p.first, p.second} & set(SECOND)]
+    found = solve(NAMES, [LENS] * IMAGES, scene.features, pairs, OPTIONS, quiet)
+    assert found.num_registered == IMAGES - len(SECOND)
+    return found
+
+
+def test_zooms_are_found_with_their_focal_lengths_and_names(mixed, of_one):
+    scene, raw = mixed
+    first, second = find_zooms(of_one, scene.features, raw, OPTIONS)
+    assert second.names == [NAMES[i] for i in SECOND]
+    assert first.focal == pytest.approx(500, rel=0.01)
+    assert second.focal == pytest.approx(FACTOR * 500, rel=0.01)
+    (note,) = zooms_notes([first, second])
+    assert "2 zooms: 6 at a focal length of 500 px, 3 at" in note
+    assert "put 2.jpg, 5.jpg, 8.jpg into a folder of their own" in note
+    verdict = poses_verdict(of_one, scene.features, None, None, 2)
+    assert verdict.level != "good" and "the images were taken at 2 zooms" in verdict.reasons
+
+
+def test_images_of_one_zoom_are_none():
+    scene = Synthetic(np.random.default_rng(4), images=IMAGES, points=300, camera=LENS)
+    raw = match_images(NAMES, scene.features, OPTIONS, quiet)
+    pairs = scene.verified()
+    whole = solve(NAMES, [LENS] * IMAGES, scene.features, pairs, OPTIONS, quiet)
+    assert zooms_notes([]) == []
+    assert whole.registered.all() and find_zooms(whole, scene.features, raw, OPTIONS) == []
+    some = solve(
+        NAMES, [LENS] * IMAGES, scene.features,
+        [p for p in pairs if not {p.first, p.second} & set(SECOND)], OPTIONS, quiet,
+    )  # fmt: skip
+    assert not some.registered.all() and find_zooms(some, scene.features, raw, OPTIONS) == []
+
+
+def test_lens_is_sought_by_the_images_of_one_zoom_where_many_are_left_out(
+    mixed, of_one, monkeypatch
+):
+    scene, raw = mixed
+    few = np.zeros(IMAGES, bool)
+    few[:4] = True
+    compromise = dataclasses.replace(
+        of_one,
+        registered=few,
+        cameras=[with_scaled_focal(LENS, 1.2)] * IMAGES,
+        observations=np.zeros((0, 3), np.int32),
+        pixels=np.zeros((0, 2)),
+    )
+    searched = []
+
+    def search(photographs, features, own, *_):
+        searched.append({int(image) for image in own.pairs.ravel()})
+        solution = compromise if len(searched) == 1 else of_one
+        return LensSearch(solution, [], [], np.zeros(8, np.uint8))
+
+    monkeypatch.setattr(zooms, "search_lens", search)
+    monkeypatch.setattr(zooms, "_FOCALS", np.geomspace(0.7, 1.6, 5))
+    photographs = Photographs(None, NAMES, [], [], [LENS] * IMAGES)
+    found, several = search_zooms(photographs, scene.features, raw, OPTIONS, None, None)
+    assert found.solution is of_one and [len(zoom.names) for zoom in several] == [6, 3]
+    whole, own = searched
+    assert whole == set(range(IMAGES)) and own and not own & set(SECOND)
