@@ -67,7 +67,7 @@ def test_resolved_for_any_number_of_steps_leaves_only_what_depends_on_the_data()
         empty = {f.name for f in FIELDS if getattr(options, f.name) is None}
         assert empty == {
             *("preset", "test_names", "init_count", "compact_at", "readout_time"),
-            *("calibration_weights", "background"),
+            *("calibration_weights", "background", "motion_blur"),
         }
         assert options.resolved() == options
         count += 1
