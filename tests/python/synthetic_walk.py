@@ -4,9 +4,9 @@ import numpy as np
 
 import gsut
 from gsut import _core
+from gsut.lens import with_scaled_focal
 from gsut.sfm.correspondences import match_images
 from gsut.sfm.features import Features
-from gsut.sfm.lens_candidates import with_scaled_focal
 from gsut.sfm.matching import verify
 from gsut.sfm.options import PosesOptions
 

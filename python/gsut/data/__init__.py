@@ -32,6 +32,7 @@ from gsut.data.layouts.folder import find_images, find_lens_file
 from gsut.data.load import load_dataset, read_dataset
 from gsut.data.masks import find_mask
 from gsut.data.memory import make_scene
+from gsut.data.normal_files import read_normals
 from gsut.data.points import TRIANGULATED, load_points_ply, points_ply
 from gsut.data.poses import OPENGL_FROM_OPENCV, centers_of, inverse, rigid_transform
 from gsut.data.rig import Rig, read_rig, relative_changes, write_rig
@@ -97,6 +98,7 @@ __all__ = [
     "read_dataset",
     "read_depth",
     "read_header",
+    "read_normals",
     "read_path",
     "read_rig",
     "relative_changes",

@@ -37,14 +37,15 @@ class Frame:
     shutter: Shutter | None = None
     time: float | None = None  # seconds, of a video's frame
     time_ns: int | None = None  # of a recording's: nanoseconds on its own clock
+    normal_path: Path | None = None
 
 
 @dataclasses.dataclass
 class Listing:
     """What a reader found: the frames whose image exists, names of the others, points, lists.
 
-    `missing_depth` names depth files that the dataset lists and that do not exist. `source` is the
-    file that lists the images; `path` the dataset's folder.
+    `missing_depth` names depth and normal files that the dataset lists and that do not exist.
+    `source` is the file that lists the images; `path` the dataset's folder.
     """
 
     path: Path
@@ -85,8 +86,8 @@ def assemble(
         )
     if listing.missing_depth:
         notes.append(
-            f"{listing.source}: {len(listing.missing_depth)} depth files do not exist, which"
-            f" training does not need: {some_names(listing.missing_depth)}"
+            f"{listing.source}: {len(listing.missing_depth)} depth or normal files do not exist, "
+            f"which training does not need: {some_names(listing.missing_depth)}"
         )
     frames = _without_repeats(listing, notes, on_error)
     frames = _fit_cameras(frames, notes, on_error)
@@ -297,6 +298,7 @@ def _views(frames: list[Frame], offset: np.ndarray) -> tuple[list[Camera], list[
                 frame.mask_path,
                 frame.depth_path,
                 frame.shutter,
+                normal_path=frame.normal_path,
             )
         )
     return cameras, views

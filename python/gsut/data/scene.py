@@ -39,6 +39,7 @@ class View:
             rolling shutter, or None.
         mask_path: image that is white where pixels are valid, or None.
         depth_path: as the dataset names it, not read here, or None.
+        normal_path: likewise, a map of normals.
         shutter: how the image was read out between the start and the end pose, or None.
         pixels: (H, W, 3) uint8 RGB of an image that is in memory, not in a file, else None.
         valid: (H, W) bool of it, True where pixels count, or None: all.
@@ -55,6 +56,7 @@ class View:
     shutter: Shutter | None = None
     pixels: np.ndarray | None = None
     valid: np.ndarray | None = None
+    normal_path: Path | None = None
 
     def __post_init__(self) -> None:
         for name in ("camera_from_world", "camera_from_world_start", "camera_from_world_end"):

@@ -107,7 +107,12 @@ def _frame_values(frame: Frame, folder: Path) -> dict[str, Any]:
         pose = getattr(frame, f"world_from_camera{ending}")
         if pose is not None:
             values[f"transform_matrix{ending}"] = (pose @ OPENGL_FROM_OPENCV).tolist()
-    for key, path in (("mask_path", frame.mask_path), ("depth_file_path", frame.depth_path)):
+    files = {
+        "mask_path": frame.mask_path,
+        "depth_file_path": frame.depth_path,
+        "normal_file_path": frame.normal_path,
+    }
+    for key, path in files.items():
         if path is not None:
             values[key] = _relative(path, folder)
     return values

@@ -10,7 +10,13 @@ from gsut.lens.database import (
     lens_by_name,
     load_lens,
 )
-from gsut.lens.field import field_of_view, has_focal_length, with_field_of_view
+from gsut.lens.field import (
+    field_of_view,
+    focal_params,
+    has_focal_length,
+    with_field_of_view,
+    with_scaled_focal,
+)
 from gsut.lens.files import (
     OWN_SUFFIX,
     colmap_camera,
@@ -44,6 +50,7 @@ __all__ = [
     "field_of_view",
     "find_lenses",
     "fit_control_points",
+    "focal_params",
     "format_conversion",
     "format_euroc",
     "format_nerfstudio",
@@ -59,4 +66,5 @@ __all__ = [
     "refinable_params",
     "save_uncertainty",
     "with_field_of_view",
+    "with_scaled_focal",
 ]

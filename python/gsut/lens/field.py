@@ -29,8 +29,21 @@ def field_of_view(camera: Camera) -> float | None:
 
 
 def has_focal_length(camera: Camera) -> bool:
-    """Whether the lens has fx and fy, which `with_field_of_view` scales."""
+    """Whether the lens has fx and fy, which `with_scaled_focal` scales."""
     return {"fx", "fy"} <= set(camera.param_names.split())
+
+
+def focal_params(camera: Camera) -> list[int]:
+    """Where in its parameters fx and fy of a lens that has them stand."""
+    names = camera.param_names.split()
+    return [names.index("fx"), names.index("fy")]
+
+
+def with_scaled_focal(camera: Camera, factor: float) -> Camera:
+    """The lens with its focal lengths times a factor."""
+    params = np.array(camera.params)
+    params[focal_params(camera)] *= factor
+    return camera.with_params(params)
 
 
 def with_field_of_view(camera: Camera, degrees: float) -> Camera:
@@ -41,20 +54,12 @@ def with_field_of_view(camera: Camera, degrees: float) -> Camera:
     """
     if not has_focal_length(camera):
         raise InputError(f"{camera.model} has no focal length that a field of view could change")
-    names = camera.param_names.split()
-    focal = [names.index("fx"), names.index("fy")]
-
-    def scaled(factor: float) -> Camera:
-        params = np.array(camera.params)
-        params[focal] *= factor
-        return camera.with_params(params)
-
     low, high = math.log(1e-3), math.log(1e3)
     for _ in range(_SEARCH_STEPS):
         middle = (low + high) / 2
-        across = field_of_view(scaled(math.exp(middle)))
+        across = field_of_view(with_scaled_focal(camera, math.exp(middle)))
         low, high = (low, middle) if across is None or across < degrees else (middle, high)
-    found = scaled(math.exp((low + high) / 2))
+    found = with_scaled_focal(camera, math.exp((low + high) / 2))
     across = field_of_view(found)
     if across is None or abs(across - degrees) > _CLOSE[0] * degrees + _CLOSE[1]:
         nearest = "" if across is None else f"; the nearest is {across:.0f}"

@@ -106,13 +106,6 @@ def lens_of_field(width: int, height: int, fov_degrees: float, bend: float) -> C
     return _kannala_brandt(width, height, focal, bend)
 
 
-def with_scaled_focal(lens: Camera, factor: float) -> Camera:
-    """The lens with its focal lengths times a factor."""
-    params = lens.params.copy()
-    params[:2] *= factor
-    return lens.with_params(params)
-
-
 def with_added_bend(lens: Camera, change: float) -> Camera:
     """A Kannala-Brandt lens with more or less k1, its edge of the image at the same angle."""
     params = lens.params.copy()

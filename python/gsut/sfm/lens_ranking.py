@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gsut import _core
-from gsut.lens import Camera
+from gsut.lens import Camera, with_scaled_focal
 from gsut.sfm.features import Features
-from gsut.sfm.lens_candidates import with_added_bend, with_scaled_focal
+from gsut.sfm.lens_candidates import with_added_bend
 from gsut.sfm.matching import RawMatches
 from gsut.sfm.options import PosesOptions
 

@@ -12,10 +12,10 @@ import numpy as np
 from gsut import _core
 from gsut._core import Shutter, SolveError
 from gsut.data import some_names
-from gsut.lens import Camera, has_focal_length
+from gsut.lens import Camera, focal_params, has_focal_length, with_scaled_focal
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs
-from gsut.sfm.lens_candidates import lens_of_field, with_scaled_focal
+from gsut.sfm.lens_candidates import lens_of_field
 from gsut.sfm.lens_covariance import by_turn
 from gsut.sfm.lens_pairs import only_pairs
 from gsut.sfm.lens_search import LensSearch, search_lens
@@ -165,7 +165,7 @@ def find_zooms(
         logs[number] = _tried(lens, *sightings[number], options, _FITS * usual)
     return [
         Zoom(
-            float(lens.params[0] * math.exp(np.median(logs[group]))),
+            float(lens.params[focal_params(lens)[0]] * math.exp(np.median(logs[group]))),
             [solution.names[image] for image in group],
         )
         for group in _groups(logs)
@@ -254,13 +254,13 @@ def _fitted(lens: Camera, pose: np.ndarray, pixels: np.ndarray, points: np.ndarr
 
     Gauss-Newton on the pose and the factor, weighted as by Cauchy's loss; NaN: not determined.
     """
-    change, log = np.zeros(7), 0.0
+    change, log, focal = np.zeros(7), 0.0, focal_params(lens)
     for _ in range(_ROUNDS):
         pose, log = _core.exp_pose(change[:6]) @ pose, log + float(change[6])
         scaled = with_scaled_focal(lens, math.exp(log))
         p = points @ pose[:3, :3].T + pose[:3, 3]
         by_p, by_params = scaled.project_jacobian(p)
-        by_focal = by_params[:, :, :2] @ scaled.params[:2]
+        by_focal = by_params[:, :, focal] @ scaled.params[focal]
         off = pixels - scaled.project(p)[0]
         matrix = np.concatenate([by_p, by_turn(by_p, p), by_focal[:, :, None]], axis=2)
         good = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(off).all(axis=1)
@@ -272,6 +272,8 @@ def _fitted(lens: Camera, pose: np.ndarray, pixels: np.ndarray, points: np.ndarr
         root = np.sqrt(1 / (1 + squared / scale))[:, None]
         left = (root[:, :, None] * matrix).reshape(-1, 7)
         size = np.linalg.norm(left, axis=0)
+        if not (size > 0).all():
+            return math.nan
         change = np.linalg.lstsq(left / size, (root * off).ravel(), rcond=None)[0] / size
         if not np.isfinite(change).all() or abs(change[6]) > 1:
             return math.nan

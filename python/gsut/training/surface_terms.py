@@ -16,6 +16,7 @@ from gsut.data import Scene
 from gsut.gaussians import Gaussians
 from gsut.render import DEFAULT_UNSCENTED
 from gsut.training.known_depth import KnownDepth, annealed
+from gsut.training.known_normals import KnownNormals, add_known_normals
 
 _FAR = 1e6  # in units of the scene, where a parallel lens stands
 
@@ -31,6 +32,7 @@ class SurfaceWeights:
         known: of the relative error of the inverse distance where it is known, at the beginning.
         start: fraction of the steps from which on they count, growing over the next tenth.
         size: of the second render, of the photographs'.
+        known_normal: of 1 - cosine between the Gaussians' normals and those that are known.
     """
 
     normal: float = 0.2
@@ -39,6 +41,7 @@ class SurfaceWeights:
     known: float = 0.3
     start: float = 0.15
     size: float = 0.5
+    known_normal: float = 0.2
 
 
 class SurfaceTerms:
@@ -50,14 +53,15 @@ class SurfaceTerms:
         known: where known distances come from, see `KnownDepth`.
 
     Attributes:
-        last: the terms of the last view: normals, distortion, known distances.
+        last: the terms of the last view: normals, distortion, known distances, known normals.
     """
 
     def __init__(self, weights: SurfaceWeights, scene: Scene, known: str) -> None:
         self.weights, self.extent = weights, scene.extent
         self.known = KnownDepth(scene, known)
+        self._known_normals = KnownNormals()
         self.renderer = _core.Renderer()
-        self.last = [0.0, 0.0, 0.0]
+        self.last = [0.0, 0.0, 0.0, 0.0]
         self._cameras: dict[int, tuple[Any, Any]] = {}
         self._maps: dict[tuple[int, int], list[np.ndarray]] = {}
 
@@ -96,7 +100,13 @@ class SurfaceTerms:
         w = self.weights
         known = share * w.known * annealed((fraction - w.start) / (1 - w.start))
         weights = (share * w.normal, share * w.distortion, known, self.extent)
-        self.last = _core.surface_loss(maps, weights, dalpha, ddepth, ddistortion, dimage)
+        terms = _core.surface_loss(maps, weights, dalpha, ddepth, ddistortion, dimage)
+        given, of_given = self._known_normals.map(scene, view, directions), 0.0
+        if given is not None:
+            of_given = add_known_normals(
+                given, share * w.known_normal, image, alpha, dimage, dalpha
+            )
+        self.last = [*terms, of_given]
         out = normals.zeros_like()
         touched = np.zeros(len(out), np.uint8)
         self.renderer.backward(

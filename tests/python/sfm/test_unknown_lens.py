@@ -10,6 +10,7 @@ import pytest
 import gsut
 from gsut.cli import main
 from gsut.demo import make_demo_scene
+from gsut.lens import with_scaled_focal
 from gsut.run import Verdict
 from gsut.run.verdict import LEVELS
 from gsut.sfm.correspondences import match_images
@@ -19,7 +20,6 @@ from gsut.sfm.lens_candidates import (
     implausible,
     lens_ladder,
     with_added_bend,
-    with_scaled_focal,
 )
 from gsut.sfm.lens_covariance import free_columns
 from gsut.sfm.lens_ranking import LensRanking

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import gsut
+from gsut.lens import with_scaled_focal
 from gsut.sfm import zooms
 from gsut.sfm.correspondences import match_images
 from gsut.sfm.inputs import Photographs
-from gsut.sfm.lens_candidates import with_scaled_focal
 from gsut.sfm.lens_search import LensSearch
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.poses_verdict import poses_verdict

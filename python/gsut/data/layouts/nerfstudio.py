@@ -108,10 +108,11 @@ def _read_frame(
             start,
             end,
             _mask(frame, values, listing.path, where),
-            _depth(frame, listing),
+            _geometry(frame, "depth_file_path", listing),
             None if start is None else _shutter(values, listing.source),
             _time(frame, "timestamp"),
             None if _time(frame, "timestamp_ns") is None else int(frame["timestamp_ns"]),
+            _geometry(frame, "normal_file_path", listing),
         )
     )
 
@@ -157,9 +158,9 @@ def _mask(frame: dict, values: dict, folder: Path, where: str) -> Path | None:
     return path
 
 
-def _depth(frame: dict, listing: Listing) -> Path | None:
-    """The frame's depth file, which no training reads: a missing one is only noted."""
-    name = frame.get("depth_file_path")
+def _geometry(frame: dict, key: str, listing: Listing) -> Path | None:
+    """A frame's file of depths or normals, which few trainings read: one not there is noted."""
+    name = frame.get(key)
     if not name:
         return None
     path = listing.path / str(name)

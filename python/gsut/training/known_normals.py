@@ -1,0 +1,65 @@
+"""Normals that are known before training: the maps that a dataset's frames name."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsut._core import CameraMotion
+from gsut.data import Scene, read_normals
+
+
+class KnownNormals:
+    """The known normals of each view, as the files have them."""
+
+    def __init__(self) -> None:
+        self._read: dict[int, np.ndarray | None] = {}
+
+    def map(self, scene: Scene, view: int, directions: np.ndarray) -> np.ndarray | None:
+        """(H, W, 3) float32 along the world's axes, towards the camera, 0: not known; None: no map.
+
+        Args:
+            scene: where the view is now.
+            view: its number.
+            directions: (H, W, 3) of the rays in the world, at any size.
+
+        Raises:
+            InputError: the file is missing, damaged or of another size than the image.
+        """
+        import cv2  # here, because gsut --help needs none
+
+        if view not in self._read:
+            self._read[view] = read_normals(scene, view)
+        normals = self._read[view]
+        if normals is None:
+            return None
+        size = directions.shape[1::-1]
+        small = cv2.resize(normals, size, interpolation=cv2.INTER_NEAREST)
+        motion = scene.views[view].motion
+        pose = motion.at(0.5) if isinstance(motion, CameraMotion) else motion
+        in_world = small @ pose[:3, :3].astype(np.float32)
+        away = np.einsum("hwi,hwi->hw", in_world, directions) > 0
+        in_world[away] *= -1
+        return in_world
+
+
+def add_known_normals(
+    known: np.ndarray, weight: float, image: np.ndarray, alpha: np.ndarray, dimage: np.ndarray,
+    dalpha: np.ndarray,
+) -> float:  # fmt: skip
+    """Sum of weight x (1 - its normal . the known one), mean over the known pixels.
+
+    Args:
+        known: (H, W, 3) as `KnownNormals.map` gives them.
+        weight: of the term.
+        image: (H, W, 3), 0.5 + 0.5 (sum of weight x unit normal); alpha: (H, W).
+        dimage, dalpha: gradients, to which those of the term are added.
+
+    Returns:
+        The term, times its weight.
+    """
+    there = np.any(known != 0, axis=2)
+    share = weight / max(1, int(there.sum()))
+    agree = np.einsum("hwi,hwi->hw", 2.0 * image - 1.0, known)
+    dimage -= np.float32(2.0 * share) * known
+    dalpha += np.where(there, np.float32(share), np.float32(0.0))
+    return float(share * np.sum((alpha - agree)[there], dtype=np.float64))
