@@ -38,9 +38,9 @@ def read_normals(scene: Scene, view: int) -> np.ndarray | None:
             raise InputError(f"{path}: no array of normals: {error}") from None
     else:
         picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        if picture is None or picture.ndim != 3 or picture.dtype.kind != "u":
+        if picture is None or picture.ndim != 3 or picture.dtype not in (np.uint8, np.uint16):
             raise InputError(f"{path}: no picture of normals with three channels")
-        largest = np.float32(np.iinfo(picture.dtype).max)
+        largest = np.float32(255 if picture.dtype == np.uint8 else 65535)
         normals = picture[..., 2::-1].astype(np.float32) / (largest / 2) - 1
     number = scene.views[view].camera_index
     sizes = [(c.height, c.width) for c in (scene.cameras[number], scene.file_cameras[number])]

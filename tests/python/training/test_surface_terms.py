@@ -177,7 +177,7 @@ def test_normal_files_are_read_as_arrays_and_pictures_and_damaged_ones_are_named
         cv2.imwrite(str(folder / name), levels)
     (folder / "transforms.json").write_text(json.dumps(values))
     scene = gsut.load_dataset(folder)
-    assert any("normal files do not exist" in note for note in scene.notes)
+    assert any("normal maps do not exist" in note for note in scene.notes)
     errors = {"normals.npy": 1e-6, "8.png": 0.02, "16.png": 1e-4}
     for view in range(4):
         path = scene.views[view].normal_path
