@@ -86,8 +86,8 @@ def assemble(
         )
     if listing.missing_depth:
         notes.append(
-            f"{listing.source}: {len(listing.missing_depth)} depth files or normal maps do not exist, "
-            f"which training does not need: {some_names(listing.missing_depth)}"
+            f"{listing.source}: {len(listing.missing_depth)} depth files or normal maps do not "
+            f"exist, which training does not need: {some_names(listing.missing_depth)}"
         )
     frames = _without_repeats(listing, notes, on_error)
     frames = _fit_cameras(frames, notes, on_error)
