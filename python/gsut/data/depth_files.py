@@ -12,6 +12,18 @@ from gsut.data.scene import Scene
 MILLIMETRE = 1e-3  # what a level of a 16-bit depth picture is
 
 
+def load_numbers(path: Path, what: str) -> np.ndarray:
+    """The array of a .npy file that holds distances, or whatever `what` names.
+
+    Raises:
+        InputError: damaged, or no numbers.
+    """
+    try:
+        return np.load(path, allow_pickle=False).astype(np.float64)
+    except (ValueError, OSError, EOFError) as error:
+        raise InputError(f"{path}: no array of {what}: {error}") from None
+
+
 def read_depth(
     scene: Scene, view: int, path: Path | None = None, unit: float = MILLIMETRE
 ) -> np.ndarray | None:
@@ -35,10 +47,7 @@ def read_depth(
     if path is None or not path.is_file():
         return None
     if path.suffix == ".npy":
-        try:
-            depth = np.load(path, allow_pickle=False).astype(np.float64)
-        except (ValueError, OSError, EOFError) as error:
-            raise InputError(f"{path}: no array of distances: {error}") from None
+        depth = load_numbers(path, "distances")
     else:
         picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         if picture is None or picture.ndim != 2:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gsut._core import InputError
+from gsut.data.depth_files import load_numbers
 from gsut.data.scene import Scene
 
 _SHORTEST = 0.5  # length of what is a normal; shorter ones are unknown
@@ -32,10 +33,7 @@ def read_normals(scene: Scene, view: int) -> np.ndarray | None:
     if path is None:
         return None
     if path.suffix == ".npy":
-        try:
-            normals = np.load(path, allow_pickle=False).astype(np.float32)
-        except (ValueError, OSError, EOFError) as error:
-            raise InputError(f"{path}: no array of normals: {error}") from None
+        normals = load_numbers(path, "normals").astype(np.float32)
     else:
         picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         if picture is None or picture.ndim != 3 or picture.dtype not in (np.uint8, np.uint16):
