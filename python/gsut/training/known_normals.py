@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from gsut._core import CameraMotion
 from gsut.data import Scene, read_normals
 
 
 class KnownNormals:
-    """The known normals of each view, as the files have them."""
+    """The known normals of each view; kept at the size that was asked for last."""
 
     def __init__(self) -> None:
-        self._read: dict[int, np.ndarray | None] = {}
+        self._kept: dict[int, np.ndarray] = {}  # in the camera's frame
 
     def map(self, scene: Scene, view: int, directions: np.ndarray) -> np.ndarray | None:
         """(H, W, 3) float32 along the world's axes, towards the camera, 0: not known; None: no map.
@@ -27,16 +26,13 @@ class KnownNormals:
         """
         import cv2  # here, because gsut --help needs none
 
-        if view not in self._read:
-            self._read[view] = read_normals(scene, view)
-        normals = self._read[view]
-        if normals is None:
-            return None
-        size = directions.shape[1::-1]
-        small = cv2.resize(normals, size, interpolation=cv2.INTER_NEAREST)
-        motion = scene.views[view].motion
-        pose = motion.at(0.5) if isinstance(motion, CameraMotion) else motion
-        in_world = small @ pose[:3, :3].astype(np.float32)
+        kept, size = self._kept.get(view), directions.shape[1::-1]
+        if kept is None or kept.shape[1::-1] != size:
+            whole = read_normals(scene, view)
+            if whole is None:
+                return None
+            kept = self._kept[view] = cv2.resize(whole, size, interpolation=cv2.INTER_NEAREST)
+        in_world = kept @ scene.views[view].camera_from_world[:3, :3].astype(np.float32)
         away = np.einsum("hwi,hwi->hw", in_world, directions) > 0
         in_world[away] *= -1
         return in_world
