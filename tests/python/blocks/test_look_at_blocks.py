@@ -8,10 +8,11 @@ import pytest
 
 import gsut
 from gsut.cli import main
-from gsut.gaussians import StoredGaussians, order_for_reading, stored
+from gsut.gaussians import order_for_reading, stored
 from gsut.run import RunFolder
 from gsut.training import open_trained
 from gsut.view import Session, stage_of
+from stored_reads import count_reads
 
 COUNT = 6000
 MEMORY = "2.2MB"  # of the 2.4 that these take
@@ -42,15 +43,7 @@ def run(grown, monkeypatch):
 @pytest.fixture
 def reads(monkeypatch):
     """Rows of each reading from the file."""
-    found, read = [], StoredGaussians._read
-
-    def counted(self, pieces):
-        out = read(self, pieces)
-        found.append(len(out))
-        return out
-
-    monkeypatch.setattr(StoredGaussians, "_read", counted)
-    return found
+    return count_reads(monkeypatch)
 
 
 def test_eval_has_the_same_figures(run, reads, capsys):

@@ -12,6 +12,7 @@ from gsut.formats import load_ply, open_ply
 from gsut.gaussians import StoredGaussians, order_for_reading, to_surfels
 from gsut.render import PixelFilter
 from random_scenes import fisheye, open_rule, pinhole, random_pose
+from stored_reads import count_reads
 
 COUNT, LARGE = 60_000, 500_000
 LIMIT = 11_500_000  # bytes: less than half of the scene
@@ -53,19 +54,6 @@ def views(rng):
         ("pinhole", pinhole(96), pose), ("fisheye", fisheye(128), pose), ("sphere", sphere, pose),
         ("moving", fisheye(112), moving),
     ]  # fmt: skip
-
-
-def count_reads(monkeypatch):
-    """Rows that are read from now on, one number a call."""
-    reads, read = [], StoredGaussians._read
-
-    def counted(self, pieces):
-        out = read(self, pieces)
-        reads.append(len(out))
-        return out
-
-    monkeypatch.setattr(StoredGaussians, "_read", counted)
-    return reads
 
 
 def test_stored_scene_has_the_bits_of_one_in_memory(ply, rng, monkeypatch):
