@@ -36,7 +36,7 @@ def test_a_full_disk_is_told_of_the_file_that_is_written(write, tmp_path, monkey
 
     monkeypatch.setattr("pathlib.Path.write_bytes", full)
     monkeypatch.setattr("shutil.copyfile", full)
-    with pytest.raises(WriteError, match="cannot write .*a.jpg: No space left on device"):
+    with pytest.raises(WriteError, match=r"cannot write .*a\.jpg: No space left on device"):
         write(tmp_path / "a.jpg", np.zeros((4, 4, 3), np.uint8))
     assert list(tmp_path.iterdir()) == []
 

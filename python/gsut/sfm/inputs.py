@@ -121,8 +121,8 @@ def find_photographs(images: Path, lens: Path | None, *, with_lens: bool = True)
     if len(found) < FEWEST_IMAGES:
         kinds = {path.suffix.lower() for path in images.rglob("*") if path.is_file()} - {""}
         raise InputError(
-            f"{images} holds {len(found)} image(s){_other_kinds(kinds)}; poses need at least {FEWEST_IMAGES} that "
-            "overlap, better 20 or more"
+            f"{images} holds {len(found)} image(s){_other_kinds(kinds)}; poses need at least "
+            f"{FEWEST_IMAGES} that overlap, better 20 or more"
         )
     return found
 
