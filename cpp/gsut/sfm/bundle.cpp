@@ -1,46 +1,35 @@
-// Bundle adjustment by Ceres, with derivatives written out.
+// Levenberg-Marquardt on poses, points and lenses.
 #include "gsut/sfm/bundle.h"
-
-#include <ceres/ceres.h>
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
-#include <numeric>
 
 #include "gsut/base/errors.h"
-#include "gsut/sfm/bundle_cost.h"
+#include "gsut/base/interrupt.h"
+#include "gsut/base/parallel.h"
+#include "gsut/sfm/bundle_residual.h"
+#include "gsut/sfm/bundle_state.h"
 #include "gsut/sfm/lens_evaluation.h"
 #include "gsut/sfm/lens_parameters.h"
-#include "gsut/sfm/pose_manifold.h"
-#include "gsut/sfm/solver_log.h"
-#include "gsut/sfm/stop_after.h"
+#include "gsut/sfm/reduced_system.h"
 
 namespace gsut {
 namespace {
 
-// Up to this many images the reduced system is solved as a dense one.
-constexpr int kMostDenseImages = 150;
-// Beyond, if this share of the pairs of images has a common point: then even SuiteSparse is no
-// faster, and Eigen's sparse factorisation, that of a Ceres without it, up to three times slower.
-constexpr double kDenseShare = 0.3;
+// Trust region of Levenberg-Marquardt (Madsen, Nielsen, Tingleff, "Methods for non-linear least
+// squares problems", 2004): its radius to begin with and at most; the share of the predicted
+// decrease that a step must reach; steps in a row that may fail to predict one; and the share of the
+// unknowns' length below which a step is none.
+constexpr double kFirstRadius = 1e4, kLargestRadius = 1e16;
+constexpr double kLeastQuality = 1e-3;
+constexpr int kMostInvalid = 5;
+constexpr double kSmallStep = 1e-8;
+constexpr double kNothing = 1e-15;  // of the cost: a predicted decrease that is rounding alone
+constexpr std::int64_t kGrain = 256;  // observations a chunk of parallel work
 
-bool IsDense(const Bundle& bundle, const BundleState& state) {
-  const std::size_t bodies = state.num_bodies();
-  if (bodies <= kMostDenseImages) return true;
-  std::vector<std::vector<int>> seen_from(bundle.points.size());
-  for (const BundleObservation& observation : bundle.observations) {
-    seen_from[observation.point].push_back(state.body_of_image[observation.image]);
-  }
-  std::vector<std::uint8_t> shared(bodies * bodies);
-  for (const std::vector<int>& point : seen_from) {
-    for (const int a : point) {
-      for (const int b : point) shared[a * bodies + b] = 1;
-    }
-  }
-  const auto pairs = std::count(shared.begin(), shared.end(), 1);
-  return static_cast<double>(pairs) > kDenseShare * static_cast<double>(shared.size());
-}
+using RowMajor2X = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>;
 
 bool Flag(const std::vector<std::uint8_t>& flags, int index) {
   return !flags.empty() && flags[index] != 0;
@@ -115,11 +104,7 @@ void CheckBundle(const Bundle& bundle, const BundleOptions& options) {
   CheckLensFlags(bundle.cameras, options.lens_free);
 }
 
-// Points are eliminated first. Each array is a group of its own: within a group Ceres goes by
-// addresses, which differ from run to run between arrays, and so would the last bits.
-enum Group { kPoints, kPoses, kVelocities, kMounts, kLenses };  // and one more for each lens
-
-// A bundle as a problem for Ceres.
+// A bundle as unknowns, residuals and their derivatives.
 class BundleProblem {
  public:
   // Both are kept by reference.
@@ -129,56 +114,75 @@ class BundleProblem {
         state_(bundle),
         gauge_body_(BodyOf(options.gauge_image)),
         scale_body_(gauge_body_ < 0 ? -1 : BodyOf(options.scale_image)),
-        cauchy_(options.loss_scale > 0 ? options.loss_scale : 1.0),
-        scaled_pose_(
-            scale_body_ < 0 ? -1 : ScaleAxis(state_.poses[gauge_body_], state_.poses[scale_body_])),
-        ordering_(std::make_shared<ceres::ParameterBlockOrdering>()),
         used_body_(state_.num_bodies()),
         fixed_body_(state_.num_bodies()),
-        used_point_(state_.points.size()),
         used_lens_(state_.lenses.size()),
         used_mount_(state_.mounts.size()) {
-    ceres::Problem::Options settings;
-    settings.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    settings.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     if (options.through_lens) {
       evaluation_ = std::make_unique<LensEvaluation>(bundle, state_, !options.lens_free.empty());
-      settings.evaluation_callback = evaluation_.get();
     }
-    problem_ = std::make_unique<ceres::Problem>(settings);
-    AddObservations();
-    AddBodies();
-    AddPoints();
-    AddMounts();
-    AddLenses();
+    for (const BundleObservation& observation : bundle.observations) {
+      used_body_[BodyOf(observation.image)] = 1;
+      const int mount = state_.mount_of_image[observation.image];
+      if (mount >= 0) used_mount_[mount] = 1;
+      used_lens_[bundle.camera_of_image[observation.image]] = 1;
+    }
+    for (std::size_t image = 0; image < options_.image_fixed.size(); ++image) {
+      if (options_.image_fixed[image]) fixed_body_[BodyOf(static_cast<int>(image))] = 1;
+    }
+    MakeBlocks();
+    MakeSystem();
   }
 
   BundleSummary Solve() {
-    ceres::Solver::Options solver;
-    solver.linear_solver_ordering = ordering_;
     BundleSummary summary;
-    summary.dense = IsDense(bundle_, state_);
-    solver.linear_solver_type = summary.dense ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
-    solver.max_num_iterations = options_.max_iterations;
-    solver.function_tolerance = options_.function_tolerance;
-    solver.num_threads = std::max(1, options_.num_threads);
-    solver.logging_type = ceres::SILENT;
-    StopWhenInterrupted stop;
-    solver.callbacks.push_back(&stop);
+    summary.fill = system_->matrix().Fill();
     summary.rms_before = Rms();
-    ceres::Solver::Summary found;
-    {
-      const QuietSolver quiet;  // a step that fails is tried again shorter: nothing to tell
-      ceres::Solve(solver, problem_.get(), &found);
+    double cost = Evaluate();
+    if (!std::isfinite(cost)) throw SolveError("bundle adjustment failed: residuals are not finite");
+    double radius = kFirstRadius, shrink = 2.0;
+    int invalid = 0;
+    while (!summary.converged && summary.iterations < options_.max_iterations) {
+      CheckInterrupt();
+      ++summary.iterations;
+      const bool solved = system_->Solve(radius);
+      const double predicted = solved ? system_->PredictedDecrease() : 0.0;
+      if (solved && std::abs(predicted) <= kNothing * cost) {
+        summary.converged = true;
+        break;
+      }
+      if (!(predicted > 0.0)) {
+        if (++invalid == kMostInvalid) {
+          throw SolveError("bundle adjustment failed: no step lowers the cost");
+        }
+        radius /= shrink;
+        shrink *= 2.0;
+        continue;
+      }
+      invalid = 0;
+      const BundleState before = state_;
+      const bool small = Step();
+      const double found = Evaluate();
+      const double quality = std::isfinite(found) ? (cost - found) / predicted : -1.0;
+      const bool better = quality > kLeastQuality;
+      summary.converged =
+          small || (std::isfinite(found) &&
+                    std::abs(cost - found) <= options_.function_tolerance * cost);
+      if (better) {
+        cost = found;
+        radius = std::min(kLargestRadius,
+                          radius / std::max(1.0 / 3.0, 1.0 - std::pow(2.0 * quality - 1.0, 3)));
+        shrink = 2.0;
+        continue;
+      }
+      state_ = before;
+      radius /= shrink;
+      shrink *= 2.0;
+      if (!summary.converged) Evaluate();  // the derivatives there
     }
     CheckInterrupt();
-    if (!found.IsSolutionUsable()) {
-      throw SolveError("bundle adjustment failed: " + found.message);
-    }
     summary.rms_after = Rms();
     summary.num_outside = evaluation_ ? evaluation_->NumOutside() : 0;
-    summary.iterations = static_cast<int>(found.iterations.size()) - 1;
-    summary.converged = found.termination_type == ceres::CONVERGENCE;
     return summary;
   }
 
@@ -195,13 +199,13 @@ class BundleProblem {
       if (!stays) bundle->camera_from_world[i] = state_.CameraFromWorld(image);
     }
     for (std::size_t m = 0; m < state_.mounts.size(); ++m) {
-      if (used_mount_[m] && Flag(options_.mount_free, static_cast<int>(m))) {
+      if (mount_block_[m] >= 0) {
         bundle->camera_from_body[m] = FromBlock(state_.mounts[m]);
       }
     }
     bundle->points = state_.points;
     for (std::size_t c = 0; c < state_.lenses.size(); ++c) {
-      if (!used_lens_[c]) continue;
+      if (lens_block_[c] < 0) continue;
       const Camera& camera = bundle->cameras[c];
       bundle->cameras[c] = Camera(camera.model(), state_.lenses[c], camera.width(), camera.height(),
                                   camera.valid_field_angle());
@@ -211,79 +215,175 @@ class BundleProblem {
  private:
   int BodyOf(int image) const { return image < 0 ? -1 : state_.body_of_image[image]; }
 
-  void AddObservations() {
-    ceres::LossFunction* loss = options_.loss_scale > 0 ? &cauchy_ : nullptr;
-    for (std::size_t i = 0; i < bundle_.observations.size(); ++i) {
-      const BundleObservation& observation = bundle_.observations[i];
-      const int camera = bundle_.camera_of_image[observation.image];
-      const int mount = state_.mount_of_image[observation.image];
-      const bool lens_free = !options_.lens_free.empty() && !options_.lens_free[camera].empty();
-      auto* cost =
-          new ReprojectionCost(bundle_, state_, static_cast<int>(i), evaluation_.get(), lens_free);
-      problem_->AddResidualBlock(cost, loss, cost->Blocks(&state_));
-      used_lens_[camera] |= lens_free;
-      used_body_[BodyOf(observation.image)] = used_point_[observation.point] = 1;
-      if (mount >= 0) used_mount_[mount] = 1;
-    }
-  }
-
-  void AddBodies() {
-    for (std::size_t image = 0; image < options_.image_fixed.size(); ++image) {
-      if (options_.image_fixed[image]) fixed_body_[BodyOf(static_cast<int>(image))] = 1;
-    }
+  void MakeBlocks() {
+    const int size = state_.velocities.empty() ? kPoseTangent : 2 * kPoseTangent;
+    const auto add = [&](int unknowns) {
+      sizes_.push_back(unknowns);
+      return static_cast<int>(sizes_.size()) - 1;
+    };
+    body_block_.assign(state_.num_bodies(), -1);
     for (int body = 0; body < state_.num_bodies(); ++body) {
-      if (!used_body_[body]) continue;
-      double* pose = state_.poses[body].data();
-      ordering_->AddElementToGroup(pose, kPoses);
-      problem_->SetManifold(pose, body == scale_body_ ? &scaled_pose_ : &free_pose_);
-      if (body == gauge_body_ || fixed_body_[body]) problem_->SetParameterBlockConstant(pose);
-      if (state_.velocities.empty()) continue;
-      double* velocity = state_.velocities[body].data();
-      ordering_->AddElementToGroup(velocity, kVelocities);
-      if (fixed_body_[body]) {
-        problem_->SetParameterBlockConstant(velocity);
-      } else if (!options_.velocity_priors.empty()) {
-        const VelocityPrior& prior = options_.velocity_priors[state_.image_of_body[body]];
-        problem_->AddResidualBlock(new VelocityCost(prior, options_.noise), nullptr, velocity);
-      }
+      if (used_body_[body] && !fixed_body_[body]) body_block_[body] = add(size);
     }
-  }
-
-  void AddPoints() {
-    for (std::size_t i = 0; i < state_.points.size(); ++i) {
-      if (!used_point_[i]) continue;
-      double* point = state_.points[i].data();
-      ordering_->AddElementToGroup(point, kPoints);
-      if (Flag(options_.point_fixed, static_cast<int>(i))) {
-        problem_->SetParameterBlockConstant(point);
-      }
-    }
-  }
-
-  void AddMounts() {
+    num_bodies_ = static_cast<int>(sizes_.size());
+    mount_block_.assign(state_.mounts.size(), -1);
     for (std::size_t m = 0; m < state_.mounts.size(); ++m) {
-      if (!used_mount_[m]) continue;
-      double* mount = state_.mounts[m].data();
-      ordering_->AddElementToGroup(mount, kMounts);
-      problem_->SetManifold(mount, &free_pose_);
-      if (!Flag(options_.mount_free, static_cast<int>(m))) {
-        problem_->SetParameterBlockConstant(mount);
+      if (used_mount_[m] && Flag(options_.mount_free, static_cast<int>(m))) {
+        mount_block_[m] = add(kPoseTangent);
+      }
+    }
+    lens_block_.assign(state_.lenses.size(), -1);
+    lens_columns_.resize(state_.lenses.size());
+    for (std::size_t c = 0; c < options_.lens_free.size(); ++c) {
+      lens_columns_[c] = FreeLensColumns(options_.lens_free[c]);
+      if (used_lens_[c] && lens_columns_[c].cols() > 0) {
+        lens_block_[c] = add(static_cast<int>(lens_columns_[c].cols()));
       }
     }
   }
 
-  void AddLenses() {
-    for (std::size_t c = 0; c < state_.lenses.size(); ++c) {
-      if (!used_lens_[c]) continue;
-      double* lens = state_.lenses[c].data();
-      ordering_->AddElementToGroup(lens, kLenses + static_cast<int>(c));
-      HoldLensParameters(options_.lens_free[c], lens, problem_.get(), &lens_manifolds_);
+  void MakeSystem() {
+    std::vector<ReducedSystem::Dependence> observations;
+    observations.reserve(bundle_.observations.size());
+    for (const BundleObservation& observation : bundle_.observations) {
+      const int mount = state_.mount_of_image[observation.image];
+      ReducedSystem::Dependence& own = observations.emplace_back();
+      own.point = Flag(options_.point_fixed, observation.point) ? -1 : observation.point;
+      for (const int block :
+           {body_block_[BodyOf(observation.image)], mount < 0 ? -1 : mount_block_[mount],
+            lens_block_[bundle_.camera_of_image[observation.image]]}) {
+        if (block >= 0) own.blocks.push_back(block);
+      }
     }
+    system_ = std::make_unique<ReducedSystem>(
+        sizes_, num_bodies_, static_cast<int>(state_.points.size()), observations);
+    for (int body = 0; body < state_.num_bodies(); ++body) {
+      const int block = body_block_[body];
+      if (block < 0) continue;
+      if (body == gauge_body_) {
+        std::fill_n(system_->Held(block).begin(), kPoseTangent, 1);
+      } else if (body == scale_body_) {
+        system_->Held(block)[ScaleAxis(state_.poses[gauge_body_], state_.poses[body])] = 1;
+      }
+      if (state_.velocities.empty() || options_.velocity_priors.empty()) continue;
+      const VelocityPrior& prior = options_.velocity_priors[state_.image_of_body[body]];
+      system_->PriorWeights(block).tail<6>() = options_.noise * prior.sigma.cwiseInverse();
+    }
+  }
+
+  // Residuals and derivatives at the current unknowns; the cost, not finite where there is none.
+  double Evaluate() {
+    if (evaluation_) evaluation_->Evaluate(true);
+    const auto count = static_cast<std::int64_t>(bundle_.observations.size());
+    double cost = ParallelSum(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+      double sum = 0.0;
+      for (std::int64_t i = begin; i < end; ++i) sum += Linearize(static_cast<int>(i));
+      return sum;
+    });
+    for (int body = 0; body < state_.num_bodies() && !options_.velocity_priors.empty(); ++body) {
+      const int block = body_block_[body];
+      if (block < 0 || state_.velocities.empty()) continue;
+      const VelocityPrior& prior = options_.velocity_priors[state_.image_of_body[body]];
+      auto residuals = system_->PriorResiduals(block).tail<6>();
+      residuals = system_->PriorWeights(block).tail<6>().cwiseProduct(state_.velocities[body] -
+                                                                      prior.mean);
+      cost += 0.5 * residuals.squaredNorm();
+    }
+    return cost;
+  }
+
+  // Of one observation; returns its cost.
+  double Linearize(int i) {
+    const BundleObservation& observation = bundle_.observations[i];
+    ObservationResidual found;
+    if (!EvaluateObservation(bundle_, state_, i, evaluation_.get(), &found)) {
+      return std::numeric_limits<double>::infinity();
+    }
+    const double squared = found.residual.squaredNorm();
+    // Cauchy's loss, by weights.
+    double cost = squared, weight = 1.0;
+    if (options_.loss_scale > 0) {
+      const double bend = options_.loss_scale * options_.loss_scale;
+      cost = bend * std::log1p(squared / bend);
+      weight = std::sqrt(1.0 / (1.0 + squared / bend));
+    }
+    system_->Residual(i) = weight * found.residual;
+    system_->ByPoint(i) = weight * found.by.by_point;
+    double* out = system_->ByBlocks(i);
+    const auto write = [&](const auto& derivatives, int size, int at, int columns) {
+      Eigen::Map<RowMajor2X, 0, Eigen::OuterStride<>>(out + at, 2, columns,
+                                                     Eigen::OuterStride<>(size)) = weight * derivatives;
+    };
+    const int body = BodyOf(observation.image), mount = state_.mount_of_image[observation.image];
+    if (const int block = body_block_[body]; block >= 0) {
+      const int size = sizes_[block];
+      write(found.by.by_pose, size, 0, kPoseTangent);
+      if (size > kPoseTangent) write(found.by.by_velocity, size, kPoseTangent, kPoseTangent);
+      if (body == gauge_body_ || body == scale_body_) {
+        for (int k = 0; k < size; ++k) {
+          if (system_->Held(block)[k]) out[k] = out[size + k] = 0.0;
+        }
+      }
+      out += 2 * size;
+    }
+    if (mount >= 0 && mount_block_[mount] >= 0) {
+      write(found.by.by_mount, kPoseTangent, 0, kPoseTangent);
+      out += 2 * kPoseTangent;
+    }
+    const int camera = bundle_.camera_of_image[observation.image];
+    if (lens_block_[camera] >= 0) {
+      const auto& columns = lens_columns_[camera];
+      const int size = static_cast<int>(columns.cols());
+      Eigen::Map<RowMajor2X> by_lens(out, 2, size);
+      by_lens.setZero();
+      if (found.by_params != nullptr) {
+        by_lens.noalias() +=
+            weight * Eigen::Map<const RowMajor2X>(found.by_params, 2, columns.rows()) * columns;
+      }
+    }
+    return 0.5 * cost;
+  }
+
+  // Adds the system's step; whether it is too small to matter.
+  bool Step() {
+    double length = 0.0, size = 0.0;
+    const auto count = [&](double change, double value) {
+      length += change;
+      size += value;
+    };
+    for (int body = 0; body < state_.num_bodies(); ++body) {
+      const int block = body_block_[body];
+      if (block < 0) continue;
+      const Eigen::VectorXd change = system_->BlockStep(block);
+      AddToPose(change.head<kPoseTangent>(), &state_.poses[body]);
+      if (!state_.velocities.empty()) state_.velocities[body] += change.tail<kPoseTangent>();
+      count(change.squaredNorm(), 1.0 + CenterOf(state_.poses[body].data()).squaredNorm());
+    }
+    for (std::size_t m = 0; m < state_.mounts.size(); ++m) {
+      if (mount_block_[m] < 0) continue;
+      const Eigen::VectorXd change = system_->BlockStep(mount_block_[m]);
+      AddToPose(change, &state_.mounts[m]);
+      count(change.squaredNorm(), 1.0 + CenterOf(state_.mounts[m].data()).squaredNorm());
+    }
+    for (std::size_t c = 0; c < state_.lenses.size(); ++c) {
+      if (lens_block_[c] < 0) continue;
+      Eigen::Map<Eigen::VectorXd> lens(state_.lenses[c].data(), lens_columns_[c].rows());
+      const Eigen::VectorXd change = lens_columns_[c] * system_->BlockStep(lens_block_[c]);
+      lens += change;
+      count(change.squaredNorm(), lens.squaredNorm());
+    }
+    for (std::size_t p = 0; p < state_.points.size(); ++p) {
+      if (Flag(options_.point_fixed, static_cast<int>(p))) continue;
+      const Eigen::Vector3d& change = system_->PointStep(static_cast<int>(p));
+      state_.points[p] += change;
+      count(change.squaredNorm(), state_.points[p].squaredNorm());
+    }
+    return std::sqrt(length) <= kSmallStep * (std::sqrt(size) + kSmallStep);
   }
 
   // Of the residuals at the current unknowns.
   double Rms() {
-    if (evaluation_) evaluation_->PrepareForEvaluation(false, true);
+    if (evaluation_) evaluation_->Evaluate(false);
     double sum = 0.0;
     for (std::size_t i = 0; i < bundle_.observations.size(); ++i) {
       const BundleObservation& observation = bundle_.observations[i];
@@ -304,12 +404,12 @@ class BundleProblem {
   BundleState state_;
   int gauge_body_, scale_body_;
   std::unique_ptr<LensEvaluation> evaluation_;
-  ceres::CauchyLoss cauchy_;
-  PoseManifold free_pose_, scaled_pose_;
-  std::vector<std::unique_ptr<ceres::Manifold>> lens_manifolds_;
-  std::unique_ptr<ceres::Problem> problem_;
-  std::shared_ptr<ceres::ParameterBlockOrdering> ordering_;
-  std::vector<std::uint8_t> used_body_, fixed_body_, used_point_, used_lens_, used_mount_;
+  std::vector<std::uint8_t> used_body_, fixed_body_, used_lens_, used_mount_;
+  // The system's blocks: of a body its pose and, if it moves, velocity; -1: stays as it is.
+  std::vector<int> sizes_, body_block_, mount_block_, lens_block_;
+  int num_bodies_ = 0;  // among the blocks
+  std::vector<Eigen::MatrixXd> lens_columns_;
+  std::unique_ptr<ReducedSystem> system_;
 };
 
 }  // namespace

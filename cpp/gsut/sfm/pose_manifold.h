@@ -5,7 +5,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
-#include <cmath>
+#include <algorithm>
 
 #include "gsut/geometry/pose_block.h"
 
@@ -23,18 +23,10 @@ class PoseManifold : public ceres::Manifold {
     for (int i = 0, j = 0; i < kPoseTangent; ++i) {
       if (i != held_) change[i] = delta[j++];
     }
-    const Eigen::Vector3d turn = change.tail<3>();
-    const double half = 0.5 * turn.norm();
-    // sin(half) / (2 half), by its series where it would be 0 / 0.
-    constexpr double kSmall = 1e-4;
-    const double factor =
-        half < kSmall ? 0.5 * (1.0 - half * half / 6.0) : 0.5 * std::sin(half) / half;
-    const Eigen::Quaterniond step(std::cos(half), factor * turn.x(), factor * turn.y(),
-                                  factor * turn.z());
-    const Eigen::Map<const Eigen::Quaterniond> before(x);
-    Eigen::Map<Eigen::Quaterniond> after(x_plus_delta);
-    after = (step * before).normalized();
-    for (int i = 0; i < 3; ++i) x_plus_delta[4 + i] = x[4 + i] + change[i];
+    PoseBlock sum;
+    std::copy_n(x, sum.size(), sum.begin());
+    AddToPose(change, &sum);
+    std::copy_n(sum.begin(), sum.size(), x_plus_delta);
     return true;
   }
 
