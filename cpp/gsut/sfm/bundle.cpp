@@ -40,8 +40,9 @@ void CheckMotions(const Bundle& bundle, const BundleOptions& options) {
   const std::size_t images = bundle.camera_from_world.size();
   const auto fits = [&](std::size_t size) { return size == 0 || size == images; };
   if (!fits(bundle.velocities.size()) || !fits(bundle.body_of_image.size()) ||
-      !fits(bundle.mount_of_image.size()) || !fits(options.velocity_priors.size())) {
-    throw InputError("velocities, their priors, bodies and mounts must have one entry an image");
+      !fits(bundle.mount_of_image.size()) || !fits(options.velocity_priors.size()) ||
+      !fits(options.velocity_fixed.size())) {
+    throw InputError("velocities, their priors and flags, bodies and mounts must have one entry an image");
   }
   const int mounts = static_cast<int>(bundle.camera_from_body.size());
   for (const int mount : bundle.mount_of_image) {
@@ -215,15 +216,20 @@ class BundleProblem {
  private:
   int BodyOf(int image) const { return image < 0 ? -1 : state_.body_of_image[image]; }
 
+  // Whether a body's block holds a velocity too.
+  bool Moves(int block) const { return sizes_[block] > kPoseTangent; }
+
   void MakeBlocks() {
-    const int size = state_.velocities.empty() ? kPoseTangent : 2 * kPoseTangent;
     const auto add = [&](int unknowns) {
       sizes_.push_back(unknowns);
       return static_cast<int>(sizes_.size()) - 1;
     };
     body_block_.assign(state_.num_bodies(), -1);
     for (int body = 0; body < state_.num_bodies(); ++body) {
-      if (used_body_[body] && !fixed_body_[body]) body_block_[body] = add(size);
+      if (!used_body_[body] || fixed_body_[body]) continue;
+      const bool moves =
+          !state_.velocities.empty() && !Flag(options_.velocity_fixed, state_.image_of_body[body]);
+      body_block_[body] = add(moves ? 2 * kPoseTangent : kPoseTangent);
     }
     num_bodies_ = static_cast<int>(sizes_.size());
     mount_block_.assign(state_.mounts.size(), -1);
@@ -265,7 +271,7 @@ class BundleProblem {
       } else if (body == scale_body_) {
         system_->Held(block)[ScaleAxis(state_.poses[gauge_body_], state_.poses[body])] = 1;
       }
-      if (state_.velocities.empty() || options_.velocity_priors.empty()) continue;
+      if (!Moves(block) || options_.velocity_priors.empty()) continue;
       const VelocityPrior& prior = options_.velocity_priors[state_.image_of_body[body]];
       system_->PriorWeights(block).tail<6>() = options_.noise * prior.sigma.cwiseInverse();
     }
@@ -282,7 +288,7 @@ class BundleProblem {
     });
     for (int body = 0; body < state_.num_bodies() && !options_.velocity_priors.empty(); ++body) {
       const int block = body_block_[body];
-      if (block < 0 || state_.velocities.empty()) continue;
+      if (block < 0 || !Moves(block)) continue;
       const VelocityPrior& prior = options_.velocity_priors[state_.image_of_body[body]];
       auto residuals = system_->PriorResiduals(block).tail<6>();
       residuals = system_->PriorWeights(block).tail<6>().cwiseProduct(state_.velocities[body] -
@@ -318,7 +324,7 @@ class BundleProblem {
     if (const int block = body_block_[body]; block >= 0) {
       const int size = sizes_[block];
       write(found.by.by_pose, size, 0, kPoseTangent);
-      if (size > kPoseTangent) write(found.by.by_velocity, size, kPoseTangent, kPoseTangent);
+      if (Moves(block)) write(found.by.by_velocity, size, kPoseTangent, kPoseTangent);
       if (body == gauge_body_ || body == scale_body_) {
         for (int k = 0; k < size; ++k) {
           if (system_->Held(block)[k]) out[k] = out[size + k] = 0.0;
@@ -356,7 +362,7 @@ class BundleProblem {
       if (block < 0) continue;
       const Eigen::VectorXd change = system_->BlockStep(block);
       AddToPose(change.head<kPoseTangent>(), &state_.poses[body]);
-      if (!state_.velocities.empty()) state_.velocities[body] += change.tail<kPoseTangent>();
+      if (Moves(block)) state_.velocities[body] += change.tail<kPoseTangent>();
       count(change.squaredNorm(), 1.0 + CenterOf(state_.poses[body].data()).squaredNorm());
     }
     for (std::size_t m = 0; m < state_.mounts.size(); ++m) {

@@ -67,6 +67,7 @@ struct BundleOptions {
   // Velocities are adjusted, if the bundle has them, where their image is not fixed; held by priors
   // (one an image; empty: none) against observations with this much noise a coordinate in pixels.
   std::vector<VelocityPrior> velocity_priors;
+  std::vector<std::uint8_t> velocity_fixed;  // images whose velocity stays; empty: none
   double noise = 1.0;
   // Which mounts are adjusted, one flag each; empty: none. Where the scale is held by an image, it
   // is the mounts' length that follows.

@@ -9,6 +9,7 @@
 #include <numeric>
 
 #include "gsut/base/parallel.h"
+#include "gsut/sfm/subtract_product.h"
 
 namespace gsut {
 namespace {
@@ -239,43 +240,42 @@ void ReducedSystem::EliminatePoint(int point, double radius) {
 void ReducedSystem::FillRow(int block, double radius) {
   const int size = sizes_[block];
   const auto stride = static_cast<std::ptrdiff_t>(rows_of_tile_[tile_[block]]);
-  const auto block_at = [&](int other) {
-    return Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>>(
-        TileOf(block, other), size, sizes_[other], Eigen::OuterStride<>(stride));
-  };
   Eigen::VectorXd side = Eigen::VectorXd::Zero(size);
+  std::vector<double> opposite(2 * static_cast<std::size_t>(size));
   for (const Part& part : parts_of_block_[block]) {
     const int i = part.observation;
     const double* row = &by_blocks_[2 * first_column_[i]];
-    const Jacobian own(row + 2 * part.column, 2, size);
-    side.noalias() -= own.transpose() * residuals_[i];
+    const double* own = row + 2 * part.column;
+    const Eigen::Vector2d& residual = residuals_[i];
+    for (int k = 0; k < size; ++k) side[k] -= own[k] * residual[0] + own[size + k] * residual[1];
+    for (int k = 0; k < 2 * size; ++k) opposite[k] = -own[k];
     for (const int other : blocks_of_[i]) {
       if (rank_[other] <= rank_[block]) {
-        block_at(other).noalias() += own.transpose() * Jacobian(row, 2, sizes_[other]);
+        SubtractProduct(TileOf(block, other), stride, opposite.data(), size, row, sizes_[other], size,
+                        sizes_[other], 2);
       }
       row += 2 * sizes_[other];
     }
   }
-  auto diagonal = block_at(block).diagonal();
+  auto diagonal = Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>>(
+                      TileOf(block, block), size, size, Eigen::OuterStride<>(stride))
+                      .diagonal();
   diagonal += prior_weights_[block].cwiseAbs2();
   side -= prior_weights_[block].cwiseProduct(prior_residuals_[block]);
   for (int k = 0; k < size; ++k) diagonal[k] += held_[block][k] ? 1.0 : Damping(diagonal[k], radius);
   for (const int index : entries_of_block_[block]) {
     const Entry& entry = entries_[index];
     const double* scaled = &scaled_[entry.at];
-    side.noalias() += Eigen::Map<const MatrixX3>(scaled, size, 3) * point_gradient_[entry.point];
+    const Eigen::Vector3d& gradient = point_gradient_[entry.point];
+    for (int k = 0; k < size; ++k) {
+      side[k] += scaled[k] * gradient[0] + scaled[size + k] * gradient[1] +
+                 scaled[2 * size + k] * gradient[2];
+    }
     for (std::size_t e = first_entry_[entry.point]; e < first_entry_[entry.point + 1]; ++e) {
       const int other = entries_[e].block;
       if (rank_[other] > rank_[block]) continue;
-      const double* cross = &cross_[entries_[e].at];
-      double* out = TileOf(block, other);
-      const int columns = sizes_[other];
-      for (int c = 0; c < columns; ++c, out += stride) {
-        const double a = cross[c], b = cross[columns + c], d = cross[2 * columns + c];
-        for (int r = 0; r < size; ++r) {
-          out[r] -= scaled[r] * a + scaled[size + r] * b + scaled[2 * size + r] * d;
-        }
-      }
+      SubtractProduct(TileOf(block, other), stride, scaled, size, &cross_[entries_[e].at], sizes_[other],
+               size, sizes_[other], 3);
     }
   }
   step_.segment(start_[block], size) = side;

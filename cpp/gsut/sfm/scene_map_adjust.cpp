@@ -198,6 +198,7 @@ void SceneMap::SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
       }
     }
     options->velocity_priors.push_back(prior);
+    options->velocity_fixed.push_back(hold_velocities_ && options_.KnowsVelocity(image));
   }
 }
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "gsut/base/parallel.h"
+#include "gsut/sfm/subtract_product.h"
 
 namespace gsut {
 
@@ -59,11 +60,11 @@ double TiledCholesky::Work() const {
 void TiledCholesky::SetZero() { std::fill(values_.begin(), values_.end(), 0.0); }
 
 void TiledCholesky::Reduce(int row, int column) {
-  Map tile = At(row, column);
+  const int rows = sizes_[row], columns = sizes_[column];
   for (int k = 0; k < column; ++k) {
-    if (Has(row, k) && Has(column, k)) {
-      tile.noalias() -= At(row, k) * At(column, k).transpose();
-    }
+    if (!Has(row, k) || !Has(column, k)) continue;
+    SubtractProduct(Tile(row, column), rows, Tile(row, k), rows, Tile(column, k), columns, rows, columns,
+             sizes_[k]);
   }
 }
 
