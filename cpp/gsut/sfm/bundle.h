@@ -82,8 +82,8 @@ struct BundleSummary {
   double fill = 0.0;  // share of the system reduced to images that was not zero: 1 is a dense one
 };
 
-// Levenberg-Marquardt; changes the bundle in place, to the same bits on any number of threads. Throws
-// InputError for an index out of range, SolveError if it fails.
+// Levenberg-Marquardt; changes the bundle in place, to the same bits on any number of threads.
+// Throws InputError for an index out of range, SolveError if it fails.
 BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options);
 
 // Per image the covariance (6, 6) of (centre in the world, rotation vector in the camera frame:

@@ -9,9 +9,9 @@
 
 namespace gsut {
 
-// Residuals are made one at a time, a lens works on batches: everything is projected beforehand, and
-// each residual reads its row. A lens whose parameters have become no lens marks all its observations
-// as failed, which makes the solver take a shorter step.
+// Residuals are made one at a time, a lens works on batches: everything is projected beforehand,
+// and each residual reads its row. A lens whose parameters have become no lens marks all its
+// observations as failed, which makes the solver take a shorter step.
 class LensEvaluation {
  public:
   // Both are kept by reference: the state is the solver's.

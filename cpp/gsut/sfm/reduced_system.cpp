@@ -251,8 +251,8 @@ void ReducedSystem::FillRow(int block, double radius) {
     for (int k = 0; k < 2 * size; ++k) opposite[k] = -own[k];
     for (const int other : blocks_of_[i]) {
       if (rank_[other] <= rank_[block]) {
-        SubtractProduct(TileOf(block, other), stride, opposite.data(), size, row, sizes_[other], size,
-                        sizes_[other], 2);
+        SubtractProduct(TileOf(block, other), stride, opposite.data(), size, row, sizes_[other],
+                        size, sizes_[other], 2);
       }
       row += 2 * sizes_[other];
     }
@@ -262,7 +262,8 @@ void ReducedSystem::FillRow(int block, double radius) {
                       .diagonal();
   diagonal += prior_weights_[block].cwiseAbs2();
   side -= prior_weights_[block].cwiseProduct(prior_residuals_[block]);
-  for (int k = 0; k < size; ++k) diagonal[k] += held_[block][k] ? 1.0 : Damping(diagonal[k], radius);
+  for (int k = 0; k < size; ++k)
+    diagonal[k] += held_[block][k] ? 1.0 : Damping(diagonal[k], radius);
   for (const int index : entries_of_block_[block]) {
     const Entry& entry = entries_[index];
     const double* scaled = &scaled_[entry.at];
@@ -274,8 +275,8 @@ void ReducedSystem::FillRow(int block, double radius) {
     for (std::size_t e = first_entry_[entry.point]; e < first_entry_[entry.point + 1]; ++e) {
       const int other = entries_[e].block;
       if (rank_[other] > rank_[block]) continue;
-      SubtractProduct(TileOf(block, other), stride, scaled, size, &cross_[entries_[e].at], sizes_[other],
-               size, sizes_[other], 3);
+      SubtractProduct(TileOf(block, other), stride, scaled, size, &cross_[entries_[e].at],
+                      sizes_[other], size, sizes_[other], 3);
     }
   }
   step_.segment(start_[block], size) = side;

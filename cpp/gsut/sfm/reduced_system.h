@@ -65,10 +65,10 @@ class ReducedSystem {
   int num_points_;
   // By block: place in the order, first unknown, tile and row in it.
   std::vector<int> rank_, start_, tile_, in_tile_, rows_of_tile_;
-  std::vector<int> point_of_;               // by observation
+  std::vector<int> point_of_;                // by observation
   std::vector<std::vector<int>> blocks_of_;  // by observation
-  std::vector<std::size_t> first_column_;   // by observation
-  std::vector<std::vector<int>> of_point_;  // observations
+  std::vector<std::size_t> first_column_;    // by observation
+  std::vector<std::vector<int>> of_point_;   // observations
   std::vector<std::vector<Part>> parts_of_block_;
   std::vector<Entry> entries_;
   std::vector<std::size_t> first_entry_;  // by point

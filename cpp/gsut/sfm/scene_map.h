@@ -85,8 +85,8 @@ class SceneMap {
   // Unregisters images, or bodies, that see too few points now; returns how many images.
   int DropWeakImages();
 
-  // Velocities that are known otherwise (StructureOptions::image_rates) are not adjusted from now on,
-  // or are again.
+  // Velocities that are known otherwise (StructureOptions::image_rates) are not adjusted from now
+  // on, or are again.
   void HoldVelocities(bool hold) { hold_velocities_ = hold; }
   void SetGauge(int first, int second) {
     gauge_first_ = first;

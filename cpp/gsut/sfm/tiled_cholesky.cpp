@@ -63,8 +63,8 @@ void TiledCholesky::Reduce(int row, int column) {
   const int rows = sizes_[row], columns = sizes_[column];
   for (int k = 0; k < column; ++k) {
     if (!Has(row, k) || !Has(column, k)) continue;
-    SubtractProduct(Tile(row, column), rows, Tile(row, k), rows, Tile(column, k), columns, rows, columns,
-             sizes_[k]);
+    SubtractProduct(Tile(row, column), rows, Tile(row, k), rows, Tile(column, k), columns, rows,
+                    columns, sizes_[k]);
   }
 }
 

@@ -1,4 +1,5 @@
-// Cholesky factorisation of a symmetric matrix in tiles, of which those that stay zero are left out.
+// Cholesky factorisation of a symmetric matrix in tiles, of which those that stay zero are left
+// out.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,8 +12,8 @@ namespace gsut {
 // The same bits on any number of threads.
 class TiledCholesky {
  public:
-  // sizes: rows of each row of tiles, N of them. present: (N, N) row-major, which tiles of the lower
-  // half are not zero; those that the factor adds are found here.
+  // sizes: rows of each row of tiles, N of them. present: (N, N) row-major, which tiles of the
+  // lower half are not zero; those that the factor adds are found here.
   TiledCholesky(std::vector<int> sizes, std::vector<std::uint8_t> present);
 
   // A tile that is present, column-major, sizes[row] rows.
