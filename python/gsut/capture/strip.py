@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut.data import STRIP
-from gsut.files import whole_file
+from gsut.files import write_picture
 
 _HEIGHT = 96  # of a picture, pixels
 _WIDEST = 4  # heights: what is wider is squeezed
@@ -25,8 +25,6 @@ def write_strip(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
         folder: of a capture.
         rows: "frames" of capture.json.
     """
-    import cv2
-
     shown = [rows[i] for i in np.unique(np.linspace(0, len(rows) - 1, _MOST).round().astype(int))]
     tiles = [_tile(folder / row["path"], row) for row in shown]
     width = max(tile.shape[1] for tile in tiles)
@@ -37,8 +35,7 @@ def write_strip(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
             left = place * (width + 4)
             line[: tile.shape[0], left : left + tile.shape[1]] = tile
         lines.append(line)
-    with whole_file(folder / STRIP) as temporary:
-        cv2.imwrite(str(temporary), np.concatenate(lines))
+    write_picture(folder / STRIP, np.concatenate(lines))
 
 
 def _tile(path: Path, row: dict[str, Any]) -> np.ndarray:
@@ -56,7 +53,8 @@ def _tile(path: Path, row: dict[str, Any]) -> np.ndarray:
     if row.get("time") is not None:
         text = f"{row['time']:.1f} s"
         for color, thick in (((0, 0, 0), 3), ((255, 255, 255), 1)):
-            cv2.putText(tile, text, (4, 14), cv2.FONT_HERSHEY_SIMPLEX, 0.42, color, thick)
+            where = (4, 14), cv2.FONT_HERSHEY_SIMPLEX, 0.42
+            cv2.putText(tile, text, *where, color, thick, cv2.LINE_AA)
     if row.get("blurred"):
         cv2.rectangle(tile, (0, 0), (width - 1, _HEIGHT - 1), _BLURRED_COLOR, 3)
     return tile

@@ -35,7 +35,7 @@ from gsut.run.option_fields import (
 )
 from gsut.run.options import AUTO, COMMON_OPTIONS, PRESETS, TrainOptions
 from gsut.run.progress import Progress
-from gsut.run.staged_progress import StagedProgress
+from gsut.run.staged_progress import StagedProgress, counted_down
 from gsut.run.stopwatch import Stopwatch
 from gsut.run.verdict import Verdict, worst
 
@@ -67,6 +67,7 @@ __all__ = [
     "check_fits",
     "check_options",
     "choices_in",
+    "counted_down",
     "default_text",
     "describe_environment",
     "describe_options",

@@ -21,6 +21,7 @@ from gsut.training.start import (
     size_note,
     without_blurred,
 )
+from gsut.training.time_left import TrainingTime
 from gsut.training.trained_run import (
     TrainedRun,
     load_run,
@@ -39,6 +40,7 @@ __all__ = [
     "TrainedRun",
     "TrainingLoop",
     "TrainingRecord",
+    "TrainingTime",
     "about_cameras",
     "choose_complexity",
     "count_for_bytes",
