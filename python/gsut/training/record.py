@@ -15,7 +15,7 @@ from gsut.run import Progress, RunFolder, TrainOptions, describe_environment
 from gsut.training.loop import TrainingLoop
 
 # Held-out views that the curve of PSNR is measured on: a few, spread evenly.
-_CURVE_VIEWS = 8
+_CURVE_VIEWS = 4
 _MOST_ROWS = 200  # of the history, about
 _CHECKPOINT_SECONDS = 60.0  # after which a checkpoint is due, whatever the step
 
