@@ -105,9 +105,10 @@ class BoundRenderer {
         OptionalData<std::uint8_t>(tiles, "tiles", {in_tiles(height_), in_tiles(width_)});
     sh_rows_ = sh_rows;
     gaussians_ = gaussians;
+    const RenderSettings settings = Settings(rule, background, sh_degree);
     const LongCall released;
-    renderer_.Render(view, camera, motion_, Settings(rule, background, sh_degree), options,
-                     image_data, alpha_data, depth_data, distortion_data);
+    renderer_.Render(view, camera, motion_, settings, options, image_data, alpha_data, depth_data,
+                     distortion_data);
   }
 
   // None without with_poses.
@@ -269,10 +270,11 @@ py::tuple RenderDouble(const py::object& gaussians, const Camera& camera, const 
   const CameraMotion motion = ReadMotion(pose);
   const py::ssize_t h = camera.height(), w = camera.width();
   const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
+  const RenderSettings settings = Settings(rule, background, sh_degree);
   ReferenceImage result;
   {
     const LongCall released;
-    result = RenderReference(view, camera, motion, Settings(rule, background, sh_degree), chosen);
+    result = RenderReference(view, camera, motion, settings, chosen);
   }
   return ReferenceArrays(result, h, w);
 }
@@ -291,12 +293,13 @@ py::tuple BackwardDouble(const py::object& gaussians, const Camera& camera, cons
                                        OptionalData<double>(ddepth, "ddepth", {h, w}),
                                        OptionalData<double>(ddistortion, "ddistortion", {h, w})};
   const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
+  const RenderSettings settings = Settings(rule, background, sh_degree);
   double dpose[12] = {};
   LensGradient lens;
   {
     const LongCall released;
-    RenderReferenceBackward(view, camera, motion, Settings(rule, background, sh_degree), to_image,
-                            out, dpose, &lens.to_rays, chosen);
+    RenderReferenceBackward(view, camera, motion, settings, to_image, out, dpose, &lens.to_rays,
+                            chosen);
     if (with_lens) lens.Chain(camera, motion);
   }
   return py::make_tuple(PoseGradient(dpose, motion), lens.Arrays(camera, with_lens));

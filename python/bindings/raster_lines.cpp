@@ -34,10 +34,11 @@ py::tuple RenderLines(const py::object& gaussians, const py::object& lines,
                       const py::object& reference, const BlendRule& rule) {
   const ViewRays rays = RaysOfLines(lines, reference);
   const auto view = ConstGaussians<double>(gaussians);
+  const RenderSettings settings = Settings(rule, {0, 0, 0}, 3);
   ReferenceImage result;
   {
     const LongCall released;
-    result = RenderReference(view, rays, Settings(rule, {0, 0, 0}, 3));
+    result = RenderReference(view, rays, settings);
   }
   return ReferenceArrays(result, rays.height, rays.width);
 }
@@ -54,12 +55,12 @@ py::array_t<double> BackwardLines(const py::object& gaussians, const py::object&
   const double* alpha = OptionalData<double>(dalpha, "dalpha", {h, w});
   const double* depth = OptionalData<double>(ddepth, "ddepth", {h, w});
   const auto sums = MutableGaussians<double>(gradients);
+  const RenderSettings settings = Settings(rule, {0, 0, 0}, 3);
   RayGradients rays;
   ShadingGradient shading;
   {
     const LongCall released;
-    RenderReferenceBackward(scene, view, Settings(rule, {0, 0, 0}, 3), {image, alpha, depth}, sums,
-                            &rays, &shading);
+    RenderReferenceBackward(scene, view, settings, {image, alpha, depth}, sums, &rays, &shading);
   }
   auto out = NewArray<double>({view.height, view.width, 6});
   using Eigen::Vector3d;

@@ -83,6 +83,7 @@ void CheckBins(const std::uint8_t* bins, std::int64_t width, std::int64_t height
 
 void SumLight(const PhotometricTarget& target, const float* image, const std::uint8_t* bins,
               int num_bins, LightSums* sums) {
+  const auto reading = target.Reading();
   const std::int64_t width = target.width(), height = target.height();
   const std::int64_t step = std::clamp(height / kRows, kRowStep, kBlockRows);
   CheckBins(bins, width, height, step, num_bins);

@@ -120,6 +120,7 @@ void PhotometricTarget::ComputeStatistics() {
 void PhotometricTarget::SetLight(const std::array<float, 3>& inverse_gain,
                                  std::shared_ptr<const FalloffPlane> inverse_falloff) {
   for (const float value : inverse_gain) CheckFactor(value, "inverse_gain");
+  const std::unique_lock lock(light_mutex_);
   inverse_gain_ = inverse_gain;
   if (inverse_falloff == inverse_falloff_) {
     if (keep_statistics_ && mean_.empty()) ComputeStatistics();
@@ -148,6 +149,7 @@ PhotometricValue PhotometricLoss(const PhotometricTarget& target, const float* i
   if (!(ssim_weight >= 0.0 && ssim_weight <= 1.0)) {
     throw InputError("ssim_weight is " + std::to_string(ssim_weight) + "; give a value in [0, 1]");
   }
+  const auto reading = target.Reading();
   constexpr double kChannels = 3.0;
   const double l1_count = kChannels * static_cast<double>(target.pixels());
   const double ssim_count = kChannels * static_cast<double>(target.ssim_pixels());

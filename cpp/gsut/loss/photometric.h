@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <shared_mutex>
 #include <vector>
 
 #include "gsut/loss/ssim_window.h"
@@ -34,6 +35,7 @@ class FalloffPlane {
 };
 
 // One training image, with all of the loss that does not depend on the rendered image.
+// Threads may share one: a loss is of the light before or after another thread's SetLight.
 // Memory: 3 (uint8) or 12 (float) bytes a pixel for the image, 24 with statistics, 5 with a mask.
 class PhotometricTarget {
  public:
@@ -62,6 +64,9 @@ class PhotometricTarget {
   std::int64_t ssim_pixels() const { return ssim_pixels_; }  // SSIM is averaged over
   WindowRule window_rule() const { return window_rule_; }    // after the fallback
   std::int64_t bytes() const;  // of memory held, dropped statistics too
+
+  // To be held while what the kernels read is read.
+  std::shared_lock<std::shared_mutex> Reading() const { return std::shared_lock(light_mutex_); }
 
   // What the kernels read; null where absent.
   const float* float_image() const { return float_image_.empty() ? nullptr : float_image_.data(); }
@@ -94,6 +99,7 @@ class PhotometricTarget {
   std::array<float, 3> inverse_gain_ = {1.0f, 1.0f, 1.0f};
   std::shared_ptr<const FalloffPlane> inverse_falloff_;
   bool keep_statistics_ = false;
+  mutable std::shared_mutex light_mutex_;
   std::vector<float> mean_, variance_;  // (H, W, 3) of the image minus 0.5, in the SSIM window
 };
 

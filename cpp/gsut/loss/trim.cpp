@@ -37,6 +37,7 @@ int ErrorLevel(const PhotometricTarget& target, const float* image, std::int64_t
 
 std::int64_t TrimGradient(const PhotometricTarget& target, const float* image,
                           const TrimOptions& options, float* gradient) {
+  const auto reading = target.Reading();
   const std::int64_t width = target.width(), height = target.height();
   const std::int64_t blocks = (height + kRows - 1) / kRows;
   std::vector<std::uint16_t> levels(static_cast<std::size_t>(width * height), 0);

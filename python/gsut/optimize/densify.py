@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gsut import _core
-from gsut.optimize.optimizer import GaussianOptimizer
+from gsut.optimize.optimizer import GaussianOptimizer, alone
 
 _PRUNE, _SPLIT = 1, 3  # actions of an adaptive plan
 _LARGEST_LOGIT = 80.0  # exp of it still fits float32
@@ -30,6 +30,7 @@ class AdaptiveCounts(NamedTuple):
     split: int
 
 
+@alone
 def densify_mcmc(
     optimizer: GaussianOptimizer,
     target_size: int,
@@ -67,6 +68,7 @@ def densify_mcmc(
     return McmcCounts(*counts)
 
 
+@alone
 def densify_adaptive(
     optimizer: GaussianOptimizer,
     *,
@@ -100,6 +102,7 @@ def densify_adaptive(
     return _apply(optimizer, plan)
 
 
+@alone
 def split_and_prune(
     optimizer: GaussianOptimizer, split: np.ndarray, prune: np.ndarray
 ) -> AdaptiveCounts:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+import functools
+import threading
+from collections.abc import Callable
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -16,6 +19,33 @@ ADAM = (0.9, 0.999, 1e-15)  # beta 1, beta 2 and epsilon of 3DGS
 _GROWTH = 1.5  # of the capacity, when it has to grow
 _SETS = ("params", "moment1", "moment2")  # names of `arrays` in a state
 _STATISTICS = ("gradient_max", "gradient_sum", "seen")
+_Optimizer = TypeVar("_Optimizer")
+_Words = ParamSpec("_Words")
+_Found = TypeVar("_Found")
+
+
+def alone(
+    change: Callable[Concatenate[_Optimizer, _Words], _Found],
+) -> Callable[Concatenate[_Optimizer, _Words], _Found]:
+    """What reads or changes all of an optimizer, its first argument: one thread at a time.
+
+    Raises:
+        InputError: another thread is at it; in which order they came would be left to chance.
+    """
+
+    @functools.wraps(change)
+    def guarded(optimizer: _Optimizer, *words: _Words.args, **named: _Words.kwargs) -> _Found:
+        turn = optimizer._turn  # type: ignore[attr-defined]
+        if not turn.acquire(blocking=False):
+            raise InputError(
+                f"{change.__name__}: another thread is at work on this optimizer; give each its own"
+            )
+        try:
+            return change(optimizer, *words, **named)
+        finally:
+            turn.release()
+
+    return guarded
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,7 +74,8 @@ class GaussianOptimizer:
 
     Arrays hold `capacity` rows, of which the first `size` are alive; they grow when densification
     needs it. The same calls give the same bits on any number of threads, and after
-    load_state_dict(state_dict()).
+    load_state_dict(state_dict()). It belongs to one Python thread at a time: another that calls it
+    meanwhile gets an InputError.
 
     Args:
         gaussians: the start, copied to float32.
@@ -79,6 +110,7 @@ class GaussianOptimizer:
         if capacity < size:
             raise InputError(f"capacity is {capacity}, but there are {size} Gaussians")
         self.steps, self.seed, self.surfels = 0, seed, surfels
+        self._turn = threading.RLock()
         params = copy_rows(gaussians.astype(np.float32), size, capacity)
         moments = copy_rows(params, 0, capacity), copy_rows(params, 0, capacity)
         self.arrays: tuple[Gaussians, Gaussians, Gaussians] = (params, *moments)
@@ -94,6 +126,7 @@ class GaussianOptimizer:
         """The Gaussians as views (no copy) that follow each step, until densification."""
         return self.arrays[0][: self.size]
 
+    @alone
     def step(
         self,
         grads: Any,
@@ -138,6 +171,7 @@ class GaussianOptimizer:
         self.steps += 1
         self._press()
 
+    @alone
     def add_regularizer(
         self, grads: Any, opacity_weight: float = 0.01, scale_weight: float = 0.01
     ) -> None:
@@ -153,6 +187,7 @@ class GaussianOptimizer:
             scale_weight,
         )  # fmt: skip
 
+    @alone
     def add_noise(self, rate_means: float, noise_scale: float = 5e5) -> None:
         """Adds MCMC's exploration noise to the means; it matters for opacities below about 0.1.
 
@@ -162,6 +197,7 @@ class GaussianOptimizer:
         """
         _core.mcmc_noise(self.arrays[0], self.size, rate_means, noise_scale, self.seed, self.steps)
 
+    @alone
     def accumulate(
         self, grad_means: np.ndarray, distances: np.ndarray, visible: np.ndarray | None = None
     ) -> None:
@@ -178,16 +214,19 @@ class GaussianOptimizer:
             self.gradient_sum, self.seen,
         )  # fmt: skip
 
+    @alone
     def restarted(self, gaussians: Gaussians) -> GaussianOptimizer:
         """An optimizer of other Gaussians, with moments of 0, that goes on counting steps."""
         new = GaussianOptimizer(gaussians, seed=self.seed, surfels=self.surfels)
         new.steps = self.steps
         return new
 
+    @alone
     def reset_opacities(self, max_opacity: float = 0.01) -> None:
         """Lowers all opacities to at most max_opacity and zeroes their moments (3DGS)."""
         _core.reset_opacities(*self.arrays, self.size, max_opacity)
 
+    @alone
     def state_dict(self) -> dict[str, np.ndarray]:
         """Everything that later calls depend on, as copies of numpy arrays (for np.savez)."""
         state = {
@@ -201,6 +240,7 @@ class GaussianOptimizer:
         state["seed"] = np.array(self.seed, np.uint64)
         return state
 
+    @alone
     def load_state_dict(self, state: dict[str, np.ndarray]) -> None:
         """Goes on exactly where state_dict was taken; the capacity stays or grows.
 
@@ -229,11 +269,13 @@ class GaussianOptimizer:
             getattr(self, name)[:] = state[name]
         self.steps, self.seed = int(state["steps"]), int(state["seed"])
 
+    @alone
     def reserve(self, rows: int) -> None:
         """Makes room for `rows` Gaussians."""
         if rows > self.capacity:
             self._set_capacity(max(rows, int(_GROWTH * self.capacity)))
 
+    @alone
     def sort_by_place(self) -> None:
         """Brings rows that are near in space together in memory, with all that belongs to them.
 
@@ -247,6 +289,7 @@ class GaussianOptimizer:
         for name in _STATISTICS:
             setattr(self, name, getattr(self, name)[order])
 
+    @alone
     def resize(self, size: int) -> None:
         """From here on `size` rows are alive; their statistics begin anew."""
         self.size = size

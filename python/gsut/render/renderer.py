@@ -51,7 +51,7 @@ class Render:
     behind: np.ndarray | None = None
     # Backward passes of one image share its renderer's buffers: one at a time.
     _turn: threading.Lock = dataclasses.field(
-        default_factory=threading.Lock, init=False, repr=False, compare=False
+        default_factory=threading.Lock, repr=False, compare=False
     )
 
     def __repr__(self) -> str:
@@ -60,7 +60,10 @@ class Render:
 
     def statistics(self) -> dict[str, int]:
         """Counts of the tiled path: num_visible, num_pairs, num_contributing_pairs ..."""
-        return {} if self.renderer is None else self.renderer.statistics()
+        if self.renderer is None:
+            return {}
+        with self._turn:
+            return self.renderer.statistics()
 
 
 @dataclasses.dataclass

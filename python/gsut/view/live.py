@@ -91,15 +91,15 @@ class LiveTraining:
             self._stage.gaussians = None  # the next step changes them
 
     def _work_off(self, wait: float) -> None:
-        """Draws what is asked for now, or within so many seconds."""
+        """Draws what is asked for now, or within so many seconds. What is asked for meanwhile waits
+        for the next step: pages that ask again at once would keep the training for ever."""
         try:
-            work, answer = self._jobs.get(timeout=wait) if wait else self._jobs.get_nowait()
-            while True:
+            for number in range(max(1, self._jobs.qsize())):
+                work, answer = self._jobs.get(number == 0 and wait > 0, wait)
                 try:
-                    answer.set_result(work())
+                    answer.set_result(self._at_once(work))  # others draw once it is finished
                 except Exception as error:  # the asker's own, told there
                     answer.set_exception(error)
-                work, answer = self._jobs.get_nowait()
         except queue.Empty:
             return
 

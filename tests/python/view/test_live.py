@@ -2,6 +2,7 @@
 
 import json
 import threading
+import time
 import urllib.request
 
 import cv2
@@ -11,7 +12,7 @@ import pytest
 import gsut
 import rendered_dataset
 from gsut.cli import main
-from gsut.view import LiveTraining
+from gsut.view import LiveTraining, ViewServer
 from gsut.view.frames import MODES
 
 STEPS = 24
@@ -76,6 +77,62 @@ def test_training_that_is_looked_at_has_the_same_bits(scene, changes):
     truth = gsut.render(watched.gaussians, scene.cameras[0], scene.views[0].camera_from_world)
     last = pixels(live.session.frame(request(scene)))
     np.testing.assert_array_equal(last, gsut.to_uint8(truth.image))
+
+
+@pytest.mark.threads
+def test_eight_clients_of_a_training_leave_it_its_bits(scene):
+    alone = gsut.train(scene, options(), progress=False)
+    live = LiveTraining(scene, options())
+    frames, ended = [], threading.Event()
+
+    def look(address, number):
+        wanted = json.dumps(request(scene, mode=MODES[number % len(MODES)])).encode()
+        while not ended.is_set():
+            with urllib.request.urlopen(address + "frame", wanted, timeout=60) as reply:
+                frames.append(reply.read())
+            with urllib.request.urlopen(address + "training", timeout=60) as reply:
+                assert json.loads(reply.read())["state"] in ("training", "finished")
+
+    with ViewServer(live.session.routes) as server:
+        clients = [threading.Thread(target=look, args=(server.address, i)) for i in range(8)]
+
+        def watch(loop, row):
+            going = live.watch(loop, row)
+            if loop.step == 1:
+                for client in clients:
+                    client.start()
+            return going
+
+        watched = gsut.train(scene, options(), progress=False, watch=watch)
+        live.finish(watched.gaussians)
+        ended.set()
+        for client in clients:
+            client.join()
+    assert len(frames) >= len(clients)
+    assert bits(watched) == bits(alone)
+
+
+def test_a_page_that_asks_again_at_once_does_not_keep_the_training(scene):
+    live, answered = LiveTraining(scene, options()), []
+
+    def ask():
+        threading.Thread(target=live._draw, args=(work,), daemon=True).start()
+        while live._jobs.empty():
+            time.sleep(1e-4)
+
+    def work():
+        answered.append(live._step)
+        if live._step < STEPS and len(answered) < 2 * STEPS:
+            ask()
+
+    def watch(loop, row):
+        if loop.step == 1:
+            live.watch(loop, {})
+            ask()
+        return live.watch(loop, row)
+
+    gsut.train(scene, options(), progress=False, watch=watch)
+    assert answered == list(range(1, STEPS + 1))
 
 
 def test_training_pauses_goes_on_and_stops_with_what_there_is(scene, tmp_path):
