@@ -165,15 +165,16 @@ class TrainOptions:
 
     lr_means: float = option(
         None, "Learning rates", "centres", unit="x scene extent", low=0.0, high=1.0,
-        none="0.8 / steps within 4.8e-4 .. 3.2e-3", reason="+0.3 dB over the published 1.6e-4",
+        none="1.3 / steps up to 500 steps, 0.8 / steps from 1000, within 4.8e-4 .. 3.2e-3",
+        reason="+0.3 dB over the published 1.6e-4",
     )
     lr_means_final_factor: float = option(
         0.01, "Learning rates", "centres: last rate / first rate", low=0.0, high=1.0,
         low_open=True, reason="published; 0.05 costs 1.4 dB at 2000 steps",
     )
     lr_scales: float = option(
-        1.5e-2, "Learning rates", "logarithms of scales", low=0.0, high=1.0,
-        reason="3 x published",
+        None, "Learning rates", "logarithms of scales", low=0.0, high=1.0,
+        none="2e-2 up to 500 steps, 1.5e-2 from 1000", reason="3 x published",
     )
     lr_quats: float = option(
         4e-3, "Learning rates", "rotations", low=0.0, high=1.0, reason="4 x published")

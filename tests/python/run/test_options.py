@@ -43,7 +43,7 @@ def test_options_with_preset_keep_values_that_were_given():
 @pytest.mark.parametrize(
     ("steps", "lr_means", "lr_sh_rest", "noise", "densify_every"),
     [
-        (500, 1.6e-3, 1e-3, False, 50),
+        (500, 2.6e-3, 1e-3, False, 50),
         (1000, 8e-4, 1e-3, False, 50),
         (2000, 4.8e-4, 5e-4, True, 100),
     ],
