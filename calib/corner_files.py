@@ -47,7 +47,7 @@ def read_vnl(path: Path, board: Board) -> dict[str, np.ndarray]:
         BoardError: a line is not "filename x y level", or a board has another number of corners.
     """
     found: dict[str, list[tuple[float, float]]] = {}
-    for number, line in enumerate(path.read_text().splitlines(), 1):
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         words = line.split("#", 1)[0].split()
         if not words or words[1:2] == ["-"]:
             continue

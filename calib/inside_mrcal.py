@@ -26,7 +26,7 @@ from calib.bundle import Observation, State, minimise  # noqa: E402
 
 def read_model(text: str) -> mrcal.cameramodel:
     """A .cameramodel from its text."""
-    with tempfile.NamedTemporaryFile("w", suffix=".cameramodel") as file:
+    with tempfile.NamedTemporaryFile("w", encoding="utf-8", suffix=".cameramodel") as file:
         file.write(text)
         file.flush()
         return mrcal.cameramodel(file.name)
@@ -34,9 +34,9 @@ def read_model(text: str) -> mrcal.cameramodel:
 
 def model_text(model: mrcal.cameramodel) -> str:
     """The text of a .cameramodel."""
-    with tempfile.NamedTemporaryFile("r", suffix=".cameramodel") as file:
+    with tempfile.NamedTemporaryFile("r", encoding="utf-8", suffix=".cameramodel") as file:
         model.write(file.name)
-        return Path(file.name).read_text()
+        return Path(file.name).read_text(encoding="utf-8")
 
 
 def solved(question: dict) -> dict:
@@ -162,9 +162,9 @@ ANSWERS = {
 
 def main() -> None:
     """Reads the question's file, writes the answer's."""
-    question = json.loads(Path(sys.argv[1]).read_text())
+    question = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     answer = ANSWERS[question["do"]](question)
-    Path(sys.argv[2]).write_text(json.dumps(answer))
+    Path(sys.argv[2]).write_text(json.dumps(answer), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -89,7 +89,7 @@ def read_job(path: Path) -> Job:
         BoardError: not a job; the message names the file and the key.
     """
     try:
-        values: dict[str, Any] = json.loads(path.read_text())
+        values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, json.JSONDecodeError) as error:
         raise BoardError(f"{path}: not a readable job ({error})") from None
     known = {f.name for f in fields(Job)}

@@ -69,16 +69,17 @@ def ask(question: dict[str, Any]) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="gsut-calib-") as name:
         folder = Path(name)
         asked, answered = folder / "question.json", folder / "answer.json"
-        asked.write_text(json.dumps(question))
+        asked.write_text(json.dumps(question), encoding="utf-8")
         package = Path(gsut.__file__).parent
         _run([PYTHON, str(_INSIDE), str(asked), str(answered), str(package)], folder, "mrcal")
-        return json.loads(answered.read_text())
+        return json.loads(answered.read_text(encoding="utf-8"))
 
 
 def _run(command: Sequence[str], folder: Path, name: str) -> str:
     done = subprocess.run(
-        command, cwd=folder, env=_environment(), capture_output=True, text=True, check=False
-    )
+        command, cwd=folder, env=_environment(), capture_output=True, encoding="utf-8",
+        errors="replace", check=False,
+    )  # fmt: skip
     if done.returncode != 0:
         lines = [line for line in (done.stdout + done.stderr).splitlines() if line.strip()]
         said = " / ".join(lines[-_LINES_SHOWN:]) or f"exit status {done.returncode}"

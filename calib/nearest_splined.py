@@ -41,7 +41,7 @@ def nearest_splined(lens: Path, out: Path) -> list[str]:
     side = lens.with_suffix(".uncertainty.json")
     sigma = np.full(grid_pixels(camera.width, camera.height).shape[:2], UNKNOWN)
     if side.is_file():
-        rows = np.array(json.loads(side.read_text())[SIGMA_KEY])
+        rows = np.array(json.loads(side.read_text(encoding="utf-8"))[SIGMA_KEY])
         sigma = np.where(rows == NO_SIGMA, UNKNOWN, rows)
     domain = float(camera.with_valid_field_angle(None).max_angle)
     valid = camera.valid_field_angle or domain

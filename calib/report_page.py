@@ -28,7 +28,7 @@ def write_report_page(folder: Path, result: Result) -> Path:
     """Writes FOLDER/report.html."""
     values = report_values(result)
     page = render_page(
-        _TEMPLATE.read_text(),
+        _TEMPLATE.read_text(encoding="utf-8"),
         values=values,
         cameras=[_camera(result, index, values) for index in range(len(result.cameras))],
         title=f"Calibration of {result.job.out.name}",

@@ -67,7 +67,7 @@ def solve_camera(
         flat = [word for pair in arguments.items() for word in pair]
         size = ["--imagersize", str(first.width), str(first.height)]
         calibrate_cameras([*flat, *size, "camera0-*.jpg"], folder)
-        text = (folder / "camera-0.cameramodel").read_text()
+        text = (folder / "camera-0.cameramodel").read_text(encoding="utf-8")
     start = fisheye
     if lens != "splined":
         start = _start_by_opencv(photographs, board, lens)

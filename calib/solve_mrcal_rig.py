@@ -98,7 +98,7 @@ def solve_together(
         size = ["--imagersize", str(cameras[0].width), str(cameras[0].height)]
         globs = [f"camera{index}-*.jpg" for index in range(len(cameras))]
         calibrate_cameras([*flat, *size, *globs], folder)
-        text = (folder / "camera-0.cameramodel").read_text()
+        text = (folder / "camera-0.cameramodel").read_text(encoding="utf-8")
     # mrcal 2.2 refuses --seed without --focal and with it: its solve is taken up again by its
     # Python module, from the lenses and poses that the cameras' own solves gave.
     boards: dict[str, list[float]] = {}

@@ -1,8 +1,8 @@
 """While the command line imports, Ctrl-C ends it at once and silently: nothing has begun.
 
 An exception in the midst of an import would be a traceback, or another error of the library that is
-being imported. A core that cannot be used is told in a sentence. A program that imports gsut keeps
-its own way with signals and errors.
+being imported. What cannot be imported, as where memory is short, is told in a sentence. A program
+that imports gsut keeps its own way with signals and errors.
 """
 
 import os
@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 from pathlib import Path
+from typing import Any
 
 
 def _is_command() -> bool:
@@ -20,8 +21,9 @@ def _is_command() -> bool:
 
 
 def done() -> None:
-    """From now on Ctrl-C raises KeyboardInterrupt again."""
+    """From now on Ctrl-C raises KeyboardInterrupt again, and errors are the command's."""
     global _waits
+    sys.excepthook = sys.__excepthook__
     if _waits:
         _waits = False
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -35,9 +37,18 @@ _waits = (
 if _waits:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-if _is_command() and not os.environ.get("GSUT_DEBUG"):
-    try:
-        import gsut._core  # noqa: F401
-    except ImportError as error:  # an unknown GSUT_ISA, or a library that is missing
-        print(f"gsut: error: {error}", file=sys.stderr)
-        sys.exit(2)
+
+def _tell(kind: type[BaseException], error: BaseException, trace: Any) -> None:
+    """An unknown GSUT_ISA, a library that is missing or has no memory: the end of the command."""
+    if not isinstance(error, (ImportError, OSError, MemoryError)):
+        return sys.__excepthook__(kind, error, trace)
+    said = " ".join(str(error).split()) or "there is not enough memory to begin"
+    print(f"gsut: error: {said}", file=sys.stderr)
+    sys.exit(2)
+
+
+if _is_command():
+    os.environ.pop("MPLBACKEND", None)  # plots are files: no window, whatever is asked for
+    if not os.environ.get("GSUT_DEBUG"):
+        sys.excepthook = _tell
+    import gsut._core  # noqa: F401

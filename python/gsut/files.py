@@ -186,6 +186,21 @@ def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:
         temporary.write_bytes(content)
 
 
+def write_picture(path: str | os.PathLike[str], pixels: Any, quality: int | None = None) -> None:
+    """Writes a picture in the format of its name, see `whole_file`.
+
+    Args:
+        path: the file.
+        pixels: (H, W, 3) uint8 blue, green, red, or (H, W) uint8 or uint16, as OpenCV takes them.
+        quality: of JPEG, up to 100.
+    """
+    import cv2  # whose own writer of files does not say why it fails, and leaves what it began
+
+    flags = [] if quality is None else [cv2.IMWRITE_JPEG_QUALITY, quality]
+    _, data = cv2.imencode(Path(path).suffix, pixels, flags)
+    write_file(path, data.tobytes())
+
+
 def write_json(path: str | os.PathLike[str], value: Any) -> None:
     """Writes `json_text`, see `whole_file`."""
     write_file(path, json_text(value) + "\n")

@@ -171,7 +171,7 @@ def _found(folder: Path, writes: Collection[str] | None) -> set[str]:
 def _owner(marker: Path) -> str | None:
     """The command that the marker names; None where it was torn by a crash."""
     try:
-        content: Any = json.loads(marker.read_text())
+        content: Any = json.loads(marker.read_text(encoding="utf-8"))
         return str(content["command"])
     except (OSError, ValueError, TypeError, KeyError):
         return None

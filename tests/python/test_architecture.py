@@ -175,6 +175,13 @@ def test_cpp_files_have_one_job():
 # --- every file -----------------------------------------------------------------------------------
 
 
+def test_text_files_are_read_and_written_as_utf8_whatever_the_locale():
+    checked = files(ROOT, ("python/gsut", "calib"), ".py")
+    unsaid = re.compile(r"\.read_text\(\)|\btext=True")
+    assert len(checked) > 300
+    assert [str(p) for p in checked if unsaid.search(p.read_text("utf-8"))] == []
+
+
 def test_files_say_their_job_in_the_first_line():
     starts = {".h": "// ", ".cpp": "// ", ".inc": "// ", ".py": '"""', ".pyi": '"""'}
     checked = files(ROOT, ("cpp", "python", "calib", "tests"), *starts)

@@ -1,11 +1,21 @@
 """The writer of files: whole or not at all, with a clear sentence where it cannot."""
 
+import errno
 import json
 
+import numpy as np
 import pytest
 
 from gsut import InputError
-from gsut.files import refuse_existing, whole_file, write_file, write_json
+from gsut.data.export import copy_file
+from gsut.files import (
+    WriteError,
+    refuse_existing,
+    whole_file,
+    write_file,
+    write_json,
+    write_picture,
+)
 
 
 def test_file_whose_writing_fails_leaves_the_old_one(tmp_path):
@@ -17,6 +27,18 @@ def test_file_whose_writing_fails_leaves_the_old_one(tmp_path):
         raise KeyboardInterrupt
     assert json.loads(path.read_text()) == [{"a": 1}]
     assert [entry.name for entry in tmp_path.iterdir()] == ["rows.json"]
+
+
+@pytest.mark.parametrize("write", [write_picture, lambda path, _: copy_file(__file__, path)])
+def test_a_full_disk_is_told_of_the_file_that_is_written(write, tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device", __file__)
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    monkeypatch.setattr("shutil.copyfile", full)
+    with pytest.raises(WriteError, match=r"cannot write .*a\.jpg: No space left on device"):
+        write(tmp_path / "a.jpg", np.zeros((4, 4, 3), np.uint8))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_file_into_no_folder_is_refused_and_named(tmp_path):

@@ -208,7 +208,7 @@ class _Worker:
         if self.process is None:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "gsut.blocks.worker", str(self._threads)],
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, encoding="utf-8",
                 env=os.environ | {"GSUT_ISA": _core.active_isa()},
             )  # fmt: skip
         process = self.process

@@ -17,7 +17,7 @@ from gsut.capture.strip import write_strip
 from gsut.capture.track import places_at, track_of
 from gsut.capture.video import Video, camera_in
 from gsut.data import CAPTURE, capture_state, read_capture
-from gsut.files import whole_file, write_json
+from gsut.files import write_json, write_picture
 
 OnProgress = Callable[[str, int, int, str], None]
 IMAGES = "images"  # folder of the frames, beside capture.json
@@ -229,7 +229,6 @@ def _write(
             if number not in wanted:
                 continue
             target = folder / wanted[number]
-            with whole_file(target) as temporary:
-                cv2.imwrite(str(temporary), pixels, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+            write_picture(target, pixels, _JPEG_QUALITY)
             told("frames", names.index(target.name) + 1, len(names), target.name)
     return search.found

@@ -17,7 +17,7 @@ from gsut._core import InputError
 from gsut.capture.frames import IMAGES, Capture
 from gsut.capture.video import stream_start
 from gsut.data import CAPTURE, read_capture
-from gsut.files import whole_file, write_json
+from gsut.files import write_json, write_picture
 from gsut.lens import Camera, camera_values
 
 LENSES = ["front", "back"]
@@ -171,8 +171,7 @@ def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: flo
             part = _cut(pixels[:, number * half : (number + 1) * half], *corner, side)
             stem = row["name"].replace("/", "-").rsplit(".", 1)[0]
             target = folder / IMAGES / name / f"{stem}.jpg"
-            with whole_file(target) as temporary:
-                cv2.imwrite(str(temporary), part, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+            write_picture(target, part, _JPEG_QUALITY)
             own = f"{name}/{target.name}"
             flow = _flow_in(row.get("flow"), number * half + corner[0], corner[1], side)
             rows.append({**row, "name": own, "path": f"{IMAGES}/{own}", "mask": MASK, "flow": flow})
@@ -218,8 +217,6 @@ def _write_mask(
     path: Path, lens: Camera, radius: float | None, nadir: float, zenith: float
 ) -> None:
     """An image that is white inside the circle and outside the caps."""
-    import cv2
-
     rays, valid = lens.rays()
     mask = np.array(valid)
     down = np.degrees(np.arccos(np.clip(np.nan_to_num(rays[:, :, 1]), -1, 1)))
@@ -230,5 +227,4 @@ def _write_mask(
     if radius is not None:
         y, x = np.mgrid[: lens.height, : lens.width] + 0.5
         mask &= np.hypot(x - lens.width / 2, y - lens.height / 2) < radius
-    with whole_file(path) as temporary:
-        cv2.imwrite(str(temporary), mask.astype(np.uint8) * 255)
+    write_picture(path, mask.astype(np.uint8) * 255)

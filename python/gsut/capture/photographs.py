@@ -23,7 +23,7 @@ from gsut.capture.exif import RAW_SUFFIXES, PhotographFacts, read_facts
 from gsut.capture.frames import IMAGES, Capture, OnProgress, finished_capture
 from gsut.capture.strip import write_strip
 from gsut.data import CAPTURE, IMAGE_SUFFIXES, capture_state, find_mask, some_names
-from gsut.files import regular, whole_file, write_json
+from gsut.files import regular, write_json, write_picture
 
 HEIF_SUFFIXES = (".heic", ".heif")
 PHOTOGRAPH_SUFFIXES = (*IMAGE_SUFFIXES, *HEIF_SUFFIXES, *RAW_SUFFIXES)
@@ -276,9 +276,7 @@ def _copy(plan: _Plan, folder: Path) -> Path:
         pixels = cv2.resize(pixels, plan.size, interpolation=cv2.INTER_AREA)
     stem = plan.name.replace("/", "-").rsplit(".", 1)[0]
     target = folder / IMAGES / f"{stem}-{plan.facts.path.suffix[1:].lower()}.jpg"
-    with whole_file(target) as temporary:
-        bgr = np.ascontiguousarray(pixels[:, :, ::-1])
-        cv2.imwrite(str(temporary), bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    write_picture(target, np.ascontiguousarray(pixels[:, :, ::-1]), _JPEG_QUALITY)
     return target
 
 

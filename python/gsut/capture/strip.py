@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut.data import STRIP
-from gsut.files import whole_file
+from gsut.files import write_picture
 
 _HEIGHT = 96  # of a picture, pixels
 _WIDEST = 4  # heights: what is wider is squeezed
@@ -25,8 +25,6 @@ def write_strip(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
         folder: of a capture.
         rows: "frames" of capture.json.
     """
-    import cv2
-
     shown = [rows[i] for i in np.unique(np.linspace(0, len(rows) - 1, _MOST).round().astype(int))]
     tiles = [_tile(folder / row["path"], row) for row in shown]
     width = max(tile.shape[1] for tile in tiles)
@@ -37,8 +35,7 @@ def write_strip(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
             left = place * (width + 4)
             line[: tile.shape[0], left : left + tile.shape[1]] = tile
         lines.append(line)
-    with whole_file(folder / STRIP) as temporary:
-        cv2.imwrite(str(temporary), np.concatenate(lines))
+    write_picture(folder / STRIP, np.concatenate(lines))
 
 
 def _tile(path: Path, row: dict[str, Any]) -> np.ndarray:

@@ -35,7 +35,7 @@ def track_of(video: Path) -> np.ndarray:
     for suffix in (".SRT", ".srt"):
         subtitles = video.with_suffix(suffix)
         if subtitles.is_file():
-            return _plausible(_of_subtitles(subtitles.read_text(errors="replace")))
+            return _plausible(_of_subtitles(subtitles.read_text("utf-8", "replace")))
     found: dict[str, list[np.ndarray]] = {}
     for start, length, payload in _payloads(video):
         for name, rows in _positions(payload):

@@ -84,7 +84,7 @@ def run_command(
         finally:
             sys.stdout.flush()  # here its failure can be told
     except KeyboardInterrupt as interrupt:
-        print(f"\ngsut: {str(interrupt) or _STOPPED}", file=sys.stderr)
+        _say(f"\ngsut: {str(interrupt) or _STOPPED}")
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader of a pipe, such as head, has seen enough
         _drop_output()
@@ -123,13 +123,23 @@ def _sentence_of(error: Exception) -> str | None:
             return "the current folder is not there any more; go to another"
         where = f"{error.filename}: " if error.filename is not None else ""
         return f"{where}{error.strerror or error}"
+    if isinstance(error, ImportError) and error.path and not error.path.endswith(".py"):
+        return f"a library cannot be loaded: {error}; is memory short, or the installation damaged?"
     if isinstance(error, RuntimeError) and "Symlink loop" in str(error):  # before Python 3.13
         return f"{str(error).split(' from ')[-1]}: a symbolic link that leads to itself"
     return None
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    print(f"gsut: note: {message}", file=sys.stderr)
+    _say(f"gsut: note: {message}")
+
+
+def _say(line: str) -> None:
+    """On standard error, which may have gone, or be a file on a disk that is full."""
+    try:
+        print(line, file=sys.stderr, flush=True)
+    except OSError:
+        sys.stderr = io.StringIO()  # what it still holds cannot fail again
 
 
 def _drop_output() -> None:
@@ -141,7 +151,7 @@ def _drop_output() -> None:
 def _report(message: str) -> int:
     if os.environ.get(DEBUG_VARIABLE, "0") not in ("", "0"):
         traceback.print_exc()
-    print(f"gsut: error: {' '.join(message.split())}", file=sys.stderr)
+    _say(f"gsut: error: {' '.join(message.split())}")
     return EXIT_INPUT
 
 

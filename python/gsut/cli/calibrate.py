@@ -116,7 +116,7 @@ def run(arguments: argparse.Namespace) -> int:
     with held:
         status = make(arguments)
     if arguments.json and status == 0:
-        print_json(json.loads((Path(arguments.out).parent / _REPORT).read_text()))
+        print_json(json.loads((Path(arguments.out).parent / _REPORT).read_text(encoding="utf-8")))
     return status
 
 
@@ -146,7 +146,7 @@ def _from_boards(arguments: argparse.Namespace) -> int:
     }
     with tempfile.TemporaryDirectory(prefix="gsut-calibrate-") as folder:
         file = Path(folder) / "job.json"
-        file.write_text(json.dumps(job))
+        file.write_text(json.dumps(job), encoding="utf-8")
         return _run_calib("calib", str(file), silent=arguments.quiet or arguments.json)
 
 

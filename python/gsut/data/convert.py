@@ -33,7 +33,7 @@ from gsut.data.poses import inverse, rigid_transform
 from gsut.data.scene import Scene
 from gsut.data.times import seconds_text
 from gsut.data.trajectory import format_kitti, format_tum
-from gsut.files import staging_folder, whole_folder, write_file
+from gsut.files import staging_folder, whole_folder, write_file, write_picture
 from gsut.lens import Camera
 from gsut.run import Progress
 
@@ -305,7 +305,4 @@ def _stored(
 
 
 def _write_png(path: Path, pixels: np.ndarray) -> None:
-    import cv2
-
-    stored = pixels[..., ::-1] if pixels.ndim == 3 else pixels
-    write_file(path, cv2.imencode(_PNG, stored)[1].tobytes())
+    write_picture(path, pixels[..., ::-1] if pixels.ndim == 3 else pixels)

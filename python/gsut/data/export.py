@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import os
 import shutil
 from collections.abc import Callable, Sequence
@@ -14,7 +15,7 @@ from gsut._core import InputError
 from gsut.data.assemble import Frame
 from gsut.data.points import points_ply
 from gsut.data.poses import inverse
-from gsut.files import write_file
+from gsut.files import WriteError, write_file
 from gsut.lens import Camera
 
 POINTS = "points3D.ply"
@@ -49,7 +50,12 @@ class Export:
 def copy_file(source: Path, target: Path) -> None:
     """Copies a file, making the folders above it."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(source, target)
+    try:
+        shutil.copyfile(source, target)
+    except OSError as error:  # of which it names the source, whatever failed
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            raise
+        raise WriteError(f"cannot write {target}: {error.strerror}; is the disk full?") from None
 
 
 def link_file(source: Path, target: Path) -> None:

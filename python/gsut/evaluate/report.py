@@ -52,7 +52,9 @@ def write_report(run: RunFolder) -> Path:
     environment = run.read_json(ENVIRONMENT) or {}
     options = run.read_options()
     history = run.read_history()
-    source = importlib.resources.files("gsut.evaluate").joinpath("report.html.j2").read_text()
+    source = (
+        importlib.resources.files("gsut.evaluate").joinpath("report.html.j2").read_text("utf-8")
+    )
     page = render_page(
         source,
         metrics=metrics,

@@ -72,8 +72,8 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     parts = importlib.resources.files(__package__) / "supersplat"
     page = _PAGE.format(
         title=path.stem.replace("&", "&amp;").replace("<", "&lt;"),
-        license=(parts / "LICENSE").read_text(),
-        style=(parts / "viewer.css").read_text(),
+        license=(parts / "LICENSE").read_text(encoding="utf-8"),
+        style=(parts / "viewer.css").read_text(encoding="utf-8"),
         viewer=gzip.decompress((parts / "viewer.js.gz").read_bytes()).decode(),
         scene=scene,
         settings=json.dumps(_settings(gaussians, view)),

@@ -26,7 +26,7 @@ def render_page(source: str, **values: Any) -> str:
     """
     import jinja2
 
-    base = importlib.resources.files("gsut.page").joinpath("page.html.j2").read_text()
+    base = importlib.resources.files("gsut.page").joinpath("page.html.j2").read_text("utf-8")
     environment = jinja2.Environment(
         autoescape=True,
         undefined=jinja2.StrictUndefined,

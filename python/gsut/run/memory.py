@@ -64,7 +64,7 @@ def _of_groups() -> list[int]:
     """What each control group that this process is in has left; of its own files in memory, those
     that can be dropped count as free."""
     try:
-        lines = _OWN_GROUPS.read_text().splitlines()
+        lines = _OWN_GROUPS.read_text("ascii").splitlines()
     except OSError:
         return []
     found = []
@@ -85,8 +85,8 @@ def _of_groups() -> list[int]:
 
 def _left_in(group: Path, most: str, used: str, droppable: str) -> int | None:
     try:
-        free = int((group / most).read_text()) - int((group / used).read_text())
-        rows = dict(row.split() for row in (group / "memory.stat").read_text().splitlines())
+        free = int((group / most).read_text("ascii")) - int((group / used).read_text("ascii"))
+        rows = dict(row.split() for row in (group / "memory.stat").read_text("ascii").splitlines())
         return free + int(rows.get(droppable, 0))
     except (OSError, ValueError):  # "max": no limit
         return None
@@ -98,7 +98,7 @@ def _of_limit() -> list[int]:
         import resource
 
         limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
     except (ImportError, OSError, ValueError, IndexError):
         return []
     return [] if limit == resource.RLIM_INFINITY else [limit - pages * resource.getpagesize()]

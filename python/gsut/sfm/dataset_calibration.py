@@ -142,7 +142,7 @@ def _write_refined(
     more = write_dataset(solution, found.photographs, folder)
     listing = read_dataset(data)
     path = folder / TRANSFORMS
-    values = json.loads(path.read_text())
+    values = json.loads(path.read_text(encoding="utf-8"))
     names = [name for name, ok in zip(solution.names, solution.registered, strict=True) if ok]
     files = [frame["file_path"] for frame in values["frames"]]
     new_name = dict(zip(names, files, strict=True))

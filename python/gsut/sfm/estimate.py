@@ -310,7 +310,7 @@ def _shutter(
 
 def read_figures(out: Path) -> dict[str, Any]:
     """The content of poses.json of a finished run."""
-    return json.loads((out / FIGURES).read_text())
+    return json.loads((out / FIGURES).read_text(encoding="utf-8"))
 
 
 def done_already(

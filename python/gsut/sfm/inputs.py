@@ -31,6 +31,7 @@ from gsut.lens import (
 )
 
 FEWEST_IMAGES = 2
+_KINDS_LISTED = 5  # endings of names in a message
 # Kannala-Brandt coefficients of a perspective lens: tan(x) / x = 1 + x^2/3 + 2 x^4/15 + ...
 TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
 _MOST_CANDIDATES = 3  # of the database
@@ -118,11 +119,18 @@ def find_photographs(images: Path, lens: Path | None, *, with_lens: bool = True)
         camera = _lens_of(lens)
         found = dataclasses.replace(found, cameras=[camera] * len(found))
     if len(found) < FEWEST_IMAGES:
+        kinds = {path.suffix.lower() for path in images.rglob("*") if path.is_file()} - {""}
         raise InputError(
-            f"{images} holds {len(found)} image(s); poses need at least {FEWEST_IMAGES} that "
-            "overlap, better 20 or more"
+            f"{images} holds {len(found)} image(s){_other_kinds(kinds)}; poses need at least "
+            f"{FEWEST_IMAGES} that overlap, better 20 or more"
         )
     return found
+
+
+def _other_kinds(kinds: set[str]) -> str:
+    """What is said of files that are no pictures here, such as HEIC beside a given lens."""
+    listed = ", ".join(sorted(kinds)[:_KINDS_LISTED])
+    return f" among files of the kinds {listed}" if listed else ""
 
 
 def _of_dataset(path: Path) -> Photographs:

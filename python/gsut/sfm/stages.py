@@ -38,7 +38,7 @@ class Stages:
         self._folder = out / FOLDER
         of_key = digest(key)
         stored = self._folder / _KEY
-        if not (stored.is_file() and stored.read_text() == of_key):
+        if not (stored.is_file() and stored.read_text(encoding="utf-8") == of_key):
             shutil.rmtree(self._folder, ignore_errors=True)
         try:
             self._folder.mkdir(parents=True, exist_ok=True)

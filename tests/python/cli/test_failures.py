@@ -1,6 +1,7 @@
 """What goes wrong around a command ends in one sentence and an exit status, never a traceback."""
 
 import argparse
+import contextlib
 import json
 import os
 import re
@@ -12,6 +13,7 @@ import pytest
 
 import gsut
 from formats.scene_cases import plain_scene
+from gsut import _starting
 from gsut.cli import EXIT_INPUT, EXIT_PIPE, main, run_command
 
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(gsut.__file__).parent.parent)}
@@ -89,6 +91,32 @@ def test_output_onto_a_full_disk_is_told():
         )  # fmt: skip
     assert done.returncode == EXIT_INPUT
     assert done.stderr == b"gsut: error: No space left on device\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_an_error_that_cannot_be_told_keeps_its_status(monkeypatch):
+    with open("/dev/full", "w") as full:
+        monkeypatch.setattr("sys.stderr", full)
+        assert main(["doctor", "nowhere"]) == EXIT_INPUT
+        with contextlib.suppress(OSError):
+            full.close()
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (ImportError("cv2.so: failed to map segment\nIMPORTANT", path="cv2.so"), "cv2.so: failed"),
+        (MemoryError(), "not enough memory"),
+    ],
+)
+def test_what_cannot_be_imported_is_one_sentence(error, said, capsys):
+    with pytest.raises(SystemExit) as ended:
+        _starting._tell(type(error), error, None)
+    assert ended.value.code == EXIT_INPUT
+    told = capsys.readouterr().err
+    assert told.startswith("gsut: error: ") and said in told and told.count("\n") == 1
+    if isinstance(error, ImportError):
+        assert status_of(error) == EXIT_INPUT
 
 
 def test_name_that_the_terminal_cannot_show_is_shown_escaped(tmp_path):
