@@ -140,7 +140,7 @@ class TrainOptions:
     init_count: int | None = option(
         None, "Gaussians", "number of first Gaussians", low=1, high=100_000_000,
         none="all points, and a far sky where photographs show one that has none; where there are "
-        "fewer than 10000, 20000 less twice as many from a plane sweep; 30000 if random",
+        "fewer than 2500, 20000 less eight times as many from a plane sweep; 30000 if random",
     )
     init_scale: float = option(
         0.5, "Gaussians", "first standard deviation", unit="x mean distance of 3 neighbours",

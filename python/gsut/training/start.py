@@ -25,9 +25,10 @@ from gsut.training.plane_sweep import swept_points
 # Random first Gaussians lie between these distances from a camera, in units of the scene's extent.
 _RANDOM_NEAR, _RANDOM_FAR = 0.05, 4.0
 _RANDOM_COUNT = 30_000
-# Where points are few a plane sweep finds others: so many, less twice the data's, and no more than
-# this share of the most Gaussians, which then grow where they are needed.
-_SWEPT_COUNT, _SWEPT_SHARE = 20_000, 0.4
+# Where points are few a plane sweep finds others: so many, less eight times the data's, and no more
+# than this share of the most Gaussians, which then grow where they are needed. Beside 3000 and more
+# it gains up to 0.5 dB, but distances are worse (median 4.7 % instead of 2.2 on a small hall).
+_SWEPT_COUNT, _EACH_POINT, _SWEPT_SHARE = 20_000, 8, 0.4
 # A background of its own: photographs that are looked at, and grey levels that are one colour.
 _LOOKED_AT, _ALIKE = 8, 2
 # Blurred is a photograph whose edges have less of this share of the contrast that those of its
@@ -170,7 +171,8 @@ def _swept_to_seed(
     """`swept_points`, where the options leave the first Gaussians open and points are few."""
     o = options
     given = _SWEPT_COUNT if o.init_count is None else o.init_count
-    count = min(given, round(_SWEPT_SHARE * o.max_gaussians)) - 2 * len(scene.points)
+    most = min(given, round(_SWEPT_SHARE * o.max_gaussians))
+    count = most - _EACH_POINT * len(scene.points)
     if o.init != "auto" or (o.init_count is not None and len(scene.points)) or count <= 0:
         return None
     return swept_points(scene, min(count, o.max_gaussians - len(scene.points) - sky), o.seed)

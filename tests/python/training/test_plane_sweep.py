@@ -91,15 +91,15 @@ def test_first_gaussians_of_photographs_without_texture_are_random() -> None:
 
 def test_first_gaussians_add_swept_ones_where_points_are_few_and_nothing_else_is_asked() -> None:
     scene = wall_scene(LENSES["pinhole"])
-    points = np.random.default_rng(0).uniform([-1, -1, 2], [1, 1, 4], (300, 3))
-    known = scene.replace(points=points, point_colors=np.full((300, 3), 128, np.uint8))
+    points = np.random.default_rng(0).uniform([-1, -1, 2], [1, 1, 4], (50, 3))
+    known = scene.replace(points=points, point_colors=np.full((50, 3), 128, np.uint8))
     counts = [
         (scene, {}, 800, 1),
-        (known, {}, 500, 1),  # 40 % of the most, less twice the points, beside these
-        (known, {"init": "points"}, 300, 0),
-        (known, {"max_gaussians": 1500}, 300, 0),
+        (known, {}, 450, 1),  # 40 % of the most, less eight times the points, beside these
+        (known, {"init": "points"}, 50, 0),
+        (known, {"max_gaussians": 1000}, 50, 0),
         (scene, {"init_count": 70}, 70, 1),
-        (known, {"init_count": 70}, 70, 0),
+        (known, {"init_count": 30}, 30, 0),
         (scene, {"init": "random", "init_count": 90}, 90, 0),
     ]
     for of, given, count, said in counts:
