@@ -15,7 +15,7 @@ namespace gsut {
 namespace HWY_NAMESPACE {
 
 // Blocks whose alphas are found together.
-inline constexpr int kBackwardJam = 4;
+inline constexpr int kBackwardJam = 2;
 
 // State of a tile's pixels, block by block: fields of kLanes floats.
 enum PixelField {
