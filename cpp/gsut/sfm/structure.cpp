@@ -26,7 +26,7 @@ constexpr double kGlobalTolerance = 1e-4;
 constexpr int kFinalIterations = 30;
 constexpr double kFinalTolerance = 1e-7;
 constexpr int kFinalRounds = 3;
-constexpr double kExtendTolerance = 1e-5;
+constexpr double kExtendTolerance = 1e-4;
 // Below this share of new observations, completing tracks again changes nothing.
 constexpr double kSettled = 5e-4;
 // Rolling shutters: the largest error while the structure grows, in units of the final one.

@@ -31,8 +31,8 @@ _KNOWN = 0.1  # share of the time that two standard deviations may be, for it to
 # Standard deviations from nothing, at least, and images that keep a pose.
 _CLEAR, _KEPT = 4.0, 0.95
 # The time is corrected so often at most, on so many images, until a step is this share of it; a
-# correction falls short by no more than that share. Velocities are held to this share meanwhile.
-_CORRECTIONS, _IMAGES, _SETTLED, _MOST_SHARE, _HELD = 4, 30, 0.03, 0.7, 1e-4
+# correction falls short by no more than that share. Velocities stay meanwhile.
+_CORRECTIONS, _IMAGES, _SETTLED, _MOST_SHARE, _HELD = 4, 30, 0.03, 0.7, 0.0
 _MATCHES = 150  # of a pair meanwhile: the most distinct
 # Of the diagonal: less motion during a readout is not worth the time that training takes longer.
 # The first estimate falls short by about that factor.
