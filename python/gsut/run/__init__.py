@@ -18,7 +18,7 @@ from gsut.run.folder import (
     RunFolder,
     read_plan,
 )
-from gsut.run.memory import check_fits, free_memory, size_text
+from gsut.run.memory import check_fits, free_memory, release_memory, size_text
 from gsut.run.option_fields import (
     MOST_WHOLE,
     add_option_flags,
@@ -80,6 +80,7 @@ __all__ = [
     "peak_rss_mb",
     "read_checkpoint",
     "read_plan",
+    "release_memory",
     "show_every_option",
     "size_text",
     "worst",

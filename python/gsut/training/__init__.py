@@ -12,12 +12,20 @@ from gsut.training.for_viewers import VIEWER_STEPS, ForViewers, tune_for_viewers
 from gsut.training.loop import TrainingLoop
 from gsut.training.photometric_poses import grow_poses
 from gsut.training.record import TrainingRecord
-from gsut.training.results import measure, measure_training, write_results
+from gsut.training.results import (
+    measure,
+    measure_training,
+    notes_on_place,
+    scene_comments,
+    write_findings,
+    write_results,
+)
 from gsut.training.start import (
     about_cameras,
     plain_background,
     prepare_scene,
     refine_first_poses,
+    seed_first,
     size_note,
     without_blurred,
 )
@@ -50,6 +58,7 @@ __all__ = [
     "load_run",
     "measure",
     "measure_training",
+    "notes_on_place",
     "open_trained",
     "plain_background",
     "prepare_scene",
@@ -57,10 +66,13 @@ __all__ = [
     "read_scene",
     "read_trained",
     "refine_first_poses",
+    "scene_comments",
+    "seed_first",
     "size_note",
     "tune_for_viewers",
     "with_most",
     "without_blurred",
     "write_compacted_run",
+    "write_findings",
     "write_results",
 ]

@@ -17,7 +17,7 @@ from gsut.training.loop import TrainingLoop
 from gsut.training.time_left import TrainingTime
 
 # Held-out views that the curve of PSNR is measured on: a few, spread evenly.
-_CURVE_VIEWS = 8
+_CURVE_VIEWS = 4
 _MOST_ROWS = 200  # of the history, about
 _CHECKPOINT_SECONDS = 60.0  # after which a checkpoint is due, whatever the step
 
