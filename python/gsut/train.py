@@ -70,7 +70,7 @@ def train(
         out: run folder that gets scene.ply, metrics.json, report.html, checkpoints ...; None: no
             files.
         resume: go on from the checkpoint in `out`, to the same bits as an unbroken run.
-        progress: True shows a bar; a function gets each row of the history.
+        progress: True shows a bar; a function gets each row of the history, with "seconds_left".
         watch: called after each step with the loop, to look at and not to change, and its row of
             the history ({} for most steps); the training ends where it returns False.
 

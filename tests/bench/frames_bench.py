@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import tempfile
 import time
@@ -12,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from gsut.capture import capture
-from gsut.cli.poses import InStages, pose_seconds
+from gsut.cli.poses import PosesStages
 from gsut.files import write_file
-from gsut.run import StagedProgress
 from gsut.sfm import PosesOptions, PosesResult, find_poses
 from tests.bench.poses_bench import PosesBenchOptions, measure_pycolmap
 from tests.bench.report_rows import table_text
+from tests.bench.time_left import WatchedProgress, right_percent
 
 HELP = "poses of ever more frames of one video: seconds by stage, same bits on any threads"
 COLUMNS = (
@@ -37,8 +38,6 @@ COLUMNS = (
 _STAGES = ("features", "matching", "mapping")
 # Stages that use all threads: of their processor seconds so many are one second of the clock.
 _PARALLEL = {"features": 2, "preview": 2, "matching": 2, "verifying": 2}
-_RIGHT = 1.5  # factor within which the time left is right
-_LAST = 0.9  # of the time: later there is too little left to tell
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -94,14 +93,17 @@ def run(arguments: argparse.Namespace) -> int:
 
 def measure(captured: Path, out: Path, options: PosesOptions) -> tuple[dict[str, Any], PosesResult]:
     """The row of one run, and what it found."""
-    told: list[tuple[float, str, int, int]] = []
+    clock = _OneThread()
+    with WatchedProgress({}, clock=clock) as bars, contextlib.closing(PosesStages(bars)) as stages:
 
-    def on_progress(stage: str, done: int, total: int, _: str) -> None:
-        told.append((time.process_time(), stage, done, total))
+        def on_progress(stage: str, done: int, total: int, text: str) -> None:
+            clock.stage = stage
+            stages.show(stage, done, total, text)
 
-    begin = time.process_time()
-    found = find_poses(captured, out, options=options, on_progress=on_progress)
-    told.append((time.process_time(), "end", 0, 0))
+        found = find_poses(
+            captured, out, options=options, on_progress=on_progress, on_expected=stages.expect
+        )
+    shown = bars.shown_until(clock())
     figures = found.figures
     row = {
         **dict.fromkeys(key for _, key, _ in COLUMNS),
@@ -112,30 +114,23 @@ def measure(captured: Path, out: Path, options: PosesOptions) -> tuple[dict[str,
         **{f"{name}_cpu_seconds": figures["cpu_seconds"][name] for name in (*_STAGES, "total")},
         "frame_cpu_seconds": figures["cpu_seconds"]["total"] / figures["images"],
         "median": figures["reprojection_error_px"]["median"],
-        "left_percent": 100 * float(np.mean(_left_is_right(captured, told, begin, options))),
+        "left_percent": right_percent(shown),
     }
     return row, found
 
 
-def _left_is_right(
-    captured: Path, told: list[tuple[float, str, int, int]], begin: float, options: PosesOptions
-) -> np.ndarray:
-    """(N,) bool: whether the time left that was shown was that which was left."""
-    taken = json.loads((captured / "capture.json").read_text())
-    expected = pose_seconds(taken, options.shutter, False)
-    now, before, shown_at, shown = 0.0, begin, [], []
-    bars = StagedProgress(expected, enabled=False, clock=lambda: now)
-    stages = InStages(bars, expected)
-    for moment, stage, done, total in told:
-        now += (moment - before) / _PARALLEL.get(stage, 1)
-        before = moment
-        if stage != "end":
-            stages.show(stage, done, total, "")
-            shown_at.append(now)
-            shown.append(bars.left())
-    early = np.array(shown_at) < _LAST * now
-    ratio = np.array(shown)[early] / (now - np.array(shown_at)[early])
-    return (ratio < _RIGHT) & (ratio > 1 / _RIGHT)
+class _OneThread:
+    """A clock of processor seconds, those of stages on all threads divided."""
+
+    def __init__(self) -> None:
+        self.stage = ""
+        self._before, self._now = time.process_time(), 0.0
+
+    def __call__(self) -> float:
+        moment = time.process_time()
+        self._now += (moment - self._before) / _PARALLEL.get(self.stage, 1)
+        self._before = moment
+        return self._now
 
 
 def _same(one: PosesResult, other: PosesResult) -> bool:

@@ -34,6 +34,8 @@ COLUMNS = (
 )
 _TRACED = 400, 300
 _FIELD = 72.0  # degrees across
+# Photographs a second of the walk, and of a round about the table: 23 degrees apart at most.
+_RATE, _ROUND = 3.0, 40
 _FULL_FRAME = 43.27  # mm, diagonal, which EXIF's focal length is given for
 _NOISE = 2.0  # grey levels
 _QUALITY = 92
@@ -87,7 +89,9 @@ def write_photographs(folder: Path, count: int, megapixels: float) -> None:
     from PIL import Image
 
     camera = lens_of_field(*_TRACED, _FIELD, 1.0)
-    film = Film(camera, walk(float(count), seed=21), float(count), 1.0, 0.0, 0.0, seed=21)
+    seconds = count / _RATE
+    path = walk(seconds, around=count / _ROUND, seed=21)
+    film = Film(camera, path, seconds, _RATE, 0.0, 0.0, seed=21)
     width = 4 * round((megapixels * 1e6 * _TRACED[0] / _TRACED[1]) ** 0.5 / 4)
     size = width, width * _TRACED[1] // _TRACED[0]
     noise = np.random.default_rng(3).normal(0, _NOISE, (size[1] + 64, size[0] + 64, 1))

@@ -11,10 +11,9 @@
 #include "gsut/base/errors.h"
 #include "gsut/base/interrupt.h"
 #include "gsut/sfm/bundle.h"
-#include "gsut/sfm/bundle_cost.h"
+#include "gsut/sfm/bundle_residual.h"
 #include "gsut/geometry/camera_chain.h"
-#include "gsut/sfm/lens_evaluation.h"
-#include "gsut/sfm/pose_manifold.h"
+#include "gsut/geometry/pose_block.h"
 #include "synthetic_bundle.h"
 
 namespace gsut {
@@ -42,7 +41,6 @@ Eigen::Vector2d Output(const CameraChain& chain, const Eigen::Vector3d& point,
 TEST(CameraChain, DerivativesAgreeWithCentralDifferences) {
   constexpr double kStep = 1e-5;
   Numbers numbers(41);
-  const PoseManifold manifold;
   int cases = 0;
   for (int i = 0; i < 40; ++i) {
     PoseBlock pose = ToBlock(numbers.RandomPose(1.0));
@@ -74,7 +72,8 @@ TEST(CameraChain, DerivativesAgreeWithCentralDifferences) {
         Eigen::Vector2d sides[2];
         for (int side = 0; side < 2; ++side) {
           change[k] = side == 0 ? kStep : -kStep;
-          manifold.Plus(kept.data(), change.data(), block->data());
+          *block = kept;
+          AddToPose(change, block);
           sides[side] = out();
         }
         *block = kept;
@@ -201,58 +200,54 @@ Bundle RigBundle(std::uint64_t stream) {
   return bundle;
 }
 
-TEST(ReprojectionCost, DerivativesOnARigAgreeWithCentralDifferences) {
+TEST(ObservationResidual, DerivativesOnARigAgreeWithCentralDifferences) {
   constexpr double kStep = 1e-5;
   constexpr double kBound = 7.6e-11;  // relative to the largest derivative; worst 3.8e-11
   Bundle bundle = RigBundle(47);
   Disturb(&bundle, 46);
   BundleState state(bundle);
-  const PoseManifold manifold;
   int mounted = 0, compared = 0;
   for (const bool through_lens : {false, true}) {
     LensEvaluation evaluation(bundle, state, false);
     for (int i = 0; i < static_cast<int>(bundle.observations.size()); i += 37) {
-      const ReprojectionCost cost(bundle, state, i, through_lens ? &evaluation : nullptr, false);
-      const std::vector<double*> blocks = cost.Blocks(&state);
-      mounted += blocks.size() == 3;
-      const auto residual = [&](double** jacobians) {
-        Eigen::Vector2d out;
-        evaluation.PrepareForEvaluation(jacobians != nullptr, true);
-        EXPECT_TRUE(cost.Evaluate(blocks.data(), out.data(), jacobians));
+      const auto evaluated = [&] {
+        ObservationResidual out;
+        evaluation.Evaluate(true);
+        EXPECT_TRUE(
+            EvaluateObservation(bundle, state, i, through_lens ? &evaluation : nullptr, &out));
         return out;
       };
-      std::vector<std::vector<double>> found;
-      std::vector<double*> places;
-      for (const int size : cost.parameter_block_sizes()) found.emplace_back(2 * size);
-      places.reserve(found.size());
-      for (std::vector<double>& each : found) places.push_back(each.data());
-      residual(places.data());
-      double largest = 1.0;
-      for (const std::vector<double>& each : found) {
-        for (const double value : each) largest = std::max(largest, std::abs(value));
-      }
-      for (std::size_t b = 0; b < blocks.size(); ++b) {
-        const int size = cost.parameter_block_sizes()[b];
-        const std::vector<double> kept(blocks[b], blocks[b] + size);
-        const bool pose = size == 7;
-        for (int k = 0; k < (pose ? kPoseTangent : size); ++k) {
+      const ChainDerivatives by = evaluated().by;
+      const int image = bundle.observations[i].image, mount = state.mount_of_image[image];
+      const bool on_mount = mount >= 0;
+      mounted += on_mount;
+      const double largest =
+          std::max({1.0, by.by_pose.cwiseAbs().maxCoeff(), by.by_point.cwiseAbs().maxCoeff(),
+                    on_mount ? by.by_mount.cwiseAbs().maxCoeff() : 0.0});
+      const auto compare = [&](auto* values, int count, const auto& expected, const auto& add) {
+        const auto kept = *values;
+        for (int k = 0; k < count; ++k) {
           Eigen::Vector2d sides[2];
           for (int side = 0; side < 2; ++side) {
-            std::vector<double> change(size, 0.0);
-            change[k] = side == 0 ? kStep : -kStep;
-            if (pose) {
-              manifold.Plus(kept.data(), change.data(), blocks[b]);
-            } else {
-              for (int c = 0; c < size; ++c) blocks[b][c] = kept[c] + change[c];
-            }
-            sides[side] = residual(nullptr);
+            *values = kept;
+            add(k, side == 0 ? kStep : -kStep);
+            sides[side] = evaluated().residual;
           }
-          std::copy(kept.begin(), kept.end(), blocks[b]);
-          const Eigen::Vector2d expected(found[b][k], found[b][size + k]);
-          EXPECT_LT(((sides[0] - sides[1]) / (2 * kStep) - expected).norm(), kBound * largest);
+          *values = kept;
+          EXPECT_LT(((sides[0] - sides[1]) / (2 * kStep) - expected.col(k)).norm(),
+                    kBound * largest);
           ++compared;
         }
-      }
+      };
+      const auto compare_pose = [&](PoseBlock* pose, const auto& expected) {
+        compare(pose, kPoseTangent, expected, [&](int k, double step) {
+          AddToPose(step * Eigen::Matrix<double, kPoseTangent, 1>::Unit(k), pose);
+        });
+      };
+      compare_pose(&state.poses[state.body_of_image[image]], by.by_pose);
+      if (on_mount) compare_pose(&state.mounts[mount], by.by_mount);
+      Eigen::Vector3d& point = state.points[bundle.observations[i].point];
+      compare(&point, 3, by.by_point, [&](int k, double step) { point[k] += step; });
     }
   }
   EXPECT_GT(mounted, 10);

@@ -8,7 +8,7 @@
 namespace gsut {
 
 // While it lives, what this thread calls asks every tenth of a second whether to end: ParallelFor
-// before each of its chunks on this thread, Ceres after each iteration, and CheckInterrupt. What
+// before each of its chunks on this thread, solvers after each iteration, and CheckInterrupt. What
 // was being made is lost then. One lives at a time on a thread; a second leaves the first in place.
 class InterruptCheck {
  public:

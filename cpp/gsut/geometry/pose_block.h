@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <array>
+#include <cmath>
 
 #include "gsut/geometry/pose.h"
 
@@ -36,6 +37,21 @@ inline Pose FromBlock(const PoseBlock& block) {
   pose.rotation = RotationOf(block.data());
   pose.translation = -(pose.rotation * CenterOf(block.data()));
   return pose;
+}
+
+// Changes a pose along its tangent.
+inline void AddToPose(const Eigen::Matrix<double, kPoseTangent, 1>& change, PoseBlock* pose) {
+  const Eigen::Vector3d turn = change.tail<3>();
+  const double half = 0.5 * turn.norm();
+  // sin(half) / (2 half), by its series where it would be 0 / 0.
+  constexpr double kSmall = 1e-4;
+  const double factor =
+      half < kSmall ? 0.5 * (1.0 - half * half / 6.0) : 0.5 * std::sin(half) / half;
+  const Eigen::Quaterniond step(std::cos(half), factor * turn.x(), factor * turn.y(),
+                                factor * turn.z());
+  Eigen::Map<Eigen::Quaterniond> rotation(pose->data());
+  rotation = (step * rotation).normalized();
+  Eigen::Map<Eigen::Vector3d>(pose->data() + 4) += change.head<3>();
 }
 
 // dp/d(centre, turn) of p = R (X - centre), times dout_dp: (rows, 6).

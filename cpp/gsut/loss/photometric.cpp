@@ -105,12 +105,13 @@ void PhotometricTarget::Prepare(const std::uint8_t* mask, const PhotometricOptio
 }
 
 void PhotometricTarget::ComputeStatistics() {
-  std::vector<float> mean(static_cast<std::size_t>(height_ * width_ * 3));
+  std::vector<float> mean(static_cast<std::size_t>(height_ * width_ * 3) + 2 * kStatisticsPadding);
   std::vector<float> variance(mean.size());
   const BlockGrid grid(height_, width_);
   ParallelFor(grid.count(), 1, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
-      TargetStatisticsBlock(*this, grid[i], mean.data(), variance.data());
+      TargetStatisticsBlock(*this, grid[i], &mean[kStatisticsPadding],
+                            &variance[kStatisticsPadding]);
     }
   });
   mean_ = std::move(mean);

@@ -82,9 +82,13 @@ class PhotometricTarget {
   const float* inverse_falloff() const {
     return inverse_falloff_ == nullptr ? nullptr : inverse_falloff_->values().data();
   }
-  // Without the gain, with the falloff.
-  const float* mean() const { return mean_.empty() ? nullptr : mean_.data(); }
-  const float* variance() const { return variance_.empty() ? nullptr : variance_.data(); }
+  // Without the gain, with the falloff. kStatisticsPadding floats before and after the plane can be
+  // read, too: numbers that mean nothing.
+  static constexpr std::size_t kStatisticsPadding = 64;
+  const float* mean() const { return mean_.empty() ? nullptr : &mean_[kStatisticsPadding]; }
+  const float* variance() const {
+    return variance_.empty() ? nullptr : &variance_[kStatisticsPadding];
+  }
 
  private:
   void Prepare(const std::uint8_t* mask, const PhotometricOptions& options);
@@ -100,7 +104,8 @@ class PhotometricTarget {
   std::shared_ptr<const FalloffPlane> inverse_falloff_;
   bool keep_statistics_ = false;
   mutable std::shared_mutex light_mutex_;
-  std::vector<float> mean_, variance_;  // (H, W, 3) of the image minus 0.5, in the SSIM window
+  // (H, W, 3) of the image minus 0.5, in the SSIM window, between paddings.
+  std::vector<float> mean_, variance_;
 };
 
 struct PhotometricValue {

@@ -100,8 +100,8 @@ class BlockLoss {
     if (kComputeTarget) std::copy_n(target, lines_.length, plain);
     if (target_.has_gain()) MultiplyLine(lines_, lines_.Line(Lines::kGain), target);
     LoadMaskRow(target_, lines_, row, mask);
-    CopyRow(lines_, image_, target_.width(), row, image);
-    CentreImage(lines_, mask, target, image, difference);
+    CentreImage(lines_, image_ + (row * target_.width() + lines_.inside_begin) * kChannels, mask,
+                target, image, difference);
     if (kComputeTarget) CentreTarget(lines_, mask, plain);
     if (InBlock(row)) sums_.absolute += SumLine<true>(difference, lines_.core, lines_.core_end);
     const DF d;
@@ -131,12 +131,11 @@ class BlockLoss {
     }
     const VF row_scale = hn::Set(d, LoadScaleRow(target_, lines_, row));
     const float* const scales = lines_.Line(Lines::kScale);
-    float* const means = lines_.Line(Lines::kMean);
-    float* const variances = lines_.Line(Lines::kVariance);
-    if (!kComputeTarget) {
-      CopyRow(lines_, target_.mean(), target_.width(), row, means);
-      CopyRow(lines_, target_.variance(), target_.width(), row, variances);
-    }
+    // The margins may reach into the padding: nothing is averaged there.
+    static_assert(PhotometricTarget::kStatisticsPadding >=
+                  kMargin * kChannels + HWY_MAX_BYTES / sizeof(float));
+    const std::int64_t plane_at =
+        (row * target_.width() + block_.column_begin - kMargin) * kChannels;
     const float* const gains = target_.has_gain() ? lines_.Line(Lines::kGain) : nullptr;
     float* const dssims = lines_.Line(Lines::kDssim);
     float* const coefficients[Lines::kCoefficients] = {lines_.Line(Lines::kCoefficient0),
@@ -157,8 +156,8 @@ class BlockLoss {
       if (kComputeTarget) {
         TargetMoments(weights, rows, at, scale, mean_y, variance_y);
       } else {
-        mean_y = hn::Load(d, means + i);
-        variance_y = hn::Load(d, variances + i);
+        mean_y = hn::LoadU(d, target_.mean() + plane_at + i);
+        variance_y = hn::LoadU(d, target_.variance() + plane_at + i);
       }
       if (gains != nullptr) ApplyGainToMoments(gains + i, mean_y, variance_y);
       const std::int64_t image_at = at + kFirst * n;

@@ -200,6 +200,11 @@ HWY_INLINE void ApplyGainToMoments(const float* gains, VF& mean, VF& variance) {
 // Prepares what stays the same over the block: zeros outside the image, the scale of the columns.
 void PrepareLines(const PhotometricTarget& target, const Lines& lines) {
   for (std::int64_t row = 0; row < kRing; ++row) {
+    for (float* const line : {lines.Image(row), lines.Difference(row)}) {
+      std::fill_n(line - kPad, lines.inside + kPad, 0.0f);
+      const std::int64_t end = lines.inside + lines.inside_count * kChannels;
+      std::fill_n(line + end, lines.length + kPad - end, 0.0f);
+    }
     std::fill_n(lines.Mask(row), lines.length, 0.0f);
     if (target.mask() == nullptr) {
       std::fill_n(lines.Mask(row) + lines.inside, lines.inside_count * kChannels, 1.0f);
@@ -241,18 +246,34 @@ void CentreTarget(const Lines& lines, const float* HWY_RESTRICT mask, float* HWY
   }
 }
 
-// difference = mask (image - target), image -> mask (image - 0.5); masked values may be NaN.
-void CentreImage(const Lines& lines, const float* HWY_RESTRICT mask,
+// From a row of the image plane: difference = mask (image - target), image = mask (image - 0.5);
+// masked values may be NaN. Outside the image both stay as they are, see PrepareLines.
+void CentreImage(const Lines& lines, const float* HWY_RESTRICT row, const float* HWY_RESTRICT mask,
                  const float* HWY_RESTRICT target, float* HWY_RESTRICT image,
                  float* HWY_RESTRICT difference) {
   const DF d;
   const VF centre = hn::Set(d, kCentre);
-  for (std::int64_t i = 0; i < lines.length; i += Lanes()) {
-    const auto counts = hn::Gt(hn::Load(d, mask + i), hn::Zero(d));
-    const VF x = hn::Load(d, image + i);
-    const VF y = hn::Load(d, target + i);
-    hn::Store(hn::IfThenElseZero(counts, hn::Sub(x, y)), d, difference + i);
-    hn::Store(hn::IfThenElseZero(counts, hn::Sub(x, centre)), d, image + i);
+  const std::int64_t count = lines.inside_count * kChannels;
+  const auto vector = [&](std::int64_t i) HWY_ATTR {
+    const std::int64_t at = lines.inside + i;
+    const auto counts = hn::Gt(hn::LoadU(d, mask + at), hn::Zero(d));
+    const VF x = hn::LoadU(d, row + i);
+    hn::StoreU(hn::IfThenElseZero(counts, hn::Sub(x, hn::LoadU(d, target + at))), d,
+               difference + at);
+    hn::StoreU(hn::IfThenElseZero(counts, hn::Sub(x, centre)), d, image + at);
+  };
+  std::int64_t i = 0;
+  for (; i + Lanes() <= count; i += Lanes()) vector(i);
+  if (i == count) return;
+  if (count >= Lanes()) {
+    vector(count - Lanes());
+    return;
+  }
+  for (; i < count; ++i) {
+    const std::int64_t at = lines.inside + i;
+    const bool counts = mask[at] > 0.0f;
+    difference[at] = counts ? row[i] - target[at] : 0.0f;
+    image[at] = counts ? row[i] - kCentre : 0.0f;
   }
 }
 

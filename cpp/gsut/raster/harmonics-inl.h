@@ -7,9 +7,10 @@
 #define GSUT_RASTER_HARMONICS_INL_H_
 #endif
 
-#include "gsut/base/lanes-inl.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/gaussians/harmonics_rows.h"
+#include "gsut/projection/seen-inl.h"
+#include "gsut/raster/lane_rows-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
@@ -40,23 +41,51 @@ HWY_INLINE BatchHarmonics HarmonicsOf(const HarmonicsRows& rows, int sh_degree,
   return {rows.Offset(first), NumShCoefficients(stored), HWY_MIN(stored, sh_degree)};
 }
 
-// Colour of each lane from the harmonics up to `degree`, before clamping at 0.
-// sh points at the first lane's coefficients, row_offset from there to each lane's.
-template <class IndexVec>
-HWY_INLINE void EvalColor(int degree, const Lane* direction, const float* sh, IndexVec row_offset,
-                          Lane* color) {
-  const FloatTag d;
-  const hn::RebindToSigned<FloatTag> di;
-  Lane basis[kMaxShCoefficients];
-  HarmonicsBasis(degree, direction[0], direction[1], direction[2], basis);
-  const int coefficients = (degree + 1) * (degree + 1);
-  for (int c = 0; c < 3; ++c) color[c] = Lane(0.5);
-  for (int k = 0; k < coefficients; ++k) {
-    for (int c = 0; c < 3; ++c) {
-      const Lane value(hn::GatherIndex(d, sh, hn::Add(row_offset, hn::Set(di, 3 * k + c))));
-      color[c] = MulAdd(basis[k], value, color[c]);
+// A vector's harmonics: columns[3 k + c] is channel c of coefficient k.
+struct HarmonicsColumns {
+  Lane column[PaddedColumns(3 * kMaxShCoefficients)];
+
+  // The coefficients in use of the Gaussians [first, first + kLanes); lanes without one hold any
+  // number.
+  HWY_INLINE HarmonicsColumns(const float* sh, const HarmonicsRows& rows,
+                              const BatchHarmonics& batch, std::int64_t first) {
+    const int used = 3 * NumShCoefficients(batch.degree);
+    const std::int64_t stride = 3 * batch.coefficients;
+    const std::int64_t size = rows.end[0];
+    if (batch.coefficients == 1) {
+      LoadRows3(sh + batch.offset, size - first, column);
+      return;
     }
+    // Whole vectors are read, also after the last row's end.
+    const std::int64_t readable = rows.Offset(size) - batch.offset;
+    if (readable >= (kLanes - 1) * stride + PaddedColumns(used)) {
+      LoadColumns(sh + batch.offset, stride, used, column);
+      return;
+    }
+    HWY_ALIGN float padded[kLanes * 3 * kMaxShCoefficients + kLanes] = {};
+    const std::int64_t count = HWY_MIN(size - first, static_cast<std::int64_t>(kLanes));
+    __builtin_memcpy(padded, sh + batch.offset,
+                     sizeof(float) * static_cast<std::size_t>(count * stride));
+    LoadColumns(padded, stride, used, column);
   }
+};
+
+// Colour of each lane from the harmonics up to `degree`, before clamping at 0.
+HWY_INLINE void EvalColor(int degree, const Lane* basis, const HarmonicsColumns& sh, Lane* color) {
+  for (int c = 0; c < 3; ++c) color[c] = Lane(0.5);
+  const int used = NumShCoefficients(degree);
+  for (int k = 0; k < used; ++k) {
+    for (int c = 0; c < 3; ++c) color[c] = MulAdd(basis[k], sh.column[3 * k + c], color[c]);
+  }
+}
+
+// The same of the Gaussians [first, first + kLanes), seen along `direction`.
+HWY_INLINE void ColorOf(const float* sh, const HarmonicsRows& rows, int sh_degree,
+                        std::int64_t first, const Lane* direction, Lane* color) {
+  const BatchHarmonics batch = HarmonicsOf(rows, sh_degree, first);
+  Lane basis[kMaxShCoefficients];
+  HarmonicsBasis(batch.degree, direction[0], direction[1], direction[2], basis);
+  EvalColor(batch.degree, basis, HarmonicsColumns(sh, rows, batch, first), color);
 }
 
 }  // namespace HWY_NAMESPACE

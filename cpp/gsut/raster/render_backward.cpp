@@ -63,7 +63,8 @@ void Renderer::Backward(const ImageGradients& to_image, bool write_untouched,
   ParallelFor(gradients.size, kGaussianGrain, [&](std::int64_t begin, std::int64_t end) {
     double* sum = parts[static_cast<std::size_t>(begin / kGaussianGrain)].data();
     if (lines_ == nullptr) {
-      GradientsKernel(task_, frame_, begin, end, write_untouched, gradients, touched, sum);
+      GradientsKernel(task_, frame_, begin, end, write_untouched, gradients, touched,
+                      dpose == nullptr ? nullptr : sum);
     } else {
       LineGradientsKernel(task_, lines_->is_parallel, frame_, begin, end, write_untouched,
                           gradients, touched, sum);

@@ -15,6 +15,15 @@ HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
+// Fetches the slots of the batch of Gaussians after [first, first + kLanes), a cache line each.
+HWY_INLINE void FetchNextSlots(std::int64_t size, std::int64_t first, const Frame& frame) {
+  const std::uint32_t begin = frame.slot_begin[HWY_MIN(first + kLanes, size)];
+  const std::uint32_t end = frame.slot_begin[HWY_MIN(first + 2 * kLanes, size)];
+  for (std::uint32_t slot = begin; slot < end; ++slot) {
+    __builtin_prefetch(&frame.slot_gradients[std::size_t{16} * slot]);
+  }
+}
+
 // Adds up the touched slots of one Gaussian, in order; returns whether there was any.
 HWY_INLINE bool SumSlots(const Frame& frame, std::int64_t gaussian, float* sums) {
   const FloatTag d;
@@ -77,6 +86,7 @@ HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const Harmonic
                              Lane* sums) {
   const FloatTag d;
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
+  FetchNextSlots(g.size, first, frame);
   HWY_ALIGN float rows[kLanes][16];
   bool any = false;
   HWY_ALIGN float seen_flag[kLanes];
@@ -101,11 +111,7 @@ HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const Harmonic
     return false;
   }
   *seen = {hn::Gt(hn::Load(d, seen_flag), hn::Zero(d))};
-  HWY_ALIGN float columns[16][kLanes];
-  for (int i = 0; i < kLanes; ++i) {
-    for (int k = 0; k < 16; ++k) columns[k][i] = rows[i][k];
-  }
-  for (int k = 0; k < 16; ++k) sums[k] = Lane(hn::Load(d, columns[k]));
+  LoadColumns(rows[0], 16, 16, sums);
   return true;
 }
 
@@ -114,43 +120,34 @@ HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, const Harmon
                                std::int64_t first, int sh_degree, LaneMask seen,
                                const Lane* direction, const Lane* to_color,
                                const GaussiansView<float>& out, Lane* g_direction) {
-  const FloatTag d;
-  const hn::RebindToSigned<FloatTag> di;
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
   const BatchHarmonics batch = HarmonicsOf(sh_rows, sh_degree, first);
-  const auto row_offset =
-      hn::Mul(hn::Min(hn::Iota(di, 0), hn::Set(di, static_cast<int>(available - 1))),
-              hn::Set(di, 3 * batch.coefficients));
-  const float* sh = g.sh + batch.offset;
+  const HarmonicsColumns sh(g.sh, sh_rows, batch, first);
   Lane color[3];
-  EvalColor(batch.degree, direction, sh, row_offset, color);
   Lane basis[kMaxShCoefficients];
   Lane g_basis[kMaxShCoefficients];
   HarmonicsBasis(batch.degree, direction[0], direction[1], direction[2], basis);
+  EvalColor(batch.degree, basis, sh, color);
   Lane g_color[3];
   for (int c = 0; c < 3; ++c) {
     g_color[c] = Select(AndMask(seen, color[c] > Lane(0.0)), to_color[c], Lane(0.0));
   }
-  const int used = (batch.degree + 1) * (batch.degree + 1);
+  const int used = NumShCoefficients(batch.degree);
+  const std::int64_t stride = 3 * batch.coefficients;
+  Lane g_sh[PaddedColumns(3 * kMaxShCoefficients)];
   for (int k = 0; k < used; ++k) {
     g_basis[k] = Lane(0.0);
-    HWY_ALIGN float g_sh[3][kLanes];
     for (int c = 0; c < 3; ++c) {
-      const auto offset = hn::Add(row_offset, hn::Set(di, 3 * k + c));
-      const Lane value(hn::GatherIndex(d, sh, offset));
-      g_basis[k] = MulAdd(value, g_color[c], g_basis[k]);
+      g_basis[k] = MulAdd(sh.column[3 * k + c], g_color[c], g_basis[k]);
       // A row that is not drawn may have a direction that is no number.
-      hn::Store(Select(seen, basis[k] * g_color[c], Lane(0.0)).v, d, g_sh[c]);
-    }
-    for (int i = 0; i < available; ++i) {
-      float* row = out.sh + batch.offset + 3 * (batch.coefficients * i + k);
-      for (int c = 0; c < 3; ++c) row[c] = g_sh[c][i];
+      g_sh[3 * k + c] = Select(seen, basis[k] * g_color[c], Lane(0.0));
     }
   }
-  for (int i = 0; i < available; ++i) {
-    for (int k = 3 * used; k < 3 * batch.coefficients; ++k) {
-      out.sh[batch.offset + 3 * batch.coefficients * i + k] = 0.0f;
-    }
+  for (int k = 3 * used; k < PaddedColumns(static_cast<int>(stride)); ++k) g_sh[k] = Lane(0.0);
+  if (stride == 3) {
+    StoreRows3(g_sh, available, out.sh + batch.offset);
+  } else {
+    StoreColumns(g_sh, stride, available, out.sh + batch.offset);
   }
   HarmonicsBasisGradient(batch.degree, direction[0], direction[1], direction[2], g_basis,
                          g_direction);

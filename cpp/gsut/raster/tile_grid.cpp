@@ -156,12 +156,13 @@ bool FillTile(const RayTable& rays, int tile, TileGrid* grid) {
   return narrow;
 }
 
-// Gathers the bundles of a cell's tiles and makes the cell's own.
-void FillCell(const RayTable& rays, int cell, TileGrid* grid) {
-  const int x0 = (cell % grid->cells_x) * kCellSize;
-  const int y0 = (cell / grid->cells_x) * kCellSize;
-  float* tiles = &grid->cell_tiles[static_cast<std::size_t>(cell) * RayBundle::kSize * kCellTiles];
-  std::fill_n(tiles, RayBundle::kSize * kCellTiles, 0.0f);
+// Gathers the bundles of a group's tiles.
+void FillGroup(int group, TileGrid* grid) {
+  const int x0 = (group % grid->groups_x) * kGroupStep;
+  const int y0 = (group / grid->groups_x) * kGroupStep;
+  constexpr std::size_t kGroupFloats = std::size_t{RayBundle::kSize} * kCellTiles;
+  float* tiles = &grid->group_tiles[static_cast<std::size_t>(group) * kGroupFloats];
+  std::fill_n(tiles, kGroupFloats, 0.0f);
   for (int y = y0; y < std::min(y0 + kCellSize, grid->tiles_y); ++y) {
     for (int x = x0; x < std::min(x0 + kCellSize, grid->tiles_x); ++x) {
       const RayBundle& bundle = grid->bundles[static_cast<std::size_t>(y) * grid->tiles_x + x];
@@ -169,6 +170,12 @@ void FillCell(const RayTable& rays, int cell, TileGrid* grid) {
       for (int k = 0; k < RayBundle::kSize; ++k) tiles[k * kCellTiles + place] = bundle.values[k];
     }
   }
+}
+
+// Makes a cell's own bundle.
+void FillCell(const RayTable& rays, int cell, TileGrid* grid) {
+  const int x0 = (cell % grid->cells_x) * kCellSize;
+  const int y0 = (cell / grid->cells_x) * kCellSize;
   const PixelRays pixels(rays, *grid, x0 * kTileSize, y0 * kTileSize, kCellSize * kTileSize);
   Vector3d d, e1, e2;
   pixels.Frame(&d, &e1, &e2);
@@ -207,7 +214,10 @@ std::shared_ptr<const TileGrid> BuildTiles(const Camera& camera, int lanes) {
   grid->cells_x = (grid->tiles_x + kCellSize - 1) / kCellSize;
   grid->cells_y = (grid->tiles_y + kCellSize - 1) / kCellSize;
   const std::size_t cells = static_cast<std::size_t>(grid->num_cells());
-  grid->cell_tiles.resize(cells * RayBundle::kSize * kCellTiles);
+  grid->groups_x = (grid->tiles_x + kGroupStep - 1) / kGroupStep;
+  grid->groups_y = (grid->tiles_y + kGroupStep - 1) / kGroupStep;
+  grid->group_tiles.resize(static_cast<std::size_t>(grid->num_groups()) * RayBundle::kSize *
+                           kCellTiles);
   for (AlignedVector<float>& v : grid->cell_bundles) v.assign(cells + kCellPadding, 0.0f);
   grid->cell_wide.assign(cells + kCellPadding, 0.0f);
   grid->block_box.resize(tiles * 4 * static_cast<std::size_t>(grid->block_stride));
@@ -217,6 +227,11 @@ std::shared_ptr<const TileGrid> BuildTiles(const Camera& camera, int lanes) {
   ParallelFor(grid->num_tiles(), 16, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t tile = begin; tile < end; ++tile) {
       narrow[static_cast<std::size_t>(tile)] = FillTile(rays, static_cast<int>(tile), grid.get());
+    }
+  });
+  ParallelFor(grid->num_groups(), 64, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t group = begin; group < end; ++group) {
+      FillGroup(static_cast<int>(group), grid.get());
     }
   });
   ParallelFor(grid->num_cells(), 4, [&](std::int64_t begin, std::int64_t end) {

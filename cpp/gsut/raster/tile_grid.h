@@ -13,9 +13,11 @@ namespace gsut {
 inline constexpr int kTileSize = 16;
 inline constexpr int kTilePixels = kTileSize * kTileSize;
 inline constexpr int kBlockWidth = 4;
-// Tiles are searched in cells of 4 x 4.
+// Tiles are searched in cells of 4 x 4, and in groups of as many that begin at every second tile:
+// most footprints lie in one group.
 inline constexpr int kCellSize = 4;
 inline constexpr int kCellTiles = kCellSize * kCellSize;
+inline constexpr int kGroupStep = 2;
 // Arrays over cells are padded by this many entries so that vectors may read past the last one.
 inline constexpr int kCellPadding = 16;
 
@@ -46,9 +48,10 @@ struct TileGrid {
   AlignedVector<float> length;  // (tiles * 256) |D + s E1 + t E2|
   std::vector<RayBundle> bundles;  // (tiles)
   AlignedVector<float> center;     // (tiles, 8) D rounded to float, 0, what rounding took, 0
-  // The tiles' bundles again, cell by cell: 14 x 16 floats, the 16 tiles of a cell row by row.
+  // The tiles' bundles again, group by group: 14 x 16 floats, the 16 tiles of a group row by row.
+  int groups_x = 0, groups_y = 0;
+  AlignedVector<float> group_tiles;  // (groups, 14, 16)
   int cells_x = 0, cells_y = 0;
-  AlignedVector<float> cell_tiles;  // (cells, 14, 16)
   // Each cell as one bundle: 14 arrays over cells; cell_wide is 1 where its rays spread too far for
   // a frame of their own, and the cell must always be looked into.
   AlignedVector<float> cell_bundles[RayBundle::kSize];
@@ -61,6 +64,7 @@ struct TileGrid {
   bool too_wide = false;
 
   int num_cells() const { return cells_x * cells_y; }
+  int num_groups() const { return groups_x * groups_y; }
   int num_tiles() const { return tiles_x * tiles_y; }
   // Offset in a swizzled tile of the pixel (column, row) of the tile.
   int PixelOffset(int column, int row) const {

@@ -117,12 +117,13 @@ HWY_INLINE void AddTouched(std::uint64_t touched, int cell_x, int cell_y, const 
   }
 }
 
-// The touched tiles of one cell: bit 4 row + column.
-HWY_INLINE std::uint64_t TouchedInCell(const TileGrid& grid, const FormLanes& forms, int cell_x,
-                                       int cell_y) {
+// The touched tiles of the group that begins at a tile: bit 4 row + column.
+HWY_INLINE std::uint64_t TouchedInGroup(const TileGrid& grid, const FormLanes& forms, int x0,
+                                        int y0) {
   const FloatTag d;
-  const float* tiles = &grid.cell_tiles[(static_cast<std::size_t>(cell_y) * grid.cells_x + cell_x) *
-                                        RayBundle::kSize * kCellTiles];
+  const std::size_t group =
+      static_cast<std::size_t>(y0 / kGroupStep) * grid.groups_x + x0 / kGroupStep;
+  const float* tiles = &grid.group_tiles[group * RayBundle::kSize * kCellTiles];
   std::uint64_t touched = 0;
   for (int i = 0; i < kCellTiles; i += kLanes) {
     const auto load = [&](int k) HWY_ATTR { return hn::Load(d, tiles + k * kCellTiles + i); };
@@ -133,7 +134,8 @@ HWY_INLINE std::uint64_t TouchedInCell(const TileGrid& grid, const FormLanes& fo
 
 HWY_INLINE void TouchCell(const TileGrid& grid, const FormLanes& forms, int cell_x, int cell_y,
                           const TileWindow& window, TouchedRows* rows, TileWindow* hits) {
-  AddTouched(TouchedInCell(grid, forms, cell_x, cell_y), cell_x, cell_y, window, rows, hits);
+  const std::uint64_t touched = TouchedInGroup(grid, forms, cell_x * kCellSize, cell_y * kCellSize);
+  AddTouched(touched, cell_x, cell_y, window, rows, hits);
 }
 
 // The rectangle around the tiles of `window` that the footprint may touch; empty if none.
@@ -200,28 +202,28 @@ HWY_INLINE TileRect ExactTileRect(const TileGrid& grid, const float* r, TouchedR
   return RectOf(hits, *rows, spans);
 }
 
-// Most windows lie in 2 x 2 cells: their tiles fit into one word, a byte a row, which needs no
-// rows.
+// Most windows lie in one group, or in 2 x 2: their tiles fit into one word, a byte a row, which
+// needs no rows.
 struct TileWord {
-  int base_x = 0, base_y = 0;  // the first tile of the cells
+  int base_x = 0, base_y = 0;  // the first tile of the groups
   std::uint64_t bits = 0;
 
   TileWord() = default;
 
+  static HWY_INLINE int BaseOf(int tile) { return tile / kGroupStep * kGroupStep; }
   static HWY_INLINE bool Holds(const TileWindow& window) {
-    return (window.x1 - 1) / kCellSize - window.x0 / kCellSize < 2 &&
-           (window.y1 - 1) / kCellSize - window.y0 / kCellSize < 2;
+    return window.x1 - BaseOf(window.x0) <= 8 && window.y1 - BaseOf(window.y0) <= 8;
   }
 
   // The touched tiles of a window that it holds.
   HWY_INLINE TileWord(const TileGrid& grid, const FormLanes& forms, const TileWindow& window)
-      : base_x(window.x0 / kCellSize * kCellSize), base_y(window.y0 / kCellSize * kCellSize) {
+      : base_x(BaseOf(window.x0)), base_y(BaseOf(window.y0)) {
     static_assert(2 * kCellSize == 8);
     for (int y = base_y; y < window.y1; y += kCellSize) {
       for (int x = base_x; x < window.x1; x += kCellSize) {
-        const std::uint64_t cell = TouchedInCell(grid, forms, x / kCellSize, y / kCellSize);
+        const std::uint64_t group = TouchedInGroup(grid, forms, x, y);
         const std::uint64_t by_bytes =
-            (cell & 0xF) | (cell & 0xF0) << 4 | (cell & 0xF00) << 8 | (cell & 0xF000) << 12;
+            (group & 0xF) | (group & 0xF0) << 4 | (group & 0xF00) << 8 | (group & 0xF000) << 12;
         bits |= by_bytes << (8 * (y - base_y) + (x - base_x));
       }
     }
@@ -254,12 +256,16 @@ struct TileWord {
   }
 };
 
-// Looks inside a window that is known to hold the footprint.
+// Looks inside a window that is the bounding box of the footprint, or hardly larger.
 HWY_INLINE TileRect BoundedTileRect(const TileGrid& grid, const float* r, const TileWindow& window,
                                     TouchedRows* rows, std::vector<RowSpan>* spans) {
-  if (window.x1 - window.x0 == 1 && window.y1 - window.y0 == 1) {
+  // Of one row or column the footprint, which is connected, touches every tile.
+  const int width = window.x1 - window.x0, height = window.y1 - window.y0;
+  if ((width == 1 || height == 1) &&
+      static_cast<unsigned>(width * height) <= TileRect::kMaxMasked) {
     return {static_cast<std::uint16_t>(window.x0), static_cast<std::uint16_t>(window.x1),
-            static_cast<std::uint16_t>(window.y0), static_cast<std::uint16_t>(window.y1), 1};
+            static_cast<std::uint16_t>(window.y0), static_cast<std::uint16_t>(window.y1),
+            ~std::uint64_t{0} >> (64 - width * height)};
   }
   const FormLanes forms(r);
   if (TileWord::Holds(window)) {
@@ -299,19 +305,33 @@ HWY_INLINE TileRect GrownTileRect(const TileGrid& grid, const float* r, const Ti
   }
 }
 
-// The tiles that hold a pixel centre within the box centre +- extent (pixels).
-HWY_INLINE TileWindow EllipseTiles(const TileGrid& grid, float u, float v, float extent_u,
-                                   float extent_v) {
-  // The outermost pixel centres lie half a pixel inside the image's edge.
-  const auto tile_of = [](float pixel, int size) {
-    const float limit = static_cast<float>(size) - 0.5f;
-    const float clamped = pixel < 0.5f ? 0.5f : pixel > limit ? limit : pixel;
-    return static_cast<int>(clamped) / kTileSize;
-  };
-  const int x0 = tile_of(u - extent_u, grid.width), x1 = tile_of(u + extent_u, grid.width);
-  const int y0 = tile_of(v - extent_v, grid.height), y1 = tile_of(v + extent_v, grid.height);
-  return {x0, x1 + 1, y0, y1 + 1};
-}
+// The tiles that hold a pixel centre within the boxes centre +- extent (pixels), a box a lane.
+struct EllipseTiles {
+  static constexpr int kTileBits = 4;
+  HWY_ALIGN std::int32_t x0[kLanes], x1[kLanes], y0[kLanes], y1[kLanes];
+
+  HWY_INLINE EllipseTiles(const TileGrid& grid, Lane u, Lane v, Lane extent_u, Lane extent_v) {
+    Range(u, extent_u, grid.width, x0, x1);
+    Range(v, extent_v, grid.height, y0, y1);
+  }
+  HWY_INLINE TileWindow operator[](int lane) const {
+    return {x0[lane], x1[lane], y0[lane], y1[lane]};
+  }
+
+ private:
+  static HWY_INLINE void Range(Lane center, Lane extent, int size, std::int32_t* begin,
+                               std::int32_t* end) {
+    static_assert(kTileSize == 1 << kTileBits);
+    const hn::RebindToSigned<FloatTag> di;
+    // The outermost pixel centres lie half a pixel inside the image's edge.
+    const Lane first(0.5f), last(static_cast<float>(size) - 0.5f);
+    const auto tile_of = [&](Lane pixel) HWY_ATTR {
+      return hn::ShiftRight<kTileBits>(hn::ConvertTo(di, Min(Max(pixel, first), last).v));
+    };
+    hn::Store(tile_of(center - extent), di, begin);
+    hn::Store(hn::Add(tile_of(center + extent), hn::Set(di, 1)), di, end);
+  }
+};
 
 }  // namespace HWY_NAMESPACE
 }  // namespace gsut

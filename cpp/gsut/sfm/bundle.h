@@ -67,11 +67,11 @@ struct BundleOptions {
   // Velocities are adjusted, if the bundle has them, where their image is not fixed; held by priors
   // (one an image; empty: none) against observations with this much noise a coordinate in pixels.
   std::vector<VelocityPrior> velocity_priors;
+  std::vector<std::uint8_t> velocity_fixed;  // images whose velocity stays; empty: none
   double noise = 1.0;
   // Which mounts are adjusted, one flag each; empty: none. Where the scale is held by an image, it
   // is the mounts' length that follows.
   std::vector<std::uint8_t> mount_free;
-  int num_threads = 1;
 };
 
 struct BundleSummary {
@@ -79,11 +79,11 @@ struct BundleSummary {
   int iterations = 0;
   std::int64_t num_outside = 0;  // observations whose point is outside the lens' domain at the end
   bool converged = false;
-  bool dense = false;  // the system reduced to images was solved as a dense one
+  double fill = 0.0;  // share of the system reduced to images that was not zero: 1 is a dense one
 };
 
-// Levenberg-Marquardt by Ceres; changes the bundle in place. Throws InputError for an index out of
-// range, SolveError with the solver's message if it fails.
+// Levenberg-Marquardt; changes the bundle in place, to the same bits on any number of threads.
+// Throws InputError for an index out of range, SolveError if it fails.
 BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options);
 
 // Per image the covariance (6, 6) of (centre in the world, rotation vector in the camera frame:

@@ -4,8 +4,14 @@
 #include <algorithm>
 
 #include "gsut/base/errors.h"
+#include "gsut/base/parallel.h"
 
 namespace gsut {
+namespace {
+
+constexpr std::int64_t kGrain = 256;  // observations a chunk of parallel work
+
+}  // namespace
 
 LensEvaluation::LensEvaluation(const Bundle& bundle, const BundleState& state, bool lenses_free)
     : bundle_(bundle),
@@ -29,23 +35,21 @@ LensEvaluation::LensEvaluation(const Bundle& bundle, const BundleState& state, b
   }
 }
 
-void LensEvaluation::PrepareForEvaluation(bool evaluate_jacobians, bool new_evaluation_point) {
-  if (!new_evaluation_point && (has_jacobians_ || !evaluate_jacobians)) return;
-  for (std::size_t c = 0; c < batches_.size(); ++c) {
-    Evaluate(static_cast<int>(c), evaluate_jacobians);
-  }
-  has_jacobians_ = evaluate_jacobians;
+void LensEvaluation::Evaluate(bool jacobians) {
+  for (std::size_t c = 0; c < batches_.size(); ++c) EvaluateBatch(static_cast<int>(c), jacobians);
 }
 
-void LensEvaluation::Evaluate(int camera_index, bool jacobians) {
+void LensEvaluation::EvaluateBatch(int camera_index, bool jacobians) {
   Batch& batch = batches_[camera_index];
   const auto count = static_cast<std::int64_t>(batch.observations.size());
   if (count == 0) return;
-  for (std::int64_t i = 0; i < count; ++i) {
-    const BundleObservation& observation = bundle_.observations[batch.observations[i]];
-    Eigen::Map<Eigen::Vector3d>(&batch.points[3 * i]) =
-        state_.Chain(observation).Point(state_.points[observation.point]);
-  }
+  ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      const BundleObservation& observation = bundle_.observations[batch.observations[i]];
+      Eigen::Map<Eigen::Vector3d>(&batch.points[3 * i]) =
+          state_.Chain(observation).Point(state_.points[observation.point]);
+    }
+  });
   const Camera& start = bundle_.cameras[camera_index];
   try {
     const Camera camera = lenses_free_

@@ -1,8 +1,6 @@
 // All points of a bundle through its lenses, once for each step of the solver.
 #pragma once
 
-#include <ceres/evaluation_callback.h>
-
 #include <Eigen/Core>
 #include <vector>
 
@@ -11,15 +9,16 @@
 
 namespace gsut {
 
-// Ceres asks for one residual at a time, a lens works on batches: this callback projects everything
-// beforehand, and the cost functions read their row. A lens whose parameters have become no lens
-// marks all its observations as failed, which makes the solver take a shorter step.
-class LensEvaluation : public ceres::EvaluationCallback {
+// Residuals are made one at a time, a lens works on batches: everything is projected beforehand,
+// and each residual reads its row. A lens whose parameters have become no lens marks all its
+// observations as failed, which makes the solver take a shorter step.
+class LensEvaluation {
  public:
   // Both are kept by reference: the state is the solver's.
   LensEvaluation(const Bundle& bundle, const BundleState& state, bool lenses_free);
 
-  void PrepareForEvaluation(bool evaluate_jacobians, bool new_evaluation_point) override;
+  // At the current unknowns.
+  void Evaluate(bool jacobians);
 
   struct Row {
     const double* pixel;  // (2), NaN outside the lens' domain; the copy nearest to that seen
@@ -39,12 +38,11 @@ class LensEvaluation : public ceres::EvaluationCallback {
     std::vector<std::uint8_t> valid;
     bool failed = false;
   };
-  void Evaluate(int camera, bool jacobians);
+  void EvaluateBatch(int camera, bool jacobians);
 
   const Bundle& bundle_;
   const BundleState& state_;
   bool lenses_free_;
-  bool has_jacobians_ = false;
   std::vector<Batch> batches_;
   std::vector<int> place_;  // of an observation within its batch
 };

@@ -54,25 +54,6 @@ class LinearManifold : public ceres::Manifold {
   Matrix columns_, inverse_;
 };
 
-// One column for each parameter that is free by itself and each group of tied ones.
-Matrix FreeColumns(const std::vector<std::uint8_t>& free) {
-  std::vector<std::vector<int>> columns;
-  std::map<int, std::size_t> column_of_group;
-  for (std::size_t k = 0; k < free.size(); ++k) {
-    if (!free[k]) continue;
-    const auto [group, added] = column_of_group.try_emplace(
-        free[k] == kLensFree ? -1 - static_cast<int>(k) : free[k], columns.size());
-    if (added) columns.emplace_back();
-    columns[group->second].push_back(static_cast<int>(k));
-  }
-  Matrix matrix = Matrix::Zero(static_cast<Eigen::Index>(free.size()),
-                               static_cast<Eigen::Index>(columns.size()));
-  for (std::size_t column = 0; column < columns.size(); ++column) {
-    for (const int k : columns[column]) matrix(k, static_cast<Eigen::Index>(column)) = 1.0;
-  }
-  return matrix;
-}
-
 }  // namespace
 
 void CheckLensFlags(const std::vector<Camera>& cameras,
@@ -85,10 +66,28 @@ void CheckLensFlags(const std::vector<Camera>& cameras,
   if (!fits) throw InputError("lens_free must have one flag a parameter of each camera");
 }
 
+Eigen::MatrixXd FreeLensColumns(const std::vector<std::uint8_t>& free) {
+  std::vector<std::vector<int>> columns;
+  std::map<int, std::size_t> column_of_group;
+  for (std::size_t k = 0; k < free.size(); ++k) {
+    if (!free[k]) continue;
+    const auto [group, added] = column_of_group.try_emplace(
+        free[k] == kLensFree ? -1 - static_cast<int>(k) : free[k], columns.size());
+    if (added) columns.emplace_back();
+    columns[group->second].push_back(static_cast<int>(k));
+  }
+  Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(free.size()),
+                                                 static_cast<Eigen::Index>(columns.size()));
+  for (std::size_t column = 0; column < columns.size(); ++column) {
+    for (const int k : columns[column]) matrix(k, static_cast<Eigen::Index>(column)) = 1.0;
+  }
+  return matrix;
+}
+
 void HoldLensParameters(const std::vector<std::uint8_t>& free, double* lens,
                         ceres::Problem* problem,
                         std::vector<std::unique_ptr<ceres::Manifold>>* manifolds) {
-  Matrix columns = FreeColumns(free);
+  Matrix columns = FreeLensColumns(free);
   if (columns.cols() == 0) {
     problem->SetParameterBlockConstant(lens);
   } else if (columns.cols() < columns.rows()) {

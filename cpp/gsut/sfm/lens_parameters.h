@@ -4,6 +4,7 @@
 #include <ceres/manifold.h>
 #include <ceres/problem.h>
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -20,6 +21,10 @@ inline constexpr std::uint8_t kLensFree = 1;
 // Throws InputError if it does not fit the cameras.
 void CheckLensFlags(const std::vector<Camera>& cameras,
                     const std::vector<std::vector<std::uint8_t>>& lens_free);
+
+// How the parameters of a lens change by what a solver changes: one column for each parameter that
+// is free by itself and each group of tied ones.
+Eigen::MatrixXd FreeLensColumns(const std::vector<std::uint8_t>& free);
 
 // Holds the parameters of a lens that have no flag, and ties those of one flag. manifolds: keeps
 // what the problem points to.

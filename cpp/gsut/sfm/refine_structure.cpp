@@ -19,6 +19,11 @@ constexpr int kIterations = 30;
 constexpr double kTolerance = 1e-5;
 constexpr int kLastIterations = 50;
 constexpr double kLastTolerance = 1e-9;
+// Of rolling shutters, whose motion and velocity hardly differ in what they do to a picture: steps
+// along that valley cost much and change nothing that is seen.
+constexpr int kRollingRounds = 2;
+constexpr double kRollingTolerance = 1e-4;
+constexpr double kRollingLastTolerance = 1e-6;
 // Below this share of new and dropped observations the rounds end.
 constexpr double kSettled = 5e-4;
 constexpr int kFewestPoints = 30;
@@ -92,7 +97,11 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   const int farthest = FarthestFromFirst(camera_from_world);
   map.SetGauge(0, farthest);
   for (int image = 0; image < map.num_images(); ++image) {
-    if (registered.empty() || registered[image]) map.Register(image, camera_from_world[image]);
+    if (!registered.empty() && !registered[image]) continue;
+    map.Register(image, camera_from_world[image],
+                 options.KnowsVelocity(image)
+                     ? Velocity(options.readout_time * options.image_rates[image])
+                     : Velocity::Zero());
   }
   const auto tell = [&](const char* step) {
     if (!on_progress) return;
@@ -115,16 +124,21 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
     tell("adjustment");
     return static_cast<double>(added + dropped) / std::max(1, map.num_points());
   };
+  const bool rolling = map.rolling();
+  const int rounds = rolling ? kRollingRounds : kFinalRounds;
+  const double tolerance = rolling ? kRollingTolerance : kTolerance;
+  // With velocities as many unknowns again: they wait for the end, where observations are settled.
+  map.HoldVelocities(true);
   double changed = 0.0;
   for (const double looser : kLooser) {
     current.max_error = looser * options.max_error;
-    if (changed >= 0.0) changed = round(kIterations, kTolerance);
+    if (changed >= 0.0) changed = round(kIterations, tolerance);
   }
   current.max_error = options.max_error;
   const auto settle = [&] {
-    for (int i = 0; i < kFinalRounds && changed >= 0.0; ++i) {
+    for (int i = 0; i < rounds && changed >= 0.0; ++i) {
       map.Filter(current.max_error);
-      changed = round(kIterations, kTolerance);
+      changed = round(kIterations, tolerance);
       if (changed >= 0.0 && changed < kSettled) break;
     }
   };
@@ -135,6 +149,10 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
     tell("longer tracks");
     settle();
   }
+  if (options.rate_sigma > 0 && !options.image_rates.empty()) {
+    map.HoldVelocities(false);
+    settle();
+  }
   map.DropWeakImages();
   const bool held = map.on_rig() || (map.registered(0) && map.registered(farthest));
   if (changed < 0.0 || map.num_points() < kFewestPoints || map.num_registered() < 2 || !held) {
@@ -143,7 +161,8 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
                       " are needed in the first image and the one farthest from it too";
     return nothing;
   }
-  map.AdjustGlobally(kLastIterations, kLastTolerance, true, lens_free);
+  map.AdjustGlobally(kLastIterations, rolling ? kRollingLastTolerance : kLastTolerance, true,
+                     lens_free);
   map.Filter(current.max_error);
   tell("final adjustment");
   Structure result = map.Result(options.covariances);

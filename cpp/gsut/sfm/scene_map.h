@@ -85,6 +85,9 @@ class SceneMap {
   // Unregisters images, or bodies, that see too few points now; returns how many images.
   int DropWeakImages();
 
+  // Velocities that are known otherwise (StructureOptions::image_rates) are not adjusted from now
+  // on, or are again.
+  void HoldVelocities(bool hold) { hold_velocities_ = hold; }
   void SetGauge(int first, int second) {
     gauge_first_ = first;
     gauge_second_ = second;
@@ -152,6 +155,7 @@ class SceneMap {
   std::vector<Velocity> velocities_;
   std::vector<std::vector<double>> times_;
   std::vector<std::vector<Pose>> moved_;
+  bool hold_velocities_ = false;
   int num_registered_ = 0;
   double loss_pixels_;  // where Cauchy's loss bends now
   int gauge_first_ = -1, gauge_second_ = -1;

@@ -91,7 +91,6 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, Bundle
   options->scale_image = placed(gauge_second_);
   if (on_rig()) AddRig(&bundle, options, image_of);
   options->loss_scale = loss_pixels_;
-  options->num_threads = 1;  // Ceres adds up in another order with each number of threads
   if (rolling()) SetPriors(bundle, *image_of, options);
   if (images_free != nullptr) {
     const auto fixed = std::count(options->image_fixed.begin(), options->image_fixed.end(), 1);
@@ -199,6 +198,7 @@ void SceneMap::SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
       }
     }
     options->velocity_priors.push_back(prior);
+    options->velocity_fixed.push_back(hold_velocities_ && options_.KnowsVelocity(image));
   }
 }
 

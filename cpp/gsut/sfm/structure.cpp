@@ -26,11 +26,19 @@ constexpr double kGlobalTolerance = 1e-4;
 constexpr int kFinalIterations = 30;
 constexpr double kFinalTolerance = 1e-7;
 constexpr int kFinalRounds = 3;
-constexpr double kExtendTolerance = 1e-5;
+constexpr double kExtendTolerance = 1e-4;
 // Below this share of new observations, completing tracks again changes nothing.
 constexpr double kSettled = 5e-4;
 // Rolling shutters: the largest error while the structure grows, in units of the final one.
 constexpr int kGrowingError = 4;
+// An image that sees too few points, where the camera turned from one picture to the next, is
+// placed by its pose relative to one image with so many matches; points tell no more than how far
+// it moved: so many are enough, and they may be so many times the largest error off, since those of
+// two images are. Its own points, made then, must hold it.
+constexpr int kPairMatches = 60;
+constexpr int kPairPoints = 4;
+constexpr double kPairShare = 0.4;  // of the points that it sees
+constexpr double kPairError = 2.5;
 // Images from which lenses are adjusted in full; before, too little holds them.
 constexpr int kLensImages = 5;
 
@@ -60,6 +68,7 @@ class Mapper {
       ++trials;
       map_ = std::make_unique<SceneMap>(cameras_, images_, pairs_, options_);
       tried_at_.assign(images_.size(), -1);
+      by_pair_.assign(images_.size(), 0);
       if (!Start(pairs_[pair])) continue;
       Grow();
       Structure result = Finish();
@@ -145,13 +154,12 @@ class Mapper {
     int adjusted_images = map_->num_registered();
     int adjusted_points = map_->num_points();
     while (true) {
-      const int image = RegisterNext();
+      int image = RegisterNext();
+      const bool settled = adjusted_images == map_->num_registered() && adjusted_points == -1;
+      if (image < 0 && settled && !map_->rolling()) image = RegisterByPair();
       if (image < 0) {
         // Everything adjusted, more may fit; else it is over.
-        if (map_->num_registered() == map_->num_images() ||
-            (adjusted_images == map_->num_registered() && adjusted_points == -1)) {
-          break;
-        }
+        if (map_->num_registered() == map_->num_images() || settled) break;
         AdjustAll();
         adjusted_images = map_->num_registered();
         adjusted_points = -1;
@@ -206,6 +214,62 @@ class Mapper {
       return candidate.image;
     }
     return -1;
+  }
+
+  // The image whose pair with a registered one has most matches, see kPairMatches; -1: none.
+  int RegisterByPair() {
+    std::vector<const VerifiedPair*> open;
+    for (const VerifiedPair& pair : pairs_) {
+      const bool one = map_->registered(pair.first) != map_->registered(pair.second);
+      if (one && static_cast<int>(pair.matches.size()) >= kPairMatches) open.push_back(&pair);
+    }
+    std::stable_sort(open.begin(), open.end(), [](const VerifiedPair* a, const VerifiedPair* b) {
+      return a->matches.size() > b->matches.size();
+    });
+    for (const VerifiedPair* pair : open) {
+      const bool forward = map_->registered(pair->first);
+      const int image = forward ? pair->second : pair->first;
+      if (by_pair_[image] != 0) continue;  // it did not hold, or is there
+      const Pose relative = forward ? pair->second_from_first : pair->second_from_first.Inverse();
+      const Pose& other = map_->pose(forward ? pair->first : pair->second);
+      const std::optional<double> length = LengthOf(relative, other, map_->VisiblePoints(image));
+      if (!length) continue;
+      by_pair_[image] = 1;
+      map_->Register(image, Pose{relative.rotation, *length * relative.translation} * other);
+      return image;
+    }
+    return -1;
+  }
+
+  // How long the translation of `relative` is: that with which most points are where they are seen.
+  std::optional<double> LengthOf(const Pose& relative, const Pose& other,
+                                 const SceneMap::Visible& visible) const {
+    const std::size_t count = visible.points.size();
+    std::vector<Eigen::Vector3d> turned(count);
+    for (std::size_t i = 0; i < count; ++i) {
+      turned[i] = relative.rotation * (other.rotation * visible.points[i] + other.translation);
+    }
+    const double max_error = kPairError * wanted_.max_error;
+    int most = 0;
+    double best = 0.0;
+    for (std::size_t i = 0; i < count; ++i) {
+      // (turned + length translation) x ray = 0
+      const Eigen::Vector3d& ray = visible.bearings[i].ray;
+      const Eigen::Vector3d moved = relative.translation.cross(ray);
+      const double length = -turned[i].cross(ray).dot(moved) / moved.squaredNorm();
+      if (!(length > 0.0)) continue;
+      int agreeing = 0;
+      for (std::size_t k = 0; k < count; ++k) {
+        const Eigen::Vector3d point = turned[k] + length * relative.translation;
+        agreeing += BearingResidual(visible.bearings[k], point).norm() < max_error ? 1 : 0;
+      }
+      if (agreeing > most) {
+        most = agreeing;
+        best = length;
+      }
+    }
+    const double fewest = std::max<double>(kPairPoints, kPairShare * static_cast<double>(count));
+    return most >= fewest ? std::optional(best) : std::nullopt;
   }
 
   void AdjustAll() {
@@ -269,7 +333,8 @@ class Mapper {
   StructureOptions options_;  // with the largest error for now; read by the map too
   const std::function<bool(const StructureProgress&)>& on_progress_;
   std::unique_ptr<SceneMap> map_;
-  std::vector<int> tried_at_;  // points an image saw when it was last tried
+  std::vector<int> tried_at_;          // points an image saw when it was last tried
+  std::vector<std::uint8_t> by_pair_;  // whether an image was placed by a pair
 };
 
 }  // namespace

@@ -63,9 +63,12 @@ struct StructureOptions {
   double readout_time = 0.0;
   // Where it is known otherwise: the velocity of each image for a unit of that time
   // (camera_chain.h; not finite: not known), instead of that between its neighbours; to this share
-  // of itself.
+  // of itself, 0: exactly.
   std::vector<Velocity> image_rates;
   double rate_sigma = 0.1;
+  bool KnowsVelocity(int image) const {
+    return readout_time > 0 && !image_rates.empty() && image_rates[image].allFinite();
+  }
   // At the end points are looked for in images that do not see them yet: features within this many
   // pixels of their projection whose descriptor, of unit length, is no farther than that from the
   // points' own. Rounds of it; 0: none.

@@ -40,7 +40,9 @@ class Coarse:
     figures: dict[str, Any] | None
 
 
-def train_coarse(scene: Scene, options: TrainOptions, folder: Path, progress: bool) -> Coarse:
+def train_coarse(
+    scene: Scene, options: TrainOptions, folder: Path, progress: bool, keep_bytes: int
+) -> Coarse:
     """Trains the coarse model, or goes on with it, or reads it where it is done.
 
     Args:
@@ -48,6 +50,7 @@ def train_coarse(scene: Scene, options: TrainOptions, folder: Path, progress: bo
         options: of `coarse_options`.
         folder: gets coarse.npz, and its checkpoint meanwhile.
         progress: show a bar.
+        keep_bytes: of decoded photographs.
     """
     done, checkpoint = folder / "coarse.npz", folder / "coarse-checkpoint.npz"
     if not done.is_file():
@@ -56,6 +59,7 @@ def train_coarse(scene: Scene, options: TrainOptions, folder: Path, progress: bo
         state = read_checkpoint(checkpoint) if checkpoint.is_file() else None
         tracks = None if state is not None else refine_first_poses(small, options, progress)
         loop = TrainingLoop(small, options, tracks=tracks)
+        loop.views.keep_at_most(keep_bytes)
         if state is not None:
             loop.load_state_dict(state)
         pixels = 0 if state is None else state["pixels"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 from gsut._core import InputError
 from gsut.data import Scene
@@ -10,9 +11,11 @@ from gsut.gaussians import bytes_each
 from gsut.run import BlockOptions, TrainOptions, free_memory, size_text
 from gsut.training import with_most
 
-# Of all Gaussians and steps; at half the size, so that it is about a tenth of the work. With many
-# blocks it has no more Gaussians than one of them, which bounds the memory, but for a least share.
-_COARSE_GAUSSIANS, _COARSE_LEAST, _COARSE_STEPS, _COARSE_SCALE = 0.4, 0.02, 0.6, 0.5
+# Of all Gaussians and steps; at half the size. With many blocks it has as many Gaussians as fit
+# into the memory of one of them with its context, but for a least share.
+_COARSE_GAUSSIANS, _COARSE_LEAST, _COARSE_STEPS, _COARSE_SCALE = 0.8, 0.02, 0.6, 0.5
+_COARSE_BLOCKS = 3.3
+SEEDED = 0.8  # of a block's Gaussians, that it begins with where the scene has points
 _FEWEST_STEPS, _FEWEST_GAUSSIANS = 50, 500
 _SMALLEST_SIDE = 64  # pixels, of a coarse model's images
 # Fraction of a block's steps after which the first of two rounds ends.
@@ -23,8 +26,11 @@ CONTEXT_MOST = 3.0  # Gaussians drawn around a block, of its own
 # drawing, one of the context three of these; both have a frame's records and lists.
 _TRAINED_ROWS, _CONTEXT_ROWS, _FRAME_BYTES = 6, 3, 600
 _PIXEL_BYTES, _TARGET_BYTES = 200, 40
-_TARGETS_KEPT, _IMAGES_KEPT = 2 << 30, 1 << 30  # caches of data/
-_PROGRAM_BYTES = 250 << 20
+_IMAGE_BYTES = 3  # of a pixel that is decoded
+_PHOTOGRAPHS_KEPT = 3 << 30  # decoded ones, of one training; what is not kept is decoded again
+_FEW_VIEWS = 8  # photographs that are kept even where memory is short
+_PROGRAM_BYTES = 160 << 20
+_CACHE_PART = 16  # of the memory limit, for what the driver keeps decoded
 _USED = 0.8  # of the free memory, where no limit is given
 _UNEVEN = 1.5  # the largest block over the mean
 
@@ -38,7 +44,7 @@ def coarse_scale(scene: Scene) -> float:
 def coarse_options(options: TrainOptions, blocks: int) -> TrainOptions:
     """The options of the coarse model, resolved."""
     most = options.most_gaussians
-    share = max(_COARSE_LEAST, min(_COARSE_GAUSSIANS, 3.0 / blocks))
+    share = max(_COARSE_LEAST, min(_COARSE_GAUSSIANS, _COARSE_BLOCKS / blocks))
     small = with_most(options, min(most, max(_FEWEST_GAUSSIANS, round(share * most))))
     steps = max(_FEWEST_STEPS, round(_COARSE_STEPS * options.steps))
     return dataclasses.replace(small, steps=steps, eval_every=0).resolved()
@@ -52,7 +58,7 @@ def block_options(
     Args:
         options: of the run, not resolved.
         blocks: how it is divided.
-        visits: share of the scene's views that show the block.
+        visits: how often it is trained on a view, the mean over the scene's views: 0 to 1.
         most: Gaussians that it may grow to.
     """
     until = FIRST_ROUND if blocks.rounds == 2 else 1.0
@@ -71,23 +77,59 @@ def gaussian_bytes(sh_degree: int, trained: bool = True) -> int:
 
 
 def training_bytes(scene: Scene, sh_degree: int, own: int, context: int, views: int) -> int:
-    """An estimate of the memory that one block's training takes.
+    """An estimate of the memory that one training takes.
 
     Args:
         scene: at the size to train at.
         sh_degree: of the Gaussians.
         own, context: their numbers.
-        views: that show the block.
+        views: whose photographs are kept decoded.
     """
-    pixels = max(camera.width * camera.height for camera in scene.cameras)
     return (
         _PROGRAM_BYTES
         + own * gaussian_bytes(sh_degree)
         + context * gaussian_bytes(sh_degree, False)
-        + pixels * _PIXEL_BYTES
-        + min(_TARGETS_KEPT, views * pixels * _TARGET_BYTES)
-        + min(_IMAGES_KEPT, views * pixels * 3)
+        + _pixels(scene) * _PIXEL_BYTES
+        + min(_PHOTOGRAPHS_KEPT, views * _pixels(scene) * (_TARGET_BYTES + _IMAGE_BYTES))
     )
+
+
+def least_bytes(scene: Scene, sh_degree: int, own: int, context: int, views: int) -> int:
+    """`training_bytes` where few photographs are kept decoded."""
+    return training_bytes(scene, sh_degree, own, context, min(views, _FEW_VIEWS))
+
+
+def photograph_bytes(
+    scene: Scene, sh_degree: int, own: int, context: int, views: int, blocks: BlockOptions
+) -> int:
+    """What the photographs of a training may take, beside all else that is within the limit."""
+    least = least_bytes(scene, sh_degree, own, context, 0)
+    limit, few = memory_limit(blocks), training_bytes(scene, sh_degree, 0, 0, _FEW_VIEWS)
+    few -= training_bytes(scene, sh_degree, 0, 0, 0)
+    if limit is None:
+        return _PHOTOGRAPHS_KEPT
+    return min(_PHOTOGRAPHS_KEPT, max(few, limit // at_once(blocks) - least))
+
+
+def cache_bytes(blocks: BlockOptions) -> float:
+    """Of decoded pictures, and again of masks, that the driver keeps."""
+    limit = memory_limit(blocks)
+    return math.inf if limit is None else limit // _CACHE_PART
+
+
+def drawn_bytes(blocks: BlockOptions) -> int | None:
+    """Of Gaussians that are drawn to be measured; None: as many as are free."""
+    limit = blocks.memory_bytes()
+    return None if limit is None else max(limit - _PROGRAM_BYTES, limit // _CACHE_PART)
+
+
+def at_once(blocks: BlockOptions) -> int:
+    """Blocks that share the memory of a machine."""
+    return blocks.workers if blocks.cluster is None else 1
+
+
+def _pixels(scene: Scene) -> int:
+    return max(camera.width * camera.height for camera in scene.cameras)
 
 
 def memory_limit(blocks: BlockOptions) -> int | None:
@@ -125,9 +167,7 @@ def needed(scene: Scene, options: TrainOptions, blocks: BlockOptions, count: int
     total, views = options.most_gaussians, len(scene.train_indices)
     own = round(total / count * (_UNEVEN if count > 1 else 1.0))
     context = min(round(CONTEXT_MOST * own), total - own) if count > 1 else 0
-    one = training_bytes(scene, options.sh_degree, own, max(context, 0), views)
-    whole = 0 if count == 1 else total * bytes_each(options.sh_degree)
-    return one * (blocks.workers if blocks.cluster is None else 1) + whole
+    return at_once(blocks) * least_bytes(scene, options.sh_degree, own, max(context, 0), views)
 
 
 def check_memory(sizes: dict[str, int], blocks: BlockOptions) -> None:
@@ -142,12 +182,12 @@ def check_memory(sizes: dict[str, int], blocks: BlockOptions) -> None:
     """
     limit = blocks.memory_bytes()
     name, size = max(sizes.items(), key=lambda item: item[1])
-    at_once = size * (blocks.workers if blocks.cluster is None else 1)
-    if limit is not None and at_once > limit:
+    together = size * at_once(blocks)
+    if limit is not None and together > limit:
         raise InputError(
             f"--memory {size_text(limit)}: {name} takes about {size_text(size)}"
-            f"{f', times {blocks.workers} workers' if at_once > size else ''}; give more --blocks, "
-            "fewer --workers, fewer --max-gaussians or smaller images (--max-side)"
+            f"{f', times {blocks.workers} workers' if together > size else ''}; give more "
+            "--blocks, fewer --workers, fewer --max-gaussians or smaller images (--max-side)"
         )
 
 

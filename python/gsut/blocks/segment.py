@@ -38,7 +38,9 @@ class BlockLoop(TrainingLoop):
         self._task = task
         context = task.context if len(task.context) else None
         super().__init__(task.scene, task.options, task.own, context=context)
+        self.views.keep_at_most(task.keep_bytes)
         self.photographs: Any = KnownLight(task.scene, task.light)
+        self._order = views_by_rate(task.rates, task.options.steps, task.options.seed)
         self.step, self.pixels = task.begin, 0
         self._chosen: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, int]] = {}
 
@@ -46,6 +48,9 @@ class BlockLoop(TrainingLoop):
     def extent(self) -> float:
         """Of the whole scene."""
         return self._task.extent
+
+    def _view_of(self, step: int) -> int:
+        return int(self._order[step - 1])
 
     def _tiles(self, step: Any) -> np.ndarray | None:
         if step.number % _WHOLE_EVERY == 0:
@@ -84,6 +89,26 @@ class BlockLoop(TrainingLoop):
         """Goes on exactly where `state_dict` was taken."""
         super().load_state_dict(state)
         self.pixels = int(state["pixels"])
+
+
+def views_by_rate(rates: np.ndarray, steps: int, seed: int) -> np.ndarray:
+    """(steps,) the view of each step: in each epoch every view at most once, in an order by chance.
+
+    Args:
+        rates: (V,) share of the epochs in which each takes part, above 0 and at most 1; they are
+            spread evenly.
+        steps: how many.
+        seed: of the orders.
+    """
+    begun = np.random.default_rng(seed).random(len(rates))
+    epochs: list[np.ndarray] = []
+    count = 0
+    while count < steps:
+        order = np.random.default_rng([seed, len(epochs)]).permutation(len(rates))
+        now, then = (np.floor(begun + rates * (len(epochs) + i)) for i in (0, 1))
+        epochs.append(order[(then > now)[order]])
+        count += len(epochs[-1])
+    return np.concatenate(epochs)[:steps]
 
 
 class KnownLight:

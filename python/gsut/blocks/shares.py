@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from gsut import _core
 from gsut.blocks.segment import TILE
-from gsut.compact import SeenView, blend_weights, compact, seen_views
+from gsut.compact import SeenView, blend_weights, compact, seen_views, weights_by_view
 from gsut.data import Scene
-from gsut.gaussians import SH_C0, Gaussians
+from gsut.gaussians import SH_C0, Gaussians, merged
 from gsut.render import DEFAULT_UNSCENTED
 
 _LEAST = 1 / 255  # share of a pixel that counts: a grey level
 _CHANNELS = 3  # blocks that are drawn together, one a colour
-_FEW = 6  # blocks up to which all are drawn, of more those alone that a first pass has found
 _WORK_VIEWS = 64  # that the work is measured in, and what a block sees of the others
+# Share of a view's valid pixels from which on a block is trained on it, and the share of what the
+# view shows with which it is trained on it as often as on any.
+_LEAST_SHARE, _FULL_SHARE = 0.005, 0.25
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,20 +30,35 @@ class Shares:
     Attributes:
         weights: (V, B) pixels, each with the share that a block has in it, summed.
         pixels: (V,) valid ones.
-        tiles: {(view, block): (rows, columns) bool}: tiles that show the block, where any does.
+        tiles: {(view, block): (rows, columns) bool}: tiles that show the block, where it has a
+            share in the view that counts.
     """
 
     weights: np.ndarray
     pixels: np.ndarray
     tiles: dict[tuple[int, int], np.ndarray]
 
+    @functools.cached_property
+    def rates(self) -> np.ndarray:
+        """(V, B) how often a block is trained on a view, of a plain training's visits: 0 to 1."""
+        shares = self.weights / np.maximum(self.weights.sum(axis=1, keepdims=True), 1e-9)
+        rates = np.zeros(shares.shape)
+        for row, block in self.tiles:
+            rates[row, block] = min(1.0, shares[row, block] / _FULL_SHARE)
+        return rates
+
+    def neighbours(self, block: int) -> np.ndarray:
+        """Numbers of the other blocks that its views show, those that they show most of first."""
+        seen = self.rates[:, block] @ (self.weights / np.maximum(self.pixels, 1)[:, None])
+        seen[block] = 0.0
+        return np.argsort(-seen, kind="stable")[: np.count_nonzero(seen)]
+
 
 def work_of(
     gaussians: Gaussians, scene: Scene, indices: Sequence[int], on_view: Callable[[], object]
 ) -> np.ndarray:
     """(N,) what each Gaussian costs: its blend weights in some views, spread evenly."""
-    chosen = indices[:: -(-len(indices) // _WORK_VIEWS)]
-    return blend_weights(gaussians, seen_views(scene, chosen), on_view)
+    return blend_weights(gaussians, seen_views(scene, some_of(indices)), on_view)
 
 
 def find_shares(
@@ -65,36 +83,34 @@ def find_shares(
     """
     weights, pixels = np.zeros((len(indices), blocks)), np.zeros(len(indices))
     tiles: dict[tuple[int, int], np.ndarray] = {}
+    marked = dataclasses.replace(gaussians, sh=np.zeros((len(gaussians), 1, 3), np.float32))
     renderer, rule = _core.Renderer(), _core.BlendRule()
-    for row, (index, view) in enumerate(zip(indices, seen_views(small, indices), strict=True)):
+    found = weights_by_view(gaussians, (seen_views(small, [index])[0] for index in indices))
+    for row, (index, each) in enumerate(zip(indices, found, strict=True)):
+        view = seen_views(small, [index])[0]
         pixels[row] = np.count_nonzero(view.mask)
-        chosen = np.arange(blocks)
-        if blocks > _FEW:
-            found = np.bincount(owners, blend_weights(gaussians, [view]), minlength=blocks)
-            chosen = np.flatnonzero(found > 0)
+        weights[row] = np.bincount(owners, each, minlength=blocks)
+        chosen = np.flatnonzero(weights[row] >= _LEAST_SHARE * max(pixels[row], 1))
         image = np.zeros((*view.mask.shape, 3), np.float32)
         for first in range(0, len(chosen), _CHANNELS):
             some = chosen[first : first + _CHANNELS]
+            _mark(marked.sh, owners, some)
             renderer.render(
-                _coloured(gaussians, owners, some), view.camera, view.camera_from_world, rule,
-                (0.0, 0.0, 0.0), 0, DEFAULT_UNSCENTED, image, None, None, False,
+                marked, view.camera, view.camera_from_world, rule, (0.0, 0.0, 0.0), 0,
+                DEFAULT_UNSCENTED, image, None, None, False,
             )  # fmt: skip
             for channel, block in enumerate(some):
-                share = np.where(view.mask, image[..., channel], 0.0)
-                weights[row, block] = share.sum()
-                shown = _tiles_of(share > _LEAST, scene.camera(index))
+                shown = view.mask & (image[..., channel] > _LEAST)
                 if shown.any():
-                    tiles[row, int(block)] = shown
+                    tiles[row, int(block)] = _tiles_of(shown, scene.camera(index))
         on_view()
     return Shares(weights, pixels, tiles)
 
 
-def _coloured(gaussians: Gaussians, owners: np.ndarray, blocks: np.ndarray) -> Gaussians:
+def _mark(sh: np.ndarray, owners: np.ndarray, blocks: np.ndarray) -> None:
     """One channel a block: 1 for its Gaussians, 0 for all others."""
-    sh = np.full((len(gaussians), 1, 3), -0.5 / SH_C0, np.float32)
     for channel, block in enumerate(blocks):
-        sh[owners == block, 0, channel] = 0.5 / SH_C0
-    return dataclasses.replace(gaussians, sh=sh)
+        sh[:, 0, channel] = np.where(owners == block, 0.5 / SH_C0, -0.5 / SH_C0)
 
 
 def _tiles_of(shown: np.ndarray, full: _core.Camera) -> np.ndarray:
@@ -109,24 +125,27 @@ def _tiles_of(shown: np.ndarray, full: _core.Camera) -> np.ndarray:
     return out
 
 
+def some_of(indices: Sequence[int]) -> Sequence[int]:
+    """At most 64 of them, spread evenly."""
+    return indices[:: -(-len(indices) // _WORK_VIEWS)]
+
+
 def choose_context(
-    gaussians: Gaussians, own: np.ndarray, views: Sequence[SeenView], most: int, seed: int
+    own: Gaussians, others: Gaussians, views: Sequence[SeenView], most: int, seed: int
 ) -> Gaussians:
     """The Gaussians of other blocks that a block is trained among.
 
     Args:
-        gaussians: of all blocks.
-        own: (N,) bool, those of the block.
+        own: Gaussians of the block.
+        others: of other blocks.
         views: that show the block, with the pixels that do.
         most: rows of the result; where there are more those that the pixels do not show are left
             out, and if they are still too many they are merged.
         seed: of the merging.
     """
-    others = gaussians[~own]
     if len(others) <= most:
         return others
-    some = views[:: max(1, -(-len(views) // _WORK_VIEWS))]
-    weights = blend_weights(gaussians, some)[~own]
+    weights = blend_weights(merged([own, others]), views)[len(own) :]
     others, weights = others[weights > 0], weights[weights > 0]
     if len(others) <= most:
         return others

@@ -29,6 +29,8 @@ class BlockTask:
         extent: of the whole scene, world units.
         light: of the views, frozen; None: none was found.
         tiles: for each view which of its tiles of 16 x 16 pixels show the block, bool.
+        rates: for each view how often it is trained on, 1 where it is as often as any.
+        keep_bytes: of decoded photographs; the bits do not depend on it.
         own: Gaussians to begin with.
         context: Gaussians of other blocks, which are drawn and stay.
         begin, end: steps of this round, of all.
@@ -40,6 +42,8 @@ class BlockTask:
     extent: float
     light: Light | None
     tiles: list[np.ndarray]
+    rates: np.ndarray
+    keep_bytes: int
     own: Gaussians
     context: Gaussians
     begin: int
@@ -64,6 +68,8 @@ class BlockTask:
             "extent": self.extent,
             "light": None if self.light is None else _light_values(self.light),
             "tiles": [np.array(tiles) for tiles in self.tiles],
+            "rates": self.rates,
+            "keep_bytes": self.keep_bytes,
             "own": gaussian_arrays(self.own),
             "context": gaussian_arrays(self.context),
             "begin": self.begin,
@@ -90,7 +96,8 @@ class BlockTask:
             file_cameras=tuple(camera_from_values(each) for each in values["file_cameras"]),
             decodes_small=values["decodes_small"],
         )  # fmt: skip
-        rest: Any = {name: values[name] for name in ("extent", "tiles", "begin", "end", "segments")}
+        names = ("extent", "tiles", "rates", "keep_bytes", "begin", "end", "segments")
+        rest: Any = {name: values[name] for name in names}
         return cls(
             scene=scene, options=TrainOptions.from_json(values["options"]),
             light=None if values["light"] is None else _light_of(values["light"]),

@@ -20,7 +20,7 @@ from gsut._core import InputError
 from gsut.blocks.segment import BlockLoop, run_segment
 from gsut.blocks.task import BlockTask
 from gsut.files import whole_file
-from gsut.run import peak_rss_mb, read_checkpoint, write_checkpoint
+from gsut.run import peak_rss_mb, read_checkpoint, release_memory, write_checkpoint
 
 # A worker that ends so often without a new state ends the run: it would do so for ever.
 _MOST_DEATHS = 3
@@ -78,6 +78,7 @@ def run_job(job: Job, report: Report) -> None:
     while state is None or "result" not in state:
         state = run_segment(task, state, kept, on_step)
         report(job, summary_of(state) | {"bytes": write_state(job.state, state)})
+    release_memory()
 
 
 def summary_of(state: dict[str, Any]) -> dict[str, Any]:

@@ -1,10 +1,13 @@
 """How the view moves at each frame chosen: corners followed to the frames beside it.
 
 A rolling shutter bends a frame by what the camera moves while the frame is read: the flow at that
-moment, which frames half a second apart do not tell.
+moment, which frames half a second apart do not tell. Nor does the mean over the frames beside it:
+frames are chosen for their sharpness, where a shaking hand was slow and sped up before and after.
 """
 
 from __future__ import annotations
+
+from collections.abc import Collection
 
 import numpy as np
 
@@ -14,50 +17,82 @@ _SIDE = 480  # longer side of the frames that corners are followed in, pixels
 _CORNERS = 40
 _RETURN = 0.3  # pixels there, within which a corner that is followed there and back returns
 _FEWEST = 8
+FRAMES_BESIDE = 2  # on each side, through which a corner's way is a polynomial
+_Frame = tuple[int, float, np.ndarray]  # number, seconds, grey picture
 
 
 class FlowSearch:
     """Takes a video's frames one by one, and finds the flow at those wanted.
 
+    Args:
+        wanted: numbers of the frames.
+
     Attributes:
         found: by number of the frame rows of x, y (pixels), and their change in a second.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, wanted: Collection[int]) -> None:
         self.found: dict[int, list[list[float]]] = {}
-        self._last: list[tuple[int, float, np.ndarray]] = []
+        self._wanted = wanted
+        self._last: list[_Frame] = []
         self._scale = 1.0
 
-    def add(self, number: int, time: float, grey: np.ndarray, wanted: bool) -> None:
-        """Takes the next frame, (H, W) uint8; `wanted`: the frame before it was chosen."""
+    def add(self, number: int, time: float, grey: np.ndarray) -> None:
+        """Takes the next frame, (H, W) uint8; those with none wanted within two need not come."""
         small = shrunk_grey(grey, _SIDE)
         self._scale = grey.shape[1] / small.shape[1]
-        self._last = [*self._last[-2:], (number, time, small)]
-        if wanted and len(self._last) == 3:
-            self._find(*self._last)
+        self._last = [*self._last[-2 * FRAMES_BESIDE :], (number, time, small)]
+        self._find(number - FRAMES_BESIDE)
 
-    def _find(self, *frames: tuple[int, float, np.ndarray]) -> None:
-        """Of the middle one of three frames."""
+    def finish(self) -> dict[int, list[list[float]]]:
+        """`found`, once every frame is in."""
+        for number, _, _ in self._last[-FRAMES_BESIDE:]:
+            self._find(number)
+        return self.found
+
+    def _find(self, wanted: int) -> None:
+        """Of a frame, if it is wanted and those beside it are there."""
+        own = {number: (number, time, picture) for number, time, picture in self._last}
+        if wanted not in self._wanted or not {wanted - 1, wanted, wanted + 1} <= own.keys():
+            return
         import cv2
 
-        (before, start, first), (number, _, middle), (after, end, last) = frames
-        if after - before != 2 or not end > start:
-            return
-        found = cv2.goodFeaturesToTrack(middle, _CORNERS, 0.01, 0.04 * max(middle.shape))
+        middle = own[wanted]
+        found = cv2.goodFeaturesToTrack(middle[2], _CORNERS, 0.01, 0.04 * max(middle[2].shape))
         if found is None:
             return
         corners = found.reshape(-1, 2)
-        ends = []
-        for other in (first, last):
-            moved = track_corners(middle, other, corners)
-            back = track_corners(other, middle, moved)
-            lost = ~(np.linalg.norm(back - corners, axis=1) < _RETURN)
-            moved[lost] = np.nan
-            ends.append(moved)
-        speed = (ends[1] - ends[0]) / (end - start)
-        good = np.isfinite(speed).all(axis=1)
-        if good.sum() < _FEWEST:
-            return
-        # cv2 puts the centre of the top-left pixel at (0, 0).
-        rows = np.hstack([(corners + 0.5) * self._scale, speed * self._scale])[good]
-        self.found[number] = np.round(rows, 2).tolist()
+        ways = {n: _followed(middle, frame, corners) for n, frame in own.items() if n != wanted}
+        for reach in range(FRAMES_BESIDE, 0, -1):
+            beside = [n for n in range(wanted - reach, wanted + reach + 1) if n != wanted]
+            if not own.keys() >= set(beside):
+                continue
+            times = np.array([own[n][1] for n in beside]) - middle[1]
+            speed = np.tensordot(_slopes(times), [ways[n] for n in beside], axes=1)
+            good = np.isfinite(speed).all(axis=1)
+            if good.sum() >= _FEWEST:
+                # cv2 puts the centre of the top-left pixel at (0, 0).
+                rows = np.hstack([(corners + 0.5) * self._scale, speed * self._scale])[good]
+                self.found[wanted] = np.round(rows, 2).tolist()
+                return
+
+
+def _followed(middle: _Frame, other: _Frame, corners: np.ndarray) -> np.ndarray:
+    """(N, 2) how far corners (N, 2) move from one frame to another; NaN where lost."""
+    moved = track_corners(middle[2], other[2], corners)
+    back = track_corners(other[2], middle[2], moved)
+    lost = ~(np.linalg.norm(back - corners, axis=1) < _RETURN)
+    moved[lost] = np.nan
+    return moved - corners
+
+
+def _slopes(times: np.ndarray) -> np.ndarray:
+    """(N,) what values at times (N,) count for in the slope at 0 of the polynomial through them and
+    through 0 there; NaN where times coincide."""
+    nodes = times / max(float(np.abs(times).max()), 1e-12)
+    powers = nodes ** np.arange(1, len(nodes) + 1)[:, None]
+    if abs(np.linalg.det(powers)) < 1e-9:
+        return np.full(len(nodes), np.nan)
+    wanted = np.zeros(len(nodes))
+    wanted[0] = 1.0
+    return np.linalg.solve(powers, wanted) * nodes[-1] / times[-1]

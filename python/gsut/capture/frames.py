@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut._core import InputError, __version__
 from gsut.capture.choose import Candidate, CandidateSearch, blurred, choose_frames
-from gsut.capture.flow import FlowSearch
+from gsut.capture.flow import FRAMES_BESIDE, FlowSearch
 from gsut.capture.strip import write_strip
 from gsut.capture.track import places_at, track_of
 from gsut.capture.video import Video, camera_in
@@ -210,13 +210,14 @@ def _write(
     import cv2
 
     wanted = dict(zip((c.number for c in chosen), names, strict=True))
-    beside = {number + step for number in wanted for step in (-1, 0, 1)}
+    reach = range(-FRAMES_BESIDE, FRAMES_BESIDE + 1)
+    beside = {number + step for number in wanted for step in reach}
     for stale in set(folder.glob("f*.jpg")) - {folder / name for name in names}:
         stale.unlink()
-    search = FlowSearch()
+    search = FlowSearch(wanted)
     with Video(*files) as source:
         for number, time, picture in source.frames():
-            if number > chosen[-1].number + 1:
+            if number > chosen[-1].number + FRAMES_BESIDE:
                 break
             pixels = picture() if number in beside else None
             if pixels is None and number in wanted:
@@ -225,10 +226,10 @@ def _write(
                 )
             if pixels is None:
                 continue
-            search.add(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), number - 1 in wanted)
+            search.add(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
             if number not in wanted:
                 continue
             target = folder / wanted[number]
             write_picture(target, pixels, _JPEG_QUALITY)
             told("frames", names.index(target.name) + 1, len(names), target.name)
-    return search.found
+    return search.finish()

@@ -53,7 +53,8 @@ def _tile(path: Path, row: dict[str, Any]) -> np.ndarray:
     if row.get("time") is not None:
         text = f"{row['time']:.1f} s"
         for color, thick in (((0, 0, 0), 3), ((255, 255, 255), 1)):
-            cv2.putText(tile, text, (4, 14), cv2.FONT_HERSHEY_SIMPLEX, 0.42, color, thick)
+            where = (4, 14), cv2.FONT_HERSHEY_SIMPLEX, 0.42
+            cv2.putText(tile, text, *where, color, thick, cv2.LINE_AA)
     if row.get("blurred"):
         cv2.rectangle(tile, (0, 0), (width - 1, _HEIGHT - 1), _BLURRED_COLOR, 3)
     return tile

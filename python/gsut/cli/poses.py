@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from gsut._core import InputError
 from gsut.capture import Capture, capture, is_video
 from gsut.cli._flags import add_capture, add_json, add_quiet, degrees, folder_name, print_json
-from gsut.data import CAPTURE_FOLDER, find_lens_file, read_capture
+from gsut.data import CAPTURE_FOLDER, find_lens_file
 from gsut.lens import is_lens_name, lens_by_name
 from gsut.output_folder import claim_folder
 from gsut.run import Progress, StagedProgress, Verdict, add_option_flags, given_options
@@ -22,18 +22,6 @@ from gsut.sfm import PosesOptions, check_lens, done_already
 
 if TYPE_CHECKING:
     from gsut.sfm import PosesResult
-
-# Seconds that each stage takes of so many images of half a megapixel on two cores: what is left is
-# estimated from them. Mapping with a lens that is known, and beside an unknown one.
-_STAGE_SECONDS = {
-    "features": 5.7, "preview": 1.0, "matching": 5.5, "verifying": 2.2, "lens": 20.0,
-    "mapping": 24.0, "shutter": 12.0, "rig": 15.0,
-}  # fmt: skip
-_MAPPING_UNKNOWN = 42.0
-_MEGAPIXELS = 0.5
-# By what power of the megapixels they grow (four captures of 0.2 to 2 megapixels).
-_GROWTH = {"features": 0.75, "lens": 0.4, "mapping": 0.25}
-EXPECTED_IMAGES = 60
 
 HELP = "camera poses and points of photographs, without COLMAP"
 DESCRIPTION = (
@@ -190,64 +178,42 @@ def estimate_with_bars(
     """`find_poses` with one progress bar for all its stages, if enabled."""
     from gsut.sfm import find_poses
 
-    taken = read_capture(Path(images)) or {}
-    options = settings.get("options") or PosesOptions()
-    camera, unsaid = settings.get("camera"), not taken and not settings.get("unknown_lens")
-    known = unsaid if camera is None else not is_lens_name(camera)
-    expected = pose_seconds(taken, options.shutter, known, bool(settings.get("rig")))
-    with StagedProgress(expected, enabled) as bars:
-        shown = InStages(bars, expected)
-        with contextlib.closing(shown):
-            return find_poses(images, out, on_progress=shown.show, notes_to=bars.note, **settings)
+    with StagedProgress({}, enabled) as bars, contextlib.closing(PosesStages(bars)) as stages:
+        return find_poses(
+            images, out, on_progress=stages.show, on_expected=stages.expect, notes_to=bars.note,
+            **settings,
+        )  # fmt: skip
 
 
-def pose_seconds(
-    taken: Mapping[str, Any], shutter: str, known: bool, rig: bool = False
-) -> dict[str, float]:
-    """The stages that poses of a capture take, and the seconds of each for `EXPECTED_IMAGES`.
+class PosesStages:
+    """Moves the bar of a command through the stages of `find_poses`, as it tells of them."""
 
-    Args:
-        taken: content of capture.json, or nothing.
-        shutter: as in PosesOptions. known: whether the lens is. rig: whether one was given.
-    """
-    absent = {"lens" if known else "verifying"}
-    if taken.get("kind") != "video" or shutter != "auto":
-        absent.add("shutter")
-    if not rig and not taken.get("lenses"):
-        absent.add("rig")
-    expected = {name: _STAGE_SECONDS[name] for name in _STAGE_SECONDS if name not in absent}
-    if not known:
-        expected["mapping"] = _MAPPING_UNKNOWN
-    if "size" in taken:
-        width, height = taken["size"]
-        times = min(width * height / 1e6, PosesOptions().max_megapixels) / _MEGAPIXELS
-        for name in set(_GROWTH) & set(expected):
-            expected[name] *= times ** _GROWTH[name]
-        # By the features squared, of which larger images have no more than these.
-        expected["matching"] *= min(1.0, times) ** 2
-    return expected
-
-
-class InStages:
-    """Moves the bar of all stages as the work tells of one after the other."""
-
-    def __init__(self, bars: StagedProgress, expected: dict[str, float]) -> None:
+    def __init__(self, bars: StagedProgress) -> None:
         self._bars = bars
-        self._expected = expected
+        self._names: list[str] = []
         self._stage = ""
         self._open = contextlib.ExitStack()
 
+    @property
+    def seconds(self) -> float:
+        """Of all stages that are done."""
+        return sum(self._bars.seconds.get(name, 0.0) for name in self._names)
+
+    def expect(self, seconds: Mapping[str, float]) -> None:
+        """What the stages take, as far as it is known; some that were expected may be absent."""
+        for name in set(self._names) - set(seconds):
+            self._bars.skip(name)
+        self._names = list(seconds)
+        for name, expected in seconds.items():
+            self._bars.expect(name, expected)
+
     def show(self, stage: str, done: int, total: int, text: str) -> None:
-        """As `find_poses` tells it; a stage that was not expected is part of the one before."""
-        if stage not in self._expected:
+        """A stage that was not expected is part of the one before."""
+        if stage not in self._names:
             return
         if stage != self._stage:
             self._open.close()
-            if stage == "features":
-                for name, seconds in self._expected.items():
-                    self._bars.expect(name, seconds * total / EXPECTED_IMAGES)
-            names = list(self._expected)
-            for name in names[: names.index(stage)]:
+            for name in self._names[: self._names.index(stage)]:
                 if name not in self._bars.seconds:
                     self._bars.skip(name)
             self._stage = stage

@@ -7,10 +7,11 @@ was stopped, and has nothing to do when all is done.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
-import itertools
+import html
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from gsut.cli._flags import (
     print_json,
     whole,
 )
-from gsut.cli.poses import EXPECTED_IMAGES, pose_seconds, with_readout
+from gsut.cli.poses import PosesStages, with_readout
 from gsut.cli.view import LivePage, add_live_flags
 from gsut.data import CAPTURE_FOLDER, STRIP
 from gsut.output_folder import claim_folder
@@ -32,6 +33,7 @@ from gsut.run import (
     METRICS,
     OPTIONS,
     PRESETS,
+    RENDERS,
     REPORT,
     RunFolder,
     StagedProgress,
@@ -50,12 +52,7 @@ DESCRIPTION = (
 POSES = "poses"  # folder of the pictures and poses, in the run's folder
 STATE = "scene.json"  # inputs and settings; seconds and verdict once all is done
 PAGE = "scene.html"
-# Seconds on one core of a training step: of any, of a megapixel, and of each Gaussian; and beside
-# the steps. For the time left before anything is measured: 18 CPU-s of 500 steps with 50 000
-# Gaussians, 116 of 2000 with 200 000.
-_STEP_SECONDS, _PIXEL_SECONDS, _MODEL_SECONDS = 0.008, 0.02, 2.2e-7
-_TRAIN_SECONDS = 4.0
-_CAPTURE_SECONDS = 8.0
+_CAPTURE_SECONDS, _TRAIN_SECONDS = 8.0, 3.0  # expected, the latter of training before its steps
 # What another scene would come of; the threads are none of it.
 _SETTINGS = (
     "preset", "steps", "camera", "fov", "frames", "nadir_cap", "zenith_cap", "shutter", "seed",
@@ -136,6 +133,10 @@ def _run(arguments: argparse.Namespace, page: LivePage) -> int:
         print_json(state)
     elif not arguments.quiet:
         print(Verdict.of(state["verdict"]))
+        renders = state.get("renders")
+        if renders:
+            said = renders == state["verdict"]["what"]
+            print(f"{'' if said else renders + '; '}look around in it: gsut view {folder.path}")
         print(f"report: {folder.path / PAGE}")
     page.stay()
     return 0
@@ -173,7 +174,7 @@ def _make(
     from gsut.capture import capture
 
     check_lens(arguments.camera)
-    expected = {"capture": _CAPTURE_SECONDS, "poses": 100.0, "training": 60.0, "report": 1.0}
+    expected = {"capture": _CAPTURE_SECONDS, POSES: 100.0, "training": 60.0, "report": 0.1}
     claimed = claim_folder(folder.path / POSES, "poses", arguments.inputs[0])
     with claimed, StagedProgress(expected, not arguments.quiet) as bars:
         with bars.stage("capture"):
@@ -189,15 +190,17 @@ def _make(
             preset=arguments.preset, steps=arguments.steps, seed=arguments.seed,
             threads=arguments.threads,
         )  # fmt: skip
-        _expect(bars, taken.figures, options, arguments)
-        poses = _find_poses(folder, arguments, taken, bars)
+        bars.expect("training", _TRAIN_SECONDS + _steps_seconds(taken.figures, options))
+        poses, poses_seconds = _find_poses(folder, arguments, taken, bars)
         metrics = _train(folder, options, bars, page)
         with bars.stage("report"):
             bars.show(0.5)
-            seconds = dict(bars.seconds)
-            # Of a stage that was done by an earlier call.
-            seconds["poses"] = seconds["poses"] or poses["seconds"]["total"]
-            seconds["training"] = seconds["training"] or metrics["train_seconds"]
+            seconds = {
+                "capture": bars.seconds["capture"],
+                # Of a stage that was done by an earlier call.
+                POSES: poses_seconds or poses["seconds"]["total"],
+                "training": bars.seconds["training"] or metrics["train_seconds"],
+            }
             verdict = _together([*_said([metrics, poses]), _capture_verdict(taken.figures)])
             state = {
                 **state,
@@ -205,9 +208,10 @@ def _make(
                 "pictures": len(taken.figures["frames"]),
                 "registered": poses["registered"],
                 **{key: metrics.get(key) for key in ("psnr", "ssim", "num_gaussians", "steps")},
+                "renders": (metrics.get("verdict") or {}).get("what"),
                 "verdict": verdict.as_dict(),
             }
-            _write_page(folder, state, taken.notes)
+            _write_page(folder, state, taken.notes, metrics)
         seconds["report"] = bars.seconds["report"]
         folder.write_json(STATE, state)
     return state
@@ -215,23 +219,24 @@ def _make(
 
 def _find_poses(
     folder: RunFolder, arguments: argparse.Namespace, taken: Any, bars: StagedProgress
-) -> dict[str, Any]:
-    """The content of poses.json."""
+) -> tuple[dict[str, Any], float]:
+    """The content of poses.json, and the seconds that it took now."""
     from gsut.sfm import find_poses, is_finished, read_figures
 
     out = folder.path / POSES
+    bars.skip(POSES)  # its own stages come instead
     if is_finished(out):
-        bars.skip("poses")
-        return read_figures(out)
+        return read_figures(out), 0.0
     options = PosesOptions(
         shutter=arguments.shutter, seed=arguments.seed, threads=arguments.threads
     )
-    with bars.stage("poses"):
-        return find_poses(
+    with contextlib.closing(PosesStages(bars)) as stages:
+        figures = find_poses(
             taken.path, out, camera=arguments.camera, fov_degrees=arguments.fov,
-            options=with_readout(options, arguments.camera, taken),
-            on_progress=_evenly(bars, _pose_seconds(taken.figures, arguments)), notes_to=bars.note,
+            options=with_readout(options, arguments.camera, taken), on_progress=stages.show,
+            on_expected=stages.expect, notes_to=bars.note,
         ).figures  # fmt: skip
+    return figures, stages.seconds
 
 
 def _train(
@@ -249,32 +254,16 @@ def _train(
         options = folder.read_options()
     for note in filter(None, (*scene.notes, size_note(scene, options))):
         bars.note(note)
-    work = _work(options)
 
     def show(row: dict[str, Any]) -> None:
-        bars.show(work(row["step"] / options.steps), f"step {row['step']} of {options.steps}")
+        done = row["step"] / options.steps
+        bars.show(done, f"step {row['step']} of {options.steps}", row["seconds_left"])
 
     with bars.stage("training"):
         watch = page.begin(scene, options)
         result = gsut.train(scene, options, out=folder.path, resume=True, progress=show, **watch)
     page.finish(result)
     return result.metrics
-
-
-def _work(options: TrainOptions) -> Callable[[float], float]:
-    """Share of the training's time by the share of its steps: small pictures come first."""
-    quarter, half = options.resolved().coarse_to_fine
-    ends = [(0.0, 0.0), (quarter, 0.15), (half, 0.35), (1.0, 1.0)]
-    costs = [0.0]
-    for (start, _), (end, cost) in itertools.pairwise(ends):
-        costs.append(costs[-1] + cost * (end - start))
-
-    def share(steps: float) -> float:
-        import numpy as np
-
-        return float(np.interp(steps, [end for end, _ in ends], costs) / costs[-1])
-
-    return share
 
 
 def _evenly(bars: StagedProgress, shares: dict[str, float]) -> Callable[[str, int, int, str], None]:
@@ -289,31 +278,18 @@ def _evenly(bars: StagedProgress, shares: dict[str, float]) -> Callable[[str, in
     return show
 
 
-def _pose_seconds(taken: Mapping[str, Any], arguments: argparse.Namespace) -> dict[str, float]:
-    """The stages of the poses, and the seconds that each takes of `EXPECTED_IMAGES`."""
-    from gsut.lens import is_lens_name
-
-    named = arguments.camera is not None and not is_lens_name(arguments.camera)
-    known = named or bool(taken.get("lens"))
-    return pose_seconds(taken, arguments.shutter, known)
-
-
-def _expect(
-    bars: StagedProgress,
-    figures: dict[str, Any],
-    options: TrainOptions,
-    arguments: argparse.Namespace,
-) -> None:
-    """Corrects the seconds that poses and training will take, now that the pictures are known."""
+def _steps_seconds(figures: dict[str, Any], options: TrainOptions) -> float:
+    """What the steps of the training will take, now that the size of the pictures is known."""
     from gsut import _core
+    from gsut.training import TrainingTime
 
-    threads = options.threads or _core.num_threads()
+    most = dataclasses.replace(options.resolved(), max_gaussians=options.most_gaussians)
     width, height = figures["size"]
-    poses = sum(_pose_seconds(figures, arguments).values()) * len(figures["frames"])
-    bars.expect("poses", poses / EXPECTED_IMAGES * 2 / threads)
-    megapixels = min(width * height / 1e6, 1.44)
-    step = _STEP_SECONDS + _PIXEL_SECONDS * megapixels + _MODEL_SECONDS * options.most_gaussians
-    bars.expect("training", _TRAIN_SECONDS + options.steps * step / threads)
+    shrunk = min(1.0, options.max_side / max(width, height)) if options.max_side else 1.0
+    return TrainingTime(
+        most, most.most_gaussians // 4, shrunk**2 * width * height / 1e6, 0,
+        threads=options.threads or _core.num_threads(),
+    ).left(0)  # fmt: skip
 
 
 def _capture_verdict(figures: dict[str, Any]) -> Verdict:
@@ -346,8 +322,10 @@ def _together(verdicts: list[Verdict]) -> Verdict:
     return dataclasses.replace(first, reasons=tuple(dict.fromkeys(reasons)))
 
 
-def _write_page(folder: RunFolder, state: dict[str, Any], notes: list[str]) -> None:
-    """scene.html: the verdict, the pictures chosen, the seconds, and links to both reports."""
+def _write_page(
+    folder: RunFolder, state: dict[str, Any], notes: list[str], metrics: dict[str, Any]
+) -> None:
+    """scene.html: the verdict, a view that was held out, the pictures chosen, seconds, links."""
     from gsut.page import bytes_address, duration_text, html_table, sections_page
 
     strip = bytes_address((folder.path / POSES / CAPTURE_FOLDER / STRIP).read_bytes(), "image/jpeg")
@@ -357,9 +335,32 @@ def _write_page(folder: RunFolder, state: dict[str, Any], notes: list[str]) -> N
         f'<p><a href="{REPORT}">Report of the training</a>: held-out views beside photographs. '
         f'<a href="{POSES}/report.html">Report of the poses</a>: where the camera went, and its '
         "lens.</p>",
+        *_result(folder, state, metrics),
         "<h2>Pictures</h2>",
         f'<img src="{strip}" alt="the pictures chosen" style="width: 100%">',
         "<h2>Time taken</h2>",
         html_table(rows),
     ]
     folder.write_text(PAGE, sections_page(folder.path.name, notes, parts))
+
+
+def _result(folder: RunFolder, state: dict[str, Any], metrics: dict[str, Any]) -> list[str]:
+    """Parts of a page: the held-out view of median quality beside its photograph, in words."""
+    views = [row for row in metrics.get("views", []) if row.get("render") and row.get("truth")]
+    views = [row for row in views if row.get("psnr") is not None]
+    words = state["renders"]
+    if not views or not words:
+        return []
+    said = "" if words == state["verdict"]["what"] else f"{words[:1].upper()}{words[1:]}. "
+    middle = sorted(views, key=lambda row: row["psnr"])[len(views) // 2]
+    pictures = "".join(
+        f'<figure style="flex: 1; margin: 0"><img src="{RENDERS}/{middle[key]}" alt="{name}" '
+        f'style="width: 100%"><figcaption>{name}</figcaption></figure>'
+        for key, name in (("truth", "photograph"), ("render", "the scene, seen from there"))
+    )
+    return [
+        "<h2>Scene</h2>",
+        f'<div style="display: flex; gap: 1em">{pictures}</div>',
+        f"<p>A photograph that the training has not seen, of median quality. {said}Look around: "
+        f"<code>gsut view {html.escape(str(folder.path))}</code></p>",
+    ]

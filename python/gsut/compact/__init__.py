@@ -12,7 +12,13 @@ from gsut.compact.compaction import (
 from gsut.compact.floaters import Support, find_support
 from gsut.compact.harmonics import drop_harmonics
 from gsut.compact.method import METHODS
-from gsut.compact.scores import SeenView, blend_weights, find_strongest, seen_views
+from gsut.compact.scores import (
+    SeenView,
+    blend_weights,
+    find_strongest,
+    seen_views,
+    weights_by_view,
+)
 
 __all__ = [
     "METHODS",
@@ -30,4 +36,5 @@ __all__ = [
     "scores_of",
     "seen_views",
     "settings_of",
+    "weights_by_view",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -63,6 +63,12 @@ def blend_weights(
     return np.maximum(_sums(grey(gaussians, 0), views, on_view)[:, 0] / SH_C0, 0.0)
 
 
+def weights_by_view(gaussians: Gaussians, views: Iterable[SeenView]) -> Iterator[np.ndarray]:
+    """`blend_weights` of one view after the other."""
+    for sums in _each(grey(gaussians, 0), views):
+        yield np.maximum(sums[:, 0].astype(np.float64) / SH_C0, 0.0)
+
+
 def basis_sums(
     gaussians: Gaussians,
     views: Sequence[SeenView],
@@ -79,14 +85,20 @@ def basis_sums(
 
 def _sums(grey: Gaussians, views: Sequence[SeenView], on_view: Callable[[], object]) -> np.ndarray:
     sums = np.zeros(grey.sh.shape[:2])
+    for each in _each(grey, needed_views(views)):
+        sums += each
+        on_view()
+    return sums
+
+
+def _each(grey: Gaussians, views: Iterable[SeenView]) -> Iterator[np.ndarray]:
+    """(N, K) of each view; valid until the next."""
     passes = Passes(grey)
-    for view in needed_views(views):
+    for view in views:
         dimage = np.zeros((*view.mask.shape, 3), np.float32)
         dimage[..., 0] = view.mask
         passes.render(view)
-        sums += passes.backward(dimage).sh[:, :, 0]
-        on_view()
-    return sums
+        yield passes.backward(dimage).sh[:, :, 0]
 
 
 def find_strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np.ndarray]:

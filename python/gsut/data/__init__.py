@@ -36,7 +36,7 @@ from gsut.data.normal_files import read_normals
 from gsut.data.points import TRIANGULATED, load_points_ply, points_ply
 from gsut.data.poses import OPENGL_FROM_OPENCV, centers_of, inverse, rigid_transform
 from gsut.data.rig import Rig, read_rig, relative_changes, write_rig
-from gsut.data.scene import Scene, View
+from gsut.data.scene import Scene, View, keep_at_most
 from gsut.data.shutter import frame_times, neighbours_in_time, views_within, with_shutter
 from gsut.data.split import TEST_EVERY
 from gsut.data.training_views import Level, TrainingViews
@@ -86,6 +86,7 @@ __all__ = [
     "frame_times",
     "has_colors",
     "inverse",
+    "keep_at_most",
     "layouts",
     "lens_of_path",
     "load_dataset",

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import collections
 import concurrent.futures
 import dataclasses
 import functools
-import threading
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +15,7 @@ from gsut import _core
 from gsut._core import CameraMotion, InputError, Shutter
 from gsut.data.findings import DatasetError
 from gsut.data.images import decode_scaled, shrink_both
+from gsut.data.lru_cache import LruCache
 from gsut.data.masks import lens_mask, read_mask
 from gsut.lens import Camera
 
@@ -83,37 +82,6 @@ class View:
         return -pose[:3, :3].T @ pose[:3, 3]
 
 
-class _LruCache:
-    """Arrays by key, oldest dropped beyond a number of bytes; safe to use from many threads."""
-
-    def __init__(self, limit_bytes: float) -> None:
-        self.limit_bytes = limit_bytes
-        self._items: collections.OrderedDict = collections.OrderedDict()
-        self._bytes = 0
-        self._lock = threading.Lock()
-
-    def get(self, key: object, make: Callable[[], tuple]) -> tuple:
-        with self._lock:
-            if key in self._items:
-                self._items.move_to_end(key)
-                return self._items[key]
-        value = make()  # outside the lock: two threads may decode the same image, with equal result
-        for array in value:
-            if array is not None:
-                array.setflags(write=False)
-        with self._lock:
-            if key not in self._items:
-                self._items[key] = value
-                self._bytes += _size(value)
-                while self._bytes > self.limit_bytes and len(self._items) > 1:
-                    self._bytes -= _size(self._items.popitem(last=False)[1])
-            return self._items.get(key, value)
-
-
-def _size(arrays: tuple) -> int:
-    return sum(array.nbytes for array in arrays if array is not None)
-
-
 def _read_only(values: np.typing.ArrayLike, dtype: np.typing.DTypeLike) -> np.ndarray:
     array = np.asarray(values, dtype).view()
     array.setflags(write=False)
@@ -156,8 +124,8 @@ class Scene:
     file_cameras: tuple[Camera, ...] = ()
     larger: Scene | None = None
     decodes_small: bool = False
-    _images: _LruCache = dataclasses.field(init=False)
-    _masks: _LruCache = dataclasses.field(init=False)
+    _images: LruCache = dataclasses.field(init=False)
+    _masks: LruCache = dataclasses.field(init=False)
 
     def __post_init__(self) -> None:
         values: dict[str, Any] = {
@@ -166,8 +134,8 @@ class Scene:
             "point_colors": _read_only(np.reshape(self.point_colors, (-1, 3)), np.uint8),
             "world_offset": _read_only(self.world_offset, np.float64),
             "file_cameras": self.file_cameras or self.cameras,
-            "_images": _LruCache(IMAGE_CACHE_BYTES),
-            "_masks": _LruCache(IMAGE_CACHE_BYTES),
+            "_images": LruCache(IMAGE_CACHE_BYTES),
+            "_masks": LruCache(IMAGE_CACHE_BYTES),
         }
         for name in ("cameras", "views", "train_indices", "test_indices", "notes", "file_cameras"):
             values[name] = tuple(values.get(name, getattr(self, name)))
@@ -371,6 +339,12 @@ class Scene:
             return (lens_mask(self.cameras[camera_index], self.file_cameras[camera_index]),)
 
         return self._masks.get(("lens", camera_index), make)[0]
+
+
+def keep_at_most(scene: Scene, size: float) -> None:
+    """Keeps so many bytes of a scene's decoded images, and of its masks; drops the others."""
+    scene._images.limit(size)
+    scene._masks.limit(size)
 
 
 def _with_pixels(valid: np.ndarray, view: View) -> np.ndarray:

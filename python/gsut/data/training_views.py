@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.data.scene import Scene
+from gsut.data.scene import Scene, keep_at_most
 from gsut.lens import Camera
 
 # Coarse levels with a shorter side below this many pixels are left out: nothing to learn there.
 _SMALLEST_SIDE = 64
 # Targets kept decoded with their statistics; beyond it the least recently used are made again.
 _TARGET_CACHE_BYTES = 2 << 30
+_PIXELS_PART = 8  # of the bytes to keep, for decoded pixels that are not ready for the loss
 
 
 class Level:
@@ -26,8 +27,9 @@ class Level:
         scene: with images and cameras of that size, and the poses and lenses as they are now.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, keep_bytes: int = _TARGET_CACHE_BYTES) -> None:
         self.scene = scene
+        self._keep_bytes = keep_bytes
         self._targets: collections.OrderedDict[int, _core.PhotometricTarget] = (
             collections.OrderedDict()
         )
@@ -48,7 +50,7 @@ class Level:
         target = self._make_target(view) if coming is None else coming.result()
         self._targets[view] = target
         self._bytes += target.nbytes
-        while self._bytes > _TARGET_CACHE_BYTES and len(self._targets) > 1:
+        while self._bytes > self._keep_bytes and len(self._targets) > 1:
             self._bytes -= self._targets.popitem(last=False)[1].nbytes
         return target
 
@@ -96,16 +98,32 @@ class TrainingViews:
         self._factor = 0.0
         self._level: Level | None = None
         self._worker = concurrent.futures.ThreadPoolExecutor(1, "gsut-images")
+        self._keep: tuple[int, int] | None = None
+
+    def keep_at_most(self, size: int) -> None:
+        """Keeps so many bytes of decoded photographs; others are decoded again when they are due.
+
+        What is ready for the loss takes most of it, the pixels alone the rest.
+        """
+        self._keep = size - size // _PIXELS_PART, size // _PIXELS_PART
+        self._level = None
 
     def at(self, fraction: float) -> Level:
         """The level for a step at this fraction of all steps; a passed level is dropped."""
         factor = self._factor_at(fraction)
         if self._level is None or factor != self._factor:
             self._factor = factor
-            self._level = Level(
+            self._level = self._new_level(
                 self.scene if factor == 1.0 else self.scene.scaled(factor, keep_larger=True)
             )
         return self._level
+
+    def _new_level(self, scene: Scene) -> Level:
+        if self._keep is None:
+            return Level(scene)
+        for each in {id(scene): scene, id(self.scene): self.scene}.values():
+            keep_at_most(each, self._keep[1])
+        return Level(scene, self._keep[0])
 
     def prepare(self, view: int, fraction: float) -> None:
         """Begins to decode the next step's image while this step is computed.
@@ -143,7 +161,7 @@ class TrainingViews:
         """
         self.scene = self.scene.with_lenses(file_cameras)
         if self._level is not None:
-            self._level = Level(self._level.scene.with_lenses(file_cameras))
+            self._level = self._new_level(self._level.scene.with_lenses(file_cameras))
 
     def state_dict(self) -> dict[str, Any]:
         """Poses and lenses as they are now."""

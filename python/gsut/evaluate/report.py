@@ -80,10 +80,16 @@ def write_report(run: RunFolder) -> Path:
         light_plots=light_plots(metrics["light"]) if "light" in metrics else [],
         settings=_settings(options),
         block_map=_block_map(run.path / BLOCKS / "map.png"),
-        title=metrics.get("dataset") or run.path.name,
+        title=_title(run, metrics),
         page=PAGE if (run.path / PAGE).is_file() else None,
     )
     return run.write_text(REPORT, page)
+
+
+def _title(run: RunFolder, metrics: dict[str, Any]) -> str:
+    """The dataset's name; that of a folder within the run says nothing."""
+    name = metrics.get("dataset")
+    return name if name and not (run.path / name).is_dir() else run.path.name
 
 
 def _headline(metrics: dict[str, Any]) -> list[tuple[str, str, str]]:

@@ -20,7 +20,7 @@ from gsut.files import regular
 from gsut.formats._errors import largest_errors
 from gsut.formats._format import Format, SceneFile, StartView, WriteSettings, Written
 from gsut.formats._origin import for_file, place_text
-from gsut.formats.ply import NO_BACKGROUND, load_ply, open_ply, save_ply
+from gsut.formats.ply import NO_BACKGROUND, load_ply, open_ply, save_ply, save_ply_parts
 from gsut.gaussians import Gaussians, are_surfels
 
 __all__ = [
@@ -42,6 +42,7 @@ __all__ = [
     "read_scene_file",
     "save_gaussians",
     "save_ply",
+    "save_ply_parts",
 ]
 _SNIFFED_BYTES = 4096
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from gsut import _core
-from gsut.files import regular
+from gsut.files import regular, whole_file
 from gsut.formats._format import ELSEWHERE, Format, SceneFile, WriteSettings, Written
 from gsut.formats._origin import for_file, origin_comments, origin_in
 from gsut.gaussians import (
@@ -186,6 +186,42 @@ def save_ply(
     stored = for_file(gaussians)
     flat = are_surfels(stored) if surfels is None else surfels
     _core.write_ply(os.fsencode(path), stored, [*comments, *origin_comments(stored)], flat)
+
+
+def save_ply_parts(
+    path: str | os.PathLike[str],
+    parts: Iterable[Gaussians],
+    count: int,
+    sample: Gaussians,
+    comments: Sequence[str] = (),
+    surfels: bool = False,
+) -> np.ndarray:
+    """`save_ply` of Gaussians that come in parts, of which one is in memory at a time.
+
+    Args:
+        path, comments, surfels: see `save_ply`.
+        parts: of the same degree of harmonics.
+        count: of all.
+        sample: of all, by which the file's zero is chosen.
+
+    Returns:
+        (3,) the origin that a comment names.
+    """
+    place = for_file(sample)
+    named = [*comments, *origin_comments(place)]
+    with whole_file(path) as temporary, open(temporary, "wb") as out:
+        piece = temporary.with_name(temporary.name + ".piece")
+        for part in parts:
+            _core.write_ply(
+                os.fsencode(piece), part.about(place.origin).astype(np.float32), named, surfels
+            )
+            head, end, rows = piece.read_bytes().partition(_PLAIN_END)
+            piece.unlink()
+            if not out.tell():
+                of_part, of_all = (b"element vertex %d\n" % n for n in (len(part), count))
+                out.write(head.replace(of_part, of_all) + end)
+            out.write(rows)
+    return place.origin
 
 
 def comments_of(path: str | os.PathLike[str]) -> list[str]:

@@ -96,6 +96,10 @@ class StoredGaussians:
         """The same, with something done to what is read."""
         return dataclasses.replace(self, change=change, _last={})
 
+    def translated(self, by: np.typing.ArrayLike) -> StoredGaussians:
+        """The Gaussians moved by a vector (3,) in world units."""
+        return dataclasses.replace(self, origin=self.origin + np.asarray(by), _last={})
+
     def to_gaussians(self) -> Gaussians:
         """Not there.
 

@@ -43,12 +43,14 @@ def surroundings(image: np.ndarray, alpha: np.ndarray, camera: Any) -> np.ndarra
     """
     import cv2
 
-    has_ray = ~np.isnan(field_angles(camera))
-    if not (has_ray & (alpha < 1.0 - _OPEN)).any():
+    no_ray = np.isnan(field_angles(camera))
+    if not (~no_ray & (alpha < 1.0 - _OPEN)).any():
         return None
-    known = np.where(has_ray[..., None], np.concatenate([image, alpha[..., None]], axis=2), 0.0)
     height, width = alpha.shape
-    levels: list[Any] = [known.astype(np.float32)]
+    known = np.empty((height, width, 4), np.float32)
+    known[..., :3], known[..., 3] = image, alpha
+    known[no_ray] = 0.0
+    levels: list[Any] = [known]
     factor = _FIRST
     while max(levels[-1].shape[:2]) > 1:
         rows, columns = (-(-side // factor) for side in levels[-1].shape[:2])
@@ -60,7 +62,8 @@ def surroundings(image: np.ndarray, alpha: np.ndarray, camera: Any) -> np.ndarra
         out = cv2.resize(out, level.shape[1::-1], interpolation=cv2.INTER_LINEAR)
         out = level[..., :3] + (1.0 - level[..., 3:]) * out
     out = cv2.resize(out, (width, height), interpolation=cv2.INTER_LINEAR)
-    return np.where(has_ray[..., None], out, np.float32(0.0))
+    out[no_ray] = 0.0
+    return out
 
 
 def with_surroundings(image: np.ndarray, alpha: np.ndarray, camera: Any) -> np.ndarray:

@@ -18,7 +18,7 @@ from gsut.run.folder import (
     RunFolder,
     read_plan,
 )
-from gsut.run.memory import check_fits, free_memory, size_text
+from gsut.run.memory import check_fits, free_memory, release_memory, size_text
 from gsut.run.option_fields import (
     MOST_WHOLE,
     add_option_flags,
@@ -35,7 +35,7 @@ from gsut.run.option_fields import (
 )
 from gsut.run.options import AUTO, COMMON_OPTIONS, PRESETS, TrainOptions
 from gsut.run.progress import Progress
-from gsut.run.staged_progress import StagedProgress
+from gsut.run.staged_progress import StagedProgress, counted_down
 from gsut.run.stopwatch import Stopwatch
 from gsut.run.verdict import Verdict, worst
 
@@ -67,6 +67,7 @@ __all__ = [
     "check_fits",
     "check_options",
     "choices_in",
+    "counted_down",
     "default_text",
     "describe_environment",
     "describe_options",
@@ -79,6 +80,7 @@ __all__ = [
     "peak_rss_mb",
     "read_checkpoint",
     "read_plan",
+    "release_memory",
     "show_every_option",
     "size_text",
     "worst",

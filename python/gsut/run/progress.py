@@ -13,6 +13,7 @@ _LOG_INTERVAL = 15.0
 _SMOOTHING = 0.1
 _COUNTS = "{n_fmt}/{total_fmt}, {remaining} left, {rate_fmt}"
 _FORMAT = "{desc:<9}{percentage:3.0f}% {bar:20} " + _COUNTS + "{postfix}"
+_TIMED_FORMAT = "{desc:<9}{percentage:3.0f}% {bar:20} {n_fmt}/{total_fmt}{postfix}"
 _SHARES = 1000  # parts of a bar of shares
 _SHARE_FORMAT = "{percentage:3.0f}% {bar:20} {elapsed}{postfix}"
 _Item = TypeVar("_Item")
@@ -33,7 +34,9 @@ class Progress:
         self._stage = ""
         self._psnr: float | None = None
 
-    def show(self, stage: str, done: int, total: int, text: str = "") -> None:
+    def show(
+        self, stage: str, done: int, total: int, text: str = "", left: float | None = None
+    ) -> None:
         """Moves the stage's bar; a new stage begins a new one.
 
         Args:
@@ -41,6 +44,7 @@ class Progress:
             done: how much of it is done.
             total: of so much; 0 shows nothing.
             text: the state, shown behind the bar.
+            left: seconds, where they are known otherwise than by the pace of the last steps.
         """
         if not self._enabled or total == 0:
             return
@@ -52,10 +56,13 @@ class Progress:
             file = self._file or sys.stderr
             interval = _TERMINAL_INTERVAL if file.isatty() else _LOG_INTERVAL
             self._bar = tqdm(
-                total=total, initial=max(done - 1, 0), desc=stage, bar_format=_FORMAT, file=file,
+                total=total, initial=max(done - 1, 0), desc=stage, file=file,
+                bar_format=_FORMAT if left is None else _TIMED_FORMAT,
                 dynamic_ncols=True, mininterval=interval, maxinterval=interval,
                 smoothing=_SMOOTHING,
             )  # fmt: skip
+        if left is not None:
+            text = f"about {tqdm.format_interval(left)} left, {text}"
         self._bar.set_postfix_str(text, refresh=False)
         self._bar.total = total
         self._bar.update(done - self._bar.n)
@@ -84,7 +91,13 @@ class Progress:
         self._bar.update(int(share * _SHARES) - self._bar.n)
 
     def show_step(
-        self, step: int, total: int, loss: float, num_gaussians: int, psnr: float | None = None
+        self,
+        step: int,
+        total: int,
+        loss: float,
+        num_gaussians: int,
+        psnr: float | None = None,
+        left: float | None = None,
     ) -> None:
         """Shows the state of a training.
 
@@ -94,6 +107,7 @@ class Progress:
             loss: loss of the last step.
             num_gaussians: number of Gaussians now.
             psnr: held-out PSNR in dB where it has just been measured; the last one stays shown.
+            left: seconds, see `show`.
         """
         if not self._enabled:
             return
@@ -101,7 +115,7 @@ class Progress:
         text = f"loss {loss:.4f}, {num_gaussians:,} Gaussians"
         if self._psnr is not None:
             text += f", PSNR {self._psnr:.2f} dB"
-        self.show("training", step, total, text)
+        self.show("training", step, total, text, left)
 
     def through(self, stage: str, items: Sequence[_Item]) -> Iterator[_Item]:
         """The items, one by one, with a bar of how many are done."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, Shutter, SolveError
-from gsut.data import Rig, read_rig, write_rig
+from gsut.data import Rig, read_header, read_rig, write_rig
 from gsut.files import write_file
 from gsut.output_folder import claim_folder
 from gsut.sfm.correspondences import OnProgress, collect_features, match_images
@@ -37,6 +37,7 @@ from gsut.sfm.rig import COVARIANCE_OF, RigFit, refuse_beside_rig, solve_rig
 from gsut.sfm.rig_images import find_rig_photographs
 from gsut.sfm.solution import Solution, matches_in_points, solve
 from gsut.sfm.stages import Stages, digest
+from gsut.sfm.time_left import PosesWork
 from gsut.sfm.zooms import Zoom, find_zooms, search_zooms, zooms_notes
 
 RIG = "rig.json"
@@ -85,6 +86,7 @@ def find_poses(
     refine_rig: bool = False,
     on_progress: OnProgress | None = None,
     notes_to: Callable[[str], None] | None = None,
+    on_expected: Callable[[dict[str, float]], None] | None = None,
 ) -> PosesResult:
     """Camera poses and sparse points of photographs, without COLMAP, through any lens.
 
@@ -111,6 +113,7 @@ def find_poses(
         refine_rig: the cameras' poses on the rig are adjusted; its size stays.
         on_progress: told (stage, done, total, text); never fewer done than before in a stage.
         notes_to: told each note as it arises (an image left out, say).
+        on_expected: told the stages' seconds, in order, at first and whenever more is known.
 
     Returns:
         The output folder, poses with points, and figures.
@@ -122,22 +125,24 @@ def find_poses(
             that only turned; says which.
     """
     options = options or PosesOptions()
-    log = PosesLog(on_progress, notes_to)
+    log = PosesLog(on_progress, notes_to, on_expected)
     photographs, on_rig = _inputs(Path(images), camera, rig, unknown_lens, mapper, options)
     shutter = _shutter(photographs, options, mapper)
-    claimed = claim_folder(out, "poses", images)
-    folder = claimed.path
+    folder = claim_folder(out, "poses", images).path
     key = _key(photographs, options, fov_degrees)
     stages = Stages(folder, key)
+    log.expect(_work(photographs, options, shutter, on_rig is not None), options)
     with _threads(options.threads):
         features = collect_features(photographs, options, log.show, log.note, stages)
         log.watch.lap("features")
+        log.learn(features=float(np.mean([len(f) for f in features])))
         known = photographs.lenses_known
         if not known:
             photographs = guess_lenses(photographs, fov_degrees)
         raw = match_images(
             photographs.names, features, options, log.show, photographs.frames, stages
         )
+        log.learn(pairs=len(raw.pairs), matches=sum(map(len, raw.matches)))
         pairs: list[PairMatches] = []
         if known:
             pairs = verify(
@@ -175,13 +180,10 @@ def find_poses(
         log.watch.lap("mapping")
     agreeing = None if mapper else matches_in_points(solution, pairs)
     extra["matches_in_points"] = agreeing
-    for text in compare_lens(photographs, solution.cameras[0], options, extra):
-        log.note(text)
-    for text in (*zooms_notes(zooms), *write_models(models, photographs, folder)):
-        log.note(text)
+    log.note(*compare_lens(photographs, solution.cameras[0], options, extra))
+    log.note(*zooms_notes(zooms), *write_models(models, photographs, folder))
     extra["models"] = [int(model.num_registered) for model in models]
-    for text in solution_notes(solution, agreeing, fit, doubt, known=known):
-        log.note(text)
+    log.note(*solution_notes(solution, agreeing, fit, doubt, known=known))
     verdict = poses_verdict(solution, features, agreeing, doubt, len(zooms))
     extra |= {"verdict": verdict.as_dict(), "made_from": digest(key)}
     values = _write(folder, solution, photographs, fit, extra, log)
@@ -224,6 +226,19 @@ def _inputs(
         photographs = dataclasses.replace(photographs, cameras=[None] * len(photographs))
     require_central([camera for camera in photographs.cameras if camera is not None])
     return photographs, None
+
+
+def _work(
+    photographs: Photographs, options: PosesOptions, shutter: Shutter | None, on_rig: bool
+) -> PosesWork:
+    """What there is to do, as far as the files say it."""
+    header = read_header(photographs.paths[0])
+    return PosesWork(
+        len(photographs), min(header.width * header.height / 1e6, options.max_megapixels),
+        photographs.lenses_known, rolling=shutter is not None,
+        video=shutter is None and options.shutter == "auto" and bool(photographs.flows),
+        rig=on_rig or photographs.frames is not None,
+    )  # fmt: skip
 
 
 def _write(

@@ -78,6 +78,7 @@ def finish_solution(
             log.on_images("rig"),
         )  # fmt: skip
         log.note(words)
+    log.show("writing", 0, 1, "")
     earth = find_earth(solution, photographs.orientations, photographs.places)
     if earth is None:
         return Finished(solution, doubt, rig)

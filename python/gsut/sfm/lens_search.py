@@ -21,6 +21,7 @@ from gsut.sfm.options import PosesOptions
 from gsut.sfm.overlap import require_overlap, why_nothing
 from gsut.sfm.poses_log import PosesLog
 from gsut.sfm.solution import Solution, refine, solve
+from gsut.sfm.time_left import LensSteps
 
 _HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare an observation
 # Flags of parameters: held, free by itself, and, of the focal lengths, tied: square pixels.
@@ -47,12 +48,10 @@ _SAME_FOCAL = 0.12
 _CONFIRMED = 0.5e-3
 # Matches are verified again where the lens' focal length has changed by more.
 _VERIFY_AGAIN = 0.03
-# Of the search's time so much is over when lenses are ranked, the first images tried with some,
-# more images solved with the best, and the radial coefficients chosen.
-_RANKED, _STARTED, _BEGUN, _CHOSEN = 0.12, 0.38, 0.48, 0.8
 _PERSPECTIVE_UP_TO = math.radians(50.0)  # from the axis: also tried as a perspective lens
 # On the largest error of pairs, of a rolling shutter that a global one stands in for.
 _ROLLING_PAIRS = 3.0
+_PARTS = 1000  # that progress is told in
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,7 +108,7 @@ def search_lens(
     ladder = lens_ladder(first.width, first.height, fov_degrees)
     ranked = ranking.best(
         photographs.candidates, ladder,
-        lambda done, total: trials.tell("first lenses", _RANKED * done / total),
+        lambda done, total: trials.tell("first lenses", done / total - trials.steps.part),
     )  # fmt: skip
     pairs = trials.verified(ranked[0].camera, raw)
     require_overlap(photographs.names, features, pairs, known=False)
@@ -153,7 +152,7 @@ def _first_solution(
             lens.camera, _START, keep_most_distinct(few, _FIRST_MATCHES), share=lens.share
         )
         tried.append(focal)
-        trials.tell("first images", _RANKED + (_STARTED - _RANKED) * len(tried) / _MOST_FIRST)
+        trials.tell("first images")
         if solution is None:
             continue
         found.append(solution)
@@ -164,6 +163,7 @@ def _first_solution(
             and (solution.held_out or math.inf) < _CONFIRMED * size
         ):
             break
+    trials.steps.expect("first images", 0)
     if not found:
         refused = [row["refused"] for row in trials.rows if "refused" in row]
         of_none = f"; the lens found is that of no camera ({refused[0]})" if refused else ""
@@ -178,24 +178,25 @@ def _best_model(
     images = _FIRST_IMAGES if trials.rolling else _MODEL_IMAGES
     more = keep_most_distinct(choose_connected_pairs(pairs, images), _MODEL_MATCHES)
     start = best if trials.rolling else trials.solve(best.cameras[0], _START, more) or best
-    trials.tell("models", _BEGUN)
+    trials.tell("more images")
     chosen: tuple[Solution, np.ndarray] = (start, _START)
     models = _models(start)
     if trials.rolling:  # each trial begins from nothing: the fewest
         models = models[-1:]
-    for number, (flags, model) in enumerate(models, 1):
+    freeing = (((2, 3), _BETTER_CENTER), ((0, 1), _BETTER_ASPECT))
+    trials.steps.expect("models", len(models) + len(freeing))
+    for flags, model in models:
         found = trials.refine(start, model(start.cameras[0]), flags, more)
-        trials.tell("models", _BEGUN + (_CHOSEN - _BEGUN) * number / len(models))
+        trials.tell("models")
         if found is not None and _is_better(found, chosen[0], _BETTER):
             chosen = found, flags
-    freeing = (((2, 3), _BETTER_CENTER), ((0, 1), _BETTER_ASPECT))
-    for number, (freed, share) in enumerate(freeing, 1):
+    for freed, share in freeing:
         flags = chosen[1].copy()
         flags[list(freed)] = _FREE
         found = trials.refine(start, chosen[0].cameras[0], flags, more)
         if found is not None and _is_better(found, chosen[0], share):
             chosen = found, flags
-        trials.tell("models", _CHOSEN + (1 - _CHOSEN) * number / len(freeing))
+        trials.tell("models")
     return chosen
 
 
@@ -250,6 +251,7 @@ class _Trials:
         shutter: Shutter | None,
     ) -> None:
         self.rows: list[dict[str, Any]] = []
+        self.steps = LensSteps(shutter is not None)
         self._names = names
         self._features = features
         self._options = options
@@ -262,10 +264,10 @@ class _Trials:
         """Whether images were read line by line."""
         return self._shutter is not None
 
-    def tell(self, text: str, share: float) -> None:
-        """Of the search so much is done."""
-        self._share = max(share, self._share)
-        self._show("lens", round(100 * self._share), 100, text)
+    def tell(self, step: str, part: float = 1.0) -> None:
+        """A step of `LensSteps`, or a part of one, is done."""
+        self._share = self.steps.done(step, part)
+        self._show("lens", round(_PARTS * self._share), _PARTS, step)
 
     def verified(self, lens: Camera, raw: RawMatches) -> list[PairMatches]:
         """Matches verified through a lens."""
@@ -315,7 +317,8 @@ class _Trials:
         )  # fmt: skip
 
     def _told(self, done: int, total: int, points: int, step: str) -> None:
-        self.tell(f"{done} images, {points:,} points", self._share)
+        words = f"{done} images, {points:,} points"
+        self._show("lens", round(_PARTS * self._share), _PARTS, words)
 
     def _kept(
         self,

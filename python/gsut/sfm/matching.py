@@ -9,6 +9,7 @@ import numpy as np
 
 from gsut import _core
 from gsut.lens import Camera
+from gsut.sfm.contradictions import without_contradicted
 from gsut.sfm.features import Features
 from gsut.sfm.options import PosesOptions
 
@@ -122,7 +123,9 @@ def verify(
     on_pairs: OnPairs = lambda done, total: None,
     shutter: _core.Shutter | None = None,
 ) -> list[PairMatches]:
-    """Keeps what agrees with one relative pose a pair; far quicker than the matching.
+    """Keeps what agrees with one relative pose a pair, and with the other pairs' rotations.
+
+    Far quicker than the matching.
 
     Args:
         features, cameras: of all images.
@@ -132,7 +135,7 @@ def verify(
         shutter: rolling, if it is: matches may then be rolling_error times farther off.
 
     Returns:
-        The pairs with at least min_matches matches.
+        The pairs with at least min_matches matches that the others do not contradict.
     """
     bearings = [_core.ImageBearings(c, f.pixels) for c, f in zip(cameras, features, strict=True)]
     valid = [b.valid for b in bearings]
@@ -156,4 +159,4 @@ def verify(
                     PairMatches(int(a), int(b), matches[inliers], pose, rotation, parallax)
                 )
         on_pairs(begin + len(batch), len(raw.pairs))
-    return result
+    return without_contradicted(result, len(features))

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import collections
+import dataclasses
+import os
 from collections.abc import Callable
+from typing import Any
 
 from gsut.data import some_names
 from gsut.run import Stopwatch
 from gsut.sfm.correspondences import OnProgress
+from gsut.sfm.options import PosesOptions
 from gsut.sfm.poses_verdict import LensDoubt
 from gsut.sfm.rig import RigFit
 from gsut.sfm.solution import Solution
+from gsut.sfm.time_left import PosesWork
 
 # Share of the matches that must end in points, or the lens is doubted: see matches_in_points.
 _FEW_AGREE = 0.6
@@ -20,14 +25,14 @@ _FEW_AGREE = 0.6
 _FEW_AGREE_ROLLING = 0.8
 
 
-# Of a mapper's time: growing, by a power of the images' share; and so much is over after each of
-# the steps that finish, the first of a kind, the second ... By the processor seconds of fifty
-# photographs and of a film of 63 frames.
-_GROWING, _GROWTH_POWER = 0.36, 1.1
+# Of a mapper's time: growing, more where it is simpler to finish, by a power of the images' share;
+# and of the rest so much is over after each of the steps that finish, the first of a kind, the
+# second ... By the processor seconds of twelve runs of six captures.
+_GROWING, _GROWING_UNKNOWN, _GROWING_ROLLING, _GROWTH_POWER = 0.41, 0.33, 0.45, 1.15
 _FINISHED = {
-    "settling": (0.43, 0.50, 0.57),
-    "longer tracks": (0.58, 0.69),
-    "final adjustment": (0.92,),
+    "settling": (0.14, 0.27, 0.38),
+    "longer tracks": (0.39, 0.60),
+    "final adjustment": (0.91,),
     "covariances": (1.0,),
 }
 _PARTS = 1000  # of a stage that a mapper fills
@@ -40,22 +45,41 @@ class PosesLog:
         self,
         on_progress: OnProgress | None = None,
         notes_to: Callable[[str], None] | None = None,
+        on_expected: Callable[[dict[str, float]], None] | None = None,
     ) -> None:
         self.notes: list[str] = []
         self.watch = Stopwatch()
         self._on_progress, self._notes_to = on_progress, notes_to
+        self._on_expected = on_expected
+        self._work: PosesWork | None = None
+        self._threads = 1
         self._most: dict[str, int] = {}
 
-    def note(self, text: str) -> None:
-        self.notes.append(text)
-        if self._notes_to is not None:
-            self._notes_to(text)
+    def note(self, *texts: str) -> None:
+        for text in texts:
+            self.notes.append(text)
+            if self._notes_to is not None:
+                self._notes_to(text)
 
     def show(self, stage: str, done: int, total: int, text: str) -> None:
         """Never goes back in a stage: a mapper that begins again is still in the same one."""
+        if stage == "shutter" and stage not in self._most:
+            self.learn(lines=True)
         self._most[stage] = max(done, self._most.get(stage, 0))
         if self._on_progress is not None:
             self._on_progress(stage, self._most[stage], total, text)
+
+    def expect(self, work: PosesWork, options: PosesOptions) -> None:
+        """Tells what the stages will take."""
+        self._work, self._threads = work, options.threads or len(os.sched_getaffinity(0))
+        self.learn()
+
+    def learn(self, **known: Any) -> None:
+        """The same, now that these fields of `PosesWork` are known."""
+        if self._work is not None:
+            self._work = dataclasses.replace(self._work, **known)
+            if self._on_expected is not None:
+                self._on_expected(self._work.seconds(self._threads))
 
     def on_pairs(self, stage: str) -> Callable[[int, int], None]:
         return lambda done, total: self.show(stage, done, total, f"{total} pairs")
@@ -66,13 +90,19 @@ class PosesLog:
     def on_images(self, stage: str) -> Callable[[int, int, int, str], None]:
         """Of a mapper, see `_FINISHED`."""
         seen: collections.Counter[str] = collections.Counter()
+        growing = _GROWING
+        if self._work is not None and not self._work.known:
+            growing = _GROWING_UNKNOWN
+        if self._work is not None and self._work.rolling:
+            growing = _GROWING_ROLLING
 
         def show(done: int, total: int, points: int, step: str) -> None:
             if step in _FINISHED:
                 seen[step] += 1
-                share = _FINISHED[step][min(seen[step], len(_FINISHED[step])) - 1]
+                finished = _FINISHED[step][min(seen[step], len(_FINISHED[step])) - 1]
+                share = growing + (1 - growing) * finished
             else:
-                share = _GROWING * (done / max(1, total)) ** _GROWTH_POWER
+                share = growing * (done / max(1, total)) ** _GROWTH_POWER
             words = f"{done} of {total} images, {points:,} points"
             self.show(stage, round(_PARTS * share), _PARTS, words)
 

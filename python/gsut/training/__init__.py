@@ -12,15 +12,24 @@ from gsut.training.for_viewers import VIEWER_STEPS, ForViewers, tune_for_viewers
 from gsut.training.loop import TrainingLoop
 from gsut.training.photometric_poses import grow_poses
 from gsut.training.record import TrainingRecord
-from gsut.training.results import measure, measure_training, write_results
+from gsut.training.results import (
+    measure,
+    measure_training,
+    notes_on_place,
+    scene_comments,
+    write_findings,
+    write_results,
+)
 from gsut.training.start import (
     about_cameras,
     plain_background,
     prepare_scene,
     refine_first_poses,
+    seed_first,
     size_note,
     without_blurred,
 )
+from gsut.training.time_left import TrainingTime
 from gsut.training.trained_run import (
     TrainedRun,
     load_run,
@@ -39,6 +48,7 @@ __all__ = [
     "TrainedRun",
     "TrainingLoop",
     "TrainingRecord",
+    "TrainingTime",
     "about_cameras",
     "choose_complexity",
     "count_for_bytes",
@@ -48,6 +58,7 @@ __all__ = [
     "load_run",
     "measure",
     "measure_training",
+    "notes_on_place",
     "open_trained",
     "plain_background",
     "prepare_scene",
@@ -55,10 +66,13 @@ __all__ = [
     "read_scene",
     "read_trained",
     "refine_first_poses",
+    "scene_comments",
+    "seed_first",
     "size_note",
     "tune_for_viewers",
     "with_most",
     "without_blurred",
     "write_compacted_run",
+    "write_findings",
     "write_results",
 ]

@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from gsut._core import CameraMotion
 from gsut.data import Scene, read_depth
+from gsut.training.lines import project_points
 
 # The nearest point hides those behind it in the same cell of the image: beyond so many times its
 # distance, in cells that hold so many points on average.
 _HIDES, _IN_CELL = 1.2, 8
-_LINE_STEPS = 4  # until a point has settled on its line of a rolling shutter
 _LAST = 0.01  # of the weight, at the last step (3DGS's depth regularisation)
 
 
@@ -84,12 +83,7 @@ def _of_file(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
 def _of_points(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
     """Places (n, 2) in the image as shares of its size, and distances (n,), farthest first."""
     camera, motion = scene.camera(view), scene.views[view].motion
-    times = np.full(len(scene.points), 0.5)
-    for _ in range(_LINE_STEPS if isinstance(motion, CameraMotion) else 1):
-        in_camera = _in_camera(scene.points, motion, times)
-        pixels, valid = camera.project(in_camera)
-        if isinstance(motion, CameraMotion):
-            times = _times(motion, camera, np.nan_to_num(pixels))
+    in_camera, pixels, valid = project_points(camera, motion, scene.points)
     size = np.array([camera.width, camera.height])
     with np.errstate(invalid="ignore"):
         valid = valid & np.all((pixels >= 0) & (pixels < size), axis=1)
@@ -105,18 +99,3 @@ def _of_points(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
     seen = np.flatnonzero(distances <= _HIDES * nearest[cell])
     seen = seen[np.argsort(-distances[seen], kind="stable")]  # the nearest of a pixel comes last
     return places[seen], distances[seen]
-
-
-def _times(motion: CameraMotion, camera: Any, pixels: np.ndarray) -> np.ndarray:
-    """Of the exposure, when the lines of pixels (n, 2) are read."""
-    lines = motion.shutter.line_times(camera.width, camera.height)
-    along = pixels[:, 0 if "left" in motion.shutter.direction else 1]
-    return np.interp(along - 0.5, np.arange(len(lines)), lines)
-
-
-def _in_camera(points: np.ndarray, motion: Any, times: np.ndarray) -> np.ndarray:
-    if not isinstance(motion, CameraMotion):
-        return points @ motion[:3, :3].T + motion[:3, 3]
-    steps, which = np.unique(np.round(times * 256) / 256, return_inverse=True)
-    poses = np.stack([motion.at(time) for time in steps])[which]
-    return np.einsum("nij,nj->ni", poses[:, :3, :3], points) + poses[:, :3, 3]

@@ -9,13 +9,15 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from gsut._core import num_threads
 from gsut.data import Scene, scene_digests
 from gsut.evaluate import mean_psnr
 from gsut.run import Progress, RunFolder, TrainOptions, describe_environment
 from gsut.training.loop import TrainingLoop
+from gsut.training.time_left import TrainingTime
 
 # Held-out views that the curve of PSNR is measured on: a few, spread evenly.
-_CURVE_VIEWS = 8
+_CURVE_VIEWS = 4
 _MOST_ROWS = 200  # of the history, about
 _CHECKPOINT_SECONDS = 60.0  # after which a checkpoint is due, whatever the step
 
@@ -28,7 +30,7 @@ class TrainingRecord:
         options: resolved.
         scene: the dataset.
         resume: go on with the run that the folder holds.
-        progress: True shows a bar; a function gets each row of the history.
+        progress: True shows a bar; a function gets each row of the history, with "seconds_left".
         watch: sees the loop and the row after each step, and says whether to go on.
 
     Attributes:
@@ -54,6 +56,7 @@ class TrainingRecord:
         self.goes_on = True
         self._bar = Progress(progress is True)
         self._saved = time.monotonic()
+        self._time: TrainingTime | None = None
         self.run: RunFolder | None = None
         self.checkpoint: dict[str, Any] | None = None
         self.history: list[dict[str, Any]] = []
@@ -73,6 +76,7 @@ class TrainingRecord:
         """Brings the loop to the checkpoint, shows a bar meanwhile, and saves its state at last."""
         if self.checkpoint is not None:
             loop.load_state_dict(self.checkpoint)
+        self._time = _time_of(loop)
         with self._bar:
             yield
         self._save(loop)
@@ -81,13 +85,14 @@ class TrainingRecord:
         """After each step, with its loss."""
         row = self._row(loop, loss)
         steps, count = self._options.steps, len(loop.gaussians)
-        self._bar.show_step(loop.step, steps, loss, count, row.get("psnr"))
+        left = None if self._time is None else self._time.left(loop.step)
+        self._bar.show_step(loop.step, steps, loss, count, row.get("psnr"), left)
         if row:
             self.history.append(row)
             if self.run is not None:
                 self.run.append_history(row)
             if callable(self._progress):
-                self._progress(row)
+                self._progress({**row, "seconds_left": left})
         every = self._options.checkpoint_every
         late = time.monotonic() - self._saved > _CHECKPOINT_SECONDS
         if every and (loop.step % every == 0 or late):
@@ -120,3 +125,12 @@ class TrainingRecord:
         self._saved = time.monotonic()
         if self.run is not None:
             self.run.save_checkpoint(loop.step, loop.state_dict())
+
+
+def _time_of(loop: TrainingLoop) -> TrainingTime:
+    cameras = loop.scene.cameras
+    megapixels = sum(c.width * c.height for c in cameras) / len(cameras) / 1e6
+    return TrainingTime(
+        loop.options, len(loop.gaussians), megapixels, len(loop.scene.test_indices), loop.step,
+        num_threads(),
+    )  # fmt: skip

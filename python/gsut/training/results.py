@@ -6,13 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gsut.data import Scene
 from gsut.evaluate import evaluate, mean_psnr, run_metrics, train_verdict, write_report
 from gsut.formats import NO_BACKGROUND, for_file, place_text, save_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import evaluate_aligned, write_refined
 from gsut.render import Light
-from gsut.run import RunFolder, TrainOptions
+from gsut.run import SCENE, RunFolder, TrainOptions
 from gsut.training.loop import TrainingLoop
 
 _MOST_MEASURED = 8  # training views that are looked at where none is held out
@@ -100,11 +102,27 @@ def write_results(
         refined: the scene with refined poses, or None.
     """
     in_dataset = gaussians.translated(metrics["world_offset"])
-    if for_file(in_dataset).origin.any():
-        place = place_text(in_dataset.origin)
-        metrics["notes"].append(f"scene.ply holds {place}; its comment says so, gsut reads it back")
-    comments = [NO_BACKGROUND] if run.read_options().background is None else []
-    run.write("scene.ply", lambda path: save_ply(path, in_dataset, comments))
+    metrics["notes"] += notes_on_place(for_file(in_dataset).origin)
+    run.write(SCENE, lambda path: save_ply(path, in_dataset, scene_comments(run)))
+    write_findings(run, metrics, data, refined)
+
+
+def scene_comments(run: RunFolder) -> list[str]:
+    """What the header of a run's scene.ply says."""
+    return [NO_BACKGROUND] if run.read_options().background is None else []
+
+
+def notes_on_place(origin: np.ndarray) -> list[str]:
+    """A note on where the zero (3,) of scene.ply lies, if it is not the dataset's."""
+    if not origin.any():
+        return []
+    return [f"scene.ply holds {place_text(origin)}; its comment says so, gsut reads it back"]
+
+
+def write_findings(
+    run: RunFolder, metrics: dict[str, Any], data: Path, refined: Scene | None
+) -> None:
+    """`write_results` but for scene.ply, which is there."""
     if refined is not None:
         metrics["notes"] += _refinement_notes(metrics)
         write_refined(run, refined)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,15 @@ from gsut.gaussians import (
 from gsut.refine import TracksResult, check_refinable, refine_by_tracks
 from gsut.run import Progress, TrainOptions
 from gsut.training.first_sky import first_sky, sky_note
+from gsut.training.plane_sweep import swept_points
 
 # Random first Gaussians lie between these distances from a camera, in units of the scene's extent.
 _RANDOM_NEAR, _RANDOM_FAR = 0.05, 4.0
 _RANDOM_COUNT = 30_000
+# Where points are few a plane sweep finds others: so many, less eight times the data's, and no more
+# than this share of the most Gaussians, which then grow where they are needed. Beside 3000 and more
+# it gains up to 0.5 dB, but distances are worse (median 4.7 % instead of 2.2 on a small hall).
+_SWEPT_COUNT, _EACH_POINT, _SWEPT_SHARE = 20_000, 8, 0.4
 # A background of its own: photographs that are looked at, and grey levels that are one colour.
 _LOOKED_AT, _ALIKE = 8, 2
 # Blurred is a photograph whose edges have less of this share of the contrast that those of its
@@ -139,15 +145,37 @@ def refine_first_poses(scene: Scene, options: TrainOptions, progress: bool) -> T
 
 
 def first_gaussians(scene: Scene, options: TrainOptions) -> tuple[Gaussians, list[str]]:
-    """What training starts from, a sky among it where the photographs show one; notes of that.
+    """What training starts from, and notes of what of it the photographs alone have given.
+
+    On the data's points; a sky, where photographs show one; and where points are few or none, on
+    what a plane sweep finds in the photographs.
 
     Args:
         scene: as it is trained on.
         options: resolved.
     """
     sky = _sky_to_seed(scene, options)
+    swept = _swept_to_seed(scene, options, 0 if sky is None else len(sky[0]))
     notes = [] if sky is None else [sky_note(len(sky[0]))]
-    return seed_first(scene, options, sky), notes
+    if swept is not None:
+        notes.append(
+            f"{len(swept[0])} of the first Gaussians lie where neighbouring photographs agree, "
+            f"beside {len(scene.points)} points of the data (--init points or random: without)."
+        )
+    return seed_first(scene, options, [more for more in (sky, swept) if more is not None]), notes
+
+
+def _swept_to_seed(
+    scene: Scene, options: TrainOptions, sky: int
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """`swept_points`, where the options leave the first Gaussians open and points are few."""
+    o = options
+    given = _SWEPT_COUNT if o.init_count is None else o.init_count
+    most = min(given, round(_SWEPT_SHARE * o.max_gaussians))
+    count = most - _EACH_POINT * len(scene.points)
+    if o.init != "auto" or (o.init_count is not None and len(scene.points)) or count <= 0:
+        return None
+    return swept_points(scene, min(count, o.max_gaussians - len(scene.points) - sky), o.seed)
 
 
 def _sky_to_seed(scene: Scene, options: TrainOptions) -> tuple[np.ndarray, np.ndarray] | None:
@@ -166,21 +194,21 @@ def _on_points(scene: Scene, options: TrainOptions) -> bool:
 
 
 def seed_first(
-    scene: Scene, options: TrainOptions, sky: tuple[np.ndarray, np.ndarray] | None = None
+    scene: Scene, options: TrainOptions, more: Sequence[tuple[np.ndarray, np.ndarray]] = ()
 ) -> Gaussians:
-    """The Gaussians that training starts from: on the scene's points and `sky`, or random in view.
+    """The Gaussians that training starts from: on the scene's points and `more`, or random in view.
 
     Args:
         scene: as it is trained on.
         options: resolved.
-        sky: points and colours, see `first_sky`.
+        more: points and colours, see `first_sky` and `swept_points`.
     """
-    first = _seed_gaussians(scene, options, sky)
+    first = _seed_gaussians(scene, options, more)
     return seed_surfels(first) if options.primitive == "surfel" else first
 
 
 def _seed_gaussians(
-    scene: Scene, options: TrainOptions, sky: tuple[np.ndarray, np.ndarray] | None
+    scene: Scene, options: TrainOptions, more: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> Gaussians:
     o = options
     shape: dict[str, Any] = {
@@ -191,7 +219,7 @@ def _seed_gaussians(
     }
     if o.init == "points" and len(scene.points) == 0:
         raise InputError(f"{scene.path} has no points to start from; use --init random")
-    if not _on_points(scene, o):
+    if not more and not _on_points(scene, o):
         return seed_in_view(
             [scene.camera(i) for i in scene.train_indices], scene.poses(scene.train_indices),
             min(o.init_count or _RANDOM_COUNT, o.max_gaussians), near=_RANDOM_NEAR * scene.extent,
@@ -200,8 +228,8 @@ def _seed_gaussians(
     most = min(o.init_count or len(scene.points), o.max_gaussians)
     rows = chosen_points(len(scene.points), most, o.seed)
     points, colors = scene.points[rows], scene.point_colors[rows]
-    if not has_colors(scene):
+    if len(points) and not has_colors(scene):
         colors, _ = color_points(scene, points)
-    if sky is not None:
-        points, colors = np.concatenate([points, sky[0]]), np.concatenate([colors, sky[1]])
+    points = np.concatenate([points, *(each for each, _ in more)])
+    colors = np.concatenate([colors, *(each for _, each in more)])
     return seed_from_points(points, colors, **shape)

@@ -4,16 +4,15 @@ import argparse
 import json
 import os
 
+import numpy as np
 import pytest
 
 import gsut
-from gsut.cli.poses import pose_seconds
-from gsut.sfm.options import PosesOptions
-from tests.bench.frames_bench import _left_is_right
+from gsut.demo import make_demo_scene
+from tests.bench.__main__ import main as bench_main
 from tests.bench.photographs_bench import _usage, watched
+from tests.bench.time_left import right_percent
 from tests.bench.walk_bench import FILMS, _filmed, lens_difference
-
-STAGES = ("features", "preview", "matching", "lens", "mapping", "shutter")
 
 
 def test_films_of_the_database_are_read_in_the_order_of_their_sensor():
@@ -33,22 +32,29 @@ def test_film_of_another_size_has_the_same_lens():
     assert lens_difference(small.camera.resized(384, 384), film.camera) < 1e-9
 
 
-@pytest.mark.parametrize(("slower", "right"), [(1.0, True), (4.0, False)])
-def test_time_left_is_right_where_stages_take_what_is_expected(tmp_path, slower, right):
-    taken = {"kind": "video", "size": [960, 520]}
-    (tmp_path / "capture.json").write_text(json.dumps(taken))
-    expected = pose_seconds(taken, "auto", False)
-    told, now = [], 100.0
-    for stage in STAGES:
-        cores = 2 if stage in ("features", "preview", "matching") else 1
-        # The last stage alone is slower than expected.
-        seconds = expected[stage] * (slower if stage == STAGES[-1] else 1.0)
-        for done in range(11):
-            told.append((now + cores * seconds * done / 10, stage, 6 * done, 60))
-        now += cores * seconds
-    told.append((now, "end", 0, 0))
-    share = _left_is_right(tmp_path, told, 100.0, PosesOptions()).mean()
-    assert (share == 1.0) == right
+def test_time_left_is_right_where_what_is_shown_falls_with_the_time():
+    honest = [(t, 100.0 - t) for t in np.arange(100.0, step=2.0)]
+    assert right_percent([*honest, (100.0, 0.0)]) == 100
+    late = [(t, left if t < 60 else 2 * left) for t, left in honest]
+    # From 60 to the end of the 10 to 100 seconds.
+    assert right_percent([*late, (100.0, 0.0)]) == pytest.approx(100 * (1 - 40 / 90), abs=0.5)
+    assert right_percent([(0.0, 1.0), (3.0, 0.0)]) == 100  # over before the first seconds are
+
+
+def test_bench_time_left_watches_a_command(tmp_path, capsys):
+    make_demo_scene(tmp_path / "hall", 5, 1, 48, progress=False)
+    words = [
+        "time_left",
+        "train",
+        str(tmp_path / "hall"),
+        "--words",
+        "--steps 6 --max-gaussians 50",
+    ]
+    assert bench_main([*words, "--json", str(tmp_path / "rows.json")]) == 0
+    (row,) = json.loads((tmp_path / "rows.json").read_text())
+    lefts = [left for _, left in row["shown"]]
+    assert len(lefts) == 8 and lefts[-1] == 0 and min(lefts[1:-1]) > 0
+    assert "right [%]" in capsys.readouterr().out
 
 
 def test_a_command_that_ends_early_is_named_with_its_stage(tmp_path):

@@ -7,8 +7,15 @@ import numpy as np
 import pytest
 
 import gsut
-from gsut.blocks.segment import TILE, BlockLoop, run_segment, spread_tiles, tiles_around
-from gsut.blocks.shares import choose_context, find_shares
+from gsut.blocks.segment import (
+    TILE,
+    BlockLoop,
+    run_segment,
+    spread_tiles,
+    tiles_around,
+    views_by_rate,
+)
+from gsut.blocks.shares import Shares, choose_context, find_shares
 from gsut.blocks.task import BlockTask, gaussian_arrays, photographs_of
 from gsut.compact import seen_views
 from gsut.run import read_checkpoint, write_checkpoint
@@ -33,8 +40,8 @@ def task(scene):
     tiles[1, 0] = True
     options = dataclasses.replace(OPTIONS, steps=24, coarse_to_fine=(0.0, 0.0), sh_every=1)
     return BlockTask(
-        part, options.resolved(), scene.extent, None, [tiles] * len(train), start[:30],
-        start[30:], 0, 24, 3,
+        part, options.resolved(), scene.extent, None, [tiles] * len(train), np.ones(len(train)),
+        1 << 30, start[:30], start[30:], 0, 24, 3,
     )  # fmt: skip
 
 
@@ -138,12 +145,42 @@ def test_shares_of_all_blocks_add_up_to_what_is_covered(scene, rng):
 
 def test_context_is_what_is_seen_and_merged_to_a_most(scene, rng):
     g = TrainingLoop(scene, OPTIONS.resolved()).gaussians.copy()
-    own = np.arange(len(g)) < 20
+    own, others = g[:20], g[20:]
     views = seen_views(scene, scene.train_indices[:2])
-    assert len(choose_context(g, own, views, 1000, 0)) == len(g) - 20
-    assert len(choose_context(g, own, views, 15, 0)) == 15
+    assert len(choose_context(own, others, views, 1000, 0)) == len(others)
+    assert len(choose_context(own, others, views, 15, 0)) == 15
     nothing = [dataclasses.replace(view, mask=np.zeros_like(view.mask)) for view in views]
-    assert len(choose_context(g, own, nothing, 15, 0)) == 0
+    assert len(choose_context(own, others, nothing, 15, 0)) == 0
+
+
+def test_views_are_trained_on_as_often_as_their_rates_say():
+    rates = np.array([1.0, 0.25, 0.02, 1.0])
+    order = views_by_rate(rates, 227, 5)
+    times = np.bincount(order, minlength=4)
+    assert len(order) == 227
+    assert np.abs(times / times[0] - rates).max() < 0.02
+    np.testing.assert_array_equal(views_by_rate(rates, 100, 5), order[:100])  # whatever follows
+    epochs = views_by_rate(np.ones(7), 21, 5).reshape(3, 7)
+    assert (np.sort(epochs) == np.arange(7)).all()
+
+
+def test_photographs_that_are_not_kept_change_no_bits(task):
+    kept = finished(dataclasses.replace(task, segments=1))["result"]
+    short = finished(dataclasses.replace(task, keep_bytes=0, segments=1))["result"]
+    for name in FIELDS:
+        np.testing.assert_array_equal(short[name], kept[name])
+    assert len(task.scene._images._items) == 1
+
+
+def test_neighbours_are_those_that_a_block_s_views_show_most_of_first():
+    tile = np.ones((1, 1), bool)
+    shares = Shares(
+        np.array([[50.0, 30.0, 2.0, 0.0], [0.1, 80.0, 0.0, 9.0]]), np.array([100.0, 100.0]),
+        {(0, 0): tile, (0, 1): tile, (0, 2): tile, (1, 1): tile, (1, 3): tile},
+    )  # fmt: skip
+    assert shares.neighbours(0).tolist() == [1, 2]  # 3 is in no view that it is trained on
+    assert shares.neighbours(1).tolist() == [0, 3, 2]
+    np.testing.assert_allclose(shares.rates, [[1, 1, 8 / 82, 0], [0, 1, 0, 36 / 89.1]])
 
 
 def test_light_travels_and_stays(task, tmp_path):

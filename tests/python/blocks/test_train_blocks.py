@@ -178,8 +178,8 @@ def test_memory_decides_the_number_of_blocks_and_refuses_what_does_not_fit(scene
     assert counts["64GB"] == 1 < counts["8GB"] < counts["2GB"]
     pair = gsut.BlockOptions("auto", memory="8GB", workers=2)
     assert choose_count(scene, many, pair) > counts["8GB"]
-    with pytest.raises(gsut.InputError, match="--memory 300 MB: even blocks of"):
-        choose_count(scene, many, gsut.BlockOptions("auto", memory="300MB"))
+    with pytest.raises(gsut.InputError, match="--memory 160 MB: even blocks of"):
+        choose_count(scene, many, gsut.BlockOptions("auto", memory="160MB"))
     with pytest.raises(gsut.InputError, match=r"block 1 takes about 5 GB, times 2 workers"):
         check_memory({"block 0": 10**9, "block 1": 5 * 10**9}, pair)
     assert size_text(1234567) == "1.23 MB"
@@ -212,7 +212,7 @@ def test_run_killed_before_its_first_step_goes_on_to_the_same_bits(
         train(scene, out)
     monkeypatch.undo()
     assert [path.name for path in (out / "blocks").iterdir()] == ["plan.json"]
-    monkeypatch.setattr("gsut.blocks.driver.train_coarse", stop)
+    monkeypatch.setattr("gsut.blocks.stages.train_coarse", stop)
     words = ["train", str(scene.path), "-o", str(out), "--resume", "--quiet"]
     assert main(words) == 130
     assert (out / "options.json").is_file()

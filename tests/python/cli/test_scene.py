@@ -1,5 +1,6 @@
 """`gsut scene`: a video to a scene in one command, killed and gone on with, done only once."""
 
+import dataclasses
 import io
 import json
 import shutil
@@ -14,13 +15,15 @@ import pytest
 
 import gsut
 from gsut.cli import main
-from gsut.cli.poses import InStages, pose_seconds
+from gsut.cli.poses import PosesStages
 from gsut.run import StagedProgress, Verdict
-from gsut.sfm.poses_log import PosesLog
+from gsut.sfm.time_left import LensSteps, PosesWork
+from gsut.training import TrainingTime
 from small_videos import walk_past
+from tests.bench.time_left import right_percent
 
-# What four runs of `gsut poses` told, at which second: processor seconds, those of the stages that
-# use both cores halved.
+# What runs of `gsut poses` told, at which processor second of their one thread, and what they found
+# before it: features of an image, pairs and matches.
 LOGGED = Path(__file__).parent / "logged_poses.json"
 
 WORDS = ["--frames", "6", "--preset", "fast", "--steps", "40", "--threads", "1"]
@@ -166,24 +169,57 @@ def test_verdict_of_few_pictures_names_what_to_do():
     assert _capture_verdict({"frames": rows[10:], "size": (4, 3)}).level == "good"
 
 
-@pytest.mark.parametrize("run", json.loads(LOGGED.read_text()), ids=lambda run: run["images"])
+@pytest.mark.parametrize("run", json.loads(LOGGED.read_text()), ids=lambda run: run["data"])
 def test_time_left_of_logged_poses_holds_within_half(run):
     clock = Clock()
-    taken = {"kind": "video" if run["video"] else "photographs", "size": run["size"]}
-    expected = pose_seconds(taken, "auto", run["known"])
-    bars = StagedProgress(expected, enabled=False, clock=clock)
-    shown = InStages(bars, expected)
-    mapping = PosesLog(shown.show).on_images("mapping")
-    end, ratios = run["rows"][-1][0], []
-    for seconds, stage, done, total, step in run["rows"]:
+    work = PosesWork(**run["work"])
+    known = {"features": {"features"}, "lens": {"features", "pairs", "matches"}}
+    known["verifying"] = known["lens"]
+    bars = StagedProgress({}, enabled=False, clock=clock)
+    stages = PosesStages(bars)
+    blank = dataclasses.replace(work, features=None, pairs=None, matches=None)
+    stages.expect(blank.seconds(1))
+    shown, told = [], ""
+    for seconds, stage, done, total in run["rows"]:
         clock.now = seconds
-        if stage == "mapping":
-            mapping(done, total, 0, step)
-        elif stage != "end":
-            shown.show(stage, done, total, step)
-        if seconds < 0.9 * end:
-            ratios.append(bars.left() / (end - seconds))
-    assert len(ratios) > 15
-    within = (np.array(ratios) < 1.5) & (np.array(ratios) > 1 / 1.5)
-    assert within.mean() > 0.9, ratios
-    assert max(ratios) < 2 and min(ratios) > 0.5, ratios
+        if stage != told and stage in ("preview", "lens", "verifying"):
+            now = work if stage != "preview" else dataclasses.replace(blank, features=work.features)
+            stages.expect(now.seconds(1))
+        told = stage
+        if stage != "end":
+            stages.show(stage, done, total, "")
+        shown.append((seconds, bars.left()))
+    assert len(shown) > 40
+    assert right_percent(shown) > 85  # worst 88
+
+
+def test_share_of_a_lens_search_ends_at_one_and_knows_what_a_step_costs():
+    for rolling in (False, True):
+        steps = LensSteps(rolling)
+        before = steps.total
+        half = steps.done("first lenses", 0.5)
+        assert 0 < half < 0.2 and steps.done("first lenses", 0.5) == pytest.approx(2 * half)
+        assert steps.part == pytest.approx(1.0)
+        steps.done("first images")
+        steps.expect("first images", 0)  # the first one is right
+        assert steps.total < before
+        steps.done("more images")
+        steps.expect("models", 3)
+        shares = [steps.done("models") for _ in range(3)]
+        assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("slower", [1.0, 4.0])
+def test_training_time_left_holds_though_steps_grow(slower):
+    options = gsut.TrainOptions(preset="fast", max_gaussians=50_000, eval_every=0).resolved()
+    clock = Clock()
+    told = TrainingTime(options, 12_000, 0.41, 8, clock=clock)
+    fraction = np.arange(1, 501) / 500
+    # As measured of frames of 854 x 480.
+    steps = np.where(fraction <= 0.2, 0.0058, np.where(fraction <= 0.45, 0.0145, 0.042))
+    ends = slower * np.cumsum(steps)
+    shown = []
+    for step, end in enumerate(ends, 1):
+        clock.now = end
+        shown.append((end, told.left(step)))
+    assert right_percent([*shown, (ends[-1] + slower * 2.85, 0.0)], 2 * slower) > 90  # worst 94

@@ -12,7 +12,8 @@ import small_datasets as small
 import tolerances
 from gsut.data import TrainingViews, load_dataset
 from gsut.data.images import decode_image, decode_mask, read_header, shrink_image, shrink_mask
-from gsut.data.scene import _LruCache, lens_mask
+from gsut.data.lru_cache import LruCache
+from gsut.data.scene import lens_mask
 
 
 def test_scaled_image_is_the_area_mean(tmp_path):
@@ -181,7 +182,7 @@ def test_image_from_many_threads_is_the_same_and_read_only(tmp_path):
 
 
 def test_cache_over_its_limit_drops_the_oldest():
-    cache, made = _LruCache(250), []
+    cache, made = LruCache(250), []
 
     def get(key):
         return cache.get(key, lambda: (made.append(key), (np.zeros(100, np.uint8),))[1])

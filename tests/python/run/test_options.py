@@ -41,14 +41,19 @@ def test_options_with_preset_keep_values_that_were_given():
 
 
 @pytest.mark.parametrize(
-    ("steps", "lr_means", "noise", "densify_every"),
-    [(500, 1.6e-3, False, 50), (1000, 8e-4, False, 50), (2000, 4.8e-4, True, 100)],
+    ("steps", "lr_means", "lr_sh_rest", "noise", "densify_every"),
+    [
+        (500, 2.6e-3, 1e-3, False, 50),
+        (1000, 8e-4, 1e-3, False, 50),
+        (2000, 4.8e-4, 5e-4, True, 100),
+    ],
 )
 def test_resolved_at_the_recipes_steps_gives_the_measured_values(
-    steps, lr_means, noise, densify_every
+    steps, lr_means, lr_sh_rest, noise, densify_every
 ):
     options = TrainOptions(steps=steps).resolved()
     assert options.lr_means == lr_means
+    assert options.lr_sh_rest == lr_sh_rest
     assert options.noise is noise
     assert options.densify_every == densify_every
 

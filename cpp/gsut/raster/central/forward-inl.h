@@ -18,8 +18,10 @@ namespace HWY_NAMESPACE {
 inline constexpr int kChunk = 64;
 // Gaussians blended together, to hide the latency of exponential and reciprocal.
 inline constexpr int kForwardJam = 4;
-// How far ahead records are fetched.
-inline constexpr int kPrefetch = 16;
+// How far ahead records are fetched, and the directions of sharp ones, which are known by their
+// records.
+inline constexpr int kPrefetch = 32;
+inline constexpr int kPrefetchDirection = 8;
 
 // A record that hits nothing (N = 1, z = 0), to fill up the last group.
 HWY_INLINE void StoreMissingRecord(float* r) {
@@ -62,7 +64,7 @@ HWY_INLINE void ForwardTile(bool with_depth, bool stop_before, const TileGrid& g
     for (int j = 0; j < count; ++j) {
       if (chunk + j + kPrefetch < end) {
         hwy::Prefetch(records + std::size_t{record::kSize} * pairs[chunk + j + kPrefetch].gaussian);
-        FetchDirection(*frame, pairs[chunk + j + kPrefetch / 2].gaussian);
+        FetchDirection(*frame, pairs[chunk + j + kPrefetchDirection].gaussian);
       }
       TurnRecord(axes, center, *frame, pairs[chunk + j].gaussian, rows[j]);
       blocks_of[j] = TouchedBlocks(rows[j], boxes) & alive;

@@ -30,7 +30,8 @@ HWY_INLINE void Cross(const Lane* a, const Lane* b, Lane* out) {
   out[2] += a[0] * b[1] - a[1] * b[0];
 }
 
-// Gradients of the Gaussians [first, first + kLanes) that exist; adds the pose's to dpose[6].
+// Gradients of the Gaussians [first, first + kLanes) that exist; adds the pose's to dpose[6] if it
+// is not null.
 // touched[i] = 1 where a pixel saw the Gaussian; rows of the others become 0 if write_untouched,
 // else they are left as they are.
 HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, const HarmonicsRows& sh_rows,
@@ -111,6 +112,7 @@ HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, const Har
   StoreRows1(g_logit, available, out.opacity_logits + first);
 
   // Pose.
+  if (dpose == nullptr) return;
   Lane g_turn[3] = {Lane(0.0), Lane(0.0), Lane(0.0)};
   Cross(r.a, ga, g_turn);
   Cross(r.b, gb, g_turn);

@@ -47,25 +47,35 @@ void ExactDirection(const ViewFloats& view, const float* mean, float* out) {
   SplitDirection(n, out);
 }
 
-TileRect TilesOfSplat(const TileGrid& grid, const Splats& splats, std::size_t j, const float* row,
-                      TouchedRows* rows, std::vector<RowSpan>* spans) {
-  const SplatStatus status = splats.status[j];
-  if (status == SplatStatus::kUncertain) return ExactTileRect(grid, row, rows, spans);
-  const bool is_small = status == SplatStatus::kSmall;
+// Pixels of the Gaussians [first, first + kLanes) where an ellipse bounds their footprint or
+// guesses it.
+EllipseTiles TilesOfEllipses(const TileGrid& grid, const Splats& splats, std::size_t first) {
+  const FloatTag d;
   constexpr float kRounding = 0.01f;  // pixels: of float coordinates up to 65 536
-  const float extent_u = splats.extent_u[j], extent_v = splats.extent_v[j];
-  const float widen =
-      kRounding + (is_small ? BendMargin(splats.sine[j], extent_u, extent_v) : 0.0f);
-  const TileWindow window =
-      EllipseTiles(grid, splats.u[j], splats.v[j], extent_u + widen, extent_v + widen);
-  if (is_small) return BoundedTileRect(grid, row, window, rows, spans);
+  const auto load = [&](const AlignedVector<float>& values)
+                        HWY_ATTR { return Lane(hn::LoadU(d, &values[first])); };
+  HWY_ALIGN float small[kLanes];
+  for (int k = 0; k < kLanes; ++k) {
+    const SplatStatus status = splats.status[first + static_cast<std::size_t>(k)];
+    small[k] = status == SplatStatus::kSmall ? 1.0f : 0.0f;
+  }
+  const Lane extent_u = load(splats.extent_u), extent_v = load(splats.extent_v);
+  const Lane bend = Lane(kSmallMargin) * load(splats.sine) * Max(extent_u, extent_v);
+  const LaneMask is_small = Lane(hn::Load(d, small)) > Lane(0.0);
+  const Lane widen = Lane(kRounding) + Select(is_small, bend, Lane(0.0));
+  return {grid, load(splats.u), load(splats.v), extent_u + widen, extent_v + widen};
+}
+
+TileRect TilesOfSplat(const TileGrid& grid, SplatStatus status, const TileWindow& window,
+                      const float* row, TouchedRows* rows, std::vector<RowSpan>* spans) {
+  if (status == SplatStatus::kUncertain) return ExactTileRect(grid, row, rows, spans);
+  if (status == SplatStatus::kSmall) return BoundedTileRect(grid, row, window, rows, spans);
   return GrownTileRect(grid, row, window, rows, spans);
 }
 
 void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats, std::int64_t begin,
              std::int64_t end, Frame* frame) {
   const FloatTag d;
-  const hn::RebindToSigned<FloatTag> di;
   const auto rows = std::make_unique_for_overwrite<TouchedRows>();
   std::vector<RowSpan>* spans = &frame->row_spans[static_cast<std::size_t>(begin / kRecordsPart)];
   for (std::int64_t i = begin; i < end; i += kLanes) {
@@ -83,39 +93,33 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
     Lane direction[3], color[3];
     const Lane inverse_distance = Lane(1.0) / g.distance;
     for (int k = 0; k < 3; ++k) direction[k] = g.world[k] * inverse_distance;
-    const BatchHarmonics sh = HarmonicsOf(task.sh_rows, task.sh_degree, i);
-    const auto row_offset =
-        hn::Mul(hn::Min(hn::Iota(di, 0), hn::Set(di, count - 1)), hn::Set(di, 3 * sh.coefficients));
-    EvalColor(sh.degree, direction, task.gaussians.sh + sh.offset, row_offset, color);
+    ColorOf(task.gaussians.sh, task.sh_rows, task.sh_degree, i, direction, color);
     const LaneMask in_range =
         AndMask(g.mean[2] >= Lane(task.near_z), g.mean[2] <= Lane(task.far_z));
     const LaneMask finite_color = IsFinite(color[0] + color[1] + color[2]);
     const std::uint64_t visible = MaskBits(AndMask(AndMask(r.visible, in_range), finite_color).m);
     const Lane steepest = Max(Dot3(r.a, r.a), Dot3(r.b, r.b));
-    const std::uint64_t sharp = MaskBits((steepest > Lane(double{kSharpForm} * kSharpForm)).m);
-    const Lane* columns[] = {&r.a[0], &r.a[1], &r.a[2], &r.b[0],    &r.b[1],  &r.b[2],
-                             &r.c[0], &r.c[1], &r.c[2], &r.k,       &r.kappa, &g.log2_opacity,
-                             nullptr, nullptr, nullptr, &g.distance};
-    HWY_ALIGN float values[record::kSize][kLanes];
-    for (int k = 0; k < record::kSize; ++k) {
-      if (columns[k] != nullptr) hn::Store(columns[k]->v, d, values[k]);
-    }
-    for (int c = 0; c < 3; ++c) {
-      hn::Store(Max(color[c], Lane(0.0)).v, d, values[record::kColor + c]);
-    }
-    hn::StoreU((task.order_by_z ? g.mean[2] : g.distance).v, d,
-               &frame->order_key[static_cast<std::size_t>(i)]);
+    const LaneMask is_sharp = steepest > Lane(double{kSharpForm} * kSharpForm);
+    const std::uint64_t sharp = MaskBits(is_sharp.m);
+    const Lane red = Max(color[0], Lane(0.0)), green = Max(color[1], Lane(0.0)),
+               blue = Max(color[2], Lane(0.0)), depth = Select(is_sharp, -g.distance, g.distance);
+    const Lane columns[record::kSize] = {r.a[0], r.a[1], r.a[2], r.b[0], r.b[1],  r.b[2],
+                                         r.c[0], r.c[1], r.c[2], r.k,    r.kappa, g.log2_opacity,
+                                         red,    green,  blue,   depth};
+    const std::size_t first = static_cast<std::size_t>(i);
+    StoreColumns(columns, record::kSize, count, &frame->records[first * record::kSize]);
+    hn::StoreU((task.order_by_z ? g.mean[2] : g.distance).v, d, &frame->order_key[first]);
+    const EllipseTiles windows = TilesOfEllipses(grid, splats, first);
     for (int k = 0; k < count; ++k) {
-      const std::size_t j = static_cast<std::size_t>(i + k);
-      if (!((visible >> k) & 1) || splats.status[j] == SplatStatus::kUnseen) continue;
-      float* row = &frame->records[j * record::kSize];
-      for (int column = 0; column < record::kSize; ++column) row[column] = values[column][k];
+      const std::size_t j = first + static_cast<std::size_t>(k);
+      const SplatStatus status = splats.status[j];
+      if (!((visible >> k) & 1) || status == SplatStatus::kUnseen) continue;
       if ((sharp >> k) & 1) {
-        row[record::kDepth] = -row[record::kDepth];
         ExactDirection(task.view, task.gaussians.means + 3 * j,
                        &frame->mean_direction[j * kDirectionSize]);
       }
-      frame->rects[j] = TilesOfSplat(grid, splats, j, row, rows.get(), spans);
+      frame->rects[j] = TilesOfSplat(grid, status, windows[k], &frame->records[j * record::kSize],
+                                     rows.get(), spans);
     }
   }
 }

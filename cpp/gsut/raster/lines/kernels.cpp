@@ -31,7 +31,6 @@ inline constexpr double kLargestScale = 1e15;
 void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begin, std::int64_t end,
                  Frame* frame, Splats* splats) {
   const FloatTag d;
-  const hn::RebindToSigned<FloatTag> di;
   const auto rows = std::make_unique_for_overwrite<TouchedRows>();
   std::vector<RowSpan>* spans = &frame->row_spans[static_cast<std::size_t>(begin / kRecordsPart)];
   for (std::int64_t i = begin; i < end; i += kLanes) {
@@ -40,25 +39,24 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
         LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
     Lane direction[3], color[3];
     ShadingDirection(g, task.view, grid.is_parallel, direction);
-    const BatchHarmonics sh = HarmonicsOf(task.sh_rows, task.sh_degree, i);
-    const auto row_offset =
-        hn::Mul(hn::Min(hn::Iota(di, 0), hn::Set(di, count - 1)), hn::Set(di, 3 * sh.coefficients));
-    EvalColor(sh.degree, direction, task.gaussians.sh + sh.offset, row_offset, color);
+    ColorOf(task.gaussians.sh, task.sh_rows, task.sh_degree, i, direction, color);
     const LaneMask in_range =
         AndMask(g.mean[2] >= Lane(task.near_z), g.mean[2] <= Lane(task.far_z));
-    HWY_ALIGN float values[record::kSize][kLanes];
+    Lane columns[record::kSize];
     Lane sum = color[0] + color[1] + color[2] + g.mean[0] + g.mean[1] + g.mean[2];
     for (int k = 0; k < 3; ++k) {
-      hn::Store(g.mean[k].v, d, values[line_record::kMean + k]);
+      columns[line_record::kMean + k] = g.mean[k];
       const Lane inverse_scale = Lane(1.0) / Min(g.scale[k], Lane(kLargestScale));
       // A square of what is stored must be a number, too.
       sum += inverse_scale * inverse_scale;
       for (int j = 0; j < 3; ++j) {
-        hn::Store((g.axes[k][j] * inverse_scale).v, d, values[line_record::kWhiten + 3 * k + j]);
+        columns[line_record::kWhiten + 3 * k + j] = g.axes[k][j] * inverse_scale;
       }
-      hn::Store(Max(color[k], Lane(0.0)).v, d, values[line_record::kColor + k]);
+      columns[line_record::kColor + k] = Max(color[k], Lane(0.0));
     }
-    hn::Store(g.log2_opacity.v, d, values[line_record::kLog2Opacity]);
+    columns[line_record::kLog2Opacity] = g.log2_opacity;
+    StoreColumns(columns, record::kSize, count,
+                 &frame->records[static_cast<std::size_t>(i) * record::kSize]);
     const bool by_z = task.order_by_z || grid.is_parallel;
     hn::StoreU((by_z ? g.mean[2] : g.distance).v, d,
                &frame->order_key[static_cast<std::size_t>(i)]);
@@ -72,8 +70,7 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
       frame->rects[j] = {};
       splats->status[j] = SplatStatus::kUnseen;
       if (!((bits >> k) & 1)) continue;
-      float* row = &frame->records[j * record::kSize];
-      for (int column = 0; column < record::kSize; ++column) row[column] = values[column][k];
+      const float* row = &frame->records[j * record::kSize];
       frame->rects[j] =
           LineTileRect(grid, row, task.log2_alpha_min, task.max_cutoff, rows.get(), spans);
       if (frame->rects[j].x0 < frame->rects[j].x1) splats->status[j] = SplatStatus::kUncertain;

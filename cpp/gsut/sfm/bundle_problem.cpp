@@ -1,0 +1,259 @@
+// Blocks of unknowns, and what observations say of them.
+#include "gsut/sfm/bundle_problem.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "gsut/base/parallel.h"
+#include "gsut/sfm/bundle_residual.h"
+#include "gsut/sfm/lens_parameters.h"
+
+namespace gsut {
+namespace {
+
+constexpr std::int64_t kGrain = 256;  // observations a chunk of parallel work
+constexpr double kSmallStep = 1e-8;   // share of the unknowns' length below which a step is none
+
+using RowMajor2X = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>;
+
+bool Flag(const std::vector<std::uint8_t>& flags, int index) {
+  return !flags.empty() && flags[index] != 0;
+}
+
+}  // namespace
+
+BundleProblem::BundleProblem(const Bundle& bundle, const BundleOptions& options)
+    : bundle_(bundle),
+      options_(options),
+      state_(bundle),
+      gauge_body_(BodyOf(options.gauge_image)),
+      scale_body_(gauge_body_ < 0 ? -1 : BodyOf(options.scale_image)),
+      used_body_(state_.num_bodies()),
+      fixed_body_(state_.num_bodies()),
+      used_lens_(state_.lenses.size()),
+      used_mount_(state_.mounts.size()) {
+  if (options.through_lens) {
+    evaluation_ = std::make_unique<LensEvaluation>(bundle, state_, !options.lens_free.empty());
+  }
+  for (const BundleObservation& observation : bundle.observations) {
+    used_body_[BodyOf(observation.image)] = 1;
+    const int mount = state_.mount_of_image[observation.image];
+    if (mount >= 0) used_mount_[mount] = 1;
+    used_lens_[bundle.camera_of_image[observation.image]] = 1;
+  }
+  for (std::size_t image = 0; image < options_.image_fixed.size(); ++image) {
+    if (options_.image_fixed[image]) fixed_body_[BodyOf(static_cast<int>(image))] = 1;
+  }
+  MakeBlocks();
+  MakeSystem();
+}
+
+void BundleProblem::MakeBlocks() {
+  const auto add = [&](int unknowns) {
+    sizes_.push_back(unknowns);
+    return static_cast<int>(sizes_.size()) - 1;
+  };
+  body_block_.assign(state_.num_bodies(), -1);
+  for (int body = 0; body < state_.num_bodies(); ++body) {
+    if (!used_body_[body] || fixed_body_[body]) continue;
+    const bool moves =
+        !state_.velocities.empty() && !Flag(options_.velocity_fixed, state_.image_of_body[body]);
+    body_block_[body] = add(moves ? 2 * kPoseTangent : kPoseTangent);
+  }
+  num_bodies_ = static_cast<int>(sizes_.size());
+  mount_block_.assign(state_.mounts.size(), -1);
+  for (std::size_t m = 0; m < state_.mounts.size(); ++m) {
+    if (used_mount_[m] && Flag(options_.mount_free, static_cast<int>(m))) {
+      mount_block_[m] = add(kPoseTangent);
+    }
+  }
+  lens_block_.assign(state_.lenses.size(), -1);
+  lens_columns_.resize(state_.lenses.size());
+  for (std::size_t c = 0; c < options_.lens_free.size(); ++c) {
+    lens_columns_[c] = FreeLensColumns(options_.lens_free[c]);
+    if (used_lens_[c] && lens_columns_[c].cols() > 0) {
+      lens_block_[c] = add(static_cast<int>(lens_columns_[c].cols()));
+    }
+  }
+}
+
+void BundleProblem::MakeSystem() {
+  std::vector<ReducedSystem::Dependence> observations;
+  observations.reserve(bundle_.observations.size());
+  for (const BundleObservation& observation : bundle_.observations) {
+    const int mount = state_.mount_of_image[observation.image];
+    ReducedSystem::Dependence& own = observations.emplace_back();
+    own.point = Flag(options_.point_fixed, observation.point) ? -1 : observation.point;
+    for (const int block :
+         {body_block_[BodyOf(observation.image)], mount < 0 ? -1 : mount_block_[mount],
+          lens_block_[bundle_.camera_of_image[observation.image]]}) {
+      if (block >= 0) own.blocks.push_back(block);
+    }
+  }
+  system_ = std::make_unique<ReducedSystem>(sizes_, num_bodies_,
+                                            static_cast<int>(state_.points.size()), observations);
+  for (int body = 0; body < state_.num_bodies(); ++body) {
+    const int block = body_block_[body];
+    if (block < 0) continue;
+    if (body == gauge_body_) {
+      std::fill_n(system_->Held(block).begin(), kPoseTangent, 1);
+    } else if (body == scale_body_) {
+      system_->Held(block)[ScaleAxis(state_.poses[gauge_body_], state_.poses[body])] = 1;
+    }
+    if (!Moves(block) || options_.velocity_priors.empty()) continue;
+    const VelocityPrior& prior = options_.velocity_priors[state_.image_of_body[body]];
+    system_->PriorWeights(block).tail<6>() = options_.noise * prior.sigma.cwiseInverse();
+  }
+}
+
+double BundleProblem::Evaluate() {
+  if (evaluation_) evaluation_->Evaluate(true);
+  const auto count = static_cast<std::int64_t>(bundle_.observations.size());
+  double cost = ParallelSum(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    double sum = 0.0;
+    for (std::int64_t i = begin; i < end; ++i) sum += Linearize(static_cast<int>(i));
+    return sum;
+  });
+  for (int body = 0; body < state_.num_bodies() && !options_.velocity_priors.empty(); ++body) {
+    const int block = body_block_[body];
+    if (block < 0 || !Moves(block)) continue;
+    const VelocityPrior& prior = options_.velocity_priors[state_.image_of_body[body]];
+    auto residuals = system_->PriorResiduals(block).tail<6>();
+    residuals =
+        system_->PriorWeights(block).tail<6>().cwiseProduct(state_.velocities[body] - prior.mean);
+    cost += 0.5 * residuals.squaredNorm();
+  }
+  return cost;
+}
+
+double BundleProblem::Linearize(int i) {
+  const BundleObservation& observation = bundle_.observations[i];
+  ObservationResidual found;
+  if (!EvaluateObservation(bundle_, state_, i, evaluation_.get(), &found)) {
+    return std::numeric_limits<double>::infinity();
+  }
+  const double squared = found.residual.squaredNorm();
+  // Cauchy's loss, by weights.
+  double cost = squared, weight = 1.0;
+  if (options_.loss_scale > 0) {
+    const double bend = options_.loss_scale * options_.loss_scale;
+    cost = bend * std::log1p(squared / bend);
+    weight = std::sqrt(1.0 / (1.0 + squared / bend));
+  }
+  system_->Residual(i) = weight * found.residual;
+  system_->ByPoint(i) = weight * found.by.by_point;
+  double* out = system_->ByBlocks(i);
+  const auto write = [&](const auto& derivatives, int size, int at, int columns) {
+    Eigen::Map<RowMajor2X, 0, Eigen::OuterStride<>>(
+        out + at, 2, columns, Eigen::OuterStride<>(size)) = weight * derivatives;
+  };
+  const int body = BodyOf(observation.image), mount = state_.mount_of_image[observation.image];
+  if (const int block = body_block_[body]; block >= 0) {
+    const int size = sizes_[block];
+    write(found.by.by_pose, size, 0, kPoseTangent);
+    if (Moves(block)) write(found.by.by_velocity, size, kPoseTangent, kPoseTangent);
+    if (body == gauge_body_ || body == scale_body_) {
+      for (int k = 0; k < size; ++k) {
+        if (system_->Held(block)[k]) out[k] = out[size + k] = 0.0;
+      }
+    }
+    out += 2 * size;
+  }
+  if (mount >= 0 && mount_block_[mount] >= 0) {
+    write(found.by.by_mount, kPoseTangent, 0, kPoseTangent);
+    out += 2 * kPoseTangent;
+  }
+  const int camera = bundle_.camera_of_image[observation.image];
+  if (lens_block_[camera] >= 0) {
+    const auto& columns = lens_columns_[camera];
+    const int size = static_cast<int>(columns.cols());
+    Eigen::Map<RowMajor2X> by_lens(out, 2, size);
+    by_lens.setZero();
+    if (found.by_params != nullptr) {
+      by_lens.noalias() +=
+          weight * Eigen::Map<const RowMajor2X>(found.by_params, 2, columns.rows()) * columns;
+    }
+  }
+  return 0.5 * cost;
+}
+
+bool BundleProblem::Step() {
+  double length = 0.0, size = 0.0;
+  const auto count = [&](double change, double value) {
+    length += change;
+    size += value;
+  };
+  for (int body = 0; body < state_.num_bodies(); ++body) {
+    const int block = body_block_[body];
+    if (block < 0) continue;
+    const Eigen::VectorXd change = system_->BlockStep(block);
+    AddToPose(change.head<kPoseTangent>(), &state_.poses[body]);
+    if (Moves(block)) state_.velocities[body] += change.tail<kPoseTangent>();
+    count(change.squaredNorm(), 1.0 + CenterOf(state_.poses[body].data()).squaredNorm());
+  }
+  for (std::size_t m = 0; m < state_.mounts.size(); ++m) {
+    if (mount_block_[m] < 0) continue;
+    const Eigen::VectorXd change = system_->BlockStep(mount_block_[m]);
+    AddToPose(change, &state_.mounts[m]);
+    count(change.squaredNorm(), 1.0 + CenterOf(state_.mounts[m].data()).squaredNorm());
+  }
+  for (std::size_t c = 0; c < state_.lenses.size(); ++c) {
+    if (lens_block_[c] < 0) continue;
+    Eigen::Map<Eigen::VectorXd> lens(state_.lenses[c].data(), lens_columns_[c].rows());
+    const Eigen::VectorXd change = lens_columns_[c] * system_->BlockStep(lens_block_[c]);
+    lens += change;
+    count(change.squaredNorm(), lens.squaredNorm());
+  }
+  for (std::size_t p = 0; p < state_.points.size(); ++p) {
+    if (Flag(options_.point_fixed, static_cast<int>(p))) continue;
+    const Eigen::Vector3d& change = system_->PointStep(static_cast<int>(p));
+    state_.points[p] += change;
+    count(change.squaredNorm(), state_.points[p].squaredNorm());
+  }
+  return std::sqrt(length) <= kSmallStep * (std::sqrt(size) + kSmallStep);
+}
+
+void BundleProblem::Store(Bundle* bundle) const {
+  for (std::size_t i = 0; i < bundle->camera_from_world.size(); ++i) {
+    const int image = static_cast<int>(i);
+    const int body = BodyOf(image);
+    if (!used_body_[body]) continue;
+    if (!bundle->velocities.empty()) bundle->velocities[i] = state_.velocities[body];
+    // A pose that stayed keeps its digits; other cameras of its body follow it.
+    const bool stays = (body == gauge_body_ || fixed_body_[body]) &&
+                       state_.image_of_body[body] == image && state_.mount_of_image[image] < 0;
+    if (!stays) bundle->camera_from_world[i] = state_.CameraFromWorld(image);
+  }
+  for (std::size_t m = 0; m < state_.mounts.size(); ++m) {
+    if (mount_block_[m] >= 0) {
+      bundle->camera_from_body[m] = FromBlock(state_.mounts[m]);
+    }
+  }
+  bundle->points = state_.points;
+  for (std::size_t c = 0; c < state_.lenses.size(); ++c) {
+    if (lens_block_[c] < 0) continue;
+    const Camera& camera = bundle->cameras[c];
+    bundle->cameras[c] = Camera(camera.model(), state_.lenses[c], camera.width(), camera.height(),
+                                camera.valid_field_angle());
+  }
+}
+
+double BundleProblem::Rms() {
+  if (evaluation_) evaluation_->Evaluate(false);
+  double sum = 0.0;
+  for (std::size_t i = 0; i < bundle_.observations.size(); ++i) {
+    const BundleObservation& observation = bundle_.observations[i];
+    LensEvaluation::Row row = {};
+    if (evaluation_) row = evaluation_->Get(static_cast<int>(i));
+    if (row.valid) {
+      sum += (Eigen::Map<const Eigen::Vector2d>(row.pixel) - observation.pixel).squaredNorm();
+    } else {
+      const Eigen::Vector3d p = state_.Chain(observation).Point(state_.points[observation.point]);
+      sum += BearingResidual(observation.bearing, p).squaredNorm();
+    }
+  }
+  return std::sqrt(sum / std::max<std::size_t>(1, bundle_.observations.size()));
+}
+
+}  // namespace gsut

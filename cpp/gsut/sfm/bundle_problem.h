@@ -1,0 +1,61 @@
+// A bundle as blocks of unknowns, residuals and their derivatives.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "gsut/sfm/bundle.h"
+#include "gsut/sfm/bundle_state.h"
+#include "gsut/sfm/lens_evaluation.h"
+#include "gsut/sfm/reduced_system.h"
+
+namespace gsut {
+
+class BundleProblem {
+ public:
+  // Both are kept by reference.
+  BundleProblem(const Bundle& bundle, const BundleOptions& options);
+  BundleProblem(const BundleProblem&) = delete;  // its lenses read its state
+  BundleProblem& operator=(const BundleProblem&) = delete;
+
+  // Residuals and derivatives at the current unknowns, for the system; the cost, not finite where
+  // there is none.
+  double Evaluate();
+  ReducedSystem& system() { return *system_; }
+  // Adds the system's step to the unknowns; whether it is too small to matter.
+  bool Step();
+  const BundleState& state() const { return state_; }
+  void Restore(const BundleState& state) { state_ = state; }
+
+  // Of the residuals at the current unknowns, without loss.
+  double Rms();
+  // Observations whose point is outside the lens' domain.
+  std::int64_t NumOutside() const { return evaluation_ ? evaluation_->NumOutside() : 0; }
+  // Writes what was solved for.
+  void Store(Bundle* bundle) const;
+
+ private:
+  int BodyOf(int image) const { return image < 0 ? -1 : state_.body_of_image[image]; }
+  // Whether a body's block holds a velocity too.
+  bool Moves(int block) const { return sizes_[block] > kPoseTangent; }
+  void MakeBlocks();
+  void MakeSystem();
+  // Of one observation; returns its cost.
+  double Linearize(int i);
+
+  const Bundle& bundle_;
+  const BundleOptions& options_;
+  BundleState state_;
+  int gauge_body_, scale_body_;
+  std::unique_ptr<LensEvaluation> evaluation_;
+  std::vector<std::uint8_t> used_body_, fixed_body_, used_lens_, used_mount_;
+  // The system's blocks: of a body its pose and, if it moves, velocity; -1: stays as it is.
+  std::vector<int> sizes_, body_block_, mount_block_, lens_block_;
+  int num_bodies_ = 0;  // among the blocks
+  std::vector<Eigen::MatrixXd> lens_columns_;
+  std::unique_ptr<ReducedSystem> system_;
+};
+
+}  // namespace gsut

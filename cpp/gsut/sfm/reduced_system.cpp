@@ -1,0 +1,336 @@
+// Points are eliminated each by itself; then each block's row of the rest is made by itself.
+#include "gsut/sfm/reduced_system.h"
+
+#include <Eigen/LU>
+#include <Eigen/OrderingMethods>
+#include <Eigen/SparseCore>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "gsut/base/parallel.h"
+#include "gsut/sfm/subtract_product.h"
+
+namespace gsut {
+namespace {
+
+constexpr std::int64_t kPointGrain = 64;
+constexpr std::int64_t kObservationGrain = 512;
+constexpr int kTileRows = 60;  // at least, of all but the last tile
+// Share of the pairs of blocks with a common point, beyond which no order is better than another.
+constexpr double kDense = 0.5;
+constexpr double kLeastDiagonal = 1e-6;  // of a scaled unknown, that steps are held back by
+
+using RowMajor = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>;
+using Jacobian = Eigen::Map<const RowMajor>;
+using MatrixX3 = Eigen::Matrix<double, Eigen::Dynamic, 3>;
+
+// What an unknown's diagonal grows by: as if it was scaled to a length of about one.
+double Damping(double diagonal, double radius) {
+  const double length = 1.0 + std::sqrt(diagonal);
+  return std::max(diagonal, kLeastDiagonal * length * length) / radius;
+}
+
+// Blocks in this order, in tiles.
+struct Tiling {
+  std::vector<int> tile, in_tile, rows;  // by block; by tile
+};
+
+Tiling Tile(const std::vector<int>& order, const std::vector<int>& sizes) {
+  Tiling tiling = {std::vector<int>(sizes.size()), std::vector<int>(sizes.size()), {}};
+  for (const int block : order) {
+    if (tiling.rows.empty() || tiling.rows.back() >= kTileRows) tiling.rows.push_back(0);
+    tiling.tile[block] = static_cast<int>(tiling.rows.size()) - 1;
+    tiling.in_tile[block] = tiling.rows.back();
+    tiling.rows.back() += sizes[block];
+  }
+  return tiling;
+}
+
+using Pairs = std::vector<std::vector<int>>;  // by block those with a larger number joined to it
+
+std::unique_ptr<TiledCholesky> MakeMatrix(const Tiling& tiling, const Pairs& joined) {
+  const std::size_t tiles = tiling.rows.size();
+  std::vector<std::uint8_t> present(tiles * tiles, 0);
+  for (std::size_t a = 0; a < joined.size(); ++a) {
+    for (const int b : joined[a]) {
+      const auto [low, high] = std::minmax(tiling.tile[a], tiling.tile[b]);
+      present[high * tiles + low] = 1;
+    }
+  }
+  return std::make_unique<TiledCholesky>(tiling.rows, std::move(present));
+}
+
+Pairs FindJoined(std::size_t blocks, const std::vector<std::vector<int>>& together) {
+  std::vector<std::uint8_t> flags(blocks * blocks, 0);
+  for (const std::vector<int>& group : together) {
+    for (const int a : group) {
+      for (const int b : group) flags[a * blocks + b] = 1;
+    }
+  }
+  Pairs joined(blocks);
+  for (std::size_t a = 0; a < blocks; ++a) {
+    for (std::size_t b = a + 1; b < blocks; ++b) {
+      if (flags[a * blocks + b]) joined[a].push_back(static_cast<int>(b));
+    }
+  }
+  return joined;
+}
+
+// Minimum degree (Amestoy, Davis, Duff, "An approximate minimum degree ordering algorithm", 1996)
+// of the first blocks, then the others.
+std::vector<int> MinimumDegree(int num_ordered, const Pairs& joined) {
+  std::vector<Eigen::Triplet<double>> values;
+  for (int a = 0; a < num_ordered; ++a) {
+    values.emplace_back(a, a, 1.0);
+    for (const int b : joined[a]) {
+      if (b >= num_ordered) continue;
+      values.emplace_back(a, b, 1.0);
+      values.emplace_back(b, a, 1.0);
+    }
+  }
+  Eigen::SparseMatrix<double> pattern(num_ordered, num_ordered);
+  pattern.setFromTriplets(values.begin(), values.end());
+  Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int> found;
+  Eigen::AMDOrdering<int>()(pattern, found);
+  std::vector<int> order(joined.size());
+  std::iota(order.begin(), order.end(), 0);
+  for (int i = 0; i < num_ordered; ++i) order[i] = found.indices()[i];
+  return order;
+}
+
+}  // namespace
+
+ReducedSystem::ReducedSystem(std::vector<int> block_sizes, int num_ordered, int num_points,
+                             const std::vector<Dependence>& observations)
+    : sizes_(std::move(block_sizes)),
+      num_points_(num_points),
+      first_column_(1, 0),
+      of_point_(num_points),
+      parts_of_block_(sizes_.size()),
+      by_point_(observations.size(), Eigen::Matrix<double, 2, 3>::Zero()),
+      residuals_(observations.size()),
+      inverse_(num_points),
+      point_gradient_(num_points),
+      point_steps_(num_points, Eigen::Vector3d::Zero()) {
+  for (std::size_t i = 0; i < observations.size(); ++i) {
+    const Dependence& observation = observations[i];
+    point_of_.push_back(observation.point);
+    blocks_of_.push_back(observation.blocks);
+    if (observation.point >= 0) of_point_[observation.point].push_back(static_cast<int>(i));
+    int column = 0;
+    for (const int block : observation.blocks) {
+      parts_of_block_[block].push_back({static_cast<int>(i), column});
+      column += sizes_[block];
+    }
+    first_column_.push_back(first_column_.back() + column);
+  }
+  by_blocks_.assign(2 * first_column_.back(), 0.0);
+  for (const int size : sizes_) {
+    prior_weights_.emplace_back(Eigen::VectorXd::Zero(size));
+    prior_residuals_.emplace_back(Eigen::VectorXd::Zero(size));
+    held_.emplace_back(size, 0);
+  }
+  FindEntries(observations);
+  Order(num_ordered, observations);
+}
+
+void ReducedSystem::FindEntries(const std::vector<Dependence>& observations) {
+  first_entry_.assign(1, 0);
+  entries_of_block_.resize(sizes_.size());
+  entry_of_.resize(observations.size());
+  std::size_t at = 0;
+  for (int point = 0; point < num_points_; ++point) {
+    const std::size_t first = entries_.size();
+    for (const int i : of_point_[point]) {
+      for (const int block : blocks_of_[i]) {
+        std::size_t found = first;
+        while (found < entries_.size() && entries_[found].block != block) ++found;
+        if (found == entries_.size()) {
+          entries_of_block_[block].push_back(static_cast<int>(found));
+          entries_.push_back({point, block, at});
+          at += 3 * static_cast<std::size_t>(sizes_[block]);
+        }
+        entry_of_[i].push_back(static_cast<int>(found));
+      }
+    }
+    first_entry_.push_back(entries_.size());
+  }
+  cross_.assign(at, 0.0);
+  scaled_.assign(at, 0.0);
+}
+
+void ReducedSystem::Order(int num_ordered, const std::vector<Dependence>& observations) {
+  std::vector<std::vector<int>> together(num_points_);
+  for (int point = 0; point < num_points_; ++point) {
+    for (std::size_t e = first_entry_[point]; e < first_entry_[point + 1]; ++e) {
+      together[point].push_back(entries_[e].block);
+    }
+  }
+  for (const Dependence& observation : observations) {
+    if (observation.point < 0 && observation.blocks.size() > 1) {
+      together.push_back(observation.blocks);
+    }
+  }
+  const Pairs joined = FindJoined(sizes_.size(), together);
+  std::vector<int> order(sizes_.size());
+  std::iota(order.begin(), order.end(), 0);
+  Tiling tiling = Tile(order, sizes_);
+  matrix_ = MakeMatrix(tiling, joined);
+  if (matrix_->Fill() > kDense && num_ordered > 1) {
+    std::size_t pairs = 0;
+    for (const auto& others : joined) pairs += others.size();
+    const double all = 0.5 * static_cast<double>(sizes_.size() * (sizes_.size() - 1));
+    if (static_cast<double>(pairs) > kDense * all) num_ordered = 0;
+  }
+  if (num_ordered > 1) {
+    std::vector<int> other_order = MinimumDegree(num_ordered, joined);
+    Tiling other_tiling = Tile(other_order, sizes_);
+    auto other = MakeMatrix(other_tiling, joined);
+    if (other->Work() < matrix_->Work()) {
+      order = std::move(other_order);
+      tiling = std::move(other_tiling);
+      matrix_ = std::move(other);
+    }
+  }
+  rank_.resize(sizes_.size());
+  start_.resize(sizes_.size());
+  int start = 0;
+  for (std::size_t place = 0; place < order.size(); ++place) {
+    rank_[order[place]] = static_cast<int>(place);
+    start_[order[place]] = start;
+    start += sizes_[order[place]];
+  }
+  step_.resize(start);
+  tile_ = std::move(tiling.tile);
+  in_tile_ = std::move(tiling.in_tile);
+  rows_of_tile_ = std::move(tiling.rows);
+}
+
+void ReducedSystem::EliminatePoint(int point, double radius) {
+  Eigen::Matrix3d own = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
+  const std::size_t first = first_entry_[point], last = first_entry_[point + 1];
+  if (first < last) {
+    const std::size_t end = last < entries_.size() ? entries_[last].at : cross_.size();
+    std::fill(&cross_[entries_[first].at], cross_.data() + end, 0.0);
+  }
+  for (const int i : of_point_[point]) {
+    const Eigen::Matrix<double, 2, 3>& by_point = by_point_[i];
+    own.noalias() += by_point.transpose() * by_point;
+    gradient.noalias() += by_point.transpose() * residuals_[i];
+    const double* row = &by_blocks_[2 * first_column_[i]];
+    for (std::size_t k = 0; k < entry_of_[i].size(); ++k) {
+      const int size = sizes_[blocks_of_[i][k]];
+      Eigen::Map<MatrixX3>(&cross_[entries_[entry_of_[i][k]].at], size, 3).noalias() +=
+          Jacobian(row, 2, size).transpose() * by_point;
+      row += 2 * size;
+    }
+  }
+  for (int k = 0; k < 3; ++k) own(k, k) += Damping(own(k, k), radius);
+  inverse_[point] = own.inverse();
+  point_gradient_[point] = gradient;
+  for (std::size_t e = first; e < last; ++e) {
+    const int size = sizes_[entries_[e].block];
+    Eigen::Map<MatrixX3>(&scaled_[entries_[e].at], size, 3).noalias() =
+        Eigen::Map<const MatrixX3>(&cross_[entries_[e].at], size, 3) * inverse_[point];
+  }
+}
+
+void ReducedSystem::FillRow(int block, double radius) {
+  const int size = sizes_[block];
+  const auto stride = static_cast<std::ptrdiff_t>(rows_of_tile_[tile_[block]]);
+  Eigen::VectorXd side = Eigen::VectorXd::Zero(size);
+  std::vector<double> opposite(2 * static_cast<std::size_t>(size));
+  for (const Part& part : parts_of_block_[block]) {
+    const int i = part.observation;
+    const double* row = &by_blocks_[2 * first_column_[i]];
+    const double* own = row + 2 * part.column;
+    const Eigen::Vector2d& residual = residuals_[i];
+    for (int k = 0; k < size; ++k) side[k] -= own[k] * residual[0] + own[size + k] * residual[1];
+    for (int k = 0; k < 2 * size; ++k) opposite[k] = -own[k];
+    for (const int other : blocks_of_[i]) {
+      if (rank_[other] <= rank_[block]) {
+        SubtractProduct(TileOf(block, other), stride, opposite.data(), size, row, sizes_[other],
+                        size, sizes_[other], 2);
+      }
+      row += 2 * sizes_[other];
+    }
+  }
+  auto diagonal = Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>>(
+                      TileOf(block, block), size, size, Eigen::OuterStride<>(stride))
+                      .diagonal();
+  diagonal += prior_weights_[block].cwiseAbs2();
+  side -= prior_weights_[block].cwiseProduct(prior_residuals_[block]);
+  for (int k = 0; k < size; ++k)
+    diagonal[k] += held_[block][k] ? 1.0 : Damping(diagonal[k], radius);
+  for (const int index : entries_of_block_[block]) {
+    const Entry& entry = entries_[index];
+    const double* scaled = &scaled_[entry.at];
+    const Eigen::Vector3d& gradient = point_gradient_[entry.point];
+    for (int k = 0; k < size; ++k) {
+      side[k] += scaled[k] * gradient[0] + scaled[size + k] * gradient[1] +
+                 scaled[2 * size + k] * gradient[2];
+    }
+    for (std::size_t e = first_entry_[entry.point]; e < first_entry_[entry.point + 1]; ++e) {
+      const int other = entries_[e].block;
+      if (rank_[other] > rank_[block]) continue;
+      SubtractProduct(TileOf(block, other), stride, scaled, size, &cross_[entries_[e].at],
+                      sizes_[other], size, sizes_[other], 3);
+    }
+  }
+  step_.segment(start_[block], size) = side;
+}
+
+bool ReducedSystem::Solve(double radius) {
+  ParallelFor(num_points_, kPointGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t point = begin; point < end; ++point) {
+      EliminatePoint(static_cast<int>(point), radius);
+    }
+  });
+  matrix_->SetZero();
+  ParallelFor(static_cast<std::int64_t>(sizes_.size()), 1,
+              [&](std::int64_t begin, std::int64_t) { FillRow(static_cast<int>(begin), radius); });
+  if (!step_.allFinite() || !matrix_->Factorize()) return false;
+  matrix_->Solve(&step_);
+  ParallelFor(num_points_, kPointGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t point = begin; point < end; ++point) {
+      Eigen::Vector3d side = -point_gradient_[point];
+      for (std::size_t e = first_entry_[point]; e < first_entry_[point + 1]; ++e) {
+        const int block = entries_[e].block;
+        side.noalias() -=
+            Eigen::Map<const MatrixX3>(&cross_[entries_[e].at], sizes_[block], 3).transpose() *
+            BlockStep(block);
+      }
+      point_steps_[point] = inverse_[point] * side;
+    }
+  });
+  return step_.allFinite();
+}
+
+double ReducedSystem::PredictedDecrease() const {
+  const auto count = static_cast<std::int64_t>(residuals_.size());
+  double decrease =
+      ParallelSum(count, kObservationGrain, [&](std::int64_t begin, std::int64_t end) {
+        double sum = 0.0;
+        for (std::int64_t i = begin; i < end; ++i) {
+          Eigen::Vector2d change = Eigen::Vector2d::Zero();
+          if (point_of_[i] >= 0) change = by_point_[i] * point_steps_[point_of_[i]];
+          const double* row = &by_blocks_[2 * first_column_[i]];
+          for (const int block : blocks_of_[i]) {
+            change.noalias() += Jacobian(row, 2, sizes_[block]) * BlockStep(block);
+            row += 2 * sizes_[block];
+          }
+          sum -= change.dot(residuals_[i] + 0.5 * change);
+        }
+        return sum;
+      });
+  for (std::size_t block = 0; block < sizes_.size(); ++block) {
+    const Eigen::VectorXd change =
+        prior_weights_[block].cwiseProduct(BlockStep(static_cast<int>(block)));
+    decrease -= change.dot(prior_residuals_[block] + 0.5 * change);
+  }
+  return decrease;
+}
+
+}  // namespace gsut

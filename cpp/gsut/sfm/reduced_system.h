@@ -1,0 +1,92 @@
+// The normal equations of observations of points, the points eliminated: one step of a solver.
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <vector>
+
+#include "gsut/sfm/tiled_cholesky.h"
+
+namespace gsut {
+
+// Unknowns are blocks (of poses and lenses, from 0) and points of three coordinates. An observation
+// has two residuals, which depend on some blocks and on one point at most. Everything is summed in
+// one order, each sum by one thread: the same bits on any number of threads.
+class ReducedSystem {
+ public:
+  // Of an observation: its point (-1: it has none, or one that stays) and its blocks, each once.
+  struct Dependence {
+    int point = -1;
+    std::vector<int> blocks;
+  };
+
+  // block_sizes: those from num_ordered on come last, in their order: many observations have them.
+  ReducedSystem(std::vector<int> block_sizes, int num_ordered, int num_points,
+                const std::vector<Dependence>& observations);
+
+  // Derivatives of an observation, weighted: row-major (2, size) one block after the other.
+  double* ByBlocks(int observation) { return &by_blocks_[2 * first_column_[observation]]; }
+  Eigen::Matrix<double, 2, 3>& ByPoint(int observation) { return by_point_[observation]; }
+  Eigen::Vector2d& Residual(int observation) { return residuals_[observation]; }
+  // Residuals of a block by itself: their weights (0: none), and they, weighted.
+  Eigen::VectorXd& PriorWeights(int block) { return prior_weights_[block]; }
+  Eigen::VectorXd& PriorResiduals(int block) { return prior_residuals_[block]; }
+  // Components of a block that stay: 1. Their derivatives must be 0.
+  std::vector<std::uint8_t>& Held(int block) { return held_[block]; }
+
+  // The step of Levenberg-Marquardt: to the minimum, held back by the diagonal over the radius.
+  // False: not determined.
+  bool Solve(double radius);
+  auto BlockStep(int block) const { return step_.segment(start_[block], sizes_[block]); }
+  const Eigen::Vector3d& PointStep(int point) const { return point_steps_[point]; }
+  // What the step lowers half the sum of squares by, were the residuals linear.
+  double PredictedDecrease() const;
+  const TiledCholesky& matrix() const { return *matrix_; }
+
+ private:
+  struct Entry {  // a block that observes a point
+    int point, block;
+    std::size_t at;  // of its (size, 3) products in cross_ and scaled_
+  };
+  struct Part {  // an observation that has a block
+    int observation;
+    int column;  // of the block in ByBlocks
+  };
+  void Order(int num_ordered, const std::vector<Dependence>& observations);
+  void FindEntries(const std::vector<Dependence>& observations);
+  void EliminatePoint(int point, double radius);
+  void FillRow(int block, double radius);
+  double* TileOf(int row, int column) {
+    return matrix_->Tile(tile_[row], tile_[column]) + in_tile_[row] +
+           static_cast<std::ptrdiff_t>(in_tile_[column]) * rows_of_tile_[tile_[row]];
+  }
+
+  std::vector<int> sizes_;
+  int num_points_;
+  // By block: place in the order, first unknown, tile and row in it.
+  std::vector<int> rank_, start_, tile_, in_tile_, rows_of_tile_;
+  std::vector<int> point_of_;                // by observation
+  std::vector<std::vector<int>> blocks_of_;  // by observation
+  std::vector<std::size_t> first_column_;    // by observation
+  std::vector<std::vector<int>> of_point_;   // observations
+  std::vector<std::vector<Part>> parts_of_block_;
+  std::vector<Entry> entries_;
+  std::vector<std::size_t> first_entry_;  // by point
+  std::vector<std::vector<int>> entries_of_block_;
+  std::vector<std::vector<int>> entry_of_;  // by observation and block: the entry, or -1
+  std::unique_ptr<TiledCholesky> matrix_;
+
+  std::vector<double> by_blocks_;
+  std::vector<Eigen::Matrix<double, 2, 3>> by_point_;
+  std::vector<Eigen::Vector2d> residuals_;
+  std::vector<Eigen::VectorXd> prior_weights_, prior_residuals_;
+  std::vector<std::vector<std::uint8_t>> held_;
+
+  // cross_: block by point; scaled_: times the inverse of the point's own.
+  std::vector<double> cross_, scaled_;
+  std::vector<Eigen::Matrix3d> inverse_;
+  std::vector<Eigen::Vector3d> point_gradient_, point_steps_;
+  Eigen::VectorXd step_;
+};
+
+}  // namespace gsut

@@ -1,0 +1,104 @@
+// Blocks of three vectors of rows by four columns stay in registers.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "gsut/sfm/subtract_product.cpp"
+#include "gsut/base/hwy_targets.h"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include "gsut/sfm/subtract_product.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace gsut {
+namespace HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+constexpr int kVectors = 3, kColumns = 4;
+
+struct Matrices {
+  double* out;
+  const double *a, *b;
+  std::ptrdiff_t out_stride, a_stride, b_stride;
+  int inner;
+};
+
+// The block at a row and a column; the last of its vectors holds `rest` rows (0: all of them).
+template <int kOwnVectors, int kOwnColumns>
+HWY_INLINE void Block(const Matrices& m, int row, int column, int rest) {
+  const hn::ScalableTag<double> d;
+  using V = hn::Vec<decltype(d)>;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const auto some = hn::FirstN(d, rest > 0 ? rest : lanes);
+  const auto load = [&](const double* from, int v) HWY_ATTR {
+    return v + 1 < kOwnVectors ? hn::LoadU(d, from + v * lanes)
+                               : hn::MaskedLoad(some, d, from + v * lanes);
+  };
+  V sums[kOwnVectors][kOwnColumns];
+  double* out = m.out + row + column * m.out_stride;
+  for (int c = 0; c < kOwnColumns; ++c) {
+    for (int v = 0; v < kOwnVectors; ++v) sums[v][c] = load(out + c * m.out_stride, v);
+  }
+  const double *a = m.a + row, *b = m.b + column;
+  for (int k = 0; k < m.inner; ++k, a += m.a_stride, b += m.b_stride) {
+    V left[kOwnVectors];
+    for (int v = 0; v < kOwnVectors; ++v) left[v] = load(a, v);
+    for (int c = 0; c < kOwnColumns; ++c) {
+      const V right = hn::Set(d, b[c]);
+      for (int v = 0; v < kOwnVectors; ++v) sums[v][c] = hn::NegMulAdd(left[v], right, sums[v][c]);
+    }
+  }
+  for (int c = 0; c < kOwnColumns; ++c) {
+    for (int v = 0; v + 1 < kOwnVectors; ++v) {
+      hn::StoreU(sums[v][c], d, out + c * m.out_stride + v * lanes);
+    }
+    hn::BlendedStore(sums[kOwnVectors - 1][c], some, d,
+                     out + c * m.out_stride + (kOwnVectors - 1) * lanes);
+  }
+}
+
+template <int kOwnColumns>
+HWY_INLINE void Columns(const Matrices& m, int rows, int column) {
+  const int lanes = static_cast<int>(hn::Lanes(hn::ScalableTag<double>()));
+  int row = 0;
+  for (; row + kVectors * lanes <= rows; row += kVectors * lanes) {
+    Block<kVectors, kOwnColumns>(m, row, column, 0);
+  }
+  const int left = rows - row;
+  if (left > 2 * lanes) {
+    Block<3, kOwnColumns>(m, row, column, left - 2 * lanes);
+  } else if (left > lanes) {
+    Block<2, kOwnColumns>(m, row, column, left - lanes);
+  } else if (left > 0) {
+    Block<1, kOwnColumns>(m, row, column, left);
+  }
+}
+
+}  // namespace
+
+void Subtract(double* out, std::ptrdiff_t out_stride, const double* a, std::ptrdiff_t a_stride,
+              const double* b, std::ptrdiff_t b_stride, int rows, int columns, int inner) {
+  const Matrices m = {out, a, b, out_stride, a_stride, b_stride, inner};
+  int column = 0;
+  for (; column + kColumns <= columns; column += kColumns) Columns<kColumns>(m, rows, column);
+  for (; column < columns; ++column) Columns<1>(m, rows, column);
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace gsut
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace gsut {
+
+HWY_EXPORT(Subtract);
+
+void SubtractProduct(double* out, std::ptrdiff_t out_stride, const double* a,
+                     std::ptrdiff_t a_stride, const double* b, std::ptrdiff_t b_stride, int rows,
+                     int columns, int inner) {
+  HWY_DYNAMIC_DISPATCH(Subtract)
+  (out, out_stride, a, a_stride, b, b_stride, rows, columns, inner);
+}
+
+}  // namespace gsut
+#endif  // HWY_ONCE

@@ -1,0 +1,110 @@
+// Left-looking: tile by tile, each from those of the columns before.
+#include "gsut/sfm/tiled_cholesky.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+
+#include "gsut/base/parallel.h"
+#include "gsut/sfm/subtract_product.h"
+
+namespace gsut {
+
+TiledCholesky::TiledCholesky(std::vector<int> sizes, std::vector<std::uint8_t> present)
+    : sizes_(std::move(sizes)), starts_(1, 0), present_(std::move(present)) {
+  const int count = num_tiles();
+  for (const int size : sizes_) starts_.push_back(starts_.back() + size);
+  std::vector<int> rows;
+  for (int k = 0; k < count; ++k) {
+    present_[k * count + k] = 1;
+    rows.clear();
+    for (int i = k + 1; i < count; ++i) {
+      if (Has(i, k)) rows.push_back(i);
+    }
+    for (const int i : rows) {
+      for (const int j : rows) {
+        if (j <= i) present_[i * count + j] = 1;
+      }
+    }
+  }
+  place_.assign(present_.size(), 0);
+  std::size_t total = 0;
+  for (int j = 0; j < count; ++j) {
+    for (int i = j; i < count; ++i) {
+      if (!Has(i, j)) continue;
+      place_[i * count + j] = total;
+      total += static_cast<std::size_t>(sizes_[i]) * sizes_[j];
+    }
+  }
+  values_.assign(total, 0.0);
+}
+
+double TiledCholesky::Fill() const {
+  const double count = num_tiles();
+  double kept = 0.0;
+  for (int i = 0; i < num_tiles(); ++i) {
+    for (int j = 0; j <= i; ++j) kept += Has(i, j);
+  }
+  return kept / std::max(1.0, count * (count + 1) / 2);
+}
+
+double TiledCholesky::Work() const {
+  double work = 0.0;
+  for (int k = 0; k < num_tiles(); ++k) {
+    double rows = 0.0;
+    for (int i = k; i < num_tiles(); ++i) rows += Has(i, k) ? sizes_[i] : 0;
+    work += 0.5 * rows * rows * sizes_[k];
+  }
+  return work;
+}
+
+void TiledCholesky::SetZero() { std::fill(values_.begin(), values_.end(), 0.0); }
+
+void TiledCholesky::Reduce(int row, int column) {
+  const int rows = sizes_[row], columns = sizes_[column];
+  for (int k = 0; k < column; ++k) {
+    if (!Has(row, k) || !Has(column, k)) continue;
+    SubtractProduct(Tile(row, column), rows, Tile(row, k), rows, Tile(column, k), columns, rows,
+                    columns, sizes_[k]);
+  }
+}
+
+bool TiledCholesky::Factorize() {
+  std::vector<int> rows;
+  for (int j = 0; j < num_tiles(); ++j) {
+    Reduce(j, j);
+    Map diagonal = At(j, j);
+    const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(diagonal);
+    if (factor.info() != Eigen::Success) return false;
+    rows.clear();
+    for (int i = j + 1; i < num_tiles(); ++i) {
+      if (Has(i, j)) rows.push_back(i);
+    }
+    ParallelFor(static_cast<std::int64_t>(rows.size()), 1, [&](std::int64_t begin, std::int64_t) {
+      const int i = rows[begin];
+      Reduce(i, j);
+      Map tile = At(i, j);
+      diagonal.triangularView<Eigen::Lower>().transpose().solveInPlace<Eigen::OnTheRight>(tile);
+    });
+  }
+  return true;
+}
+
+void TiledCholesky::Solve(Eigen::VectorXd* x) const {
+  const auto part = [&](int i) { return x->segment(starts_[i], sizes_[i]); };
+  for (int j = 0; j < num_tiles(); ++j) {
+    for (int k = 0; k < j; ++k) {
+      if (Has(j, k)) part(j).noalias() -= At(j, k) * part(k);
+    }
+    auto own = part(j);
+    At(j, j).triangularView<Eigen::Lower>().solveInPlace(own);
+  }
+  for (int j = num_tiles() - 1; j >= 0; --j) {
+    for (int i = j + 1; i < num_tiles(); ++i) {
+      if (Has(i, j)) part(j).noalias() -= At(i, j).transpose() * part(i);
+    }
+    auto own = part(j);
+    At(j, j).transpose().triangularView<Eigen::Upper>().solveInPlace(own);
+  }
+}
+
+}  // namespace gsut

@@ -1,0 +1,47 @@
+"""Decoded pictures that are kept, up to a number of bytes."""
+
+from __future__ import annotations
+
+import collections
+import threading
+from collections.abc import Callable
+
+
+class LruCache:
+    """Arrays by key, oldest dropped beyond a number of bytes; safe to use from many threads."""
+
+    def __init__(self, limit_bytes: float) -> None:
+        self.limit_bytes = limit_bytes
+        self._items: collections.OrderedDict = collections.OrderedDict()
+        self._bytes = 0
+        self._lock = threading.Lock()
+
+    def get(self, key: object, make: Callable[[], tuple]) -> tuple:
+        with self._lock:
+            if key in self._items:
+                self._items.move_to_end(key)
+                return self._items[key]
+        value = make()  # outside the lock: two threads may decode the same image, with equal result
+        for array in value:
+            if array is not None:
+                array.setflags(write=False)
+        with self._lock:
+            if key not in self._items:
+                self._items[key] = value
+                self._bytes += _size(value)
+                self._drop_oldest()
+            return self._items.get(key, value)
+
+    def limit(self, limit_bytes: float) -> None:
+        """Drops what is beyond so many bytes, now and from now on."""
+        with self._lock:
+            self.limit_bytes = limit_bytes
+            self._drop_oldest()
+
+    def _drop_oldest(self) -> None:
+        while self._bytes > self.limit_bytes and len(self._items) > 1:
+            self._bytes -= _size(self._items.popitem(last=False)[1])
+
+
+def _size(arrays: tuple) -> int:
+    return sum(array.nbytes for array in arrays if array is not None)

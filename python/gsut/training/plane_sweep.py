@@ -1,0 +1,233 @@
+"""First points where the data have none: a plane sweep over neighbouring photographs.
+
+Each of some photographs is compared with a few of its neighbours, whose pixels are looked up where
+its own rays would show, were all at one distance: spheres about the camera, so that any lens does.
+Where small windows correlate best tells the distance (Collins, "A space-sweep approach to true
+multi-image matching", 1996). Nothing is undistorted; a line of a rolling shutter has its own pose.
+"""
+
+from __future__ import annotations
+
+import concurrent.futures
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import CameraMotion
+from gsut.data import Scene
+from gsut.gaussians import chosen_points
+from gsut.training.lines import line_times, poses_at, project_points
+
+_LONGER_SIDE = 160  # pixels of the photographs that are compared
+# Photographs whose distances are found: all up to the first, then a quarter, evenly, to the last.
+_FEWEST_VIEWS, _MOST_VIEWS = 20, 100
+_NEIGHBOURS = 3  # each is compared with; the best two count: one may show something before it
+_SPHERES, _AT_ONCE = 48, 6  # distances that are tried, evenly in their inverse; so many in cache
+_CELL = 4  # pixels a side, between whose middles the lenses' formulas are interpolated
+_WINDOW = 5  # pixels a side
+_OUTSIDE = -1e4  # a pixel that no photograph has
+_ALIKE = 0.6  # correlation; 0.8 leaves a quarter fewer points and costs 0.1 to 0.2 dB
+_TEXTURE = 0.01  # standard deviation in a window, values in [0, 1]: less is noise
+_BLACK = 1e-6  # variance below which a neighbour's window is plain
+_FACING = 0.5  # least cosine between the axes of neighbours
+# The first look, at a few photographs: distances in units of the scene's extent. The baseline
+# of neighbours is this share of the extent, then of the median distance that was found.
+_LOOK_VIEWS, _LOOK_SPHERES, _LOOK_NEAR, _LOOK_FAR = 5, 96, 0.1, 100.0
+_BASELINE = 0.15
+_RANGE, _WIDER = (2.0, 98.0), 1.25  # percentiles of the inverse distances found, and their margin
+_FEWEST = 100  # points, below which the photographs say nothing
+
+
+@dataclasses.dataclass(frozen=True)
+class _Spheres:
+    """What is tried: inverse distances (D,), falling, and the baseline to look for."""
+
+    inverse: np.ndarray
+    baseline: float
+
+
+class _Photograph:
+    """A view as it is compared: grey values, and their mean and deviation in each window."""
+
+    def __init__(self, scene: Scene, view: int) -> None:
+        import cv2
+
+        self.camera, self.motion = scene.camera(view), scene.views[view].motion
+        self.pose = scene.views[view].camera_from_world
+        self.color, self.mask = scene.image(view), scene.mask(view)
+        grey = cv2.cvtColor(self.color, cv2.COLOR_RGB2GRAY).astype(np.float32) / np.float32(255)
+        self.grey = np.where(self.mask, grey, np.float32(0))
+        self.mean, squares = _window_means(self.grey), _window_means(self.grey**2)
+        self.deviation = np.sqrt(np.maximum(squares - self.mean**2, 0))
+
+    def rays(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the rays of pixels (n, 2) begin and point to, in the world; NaN without a ray."""
+        starts, rays = np.zeros((len(pixels), 3)), self.camera.unproject(pixels)[0]
+        if not self.camera.is_central:
+            last = (self.camera.width - 1, self.camera.height - 1)
+            column, row = np.clip(pixels.astype(np.int64), 0, last).T
+            starts = self.camera.origins()[row, column]
+        poses = self.pose[None]
+        if isinstance(self.motion, CameraMotion):
+            poses = poses_at(self.motion, line_times(self.camera, self.motion, pixels))
+        back = np.broadcast_to(poses[:, :3, :3], (len(pixels), 3, 3))
+        return (
+            np.einsum("nji,nj->ni", back, starts - poses[:, :3, 3]),
+            np.einsum("nji,nj->ni", back, rays),
+        )
+
+
+def swept_points(scene: Scene, most: int, seed: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Points on what training photographs show, by their poses and lenses alone.
+
+    Args:
+        scene: as it is trained on.
+        most: points; of more, so many at random.
+        seed: of that choice.
+
+    Returns:
+        Points (N, 3) in the scene's coordinates, and colours (N, 3) uint8. None where hardly
+        anything in neighbouring photographs is alike.
+    """
+    longest = max(max(camera.width, camera.height) for camera in scene.cameras)
+    factor = min(1.0, _LONGER_SIDE / longest)
+    small = scene if factor == 1.0 else scene.scaled(factor, keep_larger=True)
+    look = np.linspace(1 / _LOOK_NEAR, 1 / _LOOK_FAR, _LOOK_SPHERES) / scene.extent
+    first = _Spheres(look, _BASELINE * scene.extent)
+    found = np.concatenate([each[2] for each in _sweep(small, _LOOK_VIEWS, first)])
+    if len(found) < _FEWEST:
+        return None
+    far, near = np.percentile(found, _RANGE)
+    spheres = np.linspace(near * _WIDER, far / _WIDER, _SPHERES)
+    views = min(max(_FEWEST_VIEWS, len(scene.train_indices) // 4), _MOST_VIEWS)
+    second = _Spheres(spheres, _BASELINE / float(np.median(found)))
+    points, colors, _ = (
+        np.concatenate(each) for each in zip(*_sweep(small, views, second), strict=True)
+    )
+    if len(points) < _FEWEST:
+        return None
+    rows = chosen_points(len(points), most, seed)
+    return points[rows], colors[rows]
+
+
+def _sweep(scene: Scene, views: int, spheres: _Spheres) -> list[tuple[np.ndarray, ...]]:
+    """Points, colours and inverse distances that some views, evenly chosen, show."""
+    train = scene.train_indices
+    chosen = np.unique(np.linspace(0, len(train) - 1, min(views, len(train))).round().astype(int))
+
+    def found(place: int) -> tuple[np.ndarray, ...]:
+        beside = [
+            _Photograph(scene, row) for row in _neighbours(scene, train[place], spheres.baseline)
+        ]
+        return _distances(_Photograph(scene, train[place]), beside, spheres.inverse)
+
+    with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as threads:
+        return list(threads.map(found, chosen))
+
+
+def _neighbours(scene: Scene, view: int, baseline: float) -> list[int]:
+    """Training views that look the same way from about so far."""
+    rows = [row for row in scene.train_indices if row != view]
+    own = scene.views[view]
+    away = [np.linalg.norm(scene.views[row].camera_center - own.camera_center) for row in rows]
+    axis = own.camera_from_world[2, :3]
+    facing = np.array([scene.views[row].camera_from_world[2, :3] @ axis for row in rows])
+    with np.errstate(divide="ignore"):
+        cost = np.abs(np.log(np.array(away) / baseline)) + 2 * (1 - facing)
+    cost[facing < _FACING] = np.inf
+    best = np.argsort(cost, kind="stable")[:_NEIGHBOURS]
+    return [rows[place] for place in best if np.isfinite(cost[place])]
+
+
+def _distances(
+    view: _Photograph, beside: list[_Photograph], inverse: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Points (n, 3) of one view, their colours (n, 3) and inverse distances (n,)."""
+    if len(beside) < 2:
+        return np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0)
+    scores = _scores(view, beside, inverse)
+    last = len(inverse) - 1
+    best = scores.argmax(axis=0)
+    top, before, after = (
+        np.take_along_axis(scores, np.clip(best + step, 0, last)[None], axis=0)[0]
+        for step in (0, -1, 1)
+    )
+    margin = _WINDOW // 2 + _CELL // 2  # around the image, where windows show what lies beside it
+    sure = np.zeros(best.shape, bool)
+    sure[margin:-margin, margin:-margin] = True
+    sure &= view.mask & (top > _ALIKE) & (view.deviation > _TEXTURE) & (best > 0) & (best < last)
+    rows, columns = np.nonzero(sure)
+    top, before, after = (each[sure].astype(np.float64) for each in (top, before, after))
+    bend = np.minimum(before + after - 2 * top, -np.finfo(np.float32).eps)
+    between = np.clip((before - after) / (2 * bend), -0.5, 0.5)  # the parabola's vertex
+    distances = 1 / (inverse[0] + (best[sure] + between) * (inverse[1] - inverse[0]))
+    starts, rays = view.rays(np.stack([columns, rows], axis=1) + 0.5)
+    has_ray = np.isfinite(rays).all(axis=1)
+    points = starts + distances[:, None] * rays
+    return points[has_ray], view.color[rows, columns][has_ray], 1 / distances[has_ray]
+
+
+def _scores(view: _Photograph, beside: list[_Photograph], inverse: np.ndarray) -> np.ndarray:
+    """(D, H, W) float32 correlation with the neighbours at each distance: mean of the best two."""
+    import cv2
+
+    height, width = view.grey.shape
+    rows, columns = -(-height // _CELL), -(-width // _CELL)
+    y, x = np.mgrid[0:rows, 0:columns]
+    starts, rays = view.rays(np.stack([x.ravel(), y.ravel()], axis=1) * _CELL + _CELL / 2)
+    sharp = 1 / (view.deviation + np.float32(_TEXTURE / 10))
+    scores = np.empty((len(inverse), height, width), np.float32)
+    for begin in range(0, len(inverse), _AT_ONCE):
+        part = slice(begin, begin + _AT_ONCE)
+        points = (starts + rays / inverse[part, None, None]).reshape(-1, 3)
+        best, second = np.float32(-1), np.float32(-1)
+        for other in beside:
+            places = _places(other, points, (-1, rows, columns), (height, width))
+            seen = cv2.remap(
+                other.grey, places[0], places[1], cv2.INTER_LINEAR, borderValue=0
+            ).reshape(-1, height, width)
+            alike = _correlation(view, seen) * sharp
+            second = np.maximum(second, np.minimum(best, alike))
+            best = np.maximum(best, alike)
+        scores[part] = 0.5 * (best + second)
+    return scores
+
+
+def _places(
+    other: _Photograph, points: np.ndarray, cells: tuple[int, int, int], size: tuple[int, int]
+) -> list[np.ndarray]:
+    """Where a photograph shows points (n, 3), one a cell, between them by interpolation: columns
+    and rows, each (spheres x height, width) float32, as OpenCV counts pixels."""
+    import cv2
+
+    _, pixels, valid = project_points(other.camera, other.motion, points)
+    pixels = np.where(valid[:, None], pixels - 0.5, _OUTSIDE).astype(np.float32)
+    places = []
+    for along in pixels.T:
+        at = along.reshape(-1, cells[2])
+        spread = cv2.resize(at, None, fx=_CELL, fy=_CELL, interpolation=cv2.INTER_LINEAR)
+        spheres = spread.reshape(-1, _CELL * cells[1], _CELL * cells[2])
+        near = np.ascontiguousarray(spheres[:, : size[0], : size[1]])
+        places.append(near.reshape(-1, size[1]))
+    return places
+
+
+def _correlation(view: _Photograph, seen: np.ndarray) -> np.ndarray:
+    """(n, H, W) covariance of windows of the view and of pictures seen, over the latter's
+    standard deviation."""
+    shape = seen.shape
+    mean = _window_means(seen.reshape(-1, shape[2])).reshape(shape)
+    squares = _window_means((seen * seen).reshape(-1, shape[2])).reshape(shape)
+    products = _window_means((seen * view.grey).reshape(-1, shape[2])).reshape(shape)
+    products -= mean * view.mean
+    squares -= mean * mean
+    products /= np.sqrt(np.maximum(squares, np.float32(_BLACK)))
+    return products
+
+
+def _window_means(values: Any) -> np.ndarray:
+    import cv2
+
+    return cv2.blur(values, (_WINDOW, _WINDOW))

@@ -1,0 +1,79 @@
+"""Seconds that a training still takes, by what its steps have taken and how they will grow."""
+
+from __future__ import annotations
+
+import bisect
+import itertools
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from gsut.optimize import grown_count
+from gsut.run import TrainOptions
+
+# Seconds on one core of a step: of any, of a megapixel, and of each Gaussian: how steps of
+# unlike sizes compare, and what is left before any was made.
+_STEP, _PIXELS, _GAUSSIANS = 0.0025, 0.08, 1e-7
+_MEASURED = 0.9  # of a step at full size: a held-out view that is measured
+_MOST_MEASURED = 8  # views each time
+_AFTER, _AFTER_PIXELS = 1.0, 0.4  # at the end: of the report, and of a megapixel held out
+_RECENT = 0.25  # share of the work so far by which the pace is judged
+_TRUST = 1.0  # seconds of work that the pace before counts as
+
+
+class TrainingTime:
+    """What is left of a training.
+
+    Args:
+        options: resolved, with the number of Gaussians that it will have.
+        first_count: Gaussians at first.
+        megapixels: of a training view at full size.
+        held_out: number of held-out views.
+        step: made before, by the run that this one goes on with.
+        threads: that share the work.
+        clock: seconds; for tests.
+    """
+
+    def __init__(
+        self,
+        options: TrainOptions,
+        first_count: int,
+        megapixels: float,
+        held_out: int,
+        step: int = 0,
+        threads: int = 1,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        steps = np.arange(1, options.steps + 1)
+        fraction = steps / options.steps
+        quarter, half = options.coarse_to_fine
+        area = np.where(fraction <= quarter, 1 / 16, np.where(fraction <= half, 1 / 4, 1.0))
+        counts = np.array([grown_count(options, max(1, first_count), f) for f in fraction])
+        work = _STEP + _PIXELS * megapixels * area + _GAUSSIANS * counts
+        if options.eval_every:
+            views = min(_MOST_MEASURED, held_out)
+            full = _PIXELS * megapixels + _GAUSSIANS * counts
+            work += (steps % options.eval_every == 0) * _MEASURED * views * full
+        work /= max(1, threads)
+        after = _AFTER + _AFTER_PIXELS * megapixels * held_out / max(1, threads)
+        self._work = [0.0, *itertools.accumulate(work.tolist())]  # after so many steps
+        self._all = self._work[-1] + after
+        self._clock = clock
+        self._done, self._at = [self._work[step]], [clock()]
+
+    def left(self, step: int) -> float:
+        """Seconds left after this step; each call tells the pace.
+
+        Args:
+            step: made, from 1.
+        """
+        done, now = self._work[min(step, len(self._work) - 1)], self._clock()
+        self._done.append(done)
+        self._at.append(now)
+        first = self._done[0]
+        recent = bisect.bisect_left(self._done, done - _RECENT * (done - first)) - 1
+        recent = max(0, recent)
+        overall = (now - self._at[0] + _TRUST) / (done - first + _TRUST)
+        pace = (now - self._at[recent] + _TRUST * overall) / (done - self._done[recent] + _TRUST)
+        return pace * (self._all - done)

@@ -1,0 +1,93 @@
+"""`./run bench time_left`: how well the time left that commands show is right.
+
+The command runs here, on one thread, so that its processor time is its clock: a busy machine does
+not change it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+from gsut._core import InputError
+from gsut.cli import main
+from gsut.files import write_file
+from gsut.training import TrainingTime
+from tests.bench.report_rows import table_text
+from tests.bench.time_left import WatchedProgress, right_percent
+
+HELP = "time left that poses, train and scene show: share of the way that it is right within 1.5"
+COLUMNS = (
+    ("command", "command", ""),
+    ("input", "input", ""),
+    ("CPU-s", "seconds", ".1f"),
+    ("right [%]", "right", ".0f"),
+    ("of all the time [%]", "right_of_all", ".0f"),
+)
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("command", choices=("poses", "scene", "train"), help="to watch")
+    parser.add_argument("inputs", metavar="INPUT", nargs="+", help="of one run each")
+    parser.add_argument(
+        "--words", default="", help="more words for the command, such as '--preset fast'"
+    )
+    parser.add_argument("--json", metavar="FILE", help="write rows and what was shown here")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    rows = []
+    for given in arguments.inputs:
+        with tempfile.TemporaryDirectory(prefix="gsut-time-left-") as folder:
+            words = [arguments.command, given, "-o", str(Path(folder) / "out"), "--threads", "1"]
+            rows.append(measure([*words, *arguments.words.split()]))
+    print(table_text(rows, COLUMNS))
+    if arguments.json:
+        write_file(Path(arguments.json), json.dumps(rows) + "\n")
+    return 0
+
+
+def measure(words: list[str]) -> dict[str, Any]:
+    """The row of one run.
+
+    Raises:
+        InputError: the command fails.
+    """
+    shown: list[tuple[float, float]] = [(time.process_time(), 0.0)]
+
+    class Bars(WatchedProgress):
+        def show(self, share: float, text: str = "", left: float | None = None) -> None:
+            super().show(share, text, left)
+            shown.append(self.shown[-1])
+
+    class Training(TrainingTime):
+        def __init__(self, *values: Any, **more: Any) -> None:
+            super().__init__(*values, **more, clock=time.process_time)
+
+        def left(self, step: int) -> float:
+            found = super().left(step)
+            if words[0] == "train":
+                shown.append((time.process_time(), found))
+            return found
+
+    with (
+        mock.patch("gsut.cli.scene.StagedProgress", Bars),
+        mock.patch("gsut.cli.poses.StagedProgress", Bars),
+        mock.patch("gsut.training.record.TrainingTime", Training),
+    ):
+        if main([*words, "--quiet"]):
+            raise InputError(f"gsut {' '.join(words)} fails")
+    shown.append((time.process_time(), 0.0))
+    return {
+        "command": words[0],
+        "input": Path(words[1]).name,
+        "seconds": shown[-1][0] - shown[0][0],
+        "right": right_percent(shown),
+        "right_of_all": right_percent(shown, 0.0),
+        "shown": shown,
+    }
