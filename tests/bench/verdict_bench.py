@@ -20,21 +20,25 @@ import numpy as np
 
 from gsut.cli import main
 from gsut.lens import Camera
+from gsut.sfm.align import compare_poses
 from gsut.sfm.lens_candidates import lens_of_field
 from tests.bench.report_rows import table_text
-from tests.bench.walk_film import Film, film_pictures, walk
+from tests.bench.walk_film import Film, Path4, film_pictures, walk
 
 HELP = "thirteen captures of the demo's hall, good and poor: whether the verdict is right"
 COLUMNS = (
     ("capture", "capture", ""),
     ("expected", "expected", ""),
     ("verdict", "verdict", ""),
+    ("centres off [%]", "off", ".2f"),
     ("first reason", "reason", ""),
     ("right", "right", ""),
 )
 _WIDTH, _HEIGHT, _COUNT = 400, 300, 32
 _SECONDS = 16.0
 _ZOOM = 1.6
+_PLAIN, _WIDE = 11, 12  # seeds of the walks
+_OFF = 2.0  # percent of the extent that centres may be off, in the mean
 Pictures = list[np.ndarray]
 
 
@@ -47,18 +51,26 @@ class Case:
         expected: levels that are right.
         reason: of a poor one: pattern of its first reason, or of the sentence that refuses it.
         camera: lens that is given, or None.
+        seed: of the walk whose pictures they are, in order: poses that are called good or usable
+            must be right.
     """
 
     make: Callable[[Pictures, Pictures], Pictures]
     expected: tuple[str, ...] = ("good",)
     reason: str = ""
     camera: Camera | None = None
+    seed: int | None = None
+
+
+def _path(seed: int) -> Path4:
+    return walk(_SECONDS, seed=seed, shake_degrees=0.3)
 
 
 def _walk(field: float, bend: float, seed: int) -> Pictures:
     camera = lens_of_field(_WIDTH, _HEIGHT, field, bend)
-    path = walk(_SECONDS, seed=seed, shake_degrees=0.3)
-    film = Film(camera, path, _SECONDS, _COUNT / _SECONDS, readout=0.0, exposure=0.0, seed=seed)
+    film = Film(
+        camera, _path(seed), _SECONDS, _COUNT / _SECONDS, readout=0.0, exposure=0.0, seed=seed
+    )
     return list(film_pictures(film))
 
 
@@ -113,14 +125,16 @@ def _zoomed(pictures: Pictures) -> Pictures:
 
 _ONES = np.ones(_COUNT)
 CAPTURES: dict[str, Case] = {
-    "a walk": Case(lambda plain, wide: plain),
-    "a wide lens": Case(lambda plain, wide: wide),
-    "held upright": Case(lambda plain, wide: [np.rot90(p).copy() for p in plain]),
+    "a walk": Case(lambda plain, wide: plain, seed=_PLAIN),
+    "a wide lens": Case(lambda plain, wide: wide, seed=_WIDE),
+    "held upright": Case(lambda plain, wide: [np.rot90(p).copy() for p in plain], seed=_PLAIN),
     "drifting light": Case(
-        lambda plain, wide: _times(plain, 0.8 + 0.25 * np.sin(np.arange(_COUNT) / 4))
+        lambda plain, wide: _times(plain, 0.8 + 0.25 * np.sin(np.arange(_COUNT) / 4)), seed=_PLAIN
     ),
-    "a little blurred": Case(lambda plain, wide: _blurred(plain, 0.8), ("good", "usable")),
-    "fifteen pictures": Case(lambda plain, wide: wide[:15], ("usable",), "views"),
+    "a little blurred": Case(
+        lambda plain, wide: _blurred(plain, 0.8), ("good", "usable"), seed=_PLAIN
+    ),
+    "fifteen pictures": Case(lambda plain, wide: wide[:15], ("usable",), "views", seed=_WIDE),
     "four pictures": Case(lambda plain, wide: plain[:4], ("poor",), "only 4 views|are few"),
     "far apart": Case(
         lambda plain, wide: _far_apart(plain), ("poor",), "connect|overlap|no lens tried"
@@ -144,7 +158,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     wanted = arguments.captures.split(",")
-    plain, wide = _walk(72, 1.0, 11), _walk(115, 0.3, 12)
+    plain, wide = _walk(72, 1.0, _PLAIN), _walk(115, 0.3, _WIDE)
     rows = []
     with tempfile.TemporaryDirectory(prefix="gsut-verdict-") as folder:
         for name, case in CAPTURES.items():
@@ -177,12 +191,26 @@ def judge(name: str, case: Case, pictures: Pictures, folder: Path) -> dict[str, 
         verdict = json.loads((folder / "out/poses.json").read_text())["verdict"]
         level, reasons = verdict["level"], verdict["reasons"]
     first = reasons[0] if reasons else ""
+    off = None if refused or case.seed is None else _centers_off(folder / "out", case.seed)
     right = level in case.expected and re.search(case.reason, first) is not None
+    right = right and (off is None or off < _OFF)
     return {
         "capture": name,
         "expected": " or ".join(case.expected),
         "verdict": level + (", refused" if refused else ""),
+        "off": off,
         "reason": first[:90],
         "right": "yes" if right else "NO",
         "words": "; ".join([level, *reasons]),
     }
+
+
+def _centers_off(data: Path, seed: int) -> float:
+    """Root mean squared distance of the cameras from the walk, in percent of its extent."""
+    frames = json.loads((data / "transforms.json").read_text())["frames"]
+    found = {Path(frame["file_path"]).stem: np.array(frame["transform_matrix"]) for frame in frames}
+    numbers = np.array(sorted(map(int, found)))
+    poses = np.array([found[f"{number:03d}"] for number in numbers])
+    poses[:, :3, 1:3] *= -1  # OpenGL's axes
+    true = _path(seed)(numbers * _SECONDS / _COUNT)
+    return compare_poses(np.linalg.inv(poses), np.linalg.inv(true)).ate_percent

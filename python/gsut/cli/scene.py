@@ -133,8 +133,10 @@ def _run(arguments: argparse.Namespace, page: LivePage) -> int:
         print_json(state)
     elif not arguments.quiet:
         print(Verdict.of(state["verdict"]))
-        if state.get("renders"):
-            print(f"{state['renders']}; look around in it: gsut view {folder.path}")
+        renders = state.get("renders")
+        if renders:
+            said = renders == state["verdict"]["what"]
+            print(f"{'' if said else renders + '; '}look around in it: gsut view {folder.path}")
         print(f"report: {folder.path / PAGE}")
     page.stay()
     return 0
@@ -349,6 +351,7 @@ def _result(folder: RunFolder, state: dict[str, Any], metrics: dict[str, Any]) -
     words = state["renders"]
     if not views or not words:
         return []
+    said = "" if words == state["verdict"]["what"] else f"{words[:1].upper()}{words[1:]}. "
     middle = sorted(views, key=lambda row: row["psnr"])[len(views) // 2]
     pictures = "".join(
         f'<figure style="flex: 1; margin: 0"><img src="{RENDERS}/{middle[key]}" alt="{name}" '
@@ -358,7 +361,6 @@ def _result(folder: RunFolder, state: dict[str, Any], metrics: dict[str, Any]) -
     return [
         "<h2>Scene</h2>",
         f'<div style="display: flex; gap: 1em">{pictures}</div>',
-        f"<p>A photograph that the training has not seen, of median quality. "
-        f"{words[:1].upper()}{words[1:]}. Look around in it: "
+        f"<p>A photograph that the training has not seen, of median quality. {said}Look around: "
         f"<code>gsut view {html.escape(str(folder.path))}</code></p>",
     ]

@@ -31,8 +31,8 @@ _KNOWN = 0.1  # share of the time that two standard deviations may be, for it to
 # Standard deviations from nothing, at least, and images that keep a pose.
 _CLEAR, _KEPT = 4.0, 0.95
 # The time is corrected so often at most, on so many images, until a step is this share of it; a
-# correction falls short by no more than that share. Velocities stay meanwhile.
-_CORRECTIONS, _IMAGES, _SETTLED, _MOST_SHARE, _HELD = 4, 30, 0.03, 0.7, 0.0
+# correction is at least that share of what is missing. Velocities stay meanwhile.
+_CORRECTIONS, _IMAGES, _SETTLED, _LEAST_SLOPE, _HELD = 5, 30, 0.03, 0.25, 0.0
 _MATCHES = 150  # of a pair meanwhile: the most distinct
 # Of the diagonal: less motion during a readout is not worth the time that training takes longer.
 # The first estimate falls short by about that factor.
@@ -126,6 +126,8 @@ def find_video_shutter(
             solution, features, pairs, options, rates, spread, lens_free, shutter,
             FlowReadout(abs(found.time), found.sigma), on_progress,
         )  # fmt: skip
+        if not 0 < readout.time < _LONGEST:
+            return nothing
         share = _FINDING
 
         def tell(*_: object) -> None:
@@ -140,7 +142,7 @@ def find_video_shutter(
     except SolveError:
         return nothing
     kept = moved.num_registered >= _KEPT * solution.num_registered
-    return VideoShutter(moved, readout) if kept and readout.time < _LONGEST else nothing
+    return VideoShutter(moved, readout) if kept else nothing
 
 
 def _settled(
@@ -155,15 +157,15 @@ def _settled(
     found: FlowReadout,
     on_progress: Callable[[float, str], None],
 ) -> FlowReadout:
-    """The readout time, corrected by the residuals that are left with it.
+    """The readout time at which the residuals ask for no other one.
 
     Poses without a rolling shutter have lost the observations that speak most for one: each
-    correction falls short by a share, which the last two tell.
+    correction falls short, by a share that the last two tell (the secant method).
     """
     some = _some_images(solution, pairs, rates)
     few = keep_most_distinct(pairs, _MATCHES)
     sign = 1 if shutter.direction in _BACKWARDS else -1
-    time, step, share = found.time, found.time, 0.0
+    time, slope, before = found.time, 1 / _SHORT, None
     for number in range(_CORRECTIONS):
         on_progress(_FINDING * number / _CORRECTIONS, f"lines read in {1000 * time:.1f} ms?")
         moving = Moving(shutter, time, rates, _HELD, extend=False)
@@ -172,19 +174,19 @@ def _settled(
         )
         along_y = "top" in shutter.direction
         more = readout_by_flow(moved, rates, spread, along_y, lens_free, options.loss_scale)
-        if more is None or time > _LONGEST:
+        if more is None:
             break
-        own = sign * more.time
-        share = min(max(own / step, share, 0.0), _MOST_SHARE) if step else share
-        step = own / (1 - share)
-        time, found = time + step, more
-        if abs(step) < _SETTLED * time:
+        own, found = sign * more.time, more
+        if before is not None and abs(time - before[0]) > _SETTLED * time:
+            slope = float(np.clip((before[1] - own) / (time - before[0]), _LEAST_SLOPE, 1.0))
+        before = time, own
+        time += own / slope
+        if abs(own / slope) < _SETTLED * time or not 0 < time < _LONGEST:
             break
     # What a correction falls short by, its standard deviation does too.
     return FlowReadout(
-        time / found.reliability, found.sigma / ((1 - share) * found.reliability),
-        found.reliability,
-    )  # fmt: skip
+        time / found.reliability, found.sigma / (slope * found.reliability), found.reliability
+    )
 
 
 def _some_images(solution: Solution, pairs: Sequence[PairMatches], rates: np.ndarray) -> list[int]:

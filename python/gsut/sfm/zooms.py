@@ -64,7 +64,8 @@ def search_zooms(
     """`search_lens`, and the zooms of the images where they are several.
 
     Images of two zooms can pass for images of one between them, from nearer and from farther away.
-    Where many are left without a pose the lens is sought once more, by those of one zoom alone.
+    Where many are left without a pose, and the matches of some speak for another zoom than those of
+    most, the lens is sought once more by the latter alone.
 
     Args, raises: as `search_lens`.
     """
@@ -80,8 +81,9 @@ def search_zooms(
     size = photographs.cameras[0]
     assert size is not None
     start = lens_of_field(size.width, size.height, _FIELD, 1.0)
-    group = _of_most(start if found is None else found.solution.cameras[0], features, raw, options)
-    if len(features) - _FEWEST >= len(group) > _FEWEST:
+    lens = start if found is None else found.solution.cameras[0]
+    group, others = _of_most(lens, features, raw, options)
+    if len(others) >= _FEWEST and len(group) > _FEWEST:
         own = only_pairs(raw, {(int(a), int(b)) for a, b in raw.pairs if {a, b} <= group})
         with contextlib.suppress(SolveError):
             other = search_lens(photographs, features, own, options, fov_degrees, log, shutter)
@@ -96,12 +98,12 @@ def search_zooms(
 
 def _of_most(
     lens: Camera, features: Sequence[Features], raw: RawMatches, options: PosesOptions
-) -> set[int]:
-    """Images that are probably of the zoom of most.
+) -> tuple[set[int], set[int]]:
+    """Images that are probably of the zoom of most, and those that are of another.
 
     Matches of a pair agree through a lens of the right focal length if both images have that one,
     and hardly more with one than with another if they have two: each image has that of which its
-    pairs speak for most.
+    pairs speak for most. Images without pairs that tell are in neither.
     """
     used = np.zeros(len(features), np.int64)
     chosen = []
@@ -127,7 +129,8 @@ def _of_most(
     for end in pairs.T:
         np.add.at(of_image, end, more.T)
     near = np.abs(of_image.argmax(axis=1) - more.sum(axis=1).argmax()) <= 1
-    return set(np.flatnonzero(near & (used > 0)).tolist())
+    most, others = (np.flatnonzero(which & (used > 0)) for which in (near, ~near))
+    return set(most.tolist()), set(others.tolist())
 
 
 def find_zooms(

@@ -98,3 +98,23 @@ def test_lens_is_sought_by_the_images_of_one_zoom_where_many_are_left_out(
     assert found.solution is of_one and [len(zoom.names) for zoom in several] == [6, 3]
     whole, own = searched
     assert whole == set(range(IMAGES)) and own and not own & set(SECOND)
+
+
+def test_lens_is_not_sought_again_where_images_only_do_not_connect(monkeypatch):
+    scene = Synthetic(np.random.default_rng(4), images=IMAGES, points=300, camera=LENS)
+    raw = match_images(NAMES, scene.features, OPTIONS, quiet)
+    pairs = [p for p in scene.verified() if (p.first < 5) == (p.second < 5)]
+    half = solve(NAMES, [LENS] * IMAGES, scene.features, pairs, OPTIONS, quiet)
+    assert half.num_registered == 5
+    searched = []
+
+    def search(*_):
+        searched.append(1)
+        return LensSearch(half, [], [], np.zeros(8, np.uint8))
+
+    monkeypatch.setattr(zooms, "search_lens", search)
+    apart = [i for i, (a, b) in enumerate(raw.pairs) if (a < 5) == (b < 5)]
+    raw = dataclasses.replace(raw, pairs=raw.pairs[apart], matches=[raw.matches[i] for i in apart])
+    photographs = Photographs(None, NAMES, [], [], [LENS] * IMAGES)
+    found, several = search_zooms(photographs, scene.features, raw, OPTIONS, None, None)
+    assert found.solution is half and several == [] and len(searched) == 1
