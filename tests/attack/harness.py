@@ -47,7 +47,8 @@ class Case:
         said: what the sentence must name: a pattern each.
         may_pass: the command may also succeed: what was given can be read in a good sense.
         noted: what `doctor` must say where both go on: a pattern.
-        keeps: names that the command may leave though it fails: stages for the next time.
+        keeps: names that the command may leave though it fails: stages for the next time; and may
+            change where it ends well.
     """
 
     kind: str
@@ -177,7 +178,10 @@ def disagreement(doctor: Case, train: Case, world: Path, scratch: Path) -> str |
 def fault(case: Case, told: Told, before: dict[str, str], after: dict[str, str]) -> str | None:
     if told.status is None or "Traceback" in told.errors:
         return f"traceback: {told.errors[-1500:]}"
+    kept = re.compile("|".join(case.keeps) or "$^")
     changed = sorted(name for name in before if after.get(name) != before[name])
+    if told.status == 0:
+        changed = [name for name in changed if not kept.match(name)]
     if changed:
         return f"changed {changed} and ended with {told.status}: {told.errors[-300:]}"
     half = [name for name in after if UNFINISHED in name]
@@ -187,7 +191,6 @@ def fault(case: Case, told: Told, before: dict[str, str], after: dict[str, str])
         return None if case.may_pass else f"accepted: {told.errors[-300:]}"
     if told.status != 2:
         return f"status {told.status}: {told.errors[-300:]}"
-    kept = re.compile("|".join(case.keeps) or "$^")
     new = [name for name in after if name not in before and not kept.match(name)]
     if new:
         return f"failed and left {new}: {told.errors[-300:]}"

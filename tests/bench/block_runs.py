@@ -13,6 +13,8 @@ from typing import Any
 
 from gsut._core import InputError
 
+_KEPT = ("psnr", "psnr_min", "num_gaussians", "steps", "cpu_seconds", "seconds", "peak_mb")
+
 
 def train_apart(data: Path, out: Path, flags: Sequence[str]) -> dict[str, Any]:
     """Trains and returns the content of metrics.json, with seconds, cpu_seconds and peak_mb.
@@ -49,3 +51,29 @@ def train_apart(data: Path, out: Path, flags: Sequence[str]) -> dict[str, Any]:
     rows = metrics.get("blocks", {}).get("rows", [])
     peaks = [metrics["peak_rss_mb"], *(row["peak_rss_mb"] or 0.0 for row in rows)]
     return metrics | json.loads(took.read_text()) | {"peak_mb": max(peaks)}
+
+
+def figures_of(metrics: dict[str, Any]) -> dict[str, Any]:
+    """What a row of a benchmark says of a training, from the result of `train_apart`.
+
+    Of blocks `steps` are those of the coarse model, too, and `stages` what each took.
+    """
+    row = {name: metrics[name] for name in _KEPT}
+    blocks = metrics.get("blocks")
+    if blocks is None:
+        return row
+    row["steps"] += blocks["coarse"]["steps"]
+    row["megapixels"] = blocks["pixels"] / 1e6
+    row["megabytes"] = sum(stage["bytes"] for stage in blocks["stages"].values()) / 1e6
+    return row | {"stages": blocks["stages"]}
+
+
+def print_stages(rows: Sequence[dict[str, Any]], name: str) -> None:
+    """A line a training in blocks: what its stages took; `name` is the key of the first word."""
+    for row in rows:
+        if "stages" in row:
+            stages = ", ".join(
+                f"{stage} {took['seconds']:.0f} s {took['bytes'] / 1e6:.1f} MB"
+                for stage, took in row["stages"].items()
+            )
+            print(f"{row[name]}, {row['training'].strip()}: {stages}")

@@ -16,7 +16,7 @@ from gsut.blocks import Layout
 from gsut.data import TrainingViews
 from gsut.demo import make_demo_scene
 from gsut.gaussians import SH_C0
-from tests.bench.block_runs import train_apart
+from tests.bench.block_runs import figures_of, print_stages, train_apart
 from tests.bench.report_rows import add_files, bar, check_files, print_and_write, row_writer
 
 _SEAM_SHARE, _SEAM_BLOCKS = 0.05, 2  # blocks of so much of a pixel that make it one of a seam
@@ -24,7 +24,7 @@ _COLUMNS = (
     ("scene", "scene", ""),
     ("training", "training", ""),
     ("PSNR [dB]", "psnr", ".2f"),
-    ("below one", "below", ".2f"),
+    ("below one of as many", "below", ".2f"),
     ("at seams", "below_seams", ".2f"),
     ("elsewhere", "below_rest", ".2f"),
     ("seam pixels [%]", "seam_percent", ".1f"),
@@ -37,7 +37,7 @@ _COLUMNS = (
     ("MB written", "megabytes", ".1f"),
     ("same bits", "same_bits", ""),
 )
-_ONE = "one"
+_ONE, _MORE = "one", "one, as many steps"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,7 +84,8 @@ def blocks_bench(
         write: gets all rows after each scene.
 
     Returns:
-        PSNR is the mean over held-out views; `below` how far it lies under that of one training,
+        PSNR is the mean over held-out views; `below` how far it lies under that of one training
+        of as many steps as the blocks have made together with the coarse model,
         `below_seams` and `below_rest` the same of the squared error over all pixels in which two
         blocks have more than 5 % each, and over the others.
     """
@@ -97,14 +98,13 @@ def blocks_bench(
             runs[name] = options.runs / f"{data.name}-{number}"
             metrics = train_apart(data, runs[name], [*flags, *options.flags])
             own.append({"scene": data.name, "training": name} | _figures(runs[name], metrics))
-        say(f"{data.name}, seams")
-        _judge(own, runs)
         say(f"{data.name}, one of as many steps")
         more = [*options.flags, "--steps", str(own[-1]["steps"])]
-        run = options.runs / f"{data.name}-more"
-        figures = _figures(run, train_apart(data, run, more))
-        below = own[0]["psnr"] - figures["psnr"]
-        own.append({"scene": data.name, "training": "one, as many steps", "below": below} | figures)
+        runs[_MORE] = options.runs / f"{data.name}-more"
+        figures = _figures(runs[_MORE], train_apart(data, runs[_MORE], more))
+        own.append({"scene": data.name, "training": _MORE} | figures)
+        say(f"{data.name}, seams")
+        _judge(own, runs)
         rows += own
         write(rows)
     return rows
@@ -118,17 +118,8 @@ def _hall(options: BlocksBenchOptions) -> Path:
 
 
 def _figures(run: Path, metrics: dict[str, Any]) -> dict[str, Any]:
-    kept = ("psnr", "num_gaussians", "steps", "cpu_seconds", "seconds", "peak_mb")
-    row = {name: metrics[name] for name in kept}
-    blocks = metrics.get("blocks")
-    if blocks is None:
-        row["megapixels"] = _pixels_of(run) / 1e6
-        return row
-    row["steps"] += blocks["coarse"]["steps"]
-    row["megapixels"] = blocks["pixels"] / 1e6
-    row["megabytes"] = sum(stage["bytes"] for stage in blocks["stages"].values()) / 1e6
-    row["stages"] = blocks["stages"]
-    return row
+    row = figures_of(metrics)
+    return row if "stages" in row else row | {"megapixels": _pixels_of(run) / 1e6}
 
 
 def _pixels_of(run: Path) -> int:
@@ -147,13 +138,14 @@ def _pixels_of(run: Path) -> int:
 def _judge(rows: list[dict[str, Any]], runs: dict[str, Path]) -> None:
     """Adds what lies below one training, at the seams of the blocks and elsewhere, and the bits."""
     names = list(runs)
+    by_blocks = names[-3:-1]
     trained = {name: gsut.load_run(run) for name, run in runs.items()}
-    layout = Layout.read(str(runs[names[-1]] / "blocks/layout.json"))
+    layout = Layout.read(str(runs[by_blocks[-1]] / "blocks/layout.json"))
     scene = trained[_ONE].scene
     errors = {name: np.zeros(2) for name in names}
     pixels = np.zeros(2)
     for index in scene.test_indices:
-        mask, seam = scene.mask(index), _seam(trained[names[-1]], layout, index)
+        mask, seam = scene.mask(index), _seam(trained[by_blocks[-1]], layout, index)
         truth = scene.image(index).astype(np.float32) / 255
         where = (mask & seam, mask & ~seam)
         pixels += [np.count_nonzero(each) for each in where]
@@ -162,13 +154,13 @@ def _judge(rows: list[dict[str, Any]], runs: dict[str, Path]) -> None:
             errors[name] += [3 * squared[each].mean(axis=1).sum() / 3 for each in where]
     levels = {name: -10 * np.log10(error / np.maximum(pixels, 1)) for name, error in errors.items()}
     for name, row in zip(names, rows, strict=True):
-        below = levels[_ONE] - levels[name]
+        below = levels[_MORE] - levels[name]
         row |= {
-            "below": rows[0]["psnr"] - row["psnr"], "below_seams": float(below[0]),
+            "below": rows[-1]["psnr"] - row["psnr"], "below_seams": float(below[0]),
             "below_rest": float(below[1]), "seam_percent": float(100 * pixels[0] / pixels.sum()),
         }  # fmt: skip
-    scenes = [(runs[name] / "scene.ply").read_bytes() for name in names[-2:]]
-    rows[-1]["same_bits"] = "yes" if scenes[0] == scenes[1] else "NO"
+    scenes = [(runs[name] / "scene.ply").read_bytes() for name in by_blocks]
+    rows[-2]["same_bits"] = "yes" if scenes[0] == scenes[1] else "NO"
 
 
 def _picture(run: Any, index: int) -> np.ndarray:
@@ -228,11 +220,5 @@ def run(arguments: argparse.Namespace) -> int:
         with bar(total) as advance:
             rows = blocks_bench(options, advance, row_writer(arguments))
     print_and_write(rows, _COLUMNS, arguments)
-    for row in rows:
-        if "stages" in row:
-            stages = ", ".join(
-                f"{name} {stage['seconds']:.0f} s {stage['bytes'] / 1e6:.1f} MB"
-                for name, stage in row["stages"].items()
-            )
-            print(f"{row['scene']}, {row['training'].strip()}: {stages}")
+    print_stages(rows, "scene")
     return 0

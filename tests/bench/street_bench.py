@@ -13,7 +13,7 @@ from typing import Any
 import gsut
 from gsut._core import InputError
 from gsut.blocks import training_bytes
-from tests.bench.block_runs import train_apart
+from tests.bench.block_runs import figures_of, print_stages, train_apart
 from tests.bench.report_rows import (
     add_files,
     bar,
@@ -102,12 +102,8 @@ def street_bench(
             say(f"{rooms} rooms, {name}")
             metrics = train_apart(data, options.runs / f"{name}{rooms}", [*flags, *more])
             row = {"rooms": rooms, "training": name, "views": len(scene.views), "one_mb": one / 1e6}
-            keys = ("num_gaussians", "steps", "psnr", "psnr_min", "cpu_seconds", "seconds",
-                    "peak_mb")  # fmt: skip
-            row |= {key: metrics[key] for key in keys}
+            row |= figures_of(metrics)
             row |= {"cpu_a_room": metrics["cpu_seconds"] / rooms, "made_cpu_seconds": made}
-            if "blocks" in metrics:
-                row["stages"] = metrics["blocks"]["stages"]
             rows.append(row)
             write(rows)
     return rows
@@ -148,10 +144,5 @@ def run(arguments: argparse.Namespace) -> int:
         with bar(2 * len(rooms) + len(options.whole)) as advance:
             rows = street_bench(options, advance, row_writer(arguments))
     print_and_write(rows, _COLUMNS, arguments)
-    for row in rows:
-        if "stages" in row:
-            stages = ", ".join(
-                f"{name} {stage['seconds']:.0f} s" for name, stage in row["stages"].items()
-            )
-            print(f"{row['rooms']} rooms: {stages}")
+    print_stages(rows, "rooms")
     return 0

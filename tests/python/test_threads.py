@@ -68,6 +68,13 @@ def tetrahedra():
 
 RAYS = np.random.default_rng(1).normal(size=(500, 3))
 PIXELS = np.random.default_rng(2).uniform(0, 48, (500, 2))
+
+
+def blocks(folder):
+    gsut.save_ply(folder / "blocks.ply", blobs())
+    return gsut.BlocksResult(folder / "blocks.ply", {}, None, None)
+
+
 # Of each class with methods: how to make one, and what threads ask of it.
 SHARED = {
     "Scene": (
@@ -95,6 +102,7 @@ SHARED = {
         lambda _: gsut.BlockOptions(blocks="4", memory="2GB"),
         [lambda o: (o.count, o.memory_bytes)],
     ),
+    "BlocksResult": (blocks, [lambda result: result.gaussians] * 6),  # read when asked for
     "Gaussians": (
         lambda _: blobs().copy(),
         [lambda g, i=i: gsut.render(g, fisheye(), moved(0.05 * i)) for i in range(6)]

@@ -9,6 +9,7 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/sfm/absolute_pose.h"
+#include "gsut/sfm/relative_pose.h"
 #include "gsut/sfm/scene_map.h"
 
 namespace gsut {
@@ -36,7 +37,7 @@ constexpr int kGrowingError = 4;
 // it moved: so many are enough, and they may be so many times the largest error off, since those of
 // two images are. Its own points, made then, must hold it.
 constexpr int kPairMatches = 60;
-constexpr int kPairPoints = 4;
+constexpr int kPairPoints = 3;
 constexpr double kPairShare = 0.4;  // of the points that it sees
 constexpr double kPairError = 2.5;
 // Images from which lenses are adjusted in full; before, too little holds them.
@@ -230,7 +231,8 @@ class Mapper {
       const bool forward = map_->registered(pair->first);
       const int image = forward ? pair->second : pair->first;
       if (by_pair_[image] != 0) continue;  // it did not hold, or is there
-      const Pose relative = forward ? pair->second_from_first : pair->second_from_first.Inverse();
+      const Pose found = RelativeNow(*pair);
+      const Pose relative = forward ? found : found.Inverse();
       const Pose& other = map_->pose(forward ? pair->first : pair->second);
       const std::optional<double> length = LengthOf(relative, other, map_->VisiblePoints(image));
       if (!length) continue;
@@ -239,6 +241,21 @@ class Mapper {
       return image;
     }
     return -1;
+  }
+
+  // second_from_first through the lenses as they are now: pairs may have been verified by rough
+  // ones.
+  Pose RelativeNow(const VerifiedPair& pair) const {
+    std::vector<Bearing> first, second;
+    for (const auto& [one, other] : pair.matches) {
+      first.push_back(map_->bearing(pair.first, one));
+      second.push_back(map_->bearing(pair.second, other));
+    }
+    RelativePoseOptions options;
+    options.max_error = wanted_.max_error;
+    options.seed = options_.seed;
+    const RelativePose found = EstimateRelativePose(first, second, options);
+    return found.found ? found.second_from_first : pair.second_from_first;
   }
 
   // How long the translation of `relative` is: that with which most points are where they are seen.

@@ -14,6 +14,7 @@ from gsut._core import InputError
 from gsut.cli._flags import (
     Number,
     add_json,
+    add_memory,
     add_quiet,
     add_run,
     finite,
@@ -107,6 +108,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--faces", type=whole, metavar="N", help="reduce to about N faces (needs gsut[mesh])"
     )
     _add_pages(parser)
+    add_memory(parser)
     parser.add_argument("--threads", type=whole, default=0, metavar="N", help="[default 0: all]")
     add_quiet(parser)
     add_json(parser)
@@ -139,7 +141,7 @@ def run(arguments: argparse.Namespace) -> int:
         save_mesh,
         shaded_picture,
     )
-    from gsut.training import read_trained
+    from gsut.training import open_trained
 
     out = Path(arguments.out)
     to_grid = out.suffix.lower() == ".npy" or arguments.occupancy
@@ -161,7 +163,9 @@ def run(arguments: argparse.Namespace) -> int:
             raise InputError(f"--{name.replace('_', '-')} must be >= 1")
     _core.set_num_threads(arguments.threads)
     began = time.perf_counter()
-    options, scene, gaussians = read_trained(RunFolder.open(arguments.folder), arguments.data)
+    options, scene, gaussians = open_trained(
+        RunFolder.open(arguments.folder), arguments.data, arguments.memory
+    )
     settings = MeshOptions(
         voxel=arguments.voxel,
         support=arguments.support,

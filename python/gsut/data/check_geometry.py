@@ -186,7 +186,7 @@ def check_points(scene: Scene) -> Iterator[Finding]:
     )
     if np.median(per_view) < SEEN_SHARE:
         yield Finding(
-            "warning",
+            "warning" if seen.any() else "error",  # no view sees any: not one scene's
             where,
             f"the median view sees only {np.median(per_view):.2%} of the points",
             "the poses may be world-to-camera or use other axes: compare with the format's"

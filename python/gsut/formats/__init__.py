@@ -124,7 +124,7 @@ def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
     if not good.all():
         warnings.warn(
             f"{path}: {np.count_nonzero(~good)} of {len(good)} Gaussians have values that are not "
-            "finite and were left out",
+            f"finite and were left out; the first is row {np.argmin(good)}",
             stacklevel=2,
         )
         found = SceneFile(found.gaussians[good], found.antialiased)

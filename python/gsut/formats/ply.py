@@ -52,7 +52,7 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
         follows from the number of f_rest properties.
         Bits of float32 files are kept, but infinite opacity logits, which some writers use for
         opacities of exactly 0 and 1, become -20 and 20. Rows with other values that are not finite
-        are left out, and a warning says how many.
+        are left out, and a warning says how many and which is the first.
 
     Raises:
         InputError: the file cannot be opened, is no PLY file, misses a property (the message names
@@ -64,14 +64,14 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
     if not_finite == 0:
         _warn_of_rounding(path, gaussians)
         return gaussians
-    warnings.warn(
-        f"{os.fspath(path)}: {not_finite} of {len(gaussians)} Gaussians have values that are not "
-        "finite and were left out",
-        stacklevel=2,
-    )
     finite = np.ones(len(gaussians), dtype=bool)
     for array in arrays:
         finite &= np.isfinite(array.reshape(len(array), -1)).all(axis=1)
+    warnings.warn(
+        f"{os.fspath(path)}: {not_finite} of {len(gaussians)} Gaussians have values that are not "
+        f"finite and were left out; the first is row {np.argmin(finite)}",
+        stacklevel=2,
+    )
     return gaussians[finite]
 
 

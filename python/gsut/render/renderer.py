@@ -49,6 +49,7 @@ class Render:
     sh_degree: int
     renderer: Any  # _core.Renderer, or None for the double reference
     behind: np.ndarray | None = None
+    seen: Any = None  # what was read of Gaussians in a file, which the renderer goes on with
     # Backward passes of one image share its renderer's buffers: one at a time.
     _turn: threading.Lock = dataclasses.field(
         default_factory=threading.Lock, repr=False, compare=False
@@ -163,8 +164,12 @@ def render(
     if dtype != "float32":
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     if isinstance(gaussians, StoredGaussians):
-        drawn = StoredImage(gaussians, camera, place, rule, color, degree, tuple(unscented)).draw()
-        out = Render(*drawn, gaussians, camera, pose, rule, color, degree, None)
+        stored = StoredImage(gaussians, camera, place, rule, color, degree, tuple(unscented))
+        drawn = stored.draw()
+        drawn_by = stored.renderer()
+        out = Render(
+            *drawn, gaussians, camera, pose, rule, color, degree, drawn_by, seen=stored.seen
+        )
         return out if background is not None else _over_surroundings(out)
     g = gaussians.astype(np.float32)
     shape = (camera.height, camera.width)

@@ -29,6 +29,9 @@ class StoredImage:
         gaussians: in the file.
         camera, place: as the core takes them, about the Gaussians' origin.
         rule, background, sh_degree, unscented: of `Renderer.render`.
+
+    Attributes:
+        seen: the Gaussians that were drawn, where they were drawn at once; None: in parts.
     """
 
     def __init__(
@@ -46,6 +49,7 @@ class StoredImage:
         self._gaussians, self._camera, self._place = gaussians, camera, place
         self._settings = rule, background, sh_degree, unscented
         self._renderer = _core.Renderer()
+        self.seen: Any = None
         self._shape = camera.height, camera.width
         self._find_rays()
 
@@ -58,6 +62,10 @@ class StoredImage:
         out = self._new()
         self._draw(out, 0, 0, -(-self._shape[0] // _TILE), -(-self._shape[1] // _TILE))
         return out
+
+    def renderer(self) -> _core.Renderer | None:
+        """What has drawn `seen`, with all that it keeps of them; None: there are none."""
+        return None if self.seen is None else self._renderer
 
     def _new(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         image, *rest = (np.zeros((*self._shape, *s), np.float32) for s in ((3,), (), (), ()))
@@ -122,7 +130,10 @@ class StoredImage:
             tiles = np.zeros([-(-side // _TILE) for side in self._shape], np.uint8)
             tiles[top:bottom, left:right] = 1
         drawn = out if whole else self._new()
-        self._render(self._gaussians.read(pieces), drawn, False, tiles)
+        some = self._gaussians.read(pieces)
+        self._render(some, drawn, whole, tiles)
+        if whole:
+            self.seen = some
         if not whole:
             for to, new in zip(out, drawn, strict=True):
                 to[part] = new[part]

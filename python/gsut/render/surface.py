@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from gsut._core import InputError
-from gsut.gaussians import Gaussians
+from gsut.gaussians import Gaussians, StoredGaussians
 from gsut.lens import Camera
 from gsut.render.renderer import Render
 
@@ -101,6 +101,11 @@ def z_of_distance(distance: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _renderer(result: Render):
+    if result.renderer is None and isinstance(result.gaussians, StoredGaussians):
+        raise InputError(
+            "depths of the surface need all that the lens sees in memory at once: give more "
+            "--memory, or compact the scene (gsut compact)"
+        )
     if result.renderer is None:
         raise InputError('depth kinds and normals are of float32 renders; use dtype="float32"')
     return result.renderer

@@ -72,6 +72,19 @@ def test_render_writes_the_same_pictures(run, reads, tmp_path, size):
         assert pictures[0] == pictures[1]
 
 
+def test_mesh_is_the_same_and_says_what_it_cannot(run, reads, tmp_path, capsys, monkeypatch):
+    flags = ["mesh", str(run), "--quiet", "--voxel", "0.1", "-o"]
+    assert main([*flags, str(tmp_path / "whole.ply")]) == 0
+    assert not reads
+    monkeypatch.setattr("gsut.formats.ply.DRAWN_BYTES", 1000)  # all: too many, of a view: not
+    assert main([*flags, str(tmp_path / "stored.ply"), "--memory", "3MB"]) == 0
+    assert reads
+    pictures = [(tmp_path / f"{kind}.ply").read_bytes() for kind in ("whole", "stored")]
+    assert pictures[0] == pictures[1]
+    assert main([*flags, str(tmp_path / "none.ply"), "--memory", "100kB"]) != 0
+    assert "give more --memory" in capsys.readouterr().err
+
+
 def test_view_draws_the_same_frames_and_refuses_what_needs_all(run, reads):
     sessions = [Session(stage_of(run, None, memory)) for memory in (None, MEMORY)]
     pose = open_trained(RunFolder.open(run), None, None)[1].views[3].camera_from_world

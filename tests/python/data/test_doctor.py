@@ -91,6 +91,11 @@ def test_diagnose_wrong_pose_convention_names_the_right_one(change, advice, tmp_
     assert "poses or lens may use another convention" in text and advice in text
 
 
+def test_diagnose_points_that_no_view_sees_are_an_error(tmp_path):
+    path = write(tmp_path, change_poses(lambda m: m @ D))
+    assert "the median view sees only 0.00% of the points" in texts(path, "error")
+
+
 def test_diagnose_world_to_camera_in_poses_txt_is_named(tmp_path):
     small.write_folder(tmp_path)
     (tmp_path / "poses.txt").unlink()

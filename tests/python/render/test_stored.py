@@ -126,7 +126,7 @@ def test_file_of_another_layout_is_read_whole(ply, tmp_path):
     g = load_ply(ply)
     g.means[7] = np.nan
     gsut.save_ply(damaged, g)
-    with pytest.warns(UserWarning, match="left out"):
+    with pytest.warns(UserWarning, match="left out; the first is row 7"):
         assert len(open_ply(damaged, LIMIT)) == COUNT - 1
 
 
