@@ -33,15 +33,15 @@ def write_map(folder: Path, gaussians: Gaussians, owners: np.ndarray, scene: Sce
     across, along = np.sort(np.argsort(-np.ptp(centers, axis=0), kind="stable")[:2])
     rows = np.linspace(0, len(points) - 1, min(_DOTS, len(points))).astype(int)
     figure, axes = plot_figure("Blocks, and the cameras as rings", 7.0, 5.0)
-    colors = np.array(SERIES)[owners[rows] % len(SERIES)]
+    blocks, number = np.unique(owners, return_inverse=True)
+    middles = np.array([np.median(points[number == each], axis=0) for each in range(len(blocks))])
+    colors = np.array(SERIES)[_colors_apart(middles)[number[rows]]]
     axes.scatter(points[rows, across], points[rows, along], s=1.5, c=colors, linewidths=0)
     axes.scatter(
         centers[:, across], centers[:, along], s=24, facecolors="none", edgecolors=INK,
         linewidths=1.0,
     )  # fmt: skip
-    blocks = np.unique(owners)
-    for block in blocks if len(blocks) <= _MOST_NUMBERS else ():
-        at = np.median(points[owners == block], axis=0)
+    for block, at in zip(blocks, middles, strict=True) if len(blocks) <= _MOST_NUMBERS else ():
         axes.annotate(
             str(block), (at[across], at[along]), color=INK, fontweight="bold", ha="center",
             bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.8, "lw": 0},
@@ -53,3 +53,13 @@ def write_map(folder: Path, gaussians: Gaussians, owners: np.ndarray, scene: Sce
         axis.set_label_text(name, color=MUTED)
     with whole_file(folder / MAP) as temporary:
         figure.savefig(temporary, format="png", dpi=110)
+
+
+def _colors_apart(middles: np.ndarray) -> np.ndarray:
+    """(B,) a colour's number for each block, by its middle (B, 3): those of one lie far apart."""
+    chosen = np.zeros(len(middles), int)
+    for block, middle in enumerate(middles):
+        away = np.full(len(SERIES), np.inf)
+        np.minimum.at(away, chosen[:block], np.linalg.norm(middles[:block] - middle, axis=1))
+        chosen[block] = int(np.argmax(away))
+    return chosen
