@@ -128,7 +128,7 @@ def find_poses(
     log = PosesLog(on_progress, notes_to, on_expected)
     photographs, on_rig = _inputs(Path(images), camera, rig, unknown_lens, mapper, options)
     shutter = _shutter(photographs, options, mapper)
-    folder = claim_folder(out, "poses", images).path
+    folder = (claimed := claim_folder(out, "poses", images)).path  # which is held to the end
     key = _key(photographs, options, fov_degrees)
     stages = Stages(folder, key)
     log.expect(_work(photographs, options, shutter, on_rig is not None), options)

@@ -117,7 +117,7 @@ def test_bench_poses_rig_has_a_row_with_and_without_it(demo, monkeypatch, capsys
     alone, refined = json.loads(rows.read_text())
     assert alone["scale_error_percent"] is None
     assert alone["registered"] == refined["registered"] == 2 * FRAMES
-    assert abs(refined["scale_error_percent"]) < 5 * tolerances.RIG_DEMO_SCALE_PERCENT
+    assert abs(refined["scale_error_percent"]) < tolerances.RIG_DEMO_REFINED_PERCENT
     assert refined["rig_turn_degrees"] < 0.2 * rig_poses.DISTURBED_DEGREES
 
 
