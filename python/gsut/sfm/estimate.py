@@ -128,7 +128,8 @@ def find_poses(
     log = PosesLog(on_progress, notes_to, on_expected)
     photographs, on_rig = _inputs(Path(images), camera, rig, unknown_lens, mapper, options)
     shutter = _shutter(photographs, options, mapper)
-    folder = (claimed := claim_folder(out, "poses", images)).path  # which is held to the end
+    claimed = claim_folder(out, "poses", images)  # held to the end
+    folder = claimed.path
     key = _key(photographs, options, fov_degrees)
     stages = Stages(folder, key)
     log.expect(_work(photographs, options, shutter, on_rig is not None), options)
@@ -178,8 +179,7 @@ def find_poses(
         )
         solution, doubt, fit = done.solution, done.doubt, fit or done.rig
         log.watch.lap("mapping")
-    agreeing = None if mapper else matches_in_points(solution, pairs)
-    extra["matches_in_points"] = agreeing
+    extra["matches_in_points"] = agreeing = None if mapper else matches_in_points(solution, pairs)
     log.note(*compare_lens(photographs, solution.cameras[0], options, extra))
     log.note(*zooms_notes(zooms), *write_models(models, photographs, folder))
     extra["models"] = [int(model.num_registered) for model in models]
