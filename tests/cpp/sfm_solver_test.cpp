@@ -78,7 +78,7 @@ struct Walk {
   std::vector<int> sizes;
 };
 
-void FillIn(const Walk& walk, ReducedSystem* system) {
+void SetValues(const Walk& walk, ReducedSystem* system) {
   Numbers numbers(72);
   for (std::size_t i = 0; i < walk.observations.size(); ++i) {
     const int index = static_cast<int>(i);
@@ -98,7 +98,7 @@ TEST(ReducedSystem, StepIsThatOfTheWholeNormalEquations) {
   constexpr double kRadius = 50.0;
   const Walk walk;
   ReducedSystem system(walk.sizes, Walk::kBlocks, Walk::kPoints, walk.observations);
-  FillIn(walk, &system);
+  SetValues(walk, &system);
   const int blocks = 6 * Walk::kBlocks + 2, size = blocks + 3 * Walk::kPoints;
   Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(2 * walk.observations.size() + 6, size);
   Eigen::VectorXd residuals = Eigen::VectorXd::Zero(rows.rows());
@@ -145,7 +145,7 @@ TEST(ReducedSystem, SameBitsOnAnyNumberOfThreads) {
   for (const int count : {1, 2, 3}) {
     const Threads threads(count);
     ReducedSystem system(walk.sizes, Walk::kBlocks, Walk::kPoints, walk.observations);
-    FillIn(walk, &system);
+    SetValues(walk, &system);
     ASSERT_TRUE(system.Solve(1e4));
     Eigen::VectorXd step(6 * Walk::kBlocks + 3);
     for (int block = 0; block < Walk::kBlocks; ++block) {
