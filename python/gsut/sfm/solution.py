@@ -306,6 +306,8 @@ def _solution(
 ) -> Solution:
     if found["failure"]:
         raise _core.SolveError(found["failure"])
+    if not np.any(found["registered"]):
+        raise _core.SolveError("no image holds its points once poses are adjusted")
     lenses = list(dict.fromkeys(cameras))
     solved = [
         c.with_params(p) if lens_free else c

@@ -15,7 +15,7 @@ from gsut import _core
 from gsut.cli import main
 from gsut.gaussians import quaternion_of
 from gsut.lens import convert_camera
-from gsut.sfm import correspondences, estimate
+from gsut.sfm import correspondences, estimate, solution
 from gsut.sfm.align import centers_of, compare_poses, rotation_angles, similarity
 from gsut.sfm.correspondences import match_images
 from gsut.sfm.estimate import find_poses
@@ -635,3 +635,9 @@ def test_bench_poses_fits_a_lens_of_another_model_to_the_datasets_own(some_sponz
     fitted = gsut.load_camera(poses_bench._fitted_lens(folder, "kannala_brandt", tmp_path))
     assert fitted.model == own.model == "kannala_brandt"
     assert fitted.params == pytest.approx(own.params, rel=tolerances.SFM_FOCAL)
+
+
+def test_poses_that_hold_no_image_are_an_error():
+    found = {"failure": "", "registered": np.zeros(3, bool)}
+    with pytest.raises(_core.SolveError, match="no image holds its points"):
+        solution._solution(["a", "b", "c"], [], [], found, False)
