@@ -136,9 +136,8 @@ def _widening(
         # What fits the centre may have a pole just beyond it: the first guess gets its chance too.
         for guess in (params, start):
             if cost > enough:
-                params, cost = min(
-                    (params, cost), _refine(model, guess, fixed, part, *ends), key=lambda one: one[1]
-                )
+                found = _refine(model, guess, fixed, part, *ends)
+                params, cost = min((params, cost), found, key=lambda one: one[1])
     return params, cost
 
 
