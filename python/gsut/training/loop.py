@@ -14,6 +14,7 @@ from gsut.data import Level, Scene, TrainingViews
 from gsut.gaussians import Gaussians, LowPassFilter
 from gsut.lens import CalibrationWeights
 from gsut.optimize import (
+    GaussianOptimizer,
     LearningRates,
     TrajectoryMean,
     learning_rates,
@@ -151,8 +152,9 @@ class TrainingLoop:
         self.photographs.observe(step.fraction, step.level, step.view, target, image)
         self.stopwatch.lap("light")
         loss = self._compare(step, target)
-        self._backpropagate(dimage)
-        self._optimize(step)
+        in_backward = self._steps_harmonics_in_backward()
+        self._backpropagate(step, dimage, in_backward)
+        self._optimize(step, in_backward)
         self.step = step.number
         self._densify(step)
         self._refine(step)
@@ -212,15 +214,32 @@ class TrainingLoop:
         self.stopwatch.lap("loss")
         return loss
 
-    def _backpropagate(self, dimage: np.ndarray) -> None:
-        """From the image back through raster and projection to every parameter."""
+    def _steps_harmonics_in_backward(self) -> bool:
+        """Whether nothing stands between the harmonics' gradients and Adam: they save the memory.
+
+        One picture of what is trained, which the optimizer holds as it is rendered.
+        """
+        return (
+            self.options.sparse_adam and self.options.motion_blur is None
+            and self._context.is_empty and isinstance(self.optimizer, GaussianOptimizer)
+        )  # fmt: skip
+
+    def _backpropagate(self, step: _Step, dimage: np.ndarray, with_harmonics: bool) -> None:
+        """From the image back through raster and projection to every parameter.
+
+        With the harmonics their step is taken, too.
+        """
+        more: dict[str, Any] = {}
+        if with_harmonics:
+            more["harmonics_step"] = self.optimizer.harmonics_step(step.rates, step.degree)
         self.renderer.backward(
-            dimage, None, None, self._gradients, self._touched, not self.options.sparse_adam, False
-        )
+            dimage, None, None, self._gradients, self._touched, not self.options.sparse_adam,
+            False, **more,
+        )  # fmt: skip
         self._filter.backward(self.gaussians, self._context.trained(self._gradients))
         self.stopwatch.lap("backward")
 
-    def _optimize(self, step: _Step) -> None:
+    def _optimize(self, step: _Step, harmonics_are_done: bool) -> None:
         """Statistics for densification, one step of Adam, and what the strategy adds to both."""
         optimizer, trained = self.optimizer, self._context.trained
         gradients, touched = trained(self._gradients), trained(self._touched)
@@ -229,7 +248,10 @@ class TrainingLoop:
         self.stopwatch.lap("statistics")
         self._add_surface(step)
         visible = touched if self.options.sparse_adam else None
-        optimizer.step(gradients, step.rates, visible, step.degree)
+        if harmonics_are_done:
+            optimizer.step(gradients, step.rates, visible, step.degree, harmonics=False)
+        else:
+            optimizer.step(gradients, step.rates, visible, step.degree)
         self.stopwatch.lap("adam")
         self.densification.explore(optimizer, step.rates.means)
         self.stopwatch.lap("noise")
