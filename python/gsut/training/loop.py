@@ -72,7 +72,7 @@ class TrainingLoop:
         optimizer: owner of the Gaussians.
         notes: what was found in the photographs before the first step.
         step: steps made.
-        seconds: of the steps alone, without reading images and measuring PSNR.
+        seconds, cpu_seconds: of the steps alone, without reading images and measuring PSNR.
         stopwatch: of the steps' stages, for ./run bench train.
     """
 
@@ -87,7 +87,7 @@ class TrainingLoop:
     ) -> None:
         scene = scene if tracks is None else tracks.scene
         self.options = options = dataclasses.replace(options, max_gaussians=options.most_gaussians)
-        self.step, self.seconds = 0, 0.0
+        self.step, self.seconds, self.cpu_seconds = 0, 0.0, 0.0
         start, self.notes = first_gaussians(scene, options) if start is None else (start, [])
         self.densification = densification_of(options, len(start))
         surfels = options.primitive == "surfel"
@@ -145,7 +145,7 @@ class TrainingLoop:
         step = self._begin_step()
         target, image, dimage = step.level.target(step.view), *step.level.buffers(step.view)
         self._prepare_next_image()
-        began = time.perf_counter()
+        began, cpu_began = time.perf_counter(), time.process_time()
         self.stopwatch.start()
         self._render(step, image)
         self.photographs.observe(step.fraction, step.level, step.view, target, image)
@@ -158,6 +158,7 @@ class TrainingLoop:
         self._refine(step)
         self._mean.observe(step.number, step.fraction, self.gaussians)
         self.seconds += time.perf_counter() - began
+        self.cpu_seconds += time.process_time() - cpu_began
         return loss
 
     def _begin_step(self) -> _Step:
@@ -284,6 +285,7 @@ class TrainingLoop:
         return {
             "step": self.step,
             "seconds": self.seconds,
+            "cpu_seconds": self.cpu_seconds,
             "first_count": self.densification.first_count,
             "optimizer": self.optimizer.state_dict(),
             "mean": self._mean.state_dict(),
@@ -296,6 +298,7 @@ class TrainingLoop:
         """Goes on exactly where `state_dict` was taken."""
         self.step = int(state["step"])
         self.seconds = float(state["seconds"])
+        self.cpu_seconds = float(state.get("cpu_seconds", 0.0))
         self.densification.first_count = int(state["first_count"])
         self.optimizer.load_state_dict(state["optimizer"])
         self._mean.load_state_dict(state["mean"])
