@@ -83,7 +83,7 @@ def _timed(command: Sequence[str], data: str, flags: Sequence[str]) -> dict[str,
         words = [*command, "train", data, "-o", str(out), "--quiet", *flags]
         began, before = time.perf_counter(), _seconds_of_children()
         try:
-            done = subprocess.run(words, capture_output=True, text=True, check=False)
+            done = subprocess.run(words, capture_output=True, encoding="utf-8", check=False)
         except OSError as error:
             raise InputError(f"{command[0]} cannot be run: {error.strerror}") from None
         seconds, cpu_seconds = time.perf_counter() - began, _seconds_of_children() - before
@@ -91,8 +91,10 @@ def _timed(command: Sequence[str], data: str, flags: Sequence[str]) -> dict[str,
             said = done.stderr.strip().splitlines()[-1:] or ["it says nothing"]
             reason = said[0].removeprefix("gsut: error: ")
             raise InputError(f"{shlex.join(words)} failed: {reason}")
-        metrics = json.loads((out / METRICS).read_text("utf-8"))
-        rows = [json.loads(line) for line in (out / HISTORY).read_text("utf-8").splitlines()]
+        metrics = json.loads((out / METRICS).read_text(encoding="utf-8"))
+        rows = [
+            json.loads(line) for line in (out / HISTORY).read_text(encoding="utf-8").splitlines()
+        ]
     if metrics["psnr"] is None or not metrics["test_views"]:
         raise InputError(f"{data} has no held-out views to measure PSNR on")
     curve = [row for row in rows if row.get("psnr") is not None]

@@ -35,14 +35,15 @@ def curve_plot(
     rows = [row for row in history if row.get(key) is not None and row.get(axis) is not None]
     x = np.array([row[axis] for row in rows], float)
     y = np.array([row[key] for row in rows], float)
-    smooth = key == "loss" and len(x) > 2 and (y > 0).all()
+    smooth = bool(key == "loss" and len(x) > 2 and (y > 0).all())
     ends = _around(y)
     if smooth:
         low, high = np.percentile(y, (0.5, 99.5))
         ends = float(low) / 1.15, float(high) * 1.15
-    number = "{:g}".format
-    if key == "num_gaussians":
-        ends, number = (0.0, ends[1]), _thousands
+    count = key == "num_gaussians"
+    if count:
+        ends = 0.0, ends[1]
+    number = _thousands if count else "{:g}".format
     label = "steps" if axis == "step" else "seconds of training"
     chart = Chart(title, label, (0.0, 1.02 * x.max()), ends, log=smooth, number=number)
     chart.ticks_along()

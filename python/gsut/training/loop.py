@@ -99,8 +99,7 @@ class TrainingLoop:
         self.refiner = TrainingRefiner(self.views, options, tracks) if refine else None
         self.renderer: Any = _core.Renderer() if options.motion_blur is None else BlurRenderer()
         self._exposure = Exposure(scene, options.motion_blur)
-        self.rule = _core.BlendRule()
-        self.stopwatch = Stopwatch()
+        self.rule, self.stopwatch = _core.BlendRule(), Stopwatch()
         self._context = Context(context)
         self._gradients: Any = None  # of all that is drawn
         self._touched = np.zeros(0, np.uint8)
@@ -297,8 +296,7 @@ class TrainingLoop:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Goes on exactly where `state_dict` was taken."""
         self.step = int(state["step"])
-        self.seconds = float(state["seconds"])
-        self.cpu_seconds = float(state.get("cpu_seconds", 0.0))
+        self.seconds, self.cpu_seconds = state["seconds"], state.get("cpu_seconds", 0.0)
         self.densification.first_count = int(state["first_count"])
         self.optimizer.load_state_dict(state["optimizer"])
         self._mean.load_state_dict(state["mean"])
