@@ -545,6 +545,7 @@ def adam_step(
     beta2: float = 0.999,
     epsilon: float = 1e-15,
 ) -> None: ...
+
 class HarmonicsStep:
     def __init__(
         self,

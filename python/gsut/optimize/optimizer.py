@@ -161,7 +161,7 @@ class GaussianOptimizer:
             gradients[FIELDS.index("log_scales")][:, 2] = 0
         params, moment1, moment2 = ([getattr(rows, name) for name in names] for rows in self.arrays)
         of_columns = [[getattr(rates, name)] for name in FIELDS[:-1]]
-        of_columns.append(self._harmonics_rates(rates, active_sh_degree))
+        of_columns.append(_harmonics_rates(self.gaussians.sh, rates, active_sh_degree))
         columns = [3, 4, 3, 1, len(of_columns[-1])]
         _core.adam_step(
             params, gradients, moment1, moment2, of_columns[: len(names)], self.steps + 1,
@@ -176,16 +176,9 @@ class GaussianOptimizer:
         Their gradients are then written nowhere, and only rows that a pixel saw are stepped.
         `step` has to follow, with those rows as `visible` and without harmonics.
         """
-        sh = [rows.sh[: self.size] for rows in self.arrays]
-        of_columns = self._harmonics_rates(rates, active_sh_degree)
-        return _core.HarmonicsStep(*sh, of_columns, self.steps + 1, *ADAM)
-
-    def _harmonics_rates(self, rates: LearningRates, degree: int | None) -> list[float]:
-        """A rate for each number of a row of harmonics that is stepped."""
-        coefficients = self.gaussians.sh.shape[1]
-        if degree is not None:
-            coefficients = min(coefficients, (degree + 1) ** 2)
-        return [rates.sh0] * 3 + [rates.sh_rest] * (3 * (coefficients - 1))
+        params, moment1, moment2 = (rows.sh[: self.size] for rows in self.arrays)
+        of_columns = _harmonics_rates(params, rates, active_sh_degree)
+        return _core.HarmonicsStep(params, moment1, moment2, of_columns, self.steps + 1, *ADAM)
 
     @alone
     def add_regularizer(
@@ -321,3 +314,9 @@ class GaussianOptimizer:
     def _set_capacity(self, rows: int) -> None:
         params, moment1, moment2 = (copy_rows(old, self.size, rows) for old in self.arrays)
         self.arrays = params, moment1, moment2
+
+
+def _harmonics_rates(sh: np.ndarray, rates: LearningRates, degree: int | None) -> list[float]:
+    """A rate for each number of a row of harmonics (N, K, 3) that is stepped."""
+    coefficients = sh.shape[1] if degree is None else min(sh.shape[1], (degree + 1) ** 2)
+    return [rates.sh0] * 3 + [rates.sh_rest] * (3 * (coefficients - 1))

@@ -151,9 +151,8 @@ class TrainingLoop:
         self.photographs.observe(step.fraction, step.level, step.view, target, image)
         self.stopwatch.lap("light")
         loss = self._compare(step, target)
-        in_backward = self._steps_harmonics_in_backward()
-        self._backpropagate(step, dimage, in_backward)
-        self._optimize(step, in_backward)
+        taken = self._backpropagate(step, dimage)
+        self._optimize(step, with_harmonics=not taken)
         self.step = step.number
         self._densify(step)
         self._refine(step)
@@ -214,32 +213,15 @@ class TrainingLoop:
         self.stopwatch.lap("loss")
         return loss
 
-    def _steps_harmonics_in_backward(self) -> bool:
-        """Whether nothing stands between the harmonics' gradients and Adam: they save the memory.
-
-        One picture of what is trained, which the optimizer holds as it is rendered.
-        """
-        return (
-            self.options.sparse_adam and self.options.motion_blur is None
-            and self._context.is_empty and isinstance(self.optimizer, GaussianOptimizer)
-        )  # fmt: skip
-
-    def _backpropagate(self, step: _Step, dimage: np.ndarray, with_harmonics: bool) -> None:
-        """From the image back through raster and projection to every parameter.
-
-        With the harmonics their step is taken, too.
-        """
-        more: dict[str, Any] = {}
-        if with_harmonics:
-            more["harmonics_step"] = self.optimizer.harmonics_step(step.rates, step.degree)
-        self.renderer.backward(
-            dimage, None, None, self._gradients, self._touched, not self.options.sparse_adam,
-            False, **more,
-        )  # fmt: skip
+    def _backpropagate(self, step: _Step, dimage: np.ndarray) -> bool:
+        """From the image back through raster and projection; whether harmonics took their step."""
+        how = _backward_settings(self, step)
+        self.renderer.backward(dimage, None, None, self._gradients, self._touched, **how)
         self._filter.backward(self.gaussians, self._context.trained(self._gradients))
         self.stopwatch.lap("backward")
+        return "harmonics_step" in how
 
-    def _optimize(self, step: _Step, harmonics_are_done: bool) -> None:
+    def _optimize(self, step: _Step, with_harmonics: bool) -> None:
         """Statistics for densification, one step of Adam, and what the strategy adds to both."""
         optimizer, trained = self.optimizer, self._context.trained
         gradients, touched = trained(self._gradients), trained(self._touched)
@@ -248,10 +230,7 @@ class TrainingLoop:
         self.stopwatch.lap("statistics")
         self._add_surface(step)
         visible = touched if self.options.sparse_adam else None
-        if harmonics_are_done:
-            optimizer.step(gradients, step.rates, visible, step.degree, harmonics=False)
-        else:
-            optimizer.step(gradients, step.rates, visible, step.degree)
+        optimizer.step(gradients, step.rates, visible, step.degree, with_harmonics)
         self.stopwatch.lap("adam")
         self.densification.explore(optimizer, step.rates.means)
         self.stopwatch.lap("noise")
@@ -326,3 +305,17 @@ class TrainingLoop:
         if self.refiner is not None:
             self.refiner.load_state_dict(state["refiner"])
         self._filter.load_state_dict(state)
+
+
+def _backward_settings(loop: TrainingLoop, step: _Step) -> dict[str, Any]:
+    """What the backward pass is told beside the arrays.
+
+    It takes the harmonics' step, which saves their gradients' memory, where one picture is made of
+    what is trained alone, and what it does not show stays.
+    """
+    o, optimizer = loop.options, loop.optimizer
+    settings: dict[str, Any] = {"write_untouched": not o.sparse_adam, "with_poses": False}
+    is_plain = o.sparse_adam and o.motion_blur is None and loop._context.is_empty
+    if is_plain and isinstance(optimizer, GaussianOptimizer):
+        settings["harmonics_step"] = optimizer.harmonics_step(step.rates, step.degree)
+    return settings

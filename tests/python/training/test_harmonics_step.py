@@ -9,6 +9,7 @@ from gsut.optimize import GaussianOptimizer, LearningRates
 from gsut.render import DEFAULT_UNSCENTED
 from gsut.run import TrainOptions
 from gsut.training import TrainingLoop
+from gsut.training import loop as loop_module
 from random_scenes import arrays_of, fisheye, gaussians_in_view, random_pose
 from rendered_dataset import write_dataset
 
@@ -89,11 +90,12 @@ def test_step_in_backward_of_what_was_not_rendered_raises(rng):
 
 def test_training_steps_harmonics_in_backward_to_the_same_bits(rng, tmp_path, monkeypatch):
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng))
+    after = {"write_untouched": False, "with_poses": False}
     options = TrainOptions(steps=8, sh_degree=2, sh_every=2, densify_every=3).resolved()
     runs = []
     for in_backward in (True, False):
         if not in_backward:
-            monkeypatch.setattr(TrainingLoop, "_steps_harmonics_in_backward", lambda loop: False)
+            monkeypatch.setattr(loop_module, "_backward_settings", lambda loop, step: after)
         loop = TrainingLoop(scene, options)
         for _ in range(7):
             loop.advance()
