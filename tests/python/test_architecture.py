@@ -28,17 +28,7 @@ CPP_MAY_USE: dict[str, set[str]] = {
 }
 # C++ library (start of its include) -> folders that may use it.
 CPP_LIBRARIES: dict[str, set[str]] = {
-    "hwy": {
-        "base",
-        "cameras",
-        "gaussians",
-        "projection",
-        "raster",
-        "loss",
-        "optimize",
-        "sfm",
-        "surface",
-    },  # fmt: skip
+    "hwy": {*CPP_MAY_USE} - {"geometry", "formats"},
     "tbb": {"base", "cameras"},  # ParallelFor for all others; cameras isolates making a ray table
     "Eigen": {*CPP_MAY_USE, "bindings"},
     "ceres": {"sfm"},
