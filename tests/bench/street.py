@@ -38,9 +38,7 @@ class Street:
     def __init__(self, rooms: int, across: int | None = None, seeds: int = _SEEDS) -> None:
         self.rooms = rooms
         self._across = across or math.isqrt(rooms - 1) + 1
-        halls = [make_hall(seed) for seed in range(min(seeds, rooms))]
-        self._tracers = [Tracer(hall, 1) for hall in halls]
-        self._shapes = [np.arange(len(hall.shapes)) for hall in halls]
+        self._tracers = [Tracer(make_hall(seed), 1) for seed in range(min(seeds, rooms))]
 
     def center(self, room: np.ndarray | int) -> np.ndarray:
         """(..., 3) of the floor of rooms."""
@@ -72,7 +70,9 @@ class Street:
         tracer, middle = self._tracers[kind], self.center(room)
         ends = ((starts[rows] - middle).astype(np.float32), directions[rows].astype(np.float32))
         rays = Rays(*(tuple(np.ascontiguousarray(a.T)) for a in ends))
-        away, number = tracer._first_hit(rays, self._shapes[kind])
+        about = ends[0].mean(axis=0)
+        around = float(np.linalg.norm(ends[0] - about, axis=1).max())
+        away, number = tracer._first_hit(rays, tracer._bounds.in_cone(about, ends[1], around))
         points = rays.at(away)
         distance[rows] += away
         following = np.where(number < 0, self._behind(room, points), -1)

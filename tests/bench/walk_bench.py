@@ -100,7 +100,8 @@ FILMS: dict[str, Callable[[float], Film]] = {
         lens_of_field(*_WIDE, 75, 1.0), walk(s, seed=8), s, readout=0.0, seed=7
     ),
     "through rooms": lambda s: Film(
-        lens_of_field(*_WIDE, 84, 0.9), walk(s, seed=11, rooms=_ROOMS), s, seed=10, rooms=_ROOMS
+        lens_of_field(*_WIDE, 84, 0.9), walk(s, seed=11, rooms=_ROOMS), s, readout=0.0, seed=10,
+        rooms=_ROOMS,
     ),
     "dual fisheye": lambda s: Film(
         _circle(104.0), walk(s, seed=9), s, readout=0.0, seed=8, back=_circle(105.0),

@@ -42,7 +42,7 @@ def test_walk_through_rooms_goes_through_their_doors():
 
 def test_rooms_are_traced_each_by_itself_and_through_doors():
     tracer = RoomsTracer(2)
-    origin = np.array([[[DOOR_X, 3.0, 1.4], [DOOR_X, 2 * HALF_Y - 3.0, 1.4]]])
+    origin = np.array([[[DOOR_X, 3.0, 1.9], [DOOR_X, 2 * HALF_Y - 3.0, 1.9]]])
     rays = np.array([[[0.0, 1.0, 0.0], [0.0, 1.0, 0.0]]])
     both = tracer.colors(origin, rays)
     # Through the door the same place is seen as from the room behind it.
