@@ -28,16 +28,16 @@ _FEW_AGREE_ROLLING = 0.8
 # over after each of the steps that finish.
 _GROWTH_POWER = 1.2
 _FINISHED = {
-    "settling": (0.12, 0.23, 0.33),
-    "longer tracks": (0.35, 0.55),
-    "final adjustment": (0.98,),
+    "settling": (0.10, 0.19, 0.29),
+    "longer tracks": (0.33, 0.51),
+    "final adjustment": (0.97,),
     "covariances": (1.0,),
 }
 # The same of poses that are adjusted, with a shutter or on a rig.
 _ADJUSTED = {
-    "adjustment": (0.13, 0.19, 0.21, 0.27, 0.34, 0.46, 0.5, 0.59, 0.62, 0.72, 0.79),
-    "longer tracks": (0.36, 0.53),
-    "final adjustment": (0.98,),
+    "adjustment": (0.12, 0.15, 0.18, 0.24, 0.30, 0.40, 0.44, 0.51, 0.54, 0.62, 0.66),
+    "longer tracks": (0.34, 0.47),
+    "final adjustment": (0.94,),
     "covariances": (1.0,),
 }
 _NOTHING_KNOWN = 0.4, 0.6, 0.0  # parts of a stage, of work that nothing is known of

@@ -5,8 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 
-# On one core, fitted to runs of four captures of 30 to 70 images and of a film of 100 frames, and
-# the cube to one of 300.
+# On one core, fitted to runs of four captures of 30 to 70 images and of a film of 100 and 300 frames.
 _FEATURES, _FEATURES_GROWTH = 0.31, 0.8  # an image of a megapixel, and a power of the megapixels
 _PREVIEW, _MATCHING = 5.5e-4, 0.8e-9  # a pair; a pair's product of numbers of features
 # A pair that is verified, and at how many matches it takes twice as long, as fewer agree by chance.
@@ -14,20 +13,20 @@ _VERIFYING, _FEW_MATCHES, _FEW_POWER = 1e-3, 150, 3
 _RANKING, _FIRST, _BEGINNING, _MODEL = 2.5, 1.7, 2.2, 1.2  # steps of the lens search
 _ROLLING_TRIAL = 3.5  # of the lens search, with a rolling shutter: each from nothing
 _LENS_GROWTH, _USUAL = 0.2, 0.2  # of the lens search, power of the megapixels over the usual ones
-# Mapping, of an image, of a match, and of the number of images cubed: until all have a pose, and of
-# the adjustments at the end. In long films more images see each point, and the system is larger.
-_GROWING = 0.02, 1.2e-5, 0.0
-_SETTLING = 0.025, 2.6e-5, 2.2e-6
+# Mapping, of the matches times the images, and a power of it: until all images have a pose, and the
+# adjustments at the end.
+_GROWING, _GROWING_POWER = 1.9e-6, 0.873
+_SETTLING, _SETTLING_POWER = 8.5e-4, 0.545
 _SETTLING_KNOWN = 0.7  # with a lens that is known
-_ROLLING_TIMES = 2.9  # as long takes mapping with velocities
-_ZOOMS = 8e-5  # of the number of images squared
+_ROLLING_GROWING, _ROLLING_SETTLING = 6.0, 2.6  # as long they take with velocities
+_ZOOMS = 1.5e-4  # of the number of images squared
 _COVARIANCE = 0.06  # of a lens, of the adjustments
 # A video's shutter: an image whose motion is found; the readout; and, of the adjustments at the end
 # of mapping, those with it, and the covariance of a lens then.
-_MOTION, _READOUT, _WITH_SHUTTER, _COVARIANCE_THEN = 0.012, 5.0, 1.8, 0.2
+_MOTION, _READOUT, _WITH_SHUTTER, _COVARIANCE_THEN = 0.012, 4.2, 2.2, 0.3
 _RIG = 0.6  # of mapping
 _PARALLEL = 0.8  # share of mapping that all threads do
-_WRITING, _WRITING_IMAGE = 0.8, 0.01
+_WRITING, _WRITING_IMAGE = 0.5, 0.008
 # Before features and pairs are known: features of a megapixel, pairs an image, matches a feature.
 _DENSITY, _PAIRS, _MATCHES = 9000, 14, 0.09
 _ALL_PAIRS, _PREVIEWED = 100, 28  # images of which all pairs are looked at; else so many an image
@@ -99,12 +98,11 @@ class PosesWork:
     def parts(self, stage: str) -> tuple[float, float, float]:
         """Seconds of one thread: before the adjustments of a stage, of them, and after them."""
         matches = self._sizes()[3]
-        times = _ROLLING_TIMES if self.rolling else 1
-        growing, settling = (
-            times * (image * self.images + match * matches + cube * self.images**3)
-            for image, match, cube in (_GROWING, _SETTLING)
-        )
-        settling *= _SETTLING_KNOWN if self.known else 1
+        together = max(1.0, matches * self.images)
+        growing = _GROWING * together**_GROWING_POWER
+        settling = _SETTLING * together**_SETTLING_POWER * (_SETTLING_KNOWN if self.known else 1)
+        if self.rolling:
+            growing, settling = _ROLLING_GROWING * growing, _ROLLING_SETTLING * settling
         if self.settling is not None:
             settling = self.settling
         if stage == "rig":
