@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 
-# On one core, fitted to runs of four captures of 30 to 70 images and of a film of 100 and 300 frames.
+# On one core, fitted to runs of four captures of 30 to 70 images and of films of 100 and 300.
 _FEATURES, _FEATURES_GROWTH = 0.31, 0.8  # an image of a megapixel, and a power of the megapixels
 _PREVIEW, _MATCHING = 5.5e-4, 0.8e-9  # a pair; a pair's product of numbers of features
 # A pair that is verified, and at how many matches it takes twice as long, as fewer agree by chance.
