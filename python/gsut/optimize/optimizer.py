@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
@@ -213,6 +213,19 @@ class GaussianOptimizer:
             np.ascontiguousarray(distances, np.float32), mask_bytes(visible), self.gradient_max,
             self.gradient_sum, self.seen,
         )  # fmt: skip
+
+    @property
+    def moments(self) -> tuple[Gaussians, Gaussians]:
+        """Adam's first and second moments as views, as `gaussians`."""
+        return self.arrays[1][: self.size], self.arrays[2][: self.size]
+
+    @alone
+    def go_on(self, moments: Sequence[Gaussians], steps: int) -> None:
+        """Takes the moments of the same rows that an optimizer had after so many steps."""
+        for own, given in zip(self.moments, moments, strict=True):
+            for name in FIELDS:
+                getattr(own, name)[...] = getattr(given, name)
+        self.steps = steps
 
     @alone
     def restarted(self, gaussians: Gaussians) -> GaussianOptimizer:

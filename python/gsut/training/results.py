@@ -90,6 +90,7 @@ def write_results(
     metrics: dict[str, Any],
     data: Path,
     refined: Scene | None,
+    options: TrainOptions,
 ) -> None:
     """Writes scene.ply, metrics.json, report.html and, where poses were refined, these.
 
@@ -100,11 +101,12 @@ def write_results(
             verdict.
         data: the dataset's path, for the verdict's advice.
         refined: the scene with refined poses, or None.
+        options: of the training, as they were given: for the verdict's advice.
     """
     in_dataset = gaussians.translated(metrics["world_offset"])
     metrics["notes"] += notes_on_place(for_file(in_dataset).origin)
     run.write(SCENE, lambda path: save_ply(path, in_dataset, scene_comments(run)))
-    write_findings(run, metrics, data, refined)
+    write_findings(run, metrics, data, refined, options)
 
 
 def scene_comments(run: RunFolder) -> list[str]:
@@ -120,13 +122,18 @@ def notes_on_place(origin: np.ndarray) -> list[str]:
 
 
 def write_findings(
-    run: RunFolder, metrics: dict[str, Any], data: Path, refined: Scene | None
+    run: RunFolder,
+    metrics: dict[str, Any],
+    data: Path,
+    refined: Scene | None,
+    options: TrainOptions,
+    division: Sequence[str] = (),
 ) -> None:
-    """`write_results` but for scene.ply, which is there."""
+    """`write_results` but for scene.ply, which is there; `division`: see `train_verdict`."""
     if refined is not None:
         metrics["notes"] += _refinement_notes(metrics)
         write_refined(run, refined)
-    verdict = train_verdict(metrics, str(data), str(run.path))
+    verdict = train_verdict(metrics, str(data), str(run.path), options, division)
     metrics["verdict"] = verdict.as_dict()
     run.write_json("metrics.json", metrics)
     write_report(run)
