@@ -14,6 +14,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.check import refuse_too_large
 from gsut.data import Scene
+from gsut.evaluate import begin_curves
 from gsut.gaussians import Gaussians
 from gsut.run import TrainOptions
 from gsut.training import (
@@ -38,7 +39,7 @@ class TrainResult:
         gaussians: the scene's Gaussians, in the dataset's coordinates; their `origin` is where
             training worked.
         metrics: the content of metrics.json.
-        history: one dict a logged step: step, seconds, loss, num_gaussians, psnr.
+        history: one dict a logged step: step, seconds, cpu_seconds, loss, num_gaussians, psnr.
         scene: at the size trained at, with the poses and lens as they were refined (if asked for).
     """
 
@@ -105,14 +106,14 @@ def train(
             record.add(loop, loop.advance())
     gaussians = loop.result().copy()  # optimize/: the mean over the last steps
     scene = loop.finished_scene()  # refine/: poses and lens against the finished Gaussians
+    curves = None if record.run is None else begin_curves(record.run)  # of the report, meanwhile
     scene, metrics = measure_training(loop, gaussians, scene, record.run)  # evaluate/
     for note in metrics["notes"][len(scene.notes) :]:
         record.note(note)
     complexity.tell(metrics)
     if record.run is not None:
-        refined = scene if o.refine_poses else None
-        # formats/, verdict
-        write_results(record.run, gaussians, metrics, scene.path, refined, asked)
+        refined = scene if o.refine_poses else None  # formats/, verdict
+        write_results(record.run, gaussians, metrics, scene.path, refined, asked, curves)
     gaussians = gaussians.translated(scene.world_offset)
     scene = scene.about((0.0, 0.0, 0.0)) if o.refine_poses else prepare_scene(given, o)
     return TrainResult(gaussians, metrics, record.history, scene)

@@ -9,7 +9,14 @@ from typing import Any
 import numpy as np
 
 from gsut.data import Scene
-from gsut.evaluate import evaluate, mean_psnr, run_metrics, train_verdict, write_report
+from gsut.evaluate import (
+    Curves,
+    evaluate,
+    mean_psnr,
+    run_metrics,
+    train_verdict,
+    write_report,
+)
 from gsut.formats import NO_BACKGROUND, for_file, place_text, save_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import evaluate_aligned, write_refined
@@ -91,6 +98,7 @@ def write_results(
     data: Path,
     refined: Scene | None,
     options: TrainOptions,
+    curves: Curves | None = None,
 ) -> None:
     """Writes scene.ply, metrics.json, report.html and, where poses were refined, these.
 
@@ -102,11 +110,12 @@ def write_results(
         data: the dataset's path, for the verdict's advice.
         refined: the scene with refined poses, or None.
         options: of the training, as they were given: for the verdict's advice.
+        curves: of the report, from `begin_curves`, where they are begun.
     """
     in_dataset = gaussians.translated(metrics["world_offset"])
     metrics["notes"] += notes_on_place(for_file(in_dataset).origin)
     run.write(SCENE, lambda path: save_ply(path, in_dataset, scene_comments(run)))
-    write_findings(run, metrics, data, refined, options)
+    write_findings(run, metrics, data, refined, options, curves=curves)
 
 
 def scene_comments(run: RunFolder) -> list[str]:
@@ -128,6 +137,7 @@ def write_findings(
     refined: Scene | None,
     options: TrainOptions,
     division: Sequence[str] = (),
+    curves: Curves | None = None,
 ) -> None:
     """`write_results` but for scene.ply, which is there; `division`: see `train_verdict`."""
     if refined is not None:
@@ -136,7 +146,7 @@ def write_findings(
     verdict = train_verdict(metrics, str(data), str(run.path), options, division)
     metrics["verdict"] = verdict.as_dict()
     run.write_json("metrics.json", metrics)
-    write_report(run)
+    write_report(run, curves)
 
 
 def _refinement_notes(metrics: dict[str, Any]) -> list[str]:
