@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.blocks.task import BlockTask, Trained
+from gsut.blocks.task import BlockTask, Trained, gaussian_arrays
 from gsut.data import Level, Scene
 from gsut.render import Light, field_angles
 from gsut.training import TrainingLoop
@@ -39,7 +39,10 @@ class BlockLoop(TrainingLoop):
         context = task.context if len(task.context) else None
         super().__init__(task.scene, task.options, task.own.gaussians, context=context)
         if task.own.moments:
-            self.optimizer.go_on(task.own.moments, task.begin)
+            for row, given in zip(self.optimizer.moments, task.own.moments, strict=True):
+                for name, values in gaussian_arrays(given).items():
+                    getattr(row, name)[...] = values
+            self.optimizer.steps = task.begin
         self.views.keep_at_most(task.keep_bytes)
         self.photographs: Any = KnownLight(task.scene, task.light)
         self._order = views_by_rate(task.rates, task.options.steps, task.options.seed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
@@ -227,14 +227,6 @@ class GaussianOptimizer:
     def moments(self) -> tuple[Gaussians, Gaussians]:
         """Adam's first and second moments as views, as `gaussians`."""
         return self.arrays[1][: self.size], self.arrays[2][: self.size]
-
-    @alone
-    def go_on(self, moments: Sequence[Gaussians], steps: int) -> None:
-        """Takes the moments of the same rows that an optimizer had after so many steps."""
-        for own, given in zip(self.moments, moments, strict=True):
-            for name in FIELDS:
-                getattr(own, name)[...] = getattr(given, name)
-        self.steps = steps
 
     @alone
     def restarted(self, gaussians: Gaussians) -> GaussianOptimizer:
