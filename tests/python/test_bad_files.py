@@ -130,6 +130,8 @@ def test_camera_of_numbers_that_no_lens_has_is_refused_by_name(model, params, sa
         gsut.Camera(model, params, 128, 96)
     with pytest.raises(gsut.InputError, match="valid_field_angle is 1e-09; with it"):
         gsut.Camera("pinhole", [100, 100, 64.2, 48], 128, 96, valid_field_angle=1e-9)
+    with pytest.raises(gsut.InputError, match="extrinsics must be finite"):
+        gsut.Camera("pinhole", [9, 9, 3, 3], 6, 6, extrinsics=[0, 0, 0, 0, 0, np.inf])
     anamorphic = gsut.Camera("pinhole", [200, 100, 64, 48], 128, 96)
     assert pickle.loads(pickle.dumps(anamorphic)) == anamorphic
 
@@ -138,6 +140,8 @@ def test_camera_of_numbers_that_no_lens_has_is_refused_by_name(model, params, sa
 def test_camera_of_no_whole_number_of_pixels_is_refused(width):
     with pytest.raises(gsut.InputError, match="whole numbers of pixels from 1 to 65536, found"):
         gsut.Camera("pinhole", [10, 10, 3, 3], width, 6)
+    with pytest.raises(gsut.InputError, match="whole numbers of pixels from 1 to 65536, found"):
+        gsut.Camera("pinhole", [10, 10, 3, 3], 6, 6).resized(width, 6)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "gsut/base/errors.h"
+#include "gsut/base/interrupt.h"
 #include "gsut/base/parallel.h"
 #include "gsut/surface/fuse_kernel.h"
 
@@ -229,6 +230,7 @@ DistanceField FuseDepth(const std::vector<DepthView>& views, const VoxelSpace& s
                        field.blocks.end());
     of_view = {};
     check();
+    CheckInterrupt();
   }
   const auto count = static_cast<std::int64_t>(field.blocks.size());
   field.values.resize(static_cast<std::size_t>(count) * kBlockVoxels);

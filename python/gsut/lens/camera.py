@@ -210,7 +210,7 @@ class Camera(_core.Camera):
         region = self.valid_region
         if region is not None:
             region = region * (width / self.width, height / self.height)
-        resized = super().resized(int(width), int(height))
+        resized = super().resized(*_whole_size(width, height))
         return self._with(resized, valid_region=region)
 
     def with_params(self, params: Sequence[float] | np.ndarray) -> Camera:
@@ -343,5 +343,7 @@ def _checked_copy(values: Any, name: str, shape: tuple[int | None, ...]) -> np.n
     )
     if not same:
         raise InputError(f"{name} must have shape {shape}, found {array.shape}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} must be finite numbers, found {array.tolist()}")
     array.flags.writeable = False
     return array
