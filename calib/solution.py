@@ -20,6 +20,7 @@ LENSES = {
 # A corner further off than this many robust standard deviations (one axis) is an outlier: in
 # Gaussian noise one of 270 000 is.
 OUTLIER_SIGMAS = 5.0
+_EXACT_PX = 1e-4  # no corner is found better than that, whatever the others say
 _MEDIAN_OF_RAYLEIGH = 1.17741  # median length of a 2-D Gaussian vector over its sigma in one axis
 
 
@@ -86,4 +87,4 @@ def find_outliers(residuals: np.ndarray) -> np.ndarray:
     those that are NaN because the lens has no image there."""
     length = np.linalg.norm(residuals, axis=-1)
     sigma = np.nanmedian(length) / _MEDIAN_OF_RAYLEIGH
-    return ~(length <= OUTLIER_SIGMAS * sigma)
+    return ~(length <= max(OUTLIER_SIGMAS * sigma, _EXACT_PX))

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-# The damping, relative to the diagonal of the normal equations: at the start, the factor by which
-# it falls and rises, and its range.
-_FIRST, _FACTOR, _LEAST, _MOST = 1e-4, 10.0, 1e-15, 1e8
+# The damping, relative to the diagonal of the normal equations: at the start, the factors by which
+# it falls and rises, and its range. With one factor for both it swings between two values in a
+# curved valley, and neither is the one that gets along there.
+_FIRST, _FALL, _RISE, _LEAST, _MOST = 1e-4, 3.0, 2.0, 1e-15, 1e8
 _SMALLEST_COLUMN = 1e-12  # length of a Jacobian's column below which an unknown is taken to be idle
 
 
@@ -20,6 +21,7 @@ def minimize_least_squares(
     *,
     max_steps: int,
     least_gain: float = 0.0,
+    enough: float = 0.0,
     apply: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.add,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Minimizes a sum of squares by damped Gauss-Newton steps, each of which lowers the cost.
@@ -32,6 +34,7 @@ def minimize_least_squares(
             unknowns; (P, K) and (P, K, K) for P problems.
         max_steps: how often the normal equations are formed, at most.
         least_gain: ends where a step lowers the cost by no more than this share of it.
+        enough: ends where no cost is above this.
         apply: unknowns and a step to the unknowns after it, where these are not their sum: poses.
 
     Returns:
@@ -52,8 +55,8 @@ def minimize_least_squares(
             trial = apply(at, step)
             trial_cost = np.asarray(cost_of(trial))
             better = trial_cost < cost
-            eased = np.maximum(damping / _FACTOR, _LEAST)
-            damping = np.where(better, eased, damping * _FACTOR)
+            eased = np.maximum(damping / _FALL, _LEAST)
+            damping = np.where(better, eased, damping * _RISE)
             if better.any() or (damping > _MOST).all():
                 break
         if not better.any():
@@ -61,6 +64,6 @@ def minimize_least_squares(
         done = not (trial_cost < (1.0 - least_gain) * cost).any()
         at = np.where(better[..., None], trial, at)
         cost = np.where(better, trial_cost, cost)
-        if done:
+        if done or (cost <= enough).all():
             break
     return at, cost

@@ -38,7 +38,7 @@ class TrainResult:
         gaussians: the scene's Gaussians, in the dataset's coordinates; their `origin` is where
             training worked.
         metrics: the content of metrics.json.
-        history: one dict a logged step: step, seconds, loss, num_gaussians, psnr.
+        history: one dict a logged step: step, seconds, cpu_seconds, loss, num_gaussians, psnr.
         scene: at the size trained at, with the poses and lens as they were refined (if asked for).
     """
 

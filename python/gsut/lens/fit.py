@@ -19,6 +19,7 @@ _COUNTED = 2**31  # by the core
 _MAX_STEPS = 300
 _STEPS_WIDENING = 60  # while the field still widens
 _LEAST_GAIN = 1e-9  # of the cost in a step, below which the search ends
+_GOOD_PX = 1e-4  # root mean square with which no other start is tried
 _GAIN_WIDENING = 1e-6  # the same while the field still widens: where the next one starts
 
 
@@ -97,6 +98,8 @@ def fit_lens(
         if len(start) == 0:  # the image's size is the lens
             return start
         found.append(_widening(model, start, fixed, target))
+        if found[-1][1] <= _enough(target):
+            break
     return min(found, key=lambda one: one[1])[0]
 
 
@@ -111,6 +114,11 @@ def _axis(target: FitTarget, is_parallel: bool) -> tuple[np.ndarray, np.ndarray]
     return (focal if is_parallel else focal * target.distance), centre
 
 
+def _enough(target: FitTarget) -> float:
+    """The cost below which no other start is tried."""
+    return _GOOD_PX**2 * len(target.points)
+
+
 def _widening(
     model: str, start: np.ndarray, fixed: tuple[int, ...], target: FitTarget
 ) -> tuple[np.ndarray, float]:
@@ -120,11 +128,16 @@ def _widening(
     for share in (0.25, 0.5, 0.75, 1.0):
         near = angles <= max(share * angles.max(), np.sort(angles)[min(60, len(angles) - 1)])
         part = dataclasses.replace(target, points=target.points[near], pixels=target.pixels[near])
+        enough = _enough(part)
+        ends = (_MAX_STEPS, _LEAST_GAIN, 0.0)
+        if share < 1.0:
+            ends = (_STEPS_WIDENING, _GAIN_WIDENING, enough)
+        cost = math.inf
         # What fits the centre may have a pole just beyond it: the first guess gets its chance too.
-        guesses = (start,) if params is start else (params, start)
-        ends = (_MAX_STEPS, _LEAST_GAIN) if share == 1.0 else (_STEPS_WIDENING, _GAIN_WIDENING)
-        tries = [_refine(model, guess, fixed, part, *ends) for guess in guesses]
-        params, cost = min(tries, key=lambda found: found[1])
+        for guess in (params, start):
+            if cost > enough:
+                found = _refine(model, guess, fixed, part, *ends)
+                params, cost = min((params, cost), found, key=lambda one: one[1])
     return params, cost
 
 
@@ -135,6 +148,7 @@ def _refine(
     target: FitTarget,
     steps: int,
     least_gain: float,
+    enough: float,
 ) -> tuple[np.ndarray, float]:
     """The parameters that fit best, from `params` on, and their cost: `minimize_least_squares`."""
     free = [i for i in range(len(params)) if i not in fixed]
@@ -163,7 +177,12 @@ def _refine(
         return jacobian.T @ residual[valid].ravel(), jacobian.T @ jacobian
 
     values, cost = minimize_least_squares(
-        params[free], cost_of, normal_equations, max_steps=steps, least_gain=least_gain
+        params[free],
+        cost_of,
+        normal_equations,
+        max_steps=steps,
+        least_gain=least_gain,
+        enough=enough,
     )
     return np.array(tried(values.tobytes())[0].params), float(cost)
 

@@ -72,7 +72,7 @@ class TrainingLoop:
         optimizer: owner of the Gaussians.
         notes: what was found in the photographs before the first step.
         step: steps made.
-        seconds: of the steps alone, without reading images and measuring PSNR.
+        seconds, cpu_seconds: of the steps alone, without reading images and measuring PSNR.
         stopwatch: of the steps' stages, for ./run bench train.
     """
 
@@ -87,7 +87,7 @@ class TrainingLoop:
     ) -> None:
         scene = scene if tracks is None else tracks.scene
         self.options = options = dataclasses.replace(options, max_gaussians=options.most_gaussians)
-        self.step, self.seconds = 0, 0.0
+        self.step, self.seconds, self.cpu_seconds = 0, 0.0, 0.0
         start, self.notes = first_gaussians(scene, options) if start is None else (start, [])
         self.densification = densification_of(options, len(start))
         surfels = options.primitive == "surfel"
@@ -99,8 +99,7 @@ class TrainingLoop:
         self.refiner = TrainingRefiner(self.views, options, tracks) if refine else None
         self.renderer: Any = _core.Renderer() if options.motion_blur is None else BlurRenderer()
         self._exposure = Exposure(scene, options.motion_blur)
-        self.rule = _core.BlendRule()
-        self.stopwatch = Stopwatch()
+        self.rule, self.stopwatch = _core.BlendRule(), Stopwatch()
         self._context = Context(context)
         self._gradients: Any = None  # of all that is drawn
         self._touched = np.zeros(0, np.uint8)
@@ -145,7 +144,7 @@ class TrainingLoop:
         step = self._begin_step()
         target, image, dimage = step.level.target(step.view), *step.level.buffers(step.view)
         self._prepare_next_image()
-        began = time.perf_counter()
+        began, cpu_began = time.perf_counter(), time.process_time()
         self.stopwatch.start()
         self._render(step, image)
         self.photographs.observe(step.fraction, step.level, step.view, target, image)
@@ -158,6 +157,7 @@ class TrainingLoop:
         self._refine(step)
         self._mean.observe(step.number, step.fraction, self.gaussians)
         self.seconds += time.perf_counter() - began
+        self.cpu_seconds += time.process_time() - cpu_began
         return loss
 
     def _begin_step(self) -> _Step:
@@ -284,6 +284,7 @@ class TrainingLoop:
         return {
             "step": self.step,
             "seconds": self.seconds,
+            "cpu_seconds": self.cpu_seconds,
             "first_count": self.densification.first_count,
             "optimizer": self.optimizer.state_dict(),
             "mean": self._mean.state_dict(),
@@ -295,7 +296,7 @@ class TrainingLoop:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Goes on exactly where `state_dict` was taken."""
         self.step = int(state["step"])
-        self.seconds = float(state["seconds"])
+        self.seconds, self.cpu_seconds = state["seconds"], state.get("cpu_seconds", 0.0)
         self.densification.first_count = int(state["first_count"])
         self.optimizer.load_state_dict(state["optimizer"])
         self._mean.load_state_dict(state["mean"])

@@ -36,7 +36,8 @@ class TrainingRecord:
     Attributes:
         run: the folder, or None.
         checkpoint: the state that `follow` goes on from, or None.
-        history: one dict a row: step, seconds, loss, num_gaussians, and where measured psnr.
+        history: one dict a row: step, seconds, cpu_seconds, loss, num_gaussians, and where
+            measured psnr.
         goes_on: until `watch` ends the training.
 
     Raises:
@@ -109,6 +110,7 @@ class TrainingRecord:
         row = {
             "step": step,
             "seconds": loop.seconds,
+            "cpu_seconds": loop.cpu_seconds,
             "loss": loss,
             "num_gaussians": len(loop.gaussians),
         }
