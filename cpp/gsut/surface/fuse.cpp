@@ -39,7 +39,7 @@ void SortUnique(std::vector<Block>* blocks) {
 }
 
 struct BlockCollector {
-  std::size_t most;  // of a view; when there are more, the rest is not looked for
+  std::size_t most = 0;  // of a view; when there are more, the rest is not looked for
   std::vector<Block> found;
   std::vector<Block> recent = std::vector<Block>(kRecent, Block{INT32_MIN, 0, 0});
   bool full = false;
@@ -77,7 +77,8 @@ struct BlockCollector {
 // In order, none twice; of more than `most`, some more than that.
 std::vector<Block> BlocksOf(const DepthView& view, const VoxelSpace& space, double truncation,
                             std::size_t most) {
-  BlockCollector collector{.most = most};
+  BlockCollector collector;
+  collector.most = most;
   for (int y = 0; y < view.height() && !collector.full; ++y) {
     for (int x = 0; x < view.width(); ++x) {
       DepthSample sample;
