@@ -11,7 +11,6 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.cli import _bench_train
 from gsut.cli._flags import add_json, add_run, print_json
-from gsut.render import DEFAULT_UNSCENTED
 
 HELP = "speed against error, on this machine"
 DESCRIPTION = (
@@ -83,6 +82,8 @@ def _render(arguments: argparse.Namespace) -> int:
 
 def _measured(gaussians: Any, camera: Any, place: Any, repeats: int) -> dict[str, Any]:
     """Times and errors of one view, see _render."""
+    from gsut.render import DEFAULT_UNSCENTED
+
     rng = np.random.default_rng(0)
     rule, degree = _core.BlendRule(), gaussians.sh_degree
     pixels = np.zeros((camera.height, camera.width), np.uint8)

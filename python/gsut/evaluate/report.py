@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import dataclasses
 import importlib.resources
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -33,14 +34,46 @@ _MOST_PIXELS_WIDE = 900  # of an embedded picture
 _ERROR_FULL = 0.1  # mean absolute difference of the colours, of [0, 1], at the heat map's end
 _DEPTH_PERCENTILES = (1.0, 99.0)  # of all distances shown: the ends of the colour scale
 _LEGEND_STOPS = 12
+Curves: TypeAlias = "concurrent.futures.Future[dict[str, list[str]]]"
 
 
-def write_report(run: RunFolder) -> Path:
+def begin_curves(run: RunFolder) -> Curves:
+    """Draws the curves of a run whose training is done, in a thread: while views are rendered the
+    second that matplotlib takes is to spare.
+
+    Returns:
+        For `write_report`.
+    """
+    with_one = concurrent.futures.ThreadPoolExecutor(1, "gsut-curves")
+    try:
+        return with_one.submit(_curves, run.read_history(), run.read_options().resolved())
+    finally:
+        with_one.shutdown(wait=False)
+
+
+def _curves(history: list[dict[str, Any]], options: TrainOptions) -> dict[str, list[str]]:
+    """Data addresses of the plots of a training, by what they are over."""
+    return {
+        axis: [
+            curve_plot(history, key, title, axis, options)
+            for key, title in (
+                ("psnr", "Held-out PSNR [dB]"),
+                ("loss", "Training loss"),
+                ("num_gaussians", "Gaussians"),
+            )
+            if any(row.get(key) is not None for row in history)
+        ]
+        for axis in ("step", "seconds")
+    }
+
+
+def write_report(run: RunFolder, curves: Curves | None = None) -> Path:
     """Writes RUN/report.html from metrics.json, history.jsonl, options.json, environment.json and
     the pictures in renders/, and returns its path.
 
     Args:
         run: the folder of a run whose training and evaluation are done.
+        curves: from `begin_curves`, where they are begun.
 
     Raises:
         InputError: metrics.json is absent, a picture it names cannot be read, or the report cannot
@@ -51,7 +84,6 @@ def write_report(run: RunFolder) -> Path:
         raise InputError(f"{run.path / METRICS} is absent: the run is not finished; resume it")
     environment = run.read_json(ENVIRONMENT) or {}
     options = run.read_options()
-    history = run.read_history()
     source = (
         importlib.resources.files("gsut.evaluate").joinpath("report.html.j2").read_text("utf-8")
     )
@@ -63,18 +95,7 @@ def write_report(run: RunFolder) -> Path:
         verdict=Verdict.of(metrics["verdict"]) if metrics.get("verdict") else None,
         **_pictures(metrics.get("views", []), run.path / RENDERS),
         rows=sorted(metrics.get("views", []), key=lambda row: row["name"]),
-        curves={
-            axis: [
-                curve_plot(history, key, title, axis, options.resolved())
-                for key, title in (
-                    ("psnr", "Held-out PSNR [dB]"),
-                    ("loss", "Training loss"),
-                    ("num_gaussians", "Gaussians"),
-                )
-                if any(row.get(key) is not None for row in history)
-            ]
-            for axis in ("step", "seconds")
-        },
+        curves=(curves or begin_curves(run)).result(),
         rings=metrics.get("rings", []),
         ring_plot=ring_plot(metrics["rings"]) if metrics.get("rings") else None,
         light_plots=light_plots(metrics["light"]) if "light" in metrics else [],

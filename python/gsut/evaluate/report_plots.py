@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from gsut.page import Chart
+from gsut.page import GRID, INK, LINE, MUTED, plot_figure, svg_address
 from gsut.render import Falloff
 from gsut.run import TrainOptions
 
 _FAINT = "#a9c9e8"
 _CHANNELS = ("#c0392b", "#27865a", "#2c6fb5")  # of lines for red, green and blue
+_SIZE_INCHES = (5.2, 3.0)
 _MOST_POINTS = 400  # of a curve; more are averaged
-_MOST_DOTS = 40  # points of a curve that are shown as such
-_ROOM = 0.05  # of the range of values, above and below
 
 
 def curve_plot(
@@ -35,39 +34,61 @@ def curve_plot(
     rows = [row for row in history if row.get(key) is not None and row.get(axis) is not None]
     x = np.array([row[axis] for row in rows], float)
     y = np.array([row[key] for row in rows], float)
-    smooth = bool(key == "loss" and len(x) > 2 and (y > 0).all())
-    ends = _around(y)
-    if smooth:
+    figure, axes = plot_figure(title, *_SIZE_INCHES, frame=False)
+    if len(x) > 2 and key == "loss":
+        axes.plot(*_thinned(x, y, _MOST_POINTS), color=_FAINT, linewidth=0.8)
+        axes.plot(*_thinned(x, y, 60), color=LINE, linewidth=1.8)
+        axes.set_yscale("log")
         low, high = np.percentile(y, (0.5, 99.5))
-        ends = float(low) / 1.15, float(high) * 1.15
-    count = key == "num_gaussians"
-    if count:
-        ends = 0.0, ends[1]
-    number = _thousands if count else "{:g}".format
-    label = "steps" if axis == "step" else "seconds of training"
-    chart = Chart(title, label, (0.0, 1.02 * x.max()), ends, log=smooth, number=number)
-    chart.ticks_along()
-    _mark_resolutions(chart, history, axis, options)
-    if smooth:
-        chart.line(*_thinned(x, y, _MOST_POINTS), color=_FAINT, width=1.0)
-        chart.line(*_thinned(x, y, 60))
+        axes.set_ylim(low / 1.15, high * 1.15)
+        _plain_log_ticks(axes)
     else:
-        chart.line(x, y, dots=len(x) <= _MOST_DOTS)
-    if key == "psnr":
-        chart.value(x[-1], y[-1], f"{y[-1]:.2f}")
-    return chart.address()
+        marker = "o" if len(x) <= 40 else None
+        axes.plot(x, y, color=LINE, linewidth=1.8, marker=marker, markersize=4)
+    if key == "num_gaussians":
+        axes.set_ylim(bottom=0)
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:,.0f}".replace(",", " "))
+    if key == "psnr" and len(x):
+        axes.annotate(
+            f"{y[-1]:.2f}",
+            (x[-1], y[-1]),
+            textcoords="offset points",
+            xytext=(-2, -14),
+            ha="right",
+            color=INK,
+            fontsize=9,
+            fontweight="bold",
+        )
+    axes.set_xlim(left=0)
+    axes.set_xlabel("steps" if axis == "step" else "seconds of training", color=MUTED)
+    _mark_resolutions(axes, history, axis, options)
+    return svg_address(figure)
 
 
 def ring_plot(rings: list[dict[str, Any]]) -> str:
     """PSNR by ring of field angle as bars, a data address; rings without pixels are left out."""
     rings = [ring for ring in rings if ring["psnr"] is not None]
-    values = [ring["psnr"] for ring in rings] or [0.0]
-    # Bars from 0 would hide differences of some dB: they start well below the least.
-    ends = max(0.0, min(values) - 8.0), max(values) + 2.0
-    wide = max(len(values), 3) - 0.4
-    chart = Chart("PSNR by field angle [dB]", "angle to the optical axis", (-0.6, wide), ends)
-    chart.bars([ring_text(ring) for ring in rings], values[: len(rings)], 2)
-    return chart.address()
+    figure, axes = plot_figure("PSNR by field angle [dB]", *_SIZE_INCHES, frame=False)
+    labels = [ring_text(ring) for ring in rings]
+    values = [ring["psnr"] for ring in rings]
+    axes.bar(labels, values, color=LINE, width=0.62)
+    for place, value in enumerate(values):
+        axes.annotate(
+            f"{value:.2f}",
+            (place, value),
+            textcoords="offset points",
+            xytext=(0, 4),
+            ha="center",
+            color=INK,
+            fontsize=9,
+            fontweight="bold",
+        )
+    if values:
+        # Bars from 0 would hide differences of some dB: they start well below the least.
+        axes.set_ylim(max(0.0, min(values) - 8.0), max(values) + 2.0)
+        axes.set_xlim(-0.6, max(len(values), 3) - 0.4)
+    axes.set_xlabel("angle to the optical axis", color=MUTED)
+    return svg_address(figure)
 
 
 def light_plots(light: dict[str, Any]) -> list[str]:
@@ -76,36 +97,21 @@ def light_plots(light: dict[str, Any]) -> list[str]:
     falloffs = [falloff for each in light["falloffs"] if (falloff := Falloff.from_dict(each))]
     plots = []
     if (gains != 1.0).any():
-        wide = (0.0, len(gains) - 1.0)
-        chart = Chart("Gain of each photograph", "photographs, by name", wide, _around(gains))
-        chart.ticks_along()
+        figure, axes = plot_figure("Gain of each photograph", *_SIZE_INCHES, frame=False)
         for values, color in zip(gains.T, _CHANNELS, strict=True):
-            chart.line(np.arange(len(values)), values, color, 1.5)
-        plots.append(chart.address())
+            axes.plot(np.arange(len(values)), values, color=color, linewidth=1.2)
+        axes.set_xlabel("photographs, by name", color=MUTED)
+        plots.append(svg_address(figure))
     if falloffs:
-        lines = []
+        figure, axes = plot_figure("Light that the lens passes", *_SIZE_INCHES, frame=False)
         for falloff in falloffs:
             angles = np.linspace(0.0, falloff.max_angle, 60)
-            lines += [(np.degrees(angles), values) for values in falloff.at(angles).T]
-        most_x, most_y = (max(float(line[i].max()) for line in lines) for i in (0, 1))
-        chart = Chart(
-            "Light that the lens passes", "angle to the optical axis [degrees]",
-            (0.0, 1.02 * most_x), (0.0, (1 + _ROOM) * most_y),
-        ).ticks_along()  # fmt: skip
-        for place, line in enumerate(lines):
-            chart.line(*line, _CHANNELS[place % 3], 1.5)
-        plots.append(chart.address())
+            for values, color in zip(falloff.at(angles).T, _CHANNELS, strict=True):
+                axes.plot(np.degrees(angles), values, color=color, linewidth=1.2)
+        axes.set_ylim(bottom=0)
+        axes.set_xlabel("angle to the optical axis [degrees]", color=MUTED)
+        plots.append(svg_address(figure))
     return plots
-
-
-def _around(values: np.ndarray) -> tuple[float, float]:
-    """The ends of an axis for values."""
-    low, high = float(values.min()), float(values.max())
-    return low - _ROOM * (high - low), high + _ROOM * (high - low)
-
-
-def _thousands(value: float) -> str:
-    return f"{value:,.0f}".replace(",", " ")
 
 
 def ring_text(ring: dict[str, Any]) -> str:
@@ -123,8 +129,17 @@ def _thinned(x: np.ndarray, y: np.ndarray, most: int) -> tuple[np.ndarray, np.nd
     return np.add.reduceat(x, starts) / counts, np.add.reduceat(y, starts) / counts
 
 
+def _plain_log_ticks(axes: Any) -> None:
+    """Numbers like 0.05 on a logarithmic axis, enough of them for less than a decade."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
 def _mark_resolutions(
-    chart: Chart, history: list[dict[str, Any]], axis: str, options: TrainOptions
+    axes: Any, history: list[dict[str, Any]], axis: str, options: TrainOptions
 ) -> None:
     """Thin lines where training went on to 1/2 and to the full resolution."""
     steps = np.array([row["step"] for row in history], float)
@@ -134,4 +149,14 @@ def _mark_resolutions(
         return
     for fraction, text in zip(fractions, ("1/2 size", "full size"), strict=True):
         if 0 < fraction < 1:
-            chart.mark(float(np.interp(fraction * options.steps, steps, x)), text)
+            place = np.interp(fraction * options.steps, steps, x)
+            axes.axvline(place, color=GRID, linewidth=1, zorder=0)
+            axes.annotate(
+                text,
+                (place, 1),
+                xycoords=("data", "axes fraction"),
+                xytext=(3, -9),
+                textcoords="offset points",
+                color=MUTED,
+                fontsize=7.5,
+            )

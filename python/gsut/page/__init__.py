@@ -1,6 +1,5 @@
-"""The one kit for reports: a page, its tables, embedded pictures and charts, plots in one style."""
+"""The one kit for reports: a page, its tables and embedded pictures, and plots in one style."""
 
-from gsut.page.chart import Chart
 from gsut.page.page import (
     bytes_address,
     duration_text,
@@ -30,7 +29,6 @@ __all__ = [
     "MUTED",
     "SERIES",
     "TITLE",
-    "Chart",
     "bytes_address",
     "duration_text",
     "html_table",

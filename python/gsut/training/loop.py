@@ -14,6 +14,7 @@ from gsut.data import Level, Scene, TrainingViews
 from gsut.gaussians import Gaussians, LowPassFilter
 from gsut.lens import CalibrationWeights
 from gsut.optimize import (
+    GaussianOptimizer,
     LearningRates,
     TrajectoryMean,
     learning_rates,
@@ -150,8 +151,8 @@ class TrainingLoop:
         self.photographs.observe(step.fraction, step.level, step.view, target, image)
         self.stopwatch.lap("light")
         loss = self._compare(step, target)
-        self._backpropagate(dimage)
-        self._optimize(step)
+        taken = self._backpropagate(step, dimage)
+        self._optimize(step, with_harmonics=not taken)
         self.step = step.number
         self._densify(step)
         self._refine(step)
@@ -212,15 +213,15 @@ class TrainingLoop:
         self.stopwatch.lap("loss")
         return loss
 
-    def _backpropagate(self, dimage: np.ndarray) -> None:
-        """From the image back through raster and projection to every parameter."""
-        self.renderer.backward(
-            dimage, None, None, self._gradients, self._touched, not self.options.sparse_adam, False
-        )
+    def _backpropagate(self, step: _Step, dimage: np.ndarray) -> bool:
+        """From the image back through raster and projection; whether harmonics took their step."""
+        how = _backward_settings(self, step)
+        self.renderer.backward(dimage, None, None, self._gradients, self._touched, **how)
         self._filter.backward(self.gaussians, self._context.trained(self._gradients))
         self.stopwatch.lap("backward")
+        return "harmonics_step" in how
 
-    def _optimize(self, step: _Step) -> None:
+    def _optimize(self, step: _Step, with_harmonics: bool) -> None:
         """Statistics for densification, one step of Adam, and what the strategy adds to both."""
         optimizer, trained = self.optimizer, self._context.trained
         gradients, touched = trained(self._gradients), trained(self._touched)
@@ -229,7 +230,7 @@ class TrainingLoop:
         self.stopwatch.lap("statistics")
         self._add_surface(step)
         visible = touched if self.options.sparse_adam else None
-        optimizer.step(gradients, step.rates, visible, step.degree)
+        optimizer.step(gradients, step.rates, visible, step.degree, with_harmonics)
         self.stopwatch.lap("adam")
         self.densification.explore(optimizer, step.rates.means)
         self.stopwatch.lap("noise")
@@ -304,3 +305,17 @@ class TrainingLoop:
         if self.refiner is not None:
             self.refiner.load_state_dict(state["refiner"])
         self._filter.load_state_dict(state)
+
+
+def _backward_settings(loop: TrainingLoop, step: _Step) -> dict[str, Any]:
+    """What the backward pass is told beside the arrays.
+
+    It takes the harmonics' step, which saves their gradients' memory, where one picture is made of
+    what is trained alone, and what it does not show stays.
+    """
+    o, optimizer = loop.options, loop.optimizer
+    settings: dict[str, Any] = {"write_untouched": not o.sparse_adam, "with_poses": False}
+    is_plain = o.sparse_adam and o.motion_blur is None and loop._context.is_empty
+    if is_plain and isinstance(optimizer, GaussianOptimizer):
+        settings["harmonics_step"] = optimizer.harmonics_step(step.rates, step.degree)
+    return settings

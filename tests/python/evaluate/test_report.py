@@ -1,6 +1,5 @@
 """The report: one self-contained page that holds every figure and picture of a run."""
 
-import base64
 import html
 import html.parser
 import json
@@ -12,8 +11,7 @@ import pytest
 import small_run
 from gsut import InputError
 from gsut.evaluate.report import _chosen_views, write_report
-from gsut.page import Chart, duration_text, number_text
-from gsut.page.chart import log_ticks, ticks
+from gsut.page import duration_text, number_text
 from gsut.run.folder import METRICS, REPORT, RunFolder
 from gsut.run.options import TrainOptions
 
@@ -138,18 +136,3 @@ def test_report_of_the_same_run_is_the_same_bytes(run):
 def test_metrics_json_is_plain_json(run):
     metrics = json.loads((run.path / METRICS).read_text(), parse_constant=pytest.fail)
     assert np.isfinite(metrics["psnr"])
-
-
-def test_ticks_are_round_numbers_within_the_ends():
-    assert ticks(0.0, 510.0) == [0, 200, 400]
-    assert ticks(25.3, 32.1) == [26, 28, 30, 32]
-    assert ticks(-0.05, 0.05) == [-0.04, -0.02, 0, 0.02, 0.04]
-    assert log_ticks(0.03, 0.21) == [0.05, 0.1, 0.2]
-
-
-def test_chart_places_points_between_its_ends():
-    chart = Chart("a < b", "steps", (0.0, 10.0), (1.0, 100.0), log=True)
-    chart.line(np.array([0.0, 5.0, 10.0]), np.array([1.0, 10.0, 1000.0]))
-    text = base64.b64decode(chart.address().partition(",")[2]).decode()
-    assert 'points="58.0,240.0 274.0,136.0 490.0,32.0"' in text
-    assert "a &lt; b" in text and html.parser.HTMLParser().feed(text) is None
