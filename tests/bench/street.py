@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from gsut.data import Frame, points_ply, write_transforms
-from gsut.demo.dataset import whole_pixels, write_image
+from gsut.demo.dataset import whole_pixels
 from gsut.demo.hall import HALF_X, HALF_Y, make_hall
 from gsut.demo.shapes import Rays
 from gsut.demo.texture import to_srgb
 from gsut.demo.tracing import Tracer
 from gsut.demo.views import camera_path, demo_camera
-from gsut.files import whole_folder
+from gsut.files import whole_folder, write_picture
 
 _SEEDS = 2  # of textures, that alternate
 _STEP = (2 * HALF_X, 2 * HALF_Y)  # from room to room, metres
@@ -133,10 +133,10 @@ def write_street(folder: Path, rooms: int, views: int, size: int) -> None:
     with whole_folder(folder) as partial:
         (partial / "images").mkdir()
         mask = whole_pixels(camera)
-        write_image(partial / "mask.png", mask.astype(np.uint8) * 255)
+        write_picture(partial / "mask.png", mask.astype(np.uint8) * 255)
         frames, test, points, colors = [], [], [], []
         for name, pose, image, seen in _views(street, camera, views, mask):
-            write_image(partial / "images" / name, image[..., ::-1])
+            write_picture(partial / "images" / name, image[..., ::-1])
             path = partial / "images" / name
             frames.append(Frame(name, path, camera, pose, mask_path=partial / "mask.png"))
             if name.startswith("test"):
