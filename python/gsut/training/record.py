@@ -96,7 +96,8 @@ class TrainingRecord:
                 self._progress({**row, "seconds_left": left})
         every = self._options.checkpoint_every
         late = time.monotonic() - self._saved > _CHECKPOINT_SECONDS
-        if every and (loop.step % every == 0 or late):
+        last = loop.step == self._options.steps  # which `follow` saves
+        if every and not last and (loop.step % every == 0 or late):
             self._save(loop)
         if self._watch is not None:
             self.goes_on = self._watch(loop, row)
