@@ -82,7 +82,8 @@ def train(
         InputError: no training view, an option out of range, or `out` holds a run.
         DatasetError: a photograph or a mask cannot be used, or memory does not suffice.
     """
-    o = (options or TrainOptions()).resolved()
+    asked = options or TrainOptions()
+    o = asked.resolved()
     _core.set_num_threads(o.threads)
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
@@ -112,7 +113,7 @@ def train(
     complexity.tell(metrics)
     if record.run is not None:
         refined = scene if o.refine_poses else None  # formats/, verdict
-        write_results(record.run, gaussians, metrics, scene.path, refined, curves)
+        write_results(record.run, gaussians, metrics, scene.path, refined, asked, curves)
     gaussians = gaussians.translated(scene.world_offset)
     scene = scene.about((0.0, 0.0, 0.0)) if o.refine_poses else prepare_scene(given, o)
     return TrainResult(gaussians, metrics, record.history, scene)

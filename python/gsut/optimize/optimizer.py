@@ -223,6 +223,11 @@ class GaussianOptimizer:
             self.gradient_sum, self.seen,
         )  # fmt: skip
 
+    @property
+    def moments(self) -> tuple[Gaussians, Gaussians]:
+        """Adam's first and second moments as views, as `gaussians`."""
+        return self.arrays[1][: self.size], self.arrays[2][: self.size]
+
     @alone
     def restarted(self, gaussians: Gaussians) -> GaussianOptimizer:
         """An optimizer of other Gaussians, with moments of 0, that goes on counting steps."""

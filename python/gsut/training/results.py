@@ -97,6 +97,7 @@ def write_results(
     metrics: dict[str, Any],
     data: Path,
     refined: Scene | None,
+    options: TrainOptions,
     curves: Curves | None = None,
 ) -> None:
     """Writes scene.ply, metrics.json, report.html and, where poses were refined, these.
@@ -108,12 +109,13 @@ def write_results(
             verdict.
         data: the dataset's path, for the verdict's advice.
         refined: the scene with refined poses, or None.
+        options: of the training, as they were given: for the verdict's advice.
         curves: of the report, from `begin_curves`, where they are begun.
     """
     in_dataset = gaussians.translated(metrics["world_offset"])
     metrics["notes"] += notes_on_place(for_file(in_dataset).origin)
     run.write(SCENE, lambda path: save_ply(path, in_dataset, scene_comments(run)))
-    write_findings(run, metrics, data, refined, curves)
+    write_findings(run, metrics, data, refined, options, curves=curves)
 
 
 def scene_comments(run: RunFolder) -> list[str]:
@@ -133,13 +135,15 @@ def write_findings(
     metrics: dict[str, Any],
     data: Path,
     refined: Scene | None,
+    options: TrainOptions,
+    division: Sequence[str] = (),
     curves: Curves | None = None,
 ) -> None:
-    """`write_results` but for scene.ply, which is there."""
+    """`write_results` but for scene.ply, which is there; `division`: see `train_verdict`."""
     if refined is not None:
         metrics["notes"] += _refinement_notes(metrics)
         write_refined(run, refined)
-    verdict = train_verdict(metrics, str(data), str(run.path))
+    verdict = train_verdict(metrics, str(data), str(run.path), options, division)
     metrics["verdict"] = verdict.as_dict()
     run.write_json("metrics.json", metrics)
     write_report(run, curves)
