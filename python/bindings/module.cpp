@@ -52,10 +52,10 @@ PYBIND11_MODULE(_core, m) {
   BindGeometry(m);
   BindGaussians(m);
   BindProjection(m);
+  BindOptimize(m);  // before what takes its steps
   BindRaster(m);
   BindRasterLines(m);
   BindLoss(m);
-  BindOptimize(m);
   BindOptimizeCompact(m);
   BindSfmMatching(m);
   BindSfmStructure(m);

@@ -3,6 +3,7 @@
 #include <pybind11/stl.h>
 
 #include "bindings/arrays.h"
+#include "bindings/harmonics_step.h"
 #include "bindings/module.h"
 #include "gsut/optimize/adam.h"
 #include "gsut/optimize/adaptive.h"
@@ -77,6 +78,30 @@ void Step(const py::list& params, const py::list& grads, const py::list& moment1
   const std::uint8_t* mask = OptionalRows<std::uint8_t>(visible, "visible", rows);
   const py::gil_scoped_release release;
   AdamStep(groups, rows, step, mask, {beta1, beta2, epsilon});
+}
+
+BoundHarmonicsStep StepOfHarmonics(const py::object& params, const py::object& moment1,
+                                   const py::object& moment2,
+                                   const std::vector<double>& learning_rates, std::int64_t step,
+                                   double beta1, double beta2, double epsilon) {
+  const std::array<py::object, 3> arrays = {params, moment1, moment2};
+  const char* names[] = {"params", "moment1", "moment2"};
+  float* data[3];
+  std::int64_t rows = kAny, coefficients = kAny;
+  for (std::size_t i = 0; i < arrays.size(); ++i) {
+    data[i] = MutableData<float>(arrays[i], names[i], {rows, coefficients, 3});
+    const auto array = py::reinterpret_borrow<py::array>(arrays[i]);
+    rows = array.shape(0);
+    coefficients = array.shape(1);
+  }
+  const AdamGroup group = {data[0],
+                           nullptr,
+                           data[1],
+                           data[2],
+                           static_cast<int>(3 * coefficients),
+                           static_cast<int>(learning_rates.size()),
+                           learning_rates};
+  return {MakeHarmonicsStep(group, step, {beta1, beta2, epsilon}), arrays};
 }
 
 TrainingState State(const py::object& params, const py::object& moment1, const py::object& moment2,
@@ -203,6 +228,13 @@ void BindOptimize(pybind11::module_& m) {
         py::arg("beta1") = 0.9, py::arg("beta2") = 0.999, py::arg("epsilon") = 1e-15,
         "One Adam step of several float32 arrays in place over their first `rows` rows; "
         "learning_rates: for each array a list of one rate or one an active column.");
+  py::class_<BoundHarmonicsStep>(m, "HarmonicsStep",
+                                 "One Adam step of the harmonics (N, K, 3), which "
+                                 "Renderer.backward takes where it makes their "
+                                 "gradients; learning_rates: one an active column.")
+      .def(py::init(&StepOfHarmonics), py::arg("params"), py::arg("moment1"), py::arg("moment2"),
+           py::arg("learning_rates"), py::arg("step"), py::arg("beta1") = 0.9,
+           py::arg("beta2") = 0.999, py::arg("epsilon") = 1e-15);
   m.def("mcmc_densify", &Densify, py::arg("params"), py::arg("moment1"), py::arg("moment2"),
         py::arg("size"), py::arg("target_size"), py::arg("weights"), py::arg("dead_opacity"),
         py::arg("seed"), py::arg("step"),

@@ -14,6 +14,7 @@
 #include "bindings/long_call.h"
 #include "bindings/module.h"
 #include "bindings/raster.h"
+#include "bindings/harmonics_step.h"
 #include "gsut/raster/lens_gradients.h"
 #include "gsut/raster/reference/reference.h"
 #include "gsut/raster/render.h"
@@ -114,7 +115,8 @@ class BoundRenderer {
   // None without with_poses.
   py::object Backward(const py::object& dimage, const py::object& dalpha, const py::object& ddepth,
                       const py::object& gradients, const py::object& touched, bool write_untouched,
-                      bool with_poses, bool with_lens, const py::object& ddistortion) {
+                      bool with_poses, bool with_lens, const py::object& ddistortion,
+                      const BoundHarmonicsStep* step) {
     const ImageGradients to_image = {
         ConstData<float>(dimage, "dimage", {height_, width_, 3}),
         OptionalData<float>(dalpha, "dalpha", {height_, width_}),
@@ -129,11 +131,19 @@ class BoundRenderer {
     std::uint8_t* touched_data = MutableData<std::uint8_t>(touched, "touched", {view.size});
     double dpose[12] = {};
     has_lens_ = false;
-    {
-      const LongCall released;
-      renderer_.Backward(to_image, write_untouched, view, touched_data,
-                         with_poses ? dpose : nullptr, with_lens ? &lens_.to_rays : nullptr);
+    const GradientRows to = {view, touched_data, write_untouched,
+                             step == nullptr ? nullptr : &step->step};
+    const auto run = [&] {
+      renderer_.Backward(to_image, to, with_poses ? dpose : nullptr,
+                         with_lens ? &lens_.to_rays : nullptr);
       if (with_lens) lens_.Chain(*camera_, motion_);
+    };
+    if (step == nullptr) {
+      const LongCall released;
+      run();
+    } else {  // half a step must not stay
+      const py::gil_scoped_release released;
+      run();
     }
     has_lens_ = with_lens;
     if (!with_poses) return py::none();
@@ -351,7 +361,7 @@ Raises:
       .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("dalpha"),
            py::arg("ddepth"), py::arg("gradients"), py::arg("touched"), py::arg("write_untouched"),
            py::arg("with_poses") = true, py::arg("with_lens") = false,
-           py::arg("ddistortion") = py::none())
+           py::arg("ddistortion") = py::none(), py::arg("harmonics_step") = nullptr)
       .def("add_significance", &BoundRenderer::AddSignificance, py::arg("chosen"),
            py::arg("significance"))
       .def("add_fisher", &BoundRenderer::AddFisher, py::arg("chosen"), py::arg("fisher"))

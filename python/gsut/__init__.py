@@ -7,6 +7,8 @@ By task: `load_dataset`, `load_camera`, `doctor` read; `find_poses`, `refine_pos
 and `Camera.save` write. docs/api.md lists all of it.
 """
 
+from typing import TYPE_CHECKING
+
 from gsut import _starting  # noqa: F401  before all that takes time
 from gsut._core import (
     BlendRule,
@@ -25,108 +27,111 @@ from gsut._core import (
     set_isa,
     set_num_threads,
 )
-from gsut.blocks import BlocksResult, train_blocks
-from gsut.capture import Capture, capture
-from gsut.check import doctor
-from gsut.compact import Compaction, SeenView, Support, compact, find_support, seen_views
-from gsut.data import (
-    DatasetError,
-    Finding,
-    Scene,
-    View,
-    color_points,
-    convert_dataset,
-    load_dataset,
-    make_scene,
-    save_dataset,
-)
-from gsut.evaluate import evaluate
-from gsut.formats import load_gaussians, load_ply, save_gaussians, save_ply
-from gsut.gaussians import (
-    Gaussians,
-    filter_radii,
-    ground_of,
-    inside_box,
-    inside_sphere,
-    low_pass,
-    low_pass_backward,
-    merged,
-    seed_from_points,
-    seed_in_view,
-    transformed,
-    upright,
-)
-from gsut.lens import (
-    Camera,
-    Conversion,
-    LensProfile,
-    SplineGrid,
-    camera_models,
-    convert_camera,
-    find_lenses,
-    load_camera,
-)
-from gsut.optimize import (
-    GaussianOptimizer,
-    LearningRates,
-    densify_adaptive,
-    densify_mcmc,
-    learning_rates,
-)
-from gsut.refine import Localized, RefinedPose, localize, localize_image, refine_pose
-from gsut.render import METHODS as PROJECTION_METHODS
-from gsut.render import (
-    Gradients,
-    Projection,
-    Render,
-    Surface,
-    auto_path,
-    color_corrected_psnr,
-    orbit_path,
-    project,
-    psnr,
-    render,
-    render_backward,
-    render_surface,
-    render_surface_backward,
-    ring_psnr,
-    smooth_path,
-    ssim,
-    to_uint8,
-    weighted_psnr,
-    write_png,
-    write_video,
-    z_of_distance,
-)
-from gsut.run import BlockOptions, TrainOptions
-from gsut.sfm import (
-    DatasetCalibration,
-    PoseErrors,
-    PosesOptions,
-    PosesResult,
-    TriangulatedPoints,
-    calibrate_from_dataset,
-    compare_poses,
-    find_poses,
-    triangulate,
-)
-from gsut.surface import (
-    DepthMap,
-    Grid,
-    Mesh,
-    MeshOptions,
-    depth_maps,
-    depth_points,
-    extract_grid,
-    extract_mesh,
-    fuse_depth,
-    grid_of_depth,
-    load_mesh,
-    save_grid,
-    save_mesh,
-)
-from gsut.train import TrainResult, train
-from gsut.training import TrainedRun, load_run
+
+# Imported when they are asked for: see gsut._on_demand.
+if TYPE_CHECKING:
+    from gsut.blocks import BlocksResult, train_blocks
+    from gsut.capture import Capture, capture
+    from gsut.check import doctor
+    from gsut.compact import Compaction, SeenView, Support, compact, find_support, seen_views
+    from gsut.data import (  # type: ignore[no-redef]
+        DatasetError,
+        Finding,
+        Scene,
+        View,
+        color_points,
+        convert_dataset,
+        load_dataset,
+        make_scene,
+        save_dataset,
+    )
+    from gsut.evaluate import evaluate
+    from gsut.formats import load_gaussians, load_ply, save_gaussians, save_ply
+    from gsut.gaussians import (  # type: ignore[no-redef]
+        Gaussians,
+        filter_radii,
+        ground_of,
+        inside_box,
+        inside_sphere,
+        low_pass,
+        low_pass_backward,
+        merged,
+        seed_from_points,
+        seed_in_view,
+        transformed,
+        upright,
+    )
+    from gsut.lens import (
+        Camera,
+        Conversion,
+        LensProfile,
+        SplineGrid,
+        camera_models,
+        convert_camera,
+        find_lenses,
+        load_camera,
+    )
+    from gsut.optimize import (
+        GaussianOptimizer,
+        LearningRates,
+        densify_adaptive,
+        densify_mcmc,
+        learning_rates,
+    )
+    from gsut.refine import Localized, RefinedPose, localize, localize_image, refine_pose
+    from gsut.render import METHODS as PROJECTION_METHODS
+    from gsut.render import (
+        Gradients,
+        Projection,
+        Render,
+        Surface,
+        auto_path,
+        color_corrected_psnr,
+        orbit_path,
+        project,
+        psnr,
+        render,
+        render_backward,
+        render_surface,
+        render_surface_backward,
+        ring_psnr,
+        smooth_path,
+        ssim,
+        to_uint8,
+        weighted_psnr,
+        write_png,
+        write_video,
+        z_of_distance,
+    )
+    from gsut.run import BlockOptions, TrainOptions
+    from gsut.sfm import (
+        DatasetCalibration,
+        PoseErrors,
+        PosesOptions,
+        PosesResult,
+        TriangulatedPoints,
+        calibrate_from_dataset,
+        compare_poses,
+        find_poses,
+        triangulate,
+    )
+    from gsut.surface import (
+        DepthMap,
+        Grid,
+        Mesh,
+        MeshOptions,
+        depth_maps,
+        depth_points,
+        extract_grid,
+        extract_mesh,
+        fuse_depth,
+        grid_of_depth,
+        load_mesh,
+        save_grid,
+        save_mesh,
+    )
+    from gsut.train import TrainResult, train
+    from gsut.training import TrainedRun, load_run
 
 # By task: docs/api.md is made from this list and its comments, in this order.
 __all__ = [  # noqa: RUF022
@@ -263,3 +268,7 @@ __all__ = [  # noqa: RUF022
     "CalibrationError",
     "SolveError",
 ]
+
+from gsut import _on_demand
+
+_on_demand.import_names(__name__, __file__)

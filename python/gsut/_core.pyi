@@ -380,6 +380,7 @@ class Renderer:
         with_poses: bool = True,
         with_lens: bool = False,
         ddistortion: NDArray[np.float32] | None = None,
+        harmonics_step: HarmonicsStep | None = None,
     ) -> Any: ...  # NDArray[np.float64], or None without with_poses
     def add_significance(
         self, chosen: NDArray[np.uint8] | None, significance: NDArray[np.float64]
@@ -544,6 +545,20 @@ def adam_step(
     beta2: float = 0.999,
     epsilon: float = 1e-15,
 ) -> None: ...
+
+class HarmonicsStep:
+    def __init__(
+        self,
+        params: NDArray[np.float32],
+        moment1: NDArray[np.float32],
+        moment2: NDArray[np.float32],
+        learning_rates: Sequence[float],
+        step: int,
+        beta1: float = 0.9,
+        beta2: float = 0.999,
+        epsilon: float = 1e-15,
+    ) -> None: ...
+
 def mcmc_densify(
     params: _Gaussians,
     moment1: _Gaussians,

@@ -38,7 +38,7 @@ class TrainResult:
         gaussians: the scene's Gaussians, in the dataset's coordinates; their `origin` is where
             training worked.
         metrics: the content of metrics.json.
-        history: one dict a logged step: step, seconds, loss, num_gaussians, psnr.
+        history: one dict a logged step: step, seconds, cpu_seconds, loss, num_gaussians, psnr.
         scene: at the size trained at, with the poses and lens as they were refined (if asked for).
     """
 
@@ -81,7 +81,8 @@ def train(
         InputError: no training view, an option out of range, or `out` holds a run.
         DatasetError: a photograph or a mask cannot be used, or memory does not suffice.
     """
-    o = (options or TrainOptions()).resolved()
+    asked = options or TrainOptions()
+    o = asked.resolved()
     _core.set_num_threads(o.threads)
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
@@ -109,8 +110,8 @@ def train(
         record.note(note)
     complexity.tell(metrics)
     if record.run is not None:
-        refined = scene if o.refine_poses else None
-        write_results(record.run, gaussians, metrics, scene.path, refined)  # formats/, verdict
+        refined = scene if o.refine_poses else None  # formats/, verdict
+        write_results(record.run, gaussians, metrics, scene.path, refined, asked)
     gaussians = gaussians.translated(scene.world_offset)
     scene = scene.about((0.0, 0.0, 0.0)) if o.refine_poses else prepare_scene(given, o)
     return TrainResult(gaussians, metrics, record.history, scene)

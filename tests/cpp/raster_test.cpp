@@ -383,7 +383,8 @@ TEST(RendererTest, FloatMatchesTheReferenceOnEveryInstructionSet) {
     OwnedGaussians<float> found(g.size());
     std::vector<std::uint8_t> touched(static_cast<std::size_t>(g.size()));
     double found_pose[6];
-    renderer.Backward({dimage_float.data()}, true, found.MutableView(), touched.data(), found_pose);
+    renderer.Backward({dimage_float.data()}, {found.MutableView(), touched.data(), true},
+                      found_pose);
     double difference = 0.0, size = 0.0;
     for (std::size_t k = 0; k < found.means.size(); ++k) {
       difference += std::pow(found.means[k] - slopes.means[k], 2);
@@ -409,8 +410,8 @@ TEST(RendererTest, BackwardWithoutItsRenderRaises) {
   double dpose[6];
   Renderer renderer;
   const auto backward = [&](OwnedGaussians<float>* gradients, const float* ddepth) {
-    renderer.Backward({image.data(), nullptr, ddepth}, true, gradients->MutableView(),
-                      touched.data(), dpose);
+    renderer.Backward({image.data(), nullptr, ddepth},
+                      {gradients->MutableView(), touched.data(), true}, dpose);
   };
   EXPECT_THROW(backward(&out, nullptr), InputError);
   TiledOptions options;

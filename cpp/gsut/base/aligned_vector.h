@@ -1,4 +1,5 @@
-// A growable array on 64-byte boundaries (one cache line, one AVX-512 vector).
+// A growable array on 64-byte boundaries (one cache line, one AVX-512 vector), a large one on huge
+// pages: what is read and written all over it then needs no walk through the page table.
 #pragma once
 
 #include <cstddef>
@@ -9,6 +10,13 @@ namespace gsut {
 
 inline constexpr std::size_t kCacheLineBytes = 64;
 
+// Arrays of so many bytes or more lie on huge pages, where the system has them (Linux).
+inline constexpr std::size_t kHugePagesFrom = std::size_t{4} << 20;
+inline constexpr std::size_t kHugePageBytes = std::size_t{2} << 20;
+
+// Asks the system for huge pages behind [begin, begin + bytes), begin a multiple of their size.
+void AdviseHugePages(void* begin, std::size_t bytes);
+
 template <class T>
 struct CacheLineAllocator {
   using value_type = T;
@@ -16,9 +24,14 @@ struct CacheLineAllocator {
   template <class U>
   CacheLineAllocator(const CacheLineAllocator<U>&) {}  // NOLINT: conversions are what allocators do
   T* allocate(std::size_t n) {
-    return static_cast<T*>(::operator new(n * sizeof(T), std::align_val_t(kCacheLineBytes)));
+    void* const begin = ::operator new(n * sizeof(T), Alignment(n));
+    if (n * sizeof(T) >= kHugePagesFrom) AdviseHugePages(begin, n * sizeof(T));
+    return static_cast<T*>(begin);
   }
-  void deallocate(T* p, std::size_t) { ::operator delete(p, std::align_val_t(kCacheLineBytes)); }
+  void deallocate(T* p, std::size_t n) { ::operator delete(p, Alignment(n)); }
+  static std::align_val_t Alignment(std::size_t n) {
+    return std::align_val_t(n * sizeof(T) >= kHugePagesFrom ? kHugePageBytes : kCacheLineBytes);
+  }
   // Leaves plain numbers uninitialised on resize: large buffers are filled by the kernels.
   template <class U>
   void construct(U* p) {

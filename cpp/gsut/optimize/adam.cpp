@@ -16,84 +16,17 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
-
-namespace gsut {
-namespace {
-
-// The constants of one step, rounded to float once.
-struct AdamConstants {
-  float beta1, one_minus_beta1, beta2, one_minus_beta2;
-  float inverse_sqrt_correction2;  // 1 / sqrt(1 - beta2^step)
-  float epsilon;
-};
-
-}  // namespace
-}  // namespace gsut
 #endif  // GSUT_OPTIMIZE_ADAM_ONCE
+
+#include "gsut/gaussians/adam-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 namespace {
 
-namespace hn = hwy::HWY_NAMESPACE;
-using D = hn::ScalableTag<float>;
-using V = hn::Vec<D>;
-
-// One vector of elements; rate already holds the first moment's bias correction.
-HWY_INLINE void UpdateVector(const AdamConstants& c, V rate, V gradient, V& param, V& moment1,
-                             V& moment2) {
-  const D d;
-  moment1 = hn::Add(hn::Mul(hn::Set(d, c.beta1), moment1),
-                    hn::Mul(hn::Set(d, c.one_minus_beta1), gradient));
-  moment2 = hn::Add(hn::Mul(hn::Set(d, c.beta2), moment2),
-                    hn::Mul(hn::Mul(hn::Set(d, c.one_minus_beta2), gradient), gradient));
-  const V denominator = hn::Add(hn::Mul(hn::Sqrt(moment2), hn::Set(d, c.inverse_sqrt_correction2)),
-                                hn::Set(d, c.epsilon));
-  param = hn::Sub(param, hn::Div(hn::Mul(rate, moment1), denominator));
-}
-
-// Steps `count` consecutive elements. rates: one value, or with kManyRates one an element.
-template <bool kManyRates>
-void UpdateRange(const AdamConstants& c, std::size_t count, const float* rates,
-                 const float* gradients, float* params, float* moment1, float* moment2) {
-  const D d;
-  const std::size_t lanes = hn::Lanes(d);
-  V rate = hn::Set(d, rates[0]);
-  std::size_t i = 0;
-  for (; i + lanes <= count; i += lanes) {
-    if (kManyRates) rate = hn::LoadU(d, rates + i);
-    V p = hn::LoadU(d, params + i);
-    V m = hn::LoadU(d, moment1 + i);
-    V v = hn::LoadU(d, moment2 + i);
-    UpdateVector(c, rate, hn::LoadU(d, gradients + i), p, m, v);
-    hn::StoreU(p, d, params + i);
-    hn::StoreU(m, d, moment1 + i);
-    hn::StoreU(v, d, moment2 + i);
-  }
-  if (i == count) return;
-  // The rest by way of a padded copy, so that nothing outside the range is read or written.
-  const std::size_t bytes = (count - i) * sizeof(float);
-  HWY_ALIGN float rest[5][HWY_MAX_BYTES / sizeof(float)] = {};
-  std::memcpy(rest[0], params + i, bytes);
-  std::memcpy(rest[1], moment1 + i, bytes);
-  std::memcpy(rest[2], moment2 + i, bytes);
-  std::memcpy(rest[3], gradients + i, bytes);
-  if (kManyRates) {
-    std::memcpy(rest[4], rates + i, bytes);
-    rate = hn::Load(d, rest[4]);
-  }
-  V p = hn::Load(d, rest[0]);
-  V m = hn::Load(d, rest[1]);
-  V v = hn::Load(d, rest[2]);
-  UpdateVector(c, rate, hn::Load(d, rest[3]), p, m, v);
-  hn::Store(p, d, rest[0]);
-  hn::Store(m, d, rest[1]);
-  hn::Store(v, d, rest[2]);
-  std::memcpy(params + i, rest[0], bytes);
-  std::memcpy(moment1 + i, rest[1], bytes);
-  std::memcpy(moment2 + i, rest[2], bytes);
-}
+using D = AdamTag;
+using V = AdamVec;
 
 // As UpdateRange with a rate an element, for the elements whose `seen` word is all ones (others:
 // 0). count is a multiple of the vector length.
@@ -220,27 +153,39 @@ void Check(const std::vector<AdamGroup>& groups, std::int64_t step, const AdamOp
   }
 }
 
+// 1 - beta^step, which the moments after so many steps are divided by.
+double Correction(double beta, std::int64_t step) {
+  return 1.0 - std::pow(beta, static_cast<double>(step));
+}
+
+AdamConstants ConstantsOf(std::int64_t step, const AdamOptions& options) {
+  return {static_cast<float>(options.beta1),
+          static_cast<float>(1.0 - options.beta1),
+          static_cast<float>(options.beta2),
+          static_cast<float>(1.0 - options.beta2),
+          static_cast<float>(1.0 / std::sqrt(Correction(options.beta2, step))),
+          static_cast<float>(options.epsilon)};
+}
+
+std::vector<float> RatesOf(const AdamGroup& group, std::int64_t step, const AdamOptions& options) {
+  const double correction = Correction(options.beta1, step);
+  std::vector<float> rates;
+  rates.reserve(group.learning_rates.size());
+  for (const double rate : group.learning_rates) {
+    rates.push_back(static_cast<float>(rate / correction));
+  }
+  return rates;
+}
+
 }  // namespace
 
 void AdamStep(const std::vector<AdamGroup>& groups, std::int64_t rows, std::int64_t step,
               const std::uint8_t* visible, const AdamOptions& options) {
   Check(groups, step, options);
-  const double count = static_cast<double>(step);
-  const double correction1 = 1.0 - std::pow(options.beta1, count);
-  const double correction2 = 1.0 - std::pow(options.beta2, count);
-  const AdamConstants constants = {static_cast<float>(options.beta1),
-                                   static_cast<float>(1.0 - options.beta1),
-                                   static_cast<float>(options.beta2),
-                                   static_cast<float>(1.0 - options.beta2),
-                                   static_cast<float>(1.0 / std::sqrt(correction2)),
-                                   static_cast<float>(options.epsilon)};
+  const AdamConstants constants = ConstantsOf(step, options);
   const auto rows_function = HWY_DYNAMIC_DISPATCH(AdamRows);
   for (const AdamGroup& group : groups) {
-    std::vector<float> rates;
-    rates.reserve(group.learning_rates.size());
-    for (const double rate : group.learning_rates) {
-      rates.push_back(static_cast<float>(rate / correction1));
-    }
+    const std::vector<float> rates = RatesOf(group, step, options);
     const bool same =
         std::all_of(rates.begin(), rates.end(), [&](float rate) { return rate == rates.front(); });
     constexpr std::int64_t kChunkElements = 16384;  // 64 KiB of each of the four arrays
@@ -249,6 +194,27 @@ void AdamStep(const std::vector<AdamGroup>& groups, std::int64_t rows, std::int6
       rows_function(constants, group, rates.data(), !same, visible, begin, end);
     });
   }
+}
+
+HarmonicsStep MakeHarmonicsStep(const AdamGroup& group, std::int64_t step,
+                                const AdamOptions& options) {
+  Check({group}, step, options);
+  HarmonicsStep out = {ConstantsOf(step, options),
+                       group.params,
+                       group.moment1,
+                       group.moment2,
+                       group.active_columns,
+                       {}};
+  if (group.columns > static_cast<int>(out.rates.size())) {
+    throw InputError("harmonics have " + std::to_string(group.columns) + " columns; at most " +
+                     std::to_string(out.rates.size()) + " can be stepped");
+  }
+  const std::vector<float> rates = RatesOf(group, step, options);
+  for (int i = 0; i < group.active_columns; ++i) {
+    out.rates[static_cast<std::size_t>(i)] =
+        rates[rates.size() == 1 ? 0 : static_cast<std::size_t>(i)];
+  }
+  return out;
 }
 
 }  // namespace gsut

@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "gsut/gaussians/harmonics_step.h"
+
 namespace gsut {
 
 // Defaults: 3DGS.
@@ -41,5 +43,10 @@ struct AdamGroup {
 // sparse: Mallick et al., "Taming 3DGS", SIGGRAPH Asia 2024.
 void AdamStep(const std::vector<AdamGroup>& groups, std::int64_t rows, std::int64_t step,
               const std::uint8_t* visible, const AdamOptions& options = {});
+
+// The same step of one group of harmonics (its gradients are not read), for a backward pass to take
+// row by row: to the same bits.
+HarmonicsStep MakeHarmonicsStep(const AdamGroup& group, std::int64_t step,
+                                const AdamOptions& options = {});
 
 }  // namespace gsut

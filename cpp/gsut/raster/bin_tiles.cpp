@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "gsut/base/aligned_vector.h"
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 
@@ -42,7 +43,7 @@ struct Keyed {
 };
 
 // Stable radix sort of `items` by key, three passes of 11 bits.
-void RadixSort(std::vector<Keyed>* items, std::vector<Keyed>* scratch) {
+void RadixSort(AlignedVector<Keyed>* items, AlignedVector<Keyed>* scratch) {
   const std::int64_t n = static_cast<std::int64_t>(items->size());
   scratch->resize(items->size());
   const Parts parts(n);
@@ -76,7 +77,7 @@ void RadixSort(std::vector<Keyed>* items, std::vector<Keyed>* scratch) {
 }
 
 // Numbers the slots by Gaussian and lists the seen ones, in index order.
-void NumberSlots(Frame* frame, std::vector<Keyed>* seen) {
+void NumberSlots(Frame* frame, AlignedVector<Keyed>* seen) {
   struct Sums {
     std::uint64_t slots = 0, seen = 0;
   };
@@ -120,7 +121,7 @@ void NumberSlots(Frame* frame, std::vector<Keyed>* seen) {
 }  // namespace
 
 void BinTiles(const TileGrid& grid, Frame* frame) {
-  thread_local std::vector<Keyed> seen, scratch;
+  thread_local AlignedVector<Keyed> seen, scratch;
   NumberSlots(frame, &seen);
   RadixSort(&seen, &scratch);
   const std::int64_t visible = static_cast<std::int64_t>(seen.size());

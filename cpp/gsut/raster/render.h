@@ -1,6 +1,7 @@
 // The tiled float renderer: project, bin, blend. Its backward stands in render_backward.cpp.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -56,15 +57,14 @@ class Renderer {
 
   // Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth) +
   // sum(ddistortion * distortion) for the last Render; the last two need with_depth there.
-  // `gradients` is shaped like the Gaussians and overwritten; rows of Gaussians that no pixel saw
-  // become 0 if write_untouched and are left alone otherwise. touched (N): 1 where a pixel saw the
-  // Gaussian. dpose[12]: gradient to xi = (v, w) in camera_from_world <- ExpPose(xi)
+  // to.rows is shaped like the Gaussians and overwritten. With to.step, which must be of the
+  // rendered harmonics and excludes write_untouched, the next Backward needs another Render.
+  // dpose[12]: gradient to xi = (v, w) in camera_from_world <- ExpPose(xi)
   // camera_from_world of the start pose, then of the end pose ([6] for a global shutter); null if
   // not wanted, which saves time for lines. rays: gradients to the image's rays, across them, in
   // the frame of MakeViewRays' reference; their origins stay empty if all start at its centre; null
   // if not wanted, which saves time.
-  void Backward(const ImageGradients& to_image, bool write_untouched,
-                const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose,
+  void Backward(const ImageGradients& to_image, const GradientRows& to, double* dpose,
                 RayGradients* rays = nullptr);
 
   // The last render's rays, world axes: unit directions (H, W, 3), 0 where a pixel has none, and
@@ -119,7 +119,18 @@ class Renderer {
                 const RenderSettings& settings, const TiledOptions& options);
   void ResizeFrame(const std::uint8_t* chosen);
   const TileGrid& tiles() const { return lines_ == nullptr ? *grid_ : lines_->tiles; }
+  // The tile that is drawn as number `index`: in strips from top to bottom, so that what a tile
+  // shares with the ones around it is still in a cache.
+  int TileInOrder(std::int64_t index) const {
+    constexpr int kStrip = 8;
+    const TileGrid& grid = tiles();
+    const int x0 = static_cast<int>(index / (kStrip * grid.tiles_y)) * kStrip;
+    const int width = std::min(kStrip, grid.tiles_x - x0);
+    const int within = static_cast<int>(index) - x0 * grid.tiles_y;
+    return within / width * grid.tiles_x + x0 + within % width;
+  }
   WalkScene LastScene() const;
+  void CheckStep(const GradientRows& to) const;
   // From the kernels' gradients to a tile's lines (or rays) to those of its pixels' rays.
   void ToRays(int tile, const float* to_lines, const ImageGradients& to_image,
               RayGradients* rays) const;

@@ -21,8 +21,7 @@ constexpr std::size_t kLineGradients = 5;
 
 }  // namespace
 
-void Renderer::Backward(const ImageGradients& to_image, bool write_untouched,
-                        const GaussiansView<float>& gradients, std::uint8_t* touched, double* dpose,
+void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, double* dpose,
                         RayGradients* rays) {
   if (!rendered_) {
     throw InputError("backward needs a render before it, made with keep_for_backward");
@@ -30,9 +29,13 @@ void Renderer::Backward(const ImageGradients& to_image, bool write_untouched,
   if (to_image.HasDepth() && !task_.with_depth) {
     throw InputError("a gradient to depth or distortion needs a render with_depth");
   }
-  if (gradients.size != task_.gaussians.size ||
-      gradients.sh_coefficients != task_.gaussians.sh_coefficients) {
+  if (to.rows.size != task_.gaussians.size ||
+      to.rows.sh_coefficients != task_.gaussians.sh_coefficients) {
     throw InputError("gradients must be shaped like the rendered Gaussians");
+  }
+  if (to.step != nullptr) {
+    CheckStep(to);
+    rendered_ = false;  // what was rendered changes
   }
   const std::size_t slots = frame_.pairs.size();
   frame_.slot_gradients.resize(slots * 16);
@@ -47,7 +50,7 @@ void Renderer::Backward(const ImageGradients& to_image, bool write_untouched,
   rays->origins.assign(with_rays && lines_ != nullptr ? 3 * pixels : 0, 0.0);
   rays->rays.assign(with_rays ? 3 * pixels : 0, 0.0);
   ParallelFor(tiles().num_tiles(), 1, [&](std::int64_t index, std::int64_t) {
-    const int tile = static_cast<int>(index);
+    const int tile = TileInOrder(index);
     alignas(64) float buffer[kLineGradients * kTilePixels];
     float* to_lines = with_rays ? buffer : nullptr;
     if (lines_ == nullptr) {
@@ -58,16 +61,14 @@ void Renderer::Backward(const ImageGradients& to_image, bool write_untouched,
     if (with_rays) ToRays(tile, to_lines, to_image, rays);
   });
   timings_.push_back(watch.Lap("backward"));
-  const std::int64_t chunks = (gradients.size + kGaussianGrain - 1) / kGaussianGrain;
+  const std::int64_t chunks = (to.rows.size + kGaussianGrain - 1) / kGaussianGrain;
   std::vector<Vector6d> parts(static_cast<std::size_t>(chunks), Vector6d::Zero());
-  ParallelFor(gradients.size, kGaussianGrain, [&](std::int64_t begin, std::int64_t end) {
+  ParallelFor(to.rows.size, kGaussianGrain, [&](std::int64_t begin, std::int64_t end) {
     double* sum = parts[static_cast<std::size_t>(begin / kGaussianGrain)].data();
     if (lines_ == nullptr) {
-      GradientsKernel(task_, frame_, begin, end, write_untouched, gradients, touched,
-                      dpose == nullptr ? nullptr : sum);
+      GradientsKernel(task_, frame_, begin, end, to, dpose == nullptr ? nullptr : sum);
     } else {
-      LineGradientsKernel(task_, lines_->is_parallel, frame_, begin, end, write_untouched,
-                          gradients, touched, sum);
+      LineGradientsKernel(task_, lines_->is_parallel, frame_, begin, end, to, sum);
     }
   });
   timings_.push_back(watch.Lap("gradients"));
@@ -81,6 +82,17 @@ void Renderer::Backward(const ImageGradients& to_image, bool write_untouched,
   ChainToPoses(MakeViewRays(*camera_, motion_), *camera_, motion_, *rays,
                {total.head<3>(), total.tail<3>()}, dpose);
   timings_.push_back(watch.Lap("poses"));
+}
+
+void Renderer::CheckStep(const GradientRows& to) const {
+  const HarmonicsRows& rows = task_.sh_rows;
+  const bool is_one_array = rows.end[static_cast<std::size_t>(rows.MaxDegree())] == rows.end[0];
+  if (to.step->params != task_.gaussians.sh || !is_one_array || to.write_untouched ||
+      to.step->active > 3 * task_.gaussians.sh_coefficients) {
+    throw InputError(
+        "harmonics can be stepped in the backward pass if they are the array that was rendered, of "
+        "one degree, and rows that no pixel saw stay as they are (write_untouched is false)");
+  }
 }
 
 void Renderer::ToRays(int tile, const float* to_lines, const ImageGradients& to_image,

@@ -8,8 +8,10 @@
 #define GSUT_RASTER_SLOT_SUMS_INL_H_
 #endif
 
+#include "gsut/gaussians/adam-inl.h"
 #include "gsut/raster/frame.h"
 #include "gsut/raster/harmonics-inl.h"
+#include "gsut/raster/task.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
@@ -81,9 +83,8 @@ HWY_INLINE void StoreRows1(Lane v, std::int64_t available, float* rows) {
 // The Gaussians [first, first + kLanes) that exist: which of them a pixel saw, and the sums[16]
 // over their slots. False if none was seen; touched is set, and with write_untouched rows become 0.
 HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const HarmonicsRows& sh_rows,
-                             std::int64_t first, const Frame& frame, bool write_untouched,
-                             const GaussiansView<float>& out, std::uint8_t* touched, LaneMask* seen,
-                             Lane* sums) {
+                             std::int64_t first, const Frame& frame, const GradientRows& to,
+                             LaneMask* seen, Lane* sums) {
   const FloatTag d;
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
   FetchNextSlots(g.size, first, frame);
@@ -93,14 +94,15 @@ HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const Harmonic
   for (int i = 0; i < kLanes; ++i) {
     const bool is_seen = i < available && SumSlots(frame, first + i, rows[i]);
     seen_flag[i] = is_seen ? 1.0f : 0.0f;
-    if (i < available) touched[first + i] = is_seen;
+    if (i < available) to.touched[first + i] = is_seen;
     if (i >= available) {
       for (float& x : rows[i]) x = 0.0f;
     }
     any = any || is_seen;
   }
   if (!any) {
-    if (write_untouched) {
+    if (to.write_untouched) {
+      const GaussiansView<float>& out = to.rows;
       __builtin_memset(out.means + 3 * first, 0, sizeof(float) * 3 * available);
       __builtin_memset(out.quats + 4 * first, 0, sizeof(float) * 4 * available);
       __builtin_memset(out.log_scales + 3 * first, 0, sizeof(float) * 3 * available);
@@ -115,11 +117,38 @@ HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const Harmonic
   return true;
 }
 
-// From dL/dcolor to the harmonics, written to out.sh, and to the direction they were evaluated in.
+// Fetches what ColorGradients needs for the batch of Gaussians after [first, first + kLanes).
+HWY_INLINE void FetchNextColors(const float* sh, const HarmonicsRows& rows, std::int64_t first,
+                                const GradientRows& to) {
+  FetchNextHarmonics<false>(sh, rows, first);
+  if (to.step == nullptr) {
+    FetchNextHarmonics<true>(to.rows.sh, rows, first);
+  } else {
+    FetchNextHarmonics<true>(to.step->moment1, rows, first);
+    FetchNextHarmonics<true>(to.step->moment2, rows, first);
+  }
+}
+
+// Steps the harmonics of the Gaussians that were seen, whose first row of `stride` floats stands at
+// `offset`; columns: of their gradients, the first `count`.
+HWY_INLINE void StepHarmonics(const HarmonicsStep& step, const Lane* columns, int count,
+                              std::int64_t offset, std::int64_t stride, LaneMask seen) {
+  HWY_ALIGN float gradients[kLanes * 3 * kMaxShCoefficients];
+  StoreColumns(columns, count, kLanes, gradients);
+  for (std::uint64_t rest = MaskBits(seen.m); rest != 0; rest &= rest - 1) {
+    const int lane = __builtin_ctzll(rest);
+    const std::int64_t at = offset + lane * stride;
+    UpdateRange<true>(step.constants, static_cast<std::size_t>(step.active), step.rates.data(),
+                      gradients + lane * count, step.params + at, step.moment1 + at,
+                      step.moment2 + at);
+  }
+}
+
+// From dL/dcolor to the harmonics, written or stepped, and to the direction they were evaluated in.
 HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, const HarmonicsRows& sh_rows,
                                std::int64_t first, int sh_degree, LaneMask seen,
-                               const Lane* direction, const Lane* to_color,
-                               const GaussiansView<float>& out, Lane* g_direction) {
+                               const Lane* direction, const Lane* to_color, const GradientRows& to,
+                               Lane* g_direction) {
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
   const BatchHarmonics batch = HarmonicsOf(sh_rows, sh_degree, first);
   const HarmonicsColumns sh(g.sh, sh_rows, batch, first);
@@ -143,11 +172,14 @@ HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, const Harmon
       g_sh[3 * k + c] = Select(seen, basis[k] * g_color[c], Lane(0.0));
     }
   }
-  for (int k = 3 * used; k < PaddedColumns(static_cast<int>(stride)); ++k) g_sh[k] = Lane(0.0);
-  if (stride == 3) {
-    StoreRows3(g_sh, available, out.sh + batch.offset);
+  const int count = to.step == nullptr ? static_cast<int>(stride) : to.step->active;
+  for (int k = 3 * used; k < PaddedColumns(count); ++k) g_sh[k] = Lane(0.0);
+  if (to.step != nullptr) {
+    StepHarmonics(*to.step, g_sh, count, batch.offset, stride, seen);
+  } else if (stride == 3) {
+    StoreRows3(g_sh, available, to.rows.sh + batch.offset);
   } else {
-    StoreColumns(g_sh, stride, available, out.sh + batch.offset);
+    StoreColumns(g_sh, stride, available, to.rows.sh + batch.offset);
   }
   HarmonicsBasisGradient(batch.degree, direction[0], direction[1], direction[2], g_basis,
                          g_direction);

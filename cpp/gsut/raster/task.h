@@ -1,8 +1,12 @@
-// What the kernels of all kinds of rays are told: the frame, and the gradients to its pixels.
+// What the kernels of all kinds of rays are told: the frame, the gradients to its pixels, and where
+// those of the Gaussians go.
 #pragma once
+
+#include <cstdint>
 
 #include "gsut/gaussians/gaussians.h"
 #include "gsut/gaussians/harmonics_rows.h"
+#include "gsut/gaussians/harmonics_step.h"
 #include "gsut/projection/view.h"
 
 namespace gsut {
@@ -23,6 +27,15 @@ struct RasterTask {
   bool with_depth = false;
   bool keep = false;  // leave what the backward pass needs
   int sh_degree = 0;
+};
+
+// Where the Gaussians' gradients go.
+struct GradientRows {
+  GaussiansView<float> rows;     // shaped like the Gaussians
+  std::uint8_t* touched;         // (N) becomes 1 where a pixel saw the Gaussian, else 0
+  bool write_untouched = false;  // the others' rows become 0; else they stay as they are
+  // If not null, the harmonics of touched rows take this step, and rows.sh is left as it is.
+  const HarmonicsStep* step = nullptr;
 };
 
 // Pixel gradients as the user gives them, row-major; all but the first may be null.

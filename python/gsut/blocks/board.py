@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gsut.blocks.workers import Job
+from gsut.blocks.workers import FIGURES, Job
 from gsut.run import Progress, read_checkpoint
 
 
@@ -33,9 +33,9 @@ class Board:
         self._ends: dict[int, tuple[int, int]] = {}
         for job in jobs:
             if job.task.is_file():
-                task = read_checkpoint(job.task)
+                task = read_checkpoint(job.task, ("begin", "end"))
                 self._ends[job.block] = task["begin"], task["end"]
-                state = job.read_state()
+                state = job.read_state(FIGURES)
                 self._steps[job.block] = task["begin"] if state is None else state["step"]
 
     def report(self, job: Job, message: dict[str, Any]) -> None:

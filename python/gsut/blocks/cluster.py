@@ -140,7 +140,7 @@ class Cluster:
         segment = self._ray.remote(train_segment).options(
             num_cpus=self.threads, max_retries=_RETRIES
         )
-        paths = photographs_of(read_checkpoint(job.task))
+        paths = photographs_of(read_checkpoint(job.task, ("views",)))
         files = [self._put(path, photographs) for path in paths]
         task = self._ray.put(job.task.read_bytes())
 

@@ -10,10 +10,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.blocks.cluster import Cluster
 from gsut.blocks.layout import Layout
-from gsut.blocks.plan import (
-    cache_bytes,
-    check_trainable,
-)
+from gsut.blocks.plan import cache_bytes, check_trainable
 from gsut.blocks.stages import BlocksResult, Stages
 from gsut.blocks.workers import Workers
 from gsut.data import Scene, keep_at_most, scene_digests
@@ -26,11 +23,9 @@ from gsut.run import (
     describe_environment,
     read_plan,
 )
-from gsut.training import (
-    prepare_scene,
-)
+from gsut.training import prepare_scene
 
-_TASKS = 2  # kind of the tasks: those of another cannot be gone on with
+_TASKS = 3  # kind of the tasks: those of another cannot be gone on with
 
 
 def train_blocks(

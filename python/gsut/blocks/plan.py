@@ -62,8 +62,12 @@ def block_options(
         most: Gaussians that it may grow to.
     """
     until = FIRST_ROUND if blocks.rounds == 2 else 1.0
+    # The regularisers are means over all Gaussians: over a block's alone each would weigh more.
+    part = min(1.0, most / options.most_gaussians)
     return dataclasses.replace(
         with_most(options, most), steps=max(_FEWEST_STEPS, round(visits * options.steps)),
+        opacity_regularizer=part * options.opacity_regularizer,
+        scale_regularizer=part * options.scale_regularizer,
         eval_every=0, refine_poses=False, refine_lens=False, sh_every=1, test_names=None,
         densify_until=min(until, options.densify_until), init_count=None, exposure="off",
         coarse_to_fine=(0.0, 0.0),

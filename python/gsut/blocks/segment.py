@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.blocks.task import BlockTask, gaussian_arrays
+from gsut.blocks.task import BlockTask, Trained, gaussian_arrays
 from gsut.data import Level, Scene
 from gsut.render import Light, field_angles
 from gsut.training import TrainingLoop
@@ -37,7 +37,12 @@ class BlockLoop(TrainingLoop):
     def __init__(self, task: BlockTask) -> None:
         self._task = task
         context = task.context if len(task.context) else None
-        super().__init__(task.scene, task.options, task.own, context=context)
+        super().__init__(task.scene, task.options, task.own.gaussians, context=context)
+        if task.own.moments:
+            for row, given in zip(self.optimizer.moments, task.own.moments, strict=True):
+                for name, values in gaussian_arrays(given).items():
+                    getattr(row, name)[...] = values
+            self.optimizer.steps = task.begin
         self.views.keep_at_most(task.keep_bytes)
         self.photographs: Any = KnownLight(task.scene, task.light)
         self._order = views_by_rate(task.rates, task.options.steps, task.options.seed)
@@ -188,8 +193,9 @@ def run_segment(
         on_step: called after each step with its number, loss and the number of Gaussians.
 
     Returns:
-        segment: how many are done; step, seconds, pixels: of the round so far; and "loop", the
-        state of training, or after the last segment "result", the block's Gaussians.
+        segment: how many are done; step, seconds, pixels: of the round so far; views: of the task;
+        finished: whether it was the last segment; and "loop", the state of training, or after the
+        last segment what `Trained.as_dict` gives, with moments where steps are left.
     """
     done = 0 if state is None else int(state["segment"])
     loop = next((each for each in kept if each._task is task), None)
@@ -203,9 +209,10 @@ def run_segment(
         on_step(loop.step, loop.advance(), len(loop.gaussians))
     out = {
         "segment": done + 1, "step": loop.step, "seconds": loop.seconds, "pixels": loop.pixels,
-        "views": len(task.scene.views),
+        "views": len(task.scene.views), "finished": done + 1 == task.segments,
     }  # fmt: skip
-    if done + 1 < task.segments:
+    if not out["finished"]:
         return out | {"loop": loop.state_dict()}
     kept.clear()
-    return out | {"result": gaussian_arrays(loop.result().copy())}
+    moments = loop.optimizer.moments if loop.step < task.options.steps else ()
+    return out | Trained(loop.result(), moments).as_dict()

@@ -7,7 +7,7 @@ import dataclasses
 import functools
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +31,9 @@ from gsut.blocks.plan import (
 )
 from gsut.blocks.shares import Shares, find_shares, work_of
 from gsut.blocks.store import BlockStore
-from gsut.blocks.task import gaussian_arrays
+from gsut.blocks.task import Trained
 from gsut.blocks.tasks import TaskMaker
-from gsut.blocks.workers import Job, Workers, write_state
+from gsut.blocks.workers import FIGURES, Job, Workers, write_state
 from gsut.data import Scene, keep_at_most
 from gsut.evaluate import evaluate
 from gsut.formats import load_ply, open_ply
@@ -186,10 +186,7 @@ class Stages:
             layout = bisect(points, work, centers + scene.world_offset, self._count)
             self._run.write_json(_LAYOUT, layout.as_dict())
         self._store = BlockStore(self._folder, layout, self._scene.world_offset)
-        owners = self._store.owners(g)
-        self._store.sort(
-            0, [functools.partial(g.__getitem__, owners == b) for b in range(len(layout))]
-        )
+        self._store.begin(Trained(g))
         return layout
 
     def turns(self, number: int) -> list[range]:
@@ -253,10 +250,10 @@ class Stages:
         self._peak |= {b: max(self._peak.get(b, 0.0), mb) for b, mb in board.peaks.items()}
         trained = {job.block: job for job in jobs}
 
-        def part(block: int) -> Gaussians:
+        def part(block: int) -> Trained:
             if block in trained:
-                return Gaussians(**_state_of(trained[block])["result"])
-            return self._store.own(block, self._turn)
+                return Trained.from_dict(_state_of(trained[block], ("own", "moments")))
+            return self._store.trained(block, self._turn)
 
         parts = [functools.partial(part, block) for block in range(len(self.layout))]
         self._store.sort(self._turn + 1, parts)
@@ -317,7 +314,10 @@ class Stages:
         }  # fmt: skip
         metrics["notes"] += notes_on_place(self._place)
         os.replace(self._folder / SCENE, self._run.path / SCENE)
-        write_findings(self._run, metrics, scene.path, scene if o.refine_poses else None)
+        write_findings(
+            self._run, metrics, scene.path, scene if o.refine_poses else None,
+            self._run.begun_with(), self._blocks.words(),
+        )  # fmt: skip
         scene = scene.about((0.0, 0.0, 0.0))
         return BlocksResult(self._run.path / SCENE, metrics, scene, self.layout)
 
@@ -340,14 +340,14 @@ class Stages:
         return rows
 
 
-def _state_of(job: Job) -> dict[str, Any]:
-    """The state of a block that was trained."""
-    state = job.read_state()
+def _state_of(job: Job, names: Collection[str] = FIGURES) -> dict[str, Any]:
+    """Entries of the state of a block that was trained."""
+    state = job.read_state(names)
     assert state is not None
     return state
 
 
-def _untrained(own: Gaussians) -> dict[str, Any]:
+def _untrained(own: Trained) -> dict[str, Any]:
     """The state of a block that no view shows."""
-    empty: dict[str, Any] = dict.fromkeys(("segment", "step", "seconds", "pixels", "views"), 0)
-    return empty | {"result": gaussian_arrays(own)}
+    empty: dict[str, Any] = dict.fromkeys(FIGURES, 0)
+    return empty | {"finished": True} | own.as_dict()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut.blocks.layout import Layout
-from gsut.blocks.task import gaussian_arrays
+from gsut.blocks.task import Trained
 from gsut.blocks.workers import write_state
 from gsut.formats import save_ply_parts
 from gsut.gaussians import Gaussians, merged, order_for_reading
@@ -39,7 +40,15 @@ class BlockStore:
         """(N,) the blocks that points (N, 3) lie in, in the Gaussians' coordinates."""
         return self._layout.owners(points + self._offset)
 
-    def sort(self, turn: int, parts: Sequence[Callable[[], Gaussians]]) -> None:
+    def begin(self, whole: Trained) -> None:
+        """Turn 0: the Gaussians of all."""
+        owners = self.owners(whole.gaussians)
+        order = np.argsort(owners, kind="stable")
+        ends = np.cumsum(np.bincount(owners, minlength=len(self._layout)))
+        parts = np.split(order, ends[:-1])
+        self.sort(0, [functools.partial(whole.__getitem__, rows) for rows in parts])
+
+    def sort(self, turn: int, parts: Sequence[Callable[[], Trained]]) -> None:
         """Puts the Gaussians of a turn to the blocks that they lie in; nothing where that is done.
 
         Args:
@@ -48,27 +57,31 @@ class BlockStore:
         """
         if all(self._file(block, turn).is_file() for block in range(len(self._layout))):
             return
-        astray: dict[int, list[Gaussians]] = {}
+        astray: dict[int, list[Trained]] = {}
         for block, read in enumerate(parts):
             part = read()
-            owners = self.owners(part)
+            owners = self.owners(part.gaussians)
             for other in np.setdiff1d(owners, block):
                 astray.setdefault(int(other), []).append(part[owners == other])
         for block, read in enumerate(parts):
             part = read()
-            stay = part[self.owners(part) == block]
-            own = merged([stay, *astray.pop(block, [])])
-            write_state(self._file(block, turn), {"own": gaussian_arrays(own)})
+            stay = part[self.owners(part.gaussians) == block]
+            own = Trained.joined([stay, *astray.pop(block, [])])
+            write_state(self._file(block, turn), own.as_dict() | {"count": len(own)})
 
     def own(self, block: int, turn: int) -> Gaussians:
         """A block's Gaussians after a turn."""
-        return Gaussians(**read_checkpoint(self._file(block, turn))["own"])
+        return Gaussians(**read_checkpoint(self._file(block, turn), ("own",))["own"])
+
+    def trained(self, block: int, turn: int) -> Trained:
+        """The same with their moments, if they have been trained and are not finished."""
+        return Trained.from_dict(read_checkpoint(self._file(block, turn), ("own", "moments")))
 
     def counts(self, turn: int) -> list[int]:
         """Their numbers."""
         if turn not in self._counts:
-            blocks = range(len(self._layout))
-            self._counts[turn] = [len(self.own(block, turn)) for block in blocks]
+            files = (self._file(block, turn) for block in range(len(self._layout)))
+            self._counts[turn] = [read_checkpoint(file, ("count",))["count"] for file in files]
         return self._counts[turn]
 
     def save(

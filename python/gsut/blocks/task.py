@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,52 @@ import numpy as np
 
 from gsut._core import Shutter
 from gsut.data import Scene, View
-from gsut.gaussians import Gaussians
+from gsut.gaussians import Gaussians, merged
 from gsut.lens import camera_from_values, camera_values
 from gsut.render import Falloff, Light
 from gsut.run import TrainOptions
 
 _ARRAYS = ("means", "quats", "log_scales", "opacity_logits", "sh")
+
+
+@dataclasses.dataclass(frozen=True)
+class Trained:
+    """Gaussians as training leaves them.
+
+    Attributes:
+        gaussians: N Gaussians.
+        moments: Adam's first and second of each; none of what was not trained.
+    """
+
+    gaussians: Gaussians
+    moments: tuple[Gaussians, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.gaussians)
+
+    def __getitem__(self, rows: np.ndarray) -> Trained:
+        return Trained(self.gaussians[rows], tuple(each[rows] for each in self.moments))
+
+    def as_dict(self) -> dict[str, Any]:
+        """For `write_checkpoint`."""
+        moments = [gaussian_arrays(each) for each in self.moments]
+        return {"own": gaussian_arrays(self.gaussians), "moments": moments}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Trained:
+        """What `as_dict` was taken of."""
+        moments = (Gaussians(**each) for each in values["moments"])
+        return cls(Gaussians(**values["own"]), tuple(moments))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Trained]) -> Trained:
+        """All of them, in their order; moments of what was not trained beside what was are 0."""
+        known = next((part.moments for part in parts if part.moments), ())
+        moments = (
+            merged([(p.moments or (p.gaussians.zeros_like(),) * len(known))[i] for p in parts])
+            for i in range(len(known))
+        )
+        return cls(merged([part.gaussians for part in parts]), tuple(moments))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,7 +71,7 @@ class BlockTask:
         tiles: for each view which of its tiles of 16 x 16 pixels show the block, bool.
         rates: for each view how often it is trained on, 1 where it is as often as any.
         keep_bytes: of decoded photographs; the bits do not depend on it.
-        own: Gaussians to begin with.
+        own: Gaussians to begin with; with moments training goes on after `begin` steps.
         context: Gaussians of other blocks, which are drawn and stay.
         begin, end: steps of this round, of all.
         segments: parts of the round, after each of which there is a state.
@@ -44,7 +84,7 @@ class BlockTask:
     tiles: list[np.ndarray]
     rates: np.ndarray
     keep_bytes: int
-    own: Gaussians
+    own: Trained
     context: Gaussians
     begin: int
     end: int
@@ -70,7 +110,7 @@ class BlockTask:
             "tiles": [np.array(tiles) for tiles in self.tiles],
             "rates": self.rates,
             "keep_bytes": self.keep_bytes,
-            "own": gaussian_arrays(self.own),
+            **self.own.as_dict(),
             "context": gaussian_arrays(self.context),
             "begin": self.begin,
             "end": self.end,
@@ -101,7 +141,7 @@ class BlockTask:
         return cls(
             scene=scene, options=TrainOptions.from_json(values["options"]),
             light=None if values["light"] is None else _light_of(values["light"]),
-            own=Gaussians(**values["own"]), context=Gaussians(**values["context"]), **rest,
+            own=Trained.from_dict(values), context=Gaussians(**values["context"]), **rest,
         )  # fmt: skip
 
 

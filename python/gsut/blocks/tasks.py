@@ -20,7 +20,7 @@ from gsut.blocks.plan import (
 from gsut.blocks.segment import spread_tiles
 from gsut.blocks.shares import Shares, choose_context, some_of
 from gsut.blocks.store import BlockStore
-from gsut.blocks.task import BlockTask
+from gsut.blocks.task import BlockTask, Trained
 from gsut.compact import SeenView, seen_views
 from gsut.data import Scene, has_colors
 from gsut.gaussians import Gaussians, merged
@@ -61,12 +61,12 @@ class TaskMaker:
         counts = np.array(store.counts(0))
         self._most = np.maximum(1, counts / counts.sum() * options.most_gaussians)
 
-    def own(self, block: int) -> Gaussians:
+    def own(self, block: int) -> Trained:
         """The block's Gaussians."""
-        own = self._store.own(block, self._turn)
-        return own if self._number else merged([own, *self._seeds(block, len(own))])
+        own = self._store.trained(block, self._turn)
+        return own if self._number else Trained.joined([own, *self._seeds(block, len(own))])
 
-    def _seeds(self, block: int, count: int) -> list[Gaussians]:
+    def _seeds(self, block: int, count: int) -> list[Trained]:
         """On the scene's points in the block, where the coarse model has few Gaussians there."""
         o, scene = self._options, self._scene
         room = round(SEEDED * self._most_of(block)) - count
@@ -76,7 +76,7 @@ class TaskMaker:
         if room <= 0 or not inside.any():
             return []
         part = scene.replace(points=scene.points[inside], point_colors=scene.point_colors[inside])
-        return [seed_first(part, dataclasses.replace(o.resolved(), init_count=room))]
+        return [Trained(seed_first(part, dataclasses.replace(o.resolved(), init_count=room)))]
 
     def memory(self, block: int) -> int:
         """Bytes that the block's training takes at least, about."""
@@ -102,7 +102,7 @@ class TaskMaker:
         keep = photograph_bytes(*self._sizes(block), self._blocks)
         return BlockTask(
             self._part(indices), options, self._scene.extent, self._light_of(indices), tiles,
-            rates, keep, own, self._context(block, own, rows), begin, end, SEGMENTS,
+            rates, keep, own, self._context(block, own.gaussians, rows), begin, end, SEGMENTS,
         )  # fmt: skip
 
     def _context(self, block: int, own: Gaussians, rows: np.ndarray) -> Gaussians:

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,8 @@ from gsut.run import peak_rss_mb, read_checkpoint, release_memory, write_checkpo
 # A worker that ends so often without a new state ends the run: it would do so for ever.
 _MOST_DEATHS = 3
 _REPORT_SECONDS = 0.5
+# Entries of a state that are read without its Gaussians, see `run_segment`.
+FIGURES = ("segment", "step", "seconds", "pixels", "views", "finished")
 Report = Callable[["Job", dict[str, Any]], object]
 
 
@@ -41,14 +43,14 @@ class Job:
     task: Path
     state: Path
 
-    def read_state(self) -> dict[str, Any] | None:
-        """The last state; None: not begun."""
-        return read_checkpoint(self.state) if self.state.is_file() else None
+    def read_state(self, names: Collection[str] | None = None) -> dict[str, Any] | None:
+        """The last state, or these entries of it; None: not begun."""
+        return read_checkpoint(self.state, names) if self.state.is_file() else None
 
     def is_done(self) -> bool:
         """Whether the state is the last one."""
-        state = self.read_state()
-        return state is not None and "result" in state
+        state = self.read_state(FIGURES)
+        return state is not None and state["finished"]
 
 
 def write_state(path: Path, state: dict[str, Any]) -> int:
@@ -75,7 +77,7 @@ def run_job(job: Job, report: Report) -> None:
             told = time.monotonic()
             report(job, {"step": step, "loss": float(loss), "count": count})
 
-    while state is None or "result" not in state:
+    while state is None or not state["finished"]:
         state = run_segment(task, state, kept, on_step)
         report(job, summary_of(state) | {"bytes": write_state(job.state, state)})
     release_memory()
@@ -171,11 +173,11 @@ class _Worker:
     def run(self, job: Job, report: Report) -> None:
         deaths = 0
         while not self._closed:
-            before = job.read_state()
+            before = job.read_state(FIGURES)
             if self._serve(job, report):
                 return
             code = self.finish()
-            after = job.read_state()
+            after = job.read_state(FIGURES)
             advanced = after is not None and (
                 before is None or after["segment"] > before["segment"]
             )

@@ -76,10 +76,10 @@ def run_command(
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        _starting.done()
         try:
             _refuse_empty(words)
             parsed = parser_of(words).parse_args(words)
+            _starting.done()
             return parsed.run(parsed)
         finally:
             sys.stdout.flush()  # here its failure can be told

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import sys
-import time
 from typing import Any
 
 import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.cli import _bench_train
 from gsut.cli._flags import add_json, add_run, print_json
-from gsut.render import DEFAULT_UNSCENTED
-from gsut.run import PRESETS
 
 HELP = "speed against error, on this machine"
 DESCRIPTION = (
@@ -48,19 +45,10 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_json(added)
     added.set_defaults(run=_render)
     added = benchmarks.add_parser(
-        "train",
-        help="held-out PSNR against seconds of each preset",
-        description="Trains with each preset and measures held-out PSNR on the way; measuring does "
-        "not count.",
+        "train", help=_bench_train.HELP, description=_bench_train.DESCRIPTION
     )
-    added.add_argument("data", metavar="DATA", help="dataset with held-out views")
-    added.add_argument(
-        "--preset", metavar="A,B", default=",".join(PRESETS), help="presets [default: all]"
-    )
-    added.add_argument("--steps", type=int, metavar="N", help="instead of the preset's")
-    added.add_argument("--threads", type=int, default=0, metavar="N", help="0 = all [default 0]")
-    add_json(added)
-    added.set_defaults(run=_train)
+    _bench_train.add_flags(added)
+    added.set_defaults(run=_bench_train.run)
 
 
 def _render(arguments: argparse.Namespace) -> int:
@@ -94,6 +82,8 @@ def _render(arguments: argparse.Namespace) -> int:
 
 def _measured(gaussians: Any, camera: Any, place: Any, repeats: int) -> dict[str, Any]:
     """Times and errors of one view, see _render."""
+    from gsut.render import DEFAULT_UNSCENTED
+
     rng = np.random.default_rng(0)
     rule, degree = _core.BlendRule(), gaussians.sh_degree
     pixels = np.zeros((camera.height, camera.width), np.uint8)
@@ -157,39 +147,3 @@ def _zeros_like(gaussians: Any) -> Any:
     from gsut.gaussians import Gaussians
 
     return Gaussians(*(np.zeros_like(getattr(gaussians, name)) for name in _PARAMETERS))
-
-
-def _train(arguments: argparse.Namespace) -> int:
-    import gsut
-    from gsut.run import TrainOptions
-
-    steps = {} if arguments.steps is None else {"steps": arguments.steps}
-    asked = [
-        TrainOptions(preset=preset, threads=arguments.threads, **steps).resolved()
-        for preset in arguments.preset.split(",")
-    ]
-    rows = []
-    for options in asked:
-        began = time.process_time()
-        scene = gsut.load_dataset(arguments.data)
-        if not scene.test_indices:
-            raise InputError(f"{arguments.data} has no held-out views to measure PSNR on")
-        result = gsut.train(scene, options, progress=sys.stderr.isatty())
-        keys = ("psnr", "ssim", "num_gaussians", "steps", "train_seconds")
-        row: dict[str, Any] = {"preset": options.preset}
-        row |= {key: result.metrics[key] for key in keys}
-        row["cpu_seconds"] = time.process_time() - began
-        row["curve"] = [point for point in result.history if point.get("psnr") is not None]
-        rows.append(row)
-    if arguments.json:
-        print_json(rows)
-        return 0
-    for row in rows:
-        for point in row["curve"]:
-            print(f"{row['preset']:10} {point['seconds']:9.1f} s {point['psnr']:7.2f} dB")
-        print(
-            f"{row['preset']}: {row['psnr']:.2f} dB in {row['train_seconds']:.1f} s "
-            f"({row['cpu_seconds']:.0f} CPU-s with reading and measuring), "
-            f"{row['num_gaussians']:,} Gaussians"
-        )
-    return 0

@@ -160,7 +160,8 @@ def train_into(
         if page is not None:
             page.finish(result)
     except KeyboardInterrupt:
-        again = shlex.join(["gsut", "train", data, "-o", str(run.path), "--resume"])
+        kept = [] if blocks is None else blocks.words("blocks", "rounds")
+        again = shlex.join(["gsut", "train", data, "-o", str(run.path), "--resume", *kept])
         raise KeyboardInterrupt(
             f"stopped; this goes on from the last checkpoint: {again}"
         ) from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import itertools
 import statistics
 import time
@@ -81,43 +82,78 @@ def evaluate(
     """
     packed = pack_harmonics(gaussians)
     stems = picture_stems([scene.views[index].name for index in indices])
-    views, ring_rows = [], []
-    for done, (index, stem) in enumerate(zip(indices, stems, strict=True), start=1):
-        view, camera, mask = scene.views[index], scene.camera(index), scene.mask(index)
-        truth = scene.image(index).astype(np.float32) / np.float32(255)
-        started = time.perf_counter()
-        drawn = packed if pixels is None else pixels.of(camera, view.motion)
-        rendered = render(drawn, camera, view.motion, background=background)
-        milliseconds = 1e3 * (time.perf_counter() - started)
-        plain = image = np.clip(rendered.image, 0.0, 1.0)
-        if light is not None:
-            lit = rendered.image * light.on(camera, index, view.camera_index)
-            image = np.clip(lit, 0.0, 1.0)
-        row = {
-            "name": view.name,
-            "psnr": psnr(image, truth, mask),
-            "ssim": ssim(image, truth, mask),
-            "psnr_unit_gain": psnr(plain, truth, mask),
-            "psnr_color_corrected": color_corrected_psnr(plain, truth, mask),
-            "psnr_half_image": half_image_psnr(plain, truth, mask),
-            "render_ms": milliseconds,
-            "pixels": int(np.count_nonzero(mask)),
-        }
-        ring_rows.append(ring_psnr(image, truth, field_angles(camera), mask=mask))
-        if render_folder is not None:
-            row |= _write_pictures(render_folder, stem, truth, image, mask, rendered)
-        views.append(row)
-        if on_view is not None:
-            on_view(done, len(stems))
+    threads = _core.num_threads()
+    rows: list[tuple[dict[str, Any], list[Ring]]] = []
+
+    def compare(index: int, stem: str, rendered: Any, milliseconds: float) -> Any:
+        return _compare(scene, index, rendered, light, milliseconds, render_folder, stem)
+
+    with concurrent.futures.ThreadPoolExecutor(threads) as pool:
+        for first in range(0, len(indices), threads):
+            some = list(indices[first : first + threads])
+            drawn = [_drawn(scene, index, packed, pixels, background) for index in some]
+            stems_of = stems[first : first + threads]
+            for row in pool.map(compare, some, stems_of, *zip(*drawn, strict=True)):
+                rows.append(row)
+                if on_view is not None:
+                    on_view(len(rows), len(stems))
+    views = [row for row, _ in rows]
     worst = min(views, key=lambda row: row["psnr"], default=None)
     return {
         **{name: _mean(row[name] for row in views) for name in FIGURES},
         "psnr_min": worst["psnr"] if worst else None,
         "worst_view": worst["name"] if worst else None,
         "render_ms": statistics.median(row["render_ms"] for row in views) if views else None,
-        "rings": _join_rings(ring_rows),
+        "rings": _join_rings([rings for _, rings in rows]),
         "views": views,
     }
+
+
+def _drawn(
+    scene: Any,
+    index: int,
+    packed: Any,
+    pixels: PixelFilter | StoredPixelFilter | None,
+    background: Sequence[float] | None,
+) -> tuple[Any, float]:
+    """A view's render, made with nothing else under way, and its milliseconds."""
+    view, camera = scene.views[index], scene.camera(index)
+    started = time.perf_counter()
+    drawn = packed if pixels is None else pixels.of(camera, view.motion)
+    rendered = render(drawn, camera, view.motion, background=background)
+    return rendered, 1e3 * (time.perf_counter() - started)
+
+
+def _compare(
+    scene: Any,
+    index: int,
+    rendered: Any,
+    light: Light | None,
+    milliseconds: float,
+    render_folder: Path | None,
+    stem: str,
+) -> tuple[dict[str, Any], list[Ring]]:
+    """The row of a view and its rings, see `evaluate`."""
+    view, camera, mask = scene.views[index], scene.camera(index), scene.mask(index)
+    truth = scene.image(index).astype(np.float32) / np.float32(255)
+    plain = image = np.clip(rendered.image, 0.0, 1.0)
+    if light is not None:
+        lit = rendered.image * light.on(camera, index, view.camera_index)
+        image = np.clip(lit, 0.0, 1.0)
+    row = {
+        "name": view.name,
+        "psnr": psnr(image, truth, mask),
+        "ssim": ssim(image, truth, mask),
+        "psnr_unit_gain": psnr(plain, truth, mask),
+        "psnr_color_corrected": color_corrected_psnr(plain, truth, mask),
+        "psnr_half_image": half_image_psnr(plain, truth, mask),
+        "render_ms": milliseconds,
+        "pixels": int(np.count_nonzero(mask)),
+    }
+    rings = ring_psnr(image, truth, field_angles(camera), mask=mask)
+    if render_folder is not None:
+        row |= _write_pictures(render_folder, stem, truth, image, mask, rendered)
+    return row, rings
 
 
 def run_metrics(

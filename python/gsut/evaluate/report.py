@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import dataclasses
 import importlib.resources
 import math
@@ -35,6 +36,22 @@ _DEPTH_PERCENTILES = (1.0, 99.0)  # of all distances shown: the ends of the colo
 _LEGEND_STOPS = 12
 
 
+def _curves(history: list[dict[str, Any]], options: TrainOptions) -> dict[str, list[str]]:
+    """Data addresses of the plots of a training, by what they are over."""
+    return {
+        axis: [
+            curve_plot(history, key, title, axis, options)
+            for key, title in (
+                ("psnr", "Held-out PSNR [dB]"),
+                ("loss", "Training loss"),
+                ("num_gaussians", "Gaussians"),
+            )
+            if any(row.get(key) is not None for row in history)
+        ]
+        for axis in ("step", "seconds")
+    }
+
+
 def write_report(run: RunFolder) -> Path:
     """Writes RUN/report.html from metrics.json, history.jsonl, options.json, environment.json and
     the pictures in renders/, and returns its path.
@@ -51,30 +68,22 @@ def write_report(run: RunFolder) -> Path:
         raise InputError(f"{run.path / METRICS} is absent: the run is not finished; resume it")
     environment = run.read_json(ENVIRONMENT) or {}
     options = run.read_options()
-    history = run.read_history()
     source = (
         importlib.resources.files("gsut.evaluate").joinpath("report.html.j2").read_text("utf-8")
     )
+    # Not earlier, while views are rendered: their milliseconds would not be the renderer's alone.
+    with concurrent.futures.ThreadPoolExecutor(1, "gsut-curves") as thread:
+        drawn = thread.submit(_curves, run.read_history(), options.resolved())
+        pictures, curves = _pictures(metrics.get("views", []), run.path / RENDERS), drawn.result()
     page = render_page(
         source,
         metrics=metrics,
         environment=environment,
         headline=_headline(metrics),
         verdict=Verdict.of(metrics["verdict"]) if metrics.get("verdict") else None,
-        **_pictures(metrics.get("views", []), run.path / RENDERS),
+        **pictures,
         rows=sorted(metrics.get("views", []), key=lambda row: row["name"]),
-        curves={
-            axis: [
-                curve_plot(history, key, title, axis, options.resolved())
-                for key, title in (
-                    ("psnr", "Held-out PSNR [dB]"),
-                    ("loss", "Training loss"),
-                    ("num_gaussians", "Gaussians"),
-                )
-                if any(row.get(key) is not None for row in history)
-            ]
-            for axis in ("step", "seconds")
-        },
+        curves=curves,
         rings=metrics.get("rings", []),
         ring_plot=ring_plot(metrics["rings"]) if metrics.get("rings") else None,
         light_plots=light_plots(metrics["light"]) if "light" in metrics else [],

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shlex
+from collections.abc import Sequence
 from typing import Any
 
-from gsut.run import Verdict
+from gsut.run import PRESETS, TrainOptions, Verdict
 
 _GOOD_DB, _POOR_DB = 27.0, 22.0
 # What renders look like beside photographs, from so many dB of PSNR on.
@@ -23,13 +25,21 @@ _COLORS_DB = 2.0
 _WORST_DB = 8.0
 
 
-def train_verdict(metrics: dict[str, Any], data: str, run: str) -> Verdict:
+def train_verdict(
+    metrics: dict[str, Any],
+    data: str,
+    run: str,
+    options: TrainOptions | None = None,
+    division: Sequence[str] = (),
+) -> Verdict:
     """The verdict of a training.
 
     Args:
         metrics: of metrics.json: psnr, psnr_train, psnr_color_corrected, psnr_min, worst_view,
             ssim, steps, evaluated_on.
         data, run: the dataset's and the run's path, for the next command.
+        options: that the run was made with, which the next command keeps; None: the defaults.
+        division: words of the command line that divided it into blocks.
     """
     psnr = metrics.get("psnr")
     if psnr is None:
@@ -39,7 +49,8 @@ def train_verdict(metrics: dict[str, Any], data: str, run: str) -> Verdict:
     what += "; 20 dB is smeared, 25 dB soft, 30 dB sharp, 35 dB nearly the photograph)"
     level = "good" if psnr >= _GOOD_DB else "usable" if psnr >= _POOR_DB else "poor"
     reasons = list(_reasons(metrics, psnr))
-    return Verdict(level, what, tuple(reasons), _advice(level, reasons, metrics, data, run))
+    again = _Again(data, f"{run}-2", options or TrainOptions(), division)
+    return Verdict(level, what, tuple(reasons), _advice(level, reasons, again, run))
 
 
 _POSES = "that looks like wrong poses or a wrong lens"
@@ -69,12 +80,34 @@ def _reasons(metrics: dict[str, Any], psnr: float) -> list[str]:
     return found
 
 
-def _advice(level: str, reasons: list[str], metrics: dict[str, Any], data: str, run: str) -> str:
-    again = shlex.join(["gsut", "train", data, "-o", f"{run}-2"])
+@dataclasses.dataclass(frozen=True)
+class _Again:
+    """The command that makes a run as another was made, but for what it shall have otherwise."""
+
+    data: str
+    out: str
+    options: TrainOptions
+    division: Sequence[str]
+
+    def with_poses(self) -> str:
+        return self._with(["--refine-poses"], "refine_poses")
+
+    def longer(self) -> str:
+        best, steps = PRESETS["best"]["steps"], self.options.steps
+        if steps < best:
+            return self._with(["--preset", "best"], "preset", "steps")
+        return self._with(["--steps", str(2 * steps)], "steps")
+
+    def _with(self, words: Sequence[str], *but: str) -> str:
+        kept = [*self.division, *self.options.words(*but)]
+        return shlex.join(["gsut", "train", self.data, "-o", self.out, *kept, *words])
+
+
+def _advice(level: str, reasons: list[str], again: _Again, run: str) -> str:
     if any(_POSES in reason for reason in reasons):
-        return f"{shlex.join(['gsut', 'doctor', data])}, then {again} --refine-poses"
+        return f"{shlex.join(['gsut', 'doctor', again.data])}, then {again.with_poses()}"
     if level == "good":
         return shlex.join(["gsut", "view", run])
     if any("held-out ones" in reason for reason in reasons):
         return "photograph more from between the places there are"
-    return f"{again} --preset best"
+    return again.longer()

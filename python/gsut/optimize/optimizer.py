@@ -133,6 +133,7 @@ class GaussianOptimizer:
         rates: LearningRates,
         visible: np.ndarray | None = None,
         active_sh_degree: int | None = None,
+        harmonics: bool = True,
     ) -> None:
         """One Adam step in place.
 
@@ -143,16 +144,14 @@ class GaussianOptimizer:
             visible: (N,) bool or uint8; rows with 0 keep parameters and moments (sparse Adam).
                 None: all rows are stepped.
             active_sh_degree: harmonics above it are not touched; None: all are stepped.
+            harmonics: False leaves them out, as the backward pass took their `harmonics_step`.
 
         Raises:
             InputError: shapes disagree.
         """
-        coefficients = self.gaussians.sh.shape[1]
-        if active_sh_degree is not None:
-            coefficients = min(coefficients, (active_sh_degree + 1) ** 2)
-        sh_rates = [rates.sh0] * 3 + [rates.sh_rest] * (3 * (coefficients - 1))
-        gradients = [np.ascontiguousarray(getattr(grads, name), np.float32) for name in FIELDS]
-        for name, gradient in zip(FIELDS, gradients, strict=True):
+        names = FIELDS if harmonics else FIELDS[:-1]
+        gradients = [np.ascontiguousarray(getattr(grads, name), np.float32) for name in names]
+        for name, gradient in zip(names, gradients, strict=True):
             expected = getattr(self.gaussians, name).shape
             if gradient.shape != expected:
                 raise InputError(
@@ -160,16 +159,26 @@ class GaussianOptimizer:
                 )
         if self.surfels:
             gradients[FIELDS.index("log_scales")][:, 2] = 0
-        params, moment1, moment2 = (
-            [getattr(rows, name) for name in FIELDS] for rows in self.arrays
-        )
+        params, moment1, moment2 = ([getattr(rows, name) for name in names] for rows in self.arrays)
+        of_columns = [[getattr(rates, name)] for name in FIELDS[:-1]]
+        of_columns.append(_harmonics_rates(self.gaussians.sh, rates, active_sh_degree))
+        columns = [3, 4, 3, 1, len(of_columns[-1])]
         _core.adam_step(
-            params, gradients, moment1, moment2,
-            [*([getattr(rates, name)] for name in FIELDS[:-1]), sh_rates], self.steps + 1,
-            self.size, mask_bytes(visible), [3, 4, 3, 1, 3 * coefficients], *ADAM,
+            params, gradients, moment1, moment2, of_columns[: len(names)], self.steps + 1,
+            self.size, mask_bytes(visible), columns[: len(names)], *ADAM,
         )  # fmt: skip
         self.steps += 1
         self._press()
+
+    def harmonics_step(self, rates: LearningRates, active_sh_degree: int | None = None) -> Any:
+        """The next step's part for the harmonics, which a backward pass of `gaussians` may take.
+
+        Their gradients are then written nowhere, and only rows that a pixel saw are stepped.
+        `step` has to follow, with those rows as `visible` and without harmonics.
+        """
+        params, moment1, moment2 = (rows.sh[: self.size] for rows in self.arrays)
+        of_columns = _harmonics_rates(params, rates, active_sh_degree)
+        return _core.HarmonicsStep(params, moment1, moment2, of_columns, self.steps + 1, *ADAM)
 
     @alone
     def add_regularizer(
@@ -213,6 +222,11 @@ class GaussianOptimizer:
             np.ascontiguousarray(distances, np.float32), mask_bytes(visible), self.gradient_max,
             self.gradient_sum, self.seen,
         )  # fmt: skip
+
+    @property
+    def moments(self) -> tuple[Gaussians, Gaussians]:
+        """Adam's first and second moments as views, as `gaussians`."""
+        return self.arrays[1][: self.size], self.arrays[2][: self.size]
 
     @alone
     def restarted(self, gaussians: Gaussians) -> GaussianOptimizer:
@@ -305,3 +319,9 @@ class GaussianOptimizer:
     def _set_capacity(self, rows: int) -> None:
         params, moment1, moment2 = (copy_rows(old, self.size, rows) for old in self.arrays)
         self.arrays = params, moment1, moment2
+
+
+def _harmonics_rates(sh: np.ndarray, rates: LearningRates, degree: int | None) -> list[float]:
+    """A rate for each number of a row of harmonics (N, K, 3) that is stepped."""
+    coefficients = sh.shape[1] if degree is None else min(sh.shape[1], (degree + 1) ** 2)
+    return [rates.sh0] * 3 + [rates.sh_rest] * (3 * (coefficients - 1))

@@ -38,6 +38,7 @@ class MixedOptimizer:
         rates: LearningRates,
         visible: np.ndarray | None = None,
         active_sh_degree: int | None = None,
+        harmonics: bool = True,
     ) -> None:
         """One Adam step in place, as `GaussianOptimizer.step`."""
         self.steps += 1
@@ -47,7 +48,7 @@ class MixedOptimizer:
         sets = (self.gaussians, grads, *self._moments)
         geometry = [[getattr(arrays, name) for name in _GEOMETRY] for arrays in sets]
         self._adam(geometry, [[getattr(rates, name)] for name in _GEOMETRY], seen, _COLUMNS)
-        for parts in zip(*(arrays.bands() for arrays in sets), strict=True):
+        for parts in zip(*(arrays.bands() for arrays in sets), strict=True) if harmonics else ():
             rows, coefficients = parts[0][0], parts[0][1].shape[1]
             if active_sh_degree is not None:
                 coefficients = min(coefficients, (active_sh_degree + 1) ** 2)

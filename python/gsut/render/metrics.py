@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike
 from gsut import _core
 from gsut._core import InputError
 
+# Squares of singular values below this share of the largest: colours that determine nothing.
+_UNDETERMINED = 1e-12
 RING_EDGES_DEGREES = (0.0, 30.0, 60.0, 80.0, 180.0)
 
 
@@ -181,7 +183,9 @@ def fit_color_transform(
         raise InputError("image or truth holds values that are not finite at unmasked pixels")
     # Solved for the change, so that colours which determine nothing (one flat colour) stay.
     design = np.concatenate([colors, np.ones((len(colors), 1))], axis=1)
-    change = np.linalg.lstsq(design, wanted - colors, rcond=None)[0]
+    change = np.linalg.lstsq(design.T @ design, design.T @ (wanted - colors), rcond=_UNDETERMINED)[
+        0
+    ]
     return np.eye(3, 4) + change.T
 
 

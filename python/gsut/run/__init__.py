@@ -6,6 +6,7 @@ from gsut.run.environment import describe_environment, peak_rss_mb
 from gsut.run.folder import (
     BLOCKS,
     ENVIRONMENT,
+    HISTORY,
     METRICS,
     OPTIONS,
     PAGE,
@@ -44,6 +45,7 @@ __all__ = [
     "BLOCKS",
     "COMMON_OPTIONS",
     "ENVIRONMENT",
+    "HISTORY",
     "METRICS",
     "MOST_BLOCKS",
     "MOST_WHOLE",

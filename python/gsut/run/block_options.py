@@ -6,7 +6,13 @@ import dataclasses
 from pathlib import Path
 
 from gsut._core import InputError
-from gsut.run.option_fields import check_options, describe_options, option, parse_size
+from gsut.run.option_fields import (
+    check_options,
+    describe_options,
+    option,
+    parse_size,
+    words_of,
+)
 
 MOST_BLOCKS = 4096
 
@@ -61,6 +67,11 @@ class BlockOptions:
         if not 1 <= number <= MOST_BLOCKS:
             raise InputError(f"--blocks {number}: from 1 to {MOST_BLOCKS}")
         return number
+
+    def words(self, *but: str) -> list[str]:
+        """Words of the command line that divide a training so; nothing of the fields `but`."""
+        blocks = [] if "blocks" in but else ["--blocks", self.blocks]
+        return blocks + words_of(self, BlockOptions(), ("blocks", *but))
 
     def memory_bytes(self) -> int | None:
         """--memory as a number; None: not given."""

@@ -11,6 +11,7 @@ import json
 import os
 import zipfile
 import zlib
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -53,8 +54,15 @@ def write_checkpoint(path: str | os.PathLike[str], state: dict[str, Any]) -> Non
         np.savez(file, **members)
 
 
-def read_checkpoint(path: str | os.PathLike[str]) -> dict[str, Any]:
+def read_checkpoint(
+    path: str | os.PathLike[str], names: Collection[str] | None = None
+) -> dict[str, Any]:
     """The state in a file of `write_checkpoint`; arrays and numbers have the same bits.
+
+    Args:
+        path: the file.
+        names: entries of the state to read, those that it has; nothing else of the file is read
+            but its list. None: all.
 
     Raises:
         InputError: the file is no checkpoint, was cut off, or is damaged.
@@ -63,7 +71,8 @@ def read_checkpoint(path: str | os.PathLike[str]) -> dict[str, Any]:
         # Opened here: np.load leaves a damaged file open.
         with open(regular(path), "rb") as file, np.load(file, allow_pickle=False) as members:
             layout = json.loads(members[_LAYOUT].tobytes().decode())
-            return _put_arrays(layout, members)
+            some = layout if names is None else {k: v for k, v in layout.items() if k in names}
+            return _put_arrays(some, members)
     except _DAMAGE as error:
         raise InputError(
             f"{path}: not a complete checkpoint ({error}); remove this file and begin a new run"

@@ -28,7 +28,7 @@ from gsut.run.options import TrainOptions
 
 OPTIONS = "options.json"  # the TrainOptions, resolved
 ENVIRONMENT = "environment.json"  # dataset, command line, versions and machine
-HISTORY = "history.jsonl"  # one JSON object a line: step, seconds, loss, num_gaussians, [psnr]
+HISTORY = "history.jsonl"  # one JSON object a line: see TrainingRecord
 CHECKPOINT = "checkpoint.npz"  # the whole state of training
 SCENE = "scene.ply"  # the trained Gaussians
 METRICS = "metrics.json"  # the figures on the held-out images

@@ -108,6 +108,22 @@ def default_text(field: dataclasses.Field) -> str:
     return f"{field.default:g}" if isinstance(field.default, float) else str(field.default)
 
 
+def words_of(options: Any, default: Any, but: Sequence[str] = ()) -> list[str]:
+    """Words of the command line that make `options` of `default`, an object of the same class;
+    nothing of the fields `but`."""
+    words = []
+    for field in _described(options):
+        value = getattr(options, field.name)
+        if value is None or value == getattr(default, field.name) or field.name in but:
+            continue
+        if isinstance(value, bool):
+            words.append(flag_name(field.name if value else f"no_{field.name}"))
+        else:
+            values = value if isinstance(value, tuple) else (value,)
+            words += [flag_name(field.name), ",".join(map(str, values))]
+    return words
+
+
 def describe_options(options: type) -> type:
     """Lists the fields of an options dataclass in its docstring, before what it raises."""
     doc, _, raises = (options.__doc__ or "").partition("    Raises:")

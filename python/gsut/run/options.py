@@ -13,7 +13,13 @@ import json
 from typing import Any
 
 from gsut._core import InputError
-from gsut.run.option_fields import check_options, choices_in, describe_options, option
+from gsut.run.option_fields import (
+    check_options,
+    choices_in,
+    describe_options,
+    option,
+    words_of,
+)
 from gsut.run.recipe import recipe
 
 # --max-gaussians auto: see gsut.training.complexity.
@@ -331,6 +337,17 @@ class TrainOptions:
             if getattr(self, name) in (None, AUTO)
         }
         return dataclasses.replace(self, **changes)
+
+    def words(self, *but: str) -> list[str]:
+        """Words of the command line that make these options, without what follows from others;
+        nothing of the fields `but`."""
+        basis = {name: getattr(self, name) for name in ("preset", "steps", "sh_degree")}
+        start = PRESETS[self.preset or "balanced"]
+        unsaid = {"preset": None, "steps": start["steps"], "sh_degree": start["sh_degree"]}
+        default = TrainOptions(**basis)
+        if self == self.resolved():  # nobody knows any more what was given
+            default = default.resolved()
+        return words_of(self, dataclasses.replace(default, **unsaid), but)
 
     def to_json(self) -> str:
         """The options as a JSON object, one key a field; `from_json` gives the same object."""

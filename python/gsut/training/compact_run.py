@@ -258,5 +258,5 @@ def write_compacted_run(
         "finetune_seconds": compactor.finetune_seconds,
     }
     refined = scene if source.read_json(REFINED) is not None else None
-    write_results(run, gaussians, metrics, scene.path, refined)
+    write_results(run, gaussians, metrics, scene.path, refined, compactor.train_options)
     return run

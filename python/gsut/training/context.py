@@ -20,6 +20,11 @@ class Context:
         self._joined: Gaussians | None = None
         self._count = 0  # trained ones
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether what is trained is all that is drawn."""
+        return self._gaussians is None
+
     def around(self, trained: Any) -> Any:
         """Those that are trained, then those that stay; valid until the next call."""
         if self._gaussians is None:

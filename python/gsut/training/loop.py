@@ -14,6 +14,7 @@ from gsut.data import Level, Scene, TrainingViews
 from gsut.gaussians import Gaussians, LowPassFilter
 from gsut.lens import CalibrationWeights
 from gsut.optimize import (
+    GaussianOptimizer,
     LearningRates,
     TrajectoryMean,
     learning_rates,
@@ -72,7 +73,7 @@ class TrainingLoop:
         optimizer: owner of the Gaussians.
         notes: what was found in the photographs before the first step.
         step: steps made.
-        seconds: of the steps alone, without reading images and measuring PSNR.
+        seconds, cpu_seconds: of the steps alone, without reading images and measuring PSNR.
         stopwatch: of the steps' stages, for ./run bench train.
     """
 
@@ -87,7 +88,7 @@ class TrainingLoop:
     ) -> None:
         scene = scene if tracks is None else tracks.scene
         self.options = options = dataclasses.replace(options, max_gaussians=options.most_gaussians)
-        self.step, self.seconds = 0, 0.0
+        self.step, self.seconds, self.cpu_seconds = 0, 0.0, 0.0
         start, self.notes = first_gaussians(scene, options) if start is None else (start, [])
         self.densification = densification_of(options, len(start))
         surfels = options.primitive == "surfel"
@@ -99,8 +100,7 @@ class TrainingLoop:
         self.refiner = TrainingRefiner(self.views, options, tracks) if refine else None
         self.renderer: Any = _core.Renderer() if options.motion_blur is None else BlurRenderer()
         self._exposure = Exposure(scene, options.motion_blur)
-        self.rule = _core.BlendRule()
-        self.stopwatch = Stopwatch()
+        self.rule, self.stopwatch = _core.BlendRule(), Stopwatch()
         self._context = Context(context)
         self._gradients: Any = None  # of all that is drawn
         self._touched = np.zeros(0, np.uint8)
@@ -145,19 +145,20 @@ class TrainingLoop:
         step = self._begin_step()
         target, image, dimage = step.level.target(step.view), *step.level.buffers(step.view)
         self._prepare_next_image()
-        began = time.perf_counter()
+        began, cpu_began = time.perf_counter(), time.process_time()
         self.stopwatch.start()
         self._render(step, image)
         self.photographs.observe(step.fraction, step.level, step.view, target, image)
         self.stopwatch.lap("light")
         loss = self._compare(step, target)
-        self._backpropagate(dimage)
-        self._optimize(step)
+        taken = self._backpropagate(step, dimage)
+        self._optimize(step, with_harmonics=not taken)
         self.step = step.number
         self._densify(step)
         self._refine(step)
         self._mean.observe(step.number, step.fraction, self.gaussians)
         self.seconds += time.perf_counter() - began
+        self.cpu_seconds += time.process_time() - cpu_began
         return loss
 
     def _begin_step(self) -> _Step:
@@ -212,15 +213,15 @@ class TrainingLoop:
         self.stopwatch.lap("loss")
         return loss
 
-    def _backpropagate(self, dimage: np.ndarray) -> None:
-        """From the image back through raster and projection to every parameter."""
-        self.renderer.backward(
-            dimage, None, None, self._gradients, self._touched, not self.options.sparse_adam, False
-        )
+    def _backpropagate(self, step: _Step, dimage: np.ndarray) -> bool:
+        """From the image back through raster and projection; whether harmonics took their step."""
+        how = _backward_settings(self, step)
+        self.renderer.backward(dimage, None, None, self._gradients, self._touched, **how)
         self._filter.backward(self.gaussians, self._context.trained(self._gradients))
         self.stopwatch.lap("backward")
+        return "harmonics_step" in how
 
-    def _optimize(self, step: _Step) -> None:
+    def _optimize(self, step: _Step, with_harmonics: bool) -> None:
         """Statistics for densification, one step of Adam, and what the strategy adds to both."""
         optimizer, trained = self.optimizer, self._context.trained
         gradients, touched = trained(self._gradients), trained(self._touched)
@@ -229,7 +230,7 @@ class TrainingLoop:
         self.stopwatch.lap("statistics")
         self._add_surface(step)
         visible = touched if self.options.sparse_adam else None
-        optimizer.step(gradients, step.rates, visible, step.degree)
+        optimizer.step(gradients, step.rates, visible, step.degree, with_harmonics)
         self.stopwatch.lap("adam")
         self.densification.explore(optimizer, step.rates.means)
         self.stopwatch.lap("noise")
@@ -284,6 +285,7 @@ class TrainingLoop:
         return {
             "step": self.step,
             "seconds": self.seconds,
+            "cpu_seconds": self.cpu_seconds,
             "first_count": self.densification.first_count,
             "optimizer": self.optimizer.state_dict(),
             "mean": self._mean.state_dict(),
@@ -295,7 +297,7 @@ class TrainingLoop:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Goes on exactly where `state_dict` was taken."""
         self.step = int(state["step"])
-        self.seconds = float(state["seconds"])
+        self.seconds, self.cpu_seconds = state["seconds"], state.get("cpu_seconds", 0.0)
         self.densification.first_count = int(state["first_count"])
         self.optimizer.load_state_dict(state["optimizer"])
         self._mean.load_state_dict(state["mean"])
@@ -303,3 +305,17 @@ class TrainingLoop:
         if self.refiner is not None:
             self.refiner.load_state_dict(state["refiner"])
         self._filter.load_state_dict(state)
+
+
+def _backward_settings(loop: TrainingLoop, step: _Step) -> dict[str, Any]:
+    """What the backward pass is told beside the arrays.
+
+    It takes the harmonics' step, which saves their gradients' memory, where one picture is made of
+    what is trained alone, and what it does not show stays.
+    """
+    o, optimizer = loop.options, loop.optimizer
+    settings: dict[str, Any] = {"write_untouched": not o.sparse_adam, "with_poses": False}
+    is_plain = o.sparse_adam and o.motion_blur is None and loop._context.is_empty
+    if is_plain and isinstance(optimizer, GaussianOptimizer):
+        settings["harmonics_step"] = optimizer.harmonics_step(step.rates, step.degree)
+    return settings

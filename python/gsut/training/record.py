@@ -36,7 +36,8 @@ class TrainingRecord:
     Attributes:
         run: the folder, or None.
         checkpoint: the state that `follow` goes on from, or None.
-        history: one dict a row: step, seconds, loss, num_gaussians, and where measured psnr.
+        history: one dict a row: step, seconds, cpu_seconds, loss, num_gaussians, and where
+            measured psnr.
         goes_on: until `watch` ends the training.
 
     Raises:
@@ -95,7 +96,8 @@ class TrainingRecord:
                 self._progress({**row, "seconds_left": left})
         every = self._options.checkpoint_every
         late = time.monotonic() - self._saved > _CHECKPOINT_SECONDS
-        if every and (loop.step % every == 0 or late):
+        last = loop.step == self._options.steps  # which `follow` saves
+        if every and not last and (loop.step % every == 0 or late):
             self._save(loop)
         if self._watch is not None:
             self.goes_on = self._watch(loop, row)
@@ -109,6 +111,7 @@ class TrainingRecord:
         row = {
             "step": step,
             "seconds": loop.seconds,
+            "cpu_seconds": loop.cpu_seconds,
             "loss": loss,
             "num_gaussians": len(loop.gaussians),
         }

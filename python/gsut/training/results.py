@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 
 from gsut.data import Scene
-from gsut.evaluate import evaluate, mean_psnr, run_metrics, train_verdict, write_report
+from gsut.evaluate import (
+    evaluate,
+    mean_psnr,
+    run_metrics,
+    train_verdict,
+    write_report,
+)
 from gsut.formats import NO_BACKGROUND, for_file, place_text, save_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import evaluate_aligned, write_refined
@@ -90,6 +96,7 @@ def write_results(
     metrics: dict[str, Any],
     data: Path,
     refined: Scene | None,
+    options: TrainOptions,
 ) -> None:
     """Writes scene.ply, metrics.json, report.html and, where poses were refined, these.
 
@@ -100,11 +107,12 @@ def write_results(
             verdict.
         data: the dataset's path, for the verdict's advice.
         refined: the scene with refined poses, or None.
+        options: of the training, as they were given: for the verdict's advice.
     """
     in_dataset = gaussians.translated(metrics["world_offset"])
     metrics["notes"] += notes_on_place(for_file(in_dataset).origin)
     run.write(SCENE, lambda path: save_ply(path, in_dataset, scene_comments(run)))
-    write_findings(run, metrics, data, refined)
+    write_findings(run, metrics, data, refined, options)
 
 
 def scene_comments(run: RunFolder) -> list[str]:
@@ -120,13 +128,18 @@ def notes_on_place(origin: np.ndarray) -> list[str]:
 
 
 def write_findings(
-    run: RunFolder, metrics: dict[str, Any], data: Path, refined: Scene | None
+    run: RunFolder,
+    metrics: dict[str, Any],
+    data: Path,
+    refined: Scene | None,
+    options: TrainOptions,
+    division: Sequence[str] = (),
 ) -> None:
-    """`write_results` but for scene.ply, which is there."""
+    """`write_results` but for scene.ply, which is there; `division`: see `train_verdict`."""
     if refined is not None:
         metrics["notes"] += _refinement_notes(metrics)
         write_refined(run, refined)
-    verdict = train_verdict(metrics, str(data), str(run.path))
+    verdict = train_verdict(metrics, str(data), str(run.path), options, division)
     metrics["verdict"] = verdict.as_dict()
     run.write_json("metrics.json", metrics)
     write_report(run)

@@ -16,13 +16,15 @@ from gsut.blocks.segment import (
     views_by_rate,
 )
 from gsut.blocks.shares import Shares, choose_context, find_shares
-from gsut.blocks.task import BlockTask, gaussian_arrays, photographs_of
+from gsut.blocks.task import BlockTask, Trained, photographs_of
 from gsut.compact import seen_views
 from gsut.run import read_checkpoint, write_checkpoint
 from gsut.training import TrainingLoop
 from small_blocks import OPTIONS, small_scene
 from tolerances.blocks import SHARES_SUM
 
+FEW_STEPS = dataclasses.replace(OPTIONS, steps=24, coarse_to_fine=(0.0, 0.0), sh_every=1).resolved()
+SETTLED = dataclasses.replace(FEW_STEPS, densify_until=0.5)  # in the first of two rounds
 FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 
 
@@ -38,10 +40,9 @@ def task(scene):
     part = scene.replace(views=train, train_indices=range(len(train)), test_indices=())
     tiles = np.zeros((3, 3), bool)
     tiles[1, 0] = True
-    options = dataclasses.replace(OPTIONS, steps=24, coarse_to_fine=(0.0, 0.0), sh_every=1)
     return BlockTask(
-        part, options.resolved(), scene.extent, None, [tiles] * len(train), np.ones(len(train)),
-        1 << 30, start[:30], start[30:], 0, 24, 3,
+        part, FEW_STEPS, scene.extent, None, [tiles] * len(train), np.ones(len(train)),
+        1 << 30, Trained(start[:30]), start[30:], 0, 24, 3,
     )  # fmt: skip
 
 
@@ -55,15 +56,15 @@ def finished(task, between=lambda state: state):
 
 def test_context_stays_and_own_move(task):
     before = task.context.copy()
-    result = finished(task)["result"]
+    result = finished(task)["own"]
     for name in FIELDS:
         np.testing.assert_array_equal(getattr(task.context, name), getattr(before, name))
     assert len(result["means"]) >= len(task.own)
-    assert np.abs(result["means"][: len(task.own)] - task.own.means).max() > 0
+    assert np.abs(result["means"][: len(task.own)] - task.own.gaussians.means).max() > 0
 
 
 def test_segments_from_files_give_the_bits_of_one_go(task, tmp_path):
-    whole = finished(dataclasses.replace(task, segments=1))["result"]
+    whole = finished(dataclasses.replace(task, segments=1))["own"]
 
     def through_file(state):
         write_checkpoint(tmp_path / "state.npz", state)
@@ -74,12 +75,28 @@ def test_segments_from_files_give_the_bits_of_one_go(task, tmp_path):
     state = None
     for _ in range(task.segments):  # a worker that begins anew each time
         state = through_file(run_segment(BlockTask.from_dict(values), state, []))
-    kept_loop = finished(task)["result"]
+    kept_loop = finished(task)["own"]
     for name in FIELDS:
-        np.testing.assert_array_equal(state["result"][name], whole[name])
+        np.testing.assert_array_equal(state["own"][name], whole[name])
         np.testing.assert_array_equal(kept_loop[name], whole[name])
     assert state["pixels"] > 0
     assert all(path.endswith(".png") for path in photographs_of(values))
+
+
+def test_round_that_goes_on_gives_the_bits_of_an_unbroken_one(task):
+    """Adam's moments come along: without them the first steps are as large as the first of all."""
+    whole = finished(dataclasses.replace(task, options=SETTLED, segments=1))
+    assert whole["moments"] == []
+    first = finished(dataclasses.replace(task, options=SETTLED, end=16))
+    own = Trained.from_dict(first)
+    assert len(own.moments) == 2
+    rest = dataclasses.replace(task, options=SETTLED, own=own, begin=16)
+    result, without = (
+        finished(dataclasses.replace(rest, own=each)) for each in (own, Trained(own.gaussians))
+    )
+    for name in FIELDS:
+        np.testing.assert_array_equal(result["own"][name], whole["own"][name])
+    assert np.abs(without["own"]["means"] - whole["own"]["means"]).max() > 0
 
 
 def test_the_loop_of_another_block_goes_before_the_next_is_made(task, monkeypatch):
@@ -165,8 +182,8 @@ def test_views_are_trained_on_as_often_as_their_rates_say():
 
 
 def test_photographs_that_are_not_kept_change_no_bits(task):
-    kept = finished(dataclasses.replace(task, segments=1))["result"]
-    short = finished(dataclasses.replace(task, keep_bytes=0, segments=1))["result"]
+    kept = finished(dataclasses.replace(task, segments=1))["own"]
+    short = finished(dataclasses.replace(task, keep_bytes=0, segments=1))["own"]
     for name in FIELDS:
         np.testing.assert_array_equal(short[name], kept[name])
     assert len(task.scene._images._items) == 1
@@ -194,7 +211,7 @@ def test_light_travels_and_stays(task, tmp_path):
     write_checkpoint(tmp_path / "task.npz", lit.as_dict())
     back = BlockTask.from_dict(read_checkpoint(tmp_path / "task.npz"))
     np.testing.assert_array_equal(back.light.gains, light.gains)
-    one, two = (finished(each)["result"]["sh"] for each in (lit, back))
+    one, two = (finished(each)["own"]["sh"] for each in (lit, back))
     np.testing.assert_array_equal(one, two)
-    assert np.abs(one - finished(dataclasses.replace(task, segments=1))["result"]["sh"]).max() > 0
-    assert gaussian_arrays(back.own).keys() == set(FIELDS)
+    assert np.abs(one - finished(dataclasses.replace(task, segments=1))["own"]["sh"]).max() > 0
+    assert back.own.as_dict()["own"].keys() == set(FIELDS)

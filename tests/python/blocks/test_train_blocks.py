@@ -14,7 +14,7 @@ import gsut
 from attack.harness import snapshot
 from gsut.blocks import workers
 from gsut.blocks.layout import Layout
-from gsut.blocks.plan import check_memory, choose_count, needed
+from gsut.blocks.plan import block_options, check_memory, choose_count, needed
 from gsut.cli import main
 from gsut.run import RunFolder, read_checkpoint, size_text
 from small_blocks import OPTIONS, same_bits, states, train
@@ -57,9 +57,20 @@ def test_second_round_trains_odd_blocks_among_what_even_ones_have_become(finishe
         return {row.tobytes() for key in keys for row in content[key]["means"]}
 
     seen = [rows(block, "task2", "own", "context") for block in (0, 1)]
-    assert rows(1, "state1", "result") <= seen[0]
-    assert rows(0, "state2", "result") <= seen[1]
-    assert not rows(0, "state1", "result") <= seen[1]
+    assert rows(1, "state1", "own") <= seen[0]
+    assert rows(0, "state2", "own") <= seen[1]
+    assert not rows(0, "state1", "own") <= seen[1]
+
+
+def test_regularisers_pull_at_a_gaussian_as_in_one_training():
+    """They are means: over fewer Gaussians each would be pulled at the harder."""
+    pulls = [
+        (each.opacity_regularizer / most, each.scale_regularizer / most)
+        for most in (400, 100, 25)
+        for each in [block_options(OPTIONS, gsut.BlockOptions("4"), 1.0, most)]
+    ]
+    assert pulls[0] == (OPTIONS.opacity_regularizer / 400, OPTIONS.scale_regularizer / 400)
+    np.testing.assert_allclose(pulls[1:], [pulls[0]] * 2, rtol=1e-15)
 
 
 def test_workers_that_are_killed_give_the_same_bits(scene, finished, tmp_path, monkeypatch):
@@ -98,7 +109,7 @@ def test_run_that_was_broken_off_goes_on_to_the_same_bits(scene, finished, tmp_p
     monkeypatch.undo()
     assert not (out / "metrics.json").exists()
     assert "loop" in read_checkpoint(states(out)[-1])  # in the middle of a block
-    monkeypatch.setattr("gsut.training.results.write_report", lambda run: None)
+    monkeypatch.setattr("gsut.training.results.write_report", lambda *_: None)
     assert main(["train", str(scene.path), "-o", str(out), "--resume", "--quiet"]) == 0
     assert same_bits(finished / "run", out)
 
@@ -217,7 +228,7 @@ def test_run_killed_before_its_first_step_goes_on_to_the_same_bits(
     assert main(words) == 130
     assert (out / "options.json").is_file()
     monkeypatch.undo()
-    monkeypatch.setattr("gsut.training.results.write_report", lambda run: None)
+    monkeypatch.setattr("gsut.training.results.write_report", lambda *_: None)
     assert main(words) == 0
     assert same_bits(finished / "run", out)
 

@@ -1,9 +1,18 @@
 """The verdict of a training names what is wrong and the next command."""
 
+import argparse
+import shlex
+
 import pytest
 
 from gsut.evaluate import train_verdict
-from gsut.run import Verdict
+from gsut.run import (
+    BlockOptions,
+    TrainOptions,
+    Verdict,
+    add_option_flags,
+    given_options,
+)
 
 GOOD = {
     "psnr": 30.1, "psnr_train": 31.0, "psnr_color_corrected": 30.3, "psnr_min": 28.0,
@@ -36,3 +45,37 @@ def test_verdict_of_a_training(changes, level, reason, advice):
     assert Verdict.of(verdict.as_dict()) == verdict
     if changes.get("psnr", 30.0) is not None:
         assert "30 dB sharp" in verdict.what
+
+
+def options_of(command, kind):
+    parser = argparse.ArgumentParser()
+    add_option_flags(parser, kind)
+    return kind(**given_options(kind, parser.parse_known_args(shlex.split(command))[0]))
+
+
+@pytest.mark.parametrize(
+    ("made", "again"),
+    [
+        ({}, {"preset": "best"}),
+        ({"preset": "fast"}, {"preset": "best"}),
+        ({"steps": 500, "lr_means": 1e-3, "max_gaussians": 20_000, "sh_degree": 0, "robust": True,
+          "noise": True, "background": (0.0, 0.5, 1.0), "test_names": ("a b.png", "c.png")},
+         {"preset": "best", "steps": None}),
+        ({"preset": "best", "refine_lens": True, "test_every": 5}, {"steps": 14_000}),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("known", [lambda options: options, TrainOptions.resolved])
+def test_next_command_keeps_the_options_of_the_run_but_makes_more_steps(made, again, known):
+    options = known(TrainOptions(**made))
+    advice = train_verdict(GOOD | {"psnr": 25.0}, "data", "run", options).advice
+    assert options_of(advice, TrainOptions) == TrainOptions(**made | again)
+
+
+def test_next_command_divides_as_the_run_was_divided():
+    division = BlockOptions("4", memory="2GB", workers=2)
+    bad = GOOD | {"psnr": 15.0, "psnr_train": 16.0, "psnr_min": 12.0}
+    for metrics in (GOOD | {"psnr": 25.0}, bad):
+        advice = train_verdict(metrics, "data", "run", None, division.words()).advice
+        assert options_of(advice.partition(", then ")[2] or advice, BlockOptions) == division
+    assert "--refine-poses" in advice
+    assert BlockOptions("auto").words() == ["--blocks", "auto"]

@@ -67,10 +67,10 @@ def test_training_gradient_is_that_of_certain_pixels_only(rng, tmp_path, lens):
         options = TrainOptions(steps=3, calibration_weights=str(lens), max_gaussians=100)
         loop = TrainingLoop(scene, options.resolved())
         loop.advance()
-        largest[name] = np.abs(loop._gradients.sh).max()
+        largest[name] = np.abs(loop._gradients.means).max()
     plain = TrainingLoop(scene, TrainOptions(steps=3, max_gaussians=100).resolved())
     plain.advance()
-    assert largest["certain"] == np.abs(plain._gradients.sh).max()
+    assert largest["certain"] == np.abs(plain._gradients.means).max()
     assert largest["uncertain"] < 1e-12 * largest["certain"]
 
 

@@ -66,6 +66,18 @@ def test_checkpoint_of_any_state_is_read_back_exact_to_the_bit(tmp_path, rng):
     assert_same_bits(found, state)
 
 
+def test_entries_of_a_checkpoint_are_read_without_the_others(tmp_path):
+    path = tmp_path / "c.npz"
+    write_checkpoint(path, {"count": 3, "own": {"means": np.full(1000, 7.25)}, "b": [np.arange(2)]})
+    data = bytearray(path.read_bytes())
+    data[data.find(np.float64(7.25).tobytes() * 10) + 20] ^= 1  # which reading the array finds out
+    path.write_bytes(data)
+    assert read_checkpoint(path, ("count", "absent")) == {"count": 3}
+    np.testing.assert_array_equal(read_checkpoint(path, ("b",))["b"][0], [0, 1])
+    with pytest.raises(InputError, match="not a complete checkpoint"):
+        read_checkpoint(path, ("own",))
+
+
 def test_checkpoint_that_is_absent_is_none(tmp_path):
     run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
     assert run.load_checkpoint() is None

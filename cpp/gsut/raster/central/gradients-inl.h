@@ -32,18 +32,15 @@ HWY_INLINE void Cross(const Lane* a, const Lane* b, Lane* out) {
 
 // Gradients of the Gaussians [first, first + kLanes) that exist; adds the pose's to dpose[6] if it
 // is not null.
-// touched[i] = 1 where a pixel saw the Gaussian; rows of the others become 0 if write_untouched,
-// else they are left as they are.
 HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, const HarmonicsRows& sh_rows,
                                   std::int64_t first, const ViewFloats& view, float log2_alpha_min,
-                                  float max_cutoff, int sh_degree, bool write_untouched,
-                                  const Frame& frame, const GaussiansView<float>& out,
-                                  std::uint8_t* touched, double* dpose) {
+                                  float max_cutoff, int sh_degree, const Frame& frame,
+                                  const GradientRows& to, double* dpose) {
   const FloatTag d;
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
   LaneMask seen;
   Lane sums[16];
-  if (!LoadSlotSums(g, sh_rows, first, frame, write_untouched, out, touched, &seen, sums)) return;
+  if (!LoadSlotSums(g, sh_rows, first, frame, to, &seen, sums)) return;
   const SeenLanes s = LoadSeen(g, first, view, log2_alpha_min, max_cutoff);
   const RecordLanes r = MakeRecord(s);
   constexpr double kLn2 = 0.69314718055994530942;
@@ -92,12 +89,11 @@ HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, const Har
   for (Lane& component : g_quat) component = Select(seen, two * component, Lane(0.0));
 
   // Colour.
-  FetchNextHarmonics<false>(g.sh, sh_rows, first);
-  FetchNextHarmonics<true>(out.sh, sh_rows, first);
+  FetchNextColors(g.sh, sh_rows, first, to);
   Lane direction[3];
   for (int k = 0; k < 3; ++k) direction[k] = s.world[k] * inverse_distance;
   Lane g_direction[3];
-  ColorGradients(g, sh_rows, first, sh_degree, seen, direction, &sums[slot::kColor], out,
+  ColorGradients(g, sh_rows, first, sh_degree, seen, direction, &sums[slot::kColor], to,
                  g_direction);
   const Lane along = Dot3(direction, g_direction);
   for (int k = 0; k < 3; ++k) {
@@ -106,6 +102,7 @@ HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, const Har
   }
   const Lane g_logit = Select(seen, sums[slot::kH] * (Lane(1.0) - s.opacity), Lane(0.0));
 
+  const GaussiansView<float>& out = to.rows;
   StoreRows3(g_world, available, out.means + 3 * first);
   StoreRows4(g_quat, available, out.quats + 4 * first);
   StoreRows3(g_scale, available, out.log_scales + 3 * first);

@@ -151,12 +151,10 @@ void Backward(const RasterTask& task, const TileGrid& grid, int tile,
 }
 
 void Gradients(const RasterTask& task, const Frame& frame, std::int64_t begin, std::int64_t end,
-               bool write_untouched, const GaussiansView<float>& gradients, std::uint8_t* touched,
-               double* dpose) {
+               const GradientRows& to, double* dpose) {
   for (std::int64_t i = begin; i < end; i += kLanes) {
     GaussianGradients(task.gaussians, task.sh_rows, i, task.view, task.log2_alpha_min,
-                      task.max_cutoff, task.sh_degree, write_untouched, frame, gradients, touched,
-                      dpose);
+                      task.max_cutoff, task.sh_degree, frame, to, dpose);
   }
 }
 
@@ -187,10 +185,8 @@ void BackwardKernel(const RasterTask& task, const TileGrid& grid, int tile,
 }
 
 void GradientsKernel(const RasterTask& task, const Frame& frame, std::int64_t begin,
-                     std::int64_t end, bool write_untouched, const GaussiansView<float>& gradients,
-                     std::uint8_t* touched, double* dpose) {
-  HWY_DYNAMIC_DISPATCH(Gradients)
-  (task, frame, begin, end, write_untouched, gradients, touched, dpose);
+                     std::int64_t end, const GradientRows& to, double* dpose) {
+  HWY_DYNAMIC_DISPATCH(Gradients)(task, frame, begin, end, to, dpose);
 }
 
 }  // namespace gsut

@@ -27,7 +27,6 @@ void BackwardKernel(const RasterTask& task, const TileGrid& grid, int tile,
 // Gradients of the Gaussians [begin, end), begin a multiple of 16; adds the pose's to dpose[6] if
 // it is not null.
 void GradientsKernel(const RasterTask& task, const Frame& frame, std::int64_t begin,
-                     std::int64_t end, bool write_untouched, const GaussiansView<float>& gradients,
-                     std::uint8_t* touched, double* dpose);
+                     std::int64_t end, const GradientRows& to, double* dpose);
 
 }  // namespace gsut

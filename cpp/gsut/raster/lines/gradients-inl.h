@@ -30,17 +30,14 @@ HWY_INLINE void ShadingDirection(const SeenLanes& s, const ViewFloats& view, boo
 
 // As GaussianGradients; dshading[6]: to the reference's centre and to its axis, world.
 HWY_INLINE void LineGradients(const RasterTask& task, bool is_parallel, std::int64_t first,
-                              bool write_untouched, const Frame& frame,
-                              const GaussiansView<float>& out, std::uint8_t* touched,
-                              double* dshading) {
+                              const Frame& frame, const GradientRows& to, double* dshading) {
   const FloatTag d;
   const GaussiansView<const float>& g = task.gaussians;
   const ViewFloats& view = task.view;
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
   LaneMask seen;
   Lane sums[16];
-  if (!LoadSlotSums(g, task.sh_rows, first, frame, write_untouched, out, touched, &seen, sums))
-    return;
+  if (!LoadSlotSums(g, task.sh_rows, first, frame, to, &seen, sums)) return;
   const SeenLanes s = LoadSeen(g, first, view, task.log2_alpha_min, task.max_cutoff);
   const Lane k = Sqrt(s.cutoff);
   Lane g_mean[3];  // camera frame
@@ -68,7 +65,7 @@ HWY_INLINE void LineGradients(const RasterTask& task, bool is_parallel, std::int
 
   Lane direction[3], g_direction[3];
   ShadingDirection(s, view, is_parallel, direction);
-  ColorGradients(g, task.sh_rows, first, task.sh_degree, seen, direction, &sums[kSumColor], out,
+  ColorGradients(g, task.sh_rows, first, task.sh_degree, seen, direction, &sums[kSumColor], to,
                  g_direction);
   const Lane along = Dot3(direction, g_direction);
   const Lane inverse_distance = Lane(1.0) / s.distance;
@@ -88,6 +85,7 @@ HWY_INLINE void LineGradients(const RasterTask& task, bool is_parallel, std::int
     }
   }
   const Lane g_logit = Select(seen, sums[kSumH] * (Lane(1.0) - s.opacity), Lane(0.0));
+  const GaussiansView<float>& out = to.rows;
   StoreRows3(g_world, available, out.means + 3 * first);
   StoreRows4(g_quat, available, out.quats + 4 * first);
   StoreRows3(g_scale, available, out.log_scales + 3 * first);

@@ -107,11 +107,10 @@ void LineBackward(const RasterTask& task, const LineGrid& grid, int tile,
 }
 
 void LineGradientsRange(const RasterTask& task, bool is_parallel, const Frame& frame,
-                        std::int64_t begin, std::int64_t end, bool write_untouched,
-                        const GaussiansView<float>& gradients, std::uint8_t* touched,
+                        std::int64_t begin, std::int64_t end, const GradientRows& to,
                         double* dshading) {
   for (std::int64_t i = begin; i < end; i += kLanes) {
-    LineGradients(task, is_parallel, i, write_untouched, frame, gradients, touched, dshading);
+    LineGradients(task, is_parallel, i, frame, to, dshading);
   }
 }
 
@@ -142,11 +141,10 @@ void LineBackwardKernel(const RasterTask& task, const LineGrid& grid, int tile,
 }
 
 void LineGradientsKernel(const RasterTask& task, bool is_parallel, const Frame& frame,
-                         std::int64_t begin, std::int64_t end, bool write_untouched,
-                         const GaussiansView<float>& gradients, std::uint8_t* touched,
+                         std::int64_t begin, std::int64_t end, const GradientRows& to,
                          double* dshading) {
   HWY_DYNAMIC_DISPATCH(LineGradientsRange)
-  (task, is_parallel, frame, begin, end, write_untouched, gradients, touched, dshading);
+  (task, is_parallel, frame, begin, end, to, dshading);
 }
 
 }  // namespace gsut

@@ -27,8 +27,7 @@ void LineBackwardKernel(const RasterTask& task, const LineGrid& grid, int tile,
 
 // As GradientsKernel; adds to dshading[6], the gradients to the reference's centre and axis.
 void LineGradientsKernel(const RasterTask& task, bool is_parallel, const Frame& frame,
-                         std::int64_t begin, std::int64_t end, bool write_untouched,
-                         const GaussiansView<float>& gradients, std::uint8_t* touched,
+                         std::int64_t begin, std::int64_t end, const GradientRows& to,
                          double* dshading);
 
 }  // namespace gsut

@@ -1,0 +1,104 @@
+"""Tests that Adam may step the harmonics in the backward pass: to the same bits as after it."""
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut import _core
+from gsut.optimize import GaussianOptimizer, LearningRates
+from gsut.render import DEFAULT_UNSCENTED
+from gsut.run import TrainOptions
+from gsut.training import TrainingLoop
+from gsut.training import loop as loop_module
+from random_scenes import arrays_of, fisheye, gaussians_in_view, random_pose
+from rendered_dataset import write_dataset
+
+RATES = LearningRates(1e-3, 2e-3, 3e-3, 4e-2, 5e-3, 6e-4)
+CAMERA = fisheye(40)
+STEPS = 3
+
+
+def rolling(pose):
+    """Moves within the image: its rays are lines."""
+    start, end = (gsut.exp_pose(np.full(6, sign * 0.01)) @ pose for sign in (-1.0, 1.0))
+    return gsut.CameraMotion(start, end, gsut.Shutter("top_to_bottom"))
+
+
+def passes(optimizer, place, degree, dimage, in_backward):
+    """A few passes; returns the harmonics' gradients as the last left them."""
+    g = optimizer.gaussians
+    renderer, gradients = _core.Renderer(), g.zeros_like()
+    touched, image = np.zeros(len(g), np.uint8), np.zeros_like(dimage)
+    for _ in range(STEPS):
+        renderer.render(
+            g, CAMERA, place, _core.BlendRule(), (0.0, 0.0, 0.0), degree, DEFAULT_UNSCENTED, image,
+            None, None, True,
+        )  # fmt: skip
+        step = optimizer.harmonics_step(RATES, degree) if in_backward else None
+        renderer.backward(dimage, None, None, gradients, touched, False, False, harmonics_step=step)
+        optimizer.step(gradients, RATES, touched, degree, harmonics=not in_backward)
+    assert 0 < touched.sum() < len(g)
+    return gradients.sh
+
+
+@pytest.mark.parametrize("motion", [lambda pose: pose, rolling], ids=["still", "rolling"])
+def test_step_in_backward_gives_the_bits_of_a_step_after_it(rng, motion):
+    pose = random_pose(rng)
+    in_view = gaussians_in_view(rng, CAMERA, pose, 301, sh_degree=3)
+    in_view.means[::5] += 100.0  # some are far off
+    dimage = rng.normal(size=(CAMERA.height, CAMERA.width, 3)).astype(np.float32)
+    ran = 0
+    for isa in gsut.available_isas():
+        gsut.set_isa(isa)
+        for degree in range(4):
+            after, within = (GaussianOptimizer(in_view, 400) for _ in range(2))
+            assert np.any(passes(after, motion(pose), degree, dimage, False))
+            assert not np.any(passes(within, motion(pose), degree, dimage, True))
+            for expected, found in zip(after.arrays, within.arrays, strict=True):
+                assert arrays_of(found) == arrays_of(expected), (isa, degree)
+            assert np.any(after.arrays[1].sh)
+            ran += 1
+    assert ran == 4 * len(gsut.available_isas())
+
+
+def test_step_in_backward_of_what_was_not_rendered_raises(rng):
+    pose = random_pose(rng)
+    optimizer = GaussianOptimizer(gaussians_in_view(rng, CAMERA, pose, 50))
+    g, renderer = optimizer.gaussians, _core.Renderer()
+    image, touched = np.zeros((CAMERA.height, CAMERA.width, 3), np.float32), np.zeros(50, np.uint8)
+
+    def backward(drawn, write_untouched):
+        renderer.render(
+            drawn, CAMERA, pose, _core.BlendRule(), (0.0, 0.0, 0.0), 1, DEFAULT_UNSCENTED, image,
+            None, None, True,
+        )  # fmt: skip
+        again(write_untouched)
+
+    def again(write_untouched):
+        step = optimizer.harmonics_step(RATES)
+        renderer.backward(
+            image, None, None, g.zeros_like(), touched, write_untouched, False, harmonics_step=step
+        )
+
+    for drawn, write_untouched in ((g.copy(), False), (g, True)):
+        with pytest.raises(gsut.InputError, match="the array that was rendered"):
+            backward(drawn, write_untouched)
+    backward(g, False)
+    with pytest.raises(gsut.InputError, match="needs a render before it"):
+        again(False)
+
+
+def test_training_steps_harmonics_in_backward_to_the_same_bits(rng, tmp_path, monkeypatch):
+    scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng))
+    after = {"write_untouched": False, "with_poses": False}
+    options = TrainOptions(steps=8, sh_degree=2, sh_every=2, densify_every=3).resolved()
+    runs = []
+    for in_backward in (True, False):
+        if not in_backward:
+            monkeypatch.setattr(loop_module, "_backward_settings", lambda loop, step: after)
+        loop = TrainingLoop(scene, options)
+        for _ in range(7):
+            loop.advance()
+        assert np.any(loop._gradients.sh) != in_backward
+        runs.append([arrays_of(rows) for rows in loop.optimizer.arrays])
+    assert runs[0] == runs[1]
