@@ -18,7 +18,14 @@ import numpy as np
 from gsut._core import InputError
 from gsut.files import regular
 from gsut.formats._errors import largest_errors
-from gsut.formats._format import Format, SceneFile, StartView, WriteSettings, Written
+from gsut.formats._format import (
+    Format,
+    SceneFile,
+    StartView,
+    WriteSettings,
+    Written,
+    check_room,
+)
 from gsut.formats._origin import for_file, place_text
 from gsut.formats.ply import NO_BACKGROUND, load_ply, open_ply, save_ply, save_ply_parts
 from gsut.gaussians import Gaussians, are_surfels
@@ -30,6 +37,7 @@ __all__ = [
     "StartView",
     "WriteSettings",
     "Written",
+    "check_room",
     "drawable",
     "for_file",
     "format_of",
