@@ -172,6 +172,7 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.Read("loss_scale", &options.loss_scale);
   settings.Read("hold_out_every", &options.hold_out_every);
   settings.Read("covariances", &options.covariances);
+  settings.Read("covariances", &options.covariances);
   settings.Read("seed", &options.seed);
   settings.Read("extend_radius", &options.extend_radius);
   settings.Read("extend_distance", &options.extend_distance);

@@ -196,10 +196,15 @@ ROWS: dict[str, tuple[Spoil, str]] = {
     "a pose has big integers": (matrix(lambda m: [[10**400] * 4] * 4), "transforms.json|images"),
     **{
         f"{key} is {value!r:.12}": (put(key, value=value), f"transforms.json.*{said}")
-        for key, said in (("fl_x", "(fl_x|fx)"), ("w", "w")) for value in NUMBERS
+        for key, said in (("fl_x", "key 'fl_x'"), ("w", "w")) for value in NUMBERS
     },
     "cx is far outside": (put("cx", value=1e9), "cx"),
-    "k1 is 1e300": (put("k1", value=1e300), "k1|pixels look|no usable|lens|distortion"),
+    "k1 is 1e300": (
+        content(lambda values: values.update(camera_model="OPENCV", k1=1e300)), "key 'k1'"
+    ),
+    "focal lengths in a ratio of 13": (
+        content(lambda values: values.update(fl_y=13 * values["fl_x"])), "key 'fl_x'.*factor of 13"
+    ),
     "k1 is NaN": (put("k1", value=float("nan")), "k1"),
     "the lens is unknown": (put("camera_model", value="MAGIC"), "MAGIC"),
     "the lens is a list": (put("camera_model", value=["PINHOLE"]), "camera_model"),

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 import small_videos
+from attack.datasets import content
 from attack.harness import Case
 
 Make = Callable[[Path], object]
@@ -69,18 +70,6 @@ class Strange:
     said: str = ""
     passes: frozenset[str] = frozenset()
     needs: tuple[str, ...] = ()
-
-
-def transforms(change: Callable[[dict[str, Any]], object]) -> Make:
-    """The rendered dataset's transforms.json, changed."""
-
-    def make(folder: Path) -> None:
-        path = folder / "ds/transforms.json"
-        values = json.loads(path.read_text())
-        changed = change(values)
-        path.write_text(json.dumps(values if changed is None else changed))
-
-    return make
 
 
 def text_of(name: str, change: Callable[[str], str | bytes]) -> Make:
@@ -204,7 +193,7 @@ def nest(folder: Path) -> None:
 
 def newline(folder: Path) -> None:
     (folder / "ds/images/003.png").rename(folder / "ds/images/new\nline.png")
-    transforms(lambda values: json.loads(
+    content(lambda values: json.loads(
         json.dumps(values).replace("003.png", "new\\nline.png")))(folder)  # fmt: skip
 
 
@@ -255,11 +244,11 @@ THINGS: dict[str, Strange] = {
     "a film of black": Strange(
         lambda f: small_videos.write_video(f / "dark.mp4", [ground(0) * 0] * 9), "dark.mp4"),
     "a mesh": Strange(mesh_ply, "mesh.ply"),
-    "as Blender writes": Strange(transforms(blender), "ds", "", DATA, ("ds",)),
-    "as instant-ngp writes": Strange(transforms(instant), "ds", "", DATA, ("ds",)),
-    "as nerfstudio writes": Strange(transforms(studio), "ds", "", DATA, ("ds",)),
-    "as Windows writes": Strange(transforms(backslashes), "ds", "", needs=("ds",)),
-    "other capitals": Strange(transforms(capitals), "ds", "", needs=("ds",)),
+    "as Blender writes": Strange(content(blender), "ds", "", DATA, ("ds",)),
+    "as instant-ngp writes": Strange(content(instant), "ds", "", DATA, ("ds",)),
+    "as nerfstudio writes": Strange(content(studio), "ds", "", DATA, ("ds",)),
+    "as Windows writes": Strange(content(backslashes), "ds", "", needs=("ds",)),
+    "other capitals": Strange(content(capitals), "ds", "", needs=("ds",)),
     "a mark before the text": Strange(
         text_of("ds/transforms.json", lambda t: b"\xef\xbb\xbf" + t.encode()), "ds", "", DATA,
         ("ds",)),

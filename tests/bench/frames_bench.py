@@ -15,10 +15,11 @@ import numpy as np
 from gsut.capture import capture
 from gsut.cli.poses import PosesStages
 from gsut.files import write_file
-from gsut.sfm import PosesOptions, PosesResult, find_poses
+from gsut.sfm import PosesOptions, PosesResult, errors_against, find_poses
 from tests.bench.poses_bench import PosesBenchOptions, measure_pycolmap
 from tests.bench.report_rows import table_text
 from tests.bench.time_left import WatchedProgress, right_percent
+from tests.bench.walk_bench import FILMS, write_truth
 
 HELP = "poses of ever more frames of one video: seconds by stage, same bits on any threads"
 COLUMNS = (
@@ -32,12 +33,12 @@ COLUMNS = (
     ("total", "total_cpu_seconds", ".1f"),
     ("a frame", "frame_cpu_seconds", ".2f"),
     ("residual [px]", "median", ".3f"),
+    ("ATE [% of extent]", "ate_percent", ".3f"),
+    ("rotation median [deg]", "rotation_median_degrees", ".3f"),
     ("time left within 1.5 [%]", "left_percent", ".0f"),
     ("bits", "bits", ""),
 )
 _STAGES = ("features", "matching", "mapping")
-# Stages that use all threads: of their processor seconds so many are one second of the clock.
-_PARALLEL = {"features": 2, "preview": 2, "matching": 2, "verifying": 2}
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -50,6 +51,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         default="2",
         help="of the first count's runs, each of them once; the others take the first number "
         "[default: %(default)s]",
+    )
+    parser.add_argument(
+        "--film", choices=tuple(FILMS), help="of `./run bench walk`, that the video is: its truth"
     )
     parser.add_argument("--shutter", default="auto", help="see `gsut poses --help`")
     parser.add_argument(
@@ -66,10 +70,17 @@ def run(arguments: argparse.Namespace) -> int:
         for place, count in enumerate(counts):
             folder = Path(name) / f"{count}"
             taken = capture([arguments.video], folder / "capture", count=count)
+            data = taken.path
+            if arguments.film:
+                data = write_truth(arguments.film, Path(arguments.video), taken.path, folder)
             first: PosesResult | None = None
             for number in threads if not place else threads[:1]:
                 options = PosesOptions(threads=number, shutter=arguments.shutter)
                 row, found = measure(taken.path, folder / f"{number}", options)
+                if arguments.film:
+                    errors = errors_against(data, folder / f"{number}")
+                    row["ate_percent"] = errors.ate_percent
+                    row["rotation_median_degrees"] = float(np.median(errors.rotation_degrees))
                 if first is not None:
                     row["bits"] = "same" if _same(first, found) else "OTHER"
                 first = first or found
@@ -78,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
             if arguments.pycolmap and not place:
                 bench = PosesBenchOptions([str(taken.path)], threads=threads[0])
                 theirs = measure_pycolmap(
-                    taken.path, "unknown", arguments.pycolmap, bench, sequential=True
+                    data, "unknown", arguments.pycolmap, bench, sequential=True
                 )
                 seconds = theirs.get("total_cpu_seconds")
                 rows.append(
@@ -93,17 +104,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def measure(captured: Path, out: Path, options: PosesOptions) -> tuple[dict[str, Any], PosesResult]:
     """The row of one run, and what it found."""
-    clock = _OneThread()
-    with WatchedProgress({}, clock=clock) as bars, contextlib.closing(PosesStages(bars)) as stages:
-
-        def on_progress(stage: str, done: int, total: int, text: str) -> None:
-            clock.stage = stage
-            stages.show(stage, done, total, text)
-
+    with WatchedProgress({}) as bars, contextlib.closing(PosesStages(bars)) as stages:
         found = find_poses(
-            captured, out, options=options, on_progress=on_progress, on_expected=stages.expect
+            captured, out, options=options, on_progress=stages.show, on_expected=stages.expect
         )
-    shown = bars.shown_until(clock())
     figures = found.figures
     row = {
         **dict.fromkeys(key for _, key, _ in COLUMNS),
@@ -114,23 +118,10 @@ def measure(captured: Path, out: Path, options: PosesOptions) -> tuple[dict[str,
         **{f"{name}_cpu_seconds": figures["cpu_seconds"][name] for name in (*_STAGES, "total")},
         "frame_cpu_seconds": figures["cpu_seconds"]["total"] / figures["images"],
         "median": figures["reprojection_error_px"]["median"],
-        "left_percent": right_percent(shown),
     }
+    if options.threads == 1:  # whose processor seconds are the clock
+        row["left_percent"] = right_percent(bars.shown_until(time.process_time()))
     return row, found
-
-
-class _OneThread:
-    """A clock of processor seconds, those of stages on all threads divided."""
-
-    def __init__(self) -> None:
-        self.stage = ""
-        self._before, self._now = time.process_time(), 0.0
-
-    def __call__(self) -> float:
-        moment = time.process_time()
-        self._now += (moment - self._before) / _PARALLEL.get(self.stage, 1)
-        self._before = moment
-        return self._now
 
 
 def _same(one: PosesResult, other: PosesResult) -> bool:

@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from gsut.data import Frame, points_ply, write_transforms
-from gsut.demo.dataset import whole_pixels, write_image
+from gsut.demo.dataset import whole_pixels
 from gsut.demo.hall import HALF_X, HALF_Y, make_hall
 from gsut.demo.shapes import Rays
 from gsut.demo.texture import to_srgb
 from gsut.demo.tracing import Tracer
 from gsut.demo.views import camera_path, demo_camera
-from gsut.files import whole_folder
+from gsut.files import whole_folder, write_picture
 
 _SEEDS = 2  # of textures, that alternate
 _STEP = (2 * HALF_X, 2 * HALF_Y)  # from room to room, metres
 # Doors: where they are along the walls at +-x and at +-y, half their width and their height.
-_DOOR_Y, _DOOR_X, _HALF_WIDTH, _DOOR_HEIGHT = 1.05, 2.15, 0.42, 2.1
+_DOOR_Y, DOOR_X, _HALF_WIDTH, _DOOR_HEIGHT = 1.05, 2.15, 0.42, 2.1
 _MOST_DOORS = 8  # that a ray goes through
 _SIDE = 2  # rays a pixel along a side
 _POINTS = 4000  # a room
@@ -31,13 +31,14 @@ class Street:
 
     Args:
         rooms: how many; the grid is as square as it gets.
+        across: rooms of a row, or None.
+        seeds: of textures, that alternate.
     """
 
-    def __init__(self, rooms: int) -> None:
+    def __init__(self, rooms: int, across: int | None = None, seeds: int = _SEEDS) -> None:
         self.rooms = rooms
-        self._across = math.isqrt(rooms - 1) + 1
-        self._tracers = [Tracer(make_hall(seed), 1) for seed in range(min(_SEEDS, rooms))]
-        self._shapes = [np.arange(len(make_hall(s).shapes)) for s in range(len(self._tracers))]
+        self._across = across or math.isqrt(rooms - 1) + 1
+        self._tracers = [Tracer(make_hall(seed), 1) for seed in range(min(seeds, rooms))]
 
     def center(self, room: np.ndarray | int) -> np.ndarray:
         """(..., 3) of the floor of rooms."""
@@ -45,12 +46,13 @@ class Street:
         return np.stack([x * _STEP[0], y * _STEP[1], 0.0 * x], axis=-1)
 
     def trace(
-        self, room: int, origins: np.ndarray, directions: np.ndarray
+        self, room: int | np.ndarray, origins: np.ndarray, directions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Light (N, 3) and distance (N,) along unit directions (N, 3) from points of a room."""
+        """Light (N, 3) and distance (N,) along unit directions (N, 3) from points of rooms."""
         count = len(directions)
         light, distance = np.zeros((count, 3), np.float32), np.zeros(count)
-        rooms, starts, open_ = np.full(count, room), origins.copy(), np.arange(count)
+        rooms = np.broadcast_to(room, count).copy()
+        starts, open_ = origins.copy(), np.arange(count)
         for _ in range(_MOST_DOORS + 1):
             on = []
             for each in np.unique(rooms[open_]):
@@ -68,7 +70,9 @@ class Street:
         tracer, middle = self._tracers[kind], self.center(room)
         ends = ((starts[rows] - middle).astype(np.float32), directions[rows].astype(np.float32))
         rays = Rays(*(tuple(np.ascontiguousarray(a.T)) for a in ends))
-        away, number = tracer._first_hit(rays, self._shapes[kind])
+        about = ends[0].mean(axis=0)
+        around = float(np.linalg.norm(ends[0] - about, axis=1).max())
+        away, number = tracer._first_hit(rays, tracer._bounds.in_cone(about, ends[1], around))
         points = rays.at(away)
         distance[rows] += away
         following = np.where(number < 0, self._behind(room, points), -1)
@@ -91,7 +95,7 @@ class Street:
         at_x = np.abs(x) > HALF_X - 1e-3
         in_x = at_x & (np.abs(y - _DOOR_Y) < _HALF_WIDTH) & (z < _DOOR_HEIGHT)
         at_y = ~at_x & (np.abs(y) > HALF_Y - 1e-3)
-        in_y = at_y & (np.abs(x - _DOOR_X) < _HALF_WIDTH) & (z < _DOOR_HEIGHT)
+        in_y = at_y & (np.abs(x - DOOR_X) < _HALF_WIDTH) & (z < _DOOR_HEIGHT)
         for here, side, steps in ((in_x, x, (1, 0)), (in_y, y, (0, 1))):
             for sign in (-1, 1):
                 new = column + sign * steps[0], row + sign * steps[1]
@@ -99,6 +103,21 @@ class Street:
                 if 0 <= new[0] < self._across and new[1] >= 0 and other < self.rooms:
                     out[here & (sign * side > 0)] = other
         return out
+
+
+class RoomsTracer:
+    """Traces pixels, as `Tracer`, in rooms one behind the other, along y."""
+
+    def __init__(self, rooms: int) -> None:
+        self._street = Street(rooms, across=1, seeds=rooms)
+
+    def colors(self, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """(P, 3) sRGB in [0, 1] of rays (samples, P, 3) from points of the same shape."""
+        rays = directions.reshape(-1, 3).astype(np.float64)
+        starts = origin.reshape(-1, 3).astype(np.float64)
+        room = np.floor(starts[:, 1] / _STEP[1] + 0.5).astype(int)
+        light, _ = self._street.trace(room.clip(0, self._street.rooms - 1), starts, rays)
+        return to_srgb((1 - np.exp(-light)).reshape(directions.shape).mean(axis=0))
 
 
 def write_street(folder: Path, rooms: int, views: int, size: int) -> None:
@@ -114,10 +133,10 @@ def write_street(folder: Path, rooms: int, views: int, size: int) -> None:
     with whole_folder(folder) as partial:
         (partial / "images").mkdir()
         mask = whole_pixels(camera)
-        write_image(partial / "mask.png", mask.astype(np.uint8) * 255)
+        write_picture(partial / "mask.png", mask.astype(np.uint8) * 255)
         frames, test, points, colors = [], [], [], []
         for name, pose, image, seen in _views(street, camera, views, mask):
-            write_image(partial / "images" / name, image[..., ::-1])
+            write_picture(partial / "images" / name, image[..., ::-1])
             path = partial / "images" / name
             frames.append(Frame(name, path, camera, pose, mask_path=partial / "mask.png"))
             if name.startswith("test"):

@@ -19,7 +19,7 @@ from gsut.cli import main
 from gsut.files import write_file
 from gsut.training import TrainingTime
 from tests.bench.report_rows import table_text
-from tests.bench.time_left import WatchedProgress, right_percent
+from tests.bench.time_left import RecordedLog, WatchedProgress, right_percent
 
 HELP = "time left that poses, train and scene show: share of the way that it is right within 1.5"
 COLUMNS = (
@@ -38,29 +38,53 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--words", default="", help="more words for the command, such as '--preset fast'"
     )
     parser.add_argument("--json", metavar="FILE", help="write rows and what was shown here")
+    parser.add_argument(
+        "--record", metavar="FILE", help="write here what the poses told, for tests to tell again"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    rows = []
+    rows, records = [], []
     for given in arguments.inputs:
         with tempfile.TemporaryDirectory(prefix="gsut-time-left-") as folder:
             words = [arguments.command, given, "-o", str(Path(folder) / "out"), "--threads", "1"]
-            rows.append(measure([*words, *arguments.words.split()]))
+            row, logs = measure([*words, *arguments.words.split()])
+        rows.append(row)
+        lens = "known" if logs and logs[0].work["known"] else "unknown"
+        records += [log.record(f"{Path(given).name}, lens {lens}") for log in logs]
     print(table_text(rows, COLUMNS))
+    if arguments.record:
+        write_file(Path(arguments.record), records_text(records))
     if arguments.json:
         write_file(Path(arguments.json), json.dumps(rows) + "\n")
     return 0
 
 
-def measure(words: list[str]) -> dict[str, Any]:
-    """The row of one run.
+def records_text(records: list[dict[str, Any]]) -> str:
+    """JSON, a record a line."""
+    return "[\n" + ",\n".join(json.dumps(record) for record in records) + "\n]\n"
+
+
+def measure(words: list[str]) -> tuple[dict[str, Any], list[RecordedLog]]:
+    """The row of one run, and what its poses told.
 
     Raises:
         InputError: the command fails.
     """
     shown: list[tuple[float, float]] = [(time.process_time(), 0.0)]
 
+    logs: list[RecordedLog] = []
+
+    class Log(RecordedLog):
+        def __init__(self, *told: Any) -> None:
+            super().__init__(*told)
+            logs.append(self)
+
     class Bars(WatchedProgress):
+        def __init__(self, *values: Any) -> None:
+            super().__init__(*values)
+            shown[:] = [(time.process_time(), 0.0)]
+
         def show(self, share: float, text: str = "", left: float | None = None) -> None:
             super().show(share, text, left)
             shown.append(self.shown[-1])
@@ -78,12 +102,13 @@ def measure(words: list[str]) -> dict[str, Any]:
     with (
         mock.patch("gsut.cli.scene.StagedProgress", Bars),
         mock.patch("gsut.cli.poses.StagedProgress", Bars),
+        mock.patch("gsut.sfm.estimate.PosesLog", Log),
         mock.patch("gsut.training.record.TrainingTime", Training),
     ):
         if main([*words, "--quiet"]):
             raise InputError(f"gsut {' '.join(words)} fails")
     shown.append((time.process_time(), 0.0))
-    return {
+    row = {
         "command": words[0],
         "input": Path(words[1]).name,
         "seconds": shown[-1][0] - shown[0][0],
@@ -91,3 +116,4 @@ def measure(words: list[str]) -> dict[str, Any]:
         "right_of_all": right_percent(shown, 0.0),
         "shown": shown,
     }
+    return row, logs

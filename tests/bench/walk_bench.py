@@ -17,7 +17,7 @@ import gsut
 from gsut._core import InputError
 from gsut.capture.panorama import LENSES
 from gsut.cli import main
-from gsut.data import inverse
+from gsut.data import CAPTURE, Frame, inverse, write_transforms
 from gsut.files import write_file
 from gsut.lens import Camera, lens_by_name
 from gsut.sfm import compare_poses
@@ -28,6 +28,7 @@ from tests.bench.walk_film import Film, Path4, walk, write_film
 HELP = "films of known cameras in the demo's hall: poses, lens and readout against the truth"
 _LONG = 120.0  # seconds of --long
 _WIDE = 480, 270  # size of a film that lies
+_ROOMS = 4  # of the film that leaves its room
 COLUMNS = (
     ("film", "film", ""),
     ("registered", "registered", "d"),
@@ -97,6 +98,10 @@ FILMS: dict[str, Callable[[float], Film]] = {
     ),
     "global shutter": lambda s: Film(
         lens_of_field(*_WIDE, 75, 1.0), walk(s, seed=8), s, readout=0.0, seed=7
+    ),
+    "through rooms": lambda s: Film(
+        lens_of_field(*_WIDE, 84, 0.9), walk(s, seed=11, rooms=_ROOMS), s, readout=0.0, seed=10,
+        rooms=_ROOMS,
     ),
     "dual fisheye": lambda s: Film(
         _circle(104.0), walk(s, seed=9), s, readout=0.0, seed=8, back=_circle(105.0),
@@ -228,6 +233,24 @@ def _against(film: Film, data: Path) -> dict[str, Any]:
         "focal_percent": 100 * max(focal, key=abs),
         "lens_px": max(lens_difference(lens, true) for lens, true in cut),
     }
+
+
+def write_truth(name: str, video: Path, captured: Path, folder: Path) -> Path:
+    """A dataset in the folder, of a film's frames that were captured, with their true poses."""
+    import av
+
+    with av.open(str(video)) as file:
+        stream = file.streams.video[0]
+        film = FILMS[name](float(stream.frames / (stream.average_rate or 1)))
+        camera = film.camera.resized(stream.width, stream.height)
+    rows = json.loads((captured / CAPTURE).read_text())["frames"]
+    poses = film.path(np.array([row["time"] for row in rows]))
+    frames = [
+        Frame(row["name"], captured / row["path"], camera, pose)
+        for row, pose in zip(rows, poses, strict=True)
+    ]
+    write_transforms(folder / "transforms.json", frames)
+    return folder
 
 
 def _cut(camera: Camera, like: Camera) -> Camera:

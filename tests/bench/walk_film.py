@@ -17,9 +17,10 @@ import numpy as np
 
 from gsut._core import num_threads
 from gsut.data import inverse
-from gsut.demo.hall import make_hall
+from gsut.demo.hall import HALF_Y, make_hall
 from gsut.demo.tracing import Tracer
 from gsut.lens import Camera
+from tests.bench.street import DOOR_X, RoomsTracer
 from tests.python.small_videos import turn_by_quarter
 
 # World-from-camera poses (N, 4, 4) at times (N,) in seconds.
@@ -29,6 +30,8 @@ _SPREAD = np.array([0.7549, 0.5698])  # of samples over a pixel: Roberts' sequen
 _NOISE = 1.5  # grey levels, standard deviation
 _DRIFT, _TINT = 0.07, 0.02  # of exposure and white balance
 _DRIFT_SECONDS = 11.0
+# Of a walk through rooms: where it begins and ends, how far it goes aside and above, metres.
+_FROM_MIDDLE, _ASIDE, _ABOVE = 2.0, 1.2, 0.3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,6 +53,7 @@ class Film:
         back: a second lens of the same size, whose pictures stand at the right of those of the
             first; where a lens has no ray its pictures are black.
         back_from_front: (4, 4) of it.
+        rooms: of the street that is walked through instead of the hall; 0: the hall.
     """
 
     camera: Camera
@@ -64,6 +68,7 @@ class Film:
     sideways: bool = False
     back: Camera | None = None
     back_from_front: np.ndarray | None = None
+    rooms: int = 0
 
     @property
     def lenses(self) -> list[tuple[Camera, np.ndarray]]:
@@ -84,6 +89,7 @@ def walk(
     around: float = 1.0,
     looking: float = 1.0,
     forward: float = 0.0,
+    rooms: int = 0,
     bob: float = 0.02,
     shake_degrees: float = 0.6,
     seed: int = 0,
@@ -95,6 +101,7 @@ def walk(
         around: rounds about the table; 0: on the spot.
         looking: how far the camera looks about on the way, of about 50 degrees to both sides.
         forward: metres a second straight on instead of around the table, looking ahead.
+        rooms: so many, one behind the other, are walked through instead, see `RoomsTracer`.
         bob: metres up and down at each step.
         shake_degrees: of a hand, root mean square.
         seed: of the phases.
@@ -119,7 +126,11 @@ def walk(
         if forward:
             x, y = -3.6 + forward * times, np.full_like(times, -2.85)
             yaw = np.zeros_like(times)
-        z = 1.55 + bob * np.sin(2 * math.pi * 1.8 * times + phase[2])
+        if rooms:  # from door to door, and aside in between, above what stands there
+            y = (2 * HALF_Y * (rooms - 1) + 2 * _FROM_MIDDLE) * share - _FROM_MIDDLE
+            x = DOOR_X - _ASIDE * np.cos(math.pi * y / (2 * HALF_Y)) ** 2
+            yaw = np.full_like(times, math.pi / 2)
+        z = 1.55 + _ABOVE * bool(rooms) + bob * np.sin(2 * math.pi * 1.8 * times + phase[2])
         z = z + 0.15 * np.sin(2 * math.pi * 0.11 * times + phase[3])
         about = 0.9 * np.sin(2 * math.pi * 0.13 * times + phase[4])
         yaw = yaw + looking * about + shaken(times, 5)
@@ -167,7 +178,7 @@ def write_film(film: Film, target: Path) -> None:
 def film_pictures(film: Film) -> Iterator[np.ndarray]:
     """(H, W, 3) uint8 RGB of each frame, before compression."""
     rng = np.random.default_rng([film.seed, 6])
-    tracer = Tracer(make_hall(film.seed), film.samples)
+    tracer = RoomsTracer(film.rooms) if film.rooms else Tracer(make_hall(film.seed), film.samples)
     lenses = [(_rays(camera, film.samples), pose) for camera, pose in film.lenses]
     with ThreadPoolExecutor(num_threads()) as pool:
         for time in film.times:
@@ -192,7 +203,7 @@ def _rays(camera: Camera, samples: int) -> np.ndarray:
 
 def _exposed(
     film: Film,
-    tracer: Tracer,
+    tracer: Tracer | RoomsTracer,
     rays: np.ndarray,
     front_from_lens: np.ndarray,
     time: float,

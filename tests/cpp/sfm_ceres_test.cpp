@@ -14,10 +14,12 @@
 namespace gsut {
 namespace {
 
-constexpr double kLoss = 1.0;         // pixels
-constexpr double kSigma = 0.02;       // of each component of a velocity
-constexpr double kNoise = 0.4;        // pixels a coordinate
-constexpr double kSameCost = 6e-11;   // relative; worst 2.9e-11
+constexpr double kLoss = 1.0;    // pixels
+constexpr double kSigma = 0.02;  // of each component of a velocity
+constexpr double kNoise = 0.4;   // pixels a coordinate
+// Relative; worst 2.3e-10, with clang and SSE4, else 2.9e-11: a step of 1e-8 ends the solver, and
+// in a flat valley rounding decides where one is that small.
+constexpr double kSameCost = 4.6e-10;
 constexpr double kSamePlace = 4e-7;   // of scenes a few units large; worst 2.1e-7
 constexpr double kSameParams = 2e-6;  // relative, of the lens; worst 9.5e-7
 
@@ -198,7 +200,7 @@ void ExpectSameMinimum(const Bundle& start, BundleOptions options) {
   CeresBundle before(start, options), own(found, options), theirs(start, options);
   theirs.Solve();
   EXPECT_GT(before.Cost(), 2.0 * theirs.Cost());
-  EXPECT_LT(own.Cost(), (1.0 + kSameCost) * theirs.Cost());
+  EXPECT_LT(own.Cost() / theirs.Cost() - 1.0, kSameCost);
   EXPECT_LT(own.CenterDistance(theirs), kSamePlace);
   EXPECT_LT(own.LensDistance(theirs), kSameParams);
   EXPECT_GT(own.CenterDistance(before), 1e3 * kSamePlace);

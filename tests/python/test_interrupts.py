@@ -78,7 +78,14 @@ def palette(rng):
     _core.make_palette(rng.normal(size=(400_000, 45)).astype(np.float32), 30_000)
 
 
-@pytest.mark.parametrize("long_call", [reference, frame, matching, compaction, palette])
+def fusion(rng):
+    views, depth = _core.DepthViews([0, 0, 0]), np.full((600, 600), 2.0, np.float32)
+    for _ in range(4):
+        views.add(pinhole(600), POSE, depth, None, None)
+    views.fuse(1e-3, np.inf, 4.0, 0.1, 0)
+
+
+@pytest.mark.parametrize("long_call", [reference, frame, matching, compaction, palette, fusion])
 def test_long_call_ends_soon_after_a_signal(long_call, rng):
     with stopped_soon():
         long_call(rng)

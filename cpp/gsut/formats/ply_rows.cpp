@@ -183,7 +183,10 @@ void CheckPlySize(std::istream& stream, const std::string& path, const PlyHeader
     needed += static_cast<double>(element.count) * static_cast<double>(row_bytes);
   }
   if (needed > left) {
-    const auto text = [](double bytes) { return std::to_string(static_cast<std::int64_t>(bytes)); };
+    const auto text = [](double bytes) {  // more than whole numbers hold, too
+      const std::string digits = std::to_string(bytes);
+      return digits.substr(0, digits.find('.'));
+    };
     throw InputError(path + ": truncated: the header announces at least " + text(needed) +
                      " bytes of data, " + text(left) + " are there");
   }

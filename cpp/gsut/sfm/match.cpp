@@ -45,11 +45,11 @@ struct Descriptors {
 }  // namespace gsut
 #endif
 
-HWY_BEFORE_NAMESPACE();
 #if HWY_TARGET == HWY_AVX3_DL
-// Highway asks the processor for this one, but leaves it out of the compiler's options.
-#pragma GCC push_options
-#pragma GCC target("avx512vnni")
+// Highway asks the processor for the last one, but leaves it out of the compiler's options.
+HWY_PUSH_ATTRIBUTES(HWY_TARGET_STR ",avx512vnni")
+#else
+HWY_BEFORE_NAMESPACE();
 #endif
 namespace gsut {
 namespace HWY_NAMESPACE {
@@ -286,9 +286,6 @@ const char* Kernel() { return hwy::TargetName(HWY_TARGET); }
 
 }  // namespace HWY_NAMESPACE
 }  // namespace gsut
-#if HWY_TARGET == HWY_AVX3_DL
-#pragma GCC pop_options
-#endif
 HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE

@@ -20,10 +20,11 @@ constexpr double kTolerance = 1e-5;
 constexpr int kLastIterations = 50;
 constexpr double kLastTolerance = 1e-9;
 // Of rolling shutters, whose motion and velocity hardly differ in what they do to a picture: steps
-// along that valley cost much and change nothing that is seen.
+// along that valley cost much and change nothing that is seen. The last tolerance is that of trials
+// too, which are told apart by held-out observations.
 constexpr int kRollingRounds = 2;
 constexpr double kRollingTolerance = 1e-4;
-constexpr double kRollingLastTolerance = 1e-6;
+constexpr double kRoughLastTolerance = 1e-6;
 // Below this share of new and dropped observations the rounds end.
 constexpr double kSettled = 5e-4;
 constexpr int kFewestPoints = 30;
@@ -161,7 +162,8 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
                       " are needed in the first image and the one farthest from it too";
     return nothing;
   }
-  map.AdjustGlobally(kLastIterations, rolling ? kRollingLastTolerance : kLastTolerance, true,
+  const bool rough = rolling || !options.covariances;
+  map.AdjustGlobally(kLastIterations, rough ? kRoughLastTolerance : kLastTolerance, true,
                      lens_free);
   map.Filter(current.max_error);
   tell("final adjustment");

@@ -18,7 +18,8 @@ namespace gsut {
 // Bodies without a pose are placed by what one of their cameras sees, and bring all their images.
 // Args: pairs: verified matches; camera_from_world: one an image; registered: which of them are
 //   known, all of a body or none (empty: all); options: lens_free says what of the lenses is
-//   adjusted; on_progress: as for EstimatePoses.
+//   adjusted; without covariances it is for a trial and ends at a rougher tolerance; on_progress:
+//   as for EstimatePoses.
 // Throws InputError for an index out of range, fewer than two images, or images without a pose that
 //   are on no rig.
 Structure RefineStructure(const std::vector<Camera>& cameras,

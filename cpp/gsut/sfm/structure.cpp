@@ -26,6 +26,7 @@ constexpr int kGlobalIterations = 10;
 constexpr double kGlobalTolerance = 1e-4;
 constexpr int kFinalIterations = 30;
 constexpr double kFinalTolerance = 1e-7;
+constexpr double kTrialTolerance = 1e-6;  // the same without covariances
 constexpr int kFinalRounds = 3;
 constexpr double kExtendTolerance = 1e-4;
 // Below this share of new observations, completing tracks again changes nothing.
@@ -309,9 +310,10 @@ class Mapper {
     }
     SetErrorFactor(1.0);
     const bool extends = wanted_.extend_rounds > 0 && HasDescriptors(images_);
+    const double last = wanted_.covariances ? kFinalTolerance : kTrialTolerance;
     for (int round = 0; round < kFinalRounds; ++round) {
-      map_->AdjustGlobally(kFinalIterations, extends ? kExtendTolerance : kFinalTolerance,
-                           lens_free, lens_free);
+      map_->AdjustGlobally(kFinalIterations, extends ? kExtendTolerance : last, lens_free,
+                           lens_free);
       const int dropped = map_->Filter(options_.max_error);
       const int added = map_->Complete(-1);
       map_->DropWeakImages();
@@ -327,7 +329,7 @@ class Mapper {
       map_->Complete(-1);
       map_->DropWeakImages();
     }
-    map_->AdjustGlobally(kFinalIterations, kFinalTolerance, true, lens_free);
+    map_->AdjustGlobally(kFinalIterations, last, true, lens_free);
     map_->Filter(options_.max_error);
     map_->DropWeakImages();
     ReportProgress("final adjustment");

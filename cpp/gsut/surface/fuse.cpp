@@ -2,11 +2,13 @@
 #include "gsut/surface/fuse.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <string>
 
 #include "gsut/base/errors.h"
+#include "gsut/base/interrupt.h"
 #include "gsut/base/parallel.h"
 #include "gsut/surface/fuse_kernel.h"
 
@@ -18,6 +20,8 @@ using Block = std::array<std::int32_t, 3>;
 
 // Blocks seen lately, so that neighbouring pixels do not name them again.
 constexpr std::size_t kRecent = 4096;
+// Voxels from the centre, beyond which numbers of blocks would no longer be whole numbers.
+constexpr double kFarthest = 1e9;
 // A distant pixel covers more voxels than this at most, to each side.
 constexpr double kMostVoxelsOfPixel = 12;
 // Points that stand for a block: its corners and its middle, and what they are filled up to.
@@ -29,12 +33,21 @@ bool Before(const Block& a, const Block& b) {
   return a[0] != b[0] ? a[0] < b[0] : a[1] != b[1] ? a[1] < b[1] : a[2] < b[2];
 }
 
+void SortUnique(std::vector<Block>* blocks) {
+  std::sort(blocks->begin(), blocks->end(), Before);
+  blocks->erase(std::unique(blocks->begin(), blocks->end(), Same), blocks->end());
+}
+
 struct BlockCollector {
+  std::size_t most = 0;  // of a view; when there are more, the rest is not looked for
   std::vector<Block> found;
   std::vector<Block> recent = std::vector<Block>(kRecent, Block{INT32_MIN, 0, 0});
+  bool full = false;
 
   // Blocks with voxels within `margin` of a point in grid coordinates.
   void Add(const Vector3d& grid, double margin) {
+    full = full || !(grid.cwiseAbs().maxCoeff() < kFarthest);
+    if (full) return;
     Block low, high;
     for (int k = 0; k < 3; ++k) {
       const auto at = static_cast<std::size_t>(k);
@@ -55,17 +68,18 @@ struct BlockCollector {
         }
       }
     }
+    if (found.size() <= 2 * most) return;
+    SortUnique(&found);
+    full = found.size() > most;
   }
 };
 
-void SortUnique(std::vector<Block>* blocks) {
-  std::sort(blocks->begin(), blocks->end(), Before);
-  blocks->erase(std::unique(blocks->begin(), blocks->end(), Same), blocks->end());
-}
-
-std::vector<Block> BlocksOf(const DepthView& view, const VoxelSpace& space, double truncation) {
+// In order, none twice; of more than `most`, some more than that.
+std::vector<Block> BlocksOf(const DepthView& view, const VoxelSpace& space, double truncation,
+                            std::size_t most) {
   BlockCollector collector;
-  for (int y = 0; y < view.height(); ++y) {
+  collector.most = most;
+  for (int y = 0; y < view.height() && !collector.full; ++y) {
     for (int x = 0; x < view.width(); ++x) {
       DepthSample sample;
       if (!view.At(x, y, &sample) || sample.depth > DepthSample::kFree) continue;
@@ -85,6 +99,7 @@ std::vector<Block> BlocksOf(const DepthView& view, const VoxelSpace& space, doub
     }
   }
   SortUnique(&collector.found);
+  if (collector.full) collector.found.resize(most + 1);
   return std::move(collector.found);
 }
 
@@ -192,10 +207,21 @@ DistanceField FuseDepth(const std::vector<DepthView>& views, const VoxelSpace& s
   DistanceField field;
   field.space = space;
   std::vector<std::vector<Block>> of_views(views.size());
+  const std::size_t most = options.max_blocks > 0 ? static_cast<std::size_t>(options.max_blocks)
+                                                  : std::numeric_limits<std::size_t>::max() / 2;
+  std::atomic<bool> too_many = false;
   ParallelFor(static_cast<std::int64_t>(views.size()), 1, [&](std::int64_t i, std::int64_t) {
+    if (too_many) return;
     const auto at = static_cast<std::size_t>(i);
-    of_views[at] = BlocksOf(views[at], space, options.truncation);
+    of_views[at] = BlocksOf(views[at], space, options.truncation, most);
+    if (of_views[at].size() > most) too_many = true;
   });
+  const auto check = [&] {
+    if (!too_many && field.blocks.size() <= most) return;
+    throw InputError("the surface fills more than the " + std::to_string(most) +
+                     " blocks of 8 x 8 x 8 voxels that memory is allowed for; take larger voxels");
+  };
+  check();
   for (std::vector<Block>& of_view : of_views) {
     const auto before = static_cast<std::ptrdiff_t>(field.blocks.size());
     field.blocks.insert(field.blocks.end(), of_view.begin(), of_view.end());
@@ -204,14 +230,10 @@ DistanceField FuseDepth(const std::vector<DepthView>& views, const VoxelSpace& s
     field.blocks.erase(std::unique(field.blocks.begin(), field.blocks.end(), Same),
                        field.blocks.end());
     of_view = {};
+    check();
+    CheckInterrupt();
   }
   const auto count = static_cast<std::int64_t>(field.blocks.size());
-  if (options.max_blocks > 0 && count > options.max_blocks) {
-    throw InputError("the surface fills " + std::to_string(count) +
-                     " blocks of 8 x 8 x 8 voxels, " + "more than the " +
-                     std::to_string(options.max_blocks) +
-                     " that memory is allowed for; take larger voxels");
-  }
   field.values.resize(static_cast<std::size_t>(count) * kBlockVoxels);
   // Neighbouring blocks look at the same pixels of a view, which are then still in the cache.
   constexpr std::int64_t kGrain = 16;

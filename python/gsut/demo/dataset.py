@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from gsut._core import InputError, num_threads
@@ -17,7 +16,7 @@ from gsut.demo.hall import Hall, make_hall
 from gsut.demo.hall_mesh import hall_mesh
 from gsut.demo.tracing import Tracer
 from gsut.demo.views import camera_path, demo_camera
-from gsut.files import whole_folder
+from gsut.files import whole_folder, write_picture
 from gsut.lens import Camera
 from gsut.run import Progress
 from gsut.surface import save_mesh
@@ -87,13 +86,13 @@ def _write_dataset(
     images = []
     for number, image in enumerate(render_views(hall, camera, poses, progress)):
         images.append(image)
-        write_image(folder / "images" / names[number], image[..., ::-1])
+        write_picture(folder / "images" / names[number], image[..., ::-1])
         if is_test[number]:
             depth = np.zeros(inside.shape)
             depth[inside] = distances(hall, poses[number], rays[inside], origins[inside])
             millimetres = np.round(depth * MILLIMETRES).astype(np.uint16)
-            write_image(folder / "depth" / names[number], millimetres)
-    write_image(folder / "mask.png", mask.astype(np.uint8) * 255)
+            write_picture(folder / "depth" / names[number], millimetres)
+    write_picture(folder / "mask.png", mask.astype(np.uint8) * 255)
     train = [i for i, test in enumerate(is_test) if not test]
     points, colors = surface_points(
         hall, camera, mask, [poses[i] for i in train], [images[i] for i in train], seed
@@ -218,10 +217,3 @@ def surface_points(
         colors.append(image[row, column])
     exact = np.concatenate(points)
     return exact + _POINT_NOISE * rng.standard_normal(exact.shape), np.concatenate(colors)
-
-
-def write_image(path: Path, pixels: np.ndarray) -> None:
-    if not cv2.imwrite(str(path), pixels):
-        raise InputError(
-            f"{path}: cannot be written; is the folder writable and the disk not full?"
-        )

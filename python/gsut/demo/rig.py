@@ -17,11 +17,10 @@ from gsut.demo.dataset import (
     distances,
     render_views,
     whole_pixels,
-    write_image,
 )
 from gsut.demo.hall import make_hall
 from gsut.demo.views import camera_path, demo_camera
-from gsut.files import whole_folder
+from gsut.files import whole_folder, write_picture
 from gsut.lens import Camera
 
 # The right camera of two: its lens in image sizes, Kannala-Brandt, seen to 80 degrees.
@@ -166,7 +165,7 @@ def _write(
         depths.mkdir(parents=True)
         (folder / mounted.file).parent.mkdir(exist_ok=True)
         lens.save(folder / mounted.file)
-        write_image(images / "mask.png", whole_pixels(lens).astype(np.uint8) * 255)
+        write_picture(images / "mask.png", whole_pixels(lens).astype(np.uint8) * 255)
         cameras[name] = {
             "file": mounted.file,
             "camera_from_reference": mounted.camera_from_reference.tolist(),
@@ -175,11 +174,11 @@ def _write(
         poses = [pose @ inverse(mounted.camera_from_reference) for pose in path]
         for number, image in enumerate(render_views(hall, lens, poses, progress)):
             file = f"{number:03d}.png"
-            write_image(images / file, image[..., ::-1])
+            write_picture(images / file, image[..., ::-1])
             depth = np.zeros(inside.shape, np.uint16)
             away = distances(hall, poses[number], rays[inside])
             depth[inside] = np.round(away * MILLIMETRES)
-            write_image(depths / file, depth)
+            write_picture(depths / file, depth)
             frames.append(
                 Frame(
                     f"{name}/{number:03d}", images / file, lens, poses[number],

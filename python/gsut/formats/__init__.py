@@ -6,11 +6,11 @@ A format is a module with a `FORMAT`; the files whose names begin with "_" are n
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import importlib
 import os
 import pkgutil
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,8 @@ from gsut.formats._format import (
     WriteSettings,
     Written,
     check_room,
+    drawable,
+    only_drawable,
 )
 from gsut.formats._origin import for_file, place_text
 from gsut.formats.ply import NO_BACKGROUND, load_ply, open_ply, save_ply, save_ply_parts
@@ -126,17 +128,9 @@ def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
         why = "does not look like one" if any(f.read for f in candidates) else "gsut only writes it"
         raise InputError(f"{path}: by its name {names}, but {why}")
     found = readers[0](path)
-    good = drawable(found.gaussians)
-    if not good.any():
-        raise InputError(f"{path}: none of its {len(good)} Gaussians can be drawn")
-    if not good.all():
-        warnings.warn(
-            f"{path}: {np.count_nonzero(~good)} of {len(good)} Gaussians have values that are not "
-            f"finite and were left out; the first is row {np.argmin(good)}",
-            stacklevel=2,
-        )
-        found = SceneFile(found.gaussians[good], found.antialiased)
-    return found
+    if not len(found.gaussians):
+        raise InputError(f"{path}: none of its 0 Gaussians can be drawn")
+    return dataclasses.replace(found, gaussians=only_drawable(path, found.gaussians))
 
 
 def save_gaussians(
@@ -175,12 +169,3 @@ def save_gaussians(
     if g.origin.any() and not chosen.keeps_origin:
         left_out += (f"where the scene lies: the file holds {place_text(g.origin)}",)
     return Written(rows, {k: v for k, v in written.clipped.items() if v}, left_out)
-
-
-def drawable(gaussians: Gaussians) -> np.ndarray:
-    """(N,) bool: all values are finite and the rotation has a direction."""
-    g = gaussians
-    finite = np.isfinite(g.opacity_logits)
-    for array in (g.means, g.quats, g.log_scales, g.sh):
-        finite &= np.isfinite(array).reshape(len(g), array[:1].size).all(axis=1)
-    return finite & (np.abs(g.quats).max(axis=1, initial=0.0) > 0)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -132,6 +134,41 @@ def check_room(what: str, scenes: Sequence[Gaussians], times: float, more: int =
     count, degree = sum(map(len, scenes)), max(g.sh_degree for g in scenes)
     size = (times * bytes_each(degree) + more) * count
     check_fits(f"{what} {count:,} Gaussians of degree {degree}", size, ELSEWHERE)
+
+
+def drawable(gaussians: Gaussians) -> np.ndarray:
+    """(N,) bool: all values are finite and the rotation has a direction."""
+    g = gaussians
+    finite = np.isfinite(g.opacity_logits)
+    for array in (g.means, g.quats, g.log_scales, g.sh):
+        finite &= np.isfinite(array).reshape(len(g), array[:1].size).all(axis=1)
+    return finite & (np.abs(g.quats).max(axis=1, initial=0.0) > 0)
+
+
+def only_drawable(path: str | os.PathLike[str], gaussians: Gaussians) -> Gaussians:
+    """The one rule of every reader: what cannot be drawn is left out, and a warning names the file,
+    how many and the first row.
+
+    Raises:
+        InputError: there are Gaussians, and none of them can be drawn.
+    """
+    good = drawable(gaussians)
+    if good.all():
+        return gaussians
+    first = int(np.argmin(good))
+    row = gaussians[first : first + 1]
+    turned = np.isfinite(row.quats).all() and not row.quats.any()
+    why = "a rotation of norm 0" if turned else "values that are not finite"
+    if not good.any():
+        raise InputError(
+            f"{os.fspath(path)}: none of its {len(good)} Gaussians can be drawn: row 0 has {why}"
+        )
+    warnings.warn(
+        f"{os.fspath(path)}: {np.count_nonzero(~good)} of {len(good)} Gaussians have {why} and "
+        f"were left out; the first is row {first}",
+        stacklevel=3,
+    )
+    return gaussians[good]
 
 
 def check_claim(path: Path, count: int, size: int, what: str = "Gaussians") -> None:

@@ -11,7 +11,14 @@ import numpy as np
 
 from gsut import _core
 from gsut.files import regular, whole_file
-from gsut.formats._format import ELSEWHERE, Format, SceneFile, WriteSettings, Written
+from gsut.formats._format import (
+    ELSEWHERE,
+    Format,
+    SceneFile,
+    WriteSettings,
+    Written,
+    only_drawable,
+)
 from gsut.formats._origin import for_file, origin_comments, origin_in
 from gsut.gaussians import (
     DRAWN_BYTES,
@@ -51,28 +58,21 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
         Gaussian where text or float64 holds coordinates beyond 4096; the degree of the harmonics
         follows from the number of f_rest properties.
         Bits of float32 files are kept, but infinite opacity logits, which some writers use for
-        opacities of exactly 0 and 1, become -20 and 20. Rows with other values that are not finite
-        are left out, and a warning says how many and which is the first.
+        opacities of exactly 0 and 1, become -20 and 20. Rows with other values that are not finite,
+        or a rotation of norm 0, are left out, and a warning says how many and which is the first.
 
     Raises:
         InputError: the file cannot be opened, is no PLY file, misses a property (the message names
-            it and what is there), its comment on the origin is damaged, or it is truncated.
+            it and what is there), its comment on the origin is damaged, it is truncated, or none of
+            its rows can be drawn.
     """
     _check_size(path)
     *arrays, not_finite, origin = _core.read_ply(os.fsencode(path))
     gaussians = Gaussians(*arrays).translated(origin_in(comments_of(path), path)).translated(origin)
-    if not_finite == 0:
-        _warn_of_rounding(path, gaussians)
-        return gaussians
-    finite = np.ones(len(gaussians), dtype=bool)
-    for array in arrays:
-        finite &= np.isfinite(array.reshape(len(array), -1)).all(axis=1)
-    warnings.warn(
-        f"{os.fspath(path)}: {not_finite} of {len(gaussians)} Gaussians have values that are not "
-        f"finite and were left out; the first is row {np.argmin(finite)}",
-        stacklevel=2,
-    )
-    return gaussians[finite]
+    if not_finite or not gaussians.quats.any(axis=1).all():
+        return only_drawable(path, gaussians)
+    _warn_of_rounding(path, gaussians)
+    return gaussians
 
 
 def open_ply(

@@ -67,7 +67,7 @@ class StoredGaussians:
     def of(
         cls, rows: Callable[[int, int], Gaussians], count: int, limit: int
     ) -> StoredGaussians | None:
-        """Looks at all pieces once; None: some values are not finite.
+        """Looks at all pieces once; None: some cannot be drawn.
 
         Args:
             rows, count, limit: see the attributes.
@@ -77,6 +77,8 @@ class StoredGaussians:
             some = rows(begin, min(count, begin + _ROWS * _READ_PIECES))
             reach, means = reach_of(some), some.means.astype(np.float64)
             if not all(np.isfinite(a).all() for a in (means, reach, some.quats, some.sh)):
+                return None
+            if not some.quats.any(axis=1).all():
                 return None
             for at in range(0, len(some), _ROWS):
                 piece = means[at : at + _ROWS]

@@ -11,6 +11,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.lens.plausible import implausible
 
 _NO_LIMIT = math.inf
 MOST_PIXELS = 1 << 16  # of a side of an image: more than any file format in use holds
@@ -49,8 +50,10 @@ class Camera(_core.Camera):
         is_central: whether all rays meet in one point; is_parallel: whether all are parallel.
 
     Raises:
-        InputError: unknown model (the known ones are listed), wrong number of parameters, values
-            that are no lens, a size that is not positive.
+        InputError: unknown model (the known ones are listed), wrong number of parameters, a size
+            that is no whole number of pixels, values that no lens has: focal lengths more than 4
+            times one another or far from the image's size, and what leaves pixels without rays,
+            or all with the same. The message names the parameter.
     """
 
     extrinsics: np.ndarray | None
@@ -67,11 +70,28 @@ class Camera(_core.Camera):
         extrinsics: Sequence[float] | np.ndarray | None = None,
         valid_region: Sequence[Sequence[float]] | np.ndarray | None = None,
     ) -> None:
+        self._take(model, params, width, height, valid_field_angle, extrinsics, valid_region)
+        doubt = implausible(self)
+        if doubt is not None:
+            raise InputError(f"{model}: this is no lens: {doubt}")
+
+    def _take(
+        self,
+        model: str,
+        params: Sequence[float] | np.ndarray,
+        width: int,
+        height: int,
+        valid_field_angle: float | None = None,
+        extrinsics: Sequence[float] | np.ndarray | None = None,
+        valid_region: Sequence[Sequence[float]] | np.ndarray | None = None,
+    ) -> Camera:
+        """What `__init__` does before it asks whether a lens can have these numbers."""
         limit = _NO_LIMIT if valid_field_angle is None else float(valid_field_angle)
         values = [float(value) for value in np.asarray(params, dtype=np.float64).ravel()]
         super().__init__(str(model), values, *_whole_size(width, height), limit)
         self.extrinsics = _checked_copy(extrinsics, "extrinsics", (6,))
         self.valid_region = _checked_copy(valid_region, "valid_region", (None, 2))
+        return self
 
     @property
     def valid_field_angle(self) -> float | None:  # type: ignore[override]  # None, not infinity
@@ -190,22 +210,23 @@ class Camera(_core.Camera):
         region = self.valid_region
         if region is not None:
             region = region * (width / self.width, height / self.height)
-        resized = super().resized(int(width), int(height))
+        resized = super().resized(*_whole_size(width, height))
         return self._with(resized, valid_region=region)
 
     def with_params(self, params: Sequence[float] | np.ndarray) -> Camera:
         """Another lens of the same model, image size and field angle.
 
-        Pose and trusted region, which belong to this lens, are left out.
+        Pose and trusted region, which belong to this lens, are left out. Solvers go through
+        numbers that no lens has: those are taken here.
 
         Args:
             params: (K,) in the model's order.
 
         Raises:
-            InputError: see `Camera`.
+            InputError: wrong number of parameters, or values outside the model's domain.
         """
-        return Camera(
-            self.model, params, self.width, self.height, valid_field_angle=self.valid_field_angle
+        return Camera.__new__(Camera)._take(
+            self.model, params, self.width, self.height, self.valid_field_angle
         )
 
     def with_valid_field_angle(self, valid_field_angle: float | None) -> Camera:
@@ -266,15 +287,10 @@ class Camera(_core.Camera):
         save_camera(self, path, format)
 
     def _with(self, core: _core.Camera, valid_region: np.ndarray | None) -> Camera:
-        return Camera(
-            core.model,
-            core.params,
-            core.width,
-            core.height,
-            valid_field_angle=core.valid_field_angle,
-            extrinsics=self.extrinsics,
-            valid_region=valid_region,
-        )
+        return Camera.__new__(Camera)._take(
+            core.model, core.params, core.width, core.height, core.valid_field_angle,
+            self.extrinsics, valid_region,
+        )  # fmt: skip
 
     def __eq__(self, other: object) -> bool:
         """Same model, parameters, size and valid field angle."""
@@ -286,12 +302,8 @@ class Camera(_core.Camera):
         return hash((self.model, tuple(self.params), self.width, self.height))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        keywords = {
-            "valid_field_angle": self.valid_field_angle,
-            "extrinsics": self.extrinsics,
-            "valid_region": self.valid_region,
-        }
-        return _restore, (self.model, self.params, self.width, self.height, keywords)
+        keywords = (self.valid_field_angle, self.extrinsics, self.valid_region)
+        return _restore, (self.model, self.params, self.width, self.height, *keywords)
 
     def __repr__(self) -> str:
         if "extrinsics" not in self.__dict__:  # refused by __init__, and seen by a debugger
@@ -302,10 +314,8 @@ class Camera(_core.Camera):
         return f"Camera({self.model!r}, [{values}], {self.width}, {self.height}{field})"
 
 
-def _restore(
-    model: str, params: np.ndarray, width: int, height: int, keywords: dict[str, Any]
-) -> Camera:
-    return Camera(model, params, width, height, **keywords)
+def _restore(*given: Any) -> Camera:
+    return Camera.__new__(Camera)._take(*given)
 
 
 def _whole_size(width: Any, height: Any) -> tuple[int, int]:
@@ -313,6 +323,7 @@ def _whole_size(width: Any, height: Any) -> tuple[int, int]:
     try:
         size = int(width), int(height)
         good = size == (width, height) and all(0 < side <= MOST_PIXELS for side in size)
+        good = good and not any(isinstance(side, (bool, np.bool_)) for side in (width, height))
     except (TypeError, ValueError, OverflowError):
         good = False
     if not good:
@@ -332,5 +343,7 @@ def _checked_copy(values: Any, name: str, shape: tuple[int | None, ...]) -> np.n
     )
     if not same:
         raise InputError(f"{name} must have shape {shape}, found {array.shape}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} must be finite numbers, found {array.tolist()}")
     array.flags.writeable = False
     return array

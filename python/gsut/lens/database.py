@@ -1,6 +1,6 @@
 """Calibrated lenses of real cameras by name: first guesses of a lens and of its readout time.
 
-profiles.json.xz beside this file holds 9,779 calibrations that users of Gyroflow gave away (CC0
+profiles.json.xz beside this file holds 9,776 calibrations that users of Gyroflow gave away (CC0
 1.0; https://github.com/gyroflow/lens_profiles, commit 886fc61), packed by
 .ci/pack_lens_profiles.py. They are of other specimens and of uneven quality: starts, not truth.
 """
@@ -24,6 +24,7 @@ from gsut._core import InputError
 from gsut.lens.camera import Camera
 from gsut.lens.field import field_of_view
 from gsut.lens.files import LENS_SUFFIXES, load_camera
+from gsut.lens.plausible import MOST_STRETCH
 
 _FILE = Path(__file__).with_name("profiles.json.xz")
 _TEXTS = ("brand", "model", "lens", "setting", "note", "digital_lens")
@@ -150,7 +151,7 @@ class LensProfile:
 
 @functools.cache
 def lens_profiles() -> tuple[LensProfile, ...]:
-    """All calibrations of the database (read once; 0.5 s)."""
+    """All calibrations of the database but the few that no lens can be (read once; 0.5 s)."""
     with lzma.open(_FILE, "rt", encoding="utf-8") as file:
         values: dict[str, Any] = json.load(file)
     for name in _TEXTS:
@@ -160,8 +161,12 @@ def lens_profiles() -> tuple[LensProfile, ...]:
     values["sizes"] = [tuple(map(tuple, row)) for row in values["sizes"]]
     columns = [values[name] for name in values["columns"]]
     names = values["columns"]
+    rows = (dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True))
+    stretched = (1 / MOST_STRETCH, MOST_STRETCH)
     return tuple(
-        LensProfile(**dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True)
+        LensProfile(**row)
+        for row in rows
+        if stretched[0] <= row["params"][0] / row["params"][1] <= stretched[1]
     )
 
 

@@ -155,10 +155,12 @@ def _refine(
 
     # Cost and derivatives are asked of the same lens, and making one is dear.
     @functools.lru_cache(maxsize=1)
-    def tried(values: bytes) -> tuple[Camera, np.ndarray, np.ndarray]:
+    def tried(values: bytes) -> tuple[_core.Camera, np.ndarray, np.ndarray]:
         moved = params.copy()
         moved[free] = np.frombuffer(values)
-        lens = Camera(model, moved, target.camera.width, target.camera.height)
+        lens = _core.Camera(  # on the way through numbers that no lens has
+            model, moved.tolist(), target.camera.width, target.camera.height
+        )
         return lens, *_residuals(lens, target)
 
     def cost_of(values: np.ndarray) -> float:
@@ -187,7 +189,7 @@ def _refine(
     return np.array(tried(values.tobytes())[0].params), float(cost)
 
 
-def _residuals(lens: Camera, target: FitTarget) -> tuple[np.ndarray, np.ndarray]:
+def _residuals(lens: _core.Camera, target: FitTarget) -> tuple[np.ndarray, np.ndarray]:
     """(N, 2) pixels by which the lens misses, 0 for points that it does not see; which it sees."""
     found, valid = lens.project(target.points)
     return np.where(valid[:, None], target.pixels - np.nan_to_num(found), 0.0), valid

@@ -1,50 +1,91 @@
-"""Whether a lens that somebody's file states can be one: numbers that no camera has are named."""
+"""Whether a lens that somebody states can be one: numbers that no camera has are named."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from gsut.lens.camera import Camera
-from gsut.lens.field import has_focal_length
+from gsut import _core
+from gsut._core import InputError
 
-_MOST_STRETCH = 4.0  # of one focal length over the other; anamorphic lenses have 2
+MOST_STRETCH = 4.0  # of one focal length over the other; anamorphic lenses have 2
 _FOCAL_RANGE = (1e-3, 1e4)  # focal length over the image's longer side
 _NARROWEST = 1e-4  # radians between the farthest rays: a telescope's field is ten times that
 _GRID = 9  # pixels a side that are asked for their ray
+_MOST_TRIED = 64  # parameters that may be to blame; the tables of splines have thousands
+_OF_ANY_LENS = ("fx", "fy", "cx", "cy")
 
 
-def implausible(camera: Camera) -> str | None:
-    """What no camera has, as a clause; None where the lens may be one.
+def implausible(camera: _core.Camera) -> str | None:
+    """What no camera has, as a clause that begins with a parameter's name where one is to blame;
+    None where the lens may be one.
 
     The focal lengths' ratio and size, and whether pixels have rays that differ.
     """
-    doubt = _of_focal_lengths(camera) if has_focal_length(camera) else None
+    doubt = _of_focal_lengths(camera)
     if doubt is not None:
         return doubt
-    sides = (np.linspace(0.5, side - 0.5, _GRID) for side in (camera.width, camera.height))
-    x, y = np.meshgrid(*sides)
-    pixels = np.stack([x.ravel(), y.ravel()], axis=1)
-    rays, valid = camera.unproject(pixels)[:2]
-    if not valid.any():
-        return "no pixel has a ray; its coefficients are not of this model, or in another order"
-    rays = rays[valid]
-    if camera.is_parallel or max(camera.width, camera.height) == 1 or len(rays) < 2:
+    doubt = _of_rays(camera)
+    if doubt is None:
         return None
-    if np.linalg.norm(rays - rays[0], axis=1).max() < _NARROWEST:
-        return "all pixels look in one direction; its coefficients are not of this model"
-    return None
+    for name, value, other in _without_one(camera):
+        if _of_rays(other) is None:
+            return f"{name} is {value:g}; with it {doubt}"
+    return f"{doubt}; its coefficients are not of this model, or in another order"
 
 
-def _of_focal_lengths(camera: Camera) -> str | None:
-    names = camera.param_names.split()
+def param_names(model: str, count: int) -> list[str]:
+    """A name for each parameter of a lens: the core's, "parameter 9" where that has none."""
+    names = _core.camera_param_names(model).replace("...", "").split()
+    return [names[i] if i < len(names) else f"parameter {i}" for i in range(count)]
+
+
+def _of_focal_lengths(camera: _core.Camera) -> str | None:
+    names = _core.camera_param_names(camera.model).split()
+    if not {"fx", "fy"} <= set(names):
+        return None
     fx, fy = (camera.params[names.index(name)] for name in ("fx", "fy"))
     stretch = max(fx / fy, fy / fx)
-    if stretch > _MOST_STRETCH:
+    if stretch > MOST_STRETCH:
         return (
-            f"fx = {fx:g} and fy = {fy:g} differ by a factor of {stretch:.1f}; real lenses have "
-            "nearly equal ones"
+            f"fx is {fx:g} and fy is {fy:g}; they differ by a factor of {stretch:.1f}, and real "
+            "lenses have nearly equal ones"
         )
     size = max(camera.width, camera.height)
     if not (camera.is_parallel or _FOCAL_RANGE[0] <= fx / size <= _FOCAL_RANGE[1]):
-        return f"fx = {fx:g} pixels does not go with an image {camera.width} x {camera.height}"
+        return f"fx is {fx:g} pixels; it does not go with an image {camera.width} x {camera.height}"
     return None
+
+
+def _of_rays(camera: _core.Camera) -> str | None:
+    sides = (np.linspace(0.5, side - 0.5, _GRID) for side in (camera.width, camera.height))
+    x, y = np.meshgrid(*sides)
+    rays, valid = camera.unproject(np.stack([x.ravel(), y.ravel()], axis=1))[:2]
+    alone = max(camera.width, camera.height) == 1
+    if not valid.any() or (np.count_nonzero(valid) == 1 and not alone):  # that on the axis has one
+        return "no pixel has a ray"
+    if camera.is_parallel or alone:
+        return None
+    rays = rays[valid]
+    if np.linalg.norm(rays - rays[0], axis=1).max() < _NARROWEST:
+        return "all pixels look in one direction"
+    return None
+
+
+def _without_one(camera: _core.Camera) -> Iterator[tuple[str, float, _core.Camera]]:
+    """The lens without its limit or with one of its parameters at 0, coefficients first; what that
+    was, by name and value."""
+    size, limit = (camera.width, camera.height), camera.valid_field_angle
+    params = camera.params.tolist()
+    if limit is not None:
+        yield "valid_field_angle", limit, _core.Camera(camera.model, params, *size)
+    for index, name in sorted(
+        enumerate(param_names(camera.model, len(params))[:_MOST_TRIED]),
+        key=lambda each: each[1] in _OF_ANY_LENS,
+    ):
+        changed = [*params[:index], 0.0, *params[index + 1 :]]
+        try:
+            yield name, params[index], _core.Camera(camera.model, changed, *size)
+        except InputError:  # it cannot be left out
+            continue

@@ -148,8 +148,10 @@ def render(
     )
     rule = _blend_rule(parity, blend)
     color = tuple(float(c) for c in ((0.0, 0.0, 0.0) if background is None else background))
-    if len(color) != 3:
-        raise InputError(f"background must be 3 numbers, found {len(color)}")
+    if len(color) != 3 or not np.isfinite(color).all():
+        raise InputError(f"background must be 3 finite numbers, found {color}")
+    if sh_degree < 0:
+        raise InputError(f"sh_degree must be 0 to 3, found {sh_degree}")
     pose = camera_motion(camera_from_world, shutter)
     place = place_about(pose, gaussians.origin)
     degree = min(int(sh_degree), gaussians.sh_degree)

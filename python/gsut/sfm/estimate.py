@@ -38,6 +38,7 @@ from gsut.sfm.rig_images import find_rig_photographs
 from gsut.sfm.solution import Solution, matches_in_points, solve
 from gsut.sfm.stages import Stages, digest
 from gsut.sfm.time_left import PosesWork
+from gsut.sfm.video_shutter import probably_rolling
 from gsut.sfm.zooms import Zoom, find_zooms, search_zooms, zooms_notes
 
 RIG = "rig.json"
@@ -132,7 +133,7 @@ def find_poses(
     folder = claimed.path
     key = _key(photographs, options, fov_degrees)
     stages = Stages(folder, key)
-    log.expect(_work(photographs, options, shutter, on_rig is not None), options)
+    log.expect(_work(photographs, options, shutter, on_rig is not None), options.threads)
     with _threads(options.threads):
         features = collect_features(photographs, options, log.show, log.note, stages)
         log.watch.lap("features")
@@ -233,10 +234,12 @@ def _work(
 ) -> PosesWork:
     """What there is to do, as far as the files say it."""
     header = read_header(photographs.paths[0])
+    video = shutter is None and options.shutter == "auto" and bool(photographs.flows)
     return PosesWork(
         len(photographs), min(header.width * header.height / 1e6, options.max_megapixels),
         photographs.lenses_known, rolling=shutter is not None,
-        video=shutter is None and options.shutter == "auto" and bool(photographs.flows),
+        video=video,
+        lines=video and probably_rolling(photographs.flows, header.width, header.height),
         rig=on_rig or photographs.frames is not None,
     )  # fmt: skip
 

@@ -61,8 +61,9 @@ def finish_solution(
     unsaid = solution.shutter is None and options.shutter == "auto"
     if unsaid and photographs.flows:  # a video of whose shutter nothing was said
         lines = find_video_shutter(
-            solution, features, pairs, options, photographs.flows, flags, log.on_share("shutter")
-        )
+            solution, features, pairs, options, photographs.flows, flags,
+            log.on_readout, log.on_images("shutter"),
+        )  # fmt: skip
         solution = lines.solution
         log.note(lines.words())
     doubt: LensDoubt | None = None

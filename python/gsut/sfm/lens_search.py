@@ -21,7 +21,7 @@ from gsut.sfm.options import PosesOptions
 from gsut.sfm.overlap import require_overlap, why_nothing
 from gsut.sfm.poses_log import PosesLog
 from gsut.sfm.solution import Solution, refine, solve
-from gsut.sfm.time_left import LensSteps
+from gsut.sfm.time_left import LensSteps, verifying_seconds
 
 _HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare an observation
 # Flags of parameters: held, free by itself, and, of the focal lengths, tied: square pixels.
@@ -103,7 +103,7 @@ def search_lens(
     """
     first = photographs.cameras[0]
     assert first is not None
-    trials = _Trials(photographs.names, features, options, log.show, shutter)
+    trials = _Trials(photographs.names, features, options, log.show, shutter, _to_verify(raw))
     ranking = LensRanking(features, raw, options, 1.0 if shutter is None else _ROLLING_PAIRS)
     ladder = lens_ladder(first.width, first.height, fov_degrees)
     ranked = ranking.best(
@@ -111,11 +111,14 @@ def search_lens(
         lambda done, total: trials.tell("first lenses", done / total - trials.steps.part),
     )  # fmt: skip
     pairs = trials.verified(ranked[0].camera, raw)
+    trials.tell("pairs")
     require_overlap(photographs.names, features, pairs, known=False)
     try:
         best = _first_solution(trials, raw, pairs, ranked)
         if abs(best.cameras[0].params[0] / ranked[0].camera.params[0] - 1) > _VERIFY_AGAIN:
             pairs = trials.verified(best.cameras[0], raw)
+            trials.tell("pairs")
+        trials.steps.expect("pairs", 0)
         chosen, flags = _best_model(trials, pairs, best)
         lens = chosen.cameras[0]
         final = solve(
@@ -129,6 +132,11 @@ def search_lens(
             turned=ranking.only_turned(ladder),
         ) from None  # fmt: skip
     return LensSearch(final, trials.rows, pairs, flags)
+
+
+def _to_verify(raw: RawMatches) -> float:
+    """Seconds that it takes, roughly."""
+    return verifying_seconds(len(raw.pairs), sum(map(len, raw.matches)))
 
 
 def _first_solution(
@@ -249,9 +257,10 @@ class _Trials:
         options: PosesOptions,
         show: Callable[[str, int, int, str], None],
         shutter: Shutter | None,
+        verifying: float,
     ) -> None:
         self.rows: list[dict[str, Any]] = []
-        self.steps = LensSteps(shutter is not None)
+        self.steps = LensSteps(shutter is not None, verifying)
         self._names = names
         self._features = features
         self._options = options
@@ -282,7 +291,7 @@ class _Trials:
             lens, flags,
             lambda: solve(
                 self._names, [lens] * len(self._names), self._features, pairs, self._options,
-                self._told, lens_free=flags, hold_out_every=_HOLD_OUT_EVERY,
+                self._told, lens_free=flags, hold_out_every=_HOLD_OUT_EVERY, covariances=False,
                 shutter=self._shutter,
             ),
             row,
@@ -312,7 +321,7 @@ class _Trials:
                 [self._names[i] for i in chosen], [lens] * len(chosen),
                 [self._features[i] for i in chosen], own,
                 [start.camera_from_world[i] for i in chosen], self._options,
-                self._told, lens_free=flags, hold_out_every=_HOLD_OUT_EVERY,
+                self._told, lens_free=flags, hold_out_every=_HOLD_OUT_EVERY, covariances=False,
             ),
         )  # fmt: skip
 

@@ -176,6 +176,7 @@ def solve(
     lens_free: np.ndarray | None = None,
     lens_settled: bool = False,
     hold_out_every: int = 0,
+    covariances: bool = True,
     shutter: Shutter | None = None,
 ) -> Solution:
     """Runs the mapper.
@@ -189,13 +190,14 @@ def solve(
         lens_settled: it is nearly right, so that it is enough to estimate it at the end.
         hold_out_every: every n-th longer track keeps one observation out of all adjustments; 0:
             none.
+        covariances: False for a trial: they are left out (0), and it ends at a rougher tolerance.
         shutter: rolling, or None: all lines of an image are read at once.
 
     Raises:
         SolveError: nothing could be reconstructed; says why.
     """
     lenses, lens_of, settings = _inputs(cameras, options, lens_free, hold_out_every)
-    settings["lens_settled"] = lens_settled
+    settings |= {"lens_settled": lens_settled, "covariances": covariances}
     if shutter is not None:
         settings["shutter"] = shutter.direction
         settings["rolling_error"] = options.rolling_error
@@ -225,6 +227,7 @@ def refine(
     *,
     lens_free: np.ndarray | None = None,
     hold_out_every: int = 0,
+    covariances: bool = True,
     on_rig: OnRig | None = None,
     moving: Moving | None = None,
 ) -> Solution:
@@ -240,6 +243,7 @@ def refine(
         SolveError: too few points agree with the poses.
     """
     lenses, lens_of, settings = _inputs(cameras, options, lens_free, hold_out_every)
+    settings["covariances"] = covariances
     known: list[int] = []
     if on_rig is not None:
         known = on_rig.registered.astype(int).tolist()

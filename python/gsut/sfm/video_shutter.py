@@ -37,8 +37,7 @@ _MATCHES = 150  # of a pair meanwhile: the most distinct
 # Of the diagonal: less motion during a readout is not worth the time that training takes longer.
 # The first estimate falls short by about that factor.
 _MATTERS, _SHORT = 1e-3, 2.0
-# Of the time: finding the readout; and, of what is left, each of the last adjustment's steps.
-_FINDING, _STEP_DONE = 0.5, 0.15
+_USUAL_READOUT = 0.015  # seconds
 _OBLONG = 1.2  # sides of a picture: less tells nothing of how the sensor was held
 _BACKWARDS = {"top_to_bottom": "bottom_to_top", "left_to_right": "right_to_left"}
 
@@ -93,6 +92,7 @@ def find_video_shutter(
     flows: Mapping[str, np.ndarray],
     lens_free: np.ndarray | None,
     on_progress: Callable[[float, str], None],
+    on_step: Callable[[int, int, int, str], None] = lambda *_: None,
 ) -> VideoShutter:
     """Looks for a rolling shutter in a solution without one.
 
@@ -103,7 +103,8 @@ def find_video_shutter(
         options: see PosesOptions.
         flows: see `rates_of_frames`, in seconds.
         lens_free: see `solve`.
-        on_progress: told which share of the work is done, and words.
+        on_progress: told which share of finding the time is done, and words.
+        on_step: told of the adjustment with it, see `solve`.
     """
     nothing = VideoShutter(solution, None)
     rates, spread = rates_of_frames(solution, flows)
@@ -117,7 +118,8 @@ def find_video_shutter(
             found, forward = other, direction
     if found is None or found.clearness < _CLEAR or abs(found.time) > _LONGEST:
         return nothing
-    if _SHORT * abs(found.time) * _speed(solution, flows) < _MATTERS:
+    camera = solution.cameras[0]
+    if not _matters(_SHORT * abs(found.time), flows, camera.width, camera.height):
         return nothing
     sign = 1 if found.time > 0 else -1
     shutter = Shutter(forward if sign > 0 else _BACKWARDS[forward])
@@ -128,16 +130,9 @@ def find_video_shutter(
         )  # fmt: skip
         if not 0 < readout.time < _LONGEST:
             return nothing
-        share = _FINDING
-
-        def tell(*_: object) -> None:
-            nonlocal share
-            share += (1 - share) * _STEP_DONE
-            on_progress(share, f"lines read in {1000 * readout.time:.1f} ms")
-
         moved = refine_registered(
             solution, features, pairs, options, lens_free=lens_free,
-            moving=Moving(shutter, readout.time, rates), on_progress=tell,
+            moving=Moving(shutter, readout.time, rates), on_progress=on_step,
         )  # fmt: skip
     except SolveError:
         return nothing
@@ -167,7 +162,7 @@ def _settled(
     sign = 1 if shutter.direction in _BACKWARDS else -1
     time, slope, before = found.time, 1 / _SHORT, None
     for number in range(_CORRECTIONS):
-        on_progress(_FINDING * number / _CORRECTIONS, f"lines read in {1000 * time:.1f} ms?")
+        on_progress(number / _CORRECTIONS, f"lines read in {1000 * time:.1f} ms?")
         moving = Moving(shutter, time, rates, _HELD, extend=False)
         moved = refine_registered(
             solution, features, few, options, only=some, lens_free=lens_free, moving=moving
@@ -197,11 +192,16 @@ def _some_images(solution: Solution, pairs: Sequence[PairMatches], rates: np.nda
     return sorted({image for pair in chosen for image in (pair.first, pair.second)})
 
 
-def _speed(solution: Solution, flows: Mapping[str, np.ndarray]) -> float:
-    """How far the pictures move in a second, in the median, of their diagonal."""
-    camera = solution.cameras[0]
+def probably_rolling(flows: Mapping[str, np.ndarray], width: int, height: int) -> bool:
+    """Whether a readout as long as most cameras' would be found in the flow of such pictures."""
+    return bool(flows) and _matters(_USUAL_READOUT, flows, width, height)
+
+
+def _matters(time: float, flows: Mapping[str, np.ndarray], width: int, height: int) -> bool:
+    """Whether pictures move enough, in the median, during a readout of so many seconds."""
     speeds = [np.linalg.norm(flow[:, 2:], axis=1) for flow in flows.values()]
-    return float(np.median(np.concatenate(speeds))) / math.hypot(camera.width, camera.height)
+    moved = time * float(np.median(np.concatenate(speeds)))
+    return moved >= _MATTERS * math.hypot(width, height)
 
 
 def _directions(camera: Camera) -> list[str]:

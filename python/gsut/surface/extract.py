@@ -11,6 +11,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import CameraMotion, InputError
 from gsut.render import render, render_surface, to_uint8
+from gsut.run import check_fits, free_memory
 from gsut.surface.mesh import Mesh
 
 # Views against which each depth map is checked: those nearest by place and direction.
@@ -23,7 +24,10 @@ _NOTHING = 0.05  # alpha of pixels whose rays meet nothing
 # Depths of an open scene reach this many times farther than half of them.
 _OPEN_RATIO = 5.0
 _EVEN_SHARE = 1.5  # of the median distance: how far voxels are even in an open scene
-_MOST_BLOCKS = 1_000_000  # of 8 x 8 x 8 voxels: 2.3 GB
+# Blocks of 8 x 8 x 8 voxels, and bytes of one with its surface; bytes of a pixel of a depth map,
+# and of one of a lens.
+_MOST_BLOCKS, _BLOCK_BYTES = 1_000_000, 2300
+_MAP_BYTES, _LENS_BYTES = 20, 25
 _SAMPLED = 20_000  # points by which a scene's size is judged
 _BEHIND = 2.0  # voxels that a coloured point may lie behind a view's surface
 
@@ -136,16 +140,21 @@ def depth_maps(
         One map a training view, with colours.
 
     Raises:
-        InputError: a kind of depth that is unknown.
+        InputError: a kind of depth that is unknown, or memory does not suffice.
     """
     o = options or MeshOptions()
     if o.depth not in ("median", "expected", "strongest"):
         raise InputError(f'depth "{o.depth}" is unknown; known: median, expected, strongest')
     rows = list(scene.train_indices) or list(range(len(scene.views)))
+    lenses = {camera: _smaller(camera, o.max_side) for camera in map(scene.camera, rows)}
+    pixels = sum(c.width * c.height for c in (lenses[scene.camera(i)] for i in rows))
+    size = _MAP_BYTES * pixels + _LENS_BYTES * sum(c.width * c.height for c in lenses.values())
+    check_fits(f"the depth of {len(rows)} views", size, "make it smaller (--max-side)")
     maps = []
     for done, index in enumerate(rows):
         progress("depth", done, len(rows))
-        maps.append(_rendered(gaussians, scene, index, o, background))
+        camera = lenses[scene.camera(index)]
+        maps.append(_rendered(gaussians, scene, (index, camera), o, background))
     progress("depth", len(rows), len(rows))
     return maps
 
@@ -164,7 +173,8 @@ def fuse_depth(
         The mesh, with colours if maps have images.
 
     Raises:
-        InputError: an option out of range, no view, or no surface.
+        InputError: an option out of range, no view, no surface, or one of more voxels than memory
+            holds.
     """
     o = options or MeshOptions()
     maps = agreeing_maps(maps, o.support, progress)
@@ -173,7 +183,9 @@ def fuse_depth(
     voxel, inner = _space(maps, places, centers, center, o)
     views = _views(maps, center)
     progress("fusing", 0, 1)
-    field = views.fuse(voxel, inner, o.truncation, 0.1, _MOST_BLOCKS)
+    free = free_memory()
+    most = _MOST_BLOCKS if free is None else max(1, min(_MOST_BLOCKS, free // _BLOCK_BYTES))
+    field = views.fuse(voxel, inner, o.truncation, 0.1, most)
     vertices, faces = field.mesh()
     del field
     progress("fusing", 1, 1)
@@ -195,21 +207,28 @@ def fuse_depth(
     return mesh if o.faces is None else mesh.decimated(o.faces)
 
 
+def _smaller(camera: Any, most: int) -> Any:
+    """The lens on an image whose longer side has at most so many pixels."""
+    share = most / max(camera.width, camera.height)
+    sides = (max(1, round(side * share)) for side in (camera.width, camera.height))
+    return camera.resized(*sides) if share < 1 else camera
+
+
 def _rendered(
     gaussians: Any,
     scene: Any,
-    index: int,
+    view: tuple[int, Any],
     o: MeshOptions,
     background: Sequence[float] | None,
 ) -> DepthMap:
+    """The map of a view, by its number and the lens of the map's size."""
     import cv2  # here, because gsut --help needs none
 
-    camera, motion, mask = scene.camera(index), scene.views[index].motion, scene.mask(index)
-    share = o.max_side / max(camera.width, camera.height)
-    if share < 1:
-        width, height = (max(1, round(side * share)) for side in (camera.width, camera.height))
-        camera = camera.resized(width, height)
-        mask = cv2.resize(mask.astype(np.uint8), (width, height), interpolation=0) > 0
+    index, camera = view
+    motion, mask = scene.views[index].motion, scene.mask(index)
+    size = (camera.width, camera.height)
+    if mask.shape[::-1] != size:
+        mask = cv2.resize(mask.astype(np.uint8), size, interpolation=0) > 0
     result = render(gaussians, camera, motion, background=background)
     surface = render_surface(result)
     depth = np.where(result.alpha < _NOTHING, np.inf, getattr(surface, o.depth))

@@ -4,8 +4,9 @@ import numpy as np
 
 import tolerances as tol
 from gsut.demo.dataset import distances
-from gsut.demo.hall import HALF_X, make_hall
-from tests.bench.street import Street
+from gsut.demo.hall import HALF_X, HALF_Y, make_hall
+from tests.bench.street import DOOR_X, RoomsTracer, Street
+from tests.bench.walk_film import walk
 
 
 def test_rays_go_through_doors_and_end_at_walls():
@@ -27,3 +28,24 @@ def test_rooms_of_one_stand_alone():
     street = Street(1)
     start, ray = np.array([[3.0, 1.05, 1.4]]), np.array([[1.0, 0.0, 0.0]])
     assert abs(street.trace(0, start, ray)[1][0] - (HALF_X - 3.0)) < tol.STREET_METRES
+
+
+def test_walk_through_rooms_goes_through_their_doors():
+    path = walk(10.0, rooms=3)
+    times = np.linspace(0, 10, 2001)
+    centers = path(times)[:, :3, 3]
+    assert centers[0, 1] > -HALF_Y and centers[-1, 1] > 2 * 2 * HALF_Y
+    for wall in (HALF_Y, 3 * HALF_Y):
+        through = centers[np.abs(centers[:, 1] - wall).argmin()]
+        assert abs(through[0] - DOOR_X) < 0.1 and through[2] < 2.1
+
+
+def test_rooms_are_traced_each_by_itself_and_through_doors():
+    tracer = RoomsTracer(2)
+    origin = np.array([[[DOOR_X, 3.0, 1.9], [DOOR_X, 2 * HALF_Y - 3.0, 1.9]]])
+    rays = np.array([[[0.0, 1.0, 0.0], [0.0, 1.0, 0.0]]])
+    both = tracer.colors(origin, rays)
+    # Through the door the same place is seen as from the room behind it.
+    assert both.shape == (2, 3) and np.allclose(both[0], both[1], atol=1e-6)
+    aside = tracer.colors(origin, np.array([[[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]]))
+    assert not np.allclose(aside[0], aside[1], atol=1e-3)

@@ -16,10 +16,11 @@ import small_recordings as made
 import tolerances
 from gsut.cli import main
 from gsut.data.poses import inverse
-from gsut.demo.dataset import distances, render_views, surface_points, whole_pixels, write_image
+from gsut.demo.dataset import distances, render_views, surface_points, whole_pixels
 from gsut.demo.hall import make_hall
 from gsut.demo.rig import right_camera, right_from_left
 from gsut.demo.views import camera_path, demo_camera
+from gsut.files import write_picture
 
 FRAMES, SIZE = 14, 96
 START, STEP = 1403636579763555584, 500_000_000  # nanoseconds
@@ -93,9 +94,9 @@ def walk(tmp_path_factory):
         (folder / "data").mkdir(parents=True)
         poses = [in_hall(world_from_body(i * FINE) @ place) for i in range(FRAMES)]
         for i, image in enumerate(render_views(hall, lens, poses, progress=False)):
-            write_image(folder / "data" / f"{START + i * STEP}.png", image[..., ::-1])
+            write_picture(folder / "data" / f"{START + i * STEP}.png", image[..., ::-1])
             left_images += [image] if name == "cam0" else []
-        write_image(folder / "mask.png", whole_pixels(lens).astype(np.uint8) * 255)
+        write_picture(folder / "mask.png", whole_pixels(lens).astype(np.uint8) * 255)
     (data / "camchain.yaml").write_text(camchain(lenses))
     random = np.random.default_rng(5)
     rows = ["# timestamp tx ty tz qx qy qz qw"]

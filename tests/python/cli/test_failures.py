@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import gsut
+import small_datasets
 from formats.scene_cases import plain_scene
 from gsut import _starting
 from gsut.cli import EXIT_INPUT, EXIT_PIPE, main, run_command
@@ -134,6 +135,8 @@ def test_every_writer_on_a_full_disk_fails_and_names_the_file(tmp_path, rng):
     ply, lens = tmp_path / "in.ply", tmp_path / "in.yaml"
     gsut.save_ply(ply, plain_scene(rng, 200, 16))
     gsut.Camera("kannala_brandt", [99, 99, 64, 48, 0.1, 0, 0, 0], 128, 96).save(lens)
+    small_datasets.write_nerfstudio(tmp_path / "plane")
+    small_datasets.write_ply(tmp_path / "cloud.ply", *small_datasets.points())
     (tmp_path / "out").mkdir()
     scenes = ("a.ply", "b.compressed.ply", "c.spz", "d.sog", "e.glb", "f.splat")
     films = ("h.mp4", "i.webm", "j.gif", "folder")
@@ -144,7 +147,8 @@ def test_every_writer_on_a_full_disk_fails_and_names_the_file(tmp_path, rng):
         ["edit", str(ply), "-o", "k.ply", "--scale", "2"],
         ["compact", str(ply), "-o", "l.ply", "--keep", "0.5"],
         ["camera", "convert", str(lens), "kannala_brandt", "-o", "m.json"],
-        ["demo", "--no-open", "-o", "demo"],
+        ["data", "convert", str(tmp_path / "plane"), "data"],
+        ["points", str(tmp_path / "plane"), "--colour", str(tmp_path / "cloud.ply"), "-o", "n.ply"],
         ["train", str(tmp_path), "-o", "run"],
     ]
     done = subprocess.run(

@@ -1,6 +1,5 @@
 """`gsut scene`: a video to a scene in one command, killed and gone on with, done only once."""
 
-import dataclasses
 import io
 import json
 import shutil
@@ -15,15 +14,14 @@ import pytest
 
 import gsut
 from gsut.cli import main
-from gsut.cli.poses import PosesStages
 from gsut.run import StagedProgress, Verdict
-from gsut.sfm.time_left import LensSteps, PosesWork
+from gsut.sfm.time_left import LensSteps, StepShares
 from gsut.training import TrainingTime
 from small_videos import walk_past
-from tests.bench.time_left import right_percent
+from tests.bench.time_left import right_percent, told_again
 
-# What runs of `gsut poses` told, at which processor second of their one thread, and what they found
-# before it: features of an image, pairs and matches.
+# What runs of `gsut poses` told, at which processor second of their one thread: `./run bench
+# time_left poses INPUT ... --record FILE`.
 LOGGED = Path(__file__).parent / "logged_poses.json"
 
 WORDS = ["--frames", "6", "--preset", "fast", "--steps", "40", "--threads", "1"]
@@ -171,26 +169,9 @@ def test_verdict_of_few_pictures_names_what_to_do():
 
 @pytest.mark.parametrize("run", json.loads(LOGGED.read_text()), ids=lambda run: run["data"])
 def test_time_left_of_logged_poses_holds_within_half(run):
-    clock = Clock()
-    work = PosesWork(**run["work"])
-    known = {"features": {"features"}, "lens": {"features", "pairs", "matches"}}
-    known["verifying"] = known["lens"]
-    bars = StagedProgress({}, enabled=False, clock=clock)
-    stages = PosesStages(bars)
-    blank = dataclasses.replace(work, features=None, pairs=None, matches=None)
-    stages.expect(blank.seconds(1))
-    shown, told = [], ""
-    for seconds, stage, done, total in run["rows"]:
-        clock.now = seconds
-        if stage != told and stage in ("preview", "lens", "verifying"):
-            now = work if stage != "preview" else dataclasses.replace(blank, features=work.features)
-            stages.expect(now.seconds(1))
-        told = stage
-        if stage != "end":
-            stages.show(stage, done, total, "")
-        shown.append((seconds, bars.left()))
+    shown = told_again(run)
     assert len(shown) > 40
-    assert right_percent(shown) > 85  # worst 88
+    assert right_percent(shown) > 85  # worst 86
 
 
 def test_share_of_a_lens_search_ends_at_one_and_knows_what_a_step_costs():
@@ -207,6 +188,12 @@ def test_share_of_a_lens_search_ends_at_one_and_knows_what_a_step_costs():
         steps.expect("models", 3)
         shares = [steps.done("models") for _ in range(3)]
         assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0)
+
+
+def test_share_of_adjustments_goes_on_where_steps_are_left_out():
+    steps = StepShares({"adjustment": (0.1, 0.2, 0.5), "longer tracks": (0.3,), "end": (1.0,)})
+    told = ("adjustment", "longer tracks", "image", "adjustment", "adjustment", "end")
+    assert [steps.after(step) for step in told] == [0.1, 0.3, None, 0.5, 0.5, 1.0]
 
 
 @pytest.mark.parametrize("slower", [1.0, 4.0])

@@ -172,12 +172,15 @@ def test_load_ply_truncated_anywhere_raises(tmp_path, rng, byte_order):
     assert tried > 30
 
 
-def test_load_ply_with_a_huge_count_raises_before_asking_for_memory(tmp_path, rng):
+@pytest.mark.parametrize(
+    ("count", "said"), [(4 * 10**12, "truncated"), (2**63 - 1, r"at least \d{21} bytes of data")]
+)
+def test_load_ply_with_a_huge_count_raises_before_asking_for_memory(tmp_path, rng, count, said):
     columns = columns_of(random_gaussians(rng, 4, 1))
     write_table(tmp_path / "a.ply", columns, "<", dict.fromkeys(columns, "f4"))
     data = (tmp_path / "a.ply").read_bytes()
-    (tmp_path / "a.ply").write_bytes(data.replace(b"vertex 4\n", b"vertex 4000000000000\n"))
-    with pytest.raises(InputError, match="truncated"):
+    (tmp_path / "a.ply").write_bytes(data.replace(b"vertex 4\n", b"vertex %d\n" % count))
+    with pytest.raises(InputError, match=said):
         formats.load_ply(tmp_path / "a.ply")
 
 

@@ -7,6 +7,7 @@ import zlib
 import numpy as np
 import pytest
 
+import gsut
 from formats.scene_cases import plain_scene
 from gsut import InputError, formats
 from gsut.formats import WriteSettings
@@ -72,6 +73,30 @@ def test_writing_leaves_out_what_cannot_be_drawn_and_says_which(tmp_path, rng, c
         assert len(formats.load_gaussians(path)) == 17
     with pytest.raises(InputError, match="no Gaussian to write"):
         formats.save_gaussians(path, g[3:4])
+
+
+@pytest.mark.parametrize("read", [formats.load_ply, formats.load_gaussians])
+@pytest.mark.parametrize(
+    ("field", "value", "why"),
+    [
+        ("means", np.nan, "values that are not finite"),
+        ("sh", np.inf, "values that are not finite"),
+        ("quats", 0.0, "a rotation of norm 0"),
+    ],
+)
+def test_rows_that_cannot_be_drawn_are_left_out_with_file_and_row(
+    tmp_path, rng, read, field, value, why
+):
+    g, path = plain_scene(rng, 20), tmp_path / "a.ply"
+    getattr(g, field)[[3, 8]] = value
+    gsut.save_ply(path, g)
+    said = rf"{path}: 2 of 20 Gaussians have {why} and were left out; the first is row 3"
+    with pytest.warns(UserWarning, match=f"^{said}$"):
+        assert len(read(path)) == 18
+    getattr(g, field)[:] = value
+    gsut.save_ply(path, g)
+    with pytest.raises(InputError, match=f"none of its 20 Gaussians can be drawn: row 0 has {why}"):
+        read(path)
 
 
 @pytest.mark.parametrize("name", ["PLY", "compressed PLY", "SPZ", "SOG"])

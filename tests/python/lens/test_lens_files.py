@@ -13,7 +13,6 @@ from gsut import CalibrationError, InputError
 from gsut.data.colmap_binary import read_cameras_bin
 from gsut.lens import Camera, camera_models, load_camera
 from gsut.lens.files import colmap_camera, nerfstudio_camera
-from gsut.lens.plausible import implausible
 from lens_cases import all_lenses
 
 FILE_NAMES = {
@@ -96,11 +95,7 @@ def test_saved_camera_reads_back_or_is_refused(kind, tmp_path):
             refused += 1
             continue
         camera.save(path)
-        if implausible(camera) is None:
-            assert_same_lens(load_camera(path), camera, camera.model in WIDER.get(kind, ()))
-        else:  # the hardest cases: as a file they are somebody's slip
-            with pytest.raises(CalibrationError, match=rf"{path.name}.*: this is no lens"):
-                load_camera(path)
+        assert_same_lens(load_camera(path), camera, camera.model in WIDER.get(kind, ()))
         path.unlink()
         saved += 1
     fewest = {"aria": 4, "ocam": 2, "gsut": len(all_lenses())}
@@ -238,7 +233,7 @@ COLMAP_CASES = [
     ("PINHOLE", 1, [5, 6, 7, 8], "pinhole", [5, 6, 7, 8]),
     ("SIMPLE_RADIAL", 2, [5, 7, 8, 0.1], "opencv4", [5, 5, 7, 8, 0.1, 0, 0, 0]),
     ("RADIAL", 3, [5, 7, 8, 0.1, 0.2], "opencv4", [5, 5, 7, 8, 0.1, 0.2, 0, 0]),
-    ("OPENCV", 4, [5, 6, 7, 8, 1, 2, 3, 4], "opencv4", [5, 6, 7, 8, 1, 2, 3, 4]),
+    ("OPENCV", 4, [5, 6, 7, 8, 1, 2, 0.03, 0.04], "opencv4", [5, 6, 7, 8, 1, 2, 0.03, 0.04]),
     ("OPENCV_FISHEYE", 5, [5, 6, 7, 8, 1, 2, 3, 4], "kannala_brandt", [5, 6, 7, 8, 1, 2, 3, 4]),
     ("FULL_OPENCV", 6, [5, 6, 7, 8, *[0.1] * 8], "opencv8", [5, 6, 7, 8, *[0.1] * 8]),
     ("SIMPLE_RADIAL_FISHEYE", 8, [5, 7, 8, 0.1], "kannala_brandt", [5, 5, 7, 8, 0.1]),

@@ -97,6 +97,14 @@ def test_estimate_poses_covariances_hold_the_gauge_and_are_positive(rng):
         assert np.linalg.eigvalsh(covariances[i]).min() > 0
 
 
+def test_trial_leaves_covariances_out_and_finds_poses_within_noise(rng):
+    scene = Synthetic(rng)
+    found = scene.solve(covariances=False)
+    assert found["registered"].all() and not np.any(found["covariances"])
+    errors = compare_poses(found["camera_from_world"], np.array(scene.poses))
+    assert errors.ate_percent < tolerances.SFM_SYNTHETIC_ATE_PERCENT
+
+
 def test_estimate_poses_unknown_lens_comes_back(rng):
     scene = Synthetic(rng, images=10, points=900, noise=0.1)
     guess = gsut.Camera("kannala_brandt", [320, 320, 500, 505, 0, 0, 0, 0], 1000, 1010)

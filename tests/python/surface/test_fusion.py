@@ -188,6 +188,8 @@ def test_bad_calls_are_refused():
     views.add(pinhole(8), np.eye(4), np.ones((8, 8), np.float32), None, None)
     with pytest.raises(InputError, match="larger voxels"):
         views.fuse(0.001, np.inf, 4, 0.1, 10)
+    with pytest.raises(InputError, match="more than the 1000000 blocks"):  # of 10^33
+        views.fuse(1e-12, np.inf, 4, 0.1, 1_000_000)
     with pytest.raises(InputError, match="no such view"):
         views.support(0, [1], 0.01)
     unordered = np.array([[1, 0, 0], [0, 0, 0]], np.int32)

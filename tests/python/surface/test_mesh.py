@@ -9,7 +9,7 @@ import pytest
 import gsut
 import tolerances
 from gsut import InputError, _core
-from gsut.surface import Mesh, load_mesh, save_mesh, shaded_picture
+from gsut.surface import Mesh, depth_maps, load_mesh, save_mesh, shaded_picture
 from random_scenes import pinhole
 from surface_scenes import (
     directions,
@@ -153,7 +153,7 @@ def test_nearest_and_rays_equal_all_triangles_one_by_one(rng):
     assert np.allclose(hit[face >= 0], expected[face >= 0])
 
 
-def test_mesh_command_writes_the_plane_and_refuses_what_it_cannot(tmp_path, capsys):
+def test_mesh_command_writes_the_plane_and_refuses_what_it_cannot(tmp_path, capsys, monkeypatch):
     from gsut.cli import main
 
     run, out = str(plane_run(tmp_path)), tmp_path / "a.ply"
@@ -180,3 +180,9 @@ def test_mesh_command_writes_the_plane_and_refuses_what_it_cannot(tmp_path, caps
     capsys.readouterr()
     assert main(["mesh", run, "-o", str(tmp_path / "b.ply"), *far]) == 2
     assert "no surface" in capsys.readouterr().err
+    assert main(["mesh", run, "-o", str(tmp_path / "b.ply"), "--voxel", "1e-9"]) == 2
+    assert "memory is allowed for; take larger voxels" in capsys.readouterr().err
+    monkeypatch.setattr("gsut.run.memory._SMALL", 0)
+    monkeypatch.setattr("gsut.run.memory.free_memory", lambda: 1000)
+    with pytest.raises(InputError, match=r"of \d+ views takes about .* \(--max-side\)"):
+        depth_maps(None, gsut.load_dataset(tmp_path / "data"))

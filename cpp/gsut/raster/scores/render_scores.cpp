@@ -108,7 +108,9 @@ void Renderer::AddFisher(const std::uint8_t* chosen, double* fisher) const {
   const Map<const Vector3d> background(background_);
   const auto tile = [&](int number, double* sums) {
     TileWalk walk(scene, number, chosen);
-    auto [colors, rest] = ColorsOf(scene, task_, background, number, is_parallel, &walk);
+    TileColors shaded = ColorsOf(scene, task_, background, number, is_parallel, &walk);
+    const auto& colors = shaded.entries;
+    auto& rest = shaded.whole;
     walk.Run([&](std::uint32_t e, const WalkGaussian& g, int offset, const WalkHit& hit) {
       Vector3d& behind = rest[static_cast<std::size_t>(offset)];
       const Vector3d& color = colors[e].color;
@@ -140,7 +142,9 @@ void Renderer::AddSupport(const float* photograph, const std::uint8_t* chosen,
   const Map<const Vector3d> background(background_);
   const auto tile = [&](int number, double* sums) {
     TileWalk walk(scene, number, chosen);
-    auto [colors, rest] = ColorsOf(scene, task_, background, number, is_parallel, &walk);
+    TileColors shaded = ColorsOf(scene, task_, background, number, is_parallel, &walk);
+    const auto& colors = shaded.entries;
+    auto& rest = shaded.whole;
     const std::array<Vector3d, kTilePixels> whole = rest;
     walk.Run([&](std::uint32_t e, const WalkGaussian&, int offset, const WalkHit& hit) {
       Vector3d& behind = rest[static_cast<std::size_t>(offset)];

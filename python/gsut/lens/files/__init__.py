@@ -42,7 +42,7 @@ from gsut.lens.files.opencv import (
 from gsut.lens.files.opensfm import format_opensfm, is_opensfm, load_opensfm
 from gsut.lens.files.own import camera_from_values, format_own, is_own
 from gsut.lens.files.table import is_table, load_table
-from gsut.lens.files.values import plausible
+from gsut.lens.files.values import LensValues
 
 __all__ = ["colmap_camera", "load_camera", "nerfstudio_camera", "save_camera"]
 
@@ -118,17 +118,19 @@ def _load(file: Path, source: str, camera_id: int | str | None) -> Camera:
 
 def _load_mrcal(text: str, source: str) -> Camera:
     core, extrinsics, valid_region = _core.parse_camera_model(text, source)
-    camera = Camera(
-        core.model,
-        core.params,
-        core.width,
-        core.height,
-        valid_field_angle=core.valid_field_angle,
-        extrinsics=extrinsics,
-        # No polygon is unknown; an empty one means that mrcal trusts no pixel.
-        valid_region=None if valid_region is None else np.reshape(valid_region, (-1, 2)),
-    )
-    return plausible(camera, source)
+    try:
+        return Camera(
+            core.model,
+            core.params,
+            core.width,
+            core.height,
+            valid_field_angle=core.valid_field_angle,
+            extrinsics=extrinsics,
+            # No polygon is unknown; an empty one means that mrcal trusts no pixel.
+            valid_region=None if valid_region is None else np.reshape(valid_region, (-1, 2)),
+        )
+    except InputError as error:
+        LensValues({}, source, text).fail("intrinsics", str(error))
 
 
 def _load_keys(values: Any, source: str, text: str, camera_id: int | str | None) -> Camera:

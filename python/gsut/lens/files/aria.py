@@ -51,7 +51,8 @@ def load_aria(values: dict[str, Any], source: str, text: str, camera_id: Any) ->
     width, height = reader.numbers(reader.need("size"), 2)
     sizes = LensValues({"size": width, "height": height}, source, text)
     limit = reader.number("max_solid_angle") if "max_solid_angle" in entry else None
-    return reader.camera(lens, params, sizes.pixels("size"), sizes.pixels("height"), limit)
+    size = sizes.pixels("size"), sizes.pixels("height")
+    return reader.camera(lens, params, *size, limit, "params")
 
 
 def format_aria(camera: Camera, label: str = "camera-rgb") -> str:

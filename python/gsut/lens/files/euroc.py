@@ -33,13 +33,9 @@ def load_euroc(values: dict[str, Any], source: str, text: str) -> Camera:
     if given not in _DISTORTIONS:
         known = ", ".join(_DISTORTIONS)
         reader.fail("distortion_model", f"{given!r} is not supported; supported: {known}")
-    coefficients = values.get("distortion_coefficients", values.get("distortion_coeffs"))
-    kalibr = {
-        **values,
-        "distortion_model": _DISTORTIONS[given],
-        "distortion_coeffs": coefficients,
-    }
-    return kalibr_camera(LensValues(kalibr, source, text))
+    coefficients = reader.find("distortion_coefficients", "distortion_coeffs")
+    kalibr = LensValues({**values, "distortion_model": _DISTORTIONS[given]}, source, text)
+    return kalibr_camera(kalibr, coefficients or "distortion_coefficients")
 
 
 def format_euroc(camera: Camera, body_from_camera: Any) -> str:

@@ -48,8 +48,13 @@ def load_kalibr(values: dict[str, Any], source: str, text: str, camera_id: Any) 
     return kalibr_camera(reader)
 
 
-def kalibr_camera(reader: LensValues) -> Camera:
-    """The camera of one entry of a camchain."""
+def kalibr_camera(reader: LensValues, given: str = "distortion_coeffs") -> Camera:
+    """The camera of one entry of a camchain.
+
+    Args:
+        reader: the entry's keys.
+        given: that of the distortion's coefficients.
+    """
     model = str(reader.values[reader.need("camera_model")])
     if model not in _LEADING:
         known = ", ".join(_LEADING)
@@ -65,11 +70,12 @@ def kalibr_camera(reader: LensValues) -> Camera:
     leading = _LEADING[model]
     intrinsics = reader.numbers("intrinsics", leading + 4)
     own, (fx, fy, cx, cy) = intrinsics[:leading], intrinsics[leading:]
-    coefficients = reader.numbers("distortion_coeffs", count) if count else []
+    coefficients = reader.numbers(given, count) if count else []
     if lens == "mei":
         own, coefficients = [0.0, *own], coefficients or [0.0] * 4  # no skew
     params = [fx, fy, cx + _PIXEL_SHIFT, cy + _PIXEL_SHIFT, *own, *coefficients]
-    return reader.camera(lens, params, *size)
+    keys = [*(len(params) - len(coefficients)) * ["intrinsics"], *len(coefficients) * [given]]
+    return reader.camera(lens, params, *size, keys=keys)
 
 
 def format_kalibr(camera: Camera) -> str:

@@ -42,7 +42,8 @@ def load_matlab(values: dict[str, Any], source: str, text: str) -> Camera:
             reader.fail("StretchMatrix", f"expected [c d; e 1], found {stretch}")
         poly = reader.numbers("MappingCoefficients", 4)
         params = [cx + _PIXEL_SHIFT, cy + _PIXEL_SHIFT, c, d, e, *poly]
-        return reader.camera("ocam", params, *size)
+        keys = [*2 * ["DistortionCenter"], *3 * ["StretchMatrix"], *4 * ["MappingCoefficients"]]
+        return reader.camera("ocam", params, *size, keys=keys)
     focal = reader.numbers(reader.need("FocalLength"), 2)
     center = [value + _PIXEL_SHIFT for value in reader.numbers(reader.need("PrincipalPoint"), 2)]
     radial = reader.numbers("RadialDistortion") if reader.find("RadialDistortion") else []
@@ -53,10 +54,14 @@ def load_matlab(values: dict[str, Any], source: str, text: str) -> Camera:
     if reader.find("TangentialDistortion"):
         tangential = reader.numbers("TangentialDistortion", 2)
     skew = reader.number("Skew", 0.0)
+    keys = [*2 * ["FocalLength"], *2 * ["PrincipalPoint"]]
     if skew != 0.0:
         brown = [*focal, *center, skew, k1, k2, k3, 0.0, *tangential]
-        return reader.camera("brown_conrady", brown, *size)
-    return reader.camera("opencv5", [*focal, *center, k1, k2, *tangential, k3], *size)
+        keys += ["Skew", *4 * ["RadialDistortion"], *2 * ["TangentialDistortion"]]
+        return reader.camera("brown_conrady", brown, *size, keys=keys)
+    keys += [*2 * ["RadialDistortion"], *2 * ["TangentialDistortion"], "RadialDistortion"]
+    params = [*focal, *center, k1, k2, *tangential, k3]
+    return reader.camera("opencv5", params, *size, keys=keys)
 
 
 def format_matlab(camera: Camera) -> str:

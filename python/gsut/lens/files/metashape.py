@@ -64,7 +64,8 @@ def _camera(calibration: ElementTree.Element, source: str, text: str) -> Camera:
     center = [0.5 * size[k] + reader.number(key, 0.0) for k, key in enumerate(("cx", "cy"))]
     coefficients = [reader.number(key, 0.0) for key in _COEFFICIENTS]
     params = [focal + reader.number("b1", 0.0), focal, *center, reader.number("b2", 0.0)]
-    return reader.camera(_LENSES[projection], params + coefficients, *size)
+    keys = ["b1" if "b1" in values else "f", "f", "cx", "cy", "b2", *_COEFFICIENTS]
+    return reader.camera(_LENSES[projection], params + coefficients, *size, keys=keys)
 
 
 def format_metashape(camera: Camera) -> str:

@@ -34,6 +34,14 @@ _FISHEYE = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 _PINHOLE = ("PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE")
 _KNOWN = (*_PINHOLE, *_PERSPECTIVE, "FULL_OPENCV", *_FISHEYE, "FISHEYE624", "EQUIRECTANGULAR")
 _SUPPORTED = ", ".join(_KNOWN)
+# gsut's lens: the name that is written, and the keys of its coefficients.
+_LENSES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "pinhole": ("PINHOLE", ()),
+    "opencv4": ("OPENCV", ("k1", "k2", "p1", "p2")),
+    "opencv5": ("OPENCV", ("k1", "k2", "p1", "p2", "k3")),
+    "opencv8": ("FULL_OPENCV", ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")),
+    "kannala_brandt": ("OPENCV_FISHEYE", ("k1", "k2", "k3", "k4")),
+}
 # k0 to k5, p0, p1, s0 to s3 under one key.
 _FISHEYE624_KEY = "distortion_params"
 _NUM_FISHEYE624 = 12
@@ -142,35 +150,39 @@ def nerfstudio_camera(
     has_own_y = any(values.get(key) is not None for key in ("fl_y", "camera_angle_y"))
     fl_y = _focal(reader, "fl_y", "camera_angle_y", height) if has_own_y else fl_x
     params = [fl_x, fl_y, reader.number("cx", width / 2), reader.number("cy", height / 2)]
-    k1, k2, k3, k4, k5, k6, p1, p2 = (reader.number(key, 0.0) for key in _DISTORTION_KEYS)
+    keys = [_focal_key(reader, "fl_x", "camera_angle_x"), "", "cx", "cy"]
+    keys[1] = _focal_key(reader, "fl_y", "camera_angle_y") if has_own_y else keys[0]
+    given = {key: reader.number(key, 0.0) for key in _DISTORTION_KEYS}
     model = _model_name(reader)
     if model == "FISHEYE624":
         params += reader.numbers(reader.need(_FISHEYE624_KEY), _NUM_FISHEYE624)
-        return reader.camera("fisheye624", params, width, height, limit)
+        keys += _NUM_FISHEYE624 * [_FISHEYE624_KEY]
+        return reader.camera("fisheye624", params, width, height, limit, keys)
     if model in _PINHOLE:
-        if any(reader.number(key, 0.0) != 0.0 for key in _DISTORTION_KEYS):
+        lens = "pinhole"
+        if any(given.values()):
             reader.fail("camera_model", f"is {model}, yet the file gives distortion; use OPENCV")
-        return reader.camera("pinhole", params, width, height, limit)
-    if model in _PERSPECTIVE:
-        if (k4, k5, k6) != (0.0, 0.0, 0.0):
+    elif model in _PERSPECTIVE:
+        lens = "opencv5" if given["k3"] else "opencv4"
+        if given["k4"] or given["k5"] or given["k6"]:
             reader.fail(
                 "k4",
                 "means r^8 to nerfstudio and the denominator to OpenCV; set k4 to k6 to 0, or"
                 " camera_model to FULL_OPENCV for OpenCV's meaning",
             )
-        if k3 != 0.0:
-            return reader.camera("opencv5", [*params, k1, k2, p1, p2, k3], width, height, limit)
-        return reader.camera("opencv4", [*params, k1, k2, p1, p2], width, height, limit)
-    if model == "FULL_OPENCV":
-        full = [*params, k1, k2, p1, p2, k3, k4, k5, k6]
-        return reader.camera("opencv8", full, width, height, limit)
-    for key, value in (("k5", k5), ("k6", k6), ("p1", p1), ("p2", p2)):
-        if value != 0.0:
-            reader.fail(
-                key,
-                f"is {value:g}, but {model} has k1 to k4 only: name the model OPENCV for p1, p2",
-            )
-    return reader.camera("kannala_brandt", [*params, k1, k2, k3, k4], width, height, limit)
+    elif model == "FULL_OPENCV":
+        lens = "opencv8"
+    else:
+        lens = "kannala_brandt"
+        for key in ("k5", "k6", "p1", "p2"):
+            if given[key]:
+                reader.fail(
+                    key, f"is {given[key]:g}, but {model} has k1 to k4 only: name the model OPENCV "
+                    "for p1, p2",
+                )  # fmt: skip
+    own = _LENSES[lens][1]
+    params += [given[key] for key in own]
+    return reader.camera(lens, params, width, height, limit, [*keys, *own])
 
 
 def _model_name(reader: LensValues) -> str:
@@ -183,6 +195,11 @@ def _model_name(reader: LensValues) -> str:
     if model not in _KNOWN:
         reader.fail("camera_model", f"{model!r} is not supported; supported: {_SUPPORTED}")
     return str(model)
+
+
+def _focal_key(reader: LensValues, key: str, angle_key: str) -> str:
+    """Which of them gives the focal length."""
+    return key if reader.values.get(key) is not None else angle_key
 
 
 def _focal(reader: LensValues, key: str, angle_key: str, size: int) -> float:
@@ -220,14 +237,7 @@ def format_nerfstudio(camera: Camera) -> str:
     Raises:
         InputError: nerfstudio has no such lens.
     """
-    names = {
-        "pinhole": ("PINHOLE", ()),
-        "opencv4": ("OPENCV", ("k1", "k2", "p1", "p2")),
-        "opencv5": ("OPENCV", ("k1", "k2", "p1", "p2", "k3")),
-        "opencv8": ("FULL_OPENCV", ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")),
-        "kannala_brandt": ("OPENCV_FISHEYE", ("k1", "k2", "k3", "k4")),
-    }
-    name, keys = names.get(camera.model, ("", ()))
+    name, keys = _LENSES.get(camera.model, ("", ()))
     coefficients = [float(value) for value in camera.params[4:]]
     values: dict[str, Any] = {"camera_model": name, "w": camera.width, "h": camera.height}
     if camera.valid_field_angle is not None:

@@ -65,7 +65,9 @@ def load_ocam(text: str, source: str) -> Camera:
     params = [center[1] + _PIXEL_SHIFT, center[0] + _PIXEL_SHIFT, 1 / c, e / c, d / c]
     params += [-value * c ** (1 - k) for k, value in enumerate(poly) if k != 1]
     sizes = LensValues({"height": size[0], "width": size[1]}, source, text)
-    return sizes.camera("ocam", params, sizes.pixels("width"), sizes.pixels("height"))
+    shape = sizes.pixels("width"), sizes.pixels("height")
+    keys = [*2 * ["center"], *3 * ["affine parameters"], *(len(params) - _FIRST) * ["polynomial"]]
+    return sizes.camera("ocam", params, *shape, keys=keys)
 
 
 def format_ocam(camera: Camera) -> str:

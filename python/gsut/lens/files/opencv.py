@@ -48,6 +48,7 @@ def load_opencv(values: dict[str, Any], source: str, text: str) -> Camera:
     limit = reader.number(_FIELD_ANGLE_KEY) if _FIELD_ANGLE_KEY in values else None
     key = reader.find(*_DISTORTION_KEYS)
     coefficients = reader.numbers(key) if key is not None else []
+    keys, coefficients_of = 4 * [matrix_key], len(coefficients) * [str(key)]
     if is_omnidir:
         (xi,) = _as_list(reader, str(reader.find(*_XI_KEYS)), 1)
         if len(coefficients) != _NUM_OMNIDIR:
@@ -56,7 +57,9 @@ def load_opencv(values: dict[str, Any], source: str, text: str) -> Camera:
                 f"omnidir has {_NUM_OMNIDIR} coefficients, found {len(coefficients)}",
             )
         params += [matrix[1], xi, *coefficients]
-        return reader.camera("mei", params, width, height, limit)
+        keys += [matrix_key, str(reader.find(*_XI_KEYS)), *coefficients_of]
+        return reader.camera("mei", params, width, height, limit, keys)
+    keys += coefficients_of
     fisheye = _is_fisheye(reader)
     if fisheye is None and len(coefficients) == _AMBIGUOUS:
         reader.fail(
@@ -70,14 +73,14 @@ def load_opencv(values: dict[str, Any], source: str, text: str) -> Camera:
                 key or _DISTORTION_KEYS[0],
                 f"a fisheye has {_NUM_FISHEYE} coefficients, found {len(coefficients)}",
             )
-        return reader.camera("kannala_brandt", params + coefficients, width, height, limit)
+        return reader.camera("kannala_brandt", params + coefficients, width, height, limit, keys)
     if not coefficients:
-        return reader.camera("pinhole", params, width, height, limit)
+        return reader.camera("pinhole", params, width, height, limit, keys)
     lens = _RADIAL_LENSES.get(len(coefficients))
     if lens is None:
         known = ", ".join(map(str, _RADIAL_LENSES))
         reader.fail(str(key), f"expected {known} coefficients, found {len(coefficients)}")
-    return reader.camera(lens, params + coefficients, width, height, limit)
+    return reader.camera(lens, params + coefficients, width, height, limit, keys)
 
 
 def _as_list(reader: LensValues, key: str, count: int) -> list[float]:

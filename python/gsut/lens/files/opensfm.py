@@ -53,7 +53,8 @@ def load_opensfm(values: dict[str, Any], source: str, text: str, camera_id: Any)
         reader.fail(_TYPE_KEY, f"{kind!r} is not supported; supported: {supported}")
     lens, keys = _LENSES[kind]
     unit = max(width, height)
-    focal_x = reader.number(reader.need("focal_x", "focal"))
+    focal_key = reader.need("focal_x", "focal")
+    focal_x = reader.number(focal_key)
     focal_y = reader.number("focal_y", focal_x)
     center = [
         0.5 * size + unit * reader.number(key, 0.0)
@@ -61,7 +62,8 @@ def load_opensfm(values: dict[str, Any], source: str, text: str, camera_id: Any)
     ]
     coefficients = [reader.number(key, 0.0) if key else 0.0 for key in keys]
     params = [unit * focal_x, unit * focal_y, *center, *coefficients]
-    return reader.camera(lens, params, width, height)
+    focal_keys = [focal_key, "focal_y" if "focal_y" in values[name] else focal_key]
+    return reader.camera(lens, params, width, height, keys=[*focal_keys, "c_x", "c_y", *keys])
 
 
 def format_opensfm(camera: Camera) -> str:

@@ -49,7 +49,7 @@ def camera_from_values(values: dict[str, Any], source: str = "", text: str = "")
     size = reader.pixels(reader.need("width")), reader.pixels(reader.need("height"))
     known = {key for key in _OPTIONAL if values.get(key) is not None}
     limit = reader.number("valid_field_angle") if "valid_field_angle" in known else None
-    camera = reader.camera(model, reader.numbers(reader.need("params")), *size, limit)
+    camera = reader.camera(model, reader.numbers(reader.need("params")), *size, limit, "params")
     if not known - {"valid_field_angle"}:
         return camera
     extrinsics = reader.numbers("extrinsics", 6) if "extrinsics" in known else None

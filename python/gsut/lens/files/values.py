@@ -8,8 +8,8 @@ from collections.abc import Collection, Sequence
 from typing import Any, NoReturn
 
 from gsut._core import CalibrationError, InputError
-from gsut.lens.camera import Camera
-from gsut.lens.plausible import implausible
+from gsut.lens.camera import Camera, camera_models
+from gsut.lens.plausible import param_names
 
 
 class LensValues:
@@ -96,8 +96,13 @@ class LensValues:
         width: int,
         height: int,
         valid_field_angle: float | None = None,
+        keys: str | Sequence[str] = "",
     ) -> Camera:
-        """The camera; what makes it no camera is an error of the file."""
+        """The camera; what makes it no camera is an error of the file.
+
+        Args:
+            keys: of each parameter in the file, or of all; "": it has none.
+        """
         prefix = f"{self.source}: " if self.source else ""
         if valid_field_angle is not None and valid_field_angle > math.pi:
             raise CalibrationError(
@@ -105,19 +110,13 @@ class LensValues:
                 f"most (degrees? write {math.radians(valid_field_angle):.6g})"
             )
         try:
-            camera = Camera(model, params, width, height, valid_field_angle=valid_field_angle)
+            return Camera(model, params, width, height, valid_field_angle=valid_field_angle)
         except InputError as error:
+            names = param_names(model, len(params)) if keys and model in camera_models() else []
+            for index, name in enumerate(names):
+                if re.search(rf"\b{name} is ", str(error)):  # so all of them say which
+                    self.fail(keys if isinstance(keys, str) else keys[index], str(error))
             raise CalibrationError(f"{prefix}{error}") from error
-        return plausible(camera, self.source)
-
-
-def plausible(camera: Camera, source: str) -> Camera:
-    """The camera; CalibrationError where no lens has its numbers."""
-    doubt = implausible(camera)
-    if doubt is not None:
-        prefix = f"{source}: " if source else ""
-        raise CalibrationError(f"{prefix}this is no lens: {doubt}; correct it")
-    return camera
 
 
 def chosen_name(names: Collection[str], camera_id: int | str | None, source: str) -> str:
