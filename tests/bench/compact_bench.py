@@ -25,6 +25,7 @@ from gsut.compact import (
     settings_of,
 )
 from gsut.evaluate import evaluate, view_image
+from gsut.render import Light
 from gsut.run import (
     TrainOptions,
     add_option_flags,
@@ -195,7 +196,7 @@ def _bench_run(
     on_part: Callable[[str], object],
     on_row: Callable[[list[dict[str, Any]]], object],
 ) -> None:
-    scene, gaussians, train_options, train_seconds = _read(folder)
+    scene, gaussians, train_options, train_seconds, light = _read(folder)
     views = seen_views(scene, scene.train_indices)
     name = f"{scene.path.name} {start}"
     key = {"run": str(Path(folder).resolve()), "scene": scene.path.name, "start": start}
@@ -204,7 +205,7 @@ def _bench_run(
     key["settings"] = _digest(train_options)
     whole = _found(rows, key, "whole", 1.0)
     if whole is None:
-        figures = _figures(gaussians, scene, train_options)
+        figures = _figures(gaussians, scene, train_options, light)
         whole = {
             **key, "method": "whole", "keep": 1.0,
             "num_gaussians": len(gaussians), "megabytes": _megabytes(gaussians),
@@ -233,7 +234,7 @@ def _bench_run(
                 seen: Sequence[SeenView] = views if looks_at_views(method) else ()
                 row = key | _one(
                     gaussians, scene, train_options, seen, method, keep, options.finetune,
-                    scored(method, seen),
+                    scored(method, seen), light,
                 )  # fmt: skip
                 row["total_seconds"] = (
                     train_seconds + row["compact_seconds"] + row["finetune_seconds"]
@@ -276,10 +277,11 @@ def _found(
     return None
 
 
-def _read(folder: str) -> tuple[Any, Any, TrainOptions, float]:
-    """Scene, Gaussians, options and seconds of training of a finished run with held-out views."""
+def _read(folder: str) -> tuple[Any, Any, TrainOptions, float, Light | None]:
+    """Scene, Gaussians, options, seconds of training and light of the photographs of a finished run
+    with held-out views."""
     from gsut.run import METRICS, RunFolder
-    from gsut.training import read_trained
+    from gsut.training import read_light, read_trained
 
     run = RunFolder.open(folder)
     metrics = run.read_json(METRICS)
@@ -288,7 +290,8 @@ def _read(folder: str) -> tuple[Any, Any, TrainOptions, float]:
     train_options, scene, gaussians = read_trained(run, None)
     if not scene.test_indices:
         raise InputError(f"{scene.path} has no held-out views to measure PSNR on")
-    return scene, gaussians, train_options, metrics.get(TRAIN_CPU, metrics["train_seconds"])
+    seconds = metrics.get(TRAIN_CPU, metrics["train_seconds"])
+    return scene, gaussians, train_options, seconds, read_light(run, scene)
 
 
 def _one(
@@ -300,20 +303,21 @@ def _one(
     keep: float,
     steps: int,
     scored: tuple[Any, float],
+    light: Light | None,
 ) -> dict[str, Any]:
     clock = ThreadSeconds()
     small = compact(gaussians, keep, method=method, views=views, scores=scored[0]).gaussians
     compact_seconds = scored[1] + clock.seconds()
-    free = _figures(small, scene, options)
+    free = _figures(small, scene, options, light)
     clock = ThreadSeconds()
-    tuned, _ = finetune(scene, small, finetune_options(options, steps, len(small)))
+    tuned, _ = finetune(scene, small, finetune_options(options, steps, len(small)), light=light)
     finetune_seconds = clock.seconds()
     return {
         "method": method, "keep": keep,
         "num_gaussians": len(small), "megabytes": _megabytes(small),
         "compact_seconds": compact_seconds, "finetune_steps": steps,
         "finetune_seconds": finetune_seconds,
-        "free": free, "tuned": _figures(tuned, scene, options),
+        "free": free, "tuned": _figures(tuned, scene, options, light),
     }  # fmt: skip
 
 
@@ -331,10 +335,10 @@ def _rival(
     full_size = 1.0 - schedule.coarse_to_fine[1]
     pace = max(_train(scene, pilot)[1] / _PILOT_STEPS, full_size * full_pace)
     chosen = _rival_options(options, count, max(_PILOT_STEPS, round(budget / pace)))
-    gaussians, seconds = _train(scene, chosen)
+    gaussians, seconds, light = _train(scene, chosen)
     return {
         "num_gaussians": len(gaussians), "steps": chosen.steps, "total_seconds": seconds,
-        **_figures(gaussians, scene, options),
+        **_figures(gaussians, scene, options, light),
     }  # fmt: skip
 
 
@@ -356,18 +360,22 @@ def _rival_options(options: TrainOptions, count: int, steps: int) -> TrainOption
     ).resolved()
 
 
-def _train(scene: Any, options: TrainOptions) -> tuple[Any, float]:
+def _train(scene: Any, options: TrainOptions) -> tuple[Any, float, Light | None]:
     from gsut.training import TrainingLoop
 
     loop = TrainingLoop(scene, options)
     clock = ThreadSeconds()
     while loop.step < options.steps:
         loop.advance()
-    return loop.result().copy(), clock.seconds()
+    return loop.result().copy(), clock.seconds(), loop.photographs.light()
 
 
-def _figures(gaussians: Any, scene: Any, options: TrainOptions) -> dict[str, float]:
-    figures = evaluate(gaussians, scene, scene.test_indices, background=options.background)
+def _figures(
+    gaussians: Any, scene: Any, options: TrainOptions, light: Light | None
+) -> dict[str, float]:
+    figures = evaluate(
+        gaussians, scene, scene.test_indices, background=options.background, light=light
+    )
     milliseconds = _render_ms(gaussians, scene, options)
     return {"psnr": figures["psnr"], "ssim": figures["ssim"], "render_ms": milliseconds}
 

@@ -137,7 +137,10 @@ def _train_one(
         if loop.step in measure_at:
             wall, cpu = clock.seconds()
             with clock.paused():
-                found = mean_psnr(loop.scene, loop.result(), scene.test_indices, o.background)
+                found = mean_psnr(
+                    loop.scene, loop.result(), scene.test_indices, o.background,
+                    light=loop.photographs.light(),
+                )  # fmt: skip
                 curve.append({
                     "preset": preset, "step": loop.step, "seconds": wall, "cpu_seconds": cpu,
                     "num_gaussians": len(loop.gaussians), "psnr": found,

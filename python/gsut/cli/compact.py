@@ -28,6 +28,9 @@ DESCRIPTION = (
 )
 _PLY = ".ply"
 _WORKING = 1.5  # of the Gaussians' numbers, beside them: pairs, and the result
+# Up to this share compacting and fine-tuning was better than training as few from the start, on all
+# captures tried; above, not where light changes (fox: 0.3 dB at 0.3; docs/results.md).
+_FEW_KEPT = 0.2
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -203,4 +206,10 @@ def _print_summary(metrics: dict[str, Any], size: int) -> None:
         print(
             f"PSNR {metrics['psnr']:.2f} dB{was}, SSIM {metrics['ssim']:.4f}, "
             f"{metrics['render_ms']:.1f} ms a view"
+        )
+    kept = metrics["num_gaussians"] / done["source_num_gaussians"]
+    if metrics.get("light") and kept > _FEW_KEPT:
+        print(
+            f"the photographs differ in light: {metrics['num_gaussians']:,} Gaussians trained from "
+            f"the start (gsut train --max-gaussians {metrics['num_gaussians']}) may be better"
         )
