@@ -14,7 +14,6 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.check import refuse_too_large
 from gsut.data import Scene
-from gsut.evaluate import begin_curves
 from gsut.gaussians import Gaussians
 from gsut.run import TrainOptions
 from gsut.training import (
@@ -106,14 +105,13 @@ def train(
             record.add(loop, loop.advance())
     gaussians = loop.result().copy()  # optimize/: the mean over the last steps
     scene = loop.finished_scene()  # refine/: poses and lens against the finished Gaussians
-    curves = None if record.run is None else begin_curves(record.run)  # of the report, meanwhile
     scene, metrics = measure_training(loop, gaussians, scene, record.run)  # evaluate/
     for note in metrics["notes"][len(scene.notes) :]:
         record.note(note)
     complexity.tell(metrics)
     if record.run is not None:
         refined = scene if o.refine_poses else None  # formats/, verdict
-        write_results(record.run, gaussians, metrics, scene.path, refined, asked, curves)
+        write_results(record.run, gaussians, metrics, scene.path, refined, asked)
     gaussians = gaussians.translated(scene.world_offset)
     scene = scene.about((0.0, 0.0, 0.0)) if o.refine_poses else prepare_scene(given, o)
     return TrainResult(gaussians, metrics, record.history, scene)

@@ -2,13 +2,11 @@
 
 from gsut.evaluate.evaluation import evaluate, run_metrics
 from gsut.evaluate.held_out import mean_psnr, view_image
-from gsut.evaluate.report import Curves, begin_curves, write_report
+from gsut.evaluate.report import write_report
 from gsut.evaluate.report_plots import ring_text
 from gsut.evaluate.verdict import train_verdict
 
 __all__ = [
-    "Curves",
-    "begin_curves",
     "evaluate",
     "mean_psnr",
     "ring_text",

@@ -7,7 +7,7 @@ import dataclasses
 import importlib.resources
 import math
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -34,21 +34,6 @@ _MOST_PIXELS_WIDE = 900  # of an embedded picture
 _ERROR_FULL = 0.1  # mean absolute difference of the colours, of [0, 1], at the heat map's end
 _DEPTH_PERCENTILES = (1.0, 99.0)  # of all distances shown: the ends of the colour scale
 _LEGEND_STOPS = 12
-Curves: TypeAlias = "concurrent.futures.Future[dict[str, list[str]]]"
-
-
-def begin_curves(run: RunFolder) -> Curves:
-    """Draws the curves of a run whose training is done, in a thread: while views are rendered the
-    second that matplotlib takes is to spare.
-
-    Returns:
-        For `write_report`.
-    """
-    with_one = concurrent.futures.ThreadPoolExecutor(1, "gsut-curves")
-    try:
-        return with_one.submit(_curves, run.read_history(), run.read_options().resolved())
-    finally:
-        with_one.shutdown(wait=False)
 
 
 def _curves(history: list[dict[str, Any]], options: TrainOptions) -> dict[str, list[str]]:
@@ -67,13 +52,12 @@ def _curves(history: list[dict[str, Any]], options: TrainOptions) -> dict[str, l
     }
 
 
-def write_report(run: RunFolder, curves: Curves | None = None) -> Path:
+def write_report(run: RunFolder) -> Path:
     """Writes RUN/report.html from metrics.json, history.jsonl, options.json, environment.json and
     the pictures in renders/, and returns its path.
 
     Args:
         run: the folder of a run whose training and evaluation are done.
-        curves: from `begin_curves`, where they are begun.
 
     Raises:
         InputError: metrics.json is absent, a picture it names cannot be read, or the report cannot
@@ -87,15 +71,19 @@ def write_report(run: RunFolder, curves: Curves | None = None) -> Path:
     source = (
         importlib.resources.files("gsut.evaluate").joinpath("report.html.j2").read_text("utf-8")
     )
+    # Not earlier, while views are rendered: their milliseconds would not be the renderer's alone.
+    with concurrent.futures.ThreadPoolExecutor(1, "gsut-curves") as thread:
+        drawn = thread.submit(_curves, run.read_history(), options.resolved())
+        pictures, curves = _pictures(metrics.get("views", []), run.path / RENDERS), drawn.result()
     page = render_page(
         source,
         metrics=metrics,
         environment=environment,
         headline=_headline(metrics),
         verdict=Verdict.of(metrics["verdict"]) if metrics.get("verdict") else None,
-        **_pictures(metrics.get("views", []), run.path / RENDERS),
+        **pictures,
         rows=sorted(metrics.get("views", []), key=lambda row: row["name"]),
-        curves=(curves or begin_curves(run)).result(),
+        curves=curves,
         rings=metrics.get("rings", []),
         ring_plot=ring_plot(metrics["rings"]) if metrics.get("rings") else None,
         light_plots=light_plots(metrics["light"]) if "light" in metrics else [],

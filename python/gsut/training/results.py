@@ -10,7 +10,6 @@ import numpy as np
 
 from gsut.data import Scene
 from gsut.evaluate import (
-    Curves,
     evaluate,
     mean_psnr,
     run_metrics,
@@ -98,7 +97,6 @@ def write_results(
     data: Path,
     refined: Scene | None,
     options: TrainOptions,
-    curves: Curves | None = None,
 ) -> None:
     """Writes scene.ply, metrics.json, report.html and, where poses were refined, these.
 
@@ -110,12 +108,11 @@ def write_results(
         data: the dataset's path, for the verdict's advice.
         refined: the scene with refined poses, or None.
         options: of the training, as they were given: for the verdict's advice.
-        curves: of the report, from `begin_curves`, where they are begun.
     """
     in_dataset = gaussians.translated(metrics["world_offset"])
     metrics["notes"] += notes_on_place(for_file(in_dataset).origin)
     run.write(SCENE, lambda path: save_ply(path, in_dataset, scene_comments(run)))
-    write_findings(run, metrics, data, refined, options, curves=curves)
+    write_findings(run, metrics, data, refined, options)
 
 
 def scene_comments(run: RunFolder) -> list[str]:
@@ -137,7 +134,6 @@ def write_findings(
     refined: Scene | None,
     options: TrainOptions,
     division: Sequence[str] = (),
-    curves: Curves | None = None,
 ) -> None:
     """`write_results` but for scene.ply, which is there; `division`: see `train_verdict`."""
     if refined is not None:
@@ -146,7 +142,7 @@ def write_findings(
     verdict = train_verdict(metrics, str(data), str(run.path), options, division)
     metrics["verdict"] = verdict.as_dict()
     run.write_json("metrics.json", metrics)
-    write_report(run, curves)
+    write_report(run)
 
 
 def _refinement_notes(metrics: dict[str, Any]) -> list[str]:
