@@ -129,7 +129,6 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
         print(
             f"{len(gaussians):,} -> {len(result.gaussians):,} Gaussians in {seconds:.1f} s: {out}"
         )
-        _print_dropped(result.dropped)
     return {
         "method": options.method,
         "source_num_gaussians": len(gaussians),
@@ -177,11 +176,6 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     return metrics
 
 
-def _print_dropped(count: int) -> None:
-    if count:
-        print(f"{count} Gaussians with values that are not finite were left out")
-
-
 def _print_summary(metrics: dict[str, Any], size: int) -> None:
     done = metrics["compaction"]
     tuned = f", {done['finetune_steps']} steps" if done["finetune_steps"] else ""
@@ -190,7 +184,6 @@ def _print_summary(metrics: dict[str, Any], size: int) -> None:
         f"{done['method']}{tuned} in {done['compact_seconds'] + done['finetune_seconds']:.1f} s, "
         f"{size / 1e6:.1f} MB"
     )
-    _print_dropped(done["dropped"])
     if done["harmonics_degrees"]:
         counts = enumerate(done["harmonics_degrees"])
         print("harmonics: " + ", ".join(f"{count:,} of degree {d}" for d, count in counts))

@@ -117,9 +117,11 @@ def _triangulated(
 def _colored(
     scene: Scene, cloud: Path, arguments: argparse.Namespace
 ) -> tuple[np.ndarray, np.ndarray, dict[str, Any], str]:
-    from gsut.data import color_points, load_points_ply
+    from gsut.data import color_points, load_points_ply, usable_points
 
     positions, _ = load_points_ply(cloud)
+    if fault := usable_points(positions)[1]:
+        raise InputError(f"{cloud}: {fault}; remove these points")
     near = scene.centred
     colors, views = color_points(
         near, positions - near.world_offset + scene.world_offset,

@@ -33,7 +33,7 @@ from gsut.data.load import load_dataset, read_dataset
 from gsut.data.masks import find_mask
 from gsut.data.memory import make_scene
 from gsut.data.normal_files import read_normals
-from gsut.data.points import TRIANGULATED, load_points_ply, points_ply
+from gsut.data.points import TRIANGULATED, load_points_ply, points_ply, usable_points
 from gsut.data.poses import OPENGL_FROM_OPENCV, centers_of, inverse, rigid_transform
 from gsut.data.rig import Rig, read_rig, relative_changes, write_rig
 from gsut.data.scene import Scene, View, keep_at_most
@@ -110,6 +110,7 @@ __all__ = [
     "shrink_mask",
     "some_names",
     "sorted_findings",
+    "usable_points",
     "view_agreement",
     "views_within",
     "with_shutter",

@@ -11,8 +11,8 @@ import numpy as np
 from gsut._core import InputError, Shutter
 from gsut.data.findings import DatasetError, OnError, some_names, stop
 from gsut.data.images import IMAGE_SUFFIXES, read_header
-from gsut.data.points import TRIANGULATED, load_points_ply
-from gsut.data.poses import FARTHEST, inverse
+from gsut.data.points import TRIANGULATED, load_points_ply, usable_points
+from gsut.data.poses import inverse
 from gsut.data.scene import Scene, View
 from gsut.data.split import TEST_EVERY, split_views
 from gsut.lens import Camera
@@ -45,7 +45,8 @@ class Listing:
     """What a reader found: the frames whose image exists, names of the others, points, lists.
 
     `missing_depth` names depth and normal files that the dataset lists and that do not exist.
-    `source` is the file that lists the images; `path` the dataset's folder.
+    `source` is the file that lists the images, `points_source` that of the points where it is
+    another; `path` the dataset's folder.
     """
 
     path: Path
@@ -58,6 +59,12 @@ class Listing:
     listed_train: Sequence[str] | None = None
     listed_test: Sequence[str] | None = None
     notes: list[str] = dataclasses.field(default_factory=list)
+    points_source: Path | None = None
+
+    def take_points(self, path: Path) -> None:
+        """Takes the points of a PLY file; errors: see `load_points_ply`."""
+        self.points, self.point_colors = load_points_ply(path, self.notes)
+        self.points_source = path
 
 
 def assemble(
@@ -95,16 +102,10 @@ def assemble(
         raise _nothing_left(listing, total)
     frames.sort(key=lambda frame: frame.name)
     notes += [*_mask_notes(listing, frames, on_error), *_lens_notes(frames)]
-    finite = (np.abs(listing.points) <= FARTHEST).all(axis=1)  # NaN is not
-    if not finite.all():
-        on_error(
-            DatasetError(
-                listing.source,
-                f"{np.sum(~finite)} of {len(finite)} points have NaN, infinite or absurdly large "
-                "coordinates",
-                "remove these points",
-            )
-        )
+    finite, fault = usable_points(listing.points)
+    if fault:
+        where = listing.points_source or listing.source
+        on_error(DatasetError(where, fault, "remove these points"))
     train, test, split_notes = split_views(
         [frame.name for frame in frames],
         listing.source,
@@ -131,7 +132,7 @@ def _take_triangulated(listing: Listing, on_error: OnError) -> None:
     if len(listing.points) or not path.is_file():
         return
     try:
-        listing.points, listing.point_colors = load_points_ply(path, listing.notes)
+        listing.take_points(path)
         listing.notes.append(f"{path}: the points of `gsut points` are used: there are no others")
     except InputError as error:
         on_error(error)

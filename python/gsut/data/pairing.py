@@ -12,7 +12,6 @@ from gsut.data.assemble import Frame, Listing
 from gsut.data.findings import DatasetError, OnError, some_names
 from gsut.data.masks import find_mask
 from gsut.data.mounts import Mount, body_from_camera
-from gsut.data.points import load_points_ply
 from gsut.data.poses import inverse
 from gsut.data.recording import Recording, Stream
 from gsut.data.times import (
@@ -82,7 +81,7 @@ def listing_of(recording: Recording, on_error: OnError) -> Listing:
         listing.missing += rows
     if recording.points is not None:
         try:
-            listing.points, listing.point_colors = load_points_ply(recording.points, listing.notes)
+            listing.take_points(recording.points)
         except InputError as error:
             on_error(error)
     return listing

@@ -7,6 +7,7 @@ import os
 import numpy as np
 
 from gsut import _core
+from gsut.data.poses import FARTHEST
 
 TRIANGULATED = "triangulated.ply"  # of `gsut points`; read where a dataset names no points
 NO_COLOR = 128  # of points without one
@@ -36,6 +37,17 @@ def load_points_ply(
     if notes is not None and white:
         notes.append(f"{path}: the points' colours are read as numbers of 0 to {white:g}")
     return points, colors
+
+
+def usable_points(points: np.ndarray) -> tuple[np.ndarray, str]:
+    """Which of points (N, 3) lie somewhere, (N,) bool; what is said of the others, "" if all do."""
+    usable = (np.abs(points) <= FARTHEST).all(axis=1)  # NaN is not
+    if usable.all():
+        return usable, ""
+    return usable, (
+        f"{np.count_nonzero(~usable)} of {len(points)} points have NaN, infinite or absurdly large "
+        f"coordinates; the first is row {np.argmin(usable)}"
+    )
 
 
 def points_ply(points: np.ndarray, colors: np.ndarray) -> bytes:

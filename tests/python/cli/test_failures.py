@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import gsut
@@ -195,6 +196,18 @@ def test_sizes_without_bound_are_refused_at_once(words, said, tmp_path, monkeypa
     assert main(words) == EXIT_INPUT
     assert said in capsys.readouterr().err
     assert {p.name for p in tmp_path.iterdir()} - {"a"} == {"in.ply", "in.yaml"}
+
+
+def test_cloud_with_points_that_lie_nowhere_is_refused_by_row(tmp_path, capsys):
+    small_datasets.write_nerfstudio(tmp_path / "plane")
+    places, colors = small_datasets.points()
+    places[[4, 7]] = [[np.nan, 0, 0], [0, 1e30, 0]]
+    small_datasets.write_ply(tmp_path / "cloud.ply", places, colors)
+    words = ["--colour", str(tmp_path / "cloud.ply"), "-o", str(tmp_path / "out.ply")]
+    assert main(["points", str(tmp_path / "plane"), *words]) == EXIT_INPUT
+    said = f"cloud.ply: 2 of {len(places)} points have NaN, infinite or absurdly large coordinates;"
+    assert f"{said} the first is row 4" in capsys.readouterr().err
+    assert not (tmp_path / "out.ply").exists()
 
 
 def test_closed_output_is_no_fault(monkeypatch):

@@ -267,7 +267,7 @@ case("colmap_translation_nan", colmap_text("images.txt", words(4, 6, "nan")),
 case("colmap_point_line_cut_off", colmap_text("points3D.txt", line(3, "1 0.5 0.5")),
      "points3D.txt, line 3", "expected POINT3D_ID", "'1 0.5 0.5'")  # fmt: skip
 case("colmap_point_nan", colmap_text("points3D.txt", line(3, "1 nan 0.5 0.5 1 2 3 0")),
-     "1 of 400 points have NaN")  # fmt: skip
+     "points3D.txt", "1 of 400 points have NaN", "the first is row 1")  # fmt: skip
 case("colmap_cameras_truncated", colmap_binary("cameras.bin", lambda data: data[:60]),
      "cameras.bin", "ends at byte 60", "camera 1 of 1", "byte 32")  # fmt: skip
 case("colmap_binary_unknown_model",

@@ -109,6 +109,7 @@ def read_colmap(path: Path, *, on_error: OnError = stop) -> Listing:
             on_error(error)
     try:
         listing.points, listing.point_colors = read_points(model)
+        listing.points_source = _points_file(model)
     except InputError as error:
         on_error(error)
     if folder.name != "images" and listing.frames:
@@ -119,13 +120,16 @@ def read_colmap(path: Path, *, on_error: OnError = stop) -> Listing:
     return listing
 
 
+def _points_file(model: Path) -> Path | None:
+    return next((f for f in (model / "points3D.bin", model / "points3D.txt") if f.is_file()), None)
+
+
 def read_points(model: Path) -> tuple[np.ndarray, np.ndarray]:
     """points3D.bin or .txt of a model: (N, 3) float64 and (N, 3) uint8; empty without a file."""
-    if (model / "points3D.bin").is_file():
-        return read_points_bin(model / "points3D.bin")
-    if (model / "points3D.txt").is_file():
-        return read_points_txt(model / "points3D.txt")
-    return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
+    file = _points_file(model)
+    if file is None:
+        return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
+    return (read_points_bin if file.suffix == ".bin" else read_points_txt)(file)
 
 
 def _image_folder(path: Path, model: Path, names: list[str]) -> Path:

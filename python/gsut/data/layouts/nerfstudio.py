@@ -20,7 +20,6 @@ from gsut.data.images import read_header
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts._write_transforms import write_nerfstudio
 from gsut.data.layouts.colmap import find_model, read_points
-from gsut.data.points import load_points_ply
 from gsut.data.poses import OPENGL_FROM_OPENCV, halfway, rigid_transform
 from gsut.data.text_files import read_json
 from gsut.lens import Camera, frame_lens, nerfstudio_camera
@@ -211,7 +210,7 @@ def _read_points(values: dict, listing: Listing) -> None:
                 f"the points' file '{name}' does not exist",
                 "add it, or drop 'ply_file_path' to start from random points",
             )
-        listing.points, listing.point_colors = load_points_ply(path, listing.notes)
+        listing.take_points(path)
         return
     model = find_model(listing.path / "colmap")
     if model is None or "applied_transform" not in values:
