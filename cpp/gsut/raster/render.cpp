@@ -73,7 +73,7 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   }
   timings_.push_back(watch.Lap("bin"));
   ParallelFor(tiles().num_tiles(), 1, [&](std::int64_t index, std::int64_t) {
-    const int tile = static_cast<int>(index);
+    const int tile = TileInOrder(index);
     if (lines_ == nullptr) {
       ForwardKernel(task_, *grid_, tile, &frame_, image, alpha, depth, distortion);
     } else {

@@ -1,6 +1,7 @@
 // The tiled float renderer: project, bin, blend. Its backward stands in render_backward.cpp.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -118,6 +119,16 @@ class Renderer {
                 const RenderSettings& settings, const TiledOptions& options);
   void ResizeFrame(const std::uint8_t* chosen);
   const TileGrid& tiles() const { return lines_ == nullptr ? *grid_ : lines_->tiles; }
+  // The tile that is drawn as number `index`: in strips from top to bottom, so that what a tile
+  // shares with the ones around it is still in a cache.
+  int TileInOrder(std::int64_t index) const {
+    constexpr int kStrip = 8;
+    const TileGrid& grid = tiles();
+    const int x0 = static_cast<int>(index / (kStrip * grid.tiles_y)) * kStrip;
+    const int width = std::min(kStrip, grid.tiles_x - x0);
+    const int within = static_cast<int>(index) - x0 * grid.tiles_y;
+    return within / width * grid.tiles_x + x0 + within % width;
+  }
   WalkScene LastScene() const;
   void CheckStep(const GradientRows& to) const;
   // From the kernels' gradients to a tile's lines (or rays) to those of its pixels' rays.

@@ -50,7 +50,7 @@ void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, 
   rays->origins.assign(with_rays && lines_ != nullptr ? 3 * pixels : 0, 0.0);
   rays->rays.assign(with_rays ? 3 * pixels : 0, 0.0);
   ParallelFor(tiles().num_tiles(), 1, [&](std::int64_t index, std::int64_t) {
-    const int tile = static_cast<int>(index);
+    const int tile = TileInOrder(index);
     alignas(64) float buffer[kLineGradients * kTilePixels];
     float* to_lines = with_rays ? buffer : nullptr;
     if (lines_ == nullptr) {

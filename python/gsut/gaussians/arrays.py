@@ -100,7 +100,9 @@ class Gaussians:
 
     def zeros_like(self) -> Gaussians:
         """The same shapes, all values 0: for gradients."""
-        return Gaussians(*(np.zeros_like(getattr(self, name)) for name in _FIELDS))
+        # Not zeros_like, which writes its zeros: what is never written takes no memory so.
+        arrays = (getattr(self, name) for name in _FIELDS)
+        return Gaussians(*(np.zeros(array.shape, array.dtype) for array in arrays))
 
     def translated(self, by: np.typing.ArrayLike) -> Gaussians:
         """The Gaussians moved by a vector (3,) in world units: exact, only the origin changes."""

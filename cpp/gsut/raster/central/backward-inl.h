@@ -100,6 +100,7 @@ HWY_INLINE void BackwardTile(bool with_depth, bool stop_before, bool with_rays,
       // Slots lie in the order of the Gaussians: without this, each store waits for its line and
       // those behind it wait too.
       __builtin_prefetch(&frame->slot_gradients[std::size_t{16} * next.slot], 1);
+      __builtin_prefetch(&frame->slot_touched[next.slot], 1);
     }
     HWY_ALIGN float r[record::kSize];
     TurnRecord(to_tile, center, *frame, entries[e].gaussian, r);
