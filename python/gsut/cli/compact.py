@@ -27,6 +27,7 @@ DESCRIPTION = (
     "file. Nothing in RUN changes."
 )
 _PLY = ".ply"
+_WORKING = 1.5  # of the Gaussians' numbers, beside them: pairs, and the result
 # Up to this share compacting and fine-tuning was better than training as few from the start, on all
 # captures tried; above, not where light changes (fox: 0.3 dB at 0.3; docs/results.md).
 _FEW_KEPT = 0.2
@@ -104,6 +105,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
 
     import gsut
     from gsut.compact import check_method, compact
+    from gsut.formats import check_room
     from gsut.training import count_for_bytes
 
     wishes = (options.target_psnr_drop, options.harmonics_drop)
@@ -118,6 +120,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
         raise InputError(f"-o {out}: of a PLY file a PLY file is made; give a name ending in .ply")
     refuse_existing(out)
     gaussians = gsut.load_ply(arguments.source)
+    check_room("compacting", [gaussians], _WORKING)
     keep, count = options.keep, None
     if options.target_bytes is not None:
         count = count_for_bytes(gaussians, options.target_bytes)
@@ -140,6 +143,8 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
 
 
 def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
+    from gsut.formats import check_room
+    from gsut.gaussians import DRAWN_BYTES
     from gsut.run import METRICS, SCENE, Progress, RunFolder
     from gsut.training import RunCompactor, read_light, read_trained, write_compacted_run
 
@@ -151,6 +156,7 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     target = RunFolder.claim(arguments.out, "compact", arguments.source)
     target.refuse_finished(arguments.source)  # before anything that takes long
     train_options, scene, gaussians = read_trained(source, arguments.data)
+    check_room("compacting", [gaussians], _WORKING, DRAWN_BYTES)
 
     def on_try(count: int, psnr: float) -> None:
         if not arguments.quiet:

@@ -18,6 +18,7 @@ DESCRIPTION = (
 )
 
 
+_WORKING = 6.5  # of the Gaussians' numbers, beside them: written, read again and compared
 _PAGE = ".html"
 _PLAYCANVAS = (".html", ".sog", ".compressed.ply")  # which PlayCanvas' viewers show
 
@@ -54,7 +55,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.formats import WriteSettings, format_of, read_scene_file
+    from gsut.formats import WriteSettings, check_room, format_of, read_scene_file
     from gsut.gaussians import are_surfels
 
     out = Path(arguments.out)
@@ -63,6 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     path = scene_file_of(Path(arguments.source))
     found = read_scene_file(path)
     gaussians, tuning = found.gaussians, None
+    check_room("converting", [gaussians], _WORKING)
     if arguments.reader == "viewers":
         gaussians, tuning = _tuned_for_viewers(arguments)
     elif arguments.steps is not None:

@@ -20,6 +20,7 @@ DESCRIPTION = (
     "are in the coordinates of IN. IN is left as it is; an OUT that exists is refused."
 )
 
+_WORKING = 5.0  # of the Gaussians' numbers, beside them: turned in float64, and written
 _LEAST_SCALE = 1e-12  # from the size of an atom to a building's; float32 ends at 1e38
 
 
@@ -83,7 +84,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.formats import WriteSettings, format_of, read_scene_file, save_gaussians
+    from gsut.formats import (
+        WriteSettings,
+        check_room,
+        format_of,
+        read_scene_file,
+        save_gaussians,
+    )
     from gsut.gaussians import merged, transformed
 
     out = Path(arguments.out)
@@ -95,8 +102,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             "some of these scenes are antialiased and others are not: no one file fits"
         )
-    found = sum(len(file.gaussians) for file in files)
     parts = [file.gaussians for file in files]
+    check_room("editing", parts, _WORKING)
+    found = sum(map(len, parts))
     if arguments.floaters or arguments.unseen:
         parts = [
             _by_photographs(arguments, *each) for each in zip(arguments.sources, parts, strict=True)

@@ -24,6 +24,7 @@ from gsut.formats._format import (
     StartView,
     WriteSettings,
     Written,
+    check_room,
     drawable,
     only_drawable,
 )
@@ -38,6 +39,7 @@ __all__ = [
     "StartView",
     "WriteSettings",
     "Written",
+    "check_room",
     "drawable",
     "for_file",
     "format_of",

@@ -7,6 +7,8 @@ import numpy as np
 from gsut.formats._quantize import opacity_of, unit_quats
 from gsut.gaussians import Gaussians
 
+_ROWS = 1 << 14  # that are compared at a time
+
 
 def largest_errors(before: Gaussians, after: Gaussians) -> dict[str, float]:
     """The largest differences between Gaussians, row by row.
@@ -19,6 +21,14 @@ def largest_errors(before: Gaussians, after: Gaussians) -> dict[str, float]:
         rotation_degrees; opacity: between 0 and 1; color: of the constant harmonic; harmonics: of
         the others.
     """
+    parts = [
+        _errors(before[first : first + _ROWS], after[first : first + _ROWS])
+        for first in range(0, max(1, len(before)), _ROWS)
+    ]
+    return {name: max(part[name] for part in parts) for name in parts[0]}
+
+
+def _errors(before: Gaussians, after: Gaussians) -> dict[str, float]:
     most = max(before.sh.shape[1], after.sh.shape[1])
     sh = [np.zeros((len(g), most, 3)) for g in (before, after)]
     for padded, g in zip(sh, (before, after), strict=True):

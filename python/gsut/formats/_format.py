@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from gsut._core import InputError
-from gsut.gaussians import Gaussians
+from gsut.gaussians import Gaussians, bytes_each
 from gsut.run import check_fits
 
 # A file may claim this many Gaussians whatever its size; more only at a byte each or more. The
@@ -119,6 +119,21 @@ class Format:
     holds: Callable[[bytes], bool]
     keeps_origin: bool = False
     keeps_surfels: bool = False
+
+
+def check_room(what: str, scenes: Sequence[Gaussians], times: float, more: int = 0) -> None:
+    """Raises InputError, before it is begun, where work on Gaussians does not fit into the memory
+    that is free.
+
+    Args:
+        what: the work, for the message.
+        scenes: which are in memory.
+        times: what the work takes at most beside them, of their numbers; measured.
+        more: bytes that it takes for each.
+    """
+    count, degree = sum(map(len, scenes)), max(g.sh_degree for g in scenes)
+    size = (times * bytes_each(degree) + more) * count
+    check_fits(f"{what} {count:,} Gaussians of degree {degree}", size, ELSEWHERE)
 
 
 def drawable(gaussians: Gaussians) -> np.ndarray:

@@ -17,13 +17,14 @@ _LENS_GROWTH, _USUAL = 0.2, 0.2  # of the lens search, power of the megapixels o
 # adjustments at the end.
 _GROWING, _GROWING_POWER = 1.9e-6, 0.873
 _SETTLING, _SETTLING_POWER = 8.5e-4, 0.545
+_FEATURES_OF_IMAGE, _FEATURES_POWER = 1300, 0.65  # the latter times as many features
 _SETTLING_KNOWN = 0.7  # with a lens that is known
 _ROLLING_GROWING, _ROLLING_SETTLING = 6.0, 2.6  # as long they take with velocities
 _ZOOMS = 1.5e-4  # of the number of images squared
 _COVARIANCE = 0.06  # of a lens, of the adjustments
 # A video's shutter: an image whose motion is found; the readout; and, of the adjustments at the end
 # of mapping, those with it, and the covariance of a lens then.
-_MOTION, _READOUT, _WITH_SHUTTER, _COVARIANCE_THEN = 0.012, 4.2, 2.2, 0.3
+_MOTION, _READOUT, _WITH_SHUTTER, _COVARIANCE_THEN = 0.012, 4.2, 2.0, 0.3
 _RIG = 0.6  # of mapping
 _PARALLEL = 0.8  # share of mapping that all threads do
 _WRITING, _WRITING_IMAGE = 0.5, 0.008
@@ -97,10 +98,11 @@ class PosesWork:
 
     def parts(self, stage: str) -> tuple[float, float, float]:
         """Seconds of one thread: before the adjustments of a stage, of them, and after them."""
-        matches = self._sizes()[3]
+        features, _, _, matches = self._sizes()
         together = max(1.0, matches * self.images)
         growing = _GROWING * together**_GROWING_POWER
         settling = _SETTLING * together**_SETTLING_POWER * (_SETTLING_KNOWN if self.known else 1)
+        settling *= (features / _FEATURES_OF_IMAGE) ** _FEATURES_POWER
         if self.rolling:
             growing, settling = _ROLLING_GROWING * growing, _ROLLING_SETTLING * settling
         if self.settling is not None:

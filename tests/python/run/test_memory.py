@@ -9,6 +9,7 @@ import gsut
 import small_datasets
 from formats.scene_cases import plain_scene
 from gsut.check import check_memory, refuse_too_large
+from gsut.cli import main
 from gsut.run import check_fits, free_memory, memory, size_text
 
 
@@ -72,6 +73,29 @@ def test_a_file_that_cannot_fit_is_refused_before_it_is_read(little, tmp_path):
         file.truncate(248_000_000_000)  # a hole
     with pytest.raises(gsut.InputError, match=r"huge\.ply takes about 248 GB .* 300 MB are free"):
         gsut.load_gaussians(path)
+
+
+@pytest.mark.parametrize(
+    ("words", "work"),
+    [
+        (["compact", "{}/in.ply", "-o", "{}/out.ply", "--keep", "0.5"], "compacting"),
+        (["convert", "{}/in.ply", "{}/out.spz"], "converting"),
+        (["edit", "{}/in.ply", "-o", "{}/out.ply", "--scale", "2"], "editing"),
+    ],
+)
+def test_what_commands_need_beside_a_file_counts_before_they_begin(
+    tmp_path, monkeypatch, capsys, words, work
+):
+    gsut.save_ply(tmp_path / "in.ply", plain_scene(np.random.default_rng(1), 600))
+    words = [word.format(tmp_path) for word in words]
+    monkeypatch.setattr(memory, "_SMALL", 0)
+    size = os.path.getsize(tmp_path / "in.ply")
+    monkeypatch.setattr(memory, "free_memory", lambda: size + 1000)
+    assert main(words) == 2
+    assert f"{work} 600 Gaussians of degree " in capsys.readouterr().err
+    assert os.listdir(tmp_path) == ["in.ply"]
+    monkeypatch.setattr(memory, "free_memory", lambda: 8 * size)
+    assert main([*words, "--quiet"]) == 0
 
 
 def test_doctor_and_training_refuse_what_does_not_fit_in_the_same_words(little, plane):
