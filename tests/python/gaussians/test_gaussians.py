@@ -166,7 +166,7 @@ def test_seed_in_view_with_the_same_seed_gives_the_same_bits():
 
 def test_seed_in_view_that_is_impossible_is_refused():
     params = [60, 60, -90, -90, 0, 0, 0, 0]
-    corner = gsut.Camera("kannala_brandt", params, 8, 8, valid_field_angle=1)
+    corner = _core.Camera("kannala_brandt", params, 8, 8, valid_field_angle=1)
     with pytest.raises(InputError, match="no valid pixel"):
         seeding.seed_in_view(corner, np.eye(4)[None], 5, near=1.0, far=2.0)
     with pytest.raises(InputError, match="near < far"):
