@@ -30,7 +30,7 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
                       const CameraMotion& motion, const RenderSettings& settings,
                       const TiledOptions& options, float* image, float* alpha, float* depth,
                       float* distortion) {
-  rendered_ = false;
+  rendered_ = stepped_ = false;
   settings.rule.Check();
   ActiveIsa();  // applies GSUT_ISA before the first kernel runs
   timings_.clear();

@@ -147,7 +147,7 @@ class Renderer {
   double background_[3] = {0, 0, 0};
   Splats splats_;
   Frame frame_;
-  bool rendered_ = false;
+  bool rendered_ = false, stepped_ = false;
 };
 
 }  // namespace gsut

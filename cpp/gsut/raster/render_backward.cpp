@@ -23,7 +23,7 @@ constexpr std::size_t kLineGradients = 5;
 
 void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, double* dpose,
                         RayGradients* rays) {
-  if (!rendered_) {
+  if (!rendered_ || stepped_) {
     throw InputError("backward needs a render before it, made with keep_for_backward");
   }
   if (to_image.HasDepth() && !task_.with_depth) {
@@ -35,7 +35,7 @@ void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, 
   }
   if (to.step != nullptr) {
     CheckStep(to);
-    rendered_ = false;  // what was rendered changes
+    stepped_ = true;  // what was rendered changes
   }
   const std::size_t slots = frame_.pairs.size();
   frame_.slot_gradients.resize(slots * 16);
