@@ -5,7 +5,6 @@ import pytest
 from scipy import special
 from scipy.spatial import cKDTree
 
-import gsut
 import tolerances
 from gsut import InputError, _core
 from gsut.gaussians import seeding
