@@ -233,15 +233,7 @@ TEST(AdjustBundle, FindsTheMinimumOfCeresWithARollingShutterAndAFreeLens) {
 }
 
 TEST(AdjustBundle, FindsTheMinimumOfCeresOnARig) {
-  Bundle bundle = MakeBundle(WideLens(), 8, 120, 85);
-  Eigen::Matrix<double, 6, 1> twist;
-  twist << -0.2, 0.02, 0.01, 0.02, 0.3, -0.01;
-  bundle.camera_from_body = {ExpPose(twist)};
-  for (int i = 0; i < 8; ++i) {
-    bundle.body_of_image.push_back(i / 2);
-    bundle.mount_of_image.push_back(i % 2 == 0 ? -1 : 0);
-  }
-  ObserveAll(&bundle);
+  Bundle bundle = RigBundle(120, 85);
   AddNoise(&bundle, 86);
   const Pose third = bundle.camera_from_world[2];
   Disturb(&bundle, 87);

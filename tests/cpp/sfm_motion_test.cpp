@@ -184,26 +184,10 @@ TEST(PoseCovariances, GrowWithVelocitiesToEstimate) {
   for (int k = 0; k < 6; ++k) EXPECT_GT(moving[2](k, k), held[2](k, k)) << k;
 }
 
-// Two cameras on a rig: images 2 i and 2 i + 1 are of body i.
-Bundle RigBundle(std::uint64_t stream) {
-  Bundle bundle = MakeBundle(WideLens(), 8, 200, stream);
-  Eigen::Matrix<double, 6, 1> twist;
-  twist << -0.2, 0.02, 0.01, 0.02, 0.3, -0.01;
-  bundle.camera_from_body = {ExpPose(twist)};
-  for (int i = 0; i < 8; ++i) {
-    bundle.body_of_image.push_back(i / 2);
-    bundle.mount_of_image.push_back(i % 2 == 0 ? -1 : 0);
-  }
-  const BundleState state(bundle);
-  for (int i = 0; i < 8; ++i) bundle.camera_from_world[i] = state.CameraFromWorld(i);
-  ObserveAll(&bundle);
-  return bundle;
-}
-
 TEST(ObservationResidual, DerivativesOnARigAgreeWithCentralDifferences) {
   constexpr double kStep = 1e-5;
   constexpr double kBound = 7.6e-11;  // relative to the largest derivative; worst 3.8e-11
-  Bundle bundle = RigBundle(47);
+  Bundle bundle = RigBundle(200, 47);
   Disturb(&bundle, 46);
   BundleState state(bundle);
   int mounted = 0, compared = 0;
@@ -255,7 +239,7 @@ TEST(ObservationResidual, DerivativesOnARigAgreeWithCentralDifferences) {
 }
 
 TEST(AdjustBundle, RigHasItsBaselinesScale) {
-  const Bundle truth = RigBundle(48);
+  const Bundle truth = RigBundle(200, 48);
   Bundle bundle = truth;
   Disturb(&bundle, 49);
   BundleOptions options;
@@ -274,7 +258,7 @@ TEST(AdjustBundle, RigHasItsBaselinesScale) {
 }
 
 TEST(AdjustBundle, RigFindsItsMountAgain) {
-  const Bundle truth = RigBundle(50);
+  const Bundle truth = RigBundle(200, 50);
   Bundle bundle = truth;
   Eigen::Matrix<double, 6, 1> twist;
   twist << 0.01, -0.02, 0.01, 0.02, -0.01, 0.01;
@@ -294,13 +278,13 @@ TEST(AdjustBundle, RigFindsItsMountAgain) {
 }
 
 TEST(AdjustBundle, RefusesMotionsAndRigsThatDoNotFit) {
-  Bundle bundle = RigBundle(52);
+  Bundle bundle = RigBundle(200, 52);
   bundle.mount_of_image[1] = 1;
   EXPECT_THROW(AdjustBundle(&bundle, {}), InputError);
-  bundle = RigBundle(52);
+  bundle = RigBundle(200, 52);
   bundle.body_of_image[7] = 6;  // bodies 4 and 5 have no image
   EXPECT_THROW(AdjustBundle(&bundle, {}), InputError);
-  bundle = RigBundle(52);
+  bundle = RigBundle(200, 52);
   bundle.velocities.resize(3, Velocity::Zero());
   EXPECT_THROW(AdjustBundle(&bundle, {}), InputError);
 }

@@ -94,6 +94,22 @@ inline Bundle MakeBundle(const Camera& camera, int images, int points, std::uint
   return bundle;
 }
 
+// Two cameras on a rig: images 2 i and 2 i + 1 are of body i.
+inline Bundle RigBundle(int points, std::uint64_t stream) {
+  Bundle bundle = MakeBundle(WideLens(), 8, points, stream);
+  Eigen::Matrix<double, 6, 1> twist;
+  twist << -0.2, 0.02, 0.01, 0.02, 0.3, -0.01;
+  bundle.camera_from_body = {ExpPose(twist)};
+  for (int i = 0; i < 8; ++i) {
+    bundle.body_of_image.push_back(i / 2);
+    bundle.mount_of_image.push_back(i % 2 == 0 ? -1 : 0);
+  }
+  const BundleState state(bundle);
+  for (int i = 0; i < 8; ++i) bundle.camera_from_world[i] = state.CameraFromWorld(i);
+  ObserveAll(&bundle);
+  return bundle;
+}
+
 inline void Disturb(Bundle* bundle, std::uint64_t stream) {
   Numbers numbers(stream);
   for (std::size_t i = 1; i < bundle->camera_from_world.size(); ++i) {
