@@ -25,11 +25,13 @@ from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_candidates import guess_lenses
 from gsut.sfm.lens_pair import write_lens_pair
 from gsut.sfm.lens_start import compare_lens
+from gsut.sfm.look_alikes import ToldApart, find_look_alikes, tell_apart
 from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.models import further_models, write_models
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import FIGURES, TRANSFORMS, figures, write_dataset
 from gsut.sfm.overlap import require_overlap, why_nothing
+from gsut.sfm.pairs import times_of
 from gsut.sfm.poses_log import PosesLog, solution_notes
 from gsut.sfm.poses_verdict import poses_verdict
 from gsut.sfm.report import REPORT, write_report
@@ -173,8 +175,14 @@ def find_poses(
             solution, pairs, extra["lens_search"] = search.solution, search.pairs, search.rows
             flags = search.flags
         models: list[Solution] = []
+        times = times_of(photographs.names, photographs.frames)
         if on_rig is None and mapper is None:
-            solution, models = further_models(solution, features, pairs, options)
+            told = _told_apart(solution, features, pairs, options, flags, shutter, times, log)
+            pairs, alike = told.pairs, told.doubt
+            log.note(*told.words())
+            solution, models = further_models(told.solution, features, pairs, options)
+        else:
+            alike = find_look_alikes(solution, times, options.window)
         done = finish_solution(
             photographs, solution, features, pairs, options, flags, log, extra, folder
         )
@@ -185,7 +193,8 @@ def find_poses(
     log.note(*zooms_notes(zooms), *write_models(models, photographs, folder))
     extra["models"] = [int(model.num_registered) for model in models]
     log.note(*solution_notes(solution, agreeing, fit, doubt, known=known))
-    verdict = poses_verdict(solution, features, agreeing, doubt, len(zooms))
+    extra["look_alikes"] = None if alike is None else alike.figures()
+    verdict = poses_verdict(solution, features, agreeing, doubt, len(zooms), alike)
     extra |= {"verdict": verdict.as_dict(), "made_from": digest(key)}
     values = _write(folder, solution, photographs, fit, extra, log)
     stages.remove()
@@ -288,6 +297,27 @@ def _map_incrementally(
     except SolveError as error:
         otherwise = "let the lens be estimated: --unknown-lens"
         raise why_nothing(error, features, pairs, otherwise) from None
+
+
+def _told_apart(
+    solution: Solution,
+    features: list[Features],
+    pairs: list[PairMatches],
+    options: PosesOptions,
+    flags: np.ndarray | None,
+    shutter: Shutter | None,
+    times: np.ndarray | None,
+    log: PosesLog,
+) -> ToldApart:
+    """The solution without joins of places that look alike; flags: of a lens' parameters."""
+
+    def again(kept: list[PairMatches]) -> Solution:
+        return solve(
+            solution.names, solution.cameras, features, kept, options, log.on_images("mapping"),
+            lens_free=flags, lens_settled=flags is not None, shutter=shutter,
+        )  # fmt: skip
+
+    return tell_apart(solution, pairs, again, times, options.window)
 
 
 def _key(photographs: Photographs, options: PosesOptions, fov: float | None) -> dict[str, Any]:

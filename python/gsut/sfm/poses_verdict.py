@@ -12,6 +12,7 @@ from gsut._core import SolveError
 from gsut.run import Verdict
 from gsut.sfm.features import Features
 from gsut.sfm.lens_covariance import lens_covariance
+from gsut.sfm.look_alikes import LookAlikes
 from gsut.sfm.matching import PairMatches
 from gsut.sfm.motion import TURNED, critical_motion
 from gsut.sfm.options import PosesOptions
@@ -93,6 +94,7 @@ def poses_verdict(
     agreeing: float | None,
     doubt: LensDoubt | None,
     zooms: int = 0,
+    alike: LookAlikes | None = None,
 ) -> Verdict:
     """The verdict.
 
@@ -101,6 +103,7 @@ def poses_verdict(
         agreeing: share of the matches that end in points, or None.
         doubt: of the lens, where it was estimated.
         zooms: that the images were taken at, where more than one.
+        alike: images that speak for places taken for one, or None.
     """
     total, registered = len(solution.names), solution.num_registered
     camera = solution.cameras[0]
@@ -115,6 +118,12 @@ def poses_verdict(
             0 if doubt is None or not doubt.motion else 2 if doubt.motion.startswith(TURNED) else 1,
             (doubt.motion or "").split(":")[0] if doubt else "",
             (doubt.motion or "").rpartition(": ")[2] if doubt else "",
+        ),
+        (
+            2 if alike is not None else 0,
+            alike.words() if alike is not None else "",
+            "put the pictures of each place into a folder of their own, or add pictures of the way "
+            "from one to the other, and put up something that tells them apart",
         ),
         *picture_faults(features, total),
         (
