@@ -140,8 +140,7 @@ def find_poses(
         features = collect_features(photographs, options, log.show, log.note, stages)
         log.watch.lap("features")
         log.learn(features=float(np.mean([len(f) for f in features])))
-        known = photographs.lenses_known
-        if not known:
+        if not (known := photographs.lenses_known):
             photographs = guess_lenses(photographs, fov_degrees)
         raw = match_images(
             photographs.names, features, options, log.show, photographs.frames, stages
@@ -174,15 +173,10 @@ def find_poses(
             )
             solution, pairs, extra["lens_search"] = search.solution, search.pairs, search.rows
             flags = search.flags
-        models: list[Solution] = []
-        times = times_of(photographs.names, photographs.frames)
-        if on_rig is None and mapper is None:
-            told = _told_apart(solution, features, pairs, options, flags, shutter, times, log)
-            pairs, alike = told.pairs, told.doubt
-            log.note(*told.words())
-            solution, models = further_models(told.solution, features, pairs, options)
-        else:
-            alike = find_look_alikes(solution, times, options.window)
+        told, models = _apart(
+            photographs, solution, features, pairs, options, flags, log, bool(rig or mapper),
+        )  # fmt: skip
+        solution, pairs = told.solution, told.pairs
         done = finish_solution(
             photographs, solution, features, pairs, options, flags, log, extra, folder
         )
@@ -193,9 +187,8 @@ def find_poses(
     log.note(*zooms_notes(zooms), *write_models(models, photographs, folder))
     extra["models"] = [int(model.num_registered) for model in models]
     log.note(*solution_notes(solution, agreeing, fit, doubt, known=known))
-    extra["look_alikes"] = None if alike is None else alike.figures()
-    verdict = poses_verdict(solution, features, agreeing, doubt, len(zooms), alike)
-    extra |= {"verdict": verdict.as_dict(), "made_from": digest(key)}
+    verdict = poses_verdict(solution, features, agreeing, doubt, len(zooms), told.doubt)
+    extra |= {"verdict": verdict.as_dict(), "made_from": digest(key), **told.figures()}
     values = _write(folder, solution, photographs, fit, extra, log)
     stages.remove()
     return PosesResult(folder, solution, values)
@@ -299,25 +292,38 @@ def _map_incrementally(
         raise why_nothing(error, features, pairs, otherwise) from None
 
 
-def _told_apart(
+def _apart(
+    photographs: Photographs,
     solution: Solution,
     features: list[Features],
     pairs: list[PairMatches],
     options: PosesOptions,
     flags: np.ndarray | None,
-    shutter: Shutter | None,
-    times: np.ndarray | None,
     log: PosesLog,
-) -> ToldApart:
-    """The solution without joins of places that look alike; flags: of a lens' parameters."""
+    as_it_is: bool,
+) -> tuple[ToldApart, list[Solution]]:
+    """The solution without joins of places that look alike, and further models.
+
+    Args:
+        photographs, solution, features, pairs, options, log: see `find_poses`.
+        flags: of the parameters of an estimated lens, or None.
+        as_it_is: the solution is only looked at, and stays.
+    """
+    times = times_of(photographs.names, photographs.frames)
+    if as_it_is:
+        doubt = find_look_alikes(solution, times, options.window)
+        return ToldApart(solution, pairs, doubt=doubt), []
 
     def again(kept: list[PairMatches]) -> Solution:
         return solve(
             solution.names, solution.cameras, features, kept, options, log.on_images("mapping"),
-            lens_free=flags, lens_settled=flags is not None, shutter=shutter,
+            lens_free=flags, lens_settled=flags is not None, shutter=solution.shutter,
         )  # fmt: skip
 
-    return tell_apart(solution, pairs, again, times, options.window)
+    told = tell_apart(solution, pairs, again, times, options.window)
+    log.note(*told.words())
+    whole, models = further_models(told.solution, features, told.pairs, options)
+    return dataclasses.replace(told, solution=whole), models
 
 
 def _key(photographs: Photographs, options: PosesOptions, fov: float | None) -> dict[str, Any]:

@@ -96,6 +96,10 @@ class ToldApart:
             "they took places that look alike for one"
         ]
 
+    def figures(self) -> dict[str, object]:
+        """Of poses.json."""
+        return {"look_alikes": None if self.doubt is None else self.doubt.figures()}
+
 
 @dataclasses.dataclass(frozen=True)
 class _Evidence:

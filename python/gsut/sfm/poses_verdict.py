@@ -31,6 +31,10 @@ _FOCAL = (0.02, 0.1)
 _RESIDUAL = (1.0e-3, 2.5e-3)
 _DARK, _BRIGHT = 25, 235  # mean grey values of features, beyond which pictures are badly exposed
 _BAD = (0.25, 0.75)  # share of such pictures, above the first usable at most, above the second poor
+_APART = (
+    "put the pictures of each place into a folder of their own, or add pictures of the way from "
+    "one to the other, and put up something that tells them apart"
+)
 _FEW_FEATURES = 500  # of a picture: blurred, dark or without texture
 
 
@@ -119,12 +123,7 @@ def poses_verdict(
             (doubt.motion or "").split(":")[0] if doubt else "",
             (doubt.motion or "").rpartition(": ")[2] if doubt else "",
         ),
-        (
-            2 if alike is not None else 0,
-            alike.words() if alike is not None else "",
-            "put the pictures of each place into a folder of their own, or add pictures of the way "
-            "from one to the other, and put up something that tells them apart",
-        ),
+        *([] if alike is None else [(2, alike.words(), _APART)]),
         *picture_faults(features, total),
         (
             max(1, lost) if zooms > 1 else 0,
