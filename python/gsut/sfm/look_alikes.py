@@ -30,9 +30,8 @@ _MOST_POINTS, _MOST_OF_IMAGE = 20_000, 300
 # Such points of a pair of images, and of the one that has fewer.
 _EXPECTED, _EXPECTED_OF_EITHER = 20, 8
 # Share of them that is seen, in the mean over an image's pairs, below which the image is doubted:
-# 0.69 and more in captures that were right (true loops 0.71; without their order 0.58 of a walk
-# straight on), below 0.6 for half of the images of folded ones. So many pairs of an image, images,
-# and share of the images that can tell, count.
+# 0.77 and more for true loops, below 0.6 for half of the images of folded walks. So many pairs of an
+# image, images, and share of the images that can tell, count.
 _SHARE, _PAIRS, _IMAGES, _OF_ALL = 0.6, 2, 3, 0.1
 _ROUNDS = 2
 _LEFT = 0.2  # share of the images with a pose that must keep one, or what was found stays, doubted
@@ -126,7 +125,7 @@ def find_look_alikes(
         solution: poses and points.
         times: (N,) int64, number of each image's frame in order of time; None: not known.
         near: frames whose numbers differ by so much at most are not compared: they surely follow
-            each other; nor are others, between which the camera was nowhere else.
+            each other; nor are others, between which the camera did not leave the place.
 
     Returns:
         What speaks for it; None where nothing does, or too little can tell.
@@ -192,7 +191,7 @@ def _evidence(solution: Solution, times: np.ndarray | None, near: int) -> _Evide
     together = joined
     if times is not None:
         joined = np.abs(times[:, None] - times) <= near
-        together = together | joined | ~_came_back(expected, solution.registered, times)
+    together = together | joined | _one_stay(expected + expected.T >= _EXPECTED, joined)
     known = (expected + expected.T >= _EXPECTED) & ~together
     known &= np.minimum(expected, expected.T) >= _EXPECTED_OF_EITHER
     shares = np.where(known, (seen + seen.T) / np.maximum(expected + expected.T, 1), np.nan)
@@ -205,19 +204,16 @@ def _evidence(solution: Solution, times: np.ndarray | None, near: int) -> _Evide
     return _Evidence(shares, joined, doubted)
 
 
-def _came_back(expected: np.ndarray, registered: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """(N, N) bool, whether the camera was elsewhere in a frame between those of two images."""
-    count = int(times.max()) + 1
-    here = np.zeros((count, count))
-    np.add.at(here, (times[:, None], times), expected + expected.T)
-    placed = np.bincount(times[registered], minlength=count) > 0
-    elsewhere = (here < _EXPECTED_OF_EITHER) & placed & placed[:, None]
-    came_back = np.zeros((count, count), bool)
-    for frame in range(count):
-        after = np.flatnonzero(elsewhere[frame, frame + 1 :])
-        if len(after):
-            came_back[frame, frame + 2 + after[0] :] = True
-    return (came_back | came_back.T)[times[:, None], times]
+def _one_stay(same_place: np.ndarray, joined: np.ndarray) -> np.ndarray:
+    """(N, N) bool, whether joins lead from an image to another without leaving the place."""
+    stay = np.eye(len(joined), dtype=bool)
+    for image, here in enumerate(same_place):
+        reached, fresh = stay[image], stay[image]
+        while fresh.any():
+            fresh = joined[fresh].any(axis=0) & here & ~reached
+            reached = reached | fresh
+        stay[image] = reached
+    return stay | stay.T
 
 
 def _observed(solution: Solution) -> tuple[np.ndarray, np.ndarray]:

@@ -20,6 +20,8 @@ from synthetic_walk import observe, quiet, shuffled
 
 VISIT = 12  # images of one visit to a room
 NEAR = 8
+# The camera is elsewhere for twenty frames.
+TIMES = np.arange(2 * VISIT) + 20 * (np.arange(2 * VISIT) >= VISIT)
 OPTIONS = PosesOptions(extend_rounds=1)
 FURNITURE, WALLS = 120, 220
 
@@ -49,13 +51,7 @@ def two_visits(rng, same_room):
         features.append(shuffled(rng, observe(rng, camera, pixels, valid, 0.2, identity)[1]))
     names = [f"f{image:03d}.jpg" for image in range(2 * VISIT)]
     raw = match_images(names, features, OPTIONS, quiet)
-    verified = verify(features, [camera] * len(names), raw, OPTIONS)
-    # What is alike is apart in time: at least a visit's length.
-    pairs = [
-        pair
-        for pair in verified
-        if (pair.first < VISIT) == (pair.second < VISIT) or pair.second - pair.first > NEAR
-    ]
+    pairs = verify(features, [camera] * len(names), raw, OPTIONS)
     return SimpleNamespace(
         names=names, camera=camera, features=features, pairs=pairs, poses=np.array(poses)
     )
@@ -77,7 +73,7 @@ def folded(rng):
     return scene, solution
 
 
-@pytest.mark.parametrize("times", [np.arange(2 * VISIT), None], ids=["in time", "no order"])
+@pytest.mark.parametrize("times", [TIMES, None], ids=["in time", "no order"])
 def test_two_rooms_as_one_are_found_and_told_apart(folded, times):
     scene, solution = folded
     found = find_look_alikes(solution, times, NEAR)
@@ -94,7 +90,7 @@ def test_two_rooms_as_one_are_found_and_told_apart(folded, times):
     assert told.doubt is None and find_look_alikes(told.solution, times, NEAR) is None
 
 
-@pytest.mark.parametrize("times", [np.arange(2 * VISIT), None], ids=["in time", "no order"])
+@pytest.mark.parametrize("times", [TIMES, None], ids=["in time", "no order"])
 def test_one_room_visited_twice_is_left_as_it_is(rng, times):
     scene = two_visits(rng, same_room=True)
     solution = mapped(scene, scene.pairs)
