@@ -72,19 +72,15 @@ def write_report(run: RunFolder) -> Path:
     source = (
         importlib.resources.files("gsut.evaluate").joinpath("report.html.j2").read_text("utf-8")
     )
-    # Not earlier, while views are rendered: their milliseconds would not be the renderer's alone.
-    with concurrent.futures.ThreadPoolExecutor(1, "gsut-curves") as thread:
-        drawn = thread.submit(_curves, run.read_history(), options.resolved())
-        pictures, curves = _pictures(metrics.get("views", []), run.path / RENDERS), drawn.result()
     page = render_page(
         source,
         metrics=metrics,
         environment=environment,
         headline=_headline(metrics),
         verdict=Verdict.of(metrics["verdict"]) if metrics.get("verdict") else None,
-        **pictures,
+        **_pictures(metrics.get("views", []), run.path / RENDERS),
         rows=sorted(metrics.get("views", []), key=lambda row: row["name"]),
-        curves=curves,
+        curves=_curves(run.read_history(), options.resolved()),
         rings=metrics.get("rings", []),
         ring_plot=ring_plot(metrics["rings"]) if metrics.get("rings") else None,
         light_plots=light_plots(metrics["light"]) if "light" in metrics else [],

@@ -224,7 +224,9 @@ def color_corrected_psnr(
     """
     colors, wanted = _channels(image, truth, mask)
     red, green, blue = colors
-    rows = [row[0] * red + row[1] * green + row[2] * blue + row[3] for row in _fitted(colors, wanted)]
+    rows = [
+        row[0] * red + row[1] * green + row[2] * blue + row[3] for row in _fitted(colors, wanted)
+    ]
     return psnr(np.clip(rows, 0.0, 1.0).T[None], wanted.T[None])
 
 
