@@ -10,7 +10,6 @@
 #include "gsut/gaussians/low_pass.h"
 #include "gsut/gaussians/seed.h"
 #include "gsut/gaussians/surfels.h"
-#include "gsut/gaussians/seed_distances.h"
 
 namespace gsut::bindings {
 namespace {
@@ -51,18 +50,6 @@ py::array_t<double> Colors(const py::object& directions_object, const py::object
     }
   });
   return colors;
-}
-
-py::array_t<double> NeighborDistances(const py::object& points_object) {
-  const auto points = ReadArray<double>(points_object, "points", {kAny, 3});
-  const std::int64_t count = points.shape(0);
-  auto distances = NewArray<double>({static_cast<py::ssize_t>(count)});
-  const double* in = points.data();
-  double* out = distances.mutable_data();
-  const LongCall released;
-  const std::vector<double> means = MeanNeighborDistances(in, count);
-  std::copy(means.begin(), means.end(), out);
-  return distances;
 }
 
 void Seed(const py::object& points_object, const py::object& colors_object,
@@ -147,8 +134,6 @@ void BindGaussians(pybind11::module_& m) {
   m.def("eval_harmonics", &Colors, py::arg("directions"), py::arg("sh"),
         "Colours (N,3) = max(0, 0.5 + basis . sh) of unit directions (N,3) and sh (N,K,3), in "
         "double.");
-  m.def("mean_neighbor_distances", &NeighborDistances, py::arg("points"),
-        "Mean distance (N,) of each point (N,3) to its three nearest others.");
   m.def("seed_from_points", &Seed, py::arg("points"), py::arg("colors"), py::arg("gaussians"),
         py::arg("scale_factor"), py::arg("opacity"),
         "Fills float32 Gaussians from points (N,3) and colours (N,3) in [0, 1].");

@@ -12,7 +12,7 @@
 #include "gsut/base/parallel.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/gaussians/seed.h"
-#include "gsut/gaussians/seed_distances.h"
+#include "gsut/gaussians/seed_neighbors.h"
 
 namespace gsut {
 namespace {
@@ -26,6 +26,8 @@ constexpr double kQuadratureTolerance = 1e-12;
 constexpr double kRoundingTolerance = 1e-14;
 // exp(30) eps: what is left of a logit of 30 after its opacity was rounded near 1.
 constexpr double kLogitTolerance = 2.4e-3;
+// Root of the rounding of squares, relative: what is left of a thickness of 0.
+constexpr double kPlaneTolerance = 3e-7;
 // Differences of rotations: values up to 20, and third derivatives of order 1 / |q|^3.
 constexpr double kQuaternionTolerance = 1e-6;
 
@@ -261,7 +263,7 @@ std::vector<double> BruteForceDistances(const std::vector<double>& points) {
   return means;
 }
 
-TEST(SeedTest, NeighborDistancesMatchBruteForce) {
+TEST(SeedTest, DistancesToNeighborsMatchBruteForce) {
   std::mt19937_64 engine(2);
   std::normal_distribution<double> normal;
   int cases = 0;
@@ -277,11 +279,14 @@ TEST(SeedTest, NeighborDistancesMatchBruteForce) {
           points.push_back(value);
         }
       }
-      const std::vector<double> found = MeanNeighborDistances(points.data(), n);
+      const std::vector<Neighborhood> found = FindNeighborhoods(points.data(), n);
       const std::vector<double> expected = BruteForceDistances(points);
       ASSERT_EQ(found.size(), expected.size());
       for (std::size_t i = 0; i < found.size(); ++i) {
-        ASSERT_NEAR(found[i], expected[i], kRoundingTolerance) << shape << " " << n << " " << i;
+        ASSERT_NEAR(found[i].distance, expected[i], kRoundingTolerance)
+            << shape << " " << n << " " << i;
+        ASSERT_NEAR(found[i].frame.norm(), 1.0, kRoundingTolerance);
+        ASSERT_TRUE(found[i].thickness >= 0.0 && found[i].thickness <= 1.0) << shape << " " << n;
       }
       ++cases;
     }
@@ -289,7 +294,50 @@ TEST(SeedTest, NeighborDistancesMatchBruteForce) {
   EXPECT_EQ(cases, 52);
 }
 
-TEST(SeedTest, NeighborDistancesHaveSameBitsOnAnyThreadCount) {
+// Points near a plane: the frame's third axis is its normal, the thickness what they are off it.
+TEST(SeedTest, FrameLiesInThePlaneOfTheNeighbors) {
+  std::mt19937_64 engine(5);
+  std::normal_distribution<double> normal;
+  const Eigen::Quaterniond turn(Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, -2, 0.5).normalized()));
+  for (const double off : {0.0, 0.02, 1.0}) {
+    std::vector<double> points;
+    for (int i = 0; i < 2000; ++i) {
+      // On a lattice of unit steps, jittered, so that no neighbourhood is a line.
+      const Eigen::Vector3d flat(i % 50 + 0.1 * normal(engine), i / 50 + 0.1 * normal(engine),
+                                 off * normal(engine));
+      const Eigen::Vector3d point = turn * flat;
+      points.insert(points.end(), {point[0], point[1], point[2]});
+    }
+    std::vector<double> cosines, thicknesses;
+    for (const Neighborhood& each : FindNeighborhoods(points.data(), 2000)) {
+      cosines.push_back(
+          std::abs((each.frame * Eigen::Vector3d::UnitZ()).dot(turn * Eigen::Vector3d::UnitZ())));
+      thicknesses.push_back(each.thickness);
+    }
+    std::sort(cosines.begin(), cosines.end());
+    std::sort(thicknesses.begin(), thicknesses.end());
+    if (off == 0.0) {
+      EXPECT_NEAR(cosines[0], 1.0, kRoundingTolerance);
+      EXPECT_LT(thicknesses[1999], kPlaneTolerance);
+    } else if (off < 0.1) {
+      EXPECT_GT(cosines[20], 0.99);
+      EXPECT_NEAR(thicknesses[1000], off / 0.8, 0.3 * off);  // 0.8: along nine lattice points
+    } else {
+      EXPECT_GT(thicknesses[1000], 0.3);
+    }
+  }
+}
+
+TEST(SeedTest, PointsInOneLineHaveNoPlane) {
+  std::vector<double> points;
+  for (int i = 0; i < 40; ++i) points.insert(points.end(), {0.5 * i, 1.0, -2.0});
+  for (const Neighborhood& each : FindNeighborhoods(points.data(), 40)) {
+    EXPECT_EQ(each.thickness, 1.0);
+    EXPECT_EQ(each.frame.w(), 1.0);
+  }
+}
+
+TEST(SeedTest, NeighborhoodsHaveSameBitsOnAnyThreadCount) {
   std::mt19937_64 engine(4);
   std::normal_distribution<double> normal;
   std::vector<double> points(3 * 10000);
@@ -297,7 +345,11 @@ TEST(SeedTest, NeighborDistancesHaveSameBitsOnAnyThreadCount) {
   std::vector<std::vector<double>> results;
   for (const int threads : {1, 2, 8}) {
     SetNumThreads(threads);
-    results.push_back(MeanNeighborDistances(points.data(), 10000));
+    std::vector<double>& bits = results.emplace_back();
+    for (const Neighborhood& each : FindNeighborhoods(points.data(), 10000)) {
+      const auto& turn = each.frame.coeffs();
+      bits.insert(bits.end(), {each.distance, each.thickness, turn[0], turn[1], turn[2], turn[3]});
+    }
   }
   SetNumThreads(0);
   EXPECT_EQ(results[0], results[1]);

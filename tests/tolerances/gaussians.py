@@ -1,7 +1,6 @@
 """Tolerances of parameters, seeding and the low-pass filter."""
 
 HARMONICS = 1.2e-14  # scipy's own arccos and cancellation included, values up to 2.9; worst 6.0e-15
-NEIGHBOR_DISTANCE = 1e-15  # the same sums and roots as scipy in double; worst 0
 FLOAT32 = 1.2e-7  # one rounding to float32, 2^-23; worst 1.1e-7
 ACTIVATED_FLOAT32 = 5e-7  # exp or sigmoid of a float32 parameter up to 4; worst 2.4e-7
 VIEW_DISTANCE = 1e-14  # a point to world axes and back in double, coordinates below 10

@@ -9,7 +9,7 @@
 #include "gsut/base/errors.h"
 #include "gsut/gaussians/activations.h"
 #include "gsut/gaussians/harmonics.h"
-#include "gsut/gaussians/seed_distances.h"
+#include "gsut/gaussians/seed_neighbors.h"
 
 namespace gsut {
 namespace {
@@ -23,8 +23,11 @@ void CheckFinite(const double* values, std::int64_t rows, const char* name) {
   }
 }
 
-double MedianPositive(std::vector<double> distances) {
-  distances.erase(std::remove(distances.begin(), distances.end(), 0.0), distances.end());
+double MedianPositive(const std::vector<Neighborhood>& neighborhoods) {
+  std::vector<double> distances;
+  for (const Neighborhood& each : neighborhoods) {
+    if (each.distance > 0.0) distances.push_back(each.distance);
+  }
   if (distances.empty()) return 0.0;
   const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
   std::nth_element(distances.begin(), middle, distances.end());
@@ -45,22 +48,25 @@ void SeedFromPoints(const double* points, const double* colors, const SeedOption
   }
   CheckFinite(points, out.size, "points");
   CheckFinite(colors, out.size, "colors");
-  const std::vector<double> distances = MeanNeighborDistances(points, out.size);
-  const double median = MedianPositive(distances);
+  const std::vector<Neighborhood> neighborhoods = FindNeighborhoods(points, out.size);
+  const double median = MedianPositive(neighborhoods);
   const double smallest = median > 0.0 ? options.min_relative_distance * median : 1.0;
   const auto logit = static_cast<float>(Logit(options.opacity));
   const std::int64_t sh_width = 3 * std::int64_t{out.sh_coefficients};
   for (std::int64_t row = 0; row < out.size; ++row) {
-    const double distance = std::max(distances[static_cast<std::size_t>(row)], smallest);
-    const auto log_scale = static_cast<float>(std::log(options.scale_factor * distance));
+    const Neighborhood& around = neighborhoods[static_cast<std::size_t>(row)];
+    const double along = options.scale_factor * std::max(around.distance, smallest);
+    const double across = along * std::max(options.least_thickness, around.thickness);
     std::fill_n(out.sh + row * sh_width, sh_width, 0.0f);
     for (int i = 0; i < 3; ++i) {
       out.means[3 * row + i] = static_cast<float>(points[3 * row + i]);
-      out.log_scales[3 * row + i] = log_scale;
+      out.log_scales[3 * row + i] = static_cast<float>(std::log(i < 2 ? along : across));
       out.sh[row * sh_width + i] =
           static_cast<float>((colors[3 * row + i] - kShColorOffset) / kSh0);
     }
-    for (int i = 0; i < 4; ++i) out.quats[4 * row + i] = i == 0 ? 1.0f : 0.0f;
+    const Eigen::Quaterniond& turn = around.frame;
+    const double quat[4] = {turn.w(), turn.x(), turn.y(), turn.z()};
+    std::copy_n(quat, 4, out.quats + 4 * row);
     out.opacity_logits[row] = logit;
   }
 }

@@ -26,7 +26,7 @@ from gsut.gaussians.stored import (
     bytes_each,
     order_for_reading,
 )
-from gsut.gaussians.surfels import are_surfels, press_surfels, seed_surfels, to_surfels
+from gsut.gaussians.surfels import are_surfels, press_surfels, to_surfels
 
 __all__ = [
     "DRAWN_BYTES",
@@ -57,7 +57,6 @@ __all__ = [
     "rotations_of",
     "seed_from_points",
     "seed_in_view",
-    "seed_surfels",
     "seen_most",
     "to_mixed",
     "to_surfels",

@@ -18,26 +18,28 @@ def seed_from_points(
     colors: np.ndarray | None = None,
     *,
     sh_degree: int = 1,
-    scale_factor: float = 0.5,
+    scale_factor: float = 0.7,
     opacity: float = 0.5,
     max_gaussians: int | None = None,
     seed: int = 0,
 ) -> Gaussians:
-    """One isotropic Gaussian at each point, sized by the distance to its neighbours.
+    """One Gaussian at each point, in the plane of its neighbours and sized by their distance.
 
     Args:
         points: (N, 3) world coordinates.
         colors: (N, 3) uint8, or floating-point numbers in [0, 1]; mid-grey if None.
         sh_degree: 0 to 3; coefficients above the constant one are 0.
-        scale_factor: standard deviation / mean distance to the three nearest other points (exact).
-            Default: measured best at a CPU's budget; 3DGS uses 1, MCMC 0.1.
+        scale_factor: standard deviation along the surface / mean distance to the three nearest
+            other points (exact). Default: measured best at a CPU's budget; 3DGS uses 1, MCMC 0.1.
         opacity: in (0, 1). Default: as scale_factor; 3DGS uses 0.1.
         max_gaussians: if there are more points, a random choice of this many, order kept.
         seed: of that choice.
 
     Returns:
-        float32 Gaussians with identity rotations. Distances are at least 1 % of their median (for
-        points with duplicates), and 1 world unit where no two points differ.
+        float32 Gaussians. The third axis is the normal of the plane through the point and its nine
+        nearest others; across it they are as thin as these points' spread is, 0.2 at least. Where
+        there are fewer, they are round. Distances are at least 1 % of their median (for points with
+        duplicates), and 1 world unit where no two points differ.
 
     Raises:
         InputError: shapes disagree, a value is not finite, or an option is out of range.
@@ -131,7 +133,7 @@ def seed_in_view(
     near: float,
     far: float,
     sh_degree: int = 1,
-    scale_factor: float = 0.5,
+    scale_factor: float = 0.7,
     opacity: float = 0.5,
     seed: int = 0,
 ) -> Gaussians:

@@ -15,7 +15,7 @@ from gsut.gaussians import (
     chosen_points,
     seed_from_points,
     seed_in_view,
-    seed_surfels,
+    to_surfels,
 )
 from gsut.refine import TracksResult, check_refinable, refine_by_tracks
 from gsut.run import Progress, TrainOptions
@@ -204,7 +204,7 @@ def seed_first(
         more: points and colours, see `first_sky` and `swept_points`.
     """
     first = _seed_gaussians(scene, options, more)
-    return seed_surfels(first) if options.primitive == "surfel" else first
+    return to_surfels(first) if options.primitive == "surfel" else first
 
 
 def _seed_gaussians(

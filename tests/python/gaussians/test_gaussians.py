@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 import tolerances
 from gsut import InputError, _core
-from gsut.gaussians import seeding
+from gsut.gaussians import rotations_of, seeding
 from random_scenes import assert_same, fisheye
 
 
@@ -56,29 +56,49 @@ def test_harmonics_basis_of_degree_4_raises():
         _core.harmonics_basis(4, np.zeros((1, 3)))
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 4, 50, 3000])
-def test_mean_neighbor_distances_match_scipy(rng, count):
+def distances_to_neighbors(points):
+    """(N,): mean to the three nearest other points, by scipy."""
+    return cKDTree(points).query(points, k=min(4, len(points)))[0][:, 1:].mean(axis=1)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 50, 3000])
+def test_seed_from_points_is_as_wide_as_neighbors_are_far(rng, count):
     points = rng.normal(size=(count, 3)) * [10, 1, 0.01]
-    found = _core.mean_neighbor_distances(points)
-    k = min(3, count - 1)
-    if k == 0:
-        assert found.tolist() == [0.0]
-        return
-    expected = cKDTree(points).query(points, k=k + 1)[0][:, 1:].mean(axis=1)
-    np.testing.assert_allclose(found, expected, rtol=tolerances.NEIGHBOR_DISTANCE)
+    g = seeding.seed_from_points(points, scale_factor=0.4)
+    expected = np.log(0.4 * distances_to_neighbors(points))
+    for axis in (0, 1):
+        np.testing.assert_allclose(
+            g.log_scales[:, axis], expected, rtol=tolerances.FLOAT32, atol=tolerances.FLOAT32
+        )
 
 
-def test_seed_from_points_takes_scale_color_and_opacity_from_the_recipe(rng):
+def test_seed_from_points_lies_in_the_plane_of_ten_points(rng):
+    points = rng.normal(size=(200, 3)) * [1, 1, 0.1]
+    g = seeding.seed_from_points(points)
+    near = cKDTree(points).query(points, k=10)[1]
+    for row in range(200):
+        offsets = points[near[row]] - points[near[row]].mean(axis=0)
+        _, lengths, axes = np.linalg.svd(offsets)
+        found = rotations_of(g.quats[row : row + 1].astype(np.float64))[0]
+        # A direction turns by rounding over the difference of two lengths.
+        rounding = tolerances.FLOAT32 / (1 - lengths[2] / lengths[1])
+        assert abs(abs(found[:, 2] @ axes[2]) - 1) < rounding
+        assert np.linalg.det(found) > 0
+        ratio = np.exp(g.log_scales[row, 2] - g.log_scales[row, 0])
+        expected = max(0.2, lengths[2] / lengths[1])
+        np.testing.assert_allclose(ratio, expected, rtol=tolerances.ACTIVATED_FLOAT32)
+
+
+def test_seed_from_points_takes_color_and_opacity_from_the_recipe(rng):
     points = rng.normal(size=(200, 3))
     colors = rng.integers(0, 256, size=(200, 3), dtype=np.uint8)
     g = seeding.seed_from_points(points, colors, sh_degree=2)
     assert g.sh.shape == (200, 9, 3) and g.dtype == np.float32
     np.testing.assert_array_equal(g.means, points.astype(np.float32))
-    assert np.all(g.quats == [1, 0, 0, 0]) and np.all(g.opacity_logits == 0.0)
-    expected = np.log(0.5 * _core.mean_neighbor_distances(points))
+    assert np.all(g.opacity_logits == 0.0)
     np.testing.assert_allclose(
-        g.log_scales,
-        np.repeat(expected[:, None], 3, 1),
+        g.log_scales[:, 0],
+        np.log(0.7 * distances_to_neighbors(points)),
         rtol=tolerances.FLOAT32,
         atol=tolerances.FLOAT32,
     )
@@ -90,10 +110,10 @@ def test_seed_from_points_takes_scale_color_and_opacity_from_the_recipe(rng):
 def test_seed_from_points_with_duplicates_has_a_floor(rng):
     points = np.concatenate([rng.normal(size=(100, 3)), np.ones((5, 3))])
     g = seeding.seed_from_points(points)
-    distances = _core.mean_neighbor_distances(points)
+    distances = distances_to_neighbors(points)
     floor = 0.01 * np.sort(distances[distances > 0])[50]
     np.testing.assert_allclose(
-        np.exp(g.log_scales[100:]), 0.5 * floor, rtol=tolerances.ACTIVATED_FLOAT32
+        np.exp(g.log_scales[100:, :2]), 0.7 * floor, rtol=tolerances.ACTIVATED_FLOAT32
     )
 
 

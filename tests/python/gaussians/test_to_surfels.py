@@ -8,7 +8,6 @@ from gsut.gaussians import (
     press_surfels,
     rotations_of,
     seed_from_points,
-    seed_surfels,
     to_surfels,
     transformed,
 )
@@ -49,7 +48,7 @@ def test_surfels_are_told_after_moves_and_in_float32_not_beside_others(rng):
 def test_first_surfels_lie_in_the_surface_of_the_points(rng):
     points = rng.normal(size=(4000, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
-    flat = seed_surfels(seed_from_points(points))
+    flat = to_surfels(seed_from_points(points))
     cosine = np.abs(np.sum(axes_of(flat)[:, :, 2] * points, axis=1))
     assert np.median(cosine) > 0.99 and are_surfels(flat)
-    assert are_surfels(seed_surfels(seed_from_points(points[:3])))
+    assert are_surfels(to_surfels(seed_from_points(points[:3])))

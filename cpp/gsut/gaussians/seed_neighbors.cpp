@@ -1,6 +1,7 @@
 // Balanced k-d tree with small leaves; built once, asked once for each point.
-#include "gsut/gaussians/seed_distances.h"
+#include "gsut/gaussians/seed_neighbors.h"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -14,17 +15,25 @@ namespace {
 using Point = std::array<double, 3>;
 
 constexpr std::int64_t kLeafPoints = 12;
+// Points lie in one line if their squares across it are no more than rounding beside those along
+// it.
+constexpr double kLeastSpread = 1e-12;
 
-// Squared distances of the nearest so far, ascending.
+// The nearest so far, ascending: squared distances, and places in the tree's order.
 struct Nearest {
-  std::array<double, kSeedNeighbors> squares;
+  std::array<double, kPlaneNeighbors> squares;
+  std::array<std::int64_t, kPlaneNeighbors> places;
   Nearest() { squares.fill(std::numeric_limits<double>::infinity()); }
   double Worst() const { return squares.back(); }
-  void Insert(double square) {
+  void Insert(double square, std::int64_t place) {
     if (!(square < squares.back())) return;
-    int i = kSeedNeighbors - 1;
-    for (; i > 0 && squares[i - 1] > square; --i) squares[i] = squares[i - 1];
+    int i = kPlaneNeighbors - 1;
+    for (; i > 0 && squares[i - 1] > square; --i) {
+      squares[i] = squares[i - 1];
+      places[i] = places[i - 1];
+    }
     squares[i] = square;
+    places[i] = place;
   }
 };
 
@@ -62,6 +71,9 @@ class Tree {
 
   // The point's rank in the tree's order, by position i of that order.
   std::int64_t Original(std::int64_t i) const { return order_[i]; }
+  Eigen::Map<const Eigen::Vector3d> At(std::int64_t i) const {
+    return Eigen::Map<const Eigen::Vector3d>(sorted_[i].data());
+  }
 
   Nearest Query(std::int64_t i) const {
     Nearest nearest;
@@ -117,7 +129,7 @@ class Tree {
       for (std::int64_t i = range.begin; i < range.end; ++i) {
         if (i == self) continue;
         const double x = sorted_[i][0] - p[0], y = sorted_[i][1] - p[1], z = sorted_[i][2] - p[2];
-        nearest->Insert(x * x + y * y + z * z);
+        nearest->Insert(x * x + y * y + z * z, i);
       }
       return;
     }
@@ -136,23 +148,45 @@ class Tree {
   std::vector<Point> sorted_;
 };
 
+// Lays the plane through a point and its nearest others.
+void LayPlane(const Tree& tree, std::int64_t self, const Nearest& nearest, Neighborhood* found) {
+  Eigen::Matrix<double, 3, kPlaneNeighbors + 1> offsets;
+  for (int k = 0; k < kPlaneNeighbors; ++k) {
+    offsets.col(k) = tree.At(nearest.places[k]) - tree.At(self);
+  }
+  offsets.col(kPlaneNeighbors).setZero();
+  const Eigen::Vector3d mean = offsets.rowwise().mean();
+  offsets.colwise() -= mean;
+  const Eigen::Matrix3d spread = offsets * offsets.transpose();
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(spread);
+  const Eigen::Vector3d& squares = solver.eigenvalues();  // ascending
+  if (!(squares[1] > kLeastSpread * squares[2])) return;
+  Eigen::Matrix3d axes;
+  axes.col(2) = solver.eigenvectors().col(0);
+  axes.col(0) = solver.eigenvectors().col(2);
+  axes.col(1) = axes.col(2).cross(axes.col(0));
+  found->frame = Eigen::Quaterniond(axes);
+  found->thickness = std::sqrt(std::max(squares[0], 0.0) / squares[1]);
+}
+
 }  // namespace
 
-std::vector<double> MeanNeighborDistances(const double* points, std::int64_t count) {
-  std::vector<double> distances(count, 0.0);
-  if (count < 2) return distances;
+std::vector<Neighborhood> FindNeighborhoods(const double* points, std::int64_t count) {
+  std::vector<Neighborhood> result(count);
+  if (count < 2) return result;
   const Tree tree(points, count);
   const std::int64_t neighbors = std::min<std::int64_t>(kSeedNeighbors, count - 1);
   constexpr std::int64_t kChunkPoints = 256;
   ParallelFor(count, kChunkPoints, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const Nearest nearest = tree.Query(i);
-      double sum = 0.0;
-      for (std::int64_t k = 0; k < neighbors; ++k) sum += std::sqrt(nearest.squares[k]);
-      distances[tree.Original(i)] = sum / static_cast<double>(neighbors);
+      Neighborhood& found = result[tree.Original(i)];
+      for (std::int64_t k = 0; k < neighbors; ++k) found.distance += std::sqrt(nearest.squares[k]);
+      found.distance /= static_cast<double>(neighbors);
+      if (count > kPlaneNeighbors) LayPlane(tree, i, nearest, &found);
     }
   });
-  return distances;
+  return result;
 }
 
 }  // namespace gsut
