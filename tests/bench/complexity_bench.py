@@ -100,8 +100,9 @@ def complexity_bench(
                     )
                     rows.append(key | _train(scene, o.resolved()))
                     write(rows)
+        choice = {"max_gaussians": chosen.max_gaussians, "sh_degree": chosen.sh_degree}
         for row in rows:
-            if _same(row, capture) and row["max_gaussians"] == chosen.max_gaussians:
+            if _same(row, capture | choice):
                 row |= {"chosen": "*", "choice": dataclasses.asdict(chosen)}
         _tell_below(rows, capture)
         write(rows)
