@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -33,6 +34,7 @@ COLUMNS = (
     ("training views", "views", "d"),
     ("most Gaussians", "max_gaussians", ",d"),
     ("sh degree", "sh_degree", "d"),
+    ("seed", "seed", "d"),
     ("held-out PSNR [dB]", "psnr", ".2f"),
     ("training views' [dB]", "psnr_train", ".2f"),
     ("CPU-s", "cpu_seconds", ".0f"),
@@ -50,6 +52,7 @@ class ComplexityBenchOptions:
         views: training views to keep, spread evenly; 0: all. Each is a capture of its own.
         counts: of the sweep, most Gaussians; empty: the preset's, and thirds of it.
         degrees: of harmonics.
+        seeds: a training each; what counts is their mean.
         steps, scale: of each training.
     """
 
@@ -57,6 +60,7 @@ class ComplexityBenchOptions:
     views: Sequence[int] = (0,)
     counts: Sequence[int] = ()
     degrees: Sequence[int] = (1,)
+    seeds: Sequence[int] = (0,)
     steps: int = 1000
     scale: float = 1.0
 
@@ -87,14 +91,18 @@ def complexity_bench(
         capture = {"capture": name, "views": len(scene.train_indices)}
         chosen = choose_complexity(scene, TrainOptions(steps=options.steps).resolved())
         for count in sorted({*options.sweep(), chosen.max_gaussians}, reverse=True):
-            for degree in options.degrees:
-                key = capture | {"max_gaussians": count, "sh_degree": degree}
+            for degree, seed in itertools.product(options.degrees, options.seeds):
+                key = capture | {"max_gaussians": count, "sh_degree": degree, "seed": seed}
                 if _found(rows, key) is None:
                     say(f"{name}, {len(scene.train_indices)} views: {count:,} degree {degree}")
-                    rows.append(key | _train(scene, options, count, degree))
+                    o = TrainOptions(
+                        steps=options.steps, max_gaussians=count, sh_degree=degree, seed=seed
+                    )
+                    rows.append(key | _train(scene, o.resolved()))
                     write(rows)
+        choice = {"max_gaussians": chosen.max_gaussians, "sh_degree": chosen.sh_degree}
         for row in rows:
-            if _same(row, capture) and row["max_gaussians"] == chosen.max_gaussians:
+            if _same(row, capture | choice):
                 row |= {"chosen": "*", "choice": dataclasses.asdict(chosen)}
         _tell_below(rows, capture)
         write(rows)
@@ -114,10 +122,7 @@ def _scene(options: ComplexityBenchOptions, kept: int) -> Any:
     return scene
 
 
-def _train(
-    scene: Any, options: ComplexityBenchOptions, count: int, degree: int
-) -> dict[str, float]:
-    o = TrainOptions(steps=options.steps, max_gaussians=count, sh_degree=degree).resolved()
+def _train(scene: Any, o: TrainOptions) -> dict[str, float]:
     started = time.process_time()
     loop = TrainingLoop(scene, o)
     while loop.step < o.steps:
@@ -132,11 +137,16 @@ def _train(
 
 
 def _tell_below(rows: Sequence[dict[str, Any]], capture: dict[str, Any]) -> None:
-    """How far each row of a capture lies below its best."""
-    own = [row for row in rows if _same(row, capture)]
-    best = max(row["psnr"] for row in own)
-    for row in own:
-        row["below"] = best - row["psnr"]
+    """How far each row of a capture, the mean of its seeds, lies below the best such mean."""
+    own: dict[tuple[int, int], list[dict[str, Any]]] = {}
+    for row in rows:
+        if _same(row, capture):
+            own.setdefault((row["max_gaussians"], row["sh_degree"]), []).append(row)
+    means = {key: np.mean([row["psnr"] for row in alike]) for key, alike in own.items()}
+    best = max(means.values())
+    for key, alike in own.items():
+        for row in alike:
+            row["below"] = float(best - means[key])
 
 
 def _same(row: dict[str, Any], key: dict[str, Any]) -> bool:
@@ -158,6 +168,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add("--views", metavar="N,M", help="training views to keep, spread evenly; 0: all [0]")
     add("--counts", metavar="N,M", help="most Gaussians [200000 and its third, ninth, ...]")
     add("--sh-degrees", metavar="A,B", help="of the harmonics [1]")
+    add("--seeds", metavar="A,B", help="a training each, judged by their mean [0]")
     add("--steps", type=int, default=1000, metavar="N", help="of each training [1000]")
     add("--scale", type=float, default=1.0, metavar="X", help="of the images [1]")
     add("--threads", type=int, default=0, metavar="N", help="0 = all [0]")
@@ -172,11 +183,13 @@ def run(arguments: argparse.Namespace) -> int:
         views=numbers(arguments.views, int, "--views") or (0,),
         counts=numbers(arguments.counts, int, "--counts"),
         degrees=numbers(arguments.sh_degrees, int, "--sh-degrees") or (1,),
+        seeds=numbers(arguments.seeds, int, "--seeds") or (0,),
         steps=arguments.steps,
         scale=arguments.scale,
     )
     done = rows_to_keep(arguments)
-    total = len(options.views) * (1 + len(options.sweep())) * len(options.degrees)
+    each = len(options.degrees) * len(options.seeds)
+    total = len(options.views) * (1 + len(options.sweep())) * each
     with bar(total) as advance:
         rows = complexity_bench(options, advance, row_writer(arguments), done)
     print_and_write(rows, COLUMNS, arguments)

@@ -17,6 +17,7 @@ _INK, _MUTED, _GRID = "#1d2733", "#6b7785", "#e3e8ee"
 # Told apart by people who do not see all colours, too (Okabe and Ito, 2008).
 _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#999999")
 _MARKERS = "osD^vPXd"
+_LOWEST, _ALIKE = 1.5, 0.15  # dB below the best that `plot_complexity` shows, and shades
 
 
 # plot_compact: dB below the whole model; what is worse leaves the picture.
@@ -119,6 +120,8 @@ def plot_curves(path: str | os.PathLike[str], curves: dict[str, list[dict[str, A
 def plot_complexity(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
     """Held-out PSNR below the best against Gaussians, a line a capture; what is chosen is filled.
 
+    Shaded is what lies within 0.15 dB of the best; what is 1.5 dB below is not shown.
+
     Args:
         path: svg, png or pdf.
         rows: of `complexity_bench`; where there are several degrees of harmonics, the best counts.
@@ -128,12 +131,12 @@ def plot_complexity(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]
     captures = dict.fromkeys((row["capture"], row["views"]) for row in rows)
     for index, (capture, views) in enumerate(captures):
         below: dict[int, float] = {}
-        chosen = set()
+        chosen = {}
         for row in rows:
             if (row["capture"], row["views"]) == (capture, views):
                 count = row["max_gaussians"]
                 below[count] = min(row["below"], below.get(count, row["below"]))
-                chosen |= {count} if row.get("chosen") else set()
+                chosen |= {count: row["below"]} if row.get("chosen") else {}
         x = sorted(below)
         color, marker = _COLORS[index % len(_COLORS)], _MARKERS[index % len(_MARKERS)]
         axes.plot(
@@ -141,8 +144,10 @@ def plot_complexity(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]
             color=color, markersize=4, markerfacecolor="white", linewidth=1.3,
             label=f"{capture.split(',')[0]}, {views} views",
         )  # fmt: skip
-        for count in chosen:
-            axes.plot([count], [-below[count]], marker, color=color, markersize=9)
+        for count, at in chosen.items():
+            axes.plot([count], [-at], marker, color=color, markersize=9)
+    axes.axhspan(-_ALIKE, 0.0, color="#f0f0f0", zorder=0)
+    axes.set_ylim(bottom=max(axes.get_ylim()[0], -_LOWEST))
     _rounded_ticks(axes)
     axes.legend(frameon=False, fontsize=8, loc="lower right", ncols=2)
     _save(figure, path)
