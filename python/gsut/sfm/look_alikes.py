@@ -30,8 +30,8 @@ _MOST_POINTS, _MOST_OF_IMAGE = 20_000, 300
 # Such points of a pair of images, and of the one that has fewer.
 _EXPECTED, _EXPECTED_OF_EITHER = 20, 8
 # Share of them that is seen, in the mean over an image's pairs, below which the image is doubted:
-# 0.77 and more for true loops, below 0.6 for half of the images of folded walks. So many pairs of an
-# image, images, and share of the images that can tell, count.
+# 0.77 and more for true loops, below 0.6 for half of the images of folded walks. So many pairs of
+# an image, images, and share of the images that can tell, count.
 _SHARE, _PAIRS, _IMAGES, _OF_ALL = 0.6, 2, 3, 0.1
 _ROUNDS = 2
 _LEFT = 0.2  # share of the images with a pose that must keep one, or what was found stays, doubted
