@@ -13,7 +13,7 @@ from gsut.lens import Camera
 from gsut.sfm import readout_moments, readout_poses
 
 # Error of a match beyond which it counts as plainly wrong, in thousandths of the image's diagonal:
-# 2 pixels of the small images that features are sought in.
+# one and a half pixels of the small images that features are sought in.
 TOLERANCE = 3.0
 
 

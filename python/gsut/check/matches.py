@@ -22,20 +22,22 @@ class _Look:
     Args:
         anchors: places along the dataset at which neighbours are compared.
         steps: each anchor with the images so many places further.
+        among: these with each other, too: more pairs of the same images.
         most: matches of a pair.
         options: of the features.
     """
 
     anchors: int
     steps: tuple[int, ...]
+    among: bool
     most: int
     options: PosesOptions
 
 
-_QUICK = _Look(9, (1, 2), 250, PosesOptions(
-    max_features=700, max_megapixels=0.2, contrast=0.01, max_ratio=0.75, threads=0
+_QUICK = _Look(9, (1, 2), True, 250, PosesOptions(
+    max_features=700, max_megapixels=0.14, contrast=0.01, max_ratio=0.75, threads=0
 ))  # fmt: skip
-_CLOSE = _Look(24, (1, 3, 6), 600, PosesOptions(
+_CLOSE = _Look(24, (1, 3, 6), False, 600, PosesOptions(
     max_features=1500, max_megapixels=0.8, contrast=0.01, max_ratio=0.75, threads=0
 ))  # fmt: skip
 _FEWEST = 16  # matches of a pair that counts
@@ -112,12 +114,11 @@ def _pairs(scene: Scene, look: _Look) -> list[tuple[int, int]]:
     for group in groups:
         anchors = max(1, round(look.anchors * len(group) / total))
         for place in np.unique(np.linspace(0, len(group) - 2, anchors).astype(int)):
-            pairs += [
-                (group[place], group[place + step])
-                for step in look.steps
-                if place >= 0 and place + step < len(group)
-            ]
-    return pairs
+            steps = [step for step in look.steps if place >= 0 and place + step < len(group)]
+            near = [group[place], *(group[place + step] for step in steps)]
+            firsts = near if look.among else near[:1]
+            pairs += [(a, b) for number, a in enumerate(firsts) for b in near[number + 1 :]]
+    return list(dict.fromkeys(pairs))
 
 
 def _features(scene: Scene, index: int, options: PosesOptions) -> Features:

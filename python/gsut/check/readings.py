@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Iterator
 
@@ -58,12 +59,18 @@ def _is_opengl(scene: Scene) -> bool:
 
 def _axes(file_axes: np.ndarray) -> list[tuple[str, np.ndarray]]:
     """All 24 ways to name a camera's axes, the file's own first, then those in use."""
-    names = {"OpenCV": np.eye(3), "OpenGL": _GL, "ROS body": _ROS}
-    own = next(name for name, axes in names.items() if np.array_equal(axes, file_axes))
-    known = [(own, file_axes)] + [(n, axes) for n, axes in names.items() if n != own]
+    known = _known_axes()
+    own = next(name for name, axes in known.items() if np.array_equal(axes, file_axes))
+    return [(own, file_axes)] + [(name, axes) for name, axes in known.items() if name != own]
+
+
+@functools.cache
+def _known_axes() -> dict[str, np.ndarray]:
+    """By name, those in use first."""
+    known = {"OpenCV": np.eye(3), "OpenGL": _GL, "ROS body": _ROS}
     for axes in signed_permutations():
-        if np.linalg.det(axes) > 0 and not any(np.array_equal(axes, other) for _, other in known):
-            known.append((f"x, y, z = {_in_words(axes)}", axes))
+        if np.linalg.det(axes) > 0 and not any(np.array_equal(axes, a) for a in known.values()):
+            known[f"x, y, z = {_in_words(axes)}"] = axes
     return known
 
 

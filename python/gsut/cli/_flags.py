@@ -47,15 +47,20 @@ def add_force(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def check_first(scene: Any, force: bool, quiet: bool = False) -> None:
+def check_first(scene: Any, force: bool, quiet: bool = False, matches: Any = None) -> None:
     """The doctor's quick checks; says what will make the result worse.
+
+    Args:
+        scene: that is looked at.
+        force: go on although the data contradict themselves. quiet: only errors.
+        matches: of `gsut.check.neighbouring_matches`, where they are known already.
 
     Raises:
         InputError: the data contradict themselves, without --force.
     """
     from gsut.check import check_scene, stop_at_errors
 
-    findings = check_scene(scene)
+    findings = check_scene(scene, matches)
     for finding in findings:
         if not quiet and finding.severity != "info":
             print(f"gsut: {finding}", file=sys.stderr)

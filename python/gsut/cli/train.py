@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import concurrent.futures
 import dataclasses
+import importlib
 import shlex
 import sys
 from typing import Any
@@ -144,7 +146,7 @@ def train_into(
         for note in filter(None, (*scene.notes, size_note(scene, options), colors)):
             print(f"gsut: note: {note}", file=sys.stderr)
     if not (resume and run.holds_run()):
-        check_first(scene, force, quiet)
+        check_first(scene, force, quiet, _matches(scene))
     elif run.is_finished() and not quiet:
         print(f"gsut: note: {run.path} is finished; nothing in it changes", file=sys.stderr)
     try:
@@ -166,6 +168,16 @@ def train_into(
             f"stopped; this goes on from the last checkpoint: {again}"
         ) from None
     return run.read_json(METRICS)
+
+
+def _matches(scene: Any) -> Any:
+    """What the check goes by: OpenCV finds features while Python imports what trains."""
+    from gsut.check import neighbouring_matches
+
+    with concurrent.futures.ThreadPoolExecutor(1, "gsut-matches") as thread:
+        found = thread.submit(neighbouring_matches, scene)
+        importlib.import_module("gsut.train")
+        return found.result()
 
 
 def print_figures(figures: dict[str, Any]) -> None:

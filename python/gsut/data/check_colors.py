@@ -6,6 +6,7 @@ nearest counts. If the agreement is low, other readings of the poses are tried a
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
@@ -120,8 +121,9 @@ def _check_lens(scene: Scene, views: list[int], agreed: float) -> Iterator[Findi
             part = sign * LENS_SHIFT
             trials[f"{name} moved by {part:+.1%} of the image's longer side"] = (1, part * shift)
     better = {}
+    seen = [each for each in (_seen(scene, index, _as_is) for index in views) if each is not None]
     for name, (scale, shift) in trials.items():
-        value = _median(view_agreement(scene, i, scale=scale, shift=shift) for i in views)
+        value = _median(each.agreement(scale, shift) for each in seen)
         if value is not None and value > agreed + LENS_GAIN:
             better[value] = name
     if better:
@@ -151,48 +153,70 @@ def _better_reading(scene: Scene, views: list[int], agreed: float | None) -> str
     return "no other reading of the poses agrees better: check the lens and its distortion"
 
 
-def view_agreement(
-    scene: Scene,
-    index: int,
-    reading: PoseReading = _as_is,
-    *,
-    scale: float = 1.0,
-    shift: np.ndarray | float = 0.0,
-) -> float | None:
+def view_agreement(scene: Scene, index: int, reading: PoseReading = _as_is) -> float | None:
     """Correlation of point and pixel colours in one view, or None with too few points.
 
     Args:
         scene: with points.
         index: of the view.
         reading: turns the pose into another reading of the same file.
-        scale: factor on the pixels' distance from the optical axis.
-        shift: (2,) moves the pixels by this share of the image's longer side.
     """
-    camera, view = scene.camera(index), scene.views[index]
+    seen = _seen(scene, index, reading)
+    return None if seen is None else seen.agreement()
+
+
+@dataclasses.dataclass(frozen=True)
+class _SeenPoints:
+    """Points as one view sees them, the nearest first.
+
+    Args:
+        colors: (N, 3) of the points.
+        away: (N, 2) pixels from the optical axis, which lies at `axis` (2,).
+        image, mask: of the view.
+    """
+
+    colors: np.ndarray
+    away: np.ndarray
+    axis: np.ndarray
+    image: np.ndarray
+    mask: np.ndarray
+
+    def agreement(self, scale: float = 1.0, shift: np.ndarray | float = 0.0) -> float | None:
+        """Correlation of colours, or None with too few points.
+
+        Args:
+            scale: factor on the pixels' distance from the optical axis.
+            shift: (2,) moves the pixels by this share of the image's longer side.
+        """
+        height, width = self.mask.shape
+        longer = max(width, height)
+        x, y = np.floor(self.axis + scale * self.away + np.multiply(shift, longer)).T.astype(int)
+        rows = np.flatnonzero((x >= 0) & (y >= 0) & (x < width) & (y < height))
+        rows = rows[self.mask[y[rows], x[rows]]]
+        cell = (y[rows] * CELLS // longer) * (CELLS + 1) + x[rows] * CELLS // longer
+        nearest = np.full((CELLS + 1) ** 2, -1)
+        nearest[cell[::-1]] = rows[::-1]  # of a cell the last that is written stays
+        first = nearest[nearest >= 0]
+        if len(first) < MIN_SAMPLES:
+            return None
+        points = self.colors[first].astype(np.float64).ravel()
+        seen = self.image[y[first], x[first]].astype(np.float64).ravel()
+        if points.std() == 0 or seen.std() == 0:
+            return None
+        return float(np.corrcoef(points, seen)[0, 1])
+
+
+def _seen(scene: Scene, index: int, reading: PoseReading) -> _SeenPoints | None:
+    """The points that have an image in a view; None where its photograph cannot be read."""
+    camera = scene.camera(index)
     try:
         image, mask = scene.image(index), scene.mask(index)
     except InputError:
         return None
-    pose = reading(view.camera_from_world, scene.world_offset)
+    pose = reading(scene.views[index].camera_from_world, scene.world_offset)
     relative = scene.points @ pose[:3, :3].T + pose[:3, 3]
     pixels, valid = camera.project(relative)
     axis = camera.project(np.array([[0.0, 0.0, 1.0]]))[0][0]
-    longer = max(camera.width, camera.height)
-    pixels = axis + scale * (pixels - axis) + np.multiply(shift, longer)
     rows = np.flatnonzero(np.asarray(valid, bool))
-    x, y = np.floor(pixels[rows]).astype(np.int64).T
-    inside = (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
-    rows, x, y = rows[inside], x[inside], y[inside]
-    kept = mask[y, x]
-    rows, x, y = rows[kept], x[kept], y[kept]
-    size = longer / CELLS
-    cell = (y // size).astype(np.int64) * (CELLS + 1) + (x // size).astype(np.int64)
-    order = np.lexsort((np.linalg.norm(relative[rows], axis=1), cell))
-    first = order[np.unique(cell[order], return_index=True)[1]]
-    if len(first) < MIN_SAMPLES:
-        return None
-    points = scene.point_colors[rows[first]].astype(np.float64).ravel()
-    seen = image[y[first], x[first]].astype(np.float64).ravel()
-    if points.std() == 0 or seen.std() == 0:
-        return None
-    return float(np.corrcoef(points, seen)[0, 1])
+    rows = rows[np.argsort(np.linalg.norm(relative[rows], axis=1), kind="stable")]
+    return _SeenPoints(scene.point_colors[rows], pixels[rows] - axis, axis, image, mask)

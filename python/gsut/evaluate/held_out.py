@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 from collections.abc import Sequence
 from typing import Any
 
@@ -39,14 +40,22 @@ def mean_psnr(
         light: by which images are multiplied; None: 1.
     """
     renderer = _core.Renderer() if renderer is None else renderer
-    values = []
-    for index in indices:
-        image = view_image(scene, gaussians, index, background, renderer)
-        if light is not None:
-            image *= light.on(scene.camera(index), index, scene.views[index].camera_index)
-        truth = scene.image(index).astype(np.float32) / np.float32(255)
-        values.append(psnr(np.clip(image, 0.0, 1.0), truth, scene.mask(index)))
-    return float(np.mean(values))
+    values: list[concurrent.futures.Future[float]] = []
+    with concurrent.futures.ThreadPoolExecutor(1, "gsut-psnr") as thread:
+        for index in indices:
+            image = view_image(scene, gaussians, index, background, renderer)
+            if values:
+                values[-1].result()  # no more than two images at a time
+            values.append(thread.submit(_psnr, scene, index, image, light))
+        return float(np.mean([value.result() for value in values]))
+
+
+def _psnr(scene: Scene, index: int, image: np.ndarray, light: Light | None) -> float:
+    """Of a view's image against its photograph."""
+    if light is not None:
+        image *= light.on(scene.camera(index), index, scene.views[index].camera_index)
+    truth = scene.image(index).astype(np.float32) / np.float32(255)
+    return psnr(np.clip(image, 0.0, 1.0), truth, scene.mask(index))
 
 
 def view_image(

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import InputError
 from gsut.evaluate.report_plots import curve_plot, light_plots, ring_plot
 from gsut.page import bytes_address, duration_text, number_text, picture_address, render_page
@@ -71,19 +72,15 @@ def write_report(run: RunFolder) -> Path:
     source = (
         importlib.resources.files("gsut.evaluate").joinpath("report.html.j2").read_text("utf-8")
     )
-    # Not earlier, while views are rendered: their milliseconds would not be the renderer's alone.
-    with concurrent.futures.ThreadPoolExecutor(1, "gsut-curves") as thread:
-        drawn = thread.submit(_curves, run.read_history(), options.resolved())
-        pictures, curves = _pictures(metrics.get("views", []), run.path / RENDERS), drawn.result()
     page = render_page(
         source,
         metrics=metrics,
         environment=environment,
         headline=_headline(metrics),
         verdict=Verdict.of(metrics["verdict"]) if metrics.get("verdict") else None,
-        **pictures,
+        **_pictures(metrics.get("views", []), run.path / RENDERS),
         rows=sorted(metrics.get("views", []), key=lambda row: row["name"]),
-        curves=curves,
+        curves=_curves(run.read_history(), options.resolved()),
         rings=metrics.get("rings", []),
         ring_plot=ring_plot(metrics["rings"]) if metrics.get("rings") else None,
         light_plots=light_plots(metrics["light"]) if "light" in metrics else [],
@@ -121,30 +118,22 @@ def _pictures(rows: list[dict[str, Any]], folder: Path) -> dict[str, Any]:
     import cv2
 
     shown = [row for row in _chosen_views(rows) if "truth" in row[0]]
-    distances = [
-        _read(folder / row["depth"]).astype(np.float32) * row["depth_unit"] for row, _ in shown
-    ]
-    seen = [d[d > 0] for d in distances if np.any(d > 0)]
-    near, far = np.percentile(np.concatenate(seen), _DEPTH_PERCENTILES) if seen else (1.0, 1.0)
-    views = []
-    for (row, marks), distance in zip(shown, distances, strict=True):
-        truth, render = _read(folder / row["truth"]), _read(folder / row["render"])
-        error = np.abs(truth.astype(np.float32) - render).mean(axis=-1) / 255.0
-        height, width = truth.shape[:2]
-        views.append(
-            {
-                **row,
-                "marks": marks,
-                "width": width,
-                "height": height,
-                "truth": _picture(truth),
-                "render": _picture(render),
-                "error": _picture(_coloured(error / _ERROR_FULL, cv2.COLORMAP_INFERNO)),
-                "depth": _picture(
-                    _coloured(_log_position(distance, near, far), cv2.COLORMAP_TURBO, distance > 0)
-                ),
-            }
-        )
+
+    def distance_of(shown: tuple[dict[str, Any], list[str]]) -> np.ndarray:
+        return _read(folder / shown[0]["depth"]).astype(np.float32) * shown[0]["depth_unit"]
+
+    with concurrent.futures.ThreadPoolExecutor(_core.num_threads(), "gsut-pictures") as threads:
+        distances = list(threads.map(distance_of, shown))
+        seen = [d[d > 0] for d in distances if np.any(d > 0)]
+        near, far = np.percentile(np.concatenate(seen), _DEPTH_PERCENTILES) if seen else (1.0, 1.0)
+
+        def view_of(shown: tuple[dict[str, Any], list[str]], distance: np.ndarray) -> Any:
+            row, marks = shown
+            depth = _log_position(distance, near, far)
+            depth = _coloured(depth, cv2.COLORMAP_TURBO, distance > 0)
+            return _view(row, folder) | {"marks": marks, "depth": _picture(depth)}
+
+        views = list(threads.map(view_of, shown, distances))
     hero = next((view for view in views if "median" in view["marks"]), None)
     return {
         "views": views,
@@ -154,6 +143,24 @@ def _pictures(rows: list[dict[str, Any]], folder: Path) -> dict[str, Any]:
         "depth_scale": _gradient(cv2.COLORMAP_TURBO, reverse=True),
         "depth_near": near,
         "depth_far": far,
+    }
+
+
+def _view(row: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """A view's row with its photograph, its render and how far they differ, to embed."""
+    import cv2
+
+    truth, render = _read(folder / row["truth"]), _read(folder / row["render"])
+    red, green, blue = cv2.split(cv2.absdiff(truth, render))
+    error = (red.astype(np.float32) + green + blue) / (3 * 255)
+    height, width = truth.shape[:2]
+    return {
+        **row,
+        "width": width,
+        "height": height,
+        "truth": _picture(truth),
+        "render": _picture(render),
+        "error": _picture(_coloured(error / _ERROR_FULL, cv2.COLORMAP_INFERNO)),
     }
 
 
@@ -182,7 +189,7 @@ def _coloured(values: np.ndarray, colormap: int, valid: np.ndarray | None = None
     import cv2
 
     levels = np.rint(np.clip(values, 0.0, 1.0) * 255).astype(np.uint8)
-    colours = cv2.applyColorMap(levels, colormap)[..., ::-1]
+    colours = cv2.cvtColor(cv2.applyColorMap(levels, colormap), cv2.COLOR_BGR2RGB)
     return colours if valid is None else colours * valid[..., None].astype(np.uint8)
 
 
@@ -204,7 +211,7 @@ def _read(path: Path) -> np.ndarray:
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
     if image is None:
         raise InputError(f"{path} is not a readable picture; evaluate the run again")
-    return image[..., ::-1] if image.ndim == 3 else image
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.ndim == 3 else image
 
 
 def _block_map(path: Path) -> str | None:

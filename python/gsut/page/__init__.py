@@ -1,5 +1,6 @@
 """The one kit for reports: a page, its tables and embedded pictures, and plots in one style."""
 
+from gsut.page.chart import Chart, limits_of
 from gsut.page.page import (
     bytes_address,
     duration_text,
@@ -18,7 +19,6 @@ from gsut.page.plots import (
     TITLE,
     plot_figure,
     png_address,
-    svg_address,
     svg_text,
 )
 
@@ -29,15 +29,16 @@ __all__ = [
     "MUTED",
     "SERIES",
     "TITLE",
+    "Chart",
     "bytes_address",
     "duration_text",
     "html_table",
+    "limits_of",
     "number_text",
     "picture_address",
     "plot_figure",
     "png_address",
     "render_page",
     "sections_page",
-    "svg_address",
     "svg_text",
 ]

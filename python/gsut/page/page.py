@@ -78,7 +78,9 @@ def picture_address(image: np.ndarray, most_wide: int) -> str:
     import cv2
 
     height, width = image.shape[:2]
-    pixels = np.ascontiguousarray(image[..., ::-1] if image.ndim == 3 else image)
+    pixels: np.ndarray = np.ascontiguousarray(image)
+    if image.ndim == 3:
+        pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
     if width > most_wide:
         size = (most_wide, max(1, round(height * most_wide / width)))
         pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)

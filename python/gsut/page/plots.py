@@ -14,31 +14,23 @@ _PNG_DPI = 110
 TITLE: dict[str, Any] = {"loc": "left", "color": INK, "fontsize": 11, "fontweight": "bold"}
 
 
-def plot_figure(
-    title: str, width: float, height: float, columns: int = 1, *, frame: bool = True
-) -> tuple[Any, Any]:
+def plot_figure(title: str, width: float, height: float, columns: int = 1) -> tuple[Any, Any]:
     """A figure of so many inches, and its axes (a list if there are several columns).
 
     Args:
         title: above the first axes; may be empty.
         width, height: inches.
         columns: axes side by side.
-        frame: False leaves the bottom spine and horizontal lines only, in margins that are fixed:
-            finding them takes matplotlib as long as drawing.
     """
     from matplotlib.figure import Figure  # without pyplot: no state, no display
 
-    figure = Figure(figsize=(width, height), layout="constrained" if frame else None)
-    if frame:
-        every = list(figure.subplots(1, columns, squeeze=False)[0])
-    else:
-        every = [figure.add_axes((0.115, 0.165, 0.865, 0.725))]
+    figure = Figure(figsize=(width, height), layout="constrained")
+    every = list(figure.subplots(1, columns, squeeze=False)[0])
     for axes in every:
         axes.tick_params(colors=MUTED, labelsize=9, length=0, which="both")
-        axes.grid(axis="both" if frame else "y", color=GRID, linewidth=0.8)
+        axes.grid(axis="both", color=GRID, linewidth=0.8)
         axes.set_axisbelow(True)
-        for side, spine in axes.spines.items():
-            spine.set_visible(frame or side == "bottom")
+        for spine in axes.spines.values():
             spine.set_color(GRID)
     if title:
         every[0].set_title(title, **TITLE)
@@ -54,11 +46,6 @@ def svg_text(figure: Any) -> str:
         figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
     text = buffer.getvalue()
     return text[text.index("<svg") :]
-
-
-def svg_address(figure: Any) -> str:
-    """An SVG as a data address (as an image, so that two plots cannot share element names)."""
-    return bytes_address(svg_text(figure).encode(), "image/svg+xml")
 
 
 def png_address(figure: Any) -> str:

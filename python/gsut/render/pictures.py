@@ -19,7 +19,8 @@ def to_uint8(image: np.ndarray) -> np.ndarray:
     Returns:
         uint8 of the same shape, rounded.
     """
-    return np.rint(np.clip(np.nan_to_num(image), 0.0, 1.0) * 255.0).astype(np.uint8)
+    inside = np.fmin(np.fmax(image, 0.0), 1.0)  # of NaN and a number fmax takes the number
+    return np.rint(inside * 255.0).astype(np.uint8)
 
 
 def write_png(path: Path, image: np.ndarray) -> None:
@@ -34,8 +35,10 @@ def write_png(path: Path, image: np.ndarray) -> None:
     """
     import cv2
 
-    pixels = image[..., ::-1] if image.ndim == 3 else image
-    _, data = cv2.imencode(".png", np.ascontiguousarray(pixels))
+    pixels = np.ascontiguousarray(image)
+    if image.ndim == 3:
+        pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+    _, data = cv2.imencode(".png", pixels)
     write_file(path, data.tobytes())
 
 

@@ -101,17 +101,15 @@ def features_in(pixels: np.ndarray, valid: np.ndarray | None, options: PosesOpti
     small_mask = None
     if valid is not None:
         small_mask = shrink_mask(valid, small.shape[1], small.shape[0]).astype(np.uint8)
-    # All at once where SIFT's own choice, the strongest, is ours: it builds its pyramid once then.
+    # All at once: it builds its pyramid once then.
     sift = cv2.SIFT.create(
         options.max_features if small_mask is None else 0,
         contrastThreshold=options.contrast, enable_precise_upscale=True,
     )  # fmt: skip
-    if small_mask is None:
-        keypoints, descriptors = sift.detectAndCompute(grey, None)
-    else:
-        keypoints = _strongest(sift.detect(grey, small_mask), options.max_features, small_mask)
-        if keypoints:
-            keypoints, descriptors = sift.compute(grey, keypoints)
+    keypoints, descriptors = sift.detectAndCompute(grey, small_mask)
+    if small_mask is not None and keypoints:
+        kept = _strongest(keypoints, options.max_features, small_mask)
+        keypoints, descriptors = [keypoints[row] for row in kept], descriptors[kept]
     if not keypoints:
         return no_features()
     at = np.array([k.pt for k in keypoints], np.float64).reshape(-1, 2)
@@ -191,16 +189,16 @@ def _valid_pixels(
     return None if valid.all() else valid
 
 
-def _strongest(keypoints, most: int, mask: np.ndarray):
-    """Keypoints well inside the mask, one a place and direction, by contrast."""
+def _strongest(keypoints, most: int, mask: np.ndarray) -> list[int]:
+    """Numbers of keypoints well inside the mask, one a place and direction, by contrast."""
     import cv2
 
     distance = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
-    keypoints = [
-        k
-        for k in keypoints
+    inside = [
+        number
+        for number, k in enumerate(keypoints)
         if distance[int(k.pt[1] + 0.5), int(k.pt[0] + 0.5)] > _EDGE_SIZES * k.size
     ]
-    if len(keypoints) > most:
-        keypoints = sorted(keypoints, key=lambda k: -k.response)[:most]
-    return keypoints
+    if len(inside) > most:
+        inside = sorted(inside, key=lambda number: -keypoints[number].response)[:most]
+    return inside

@@ -41,6 +41,26 @@ def test_evaluate_of_a_constant_error_gives_its_psnr_everywhere(scene):
     assert figures["render_ms"] > 0
 
 
+def test_evaluate_figures_of_a_view_are_those_of_its_pictures(scene):
+    for row, index in zip(
+        evaluate(small_run.GAUSSIANS, scene, scene.test_indices)["views"],
+        scene.test_indices,
+        strict=True,
+    ):
+        truth, mask = scene.image(index).astype(np.float32) / np.float32(255), scene.mask(index)
+        image = np.clip(truth + np.where(truth > 0.5, -ERROR, ERROR).astype(np.float32), 0, 1)
+        assert row["ssim"] == pytest.approx(
+            gsut.ssim(image, truth, mask), abs=tolerances.SSIM_IN_FLOAT
+        )
+        for name, figure in (
+            ("psnr", gsut.psnr),
+            ("psnr_color_corrected", gsut.color_corrected_psnr),
+        ):
+            assert row[name] == pytest.approx(
+                figure(image, truth, mask), abs=tolerances.FIGURE_ROUNDING
+            )
+
+
 def test_evaluate_with_one_bad_view_names_it(tmp_path, monkeypatch):
     size = small_run.SIZE
     every_pixel = gsut.Camera("pinhole", [size, size, size / 2, size / 2], size, size)
