@@ -50,3 +50,4 @@ POINTS_COLOUR_LEVELS = 12.0  # of 255, median, points off by 1 cm; worst 6
 POSITIONS_FIT = 1e-8  # metres, of coordinates of 5e6: a double steps by 1e-9 there; worst 1e-9
 GEODETIC_METRES = 0.005  # metres at 111 m: the earth's curve is 1 mm there; worst 1.0e-3
 SFM_READOUT_SHORT = 0.03  # share, a time from noisy flow with its reliability
+SFM_TOLD_APART_ATE_PERCENT = 0.1  # one of two rooms alike; worst observed 0

@@ -296,28 +296,77 @@ double SumLine(const float* line, std::int64_t begin, std::int64_t end) {
   return sum;
 }
 
+// The values `pixels` away from those of the vector at p, on either side: loads that cross cache
+// lines cost two each, so that wide vectors are shifted together from three aligned ones.
+class Neighbours {
+ public:
+#if HWY_MAX_BYTES == 64
+  explicit HWY_INLINE Neighbours(const float* p)
+      : before_(hn::Load(DF(), p - 16)), here_(hn::Load(DF(), p)), after_(hn::Load(DF(), p + 16)) {}
+  HWY_INLINE VF Here() const { return here_; }
+  template <int kPixels>
+  HWY_INLINE VF Left() const {
+    return FromLane<16 - kPixels * kTap>(before_, here_);
+  }
+  template <int kPixels>
+  HWY_INLINE VF Right() const {
+    return FromLane<kPixels * kTap>(here_, after_);
+  }
+
+ private:
+  template <int kLane>
+  static HWY_INLINE VF FromLane(VF low, VF high) {
+    return VF{_mm512_castsi512_ps(
+        _mm512_alignr_epi32(_mm512_castps_si512(high.raw), _mm512_castps_si512(low.raw), kLane))};
+  }
+  VF before_, here_, after_;
+#else
+  explicit HWY_INLINE Neighbours(const float* p) : p_(p) {}
+  HWY_INLINE VF Here() const { return hn::LoadU(DF(), p_); }
+  template <int kPixels>
+  HWY_INLINE VF Left() const {
+    return hn::LoadU(DF(), p_ - kPixels * kTap);
+  }
+  template <int kPixels>
+  HWY_INLINE VF Right() const {
+    return hn::LoadU(DF(), p_ + kPixels * kTap);
+  }
+
+ private:
+  const float* p_;
+#endif
+};
+
+// visit(weight, left, right) for each pair of pixels as far to the left as to the right.
+template <class Visit>
+HWY_INLINE void ForEachPair(const Weights& weights, const Neighbours& line, Visit&& visit) {
+  static_assert(kSsimRadius == 5);
+  visit(weights.w[1], line.Left<1>(), line.Right<1>());
+  visit(weights.w[2], line.Left<2>(), line.Right<2>());
+  visit(weights.w[3], line.Left<3>(), line.Right<3>());
+  visit(weights.w[4], line.Left<4>(), line.Right<4>());
+  visit(weights.w[5], line.Left<5>(), line.Right<5>());
+}
+
 // Horizontal blur of a line p and of its square, vector number i.
 template <bool kWithMean>
 HWY_INLINE void BlurSquare(const Weights& weights, const float* p, VF& mean, VF& square) {
-  const DF d;
-  const VF centre = hn::LoadU(d, p);
+  const Neighbours line(p);
+  const VF centre = line.Here();
   if (kWithMean) mean = hn::Mul(weights.w[0], centre);
   square = hn::Mul(weights.w[0], hn::Mul(centre, centre));
-  for (int t = 1; t <= kSsimRadius; ++t) {
-    const VF left = hn::LoadU(d, p - t * kTap);
-    const VF right = hn::LoadU(d, p + t * kTap);
-    if (kWithMean) mean = hn::MulAdd(weights.w[t], hn::Add(left, right), mean);
-    square = hn::MulAdd(weights.w[t], hn::MulAdd(left, left, hn::Mul(right, right)), square);
-  }
+  ForEachPair(weights, line, [&](VF weight, VF left, VF right) HWY_ATTR {
+    if (kWithMean) mean = hn::MulAdd(weight, hn::Add(left, right), mean);
+    square = hn::MulAdd(weight, hn::MulAdd(left, left, hn::Mul(right, right)), square);
+  });
 }
 
 HWY_INLINE VF BlurLine(const Weights& weights, const float* p) {
-  const DF d;
-  VF sum = hn::Mul(weights.w[0], hn::LoadU(d, p));
-  for (int t = 1; t <= kSsimRadius; ++t) {
-    const VF pair = hn::Add(hn::LoadU(d, p - t * kTap), hn::LoadU(d, p + t * kTap));
-    sum = hn::MulAdd(weights.w[t], pair, sum);
-  }
+  const Neighbours line(p);
+  VF sum = hn::Mul(weights.w[0], line.Here());
+  ForEachPair(weights, line, [&](VF weight, VF left, VF right) HWY_ATTR {
+    sum = hn::MulAdd(weight, hn::Add(left, right), sum);
+  });
   return sum;
 }
 

@@ -28,15 +28,23 @@ namespace {
 using D = AdamTag;
 using V = AdamVec;
 
-// As UpdateRange with a rate an element, for the elements whose `seen` word is all ones (others:
-// 0). count is a multiple of the vector length.
+// 16 rows are a whole number of vectors of any instruction set, whatever the columns.
+constexpr std::int64_t kBlockRows = 16;
+// Rows of more columns are stepped one at a time, so that what is not seen is not even read.
+constexpr std::size_t kNarrowColumns = 16;
+
+// As UpdateRange with a rate an element, for the elements of those of 16 rows whose byte of
+// `visible` is not 0. row_of: the row of each element.
 void UpdateSeen(const AdamConstants& c, std::size_t count, const float* rates,
-                const std::int32_t* seen, const float* gradients, float* params, float* moment1,
-                float* moment2) {
+                const std::uint8_t* row_of, const std::uint8_t* visible, const float* gradients,
+                float* params, float* moment1, float* moment2) {
   const D d;
   const hn::RebindToSigned<D> di;
+  const hn::Rebind<std::uint8_t, D> du;
+  const auto rows = hn::LoadU(hn::FixedTag<std::uint8_t, kBlockRows>(), visible);
   for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
-    const auto mask = hn::MaskFromVec(hn::BitCast(d, hn::LoadU(di, seen + i)));
+    const auto seen = hn::PromoteTo(di, hn::TableLookupBytes(rows, hn::LoadU(du, row_of + i)));
+    const auto mask = hn::RebindMask(d, hn::Ne(seen, hn::Zero(di)));
     if (hn::AllFalse(d, mask)) continue;
     const V p0 = hn::LoadU(d, params + i);
     const V m0 = hn::LoadU(d, moment1 + i);
@@ -49,11 +57,6 @@ void UpdateSeen(const AdamConstants& c, std::size_t count, const float* rates,
   }
 }
 
-// 16 rows are a whole number of vectors of any instruction set, whatever the columns.
-constexpr std::int64_t kBlockRows = 16;
-// Rows of more columns are stepped one at a time, so that what is not seen is not even read.
-constexpr std::size_t kNarrowColumns = 16;
-
 // Narrow rows [begin, end), whole blocks only, several rows a vector; returns where it stopped.
 std::int64_t UpdateBlocks(const AdamConstants& c, const AdamGroup& group, const float* rates,
                           bool many_rates, const std::uint8_t* visible, std::int64_t begin,
@@ -61,23 +64,17 @@ std::int64_t UpdateBlocks(const AdamConstants& c, const AdamGroup& group, const 
   const auto columns = static_cast<std::size_t>(group.columns);
   const std::size_t count = kBlockRows * columns;
   float block_rates[kBlockRows * kNarrowColumns];
-  std::int32_t seen[kBlockRows * kNarrowColumns];
+  std::uint8_t row_of[kBlockRows * kNarrowColumns];
   for (std::size_t i = 0; i < count; ++i) {
     block_rates[i] = rates[many_rates ? i % columns : 0];
-    seen[i] = -1;
+    row_of[i] = static_cast<std::uint8_t>(i / columns);
   }
+  constexpr std::uint8_t kAll[kBlockRows] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
   std::int64_t row = begin;
   for (; row + kBlockRows <= end; row += kBlockRows) {
-    if (visible != nullptr) {
-      std::int32_t* word = seen;
-      for (std::int64_t r = row; r < row + kBlockRows; ++r) {
-        const std::int32_t all = visible[r] != 0 ? -1 : 0;
-        for (std::size_t column = 0; column < columns; ++column) *word++ = all;
-      }
-    }
     const std::size_t at = static_cast<std::size_t>(row) * columns;
-    UpdateSeen(c, count, block_rates, seen, group.gradients + at, group.params + at,
-               group.moment1 + at, group.moment2 + at);
+    UpdateSeen(c, count, block_rates, row_of, visible == nullptr ? kAll : visible + row,
+               group.gradients + at, group.params + at, group.moment1 + at, group.moment2 + at);
   }
   return row;
 }

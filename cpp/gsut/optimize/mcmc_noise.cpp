@@ -1,4 +1,4 @@
-// MCMC exploration noise and regularisers.
+// MCMC exploration noise.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -65,23 +65,6 @@ void McmcNoise(const GaussiansView<float>& params, std::int64_t size, double lea
             params.means[3 * row + i] + (r[0] * along[0] + r[1] * along[1] + r[2] * along[2]);
         // What is not finite, or so large that its noise overflows, stays where it is.
         if (std::abs(moved) <= std::numeric_limits<float>::max()) params.means[3 * row + i] = moved;
-      }
-    }
-  });
-}
-
-void AddMcmcRegularizer(const GaussiansView<const float>& params, std::int64_t size,
-                        double opacity_weight, double scale_weight, float* dl_dopacity_logits,
-                        float* dl_dlog_scales) {
-  const double count = static_cast<double>(std::max<std::int64_t>(size, 1));
-  const auto opacity_factor = static_cast<float>(opacity_weight / count);
-  const auto scale_factor = static_cast<float>(scale_weight / (3.0 * count));
-  ParallelFor(size, kChunkRows, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t row = begin; row < end; ++row) {
-      const float opacity = Sigmoid(params.opacity_logits[row]);
-      dl_dopacity_logits[row] += opacity_factor * SigmoidDerivative(opacity);
-      for (std::int64_t i = 3 * row; i < 3 * row + 3; ++i) {
-        dl_dlog_scales[i] += scale_factor * ScaleFromLog(params.log_scales[i]);
       }
     }
   });

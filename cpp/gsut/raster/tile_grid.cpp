@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <list>
 #include <mutex>
 
@@ -156,23 +157,23 @@ bool FillTile(const RayTable& rays, int tile, TileGrid* grid) {
   return narrow;
 }
 
-// Gathers the bundles of a group's tiles.
+// Gathers the boxes of a group's tiles; there are no rays beyond the image.
 void FillGroup(int group, TileGrid* grid) {
   const int x0 = (group % grid->groups_x) * kGroupStep;
   const int y0 = (group / grid->groups_x) * kGroupStep;
-  constexpr std::size_t kGroupFloats = std::size_t{RayBundle::kSize} * kCellTiles;
+  constexpr std::size_t kGroupFloats = std::size_t{RayBox::kSize} * kCellTiles;
   float* tiles = &grid->group_tiles[static_cast<std::size_t>(group) * kGroupFloats];
-  std::fill_n(tiles, kGroupFloats, 0.0f);
+  std::fill_n(tiles, kGroupFloats, std::numeric_limits<float>::quiet_NaN());
   for (int y = y0; y < std::min(y0 + kCellSize, grid->tiles_y); ++y) {
     for (int x = x0; x < std::min(x0 + kCellSize, grid->tiles_x); ++x) {
-      const RayBundle& bundle = grid->bundles[static_cast<std::size_t>(y) * grid->tiles_x + x];
+      const RayBox box(grid->bundles[static_cast<std::size_t>(y) * grid->tiles_x + x]);
       const int place = (y - y0) * kCellSize + x - x0;
-      for (int k = 0; k < RayBundle::kSize; ++k) tiles[k * kCellTiles + place] = bundle.values[k];
+      for (int k = 0; k < RayBox::kSize; ++k) tiles[k * kCellTiles + place] = box.values[k];
     }
   }
 }
 
-// Makes a cell's own bundle.
+// Makes a cell's own box.
 void FillCell(const RayTable& rays, int cell, TileGrid* grid) {
   const int x0 = (cell % grid->cells_x) * kCellSize;
   const int y0 = (cell / grid->cells_x) * kCellSize;
@@ -189,9 +190,9 @@ void FillCell(const RayTable& rays, int cell, TileGrid* grid) {
       box.Add(ray.dot(e1) / cosine, ray.dot(e2) / cosine);
     }
   });
-  const RayBundle bundle = MakeBundle(d, e1, e2, box);
-  for (int k = 0; k < RayBundle::kSize; ++k) {
-    grid->cell_bundles[k][static_cast<std::size_t>(cell)] = bundle.values[k];
+  const RayBox bounds(MakeBundle(d, e1, e2, box));
+  for (int k = 0; k < RayBox::kSize; ++k) {
+    grid->cell_boxes[k][static_cast<std::size_t>(cell)] = bounds.values[k];
   }
   grid->cell_wide[static_cast<std::size_t>(cell)] = wide ? 1.0f : 0.0f;
 }
@@ -216,9 +217,9 @@ std::shared_ptr<const TileGrid> BuildTiles(const Camera& camera, int lanes) {
   const std::size_t cells = static_cast<std::size_t>(grid->num_cells());
   grid->groups_x = (grid->tiles_x + kGroupStep - 1) / kGroupStep;
   grid->groups_y = (grid->tiles_y + kGroupStep - 1) / kGroupStep;
-  grid->group_tiles.resize(static_cast<std::size_t>(grid->num_groups()) * RayBundle::kSize *
+  grid->group_tiles.resize(static_cast<std::size_t>(grid->num_groups()) * RayBox::kSize *
                            kCellTiles);
-  for (AlignedVector<float>& v : grid->cell_bundles) v.assign(cells + kCellPadding, 0.0f);
+  for (AlignedVector<float>& v : grid->cell_boxes) v.assign(cells + kCellPadding, 0.0f);
   grid->cell_wide.assign(cells + kCellPadding, 0.0f);
   grid->block_box.resize(tiles * 4 * static_cast<std::size_t>(grid->block_stride));
   grid->alive.assign(tiles, 0);
@@ -251,6 +252,25 @@ struct CachedGrid {
 };
 
 }  // namespace
+
+RayBox::RayBox(const RayBundle& bundle) {
+  const auto axis = [&](int k) -> Vector3d {
+    return Eigen::Map<const Eigen::Vector3f>(&bundle.values[RayBundle::kFrame + 3 * k])
+        .cast<double>();
+  };
+  const float* v = bundle.values;
+  const Vector3d center =
+      axis(0) + v[RayBundle::kCenter] * axis(1) + v[RayBundle::kCenter + 1] * axis(2);
+  // Of any length: not far above 1, what rounding takes stays within FormLanes' slack.
+  const double scale = 1.0 / center.norm();
+  const bool has_ray = v[RayBundle::kHasRay] != 0.0f;
+  for (int k = 0; k < 3; ++k) {
+    values[kCenter + k] =
+        has_ray ? static_cast<float>(scale * center[k]) : std::numeric_limits<float>::quiet_NaN();
+    values[kHalfS + k] = static_cast<float>(scale * v[RayBundle::kHalf] * axis(1)[k]);
+    values[kHalfT + k] = static_cast<float>(scale * v[RayBundle::kHalf + 1] * axis(2)[k]);
+  }
+}
 
 std::shared_ptr<const TileGrid> TilesOf(const Camera& camera, int lanes) {
   static std::mutex mutex;

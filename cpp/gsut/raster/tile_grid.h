@@ -32,6 +32,17 @@ struct RayBundle {
   float values[kSize] = {};
 };
 
+// The box around a bundle's rays in the camera frame, for tests of linear forms: centre, then half
+// of its width and half of its height, 3 floats each. Without rays the centre is no number.
+struct RayBox {
+  static constexpr int kCenter = 0;
+  static constexpr int kHalfS = 3;
+  static constexpr int kHalfT = 6;
+  static constexpr int kSize = 9;
+  float values[kSize];
+  explicit RayBox(const RayBundle& bundle);
+};
+
 // A ray of tile k is D + s E1 + t E2 (any length: the response of a Gaussian does not depend on
 // it), D the mean direction of the tile's rays and E1, E2 orthonormal to it: exact for any lens.
 // Pixels are stored block by block, a block being as many pixels as a vector has lanes, 4 wide, so
@@ -48,13 +59,13 @@ struct TileGrid {
   AlignedVector<float> length;  // (tiles * 256) |D + s E1 + t E2|
   std::vector<RayBundle> bundles;  // (tiles)
   AlignedVector<float> center;     // (tiles, 8) D rounded to float, 0, what rounding took, 0
-  // The tiles' bundles again, group by group: 14 x 16 floats, the 16 tiles of a group row by row.
+  // The tiles' boxes, group by group: 9 x 16 floats, the 16 tiles of a group row by row.
   int groups_x = 0, groups_y = 0;
-  AlignedVector<float> group_tiles;  // (groups, 14, 16)
+  AlignedVector<float> group_tiles;  // (groups, 9, 16)
   int cells_x = 0, cells_y = 0;
-  // Each cell as one bundle: 14 arrays over cells; cell_wide is 1 where its rays spread too far for
-  // a frame of their own, and the cell must always be looked into.
-  AlignedVector<float> cell_bundles[RayBundle::kSize];
+  // Each cell as one box: 9 arrays over cells; cell_wide is 1 where its rays spread too far for a
+  // frame of their own, and the cell must always be looked into.
+  AlignedVector<float> cell_boxes[RayBox::kSize];
   AlignedVector<float> cell_wide;
   // The box of each block: per tile 4 x block_stride floats (centre s, centre t, half s, half t).
   AlignedVector<float> block_box;

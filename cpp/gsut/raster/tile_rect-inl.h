@@ -41,48 +41,56 @@ struct TouchedRows {
   }
 };
 
-// The linear forms of a record, in every lane, and how far rounding may put each of them off.
-struct FormLanes {
-  FloatVec v[9], slack[3];
-  HWY_INLINE explicit FormLanes(const float* r) {
+// How far rounding may put each of a record's linear forms off; 3 floats a lane.
+struct FormSlack {
+  HWY_ALIGN float lanes[3][kLanes];
+
+  HWY_INLINE FormSlack(const Lane* a, const Lane* b, const Lane* c) {
     constexpr float kRounding = 0x1p-21f;
-    for (int k = 0; k < 9; ++k) v[k] = hn::Set(FloatTag(), r[k]);
+    const Lane* forms[3] = {a, b, c};
     for (int form = 0; form < 3; ++form) {
-      const auto size = hn::Add(hn::Abs(v[3 * form]),
-                                hn::Add(hn::Abs(v[3 * form + 1]), hn::Abs(v[3 * form + 2])));
-      slack[form] = hn::Mul(size, hn::Set(FloatTag(), kRounding));
+      const Lane* v = forms[form];
+      hn::Store(((Abs(v[0]) + (Abs(v[1]) + Abs(v[2]))) * Lane(kRounding)).v, FloatTag(),
+                lanes[form]);
     }
   }
 };
 
-// Which bundles of rays may hold one with N < z^2, z > 0, a bundle a lane: conservative interval
-// bounds of the forms over the bundle's box, in its own frame. load(k): value k of RayBundle.
+// The linear forms of the record of one lane, in every lane.
+struct FormLanes {
+  FloatVec v[9], slack[3];
+  HWY_INLINE FormLanes(const float* r, const FormSlack& slacks, int lane) {
+    for (int k = 0; k < 9; ++k) v[k] = hn::Set(FloatTag(), r[k]);
+    for (int form = 0; form < 3; ++form) {
+      slack[form] = hn::Set(FloatTag(), slacks.lanes[form][lane]);
+    }
+  }
+};
+
+// Which boxes of rays may hold one with N < z^2, z > 0, a box a lane: conservative interval bounds
+// of the forms. load(k): value k of RayBox.
 template <class Load>
-HWY_INLINE FloatMask TouchedBundles(const FormLanes& forms, Load&& load) {
-  const FloatTag d;
-  const auto zero = hn::Zero(d);
-  FloatVec axes[9];
-  for (int k = 0; k < 9; ++k) axes[k] = load(k);
-  const auto cs = load(RayBundle::kCenter), ct = load(RayBundle::kCenter + 1);
-  const auto hs = load(RayBundle::kHalf), ht = load(RayBundle::kHalf + 1);
+HWY_INLINE FloatMask TouchedBoxes(const FormLanes& forms, Load&& load) {
+  const auto zero = hn::Zero(FloatTag());
+  FloatVec box[RayBox::kSize];
+  for (int k = 0; k < RayBox::kSize; ++k) box[k] = load(k);
   // Form at the box's centre and how far it can stray inside the box.
   FloatVec value[3], spread[3];
   for (int form = 0; form < 3; ++form) {
-    const auto dot = [&](int axis) HWY_ATTR {
-      return hn::MulAdd(forms.v[3 * form], axes[3 * axis],
-                        hn::MulAdd(forms.v[3 * form + 1], axes[3 * axis + 1],
-                                   hn::Mul(forms.v[3 * form + 2], axes[3 * axis + 2])));
+    const auto dot = [&](int vector) HWY_ATTR {
+      return hn::MulAdd(forms.v[3 * form], box[vector],
+                        hn::MulAdd(forms.v[3 * form + 1], box[vector + 1],
+                                   hn::Mul(forms.v[3 * form + 2], box[vector + 2])));
     };
-    const auto along_s = dot(1), along_t = dot(2);
-    value[form] = hn::MulAdd(along_s, cs, hn::MulAdd(along_t, ct, dot(0)));
-    spread[form] =
-        hn::MulAdd(hn::Abs(along_s), hs, hn::MulAdd(hn::Abs(along_t), ht, forms.slack[form]));
+    value[form] = dot(RayBox::kCenter);
+    spread[form] = hn::Add(hn::Add(hn::Abs(dot(RayBox::kHalfS)), hn::Abs(dot(RayBox::kHalfT))),
+                           forms.slack[form]);
   }
+  // A centre that is no number compares as false, whichever way a maximum takes it.
   const auto p = hn::Max(hn::Sub(hn::Abs(value[0]), spread[0]), zero);
   const auto q = hn::Max(hn::Sub(hn::Abs(value[1]), spread[1]), zero);
   const auto z = hn::Max(hn::Add(value[2], spread[2]), zero);
-  return hn::And(hn::Lt(hn::MulAdd(p, p, hn::Mul(q, q)), hn::Mul(z, z)),
-                 hn::Gt(load(RayBundle::kHasRay), zero));
+  return hn::Lt(hn::MulAdd(p, p, hn::Mul(q, q)), hn::Mul(z, z));
 }
 
 // Adds the touched tiles of one cell (bit 4 row + column of `touched`), as far as they lie in the
@@ -123,11 +131,11 @@ HWY_INLINE std::uint64_t TouchedInGroup(const TileGrid& grid, const FormLanes& f
   const FloatTag d;
   const std::size_t group =
       static_cast<std::size_t>(y0 / kGroupStep) * grid.groups_x + x0 / kGroupStep;
-  const float* tiles = &grid.group_tiles[group * RayBundle::kSize * kCellTiles];
+  const float* tiles = &grid.group_tiles[group * RayBox::kSize * kCellTiles];
   std::uint64_t touched = 0;
   for (int i = 0; i < kCellTiles; i += kLanes) {
     const auto load = [&](int k) HWY_ATTR { return hn::Load(d, tiles + k * kCellTiles + i); };
-    touched |= MaskBits(TouchedBundles(forms, load)) << i;
+    touched |= MaskBits(TouchedBoxes(forms, load)) << i;
   }
   return touched;
 }
@@ -179,20 +187,19 @@ HWY_INLINE TileRect RectOf(const TileWindow& hits, const TouchedRows& rows,
 }
 
 // Looks at every cell of the image, and into the touched ones.
-HWY_INLINE TileRect ExactTileRect(const TileGrid& grid, const float* r, TouchedRows* rows,
+HWY_INLINE TileRect ExactTileRect(const TileGrid& grid, const FormLanes& forms, TouchedRows* rows,
                                   std::vector<RowSpan>* spans) {
   const FloatTag d;
-  const FormLanes forms(r);
   const TileWindow window = {0, grid.tiles_x, 0, grid.tiles_y};
   TileWindow hits = {window.x1, window.x0, window.y1, window.y0};
   rows->Clear(window);
   const int cells = grid.num_cells();
   for (int first = 0; first < cells; first += kLanes) {
     const auto load = [&](int k) HWY_ATTR {
-      return hn::LoadU(d, &grid.cell_bundles[k][static_cast<std::size_t>(first)]);
+      return hn::LoadU(d, &grid.cell_boxes[k][static_cast<std::size_t>(first)]);
     };
     const auto wide = hn::LoadU(d, &grid.cell_wide[static_cast<std::size_t>(first)]);
-    std::uint64_t bits = MaskBits(hn::Or(TouchedBundles(forms, load), hn::Gt(wide, hn::Zero(d))));
+    std::uint64_t bits = MaskBits(hn::Or(TouchedBoxes(forms, load), hn::Gt(wide, hn::Zero(d))));
     if (cells - first < kLanes) bits &= (std::uint64_t{1} << (cells - first)) - 1;
     for (; bits != 0; bits &= bits - 1) {
       const int cell = first + static_cast<int>(__builtin_ctzll(bits));
@@ -257,8 +264,9 @@ struct TileWord {
 };
 
 // Looks inside a window that is the bounding box of the footprint, or hardly larger.
-HWY_INLINE TileRect BoundedTileRect(const TileGrid& grid, const float* r, const TileWindow& window,
-                                    TouchedRows* rows, std::vector<RowSpan>* spans) {
+HWY_INLINE TileRect BoundedTileRect(const TileGrid& grid, const FormLanes& forms,
+                                    const TileWindow& window, TouchedRows* rows,
+                                    std::vector<RowSpan>* spans) {
   // Of one row or column the footprint, which is connected, touches every tile.
   const int width = window.x1 - window.x0, height = window.y1 - window.y0;
   if ((width == 1 || height == 1) &&
@@ -267,7 +275,6 @@ HWY_INLINE TileRect BoundedTileRect(const TileGrid& grid, const float* r, const 
             static_cast<std::uint16_t>(window.y0), static_cast<std::uint16_t>(window.y1),
             ~std::uint64_t{0} >> (64 - width * height)};
   }
-  const FormLanes forms(r);
   if (TileWord::Holds(window)) {
     const TileWord word(grid, forms, window);
     return word.Rect(word.Hits());
@@ -277,9 +284,9 @@ HWY_INLINE TileRect BoundedTileRect(const TileGrid& grid, const float* r, const 
 
 // Looks around `guess` and further out for as long as the footprint reaches the edge of what was
 // looked at: a footprint is connected, so nothing of it lies beyond a margin it does not touch.
-HWY_INLINE TileRect GrownTileRect(const TileGrid& grid, const float* r, const TileWindow& guess,
-                                  TouchedRows* rows, std::vector<RowSpan>* spans) {
-  const FormLanes forms(r);
+HWY_INLINE TileRect GrownTileRect(const TileGrid& grid, const FormLanes& forms,
+                                  const TileWindow& guess, TouchedRows* rows,
+                                  std::vector<RowSpan>* spans) {
   TileWindow window = {guess.x0 - 1, guess.x1 + 1, guess.y0 - 1, guess.y1 + 1};
   for (int step = 2;; step *= 2) {
     window.x0 = HWY_MAX(window.x0, 0);

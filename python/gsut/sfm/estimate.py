@@ -25,11 +25,13 @@ from gsut.sfm.inputs import Photographs, find_photographs, require_central
 from gsut.sfm.lens_candidates import guess_lenses
 from gsut.sfm.lens_pair import write_lens_pair
 from gsut.sfm.lens_start import compare_lens
+from gsut.sfm.look_alikes import ToldApart, find_look_alikes, tell_apart
 from gsut.sfm.matching import PairMatches, verify
 from gsut.sfm.models import further_models, write_models
 from gsut.sfm.options import PosesOptions
 from gsut.sfm.output import FIGURES, TRANSFORMS, figures, write_dataset
 from gsut.sfm.overlap import require_overlap, why_nothing
+from gsut.sfm.pairs import times_of
 from gsut.sfm.poses_log import PosesLog, solution_notes
 from gsut.sfm.poses_verdict import poses_verdict
 from gsut.sfm.report import REPORT, write_report
@@ -138,8 +140,7 @@ def find_poses(
         features = collect_features(photographs, options, log.show, log.note, stages)
         log.watch.lap("features")
         log.learn(features=float(np.mean([len(f) for f in features])))
-        known = photographs.lenses_known
-        if not known:
+        if not (known := photographs.lenses_known):
             photographs = guess_lenses(photographs, fov_degrees)
         raw = match_images(
             photographs.names, features, options, log.show, photographs.frames, stages
@@ -172,9 +173,10 @@ def find_poses(
             )
             solution, pairs, extra["lens_search"] = search.solution, search.pairs, search.rows
             flags = search.flags
-        models: list[Solution] = []
-        if on_rig is None and mapper is None:
-            solution, models = further_models(solution, features, pairs, options)
+        told, models = _apart(
+            photographs, solution, features, pairs, options, flags, log, bool(rig or mapper),
+        )  # fmt: skip
+        solution, pairs = told.solution, told.pairs
         done = finish_solution(
             photographs, solution, features, pairs, options, flags, log, extra, folder
         )
@@ -185,8 +187,8 @@ def find_poses(
     log.note(*zooms_notes(zooms), *write_models(models, photographs, folder))
     extra["models"] = [int(model.num_registered) for model in models]
     log.note(*solution_notes(solution, agreeing, fit, doubt, known=known))
-    verdict = poses_verdict(solution, features, agreeing, doubt, len(zooms))
-    extra |= {"verdict": verdict.as_dict(), "made_from": digest(key)}
+    verdict = poses_verdict(solution, features, agreeing, doubt, len(zooms), told.doubt)
+    extra |= {"verdict": verdict.as_dict(), "made_from": digest(key), **told.figures()}
     values = _write(folder, solution, photographs, fit, extra, log)
     stages.remove()
     return PosesResult(folder, solution, values)
@@ -288,6 +290,40 @@ def _map_incrementally(
     except SolveError as error:
         otherwise = "let the lens be estimated: --unknown-lens"
         raise why_nothing(error, features, pairs, otherwise) from None
+
+
+def _apart(
+    photographs: Photographs,
+    solution: Solution,
+    features: list[Features],
+    pairs: list[PairMatches],
+    options: PosesOptions,
+    flags: np.ndarray | None,
+    log: PosesLog,
+    as_it_is: bool,
+) -> tuple[ToldApart, list[Solution]]:
+    """The solution without joins of places that look alike, and further models.
+
+    Args:
+        photographs, solution, features, pairs, options, log: see `find_poses`.
+        flags: of the parameters of an estimated lens, or None.
+        as_it_is: the solution is only looked at, and stays.
+    """
+    times = times_of(photographs.names, photographs.frames)
+    if as_it_is:
+        doubt = find_look_alikes(solution, times, options.window)
+        return ToldApart(solution, pairs, doubt=doubt), []
+
+    def again(kept: list[PairMatches]) -> Solution:
+        return solve(
+            solution.names, solution.cameras, features, kept, options, log.on_images("mapping"),
+            lens_free=flags, lens_settled=flags is not None, shutter=solution.shutter,
+        )  # fmt: skip
+
+    told = tell_apart(solution, pairs, again, times, options.window)
+    log.note(*told.words())
+    whole, models = further_models(told.solution, features, told.pairs, options)
+    return dataclasses.replace(told, solution=whole), models
 
 
 def _key(photographs: Photographs, options: PosesOptions, fov: float | None) -> dict[str, Any]:

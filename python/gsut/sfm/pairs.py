@@ -41,7 +41,7 @@ def choose_pairs(
         first, second = np.triu_indices(count, 1)
         return np.stack([first, second], axis=1).astype(np.int64)
     chosen: list[np.ndarray] = []
-    in_time = frames is not None or counts_up(names)
+    in_time = times_of(names, frames) is not None
     if rule == "sequential" or (rule == "auto" and in_time):
         together = 1 if frames is None else int(np.bincount(frames).max())
         chosen.append(_sequential(count, options.window * together))
@@ -49,6 +49,13 @@ def choose_pairs(
         chosen.append(_similar(features, options.neighbors, options.seed))
     pairs = np.unique(np.sort(np.concatenate(chosen), axis=1), axis=0)
     return pairs[pairs[:, 0] != pairs[:, 1]]
+
+
+def times_of(names: Sequence[str], frames: np.ndarray | None) -> np.ndarray | None:
+    """(N,) number of each image's frame in time, as far as names or a rig's frames tell."""
+    if frames is None:
+        return np.arange(len(names)) if counts_up(names) else None
+    return frames
 
 
 def counts_up(names: Sequence[str]) -> bool:

@@ -12,6 +12,7 @@ from gsut._core import SolveError
 from gsut.run import Verdict
 from gsut.sfm.features import Features
 from gsut.sfm.lens_covariance import lens_covariance
+from gsut.sfm.look_alikes import LookAlikes
 from gsut.sfm.matching import PairMatches
 from gsut.sfm.motion import TURNED, critical_motion
 from gsut.sfm.options import PosesOptions
@@ -30,6 +31,10 @@ _FOCAL = (0.02, 0.1)
 _RESIDUAL = (1.0e-3, 2.5e-3)
 _DARK, _BRIGHT = 25, 235  # mean grey values of features, beyond which pictures are badly exposed
 _BAD = (0.25, 0.75)  # share of such pictures, above the first usable at most, above the second poor
+_APART = (
+    "put the pictures of each place into a folder of their own, or add pictures of the way from "
+    "one to the other, and put up something that tells them apart"
+)
 _FEW_FEATURES = 500  # of a picture: blurred, dark or without texture
 
 
@@ -93,6 +98,7 @@ def poses_verdict(
     agreeing: float | None,
     doubt: LensDoubt | None,
     zooms: int = 0,
+    alike: LookAlikes | None = None,
 ) -> Verdict:
     """The verdict.
 
@@ -101,6 +107,7 @@ def poses_verdict(
         agreeing: share of the matches that end in points, or None.
         doubt: of the lens, where it was estimated.
         zooms: that the images were taken at, where more than one.
+        alike: images that speak for places taken for one, or None.
     """
     total, registered = len(solution.names), solution.num_registered
     camera = solution.cameras[0]
@@ -116,6 +123,7 @@ def poses_verdict(
             (doubt.motion or "").split(":")[0] if doubt else "",
             (doubt.motion or "").rpartition(": ")[2] if doubt else "",
         ),
+        *([] if alike is None else [(2, alike.words(), _APART)]),
         *picture_faults(features, total),
         (
             max(1, lost) if zooms > 1 else 0,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tolerances
-from gsut import Gaussians, InputError, _core, set_num_threads
+from gsut import Gaussians, InputError, _core, available_isas, set_isa, set_num_threads
 from gsut.optimize import GaussianOptimizer, densify_adaptive, densify_mcmc
 from gsut.optimize.optimizer import LearningRates
 from random_scenes import assert_same, random_gaussians
@@ -122,6 +122,34 @@ def test_regularizer_matches_central_differences(rng):
             expected = (loss(plus) - loss(minus)) / 2e-5
             assert added[index] == pytest.approx(expected, abs=tolerances.REGULARIZER)
     np.testing.assert_array_equal(grads.means, before.means)
+
+
+def test_regularizer_of_many_rows_matches_double_on_every_instruction_set(rng):
+    n = 1100  # more than a chunk, and no whole number of vectors
+    g = random_gaussians(rng, n)
+    g.opacity_logits[:4] = [-100.0, 100.0, -20.0, 20.0]
+    g.log_scales[0] = [-60.0, -50.0, 50.0]
+    opacity, scales = sigmoid(g.opacity_logits), np.exp(g.log_scales.astype(np.float64))
+    ran = 0
+    try:
+        for isa in available_isas():
+            set_isa(isa)
+            grads = random_gaussians(rng, n)
+            for name in FIELDS:
+                getattr(grads, name)[...] = 0.0
+            GaussianOptimizer(g).add_regularizer(grads, 0.3, 0.2)
+            np.testing.assert_allclose(
+                grads.opacity_logits, 0.3 / n * opacity * (1 - opacity),
+                rtol=0, atol=tolerances.REGULARIZER_OPACITIES / n,
+            )  # fmt: skip
+            np.testing.assert_allclose(
+                grads.log_scales, 0.2 / (3 * n) * scales,
+                rtol=tolerances.REGULARIZER_SCALES, atol=0,
+            )  # fmt: skip
+            ran += 1
+    finally:
+        set_isa("")
+    assert ran == len(available_isas())
 
 
 # --- MCMC -------------------------------------------------------------------------------------

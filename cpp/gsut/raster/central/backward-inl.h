@@ -182,11 +182,12 @@ HWY_INLINE void BackwardTile(bool with_depth, bool stop_before, bool with_rays,
         value = hn::MulAdd(distance, along, hn::MulAdd(pull, apart, value));
         to_depth = hn::Mul(weight, hn::Add(along, hn::Add(pull, pull)));
       }
-      const FloatVec behind = hn::NegMulAdd(weight, value, get(kFieldBehind));
+      const FloatVec here = hn::Mul(weight, value);
+      const FloatVec behind = hn::Sub(get(kFieldBehind), here);
       hn::Store(behind, d, at + kFieldBehind * kLanes);
       // h = alpha dL/dalpha, 0 where alpha is clamped or the pixel is not hit.
-      const FloatVec h = hn::Mul(hn::Max(signed_alpha, hn::Zero(d)),
-                                 hn::NegMulAdd(behind, past, hn::Mul(transmittance, value)));
+      const FloatVec h = hn::IfNegativeThenElse(signed_alpha, hn::Zero(d),
+                                                hn::NegMulAdd(hn::Mul(alpha, past), behind, here));
       const FloatVec u = get(kFieldU);
       const FloatVec hr = hn::Mul(h, reciprocal);
       const FloatVec hru = hn::Mul(hr, u);

@@ -67,10 +67,12 @@ EllipseTiles TilesOfEllipses(const TileGrid& grid, const Splats& splats, std::si
 }
 
 TileRect TilesOfSplat(const TileGrid& grid, SplatStatus status, const TileWindow& window,
-                      const float* row, TouchedRows* rows, std::vector<RowSpan>* spans) {
-  if (status == SplatStatus::kUncertain) return ExactTileRect(grid, row, rows, spans);
-  if (status == SplatStatus::kSmall) return BoundedTileRect(grid, row, window, rows, spans);
-  return GrownTileRect(grid, row, window, rows, spans);
+                      const float* row, const FormSlack& slacks, int lane, TouchedRows* rows,
+                      std::vector<RowSpan>* spans) {
+  const FormLanes forms(row, slacks, lane);
+  if (status == SplatStatus::kUncertain) return ExactTileRect(grid, forms, rows, spans);
+  if (status == SplatStatus::kSmall) return BoundedTileRect(grid, forms, window, rows, spans);
+  return GrownTileRect(grid, forms, window, rows, spans);
 }
 
 void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats, std::int64_t begin,
@@ -110,6 +112,7 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
     StoreColumns(columns, record::kSize, count, &frame->records[first * record::kSize]);
     hn::StoreU((task.order_by_z ? g.mean[2] : g.distance).v, d, &frame->order_key[first]);
     const EllipseTiles windows = TilesOfEllipses(grid, splats, first);
+    const FormSlack slacks(r.a, r.b, r.c);
     for (int k = 0; k < count; ++k) {
       const std::size_t j = first + static_cast<std::size_t>(k);
       const SplatStatus status = splats.status[j];
@@ -119,7 +122,7 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
                        &frame->mean_direction[j * kDirectionSize]);
       }
       frame->rects[j] = TilesOfSplat(grid, status, windows[k], &frame->records[j * record::kSize],
-                                     rows.get(), spans);
+                                     slacks, k, rows.get(), spans);
     }
   }
 }

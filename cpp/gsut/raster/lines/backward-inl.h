@@ -135,12 +135,13 @@ HWY_INLINE void BackwardBlock(bool with_depth, bool stop_before, bool with_poses
     value = hn::MulAdd(x, along, hn::MulAdd(pull, apart, value));
     to_x = hn::Mul(weight, hn::Add(along, hn::Add(pull, pull)));
   }
-  const FloatVec behind = hn::NegMulAdd(weight, value, get(kLineBehind));
+  const FloatVec here = hn::Mul(weight, value);
+  const FloatVec behind = hn::Sub(get(kLineBehind), here);
   put(kLineBehind, behind);
   // h = alpha dL/dalpha, 0 where alpha is clamped or the pixel is not hit.
   const FloatVec past = FastReciprocal(hn::Sub(one, alpha));
-  const FloatVec h = hn::Mul(hn::IfThenElseZero(hn::Lt(raw, limit), alpha),
-                             hn::NegMulAdd(behind, past, hn::Mul(transmittance, value)));
+  const FloatVec h =
+      hn::IfThenElseZero(hn::Lt(raw, limit), hn::NegMulAdd(hn::Mul(alpha, past), behind, here));
   const FloatVec r_x =
       hn::IfThenElseZero(is_hit, hn::Mul(hit.reciprocal, hn::MulAdd(hit.c, hit.w_y, hit.e_x)));
   const FloatVec r_y =
