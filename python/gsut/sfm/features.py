@@ -20,6 +20,8 @@ DESCRIPTOR_LENGTH = 128
 _BYTES = 512  # of a descriptor of unit length: as SIFT's own
 # Keypoints so near a pixel without a ray, in units of their size, describe the lens' edge.
 _EDGE_SIZES = 1.0
+# Pixels for each feature wanted, up to which describing all takes less than a second pyramid.
+_PIXELS_EACH = 300
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,15 +103,23 @@ def features_in(pixels: np.ndarray, valid: np.ndarray | None, options: PosesOpti
     small_mask = None
     if valid is not None:
         small_mask = shrink_mask(valid, small.shape[1], small.shape[0]).astype(np.uint8)
-    # All at once: it builds its pyramid once then.
+    # All at once builds SIFT's pyramid once, and describes features that are not chosen.
+    at_once = small_mask is None or grey.size < _PIXELS_EACH * options.max_features
     sift = cv2.SIFT.create(
         options.max_features if small_mask is None else 0,
         contrastThreshold=options.contrast, enable_precise_upscale=True,
     )  # fmt: skip
-    keypoints, descriptors = sift.detectAndCompute(grey, small_mask)
+    if at_once:
+        keypoints, descriptors = sift.detectAndCompute(grey, small_mask)
+    else:
+        keypoints = sift.detect(grey, small_mask)
     if small_mask is not None and keypoints:
         kept = _strongest(keypoints, options.max_features, small_mask)
-        keypoints, descriptors = [keypoints[row] for row in kept], descriptors[kept]
+        keypoints = [keypoints[row] for row in kept]
+        if at_once:
+            descriptors = descriptors[kept]
+        elif keypoints:
+            keypoints, descriptors = sift.compute(grey, keypoints)
     if not keypoints:
         return no_features()
     at = np.array([k.pt for k in keypoints], np.float64).reshape(-1, 2)

@@ -19,7 +19,7 @@ from gsut.sfm import correspondences, estimate, solution
 from gsut.sfm.align import centers_of, compare_poses, rotation_angles, similarity
 from gsut.sfm.correspondences import match_images
 from gsut.sfm.estimate import find_poses
-from gsut.sfm.features import features_in, find_features
+from gsut.sfm.features import _PIXELS_EACH, features_in, find_features
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.lens_candidates import guess_lens
 from gsut.sfm.lens_pairs import choose_connected_pairs, keep_most_distinct
@@ -245,13 +245,17 @@ def test_find_features_leaves_out_what_has_no_ray(tmp_path):
         find_features(path, camera.resized(100, 100), PosesOptions())
 
 
-def test_find_features_at_once_finds_those_of_detection_and_choice(tmp_path):
+@pytest.mark.parametrize("most", [150, 100])  # of 200 x 200 pixels: described before, and after
+def test_find_features_at_once_finds_those_of_detection_and_choice(tmp_path, most):
     texture(tmp_path / "a.png", 3, 200)
     image = cv2.imread(str(tmp_path / "a.png"))
-    options = PosesOptions(max_features=150)
+    assert (image[..., 0].size < _PIXELS_EACH * most) == (most == 150)
+    options = PosesOptions(max_features=most)
     at_once = features_in(image, None, options)
     chosen = features_in(image, np.ones(image.shape[:2], bool), options)
-    assert 150 <= len(at_once) <= 155 and len(chosen) == 150  # SIFT keeps those equal to the last
+    assert (
+        most <= len(at_once) <= most + 5 and len(chosen) == most
+    )  # SIFT keeps those equal to the last
     own = {(*p, *d) for p, d in zip(at_once.pixels, at_once.descriptors, strict=True)}
     assert own >= {(*p, *d) for p, d in zip(chosen.pixels, chosen.descriptors, strict=True)}
 
