@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data import some_names
+from gsut.data import centers_of, some_names
 from gsut.sfm.matching import PairMatches
 from gsut.sfm.solution import Solution
 
@@ -251,7 +251,7 @@ def _compared(
     """(N, N) how many points of the first image the second should see, and how many it does."""
     count = len(observed)
     points, poses = solution.points[chosen], solution.camera_from_world
-    centers = -np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3])
+    centers = centers_of(poses)
     in_view = np.zeros(observed.shape, bool)
     images = np.flatnonzero(solution.registered & observed.any(axis=1))
     for image in images:
