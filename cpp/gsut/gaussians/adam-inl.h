@@ -10,7 +10,6 @@
 #include <hwy/highway.h>
 
 #include <cstddef>
-#include <cstring>
 
 #include "gsut/gaussians/harmonics_step.h"
 
@@ -54,27 +53,16 @@ HWY_INLINE void UpdateRange(const AdamConstants& c, std::size_t count, const flo
     hn::StoreU(v, d, moment2 + i);
   }
   if (i == count) return;
-  // The rest by way of a padded copy, so that nothing outside the range is read or written.
-  const std::size_t bytes = (count - i) * sizeof(float);
-  HWY_ALIGN float rest[5][HWY_MAX_BYTES / sizeof(float)] = {};
-  std::memcpy(rest[0], params + i, bytes);
-  std::memcpy(rest[1], moment1 + i, bytes);
-  std::memcpy(rest[2], moment2 + i, bytes);
-  std::memcpy(rest[3], gradients + i, bytes);
-  if (kManyRates) {
-    std::memcpy(rest[4], rates + i, bytes);
-    rate = hn::Load(d, rest[4]);
-  }
-  AdamVec p = hn::Load(d, rest[0]);
-  AdamVec m = hn::Load(d, rest[1]);
-  AdamVec v = hn::Load(d, rest[2]);
-  UpdateVector(c, rate, hn::Load(d, rest[3]), p, m, v);
-  hn::Store(p, d, rest[0]);
-  hn::Store(m, d, rest[1]);
-  hn::Store(v, d, rest[2]);
-  std::memcpy(params + i, rest[0], bytes);
-  std::memcpy(moment1 + i, rest[1], bytes);
-  std::memcpy(moment2 + i, rest[2], bytes);
+  // Nothing outside the range is read or written.
+  const auto rest = hn::FirstN(d, count - i);
+  if (kManyRates) rate = hn::MaskedLoad(rest, d, rates + i);
+  AdamVec p = hn::MaskedLoad(rest, d, params + i);
+  AdamVec m = hn::MaskedLoad(rest, d, moment1 + i);
+  AdamVec v = hn::MaskedLoad(rest, d, moment2 + i);
+  UpdateVector(c, rate, hn::MaskedLoad(rest, d, gradients + i), p, m, v);
+  hn::BlendedStore(p, rest, d, params + i);
+  hn::BlendedStore(m, rest, d, moment1 + i);
+  hn::BlendedStore(v, rest, d, moment2 + i);
 }
 
 }  // namespace HWY_NAMESPACE

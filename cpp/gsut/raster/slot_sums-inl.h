@@ -147,13 +147,21 @@ HWY_INLINE void FetchNextColors(const float* sh, const HarmonicsRows& rows, std:
 // `offset`; columns: of their gradients, the first `count`.
 HWY_INLINE void StepHarmonics(const HarmonicsStep& step, const Lane* columns, int count,
                               std::int64_t offset, std::int64_t stride, LaneMask seen) {
-  HWY_ALIGN float gradients[kLanes * 3 * kMaxShCoefficients];
-  StoreColumns(columns, count, kLanes, gradients);
+  // A row of whole vectors each, so that no load spans what two stores wrote.
+  constexpr int kRow = PaddedColumns(3 * kMaxShCoefficients);
+  HWY_ALIGN float gradients[kLanes * kRow];
+  const FloatTag d;
+  for (int c = 0; c < count; c += kLanes) {
+    FloatVec v[kLanes];
+    GSUT_UNROLL for (int i = 0; i < kLanes; ++i) v[i] = columns[c + i].v;
+    TransposeLanes(v);
+    GSUT_UNROLL for (int i = 0; i < kLanes; ++i) hn::Store(v[i], d, gradients + i * kRow + c);
+  }
   for (std::uint64_t rest = MaskBits(seen.m); rest != 0; rest &= rest - 1) {
     const int lane = __builtin_ctzll(rest);
     const std::int64_t at = offset + lane * stride;
     UpdateRange<true>(step.constants, static_cast<std::size_t>(step.active), step.rates.data(),
-                      gradients + lane * count, step.params + at, step.moment1 + at,
+                      gradients + lane * kRow, step.params + at, step.moment1 + at,
                       step.moment2 + at);
   }
 }
