@@ -17,9 +17,9 @@ namespace gsut {
 namespace HWY_NAMESPACE {
 #include "gsut/gaussians/harmonics_basis.inc"
 
-// Where the harmonics of the batch of Gaussians after [first, first + kLanes) stand. They are fetched
-// a lane at a time, between computations: a processor holds some 20 requests to memory, and waits
-// with more.
+// Where the harmonics of the batch of Gaussians after [first, first + kLanes) stand. They are
+// fetched a Gaussian at a time, between computations: a processor that has more requests to memory
+// open than it can hold, some twenty, waits.
 struct NextHarmonics {
   std::int64_t offset;  // of the first one's
   std::int64_t stride;  // floats of each
@@ -32,12 +32,11 @@ struct NextHarmonics {
     stride = 3 * NumShCoefficients(rows.Degree(next));
   }
 
-  // The first `floats` of lane's row; kWrite: to write there.
+  // Fetches the first `floats` of the row of Gaussian i < count; kWrite: to write there.
   template <bool kWrite>
-  HWY_INLINE void Fetch(const float* array, int lane, std::int64_t floats) const {
+  HWY_INLINE void Fetch(const float* array, int i, std::int64_t floats) const {
     constexpr int kLine = 16;  // floats in a cache line
-    if (lane >= count) return;
-    const float* row = array + offset + lane * stride;
+    const float* row = array + offset + i * stride;
     for (std::int64_t k = 0; k < floats; k += kLine) __builtin_prefetch(row + k, kWrite ? 1 : 0);
   }
 };

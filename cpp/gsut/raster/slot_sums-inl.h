@@ -17,9 +17,13 @@ HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
-// Fetches the slots of a Gaussian, if there is such a one: a cache line each.
-HWY_INLINE void FetchSlots(std::int64_t size, std::int64_t gaussian, const Frame& frame) {
-  if (gaussian >= size) return;
+// Whether a pixel may have seen one of `count` Gaussians.
+HWY_INLINE bool MayBeSeen(const Frame& frame, std::int64_t first, std::int64_t count) {
+  return frame.slot_begin[first] < frame.slot_begin[first + count];
+}
+
+// Fetches the slots of a Gaussian: a cache line each.
+HWY_INLINE void FetchSlots(const Frame& frame, std::int64_t gaussian) {
   const std::uint32_t end = frame.slot_begin[gaussian + 1];
   for (std::uint32_t slot = frame.slot_begin[gaussian]; slot < end; ++slot) {
     __builtin_prefetch(&frame.slot_gradients[std::size_t{16} * slot]);
@@ -88,13 +92,16 @@ HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const Harmonic
   const FloatTag d;
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
   const NextHarmonics next(sh_rows, first);
+  const bool fetch = MayBeSeen(frame, first + available, next.count);
   HWY_ALIGN float rows[kLanes][16];
   bool any = false;
   HWY_ALIGN float seen_flag[kLanes];
   for (int i = 0; i < kLanes; ++i) {
-    FetchSlots(g.size, first + kLanes + i, frame);
-    next.Fetch<false>(g.sh, i, next.stride);
-    if (to.step == nullptr) next.Fetch<true>(to.rows.sh, i, next.stride);
+    if (fetch && i < next.count) {
+      FetchSlots(frame, first + kLanes + i);
+      next.Fetch<false>(g.sh, i, next.stride);
+      if (to.step == nullptr) next.Fetch<true>(to.rows.sh, i, next.stride);
+    }
     const bool is_seen = i < available && SumSlots(frame, first + i, rows[i]);
     seen_flag[i] = is_seen ? 1.0f : 0.0f;
     if (i < available) to.touched[first + i] = is_seen;
@@ -120,40 +127,40 @@ HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const Harmonic
   return true;
 }
 
-// Steps the harmonics of the Gaussians that were seen, whose first row of `stride` floats stands at
-// `offset`; columns: of their gradients, the first `count`.
-HWY_INLINE void StepHarmonics(const HarmonicsStep& step, const Lane* columns, int count,
-                              std::int64_t offset, std::int64_t stride, LaneMask seen,
-                              const NextHarmonics& next, std::uint64_t next_has_slots) {
-  // A row of whole vectors each, so that no load spans what two stores wrote.
+// Steps the harmonics of those of [first, first + kLanes) that were seen; columns: of their
+// gradients, the first step.active. Fetches moments of the batch after it.
+HWY_INLINE void StepHarmonics(const HarmonicsStep& step, const HarmonicsRows& rows,
+                              std::int64_t first, const Frame& frame, LaneMask seen,
+                              const Lane* columns) {
+  const FloatTag d;
   constexpr int kRow = PaddedColumns(3 * kMaxShCoefficients);
   HWY_ALIGN float gradients[kLanes * kRow];
-  const FloatTag d;
-  for (int c = 0; c < count; c += kLanes) {
+  for (int c = 0; c < step.active; c += kLanes) {
     FloatVec v[kLanes];
     GSUT_UNROLL for (int i = 0; i < kLanes; ++i) v[i] = columns[c + i].v;
     TransposeLanes(v);
     GSUT_UNROLL for (int i = 0; i < kLanes; ++i) hn::Store(v[i], d, gradients + i * kRow + c);
   }
+  const std::int64_t offset = rows.Offset(first);
+  const std::int64_t stride = 3 * NumShCoefficients(rows.Degree(first));
+  const NextHarmonics next(rows, first);
   const std::uint64_t bits = MaskBits(seen.m);
-  for (int lane = 0; lane < kLanes; ++lane) {
-    // Moments are fetched of the Gaussians of the next batch that a pixel may have seen.
-    if (next_has_slots >> lane & 1) {
-      next.Fetch<true>(step.moment1, lane, step.active);
-      next.Fetch<true>(step.moment2, lane, step.active);
+  for (int i = 0; i < kLanes; ++i) {
+    if (i < next.count && MayBeSeen(frame, first + kLanes + i, 1)) {
+      next.Fetch<true>(step.moment1, i, step.active);
+      next.Fetch<true>(step.moment2, i, step.active);
     }
-    if (!(bits >> lane & 1)) continue;
-    const std::int64_t at = offset + lane * stride;
+    if (!((bits >> i) & 1)) continue;
+    const std::int64_t at = offset + i * stride;
     UpdateRange<true>(step.constants, static_cast<std::size_t>(step.active), step.rates.data(),
-                      gradients + lane * kRow, step.params + at, step.moment1 + at,
-                      step.moment2 + at);
+                      gradients + i * kRow, step.params + at, step.moment1 + at, step.moment2 + at);
   }
 }
 
 // From dL/dcolor to the harmonics, written or stepped, and to the direction they were evaluated in.
 HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, const HarmonicsRows& sh_rows,
-                               std::int64_t first, int sh_degree, const Frame& frame,
-                               LaneMask seen, const Lane* direction, const Lane* to_color, const GradientRows& to,
+                               std::int64_t first, int sh_degree, const Frame& frame, LaneMask seen,
+                               const Lane* direction, const Lane* to_color, const GradientRows& to,
                                Lane* g_direction) {
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
   const BatchHarmonics batch = HarmonicsOf(sh_rows, sh_degree, first);
@@ -181,13 +188,7 @@ HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, const Harmon
   const int count = to.step == nullptr ? static_cast<int>(stride) : to.step->active;
   for (int k = 3 * used; k < PaddedColumns(count); ++k) g_sh[k] = Lane(0.0);
   if (to.step != nullptr) {
-    const NextHarmonics next(sh_rows, first);
-    std::uint64_t has = 0;
-    for (int i = 0; i < next.count; ++i) {
-      const std::int64_t j = first + kLanes + i;
-      has |= std::uint64_t{frame.slot_begin[j + 1] > frame.slot_begin[j]} << i;
-    }
-    StepHarmonics(*to.step, g_sh, count, batch.offset, stride, seen, next, has);
+    StepHarmonics(*to.step, sh_rows, first, frame, seen, g_sh);
   } else if (stride == 3) {
     StoreRows3(g_sh, available, to.rows.sh + batch.offset);
   } else {

@@ -114,7 +114,7 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
     const EllipseTiles windows = TilesOfEllipses(grid, splats, first);
     const FormSlack slacks(r.a, r.b, r.c);
     for (int k = 0; k < count; ++k) {
-      next.Fetch<false>(task.gaussians.sh, k, next.stride);
+      if (k < next.count) next.Fetch<false>(task.gaussians.sh, k, next.stride);
       const std::size_t j = first + static_cast<std::size_t>(k);
       const SplatStatus status = splats.status[j];
       if (!((visible >> k) & 1) || status == SplatStatus::kUnseen) continue;
