@@ -14,3 +14,4 @@ BLUR_GRADIENT = 0.04  # of float renders, cut off at faint Gaussians; worst 0.01
 BLUR_GAINED_DB = 3.0  # 200 steps on blobs; observed 6.7
 SWEPT_MEDIAN = 0.02  # of the distance, on pictures of 96 x 64 pixels, spheres 2 % apart
 SWEPT_FAR, SWEPT_SHARE = 0.1, 0.1  # of the distance; of the points
+SWEPT_BY_CHANCE = 0.03  # of the points, farther off than SWEPT_FAR; worst 0.016, 0.23 unchecked

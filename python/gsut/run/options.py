@@ -146,7 +146,7 @@ class TrainOptions:
     init_count: int | None = option(
         None, "Gaussians", "number of first Gaussians", low=1, high=100_000_000,
         none="all points, and a far sky where photographs show one that has none; where there are "
-        "fewer than 2500, 20000 less eight times as many from a plane sweep; 30000 if random",
+        "fewer than 2500, up to 20000 less eight times as many from a plane sweep; 30000 if random",
     )
     init_scale: float = option(
         0.7, "Gaussians", "first standard deviation along the points' surface, at least a fifth of "

@@ -37,7 +37,14 @@ _FACING = 0.5  # least cosine between the axes of neighbours
 _LOOK_VIEWS, _LOOK_SPHERES, _LOOK_NEAR, _LOOK_FAR = 5, 96, 0.1, 100.0
 _BASELINE = 0.15
 _RANGE, _WIDER = (2.0, 98.0), 1.25  # percentiles of the inverse distances found, and their margin
+_TINY = 1e-6  # of the extent, no point is nearer to a camera
 _FEWEST = 100  # points, below which the photographs say nothing
+# So many other photographs agree: within so many spheres, at the pixel that shows the point or
+# beside it. Of many photographs a background is seen by few (fox of 22 and 36: two cost 0.6 dB); of
+# few, chance agrees with one (helmet of 12: two gain 2 dB over one).
+_AGREE_OF_FEW, _AGREE, _FEW_VIEWS = 2, 1, 16
+_WITHIN = 1.0
+_CHECKED = 4  # times the points asked for are checked at the most
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,6 +53,17 @@ class _Spheres:
 
     inverse: np.ndarray
     baseline: float
+
+
+@dataclasses.dataclass(frozen=True)
+class _Found:
+    """What a view shows: points (n, 3), their colours (n, 3) and inverse distances (n,), and these
+    as a picture (H, W) float32, 0 where there is none."""
+
+    points: np.ndarray
+    colors: np.ndarray
+    inverse: np.ndarray
+    picture: np.ndarray
 
 
 class _Photograph:
@@ -94,37 +112,101 @@ def swept_points(scene: Scene, most: int, seed: int) -> tuple[np.ndarray, np.nda
     longest = max(max(camera.width, camera.height) for camera in scene.cameras)
     factor = min(1.0, _LONGER_SIDE / longest)
     small = scene if factor == 1.0 else scene.scaled(factor, keep_larger=True)
-    look = np.linspace(1 / _LOOK_NEAR, 1 / _LOOK_FAR, _LOOK_SPHERES) / scene.extent
-    first = _Spheres(look, _BASELINE * scene.extent)
-    found = np.concatenate([each[2] for each in _sweep(small, _LOOK_VIEWS, first)])
-    if len(found) < _FEWEST:
+    between = _range(small)
+    if between is None:
         return None
-    far, near = np.percentile(found, _RANGE)
-    spheres = np.linspace(near * _WIDER, far / _WIDER, _SPHERES)
+    near, far, middle = between
+    spheres = _Spheres(np.linspace(near * _WIDER, far / _WIDER, _SPHERES), _BASELINE / middle)
     views = min(max(_FEWEST_VIEWS, len(scene.train_indices) // 4), _MOST_VIEWS)
-    second = _Spheres(spheres, _BASELINE / float(np.median(found)))
-    points, colors, _ = (
-        np.concatenate(each) for each in zip(*_sweep(small, views, second), strict=True)
-    )
+    found = _sweep(small, views, spheres)
+    points, colors = _agreed(small, found, spheres, _CHECKED * most, seed)
     if len(points) < _FEWEST:
         return None
     rows = chosen_points(len(points), most, seed)
     return points[rows], colors[rows]
 
 
-def _sweep(scene: Scene, views: int, spheres: _Spheres) -> list[tuple[np.ndarray, ...]]:
-    """Points, colours and inverse distances that some views, evenly chosen, show."""
+def _range(scene: Scene) -> tuple[float, float, float] | None:
+    """Inverse distances: about the largest, about the smallest, and the median.
+
+    Those of the data's points; or, where these are fewer than _FEWEST, what a look at a few
+    photographs finds, if it finds enough.
+    """
+    train = scene.train_indices
+    if len(scene.points) >= _FEWEST:
+        centers = np.stack([scene.views[view].camera_center for view in train])
+        away = scene.points[None] - centers[:, None]
+        found = 1 / np.maximum(np.linalg.norm(away, axis=2), _TINY * scene.extent).ravel()
+    else:
+        look = np.linspace(1 / _LOOK_NEAR, 1 / _LOOK_FAR, _LOOK_SPHERES) / scene.extent
+        seen = _sweep(scene, _LOOK_VIEWS, _Spheres(look, _BASELINE * scene.extent))
+        found = np.concatenate([each.inverse for each in seen.values()])
+        if len(found) < _FEWEST:
+            return None
+    far, near = np.percentile(found, _RANGE)
+    return float(near), float(far), float(np.median(found))
+
+
+def _agreed(
+    scene: Scene, found: dict[int, _Found], spheres: _Spheres, most: int, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points and colours, of so many at random, that enough other views show, too.
+
+    Of three or four views hardly any: there fewer are enough.
+    """
+    points, colors = (
+        np.concatenate([getattr(each, name) for each in found.values()])
+        for name in ("points", "colors")
+    )
+    owner = np.repeat(list(found), [len(each.points) for each in found.values()])
+    rows = chosen_points(len(points), most, seed)
+    points, colors, owner = points[rows], colors[rows], owner[rows]
+    step = _WITHIN * abs(spheres.inverse[1] - spheres.inverse[0])
+    agree = np.zeros(len(points), np.int64)
+    for view, other in found.items():
+        agree += (owner != view) & _shows(scene, view, other.picture, points, step)
+    needed = _AGREE_OF_FEW if len(scene.train_indices) <= _FEW_VIEWS else _AGREE
+    while needed > 0 and np.count_nonzero(agree >= needed) < _FEWEST:
+        needed -= 1
+    sure = agree >= needed
+    return points[sure], colors[sure]
+
+
+def _shows(
+    scene: Scene, view: int, picture: np.ndarray, points: np.ndarray, step: float
+) -> np.ndarray:
+    """(n,) bool: whether a picture of inverse distances has the points (n, 3) where they are, at
+    their pixel or beside it, as far as the inverse distances are less than a step apart."""
+    in_camera, pixels, valid = project_points(scene.camera(view), scene.views[view].motion, points)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        inverse = 1 / np.linalg.norm(in_camera, axis=1)
+        size = np.array(picture.shape[::-1])
+        valid = valid & np.all((pixels >= 0) & (pixels < size), axis=1)
+    column, row = np.where(valid[:, None], pixels, 0.0).astype(np.int64).T
+    around = np.pad(picture, 1)  # 0 beyond the border
+    shows = np.zeros(len(points), bool)
+    for down in range(3):
+        for right in range(3):
+            there = around[row + down, column + right]
+            shows |= (there > 0) & (np.abs(there - inverse) < step)
+    return shows & valid
+
+
+def _sweep(scene: Scene, views: int, spheres: _Spheres) -> dict[int, _Found]:
+    """What some views, evenly chosen, show, by their numbers."""
     train = scene.train_indices
     chosen = np.unique(np.linspace(0, len(train) - 1, min(views, len(train))).round().astype(int))
 
-    def found(place: int) -> tuple[np.ndarray, ...]:
+    def found(place: int) -> _Found:
         beside = [
             _Photograph(scene, row) for row in _neighbours(scene, train[place], spheres.baseline)
         ]
         return _distances(_Photograph(scene, train[place]), beside, spheres.inverse)
 
     with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as threads:
-        return list(threads.map(found, chosen))
+        return dict(
+            zip((train[place] for place in chosen), threads.map(found, chosen), strict=True)
+        )
 
 
 def _neighbours(scene: Scene, view: int, baseline: float) -> list[int]:
@@ -141,12 +223,11 @@ def _neighbours(scene: Scene, view: int, baseline: float) -> list[int]:
     return [rows[place] for place in best if np.isfinite(cost[place])]
 
 
-def _distances(
-    view: _Photograph, beside: list[_Photograph], inverse: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Points (n, 3) of one view, their colours (n, 3) and inverse distances (n,)."""
+def _distances(view: _Photograph, beside: list[_Photograph], inverse: np.ndarray) -> _Found:
+    """What one view shows, compared with some beside it."""
+    picture = np.zeros(view.grey.shape, np.float32)
     if len(beside) < 2:
-        return np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0)
+        return _Found(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0), picture)
     scores = _scores(view, beside, inverse)
     last = len(inverse) - 1
     best = scores.argmax(axis=0)
@@ -162,11 +243,16 @@ def _distances(
     top, before, after = (each[sure].astype(np.float64) for each in (top, before, after))
     bend = np.minimum(before + after - 2 * top, -np.finfo(np.float32).eps)
     between = np.clip((before - after) / (2 * bend), -0.5, 0.5)  # the parabola's vertex
-    distances = 1 / (inverse[0] + (best[sure] + between) * (inverse[1] - inverse[0]))
+    nearness = inverse[0] + (best[sure] + between) * (inverse[1] - inverse[0])
     starts, rays = view.rays(np.stack([columns, rows], axis=1) + 0.5)
     has_ray = np.isfinite(rays).all(axis=1)
-    points = starts + distances[:, None] * rays
-    return points[has_ray], view.color[rows, columns][has_ray], 1 / distances[has_ray]
+    points, rows, columns = (
+        (starts + rays / nearness[:, None])[has_ray],
+        rows[has_ray],
+        columns[has_ray],
+    )
+    picture[rows, columns] = nearness[has_ray]
+    return _Found(points, view.color[rows, columns], nearness[has_ray], picture)
 
 
 def _scores(view: _Photograph, beside: list[_Photograph], inverse: np.ndarray) -> np.ndarray:

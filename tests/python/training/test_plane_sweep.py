@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 
@@ -67,6 +68,37 @@ def test_swept_points_of_a_wall_lie_on_it(lens: str, rolling: bool) -> None:
     assert points.shape == colors.shape == (500, 3) and colors.dtype == np.uint8
     off = np.abs(points[:, 2] - WALL) / WALL
     assert np.median(off) < tol.SWEPT_MEDIAN and np.mean(off > tol.SWEPT_FAR) < tol.SWEPT_SHARE
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_swept_points_that_only_chance_shows_are_left_out(lens: str) -> None:
+    scene, camera = wall_scene(LENSES[lens]), LENSES[lens]
+    images = [scene.image(view) for view in range(len(CENTERS))]
+    noise = np.random.default_rng(5).uniform(0, 255, images[0].shape[:2]).astype(np.float32)
+    soft = cv2.GaussianBlur(noise, (0, 0), 2.0)
+    grey = np.clip(128 + 50 * (soft - soft.mean()) / soft.std(), 0, 255).astype(np.uint8)
+    images[1] = np.repeat(grey[..., None], 3, -1)  # of something else
+    poses = scene.poses(range(len(CENTERS)))
+    found = swept_points(make_scene(images, camera, poses, test_every=0), 500, 0)
+    assert found is not None and len(found[0]) == 500
+    off = np.abs(found[0][:, 2] - WALL) / WALL
+    assert np.mean(off > tol.SWEPT_FAR) < tol.SWEPT_BY_CHANCE
+
+
+def test_swept_points_of_few_views_lie_between_the_distances_of_given_points() -> None:
+    scene = wall_scene(LENSES["pinhole"])
+    given = np.random.default_rng(0).uniform([-1, -1, 2.8], [1, 1, 3.2], (200, 3))
+    colors = np.full(given.shape, 128, np.uint8)
+    found = swept_points(scene.replace(points=given, point_colors=colors), 500, 0)
+    assert found is not None
+    off = np.abs(found[0][:, 2] - WALL) / WALL
+    assert np.median(off) < tol.SWEPT_MEDIAN and np.mean(off > tol.SWEPT_FAR) < tol.SWEPT_BY_CHANCE
+
+
+def test_swept_points_of_three_views_that_hardly_agree_are_taken_all_the_same() -> None:
+    scene = wall_scene(LENSES["pinhole"]).replace(train_indices=[0, 1, 2])
+    found = swept_points(scene, 500, 0)
+    assert found is not None and len(found[0]) >= 100
 
 
 def test_swept_points_are_the_same_on_any_number_of_threads() -> None:
