@@ -10,7 +10,6 @@
 #include <hwy/highway.h>
 
 #include <cstddef>
-#include <cstring>
 
 #include "gsut/gaussians/harmonics_step.h"
 
@@ -20,61 +19,50 @@ namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 using AdamTag = hn::ScalableTag<float>;
-using AdamVec = hn::Vec<AdamTag>;
 
 // One vector of elements; rate already holds the first moment's bias correction.
-HWY_INLINE void UpdateVector(const AdamConstants& c, AdamVec rate, AdamVec gradient, AdamVec& param,
-                             AdamVec& moment1, AdamVec& moment2) {
-  const AdamTag d;
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE void UpdateVector(D d, const AdamConstants& c, V rate, V gradient, V& param, V& moment1,
+                             V& moment2) {
   moment1 = hn::Add(hn::Mul(hn::Set(d, c.beta1), moment1),
                     hn::Mul(hn::Set(d, c.one_minus_beta1), gradient));
   moment2 = hn::Add(hn::Mul(hn::Set(d, c.beta2), moment2),
                     hn::Mul(hn::Mul(hn::Set(d, c.one_minus_beta2), gradient), gradient));
-  const AdamVec denominator = hn::Add(
-      hn::Mul(hn::Sqrt(moment2), hn::Set(d, c.inverse_sqrt_correction2)), hn::Set(d, c.epsilon));
+  const V denominator = hn::Add(hn::Mul(hn::Sqrt(moment2), hn::Set(d, c.inverse_sqrt_correction2)),
+                                hn::Set(d, c.epsilon));
   param = hn::Sub(param, hn::Div(hn::Mul(rate, moment1), denominator));
 }
 
-// Steps `count` consecutive elements. rates: one value, or with kManyRates one an element.
-template <bool kManyRates>
-HWY_INLINE void UpdateRange(const AdamConstants& c, std::size_t count, const float* rates,
-                            const float* gradients, float* params, float* moment1, float* moment2) {
-  const AdamTag d;
-  const std::size_t lanes = hn::Lanes(d);
-  AdamVec rate = hn::Set(d, rates[0]);
-  std::size_t i = 0;
-  for (; i + lanes <= count; i += lanes) {
+// Steps the elements [i, count), whole vectors of D first, then halves of it: nothing outside the
+// range is read or written. rates: one value, or with kManyRates one an element.
+template <bool kManyRates, class D>
+HWY_INLINE void UpdateFrom(D d, std::size_t i, const AdamConstants& c, std::size_t count,
+                           const float* rates, const float* gradients, float* params,
+                           float* moment1, float* moment2) {
+  constexpr std::size_t kStep = hn::MaxLanes(D());
+  auto rate = hn::Set(d, rates[0]);
+  for (; i + kStep <= count; i += kStep) {
     if (kManyRates) rate = hn::LoadU(d, rates + i);
-    AdamVec p = hn::LoadU(d, params + i);
-    AdamVec m = hn::LoadU(d, moment1 + i);
-    AdamVec v = hn::LoadU(d, moment2 + i);
-    UpdateVector(c, rate, hn::LoadU(d, gradients + i), p, m, v);
+    auto p = hn::LoadU(d, params + i);
+    auto m = hn::LoadU(d, moment1 + i);
+    auto v = hn::LoadU(d, moment2 + i);
+    UpdateVector(d, c, rate, hn::LoadU(d, gradients + i), p, m, v);
     hn::StoreU(p, d, params + i);
     hn::StoreU(m, d, moment1 + i);
     hn::StoreU(v, d, moment2 + i);
   }
-  if (i == count) return;
-  // The rest by way of a padded copy, so that nothing outside the range is read or written.
-  const std::size_t bytes = (count - i) * sizeof(float);
-  HWY_ALIGN float rest[5][HWY_MAX_BYTES / sizeof(float)] = {};
-  std::memcpy(rest[0], params + i, bytes);
-  std::memcpy(rest[1], moment1 + i, bytes);
-  std::memcpy(rest[2], moment2 + i, bytes);
-  std::memcpy(rest[3], gradients + i, bytes);
-  if (kManyRates) {
-    std::memcpy(rest[4], rates + i, bytes);
-    rate = hn::Load(d, rest[4]);
+  if constexpr (kStep > 1) {
+    if (i == count) return;
+    UpdateFrom<kManyRates>(hn::FixedTag<float, kStep / 2>(), i, c, count, rates, gradients, params,
+                           moment1, moment2);
   }
-  AdamVec p = hn::Load(d, rest[0]);
-  AdamVec m = hn::Load(d, rest[1]);
-  AdamVec v = hn::Load(d, rest[2]);
-  UpdateVector(c, rate, hn::Load(d, rest[3]), p, m, v);
-  hn::Store(p, d, rest[0]);
-  hn::Store(m, d, rest[1]);
-  hn::Store(v, d, rest[2]);
-  std::memcpy(params + i, rest[0], bytes);
-  std::memcpy(moment1 + i, rest[1], bytes);
-  std::memcpy(moment2 + i, rest[2], bytes);
+}
+
+// Steps `count` consecutive elements.
+template <bool kManyRates>
+HWY_INLINE void UpdateRange(const AdamConstants& c, std::size_t count, const float* rates,
+                            const float* gradients, float* params, float* moment1, float* moment2) {
+  UpdateFrom<kManyRates>(AdamTag(), 0, c, count, rates, gradients, params, moment1, moment2);
 }
 
 }  // namespace HWY_NAMESPACE

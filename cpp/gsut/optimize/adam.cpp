@@ -26,7 +26,7 @@ namespace HWY_NAMESPACE {
 namespace {
 
 using D = AdamTag;
-using V = AdamVec;
+using V = hn::Vec<D>;
 
 // 16 rows are a whole number of vectors of any instruction set, whatever the columns.
 constexpr std::int64_t kBlockRows = 16;
@@ -50,7 +50,7 @@ void UpdateSeen(const AdamConstants& c, std::size_t count, const float* rates,
     const V m0 = hn::LoadU(d, moment1 + i);
     const V v0 = hn::LoadU(d, moment2 + i);
     V p = p0, m = m0, v = v0;
-    UpdateVector(c, hn::LoadU(d, rates + i), hn::LoadU(d, gradients + i), p, m, v);
+    UpdateVector(d, c, hn::LoadU(d, rates + i), hn::LoadU(d, gradients + i), p, m, v);
     hn::StoreU(hn::IfThenElse(mask, p, p0), d, params + i);
     hn::StoreU(hn::IfThenElse(mask, m, m0), d, moment1 + i);
     hn::StoreU(hn::IfThenElse(mask, v, v0), d, moment2 + i);

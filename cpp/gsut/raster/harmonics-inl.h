@@ -17,16 +17,29 @@ namespace gsut {
 namespace HWY_NAMESPACE {
 #include "gsut/gaussians/harmonics_basis.inc"
 
-// Fetches the harmonics of the batch of Gaussians after [first, first + kLanes), which gathers
-// would wait for line by line; kWrite: to write there.
-template <bool kWrite>
-HWY_INLINE void FetchNextHarmonics(const float* sh, const HarmonicsRows& rows, std::int64_t first) {
-  constexpr int kLine = 16;  // floats in a cache line
-  const std::int64_t size = rows.end[0];
-  const std::int64_t begin = rows.Offset(HWY_MIN(first + kLanes, size));
-  const std::int64_t end = rows.Offset(HWY_MIN(first + 2 * kLanes, size));
-  for (std::int64_t o = begin; o < end; o += kLine) __builtin_prefetch(sh + o, kWrite ? 1 : 0);
-}
+// Where the harmonics of the batch of Gaussians after [first, first + kLanes) stand. They are
+// fetched a Gaussian at a time, between computations: a processor that has more requests to memory
+// open than it can hold, some twenty, waits.
+struct NextHarmonics {
+  std::int64_t offset;  // of the first one's
+  std::int64_t stride;  // floats of each
+  int count;            // Gaussians, up to kLanes
+
+  HWY_INLINE NextHarmonics(const HarmonicsRows& rows, std::int64_t first) {
+    const std::int64_t next = HWY_MIN(first + kLanes, rows.end[0]);
+    count = static_cast<int>(HWY_MIN(rows.end[0] - next, static_cast<std::int64_t>(kLanes)));
+    offset = rows.Offset(next);
+    stride = 3 * NumShCoefficients(rows.Degree(next));
+  }
+
+  // Fetches the first `floats` of the row of Gaussian i < count; kWrite: to write there.
+  template <bool kWrite>
+  HWY_INLINE void Fetch(const float* array, int i, std::int64_t floats) const {
+    constexpr int kLine = 16;  // floats in a cache line
+    const float* row = array + offset + i * stride;
+    for (std::int64_t k = 0; k < floats; k += kLine) __builtin_prefetch(row + k, kWrite ? 1 : 0);
+  }
+};
 
 // The harmonics of the Gaussians [first, first + kLanes), which have one degree.
 struct BatchHarmonics {

@@ -17,11 +17,15 @@ HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
-// Fetches the slots of the batch of Gaussians after [first, first + kLanes), a cache line each.
-HWY_INLINE void FetchNextSlots(std::int64_t size, std::int64_t first, const Frame& frame) {
-  const std::uint32_t begin = frame.slot_begin[HWY_MIN(first + kLanes, size)];
-  const std::uint32_t end = frame.slot_begin[HWY_MIN(first + 2 * kLanes, size)];
-  for (std::uint32_t slot = begin; slot < end; ++slot) {
+// Whether a pixel may have seen one of `count` Gaussians.
+HWY_INLINE bool MayBeSeen(const Frame& frame, std::int64_t first, std::int64_t count) {
+  return frame.slot_begin[first] < frame.slot_begin[first + count];
+}
+
+// Fetches the slots of a Gaussian: a cache line each.
+HWY_INLINE void FetchSlots(const Frame& frame, std::int64_t gaussian) {
+  const std::uint32_t end = frame.slot_begin[gaussian + 1];
+  for (std::uint32_t slot = frame.slot_begin[gaussian]; slot < end; ++slot) {
     __builtin_prefetch(&frame.slot_gradients[std::size_t{16} * slot]);
   }
 }
@@ -80,23 +84,6 @@ HWY_INLINE void StoreRows1(Lane v, std::int64_t available, float* rows) {
   for (std::int64_t i = 0; i < available; ++i) rows[i] = padded[i];
 }
 
-// Fetches the moments of those of [first, first + kLanes) that were seen, of no others: they are
-// two thirds of what a step of the harmonics reads.
-HWY_INLINE void FetchMoments(const HarmonicsRows& rows, std::int64_t first, LaneMask seen,
-                             const HarmonicsStep* step) {
-  if (step == nullptr) return;
-  constexpr std::int64_t kLine = 16;  // floats in a cache line
-  const std::int64_t offset = rows.Offset(first);
-  const std::int64_t stride = 3 * NumShCoefficients(rows.Degree(first));
-  for (std::uint64_t rest = MaskBits(seen.m); rest != 0; rest &= rest - 1) {
-    const std::int64_t at = offset + __builtin_ctzll(rest) * stride;
-    for (std::int64_t o = at / kLine * kLine; o < at + step->active; o += kLine) {
-      __builtin_prefetch(step->moment1 + o, 1);
-      __builtin_prefetch(step->moment2 + o, 1);
-    }
-  }
-}
-
 // The Gaussians [first, first + kLanes) that exist: which of them a pixel saw, and the sums[16]
 // over their slots. False if none was seen; touched is set, and with write_untouched rows become 0.
 HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const HarmonicsRows& sh_rows,
@@ -104,11 +91,17 @@ HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const Harmonic
                              LaneMask* seen, Lane* sums) {
   const FloatTag d;
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
-  FetchNextSlots(g.size, first, frame);
+  const NextHarmonics next(sh_rows, first);
+  const bool fetch = MayBeSeen(frame, first + available, next.count);
   HWY_ALIGN float rows[kLanes][16];
   bool any = false;
   HWY_ALIGN float seen_flag[kLanes];
   for (int i = 0; i < kLanes; ++i) {
+    if (fetch && i < next.count) {
+      FetchSlots(frame, first + kLanes + i);
+      next.Fetch<false>(g.sh, i, next.stride);
+      if (to.step == nullptr) next.Fetch<true>(to.rows.sh, i, next.stride);
+    }
     const bool is_seen = i < available && SumSlots(frame, first + i, rows[i]);
     seen_flag[i] = is_seen ? 1.0f : 0.0f;
     if (i < available) to.touched[first + i] = is_seen;
@@ -130,7 +123,6 @@ HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const Harmonic
     return false;
   }
   *seen = {hn::Gt(hn::Load(d, seen_flag), hn::Zero(d))};
-  FetchMoments(sh_rows, first, *seen, to.step);
   LoadColumns(rows[0], 16, 16, sums);
   if (to.error_sums != nullptr) {
     for (int i = 0; i < available; ++i) to.error_sums[first + i] += rows[i][slot::kError];
@@ -138,32 +130,39 @@ HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const Harmonic
   return true;
 }
 
-// Fetches what ColorGradients needs for the batch of Gaussians after [first, first + kLanes), but
-// the moments of a step.
-HWY_INLINE void FetchNextColors(const float* sh, const HarmonicsRows& rows, std::int64_t first,
-                                const GradientRows& to) {
-  FetchNextHarmonics<false>(sh, rows, first);
-  if (to.step == nullptr) FetchNextHarmonics<true>(to.rows.sh, rows, first);
-}
-
-// Steps the harmonics of the Gaussians that were seen, whose first row of `stride` floats stands at
-// `offset`; columns: of their gradients, the first `count`.
-HWY_INLINE void StepHarmonics(const HarmonicsStep& step, const Lane* columns, int count,
-                              std::int64_t offset, std::int64_t stride, LaneMask seen) {
-  HWY_ALIGN float gradients[kLanes * 3 * kMaxShCoefficients];
-  StoreColumns(columns, count, kLanes, gradients);
-  for (std::uint64_t rest = MaskBits(seen.m); rest != 0; rest &= rest - 1) {
-    const int lane = __builtin_ctzll(rest);
-    const std::int64_t at = offset + lane * stride;
+// Steps the harmonics of those of [first, first + kLanes) that were seen; columns: of their
+// gradients, the first step.active. Fetches moments of the batch after it.
+HWY_INLINE void StepHarmonics(const HarmonicsStep& step, const HarmonicsRows& rows,
+                              std::int64_t first, const Frame& frame, LaneMask seen,
+                              const Lane* columns) {
+  const FloatTag d;
+  constexpr int kRow = PaddedColumns(3 * kMaxShCoefficients);
+  HWY_ALIGN float gradients[kLanes * kRow];
+  for (int c = 0; c < step.active; c += kLanes) {
+    FloatVec v[kLanes];
+    GSUT_UNROLL for (int i = 0; i < kLanes; ++i) v[i] = columns[c + i].v;
+    TransposeLanes(v);
+    GSUT_UNROLL for (int i = 0; i < kLanes; ++i) hn::Store(v[i], d, gradients + i * kRow + c);
+  }
+  const std::int64_t offset = rows.Offset(first);
+  const std::int64_t stride = 3 * NumShCoefficients(rows.Degree(first));
+  const NextHarmonics next(rows, first);
+  const std::uint64_t bits = MaskBits(seen.m);
+  for (int i = 0; i < kLanes; ++i) {
+    if (i < next.count && MayBeSeen(frame, first + kLanes + i, 1)) {
+      next.Fetch<true>(step.moment1, i, step.active);
+      next.Fetch<true>(step.moment2, i, step.active);
+    }
+    if (!((bits >> i) & 1)) continue;
+    const std::int64_t at = offset + i * stride;
     UpdateRange<true>(step.constants, static_cast<std::size_t>(step.active), step.rates.data(),
-                      gradients + lane * count, step.params + at, step.moment1 + at,
-                      step.moment2 + at);
+                      gradients + i * kRow, step.params + at, step.moment1 + at, step.moment2 + at);
   }
 }
 
 // From dL/dcolor to the harmonics, written or stepped, and to the direction they were evaluated in.
 HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, const HarmonicsRows& sh_rows,
-                               std::int64_t first, int sh_degree, LaneMask seen,
+                               std::int64_t first, int sh_degree, const Frame& frame, LaneMask seen,
                                const Lane* direction, const Lane* to_color, const GradientRows& to,
                                Lane* g_direction) {
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
@@ -192,7 +191,7 @@ HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, const Harmon
   const int count = to.step == nullptr ? static_cast<int>(stride) : to.step->active;
   for (int k = 3 * used; k < PaddedColumns(count); ++k) g_sh[k] = Lane(0.0);
   if (to.step != nullptr) {
-    StepHarmonics(*to.step, g_sh, count, batch.offset, stride, seen);
+    StepHarmonics(*to.step, sh_rows, first, frame, seen, g_sh);
   } else if (stride == 3) {
     StoreRows3(g_sh, available, to.rows.sh + batch.offset);
   } else {

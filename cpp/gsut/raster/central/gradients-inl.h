@@ -89,11 +89,10 @@ HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, const Har
   for (Lane& component : g_quat) component = Select(seen, two * component, Lane(0.0));
 
   // Colour.
-  FetchNextColors(g.sh, sh_rows, first, to);
   Lane direction[3];
   for (int k = 0; k < 3; ++k) direction[k] = s.world[k] * inverse_distance;
   Lane g_direction[3];
-  ColorGradients(g, sh_rows, first, sh_degree, seen, direction, &sums[slot::kColor], to,
+  ColorGradients(g, sh_rows, first, sh_degree, frame, seen, direction, &sums[slot::kColor], to,
                  g_direction);
   const Lane along = Dot3(direction, g_direction);
   for (int k = 0; k < 3; ++k) {

@@ -89,7 +89,7 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
     }
     for (int k = 0; k < count; ++k) frame->rects[static_cast<std::size_t>(i + k)] = {};
     if (!any) continue;
-    FetchNextHarmonics<false>(task.gaussians.sh, task.sh_rows, i);
+    const NextHarmonics next(task.sh_rows, i);
     const SeenLanes g =
         LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
     const RecordLanes r = MakeRecord(g);
@@ -115,6 +115,7 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
     const EllipseTiles windows = TilesOfEllipses(grid, splats, first);
     const FormSlack slacks(r.a, r.b, r.c);
     for (int k = 0; k < count; ++k) {
+      if (k < next.count) next.Fetch<false>(task.gaussians.sh, k, next.stride);
       const std::size_t j = first + static_cast<std::size_t>(k);
       const SplatStatus status = splats.status[j];
       if (!((visible >> k) & 1) || status == SplatStatus::kUnseen) continue;

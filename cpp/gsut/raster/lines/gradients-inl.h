@@ -65,8 +65,8 @@ HWY_INLINE void LineGradients(const RasterTask& task, bool is_parallel, std::int
 
   Lane direction[3], g_direction[3];
   ShadingDirection(s, view, is_parallel, direction);
-  ColorGradients(g, task.sh_rows, first, task.sh_degree, seen, direction, &sums[kSumColor], to,
-                 g_direction);
+  ColorGradients(g, task.sh_rows, first, task.sh_degree, frame, seen, direction, &sums[kSumColor],
+                 to, g_direction);
   const Lane along = Dot3(direction, g_direction);
   const Lane inverse_distance = Lane(1.0) / s.distance;
   Lane g_world[3];

@@ -35,6 +35,7 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
   std::vector<RowSpan>* spans = &frame->row_spans[static_cast<std::size_t>(begin / kRecordsPart)];
   for (std::int64_t i = begin; i < end; i += kLanes) {
     const int count = static_cast<int>(HWY_MIN(end - i, static_cast<std::int64_t>(kLanes)));
+    const NextHarmonics next(task.sh_rows, i);
     const SeenLanes g =
         LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
     Lane direction[3], color[3];
@@ -66,6 +67,7 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
     if (!grid.is_parallel) visible = AndMask(visible, g.distance > Lane(0.0));
     const std::uint64_t bits = MaskBits(visible.m);
     for (int k = 0; k < count; ++k) {
+      if (k < next.count) next.Fetch<false>(task.gaussians.sh, k, next.stride);
       const std::size_t j = static_cast<std::size_t>(i + k);
       frame->rects[j] = {};
       splats->status[j] = SplatStatus::kUnseen;
