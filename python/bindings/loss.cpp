@@ -20,7 +20,6 @@
 #include "gsut/loss/photometric.h"
 #include "gsut/loss/reference.h"
 #include "gsut/loss/surface.h"
-#include "gsut/loss/trim.h"
 
 namespace gsut::bindings {
 namespace {
@@ -347,32 +346,6 @@ Raises:
 
 The same bits on any number of threads. Source: Huang et al., "2D Gaussian splatting", 2024,
 equations 13 and 14.
-)doc");
-
-  m.def(
-      "trim_gradient",
-      [](const PhotometricTarget& target, const py::object& image, const py::object& gradient) {
-        const float* pixels =
-            ConstData<float>(image, "image", {target.height(), target.width(), 3});
-        float* out = MutableData<float>(gradient, "gradient", {target.height(), target.width(), 3});
-        const py::gil_scoped_release release;
-        return TrimGradient(target, pixels, {}, out);
-      },
-      py::arg("target"), py::arg("image"), py::arg("gradient"), R"doc(
-Sets the gradient to zero where an area of the photograph does not belong to the scene.
-
-A pixel differs if its error is more than 5 times the photograph's median error; where most of the
-15 x 15 pixels around a pixel differ, its gradient becomes zero.
-
-Args:
-    target: the photograph, in its light.
-    image: (H, W, 3) float32, C-contiguous: the rendered image.
-    gradient: (H, W, 3) float32, changed in place.
-
-Returns:
-    Number of pixels.
-
-Source: Sabour et al., "RobustNeRF", 2023, section 3.3, with the median for its quantile.
 )doc");
 
   m.def("photometric_loss_reference", &LossReference, py::arg("target"), py::arg("image"),

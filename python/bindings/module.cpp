@@ -56,6 +56,7 @@ PYBIND11_MODULE(_core, m) {
   BindRaster(m);
   BindRasterLines(m);
   BindLoss(m);
+  BindLossPixels(m);
   BindOptimizeCompact(m);
   BindSfmMatching(m);
   BindSfmStructure(m);

@@ -116,12 +116,14 @@ class BoundRenderer {
   py::object Backward(const py::object& dimage, const py::object& dalpha, const py::object& ddepth,
                       const py::object& gradients, const py::object& touched, bool write_untouched,
                       bool with_poses, bool with_lens, const py::object& ddistortion,
-                      const BoundHarmonicsStep* step) {
+                      const BoundHarmonicsStep* step, const py::object& errors,
+                      const py::object& error_sums) {
     const ImageGradients to_image = {
         ConstData<float>(dimage, "dimage", {height_, width_, 3}),
         OptionalData<float>(dalpha, "dalpha", {height_, width_}),
         OptionalData<float>(ddepth, "ddepth", {height_, width_}),
-        OptionalData<float>(ddistortion, "ddistortion", {height_, width_})};
+        OptionalData<float>(ddistortion, "ddistortion", {height_, width_}),
+        OptionalData<float>(errors, "errors", {height_, width_})};
     const std::optional<HarmonicsRows> sh_rows = MixedRows(gradients);
     if (sh_rows.has_value() != sh_rows_.has_value() ||
         (sh_rows.has_value() && sh_rows->end != sh_rows_->end)) {
@@ -131,8 +133,9 @@ class BoundRenderer {
     std::uint8_t* touched_data = MutableData<std::uint8_t>(touched, "touched", {view.size});
     double dpose[12] = {};
     has_lens_ = false;
-    const GradientRows to = {view, touched_data, write_untouched,
-                             step == nullptr ? nullptr : &step->step};
+    const GradientRows to = {
+        view, touched_data, write_untouched, step == nullptr ? nullptr : &step->step,
+        error_sums.is_none() ? nullptr : MutableData<float>(error_sums, "error_sums", {view.size})};
     const auto run = [&] {
       renderer_.Backward(to_image, to, with_poses ? dpose : nullptr,
                          with_lens ? &lens_.to_rays : nullptr);
@@ -361,7 +364,8 @@ Raises:
       .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("dalpha"),
            py::arg("ddepth"), py::arg("gradients"), py::arg("touched"), py::arg("write_untouched"),
            py::arg("with_poses") = true, py::arg("with_lens") = false,
-           py::arg("ddistortion") = py::none(), py::arg("harmonics_step") = nullptr)
+           py::arg("ddistortion") = py::none(), py::arg("harmonics_step") = nullptr,
+           py::arg("errors") = py::none(), py::arg("error_sums") = py::none())
       .def("add_significance", &BoundRenderer::AddSignificance, py::arg("chosen"),
            py::arg("significance"))
       .def("add_fisher", &BoundRenderer::AddFisher, py::arg("chosen"), py::arg("fisher"))

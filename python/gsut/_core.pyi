@@ -380,6 +380,8 @@ class Renderer:
         with_lens: bool = False,
         ddistortion: NDArray[np.float32] | None = None,
         harmonics_step: HarmonicsStep | None = None,
+        errors: NDArray[np.float32] | None = None,
+        error_sums: NDArray[np.float32] | None = None,
     ) -> Any: ...  # NDArray[np.float64], or None without with_poses
     def add_significance(
         self, chosen: NDArray[np.uint8] | None, significance: NDArray[np.float64]
@@ -516,6 +518,12 @@ def surface_loss(
 def trim_gradient(
     target: PhotometricTarget, image: NDArray[np.float32], gradient: NDArray[np.float32]
 ) -> int: ...
+def pixel_errors(
+    target: PhotometricTarget,
+    image: NDArray[np.float32],
+    gradient: NDArray[np.float32],
+    errors: NDArray[np.float32],
+) -> None: ...
 def photometric_loss_reference(
     target: ArrayLike,
     image: ArrayLike,

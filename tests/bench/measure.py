@@ -167,7 +167,8 @@ def step_loop(scene: BenchScene, repeats: int) -> TrainingLoop:
 
     The photograph is the scene's own picture, so the loss' gradient is rounding noise, and the
     learning rates are 0: the work of each step is that of the scene as it is. Sparse Adam, as by
-    default; without MCMC noise and without densification, which `./run bench train` shows.
+    default; without MCMC noise and without densification, which `./run bench train` shows, but with
+    the errors that it goes by.
 
     Args:
         scene: copied.
@@ -183,7 +184,7 @@ def step_loop(scene: BenchScene, repeats: int) -> TrainingLoop:
     )
     options = TrainOptions(
         steps=steps, max_gaussians=_SEEDS, sh_degree=scene.gaussians.sh_degree, sh_every=1,
-        coarse_to_fine=(0.0, 0.0), densify_every=steps, noise=False, eval_every=0, **rates,
+        coarse_to_fine=(0.0, 0.0), densify_every=steps // 2, noise=False, eval_every=0, **rates,
     ).resolved()  # fmt: skip
     loop = TrainingLoop(_one_view_scene(scene), options)
     loop.optimizer = optimizer_of(scene.gaussians, None, 0)

@@ -149,13 +149,14 @@ struct Frame {
 };
 
 // Layout of a slot's gradient: sums over the pair's pixels of dL/da, dL/db, dL/dc (up to the factor
-// kFormScale x kappa, see gradients-inl.h), of h u and h with h = alpha dL/dalpha, of dL/dcolor and
-// of dL/ddepth.
+// kFormScale x kappa, see gradients-inl.h), of h u and h with h = alpha dL/dalpha, of dL/dcolor, of
+// dL/ddepth and of weight x error.
 namespace slot {
 inline constexpr int kHu = 9;
 inline constexpr int kH = 10;
 inline constexpr int kColor = 11;
 inline constexpr int kDepth = 14;
+inline constexpr int kError = 15;  // of all kinds of rays
 }  // namespace slot
 
 }  // namespace gsut

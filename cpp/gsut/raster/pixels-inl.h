@@ -83,9 +83,10 @@ struct PixelGradients {
   const float* depth;                // to depth, times the ray's length
   const float* distortion;           // to distortion, times the length squared
   const float* final_transmittance;  // to the transmittance that is left
+  const float* error;                // no gradient: ImageGradients::error
 };
 
-// Reads them into buffer[6 * 256], which the result points into. Pixels outside the image are 0.
+// Reads them into buffer[7 * 256], which the result points into. Pixels outside the image are 0.
 HWY_INLINE PixelGradients ReadPixelGradients(const TileGrid& grid, int tile,
                                              const ImageGradients& gradients,
                                              const float* background, float* buffer) {
@@ -94,15 +95,16 @@ HWY_INLINE PixelGradients ReadPixelGradients(const TileGrid& grid, int tile,
   const int x0 = (tile % grid.tiles_x) * kTileSize;
   const int y0 = (tile / grid.tiles_x) * kTileSize;
   if (x0 + kTileSize > grid.width || y0 + kTileSize > grid.height) {
-    __builtin_memset(buffer, 0, sizeof(float) * 6 * kTilePixels);
+    __builtin_memset(buffer, 0, sizeof(float) * 7 * kTilePixels);
   }
   ForEachRun(grid, tile, [&](int offset, std::size_t pixel, int count) HWY_ATTR {
-    HWY_ALIGN float rgb[12] = {}, one[4] = {}, other[4] = {}, square[4] = {};
+    HWY_ALIGN float rgb[12] = {}, one[4] = {}, other[4] = {}, square[4] = {}, charge[4] = {};
     const float* color = gradients.image + 3 * pixel;
     const float* alpha = gradients.alpha == nullptr ? nullptr : gradients.alpha + pixel;
     const float* depth = gradients.depth == nullptr ? nullptr : gradients.depth + pixel;
     const float* distortion =
         gradients.distortion == nullptr ? nullptr : gradients.distortion + pixel;
+    const float* error = gradients.error == nullptr ? nullptr : gradients.error + pixel;
     if (count < kBlockWidth) {
       for (int i = 0; i < 3 * count; ++i) rgb[i] = color[i];
       color = rgb;
@@ -110,10 +112,12 @@ HWY_INLINE PixelGradients ReadPixelGradients(const TileGrid& grid, int tile,
         if (alpha != nullptr) one[i] = alpha[i];
         if (depth != nullptr) other[i] = depth[i];
         if (distortion != nullptr) square[i] = distortion[i];
+        if (error != nullptr) charge[i] = error[i];
       }
       if (alpha != nullptr) alpha = one;
       if (depth != nullptr) depth = other;
       if (distortion != nullptr) distortion = square;
+      if (error != nullptr) error = charge;
     }
     hn::Vec<Float4> red, green, blue;
     hn::LoadInterleaved3(d, color, red, green, blue);
@@ -126,6 +130,7 @@ HWY_INLINE PixelGradients ReadPixelGradients(const TileGrid& grid, int tile,
     hn::Store(green, d, out + kTilePixels);
     hn::Store(blue, d, out + 2 * kTilePixels);
     hn::Store(final_t, d, out + 3 * kTilePixels);
+    if (error != nullptr) hn::Store(hn::LoadU(d, error), d, out + 6 * kTilePixels);
     if (!gradients.HasDepth()) return;
     const auto length = hn::Load(d, &grid.length[pixel0 + static_cast<std::size_t>(offset)]);
     const auto along = depth == nullptr ? hn::Zero(d) : hn::LoadU(d, depth);
@@ -136,7 +141,8 @@ HWY_INLINE PixelGradients ReadPixelGradients(const TileGrid& grid, int tile,
   return {{buffer, buffer + kTilePixels, buffer + 2 * kTilePixels},
           buffer + 4 * kTilePixels,
           buffer + 5 * kTilePixels,
-          buffer + 3 * kTilePixels};
+          buffer + 3 * kTilePixels,
+          buffer + 6 * kTilePixels};
 }
 
 }  // namespace HWY_NAMESPACE

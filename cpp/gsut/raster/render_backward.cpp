@@ -33,6 +33,13 @@ void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, 
       to.rows.sh_coefficients != task_.gaussians.sh_coefficients) {
     throw InputError("gradients must be shaped like the rendered Gaussians");
   }
+  const bool is_plain = !to_image.HasDepth() && dpose == nullptr && rays == nullptr;
+  if ((to_image.error != nullptr) != (to.error_sums != nullptr) ||
+      (to_image.error != nullptr && !is_plain)) {
+    throw InputError(
+        "sums of errors need the pixels' errors, and a backward pass without depth, poses and "
+        "lens");
+  }
   if (to.step != nullptr) {
     CheckStep(to);
     stepped_ = true;  // what was rendered changes

@@ -124,6 +124,9 @@ HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const Harmonic
   }
   *seen = {hn::Gt(hn::Load(d, seen_flag), hn::Zero(d))};
   LoadColumns(rows[0], 16, 16, sums);
+  if (to.error_sums != nullptr) {
+    for (int i = 0; i < available; ++i) to.error_sums[first + i] += rows[i][slot::kError];
+  }
   return true;
 }
 

@@ -36,6 +36,8 @@ struct GradientRows {
   bool write_untouched = false;  // the others' rows become 0; else they stay as they are
   // If not null, the harmonics of touched rows take this step, and rows.sh is left as it is.
   const HarmonicsStep* step = nullptr;
+  // (N) grows by the sum over pixels of blend weight x ImageGradients::error; null without it.
+  float* error_sums = nullptr;
 };
 
 // Pixel gradients as the user gives them, row-major; all but the first may be null.
@@ -44,6 +46,8 @@ struct ImageGradients {
   const float* alpha = nullptr;       // (H, W)
   const float* depth = nullptr;       // (H, W)
   const float* distortion = nullptr;  // (H, W)
+  // (H, W): no gradient, but what a pixel charges the Gaussians that it sees with.
+  const float* error = nullptr;
 
   bool HasDepth() const { return depth != nullptr || distortion != nullptr; }
 };

@@ -46,8 +46,9 @@ def densify_mcmc(
     Args:
         optimizer: changed.
         target_size: Gaussians to have afterwards; if there are more already, none is added.
-        weights: (N,) chances of living Gaussians to be copied; None: opacity x the largest
-            |dL/dmean| x distance since the last densification.
+        weights: (N,) chances of living Gaussians to be copied; None: opacity x `gradient_max`, or
+            where errors were measured, x the root of `gradient_max` x `error_sum`: gradients alone
+            leave out what moving does not mend.
         dead_opacity: at or below, a Gaussian is dead (as is one with a value that is not
             finite).
 
@@ -58,7 +59,8 @@ def densify_mcmc(
     """
     if weights is None:
         logits = np.clip(optimizer.gaussians.opacity_logits, -_LARGEST_LOGIT, _LARGEST_LOGIT)
-        weights = optimizer.gradient_max / (1.0 + np.exp(-logits))
+        pull, errors = optimizer.gradient_max, optimizer.error_sum
+        weights = (np.sqrt(pull * errors) if errors.any() else pull) / (1.0 + np.exp(-logits))
     optimizer.reserve(target_size)
     counts = _core.mcmc_densify(
         *optimizer.arrays, optimizer.size, target_size, np.ascontiguousarray(weights, np.float32),

@@ -18,7 +18,7 @@ from gsut.optimize.arrays import FIELDS, copy_rows, mask_bytes
 ADAM = (0.9, 0.999, 1e-15)  # beta 1, beta 2 and epsilon of 3DGS
 _GROWTH = 1.5  # of the capacity, when it has to grow
 _SETS = ("params", "moment1", "moment2")  # names of `arrays` in a state
-_STATISTICS = ("gradient_max", "gradient_sum", "seen")
+_STATISTICS = ("gradient_max", "gradient_sum", "seen", "error_sum")
 _Optimizer = TypeVar("_Optimizer")
 _Words = ParamSpec("_Words")
 _Found = TypeVar("_Found")
@@ -90,6 +90,7 @@ class GaussianOptimizer:
         gradient_max: (N,) largest |dL/dmean| x distance since the last densification.
         gradient_sum: (N,) sum of half of it.
         seen: (N,) number of views in that sum.
+        error_sum: (N,) sum over views and pixels of blend weight x the pixel's error since then.
 
     Raises:
         InputError: the capacity is too small.
@@ -223,6 +224,11 @@ class GaussianOptimizer:
             self.gradient_sum, self.seen,
         )  # fmt: skip
 
+    @alone
+    def charge(self, errors: np.ndarray) -> None:
+        """Adds one view's sums of blend weight x error, (N,) float32, to `error_sum`."""
+        self.error_sum += errors
+
     @property
     def moments(self) -> tuple[Gaussians, Gaussians]:
         """Adam's first and second moments as views, as `gaussians`."""
@@ -310,6 +316,7 @@ class GaussianOptimizer:
         self.gradient_max = np.zeros(size, np.float32)
         self.gradient_sum = np.zeros(size, np.float32)
         self.seen = np.zeros(size, np.int32)
+        self.error_sum = np.zeros(size, np.float32)
         self._press()
 
     def _press(self) -> None:

@@ -35,7 +35,12 @@ class Densification:
     Args:
         options: resolved.
         first_count: number of the first Gaussians.
+
+    Attributes:
+        by_error: it goes by the errors of the pixels that a Gaussian is seen in, too.
     """
+
+    by_error = False
 
     def __init__(self, options: TrainOptions, first_count: int) -> None:
         self.options, self.first_count = options, first_count

@@ -125,12 +125,12 @@ class BlurRenderer:
 
     def backward(
         self, dimage: np.ndarray, dalpha: Any, ddepth: Any, gradients: Gaussians,
-        touched: np.ndarray, write_untouched: bool, with_poses: bool,
+        touched: np.ndarray, write_untouched: bool, with_poses: bool, **errors: Any,
     ) -> None:  # fmt: skip
         """As `_core.Renderer.backward`, of what was rendered last; without depth if of several."""
         if not self._shown:
             self._renderers[0].backward(
-                dimage, dalpha, ddepth, gradients, touched, write_untouched, with_poses
+                dimage, dalpha, ddepth, gradients, touched, write_untouched, with_poses, **errors
             )
             return
         sums, any_touched = gradients.zeros_like(), np.zeros_like(touched)
@@ -141,7 +141,7 @@ class BlurRenderer:
         ]
         for renderer, shown in zip(self._renderers, self._shown, strict=False):
             part = dimage * np.maximum(shown, 0.0) / (len(self._shown) * self._mean)
-            renderer.backward(part, None, None, gradients, touched, True, with_poses)
+            renderer.backward(part, None, None, gradients, touched, True, with_poses, **errors)
             np.maximum(any_touched, touched, out=any_touched)
             for total, one in arrays:
                 total += one

@@ -312,6 +312,20 @@ def test_mcmc_default_weights_are_opacity_times_the_largest_gradient(rng):
     assert len(optimizer.gradient_max) == 14 and not optimizer.gradient_max.any()
 
 
+def test_mcmc_default_weights_go_by_errors_too_where_they_are_measured(rng):
+    optimizer = GaussianOptimizer(random_gaussians(rng, 10), capacity=14)
+    optimizer.accumulate(np.ones((10, 3), np.float32), np.ones(10, np.float32))
+    errors = np.zeros(10, np.float32)
+    errors[6] = 0.5
+    optimizer.charge(errors)
+    optimizer.charge(errors)
+    assert optimizer.error_sum[6] == 1.0
+    parent = optimizer.gaussians.quats[6].copy()
+    assert densify_mcmc(optimizer, 14).added == 4
+    assert np.all(optimizer.gaussians.quats[10:] == parent)
+    assert len(optimizer.error_sum) == 14 and not optimizer.error_sum.any()
+
+
 def test_mcmc_noise_has_the_papers_covariance(rng):
     g = random_gaussians(rng, 1)
     many = g[np.zeros(20000, np.int64)]
@@ -526,7 +540,7 @@ def test_load_state_dict_with_a_missing_or_short_array_raises(rng):
         broken = {key: value for key, value in state.items() if key != name}
         with pytest.raises(InputError, match=name.replace(".", r"\.")):
             optimizer.load_state_dict(broken)
-    assert len(state) == 20
+    assert len(state) == 21
     with pytest.raises(InputError, match="different lengths"):
         optimizer.load_state_dict(state | {"seen": state["seen"][:2]})
 

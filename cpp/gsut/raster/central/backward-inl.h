@@ -26,6 +26,7 @@ enum PixelField {
   kFieldAlong,   // dL/ddepth times the ray's length
   kFieldSquare,  // dL/ddistortion times the ray's length squared
   kFieldMean,    // of the distances, which the distortion is about
+  kFieldError,   // see ImageGradients::error
   // Of the Gaussian at hand:
   kFieldP,
   kFieldQ,
@@ -41,7 +42,7 @@ enum PixelField {
 
 // to_rays: 2 x 256 gradients to s and t of the tile's pixels, swizzled; with with_rays.
 // NOLINTNEXTLINE(readability-function-size): one loop whose state is in registers.
-HWY_INLINE void BackwardTile(bool with_depth, bool stop_before, bool with_rays,
+HWY_INLINE void BackwardTile(bool with_depth, bool stop_before, bool with_rays, bool with_error,
                              const TileGrid& grid, int tile, float alpha_max,
                              float transmittance_min, const PixelGradients& gradients, Frame* frame,
                              float* to_rays) {
@@ -76,6 +77,9 @@ HWY_INLINE void BackwardTile(bool with_depth, bool stop_before, bool with_rays,
       hn::Store(square, d, field(b, kFieldSquare));
       hn::Store(depth.mean, d, field(b, kFieldMean));
       behind = hn::MulAdd(square, depth.distortion, behind);
+    }
+    if (with_error) {
+      hn::Store(hn::Load(d, gradients.error + b * kLanes), d, field(b, kFieldError));
     }
     hn::Store(hn::Load(d, &grid.start[o]), d, field(b, kFieldTransmittance));
     hn::Store(behind, d, field(b, kFieldBehind));
@@ -166,6 +170,9 @@ HWY_INLINE void BackwardTile(bool with_depth, bool stop_before, bool with_rays,
       sums[slot::kColor] = hn::MulAdd(weight, red, sums[slot::kColor]);
       sums[slot::kColor + 1] = hn::MulAdd(weight, green, sums[slot::kColor + 1]);
       sums[slot::kColor + 2] = hn::MulAdd(weight, blue, sums[slot::kColor + 2]);
+      if (with_error) {
+        sums[slot::kError] = hn::MulAdd(weight, get(kFieldError), sums[slot::kError]);
+      }
       FloatVec value = hn::MulAdd(hn::Set(d, r[record::kColor]), red,
                                   hn::MulAdd(hn::Set(d, r[record::kColor + 1]), green,
                                              hn::Mul(hn::Set(d, r[record::kColor + 2]), blue)));

@@ -9,6 +9,7 @@
 
 #include <cmath>
 #include <memory>
+#include <type_traits>
 #include <vector>
 
 #include "gsut/gaussians/harmonics.h"
@@ -142,15 +143,21 @@ void Forward(const RasterTask& task, const TileGrid& grid, int tile, Frame* fram
 
 void Backward(const RasterTask& task, const TileGrid& grid, int tile,
               const ImageGradients& gradients, Frame* frame, float* to_rays) {
-  HWY_ALIGN float buffer[6 * kTilePixels];
+  HWY_ALIGN float buffer[7 * kTilePixels];
   const PixelGradients pixels = ReadPixelGradients(grid, tile, gradients, task.background, buffer);
-  WithFlag(gradients.HasDepth(), [&](auto with_depth) HWY_ATTR {
+  const auto run = [&](auto with_depth, auto with_rays, auto with_error) HWY_ATTR {
     WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
-      WithFlag(to_rays != nullptr, [&](auto with_rays) HWY_ATTR {
-        BackwardTile(with_depth, stop_before, with_rays, grid, tile, task.alpha_max,
-                     task.transmittance_min, pixels, frame, to_rays);
-      });
+      BackwardTile(with_depth, stop_before, with_rays, with_error, grid, tile, task.alpha_max,
+                   task.transmittance_min, pixels, frame, to_rays);
     });
+  };
+  if (gradients.error != nullptr) {
+    run(std::false_type(), std::false_type(), std::true_type());
+    return;
+  }
+  WithFlag(gradients.HasDepth(), [&](auto with_depth) HWY_ATTR {
+    WithFlag(to_rays != nullptr,
+             [&](auto with_rays) HWY_ATTR { run(with_depth, with_rays, std::false_type()); });
   });
 }
 

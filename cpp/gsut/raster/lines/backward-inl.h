@@ -34,6 +34,7 @@ enum LineField {
   kLineAlong,   // dL/ddepth times the ray's length
   kLineSquare,  // dL/ddistortion times the ray's length squared
   kLineMean,    // of the distances, which the distortion is about
+  kLineError,   // see ImageGradients::error
   // Gradients to the line, with poses only:
   kLineToA,
   kLineToB,
@@ -45,6 +46,7 @@ enum LineField {
 
 // Sums of a pair.
 enum LineSum { kSumV = 0, kSumK = 3, kSumH = 9, kSumColor = 10, kNumLineSums = 13 };
+static_assert(slot::kError >= kNumLineSums);
 
 // Turns V and K of up to 16 pairs into the Gaussians' own frames and leaves them in their slots.
 HWY_INLINE void StoreSlots(const LineChunk& chunk, const float (*sums)[16],
@@ -83,7 +85,8 @@ HWY_INLINE void StoreSlots(const LineChunk& chunk, const float (*sums)[16],
       const std::uint32_t slot = entries[begin + i].slot;
       float* row = &frame->slot_gradients[std::size_t{16} * slot];
       for (int c = 0; c < kNumLineSums; ++c) row[c] = out[c][i];
-      for (int c = kNumLineSums; c < 16; ++c) row[c] = 0.0f;
+      for (int c = kNumLineSums; c < 15; ++c) row[c] = 0.0f;
+      row[slot::kError] = sums[slot::kError][begin + i];
       frame->slot_touched[slot] = 1;
     }
   }
@@ -91,7 +94,7 @@ HWY_INLINE void StoreSlots(const LineChunk& chunk, const float (*sums)[16],
 
 // One pair at one block of pixels; adds to the sums and changes the block's state.
 // NOLINTNEXTLINE(readability-function-size): one loop whose state is in registers.
-HWY_INLINE void BackwardBlock(bool with_depth, bool stop_before, bool with_poses,
+HWY_INLINE void BackwardBlock(bool with_depth, bool stop_before, bool with_poses, bool with_error,
                               const LineChunk& chunk, int j, float alpha_max,
                               float transmittance_min, float* state, FloatVec* sums) {
   using C = LineChunk;
@@ -122,6 +125,9 @@ HWY_INLINE void BackwardBlock(bool with_depth, bool stop_before, bool with_poses
   sums[kSumColor] = hn::MulAdd(weight, red, sums[kSumColor]);
   sums[kSumColor + 1] = hn::MulAdd(weight, green, sums[kSumColor + 1]);
   sums[kSumColor + 2] = hn::MulAdd(weight, blue, sums[kSumColor + 2]);
+  if (with_error) {
+    sums[slot::kError] = hn::MulAdd(weight, get(kLineError), sums[slot::kError]);
+  }
   FloatVec value =
       hn::MulAdd(chunk.Get(C::kRed, j), red,
                  hn::MulAdd(chunk.Get(C::kGreen, j), green, hn::Mul(chunk.Get(C::kBlue, j), blue)));
@@ -203,7 +209,7 @@ HWY_INLINE void BackwardBlock(bool with_depth, bool stop_before, bool with_poses
 
 // to_lines: 5 x 256 gradients to a, b, s, t and slide of the tile's lines, swizzled; with
 // with_poses.
-HWY_INLINE void BackwardLines(bool with_depth, bool stop_before, bool with_poses,
+HWY_INLINE void BackwardLines(bool with_depth, bool stop_before, bool with_poses, bool with_error,
                               const RasterTask& task, const LineGrid& grid, int tile,
                               const PixelGradients& gradients, Frame* frame, float* to_lines) {
   const FloatTag d;
@@ -238,6 +244,9 @@ HWY_INLINE void BackwardLines(bool with_depth, bool stop_before, bool with_poses
       hn::Store(depth.mean, d, field(block, kLineMean));
       behind = hn::MulAdd(square, depth.distortion, behind);
     }
+    if (with_error) {
+      hn::Store(hn::Load(d, gradients.error + block * kLanes), d, field(block, kLineError));
+    }
     hn::Store(hn::Load(d, &tiles.start[o]), d, field(block, kLineTransmittance));
     hn::Store(behind, d, field(block, kLineBehind));
     for (int f = kLineToA; f < kNumLineFields; ++f) hn::Store(hn::Zero(d), d, field(block, f));
@@ -246,7 +255,7 @@ HWY_INLINE void BackwardLines(bool with_depth, bool stop_before, bool with_poses
   const TileEntry* entries = &frame->entries[frame->tile_begin[tile]];
   LineChunk chunk;
   HWY_ALIGN float totals[16];
-  HWY_ALIGN float columns[kNumLineSums][16];
+  HWY_ALIGN float columns[16][16];
   for (std::uint32_t first = 0; first < count; first += 16) {
     const int here = static_cast<int>(HWY_MIN(count - first, 16u));
     chunk.Fill(frame->records.data(), bundle, task.log2_alpha_min, task.max_cutoff, here,
@@ -256,11 +265,11 @@ HWY_INLINE void BackwardLines(bool with_depth, bool stop_before, bool with_poses
       for (FloatVec& sum : sums) sum = hn::Zero(d);
       for (std::uint64_t todo = entries[first + static_cast<std::uint32_t>(j)].blocks; todo != 0;
            todo &= todo - 1) {
-        BackwardBlock(with_depth, stop_before, with_poses, chunk, j, task.alpha_max,
+        BackwardBlock(with_depth, stop_before, with_poses, with_error, chunk, j, task.alpha_max,
                       task.transmittance_min, field(__builtin_ctzll(todo), 0), sums);
       }
       SumLanes16(sums, totals);
-      for (int k = 0; k < kNumLineSums; ++k) columns[k][j] = totals[k];
+      for (int k = 0; k < 16; ++k) columns[k][j] = totals[k];
     }
     StoreSlots(chunk, columns, entries + first, 0, here, frame);
   }

@@ -95,16 +95,22 @@ void LineForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* 
 
 void LineBackward(const RasterTask& task, const LineGrid& grid, int tile,
                   const ImageGradients& gradients, Frame* frame, float* to_lines) {
-  HWY_ALIGN float buffer[6 * kTilePixels];
+  HWY_ALIGN float buffer[7 * kTilePixels];
   const PixelGradients pixels =
       ReadPixelGradients(grid.tiles, tile, gradients, task.background, buffer);
-  WithFlag(gradients.HasDepth(), [&](auto with_depth) HWY_ATTR {
+  const auto run = [&](auto with_depth, auto with_poses, auto with_error) HWY_ATTR {
     WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
-      WithFlag(to_lines != nullptr, [&](auto with_poses) HWY_ATTR {
-        BackwardLines(with_depth, stop_before, with_poses, task, grid, tile, pixels, frame,
-                      to_lines);
-      });
+      BackwardLines(with_depth, stop_before, with_poses, with_error, task, grid, tile, pixels,
+                    frame, to_lines);
     });
+  };
+  if (gradients.error != nullptr) {
+    run(std::false_type(), std::false_type(), std::true_type());
+    return;
+  }
+  WithFlag(gradients.HasDepth(), [&](auto with_depth) HWY_ATTR {
+    WithFlag(to_lines != nullptr,
+             [&](auto with_poses) HWY_ATTR { run(with_depth, with_poses, std::false_type()); });
   });
 }
 

@@ -1,0 +1,61 @@
+"""What growth goes by, and how large Gaussians may become."""
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut import TrainOptions
+from gsut.training import TrainingLoop
+from rendered_dataset import write_dataset
+
+SHORT = {"steps": 20, "max_gaussians": 300, "densify_every": 5, "noise": False}
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("growth") / "data"
+    return gsut.load_dataset(write_dataset(folder, np.random.default_rng(20260821)))
+
+
+def loop_of(scene, **options):
+    return TrainingLoop(scene, TrainOptions(**SHORT, **options).resolved())
+
+
+@pytest.mark.parametrize("blur", [{}, {"motion_blur": 0.5}], ids=["still", "blurred"])
+def test_errors_are_measured_until_the_last_densification(scene, blur):
+    loop = loop_of(scene, densify_until=0.6, **blur)
+    while loop.step < 12:
+        loop.advance()
+        densified = loop.step % 5 == 0 and loop.step <= 10
+        measured = loop.step < 10 and not densified
+        assert loop.optimizer.error_sum.any() == measured, loop.step
+
+
+def test_other_strategies_go_by_gradients(scene):
+    loop = loop_of(scene, strategy="adaptive")
+    loop.advance()
+    assert loop.optimizer.gradient_max.any()
+    assert not loop.optimizer.error_sum.any()
+
+
+def test_gaussians_that_stay_are_not_charged(scene):
+    context = loop_of(scene).gaussians.copy()
+    loop = TrainingLoop(scene, TrainOptions(**SHORT).resolved(), context=context)
+    loop.advance()
+    assert len(loop.optimizer.error_sum) == len(loop.gaussians)
+    assert loop.optimizer.error_sum.any()
+
+
+def test_a_plate_is_cut_to_a_fifth_of_its_distance(scene):
+    loop = loop_of(scene)
+    middle = np.mean([scene.views[i].camera_center for i in scene.train_indices], axis=0)
+    plate = loop.gaussians
+    plate.log_scales[0] = np.log([1e-3, 50.0, 40.0]) + np.log(scene.extent)
+    before = plate.log_scales[1:].copy()
+    while loop.step < 5:
+        loop.advance()
+    g = loop.gaussians
+    distances = np.linalg.norm(g.means - middle, axis=1)
+    limit = np.log(0.2 * np.maximum(distances, loop.extent))
+    assert np.exp(g.log_scales.max(axis=1) - limit).max() < 1 + 1e-5
+    assert np.median(g.log_scales) < np.median(before) + 1.0
