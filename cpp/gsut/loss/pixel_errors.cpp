@@ -1,7 +1,8 @@
-// Brightness first, from a fifth of the pixels; then the errors of all.
+// Brightness first, from some of the pixels; then the errors of all.
 #include "gsut/loss/pixel_errors.h"
 
 #include <array>
+#include <cmath>
 
 #include "gsut/base/parallel.h"
 
@@ -9,31 +10,57 @@ namespace gsut {
 namespace {
 
 constexpr std::int64_t kGrain = 1 << 14;
-constexpr std::int64_t kStep = 5;  // every fifth pixel says how bright the photograph is
+constexpr std::int64_t kStep = 11;  // every eleventh pixel says how bright the photograph is
 
-bool Counts(const float* gradient, std::int64_t pixel) {
-  const float* g = gradient + 3 * pixel;
-  return g[0] != 0.0f || g[1] != 0.0f || g[2] != 0.0f;
+bool Counts(const float* gradient) {
+  return gradient[0] != 0.0f || gradient[1] != 0.0f || gradient[2] != 0.0f;
 }
 
-// Factors of the photograph's channels that bring it closest to the image, in one thread.
-std::array<float, 3> Brightness(const PhotometricTarget& target, const float* image,
-                                const float* gradient) {
+// A photograph's values (H, W, 3), and the factors that make light of them.
+template <class T>
+struct Photograph {
+  const T* values;
+  const float* inverse_falloff;  // (H, W, 3), null: 1
+  std::array<float, 3> factors;
+
+  float Lit(std::int64_t pixel, std::size_t c) const {
+    const std::size_t i = 3 * static_cast<std::size_t>(pixel) + c;
+    const float value = factors[c] * static_cast<float>(values[i]);
+    return inverse_falloff == nullptr ? value : value * inverse_falloff[i];
+  }
+};
+
+// Makes each channel as bright as the image, in one thread.
+template <class T>
+void FitBrightness(const float* image, const float* gradient, std::int64_t pixels,
+                   Photograph<T>* photograph) {
   std::array<double, 3> products{}, squares{};
-  for (std::int64_t p = 0; p < target.width() * target.height(); p += kStep) {
-    if (!Counts(gradient, p)) continue;
+  for (std::int64_t p = 0; p < pixels; p += kStep) {
+    if (!Counts(gradient + 3 * p)) continue;
     for (std::size_t c = 0; c < 3; ++c) {
-      const std::int64_t i = 3 * p + static_cast<std::int64_t>(c);
-      const float value = LitValue(target, i);
-      products[c] += static_cast<double>(value * image[i]);
-      squares[c] += static_cast<double>(image[i] * image[i]);
+      const float value = image[3 * static_cast<std::size_t>(p) + c];
+      products[c] += static_cast<double>(value * photograph->Lit(p, c));
+      squares[c] += static_cast<double>(value * value);
     }
   }
-  std::array<float, 3> factors;
   for (std::size_t c = 0; c < 3; ++c) {
-    factors[c] = products[c] > 0.0 ? static_cast<float>(squares[c] / products[c]) : 1.0f;
+    if (products[c] > 0.0) photograph->factors[c] *= static_cast<float>(squares[c] / products[c]);
   }
-  return factors;
+}
+
+template <class T>
+void Errors(Photograph<T> photograph, const float* image, const float* gradient,
+            std::int64_t pixels, float* errors) {
+  FitBrightness(image, gradient, pixels, &photograph);
+  ParallelFor(pixels, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t p = begin; p < end; ++p) {
+      const float* shown = image + 3 * p;
+      const float sum = std::abs(shown[0] - photograph.Lit(p, 0)) +
+                        std::abs(shown[1] - photograph.Lit(p, 1)) +
+                        std::abs(shown[2] - photograph.Lit(p, 2));
+      errors[p] = Counts(gradient + 3 * p) ? sum * (1.0f / 3.0f) : 0.0f;
+    }
+  });
 }
 
 }  // namespace
@@ -41,17 +68,16 @@ std::array<float, 3> Brightness(const PhotometricTarget& target, const float* im
 void PixelErrors(const PhotometricTarget& target, const float* image, const float* gradient,
                  float* errors) {
   const auto reading = target.Reading();
-  const std::array<float, 3> factors = Brightness(target, image, gradient);
-  ParallelFor(target.width() * target.height(), kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t p = begin; p < end; ++p) {
-      float sum = 0.0f;
-      for (std::size_t c = 0; c < 3; ++c) {
-        const std::int64_t i = 3 * p + static_cast<std::int64_t>(c);
-        sum += std::abs(image[i] - factors[c] * LitValue(target, i));
-      }
-      errors[p] = Counts(gradient, p) ? sum / 3.0f : 0.0f;
-    }
-  });
+  const std::int64_t pixels = target.width() * target.height();
+  std::array<float, 3> factors = target.inverse_gain();
+  if (target.byte_image() == nullptr) {
+    Errors<float>({target.float_image(), target.inverse_falloff(), factors}, image, gradient,
+                  pixels, errors);
+    return;
+  }
+  for (float& factor : factors) factor /= 255.0f;
+  Errors<std::uint8_t>({target.byte_image(), target.inverse_falloff(), factors}, image, gradient,
+                       pixels, errors);
 }
 
 }  // namespace gsut

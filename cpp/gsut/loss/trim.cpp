@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "gsut/base/parallel.h"
-#include "gsut/loss/pixel_errors.h"
 
 namespace gsut {
 namespace {
@@ -22,8 +21,14 @@ bool Counts(const PhotometricTarget& target, std::int64_t pixel) {
 // Mean absolute difference of the channels, as a level.
 int ErrorLevel(const PhotometricTarget& target, const float* image, std::int64_t pixel) {
   float sum = 0.0f;
-  for (std::int64_t i = 3 * pixel; i < 3 * pixel + 3; ++i) {
-    sum += std::abs(image[i] - LitValue(target, i));
+  for (std::int64_t c = 0; c < 3; ++c) {
+    const std::int64_t i = 3 * pixel + c;
+    float value = target.byte_image() != nullptr
+                      ? static_cast<float>(target.byte_image()[i]) / 255.0f
+                      : target.float_image()[i];
+    value *= target.inverse_gain()[static_cast<std::size_t>(c)];
+    if (target.inverse_falloff() != nullptr) value *= target.inverse_falloff()[i];
+    sum += std::abs(image[i] - value);
   }
   return std::min(kLevels - 1, static_cast<int>(sum * (static_cast<float>(kLevels) / 3.0f)));
 }
