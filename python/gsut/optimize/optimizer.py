@@ -224,11 +224,6 @@ class GaussianOptimizer:
             self.gradient_sum, self.seen,
         )  # fmt: skip
 
-    @alone
-    def charge(self, errors: np.ndarray) -> None:
-        """Adds one view's sums of blend weight x error, (N,) float32, to `error_sum`."""
-        self.error_sum += errors
-
     @property
     def moments(self) -> tuple[Gaussians, Gaussians]:
         """Adam's first and second moments as views, as `gaussians`."""
@@ -313,10 +308,8 @@ class GaussianOptimizer:
     def resize(self, size: int) -> None:
         """From here on `size` rows are alive; their statistics begin anew."""
         self.size = size
-        self.gradient_max = np.zeros(size, np.float32)
-        self.gradient_sum = np.zeros(size, np.float32)
+        self.gradient_max, self.gradient_sum, self.error_sum = np.zeros((3, size), np.float32)
         self.seen = np.zeros(size, np.int32)
-        self.error_sum = np.zeros(size, np.float32)
         self._press()
 
     def _press(self) -> None:

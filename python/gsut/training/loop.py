@@ -104,7 +104,6 @@ class TrainingLoop:
         self._context = Context(context)
         self._gradients: Any = None  # of all that is drawn
         self._touched = np.zeros(0, np.uint8)
-        self._charged = np.zeros(0, np.float32)  # to each Gaussian: weight x error of its pixels
         self.photographs = PhotographModel(scene, options, light)
         self.surface = (
             SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if options.surface else None
@@ -187,7 +186,6 @@ class TrainingLoop:
         if len(self._touched) != len(drawn):
             self._gradients = drawn.zeros_like()
             self._touched = np.zeros(len(drawn), np.uint8)
-            self._charged = np.zeros(len(drawn), np.float32)
         behind = self.options.background or random_background(self.options.seed, step.number)
         place = self._exposure.places(self.scene, step.level, step.view)
         self.renderer.render(
@@ -217,13 +215,7 @@ class TrainingLoop:
 
     def _backpropagate(self, step: _Step, dimage: np.ndarray) -> bool:
         """From the image back through raster and projection; whether harmonics took their step."""
-        how = _backward_settings(self, step)
-        if self._charges(step):
-            target, (image, _) = step.level.target(step.view), step.level.buffers(step.view)
-            errors = np.empty(image.shape[:2], np.float32)
-            _core.pixel_errors(target, image, dimage, errors)
-            self._charged.fill(0.0)
-            how = {**how, "errors": errors, "error_sums": self._charged}
+        how = _backward_settings(self, step) | _errors_to_sum(self, step, dimage)
         self.renderer.backward(dimage, None, None, self._gradients, self._touched, **how)
         self._filter.backward(self.gaussians, self._context.trained(self._gradients))
         self.stopwatch.lap("backward")
@@ -235,8 +227,6 @@ class TrainingLoop:
         gradients, touched = trained(self._gradients), trained(self._touched)
         self.densification.add_gradients(optimizer, gradients)
         optimizer.accumulate(gradients.means, trained(self.renderer.distances()), touched)
-        if self._charges(step):
-            optimizer.charge(trained(self._charged))
         self.stopwatch.lap("statistics")
         self._add_surface(step)
         visible = touched if self.options.sparse_adam else None
@@ -244,12 +234,6 @@ class TrainingLoop:
         self.stopwatch.lap("adam")
         self.densification.explore(optimizer, step.rates.means)
         self.stopwatch.lap("noise")
-
-    def _charges(self, step: _Step) -> bool:
-        """Whether the step measures errors: those that a densification will go by."""
-        o = self.options
-        last = int(o.densify_until * o.steps) // o.densify_every * o.densify_every
-        return self.densification.by_error and step.number <= last
 
     def _add_surface(self, step: _Step) -> None:
         """The gradients of `--surface`, which densification does not count."""
@@ -335,3 +319,18 @@ def _backward_settings(loop: TrainingLoop, step: _Step) -> dict[str, Any]:
     if is_plain and isinstance(optimizer, GaussianOptimizer):
         settings["harmonics_step"] = optimizer.harmonics_step(step.rates, step.degree)
     return settings
+
+
+def _errors_to_sum(loop: TrainingLoop, step: _Step, dimage: np.ndarray) -> dict[str, Any]:
+    """What the backward pass is told of errors that a densification will go by.
+
+    Nothing beside Gaussians that stay: the next densification goes by gradients alone.
+    """
+    o = loop.options
+    last = int(o.densify_until * o.steps) // o.densify_every * o.densify_every
+    if not loop.densification.by_error or step.number > last or not loop._context.is_empty:
+        return {}
+    target, (image, _) = step.level.target(step.view), step.level.buffers(step.view)
+    errors = np.empty(image.shape[:2], np.float32)
+    _core.pixel_errors(target, image, dimage, errors)
+    return {"errors": errors, "error_sums": loop.optimizer.error_sum}
