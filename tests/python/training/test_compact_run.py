@@ -89,17 +89,17 @@ def test_target_psnr_drop_finds_fewer_gaussians_within_it(scene, run):
     whole = gsut.load_ply(run / SCENE)
     tried = []
     compactor = RunCompactor(
-        scene, whole, TrainOptions(**SHORT).resolved(), CompactOptions(target_psnr_drop=0.5),
+        scene, whole, TrainOptions(**SHORT).resolved(), CompactOptions(target_psnr_drop=0.3),
         on_try=lambda count, psnr: tried.append((count, psnr)),
     )  # fmt: skip
     small = compactor.make()
     before = gsut.evaluate(whole, scene, scene.test_indices, background=None)["psnr"]
     after = gsut.evaluate(small, scene, scene.test_indices, background=None)["psnr"]
     assert len(small) < len(whole)
-    assert after >= before - 0.5
+    assert after >= before - 0.3
     assert len(tried) >= 5
     # One of the tries was too small, and hardly smaller than what was chosen.
-    failed = [count for count, psnr in tried if psnr < before - 0.5]
+    failed = [count for count, psnr in tried if psnr < before - 0.3]
     assert failed
     assert max(failed) * 1.2 + 2 > len(small)
 
