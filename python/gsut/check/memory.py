@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterator
 
 from gsut.data import DatasetError, Finding, Scene
-from gsut.optimize import grown_count
+from gsut.optimize import grown_count, last_densification
 from gsut.run import TrainOptions, free_memory, size_text
 
 _FIRST = 10_000  # Gaussians that a scene without points begins with, at least
@@ -65,7 +65,7 @@ def _gaussians(scene: Scene, options: TrainOptions) -> int:
     """How many there will be in any case: only mcmc's number follows from the steps."""
     o = dataclasses.replace(options, max_gaussians=options.most_gaussians)
     first = min(o.init_count or len(scene.points) or _FIRST, o.max_gaussians)
-    last = int(o.densify_until * o.steps) // o.densify_every * o.densify_every
+    last = last_densification(o)
     if o.strategy != "mcmc" or last < max(1.0, o.densify_from * o.steps):
         return first
     return max(first, grown_count(o, first, last / o.steps))

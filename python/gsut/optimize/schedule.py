@@ -44,3 +44,10 @@ def grown_count(options: TrainOptions, first: int, fraction: float) -> int:
         return o.max_gaussians
     begun = max(0.0, fraction - o.densify_from) / max(1e-9, o.grow_until - o.densify_from)
     return round(first * (o.max_gaussians / first) ** begun)
+
+
+def last_densification(options: TrainOptions) -> int:
+    """The last step, from 1, at which densification may be due; 0: none is."""
+    return (
+        int(options.densify_until * options.steps) // options.densify_every * options.densify_every
+    )

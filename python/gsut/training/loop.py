@@ -17,6 +17,7 @@ from gsut.optimize import (
     GaussianOptimizer,
     LearningRates,
     TrajectoryMean,
+    last_densification,
     learning_rates,
     optimizer_of,
     view_of_step,
@@ -326,9 +327,8 @@ def _errors_to_sum(loop: TrainingLoop, step: _Step, dimage: np.ndarray) -> dict[
 
     Nothing beside Gaussians that stay: the next densification goes by gradients alone.
     """
-    o = loop.options
-    last = int(o.densify_until * o.steps) // o.densify_every * o.densify_every
-    if not loop.densification.by_error or step.number > last or not loop._context.is_empty:
+    needed = loop.densification.by_error and step.number <= last_densification(loop.options)
+    if not needed or not loop._context.is_empty:
         return {}
     target, (image, _) = step.level.target(step.view), step.level.buffers(step.view)
     errors = np.empty(image.shape[:2], np.float32)
