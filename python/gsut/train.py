@@ -81,7 +81,7 @@ def train(
         InputError: no training view, an option out of range, or `out` holds a run.
         DatasetError: a photograph or a mask cannot be used, or memory does not suffice.
     """
-    asked = options or TrainOptions()
+    asked = (options or TrainOptions()).for_views(len(scene.train_indices))
     o = asked.resolved()
     _core.set_num_threads(o.threads)
     if not scene.train_indices:
@@ -96,7 +96,7 @@ def train(
     record = TrainingRecord(out, o, scene, resume, progress, watch)
     fresh = record.checkpoint is None
     tracks = refine_first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
-    complexity = choose_complexity(scene, o, record.note)  # as many as the photographs bear
+    complexity = choose_complexity(scene, asked, record.note)  # what the photographs bear
     o = with_most(o, complexity.max_gaussians)
     loop = TrainingLoop(scene, o, tracks=tracks)  # gaussians/: the first ones
     with record.follow(loop):

@@ -138,6 +138,8 @@ def train_into(
     import gsut
 
     scene = gsut.load_dataset(data, test_every=options.test_every, test_names=options.test_names)
+    if blocks is None:
+        options = options.for_views(len(scene.train_indices))
     if not quiet:
         from gsut.data import UNCOLORED, has_colors
         from gsut.training import size_note

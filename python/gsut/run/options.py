@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from typing import Any
+from typing import Any, ClassVar
 
 from gsut._core import InputError
 from gsut.run.option_fields import (
@@ -20,18 +20,10 @@ from gsut.run.option_fields import (
     option,
     words_of,
 )
-from gsut.run.recipe import recipe
+from gsut.run.recipe import PRESETS, recipe, steps_of_few
 
 # --max-gaussians auto: see gsut.training.complexity.
 AUTO = "auto"
-# Values a preset gives where the user gives none; its max_gaussians is the most that auto takes.
-# "balanced" is also what no preset means.
-PRESETS: dict[str, dict[str, Any]] = {
-    "fast": {"steps": 500, "max_gaussians": 50_000, "sh_degree": 1},
-    "balanced": {"steps": 2000, "max_gaussians": 200_000, "sh_degree": 1},
-    "best": {"steps": 7000, "max_gaussians": 300_000, "sh_degree": 2},
-}
-
 # What `gsut train --help` lists; the rest is for `--help all`.
 COMMON_OPTIONS = (
     "preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "shutter",
@@ -53,6 +45,8 @@ class TrainOptions:
             options that contradict each other.
     """
 
+    _steps_given: ClassVar[bool] = True  # of each object: `steps` are not the preset's
+
     # A table: a few lines an option, not one an argument.
     # fmt: off
     preset: str | None = option(
@@ -62,7 +56,8 @@ class TrainOptions:
     )
     steps: int = option(
         None, "Run", "training steps, one image each", low=1, high=10_000_000,
-        none="fast 500, balanced 2000, best 7000",
+        none="fast 500, balanced 2000, best 7000; for fewer than 25 training views a 25th of that "
+        "for each, at least 500",
     )
     seed: int = option(0, "Run", "seed of every random number", low=0, high=2**63 - 1)
     threads: int = option(
@@ -71,7 +66,7 @@ class TrainOptions:
     )
     eval_every: int = option(
         None, "Run", "steps between measurements of the held-out PSNR; 0 = at the end only",
-        unit="steps", low=0, none="steps / 10",
+        unit="steps", low=0, none="steps / 10, at least 100",
     )
     checkpoint_every: int = option(
         250, "Run", "steps between checkpoints; 0 = at the end only",
@@ -289,6 +284,7 @@ class TrainOptions:
 
     def __post_init__(self) -> None:
         check_options(self)
+        object.__setattr__(self, "_steps_given", self.steps is not None)
         for name, value in PRESETS[self.preset or "balanced"].items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, value)
@@ -323,6 +319,20 @@ class TrainOptions:
         """`max_gaussians`, or where that is "auto" the most that it may come to."""
         auto = self.max_gaussians == AUTO
         return PRESETS[self.preset or "balanced"]["max_gaussians"] if auto else self.max_gaussians
+
+    def for_views(self, views: int) -> TrainOptions:
+        """The same options for so many training views: where the preset gives the steps, fewer."""
+        if self._steps_given:
+            return self
+        steps = steps_of_few(PRESETS[self.preset or "balanced"]["steps"], views)
+        changed = dataclasses.replace(self, steps=steps)
+        object.__setattr__(changed, "_steps_given", False)
+        return changed
+
+    @property
+    def fewer_steps(self) -> int:
+        """By how many `for_views` has lowered the preset's steps."""
+        return 0 if self._steps_given else PRESETS[self.preset or "balanced"]["steps"] - self.steps
 
     def resolved(self) -> TrainOptions:
         """The same options with every value that depends on the number of steps filled in.

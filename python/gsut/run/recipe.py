@@ -1,10 +1,21 @@
-"""The recipe: values of training options that depend on how many steps there are."""
+"""The recipe: presets, and values of training options that depend on how many steps there are."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from typing import Any
+
+# Values a preset gives where the user gives none; its max_gaussians is the most that auto takes.
+# "balanced" is also what no preset means.
+PRESETS: dict[str, dict[str, Any]] = {
+    "fast": {"steps": 500, "max_gaussians": 50_000, "sh_degree": 1},
+    "balanced": {"steps": 2000, "max_gaussians": 200_000, "sh_degree": 1},
+    "best": {"steps": 7000, "max_gaussians": 300_000, "sh_degree": 2},
+}
+# Below so many training views a preset's steps are as many fewer, down to the least: more gain
+# nothing from so few (docs/performance.md).
+_FULL_STEPS_VIEWS, _LEAST_STEPS = 25, 500
 
 # The rate of the means times the number of steps is what matters; from 1667 steps on the rate stays
 # at the value measured as best for 2000 and more. (Steps, rate x steps): 0.8 at 500 steps, too,
@@ -22,6 +33,8 @@ _DENSIFY_EVERY = ((1000, 50.0), (2000, 100.0))
 # Until which fraction of the steps to train at 1/4 and 1/2 of the resolution.
 _QUARTER_UNTIL = ((1000, 0.20), (2000, 0.15), (7000, 0.075))
 _HALF_UNTIL = ((1000, 0.45), (2000, 0.40), (7000, 0.20))
+# Steps between measurements of the held-out PSNR, at least: four views take as long as ten steps.
+_EVAL_EVERY_LEAST = 100
 _GROW_UNTIL = 0.5  # fraction of the steps until which Gaussians grow
 _NOISE_FROM_STEPS = 1500  # noise gained nothing at 500 and 1000 steps, 0.17 dB at 2000
 _SH_WITHIN = 0.6  # all harmonics are in use after this fraction of the steps (degree 1: half of it)
@@ -32,7 +45,7 @@ def recipe(steps: int, sh_degree: int) -> dict[str, Any]:
     """Name of an option -> its value where it is not given."""
     densify_every = round(_at_steps(steps, _DENSIFY_EVERY))
     return {
-        "eval_every": max(1, steps // 10),
+        "eval_every": max(steps // 10, min(steps, _EVAL_EVERY_LEAST)),
         "lr_means": _within(_at_steps(steps, _MEANS_LR_TIMES_STEPS) / steps, _MEANS_LR_RANGE),
         "lr_scales": _at_steps(steps, _SCALES_LR),
         "lr_sh_rest": _within(_SH_REST_LR_TIMES_STEPS / steps, _SH_REST_LR_RANGE),
@@ -44,6 +57,11 @@ def recipe(steps: int, sh_degree: int) -> dict[str, Any]:
         "grow_until": _GROW_UNTIL,
         "coarse_to_fine": (_at_steps(steps, _QUARTER_UNTIL), _at_steps(steps, _HALF_UNTIL)),
     }
+
+
+def steps_of_few(steps: int, views: int) -> int:
+    """As many of a preset's steps as a scene of so many training views can use."""
+    return min(steps, max(_LEAST_STEPS, steps * views // _FULL_STEPS_VIEWS))
 
 
 def _within(value: float, ends: tuple[float, float]) -> float:

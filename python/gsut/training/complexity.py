@@ -1,4 +1,4 @@
-"""How many Gaussians: no more than the photographs of a scene can tell apart.
+"""How many Gaussians and steps: no more than the photographs of a scene can tell apart.
 
 Where photographs are few, further Gaussians only learn them by heart. Two counts bound the number,
 that of the training views and that of their pixels, both known before the first step. Short
@@ -30,6 +30,8 @@ class Complexity:
         views: that are trained on.
         because: what the number is, in words; "" where the options give it.
         fewer: less than the preset's.
+        steps: of the training.
+        fewer_steps: by how many these are less than the preset's.
     """
 
     max_gaussians: int
@@ -37,6 +39,8 @@ class Complexity:
     views: int
     because: str = ""
     fewer: bool = False
+    steps: int = 0
+    fewer_steps: int = 0
 
     def __str__(self) -> str:
         return (
@@ -44,11 +48,23 @@ class Complexity:
             f"{self.sh_degree}, {self.because}"
         )
 
+    def about_steps(self) -> str:
+        """Why there are fewer steps than the preset's; "" where there are not."""
+        if not self.fewer_steps:
+            return ""
+        preset = self.steps + self.fewer_steps
+        return (
+            f"{self.views} photographs: {self.steps} steps, for which the preset has {preset}; "
+            "more would not show other views better (--steps)"
+        )
+
     def tell(self, metrics: dict[str, Any]) -> None:
         """Adds itself to the content of metrics.json, and a note where photographs are few."""
         metrics["complexity"] = dataclasses.asdict(self)
         if self.fewer:
             metrics["notes"].append(str(self))
+        if self.fewer_steps:
+            metrics["notes"].append(self.about_steps())
 
 
 def choose_complexity(
@@ -58,25 +74,33 @@ def choose_complexity(
 
     Args:
         scene: as it is trained on.
-        options: resolved; `max_gaussians` other than "auto" stays.
+        options: of these views (`for_views`); `max_gaussians` other than "auto" stays.
         say: told in a line what is chosen and why.
 
     Returns:
         The preset's number, or a smaller one where training views, or their pixels, are few.
     """
     most, views = options.most_gaussians, len(scene.train_indices)
-    given = options.sh_degree, views
-    if options.max_gaussians != AUTO:
-        return Complexity(most, *given)
+    chosen = Complexity(
+        most, options.sh_degree, views, steps=options.steps, fewer_steps=options.fewer_steps
+    )
+    if options.max_gaussians == AUTO:
+        chosen = _bounded(scene, chosen)
+        say(str(chosen))
+    if chosen.fewer_steps:
+        say(chosen.about_steps())
+    return chosen
+
+
+def _bounded(scene: Scene, given: Complexity) -> Complexity:
+    most, views = given.max_gaussians, given.views
     by_views, by_pixels = _PER_VIEW * views, _pixels(scene, _PIXELS_EACH * most) // _PIXELS_EACH
     number = max(1, min(most, by_views, by_pixels))
     because = "the preset's number"
     if number < most:
         rule = f"{_PER_VIEW:,} each" if number == by_views else f"one for {_PIXELS_EACH} pixels"
         because = f"{rule}: more would learn so few by heart"
-    chosen = Complexity(number, *given, because, number < most)
-    say(str(chosen))
-    return chosen
+    return dataclasses.replace(given, max_gaussians=number, because=because, fewer=number < most)
 
 
 def with_most(options: TrainOptions, most: int) -> TrainOptions:

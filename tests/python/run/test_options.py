@@ -28,6 +28,21 @@ def test_options_without_arguments_are_the_balanced_preset():
     assert options == balanced
 
 
+def test_presets_steps_are_fewer_for_few_views_and_given_ones_are_not():
+    rows = [
+        ("balanced", 25, 2000), ("balanced", 24, 1920), ("balanced", 10, 800),
+        ("balanced", 2, 500), ("fast", 10, 500), ("best", 10, 2800), ("best", 60, 7000),
+    ]  # fmt: skip
+    for preset, views, steps in rows:
+        options = TrainOptions(preset=preset).for_views(views)
+        assert (options.steps, options.fewer_steps) == (steps, PRESETS[preset]["steps"] - steps)
+        assert options.for_views(views).steps == steps
+        assert TrainOptions(preset=preset, steps=3000).for_views(views).steps == 3000
+    resolved = TrainOptions().for_views(10).resolved()
+    assert resolved == TrainOptions(steps=800).resolved()
+    assert resolved.for_views(2) == resolved  # of a run that goes on
+
+
 def test_options_with_preset_keep_values_that_were_given():
     count = 0
     for preset, values in PRESETS.items():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import gsut
+import gsut.run.recipe as recipe
 from gsut import TrainOptions
 from gsut.training import choose_complexity, complexity
 from random_scenes import arrays_of
@@ -77,3 +78,18 @@ def test_training_takes_the_number_says_so_and_has_the_bits_of_one_that_is_given
     assert arrays_of(given.gaussians) == arrays_of(whole.gaussians)
     assert given.metrics["complexity"]["because"] == ""
     assert not any("photographs: at most" in note for note in given.metrics["notes"])
+
+
+def test_training_on_few_photographs_takes_fewer_steps_and_says_so(scene, monkeypatch, capsys):
+    preset = {"steps": 50, "max_gaussians": 100, "sh_degree": 0}
+    monkeypatch.setitem(recipe.PRESETS, "fast", preset)
+    monkeypatch.setattr(recipe, "_LEAST_STEPS", 5)
+    views = len(scene.train_indices)
+    result = gsut.train(scene, TrainOptions(preset="fast", eval_every=0), progress=True)
+    assert result.metrics["steps"] == result.metrics["complexity"]["steps"] == 2 * views
+    line = f"{views} photographs: {2 * views} steps, for which the preset has 50"
+    assert line in capsys.readouterr().err
+    assert any(note.startswith(line) for note in result.metrics["notes"])
+    given = gsut.train(scene, TrainOptions(steps=20, max_gaussians=100), progress=False)
+    assert given.metrics["steps"] == 20
+    assert not any("steps, for which" in note for note in given.metrics["notes"])
