@@ -120,7 +120,7 @@ class TrainOptions:
 
     max_gaussians: int = option(
         AUTO, "Gaussians", "most Gaussians; auto: fast 50000, balanced 200000, best 300000, or "
-        "fewer where photographs are few: 7000 a training view, and one for 4 of their pixels",
+        "fewer where photographs are few: 5000 a training view, and one for 4 of their pixels",
         low=1, high=100_000_000, words=(AUTO,),
     )
     sh_degree: int = option(

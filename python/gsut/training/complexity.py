@@ -16,7 +16,7 @@ from gsut.run import AUTO, TrainOptions
 
 # Gaussians a training view, and pixels of all training views a Gaussian, at the most. Of twelve to
 # fifteen real photographs 50,000 to 100,000 predict others best, 200,000 less well by 0.5 dB.
-_PER_VIEW = 7000
+_PER_VIEW = 5000
 _PIXELS_EACH = 4
 
 
