@@ -59,6 +59,9 @@ class Densification:
         """Adds and removes Gaussians; returns the optimizer to go on with."""
         raise NotImplementedError
 
+    def settle(self, optimizer: GaussianOptimizer, now: DensificationStep) -> None:
+        """As often, once nothing is added or removed any more."""
+
 
 def densification_of(options: TrainOptions, first_count: int) -> Densification:
     """The strategy that the options name."""

@@ -251,13 +251,15 @@ class TrainingLoop:
     def _densify(self, step: _Step) -> None:
         """Where it is due: more and fewer Gaussians; or once, many fewer (`compact_at`)."""
         o, scene = self.options, self.scene
-        within = o.densify_from <= step.fraction <= o.densify_until
-        if within and step.number % o.densify_every == 0:
+        if step.fraction >= o.densify_from and step.number % o.densify_every == 0:
             full = o.compact_at is not None and step.number >= o.compact_at
             now = DensificationStep(step.number, step.fraction, step.level.scene, self.extent, full)
-            self.optimizer = self.densification.densify(self.optimizer, now)
-            self.optimizer.sort_by_place()
-            self._begin_anew()
+            if step.fraction <= o.densify_until:
+                self.optimizer = self.densification.densify(self.optimizer, now)
+                self.optimizer.sort_by_place()
+                self._begin_anew()
+            else:
+                self.densification.settle(self.optimizer, now)
         if step.number == o.compact_at:
             views = seen_views(scene, scene.train_indices)
             small = compact(

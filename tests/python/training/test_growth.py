@@ -46,8 +46,9 @@ def test_beside_gaussians_that_stay_growth_goes_by_gradients(scene):
     assert not loop.optimizer.error_sum.any()
 
 
-def test_a_plate_is_cut_to_a_fifth_of_its_distance(scene):
-    loop = loop_of(scene)
+@pytest.mark.parametrize("until", [0.8, 0.1], ids=["while it grows", "afterwards"])
+def test_a_plate_is_cut_to_a_fifth_of_its_distance(scene, until):
+    loop = loop_of(scene, densify_until=until)
     middle = np.mean([scene.views[i].camera_center for i in scene.train_indices], axis=0)
     plate = loop.gaussians
     plate.log_scales[0] = np.log([1e-3, 50.0, 40.0]) + np.log(scene.extent)

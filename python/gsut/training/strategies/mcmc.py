@@ -44,6 +44,10 @@ class Strategy(Densification):
         _limit_sizes(optimizer.gaussians, now)
         return optimizer
 
+    def settle(self, optimizer: GaussianOptimizer, now: DensificationStep) -> None:
+        """Keeps the sizes: plates grow in the last fifth of the steps as before."""
+        _limit_sizes(optimizer.gaussians, now)
+
 
 def _limit_sizes(gaussians: Gaussians, now: DensificationStep) -> None:
     views = [now.scene.views[index] for index in now.scene.train_indices]
