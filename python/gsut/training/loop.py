@@ -97,7 +97,7 @@ class TrainingLoop:
         self.views = TrainingViews(scene, options.coarse_to_fine)
         lens = options.calibration_weights
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
-        refine = options.refine_poses
+        refine, flat = options.refine_poses, options.surface
         self.refiner = TrainingRefiner(self.views, options, tracks) if refine else None
         self.renderer: Any = _core.Renderer() if options.motion_blur is None else BlurRenderer()
         self._exposure = Exposure(scene, options.motion_blur)
@@ -106,9 +106,7 @@ class TrainingLoop:
         self._gradients: Any = None  # of all that is drawn
         self._touched = np.zeros(0, np.uint8)
         self.photographs = PhotographModel(scene, options, light)
-        self.surface = (
-            SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if options.surface else None
-        )
+        self.surface = SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if flat else None
         self._filter = LowPassFilter(options.low_pass, self.views.training_cameras)
         self._mean = TrajectoryMean(options.average_from, surfels)
 
