@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import itertools
 import sys
 from pathlib import Path
@@ -28,9 +29,6 @@ DESCRIPTION = (
 )
 _PLY = ".ply"
 _WORKING = 1.5  # of the Gaussians' numbers, beside them: pairs, and the result
-# Up to this share compacting and fine-tuning was better than training as few from the start, on all
-# captures tried; above, not where light changes (fox: 0.3 dB at 0.3; docs/results.md).
-_FEW_KEPT = 0.2
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -53,10 +51,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="instead: the most Gaussians that fit into a PLY file of this size, such as 5MB",
     )  # fmt: skip
     parser.add_argument(
-        "--method", default="ghap", metavar="METHOD",
+        "--method", default="auto", metavar="METHOD",
         help="ghap: merge neighbours where it costs least, weighted by what the lenses see, and "
         "fit colours to the whole model's pictures; field: without the fit; ghap-paper: the "
-        "published k-means; lightgaussian, pup: prune by score [default ghap]",
+        "published k-means; lightgaussian, pup: prune by score; auto: ghap, but with --finetune "
+        "where photographs differ in light and more than a fifth is kept as many are trained from "
+        "the start for the same work, which is better there [default auto]",
     )  # fmt: skip
     parser.add_argument(
         "--finetune", type=whole, default=0, metavar="STEPS",
@@ -114,7 +114,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
             "--finetune, --target-psnr-drop and --harmonics-drop need photographs; give the folder "
             "of a run"
         )
-    check_method(options.method, False)
+    check_method(options.merging, False)
     out = Path(arguments.out)
     if out.suffix.lower() != _PLY:
         raise InputError(f"-o {out}: of a PLY file a PLY file is made; give a name ending in .ply")
@@ -125,7 +125,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
     if options.target_bytes is not None:
         count = count_for_bytes(gaussians, options.target_bytes)
     started = time.perf_counter()
-    result = compact(gaussians, keep, count=count, method=options.method, seed=options.seed)
+    result = compact(gaussians, keep, count=count, method=options.merging, seed=options.seed)
     seconds = time.perf_counter() - started
     gsut.save_ply(out, result.gaussians)
     if not arguments.quiet and not arguments.json:
@@ -133,7 +133,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
             f"{len(gaussians):,} -> {len(result.gaussians):,} Gaussians in {seconds:.1f} s: {out}"
         )
     return {
-        "method": options.method,
+        "method": options.merging,
         "source_num_gaussians": len(gaussians),
         "num_gaussians": len(result.gaussians),
         "dropped": result.dropped,
@@ -145,7 +145,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
 def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     from gsut.formats import check_room
     from gsut.gaussians import DRAWN_BYTES
-    from gsut.run import METRICS, SCENE, Progress, RunFolder
+    from gsut.run import METRICS, SCENE, Progress, RunFolder, read_plan
     from gsut.training import RunCompactor, read_light, read_trained, write_compacted_run
 
     source = RunFolder.open(arguments.source)
@@ -157,6 +157,8 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     target.refuse_finished(arguments.source)  # before anything that takes long
     train_options, scene, gaussians = read_trained(source, arguments.data)
     check_room("compacting", [gaussians], _WORKING, DRAWN_BYTES)
+    if read_plan(source) is not None:  # too large, perhaps, to be trained as a whole
+        options = dataclasses.replace(options, method=options.merging)
 
     def on_try(count: int, psnr: float) -> None:
         if not arguments.quiet:
@@ -170,10 +172,12 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
             keep_degrees=earlier.get("harmonics_degrees") is not None,
             on_view=lambda: bars.show("views", next(done) % views + 1, views),
             on_step=lambda loop, loss: bars.show_step(
-                loop.step, options.finetune, loss, len(loop.gaussians)
+                loop.step, loop.options.steps, loss, len(loop.gaussians)
             ),
             on_try=on_try,
         )  # fmt: skip
+        if compactor.because:
+            bars.note(compactor.because)
         made = compactor.make()
     run = write_compacted_run(target.path, source, compactor, made)
     metrics = run.read_json(METRICS)
@@ -183,12 +187,17 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
 
 
 def _print_summary(metrics: dict[str, Any], size: int) -> None:
+    from gsut.training import FROM_START
+
     done = metrics["compaction"]
-    tuned = f", {done['finetune_steps']} steps" if done["finetune_steps"] else ""
+    way, steps = f"by {done['method']}", done["finetune_steps"]
+    seconds = done["compact_seconds"] + done["finetune_seconds"]
+    if done["method"] == FROM_START:
+        way, steps, seconds = "from the start", metrics["steps"], metrics["train_seconds"]
+    tuned = f", {steps} steps" if steps else ""
     print(
-        f"{done['source_num_gaussians']:,} -> {metrics['num_gaussians']:,} Gaussians by "
-        f"{done['method']}{tuned} in {done['compact_seconds'] + done['finetune_seconds']:.1f} s, "
-        f"{size / 1e6:.1f} MB"
+        f"{done['source_num_gaussians']:,} -> {metrics['num_gaussians']:,} Gaussians {way}{tuned} "
+        f"in {seconds:.1f} s, {size / 1e6:.1f} MB"
     )
     if done["harmonics_degrees"]:
         counts = enumerate(done["harmonics_degrees"])
@@ -199,10 +208,4 @@ def _print_summary(metrics: dict[str, Any], size: int) -> None:
         print(
             f"PSNR {metrics['psnr']:.2f} dB{was}, SSIM {metrics['ssim']:.4f}, "
             f"{metrics['render_ms']:.1f} ms a view"
-        )
-    kept = metrics["num_gaussians"] / done["source_num_gaussians"]
-    if metrics.get("light") and kept > _FEW_KEPT:
-        print(
-            f"the photographs differ in light: {metrics['num_gaussians']:,} Gaussians trained from "
-            f"the start (gsut train --max-gaussians {metrics['num_gaussians']}) may be better"
         )

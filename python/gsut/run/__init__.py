@@ -36,6 +36,7 @@ from gsut.run.option_fields import (
 )
 from gsut.run.options import AUTO, COMMON_OPTIONS, PRESETS, TrainOptions
 from gsut.run.progress import Progress
+from gsut.run.recipe import recipe
 from gsut.run.staged_progress import StagedProgress, counted_down
 from gsut.run.stopwatch import Stopwatch
 from gsut.run.verdict import Verdict, worst
@@ -82,6 +83,7 @@ __all__ = [
     "peak_rss_mb",
     "read_checkpoint",
     "read_plan",
+    "recipe",
     "release_memory",
     "show_every_option",
     "size_text",

@@ -9,6 +9,7 @@ from gsut.training.compact_run import (
 from gsut.training.complexity import Complexity, choose_complexity, with_most
 from gsut.training.finetuning import finetune, finetune_options
 from gsut.training.for_viewers import VIEWER_STEPS, ForViewers, tune_for_viewers
+from gsut.training.from_start import FROM_START
 from gsut.training.loop import TrainingLoop
 from gsut.training.photometric_poses import grow_poses
 from gsut.training.record import TrainingRecord
@@ -40,6 +41,7 @@ from gsut.training.trained_run import (
 )
 
 __all__ = [
+    "FROM_START",
     "VIEWER_STEPS",
     "CompactOptions",
     "Complexity",

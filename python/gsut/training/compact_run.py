@@ -28,8 +28,10 @@ from gsut.data import Scene
 from gsut.evaluate import mean_psnr
 from gsut.gaussians import Gaussians, MixedGaussians, pack_harmonics
 from gsut.render import Light
-from gsut.run import METRICS, REFINED, RunFolder, TrainOptions, describe_environment
+from gsut.run import AUTO, METRICS, REFINED, RunFolder, TrainOptions, describe_environment
 from gsut.training.finetuning import finetune, finetune_options
+from gsut.training.from_start import FROM_START, is_better_from_start, train_from_start
+from gsut.training.loop import TrainingLoop
 from gsut.training.results import measure, write_results
 from gsut.training.start import about_cameras
 
@@ -40,6 +42,7 @@ _FLOAT_BYTES = 4
 # Floats of a row of a 3DGS PLY but for the harmonics: position, normal, opacity, scales, rotation.
 _ROW_FLOATS = 14
 _HEADER_BYTES = 2048  # more than any header that save_ply writes
+_AUTO_MERGES = "ghap"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,7 +50,8 @@ class CompactOptions:
     """What to make of a run. One of keep, target_psnr_drop and target_bytes is given.
 
     Attributes:
-        method: see `gsut.compact`.
+        method: see `gsut.compact`; auto: ghap, or where `is_better_from_start` says so no
+            compaction, but as many Gaussians trained from the start for the same work.
         keep: fraction of the Gaussians, above 0 and at most 1.
         target_psnr_drop: dB of held-out PSNR (training views where none is held out) that may be
             lost, fine-tuning included; the smallest number that holds it is searched by bisection.
@@ -61,7 +65,7 @@ class CompactOptions:
         InputError: a value out of range, or not exactly one target.
     """
 
-    method: str = "ghap"
+    method: str = AUTO
     keep: float | None = None
     target_psnr_drop: float | None = None
     target_bytes: int | None = None
@@ -83,7 +87,12 @@ class CompactOptions:
             raise InputError(f"--harmonics-drop must be 0 dB or more, found {drop}")
         if self.finetune < 0:
             raise InputError(f"--finetune must be 0 or more steps, found {self.finetune}")
-        check_method(self.method, True)
+        check_method(self.merging, True)
+
+    @property
+    def merging(self) -> str:
+        """The method where the Gaussians are compacted."""
+        return _AUTO_MERGES if self.method == AUTO else self.method
 
 
 def count_for_bytes(gaussians: Gaussians, size: int) -> int:
@@ -115,6 +124,11 @@ class RunCompactor:
         on_view: called after each view that is looked at for scores.
         on_step: called after each step of fine-tuning with the loop and the loss.
         on_try: called with (number of Gaussians, PSNR) after each try of the search.
+
+    Attributes:
+        method: by which the Gaussians become fewer: "from_start" where they are trained anew.
+        because: why that, in a sentence; "" where they are compacted.
+        anew: that training, finished; None where they are compacted.
     """
 
     def __init__(
@@ -134,9 +148,13 @@ class RunCompactor:
         self.train_options, self.options = train_options, options
         self.keep_degrees, self.light = keep_degrees, light
         self.on_view, self.on_step, self.on_try = on_view, on_step, on_try
-        self.views: Sequence[SeenView] = (
-            seen_views(self.scene, scene.train_indices) if looks_at_views(options.method) else ()
-        )
+        self.method, self.because = options.merging, self._why_from_start()
+        self.anew: TrainingLoop | None = None
+        self.views: Sequence[SeenView] = ()
+        if self.because:
+            self.method = FROM_START
+        elif looks_at_views(self.method):
+            self.views = seen_views(self.scene, scene.train_indices)
         self._scores: np.ndarray | None = None  # the same for all tries
         self.compact_seconds = 0.0
         self.finetune_seconds = 0.0
@@ -153,21 +171,44 @@ class RunCompactor:
         self.degrees = np.bincount(lowered.degrees, minlength=small.sh_degree + 1).tolist()
         return lowered.gaussians
 
+    def _why_from_start(self) -> str:
+        """Why as many Gaussians are to be trained from the start; "": they are not."""
+        o, own, count = self.options, len(self.gaussians), self._count()
+        if o.method != AUTO or count is None:
+            return ""
+        if not is_better_from_start(self.train_options, self.light, own, count, o.finetune):
+            return ""
+        return (
+            f"The photographs differ in light and {count / own:.0%} of {own:,} Gaussians are kept, "
+            f"where training beats compacting: {count:,} are trained from the start, for as much "
+            f"work as the run, a compaction and {o.finetune} steps of fine-tuning (--method "
+            f"{o.merging} compacts)."
+        )
+
+    def _count(self) -> int | None:
+        """How many Gaussians are to be left; None where that is searched."""
+        o = self.options
+        if o.keep is not None:
+            return max(1, round(o.keep * len(self.gaussians)))
+        return None if o.target_bytes is None else count_for_bytes(self.gaussians, o.target_bytes)
+
     def _fewer(self) -> Gaussians:
         o = self.options
+        if self.method == FROM_START:
+            return self._train_from_start()
         if o.keep is not None:
             return self._try(keep=o.keep)
         if o.target_bytes is not None:
-            return self._try(count=count_for_bytes(self.gaussians, o.target_bytes))
+            return self._try(count=self._count())
         return self._search()
 
     def _try(self, keep: float | None = None, count: int | None = None) -> Gaussians:
         o = self.options
         started = time.perf_counter()
         if self._scores is None:
-            self._scores = scores_of(self.gaussians, o.method, self.views, self.on_view)
+            self._scores = scores_of(self.gaussians, self.method, self.views, self.on_view)
         result: Compaction = compact(
-            self.gaussians, keep, count=count, method=o.method, views=self.views, seed=o.seed,
+            self.gaussians, keep, count=count, method=self.method, views=self.views, seed=o.seed,
             scores=self._scores, on_view=self.on_view,
         )  # fmt: skip
         self.compact_seconds = time.perf_counter() - started
@@ -182,6 +223,16 @@ class RunCompactor:
             self.light,
         )
         return tuned.to_gaussians() if isinstance(tuned, MixedGaussians) else tuned
+
+    def _train_from_start(self) -> Gaussians:
+        count = self._count()
+        assert count is not None and self.light is not None
+        self.anew = train_from_start(
+            self.scene, self.train_options, len(self.gaussians), count, self.options.finetune,
+            self.light, self.on_step,
+        )  # fmt: skip
+        self.light = self.anew.photographs.light()
+        return self.anew.result().copy()
 
     def _search(self) -> Gaussians:
         """Bisection over the logarithm of the number: fewer Gaussians, lower PSNR."""
@@ -232,28 +283,32 @@ def write_compacted_run(
     Raises:
         InputError: `out` holds a run or cannot be written.
     """
-    o, scene = compactor.options, compactor.scene
-    options = compactor.train_options
-    if o.finetune:
-        options = finetune_options(options, o.finetune, len(gaussians))
+    scene, anew, options = compactor.scene, compactor.anew, compactor.train_options
+    tuned = compactor.options.finetune if anew is None else 0
+    if anew is not None:
+        options = anew.options
+    elif tuned:
+        options = finetune_options(options, tuned, len(gaussians))
     environment = describe_environment(scene.path)
     run = RunFolder.create(out, options.resolved(), environment=environment, command="compact")
     before = source.read_json(METRICS) or {}
     _, metrics = measure(
         gaussians, scene, scene.test_indices or scene.train_indices, options, run,
-        steps=int(before.get("steps") or 0) + o.finetune,
-        train_seconds=float(before.get("train_seconds") or 0.0) + compactor.finetune_seconds,
+        steps=anew.step if anew else int(before.get("steps") or 0) + tuned,
+        train_seconds=anew.seconds if anew else float(before.get("train_seconds") or 0.0)
+        + compactor.finetune_seconds,
         light=compactor.light,
     )  # fmt: skip
+    metrics["notes"] += filter(None, [compactor.because])
     metrics["compaction"] = {
-        "method": o.method,
+        "method": compactor.method,
         "source": str(Path(source.path).resolve()),
         "source_num_gaussians": len(compactor.gaussians),
         "source_psnr": before.get("psnr"),
         "source_render_ms": before.get("render_ms"),
         "dropped": compactor.dropped,
         "harmonics_degrees": compactor.degrees,
-        "finetune_steps": o.finetune,
+        "finetune_steps": tuned,
         "compact_seconds": compactor.compact_seconds,
         "finetune_seconds": compactor.finetune_seconds,
     }

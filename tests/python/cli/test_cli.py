@@ -18,7 +18,6 @@ import gsut
 import gsut.demo
 import small_run
 from gsut.cli import build_parser, command_names, main
-from gsut.cli.compact import _print_summary
 from gsut.cli.demo import _free_run
 from gsut.run.folder import CHECKPOINT, METRICS, REPORT, SCENE, RunFolder
 from gsut.run.options import TrainOptions
@@ -322,19 +321,6 @@ def test_render_along_the_path_of_a_screenshot_uses_its_lens(run, tmp_path):
     path.write_text(json.dumps(shot))
     assert main(["render", str(run.path), "--path", str(path), "-o", str(out)]) == 0
     assert cv2.imread(str(out / "00000.png")).shape == (10, 20, 3)
-
-
-def test_compact_names_the_other_way_where_light_differs_and_much_is_kept(capsys):
-    done = {
-        "source_num_gaussians": 100, "method": "ghap", "finetune_steps": 5, "compact_seconds": 1,
-        "finetune_seconds": 2, "dropped": 0, "harmonics_degrees": None,
-    }  # fmt: skip
-    told = []
-    for count, light in ((30, {}), (30, None), (20, {"gains": {}}), (30, {"gains": {}})):
-        metrics = {"num_gaussians": count, "compaction": done, "psnr": None, "light": light}
-        _print_summary(metrics, 1000)
-        told.append("--max-gaussians 30" in capsys.readouterr().out)
-    assert told == [False, False, False, True]
 
 
 @pytest.mark.parametrize(
