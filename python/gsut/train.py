@@ -15,11 +15,12 @@ from gsut._core import InputError
 from gsut.check import refuse_too_large
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
-from gsut.run import TrainOptions
+from gsut.run import TrainOptions, for_views
 from gsut.training import (
     TrainingLoop,
     TrainingRecord,
     choose_complexity,
+    choose_degree,
     measure_training,
     plain_background,
     prepare_scene,
@@ -81,22 +82,23 @@ def train(
         InputError: no training view, an option out of range, or `out` holds a run.
         DatasetError: a photograph or a mask cannot be used, or memory does not suffice.
     """
-    asked = (options or TrainOptions()).for_views(len(scene.train_indices))
-    o = asked.resolved()
-    _core.set_num_threads(o.threads)
+    asked = for_views(options or TrainOptions(), len(scene.train_indices))
+    _core.set_num_threads(asked.threads)
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
-    refuse_too_large(scene, o)  # check/: of the memory that is free
-    given, scene = scene, prepare_scene(scene.centred, o)  # data/: size of the images, shutter
-    scene = without_blurred(scene, o)
+    refuse_too_large(scene, asked)  # check/: of the memory that is free
+    given, scene = scene, prepare_scene(scene.centred, asked)  # data/: size of the images, shutter
+    scene = without_blurred(scene, asked)
     scene.check_pixels()  # data/: a damaged photograph is found now
+    asked = choose_degree(scene, asked)  # of harmonics, as the photographs bear
+    o = asked.resolved()
     if o.background is None:
         o = dataclasses.replace(o, background=plain_background(scene))
     # run/: folder, history, checkpoints
     record = TrainingRecord(out, o, scene, resume, progress, watch)
     fresh = record.checkpoint is None
     tracks = refine_first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
-    complexity = choose_complexity(scene, asked, record.note)  # what the photographs bear
+    complexity = choose_complexity(scene, asked, record.note)  # as many as the photographs bear
     o = with_most(o, complexity.max_gaussians)
     loop = TrainingLoop(scene, o, tracks=tracks)  # gaussians/: the first ones
     with record.follow(loop):

@@ -16,7 +16,7 @@ import gsut
 from gsut._core import InputError, set_num_threads
 from gsut.evaluate import mean_psnr
 from gsut.run import TrainOptions
-from gsut.training import TrainingLoop, choose_complexity
+from gsut.training import TrainingLoop, choose_complexity, choose_degree
 from tests.bench.plots import plot_complexity
 from tests.bench.report_rows import (
     add_files,
@@ -51,7 +51,7 @@ class ComplexityBenchOptions:
         data: dataset with held-out views.
         views: training views to keep, spread evenly; 0: all. Each is a capture of its own.
         counts: of the sweep, most Gaussians; empty: the preset's, and thirds of it.
-        degrees: of harmonics.
+        degrees: of harmonics, beside the one that is chosen.
         seeds: a training each; what counts is their mean.
         steps, scale: of each training.
     """
@@ -89,9 +89,11 @@ def complexity_bench(
         scene = _scene(options, kept)
         name = f"{options.data.resolve().name} x {options.scale:g}, {options.steps} steps"
         capture = {"capture": name, "views": len(scene.train_indices)}
-        chosen = choose_complexity(scene, TrainOptions(steps=options.steps).resolved())
+        asked = choose_degree(scene, TrainOptions(steps=options.steps))
+        chosen = choose_complexity(scene, asked)
+        degrees = sorted({*options.degrees, chosen.sh_degree})
         for count in sorted({*options.sweep(), chosen.max_gaussians}, reverse=True):
-            for degree, seed in itertools.product(options.degrees, options.seeds):
+            for degree, seed in itertools.product(degrees, options.seeds):
                 key = capture | {"max_gaussians": count, "sh_degree": degree, "seed": seed}
                 if _found(rows, key) is None:
                     say(f"{name}, {len(scene.train_indices)} views: {count:,} degree {degree}")
@@ -159,7 +161,7 @@ def _found(rows: Sequence[dict[str, Any]], key: dict[str, Any]) -> dict[str, Any
 
 # --- the command ----------------------------------------------------------------------------------
 
-HELP = "held-out PSNR over the number of Gaussians, and the number that --max-gaussians auto takes"
+HELP = "held-out PSNR over the number of Gaussians, and what gsut train chooses"
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -167,7 +169,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add("data", metavar="DATA", type=Path, help="dataset with held-out views")
     add("--views", metavar="N,M", help="training views to keep, spread evenly; 0: all [0]")
     add("--counts", metavar="N,M", help="most Gaussians [200000 and its third, ninth, ...]")
-    add("--sh-degrees", metavar="A,B", help="of the harmonics [1]")
+    add("--sh-degrees", metavar="A,B", help="of the harmonics, beside the one that is chosen [1]")
     add("--seeds", metavar="A,B", help="a training each, judged by their mean [0]")
     add("--steps", type=int, default=1000, metavar="N", help="of each training [1000]")
     add("--scale", type=float, default=1.0, metavar="X", help="of the images [1]")

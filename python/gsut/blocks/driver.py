@@ -23,7 +23,7 @@ from gsut.run import (
     describe_environment,
     read_plan,
 )
-from gsut.training import prepare_scene
+from gsut.training import choose_degree, prepare_scene
 
 _TASKS = 3  # kind of the tasks: those of another cannot be gone on with
 
@@ -64,6 +64,7 @@ def train_blocks(
     near = prepare_scene(scene.centred, o.resolved())
     keep_at_most(near, cache_bytes(b))
     near.check_pixels()
+    o = choose_degree(near, o)
     engine = Workers(b.workers, o.threads) if b.cluster is None else Cluster(b.cluster)
     run, o = _open_run(out, o, b, scene, resume)
     training = Stages(run, o, b, near, engine, progress)

@@ -40,6 +40,7 @@ from gsut.run import (
     TrainOptions,
     Verdict,
     flag_name,
+    for_views,
     worst,
 )
 from gsut.sfm import PosesOptions, check_lens
@@ -250,7 +251,7 @@ def _train(
         bars.skip("training")
         return folder.read_json(METRICS)
     scene = gsut.load_dataset(folder.path / POSES, test_every=options.test_every)
-    options = options.for_views(len(scene.train_indices))
+    options = for_views(options, len(scene.train_indices))
     if (folder.path / OPTIONS).is_file():
         options = folder.read_options()
     for note in filter(None, (*scene.notes, size_note(scene, options))):

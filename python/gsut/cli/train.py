@@ -30,6 +30,7 @@ from gsut.run import (
     TrainOptions,
     Verdict,
     add_option_flags,
+    for_views,
     given_options,
     read_plan,
 )
@@ -139,7 +140,7 @@ def train_into(
 
     scene = gsut.load_dataset(data, test_every=options.test_every, test_names=options.test_names)
     if blocks is None:
-        options = options.for_views(len(scene.train_indices))
+        options = for_views(options, len(scene.train_indices))
     if not quiet:
         from gsut.data import UNCOLORED, has_colors
         from gsut.training import size_note

@@ -3,6 +3,7 @@
 from gsut.run.block_options import MOST_BLOCKS, BlockOptions
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.environment import describe_environment, peak_rss_mb
+from gsut.run.fitted import for_degree, for_views, is_open, of_preset
 from gsut.run.folder import (
     BLOCKS,
     ENVIRONMENT,
@@ -75,8 +76,12 @@ __all__ = [
     "describe_environment",
     "describe_options",
     "flag_name",
+    "for_degree",
+    "for_views",
     "free_memory",
     "given_options",
+    "is_open",
+    "of_preset",
     "option",
     "option_info",
     "parse_size",

@@ -20,7 +20,7 @@ from gsut.run.option_fields import (
     option,
     words_of,
 )
-from gsut.run.recipe import PRESETS, recipe, steps_of_few
+from gsut.run.recipe import PRESETS, recipe
 
 # --max-gaussians auto: see gsut.training.complexity.
 AUTO = "auto"
@@ -45,7 +45,7 @@ class TrainOptions:
             options that contradict each other.
     """
 
-    _steps_given: ClassVar[bool] = True  # of each object: `steps` are not the preset's
+    _open: ClassVar[set[str]] = set()  # of each object: what the preset has given; see fitted.py
 
     # A table: a few lines an option, not one an argument.
     # fmt: off
@@ -125,7 +125,8 @@ class TrainOptions:
     )
     sh_degree: int = option(
         None, "Gaussians", "degree of the spherical harmonics of colour", low=0, high=3,
-        none="fast and balanced 1, best 2",
+        none="3 where the points' colours depend on the direction that they are seen from; else "
+        "fast and balanced 1, best 2",
     )
     primitive: str = option(
         "gaussian", "Gaussians", "surfel: flat discs without a third scale, as in 2DGS; the file "
@@ -284,10 +285,10 @@ class TrainOptions:
 
     def __post_init__(self) -> None:
         check_options(self)
-        object.__setattr__(self, "_steps_given", self.steps is not None)
-        for name, value in PRESETS[self.preset or "balanced"].items():
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, value)
+        preset = PRESETS[self.preset or "balanced"]
+        object.__setattr__(self, "_open", {name for name in preset if getattr(self, name) is None})
+        for name in self._open:
+            object.__setattr__(self, name, preset[name])
         if self.densify_from > self.densify_until:
             raise InputError(
                 f"--densify-from {self.densify_from} lies after --densify-until "
@@ -319,20 +320,6 @@ class TrainOptions:
         """`max_gaussians`, or where that is "auto" the most that it may come to."""
         auto = self.max_gaussians == AUTO
         return PRESETS[self.preset or "balanced"]["max_gaussians"] if auto else self.max_gaussians
-
-    def for_views(self, views: int) -> TrainOptions:
-        """The same options for so many training views: where the preset gives the steps, fewer."""
-        if self._steps_given:
-            return self
-        steps = steps_of_few(PRESETS[self.preset or "balanced"]["steps"], views)
-        changed = dataclasses.replace(self, steps=steps)
-        object.__setattr__(changed, "_steps_given", False)
-        return changed
-
-    @property
-    def fewer_steps(self) -> int:
-        """By how many `for_views` has lowered the preset's steps."""
-        return 0 if self._steps_given else PRESETS[self.preset or "balanced"]["steps"] - self.steps
 
     def resolved(self) -> TrainOptions:
         """The same options with every value that depends on the number of steps filled in.

@@ -13,9 +13,6 @@ PRESETS: dict[str, dict[str, Any]] = {
     "balanced": {"steps": 2000, "max_gaussians": 200_000, "sh_degree": 1},
     "best": {"steps": 7000, "max_gaussians": 300_000, "sh_degree": 2},
 }
-# Below so many training views a preset's steps are as many fewer, down to the least: more gain
-# nothing from so few (docs/performance.md).
-_FULL_STEPS_VIEWS, _LEAST_STEPS = 25, 500
 
 # The rate of the means times the number of steps is what matters; from 1667 steps on the rate stays
 # at the value measured as best for 2000 and more. (Steps, rate x steps): 0.8 at 500 steps, too,
@@ -57,11 +54,6 @@ def recipe(steps: int, sh_degree: int) -> dict[str, Any]:
         "grow_until": _GROW_UNTIL,
         "coarse_to_fine": (_at_steps(steps, _QUARTER_UNTIL), _at_steps(steps, _HALF_UNTIL)),
     }
-
-
-def steps_of_few(steps: int, views: int) -> int:
-    """As many of a preset's steps as a scene of so many training views can use."""
-    return min(steps, max(_LEAST_STEPS, steps * views // _FULL_STEPS_VIEWS))
 
 
 def _within(value: float, ends: tuple[float, float]) -> float:

@@ -6,7 +6,7 @@ from gsut.training.compact_run import (
     count_for_bytes,
     write_compacted_run,
 )
-from gsut.training.complexity import Complexity, choose_complexity, with_most
+from gsut.training.complexity import Complexity, choose_complexity, choose_degree, with_most
 from gsut.training.finetuning import finetune, finetune_options
 from gsut.training.for_viewers import VIEWER_STEPS, ForViewers, tune_for_viewers
 from gsut.training.from_start import FROM_START
@@ -53,6 +53,7 @@ __all__ = [
     "TrainingTime",
     "about_cameras",
     "choose_complexity",
+    "choose_degree",
     "count_for_bytes",
     "finetune",
     "finetune_options",

@@ -8,6 +8,8 @@ images could tell.
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from gsut.data import Scene, points_seen
@@ -38,6 +40,42 @@ def first_gains(scene: Scene) -> np.ndarray | None:
         (V, 3), of mean zero over the training views; of views that were not looked at those of
         their neighbours in time. None where the points do not show for certain that gains differ.
     """
+    seen = colors_of_points(scene, _SEEN_BY)
+    if seen is None:
+        return None
+    gains, are_certain = gains_of(seen)
+    if not are_certain:
+        return None
+    out = np.zeros((len(scene.views), 3))
+    out[seen.views] = gains
+    names = [each.name for each in scene.views]
+    cameras = [each.camera_index for each in scene.views]
+    out = interpolated_gains(out, seen.views.tolist(), names, cameras)
+    return out - out[list(scene.train_indices)].mean(axis=0)
+
+
+@dataclasses.dataclass(frozen=True)
+class PointColors:
+    """What photographs show of the scene's points, a sample each.
+
+    Attributes:
+        views: (V,) of the scene, that were looked at.
+        view, point: (n,) rows of `views`, and numbers of points, from 0 on.
+        positions: (n, 3) of the samples' points.
+        logs: (3, n) logarithms of the colours.
+        falloff: (orders, n) powers of the distance from the image's middle.
+    """
+
+    views: np.ndarray
+    view: np.ndarray
+    point: np.ndarray
+    positions: np.ndarray
+    logs: np.ndarray
+    falloff: np.ndarray
+
+
+def colors_of_points(scene: Scene, seen_by: int) -> PointColors | None:
+    """The colours of points that so many of the training photographs see; None: too few of them."""
     train = np.array(scene.train_indices)
     views = train[np.unique(np.linspace(0, len(train) - 1, _MOST_VIEWS).round().astype(int))]
     if len(views) < _FEWEST_VIEWS or not len(scene.points):
@@ -46,22 +84,22 @@ def first_gains(scene: Scene) -> np.ndarray | None:
     seen = [_colors(scene, int(view), points) for view in views]
     view = np.repeat(np.arange(len(seen)), [len(rows) for rows, *_ in seen])
     point, colors, radius = (np.concatenate(column) for column in zip(*seen, strict=True))
-    often = np.bincount(point, minlength=len(points))[point] >= _SEEN_BY
-    view, point = view[often], np.unique(point[often], return_inverse=True)[1]
+    often = np.bincount(point, minlength=len(points))[point] >= seen_by
+    view, rows = view[often], point[often]
     if np.bincount(view, minlength=len(views)).min() < _FEWEST_SEEN:
         return None
     logs = np.log(np.ascontiguousarray(colors[often].T))
     falloff = radius[often] ** (2 * np.arange(1, _ORDERS + 1)[:, None])
-    gains, error = _fit(view, point, logs, falloff, len(views))
-    _, without = _fit(view, point, logs, falloff, 0)
-    if gains.mean(axis=1).std() < _DIFFER or error > _LEFT_OVER * without:
-        return None
-    out = np.zeros((len(scene.views), 3))
-    out[views] = gains
-    names = [each.name for each in scene.views]
-    cameras = [each.camera_index for each in scene.views]
-    out = interpolated_gains(out, views.tolist(), names, cameras)
-    return out - out[train].mean(axis=0)
+    point = np.unique(rows, return_inverse=True)[1]
+    return PointColors(views, view, point, points[rows], logs, falloff)
+
+
+def gains_of(seen: PointColors) -> tuple[np.ndarray, bool]:
+    """Log-gains (V, 3) of the views, of mean zero, and whether they differ for certain."""
+    samples = seen.view, seen.point, seen.logs, seen.falloff
+    gains, error = _fit(*samples, len(seen.views))
+    _, without = _fit(*samples, 0)
+    return gains, gains.mean(axis=1).std() >= _DIFFER and error <= _LEFT_OVER * without
 
 
 def _colors(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gsut import InputError
+from gsut.run.fitted import for_degree, for_views, is_open
 from gsut.run.option_fields import add_option_flags, flag_name, given_options, option_info
 from gsut.run.options import AUTO, COMMON_OPTIONS, PRESETS, TrainOptions
 
@@ -34,13 +35,21 @@ def test_presets_steps_are_fewer_for_few_views_and_given_ones_are_not():
         ("balanced", 2, 500), ("fast", 10, 500), ("best", 10, 2800), ("best", 60, 7000),
     ]  # fmt: skip
     for preset, views, steps in rows:
-        options = TrainOptions(preset=preset).for_views(views)
-        assert (options.steps, options.fewer_steps) == (steps, PRESETS[preset]["steps"] - steps)
-        assert options.for_views(views).steps == steps
-        assert TrainOptions(preset=preset, steps=3000).for_views(views).steps == 3000
-    resolved = TrainOptions().for_views(10).resolved()
+        options = for_views(TrainOptions(preset=preset), views)
+        assert options.steps == steps and is_open(options, "steps")
+        assert for_views(options, views).steps == steps
+        assert for_views(TrainOptions(preset=preset, steps=3000), views).steps == 3000
+    resolved = for_views(TrainOptions(), 10).resolved()
     assert resolved == TrainOptions(steps=800).resolved()
-    assert resolved.for_views(2) == resolved  # of a run that goes on
+    assert for_views(resolved, 2) == resolved  # of a run that goes on
+
+
+def test_harmonics_of_a_preset_may_be_higher_and_given_ones_stay():
+    assert for_degree(TrainOptions(), 3).sh_degree == 3
+    assert for_degree(TrainOptions(preset="best"), 1).sh_degree == 2
+    assert for_degree(TrainOptions(sh_degree=1), 3).sh_degree == 1
+    both = for_degree(for_views(TrainOptions(), 10), 3)
+    assert both.resolved() == TrainOptions(steps=800, sh_degree=3).resolved()
 
 
 def test_options_with_preset_keep_values_that_were_given():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import gsut
-import gsut.run.recipe as recipe
 from gsut import TrainOptions
+from gsut.run import PRESETS, fitted
 from gsut.training import choose_complexity, complexity
 from random_scenes import arrays_of
 from rendered_dataset import write_dataset
@@ -82,8 +82,8 @@ def test_training_takes_the_number_says_so_and_has_the_bits_of_one_that_is_given
 
 def test_training_on_few_photographs_takes_fewer_steps_and_says_so(scene, monkeypatch, capsys):
     preset = {"steps": 50, "max_gaussians": 100, "sh_degree": 0}
-    monkeypatch.setitem(recipe.PRESETS, "fast", preset)
-    monkeypatch.setattr(recipe, "_LEAST_STEPS", 5)
+    monkeypatch.setitem(PRESETS, "fast", preset)
+    monkeypatch.setattr(fitted, "_LEAST_STEPS", 5)
     views = len(scene.train_indices)
     result = gsut.train(scene, TrainOptions(preset="fast", eval_every=0), progress=True)
     assert result.metrics["steps"] == result.metrics["complexity"]["steps"] == 2 * views
