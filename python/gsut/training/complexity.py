@@ -93,7 +93,8 @@ def choose_complexity(
     most, views = options.most_gaussians, len(scene.train_indices)
     chosen = Complexity(
         most, options.sh_degree, views, steps=options.steps,
-        fewer_steps=_above(options, "steps", -1), higher_degree=_above(options, "sh_degree", 1),
+        fewer_steps=-_over_preset(options, "steps"),
+        higher_degree=_over_preset(options, "sh_degree"),
     )  # fmt: skip
     if options.max_gaussians == AUTO:
         chosen = _bounded(scene, chosen)
@@ -116,9 +117,9 @@ def choose_degree(scene: Scene, options: TrainOptions) -> TrainOptions:
     return for_degree(options, _HIGHEST) if share is not None and share < _FORETOLD else options
 
 
-def _above(options: TrainOptions, name: str, sign: int) -> int:
-    """By how much a value that is open lies above the preset's, or with -1 below."""
-    return sign * (getattr(options, name) - of_preset(options, name)) * is_open(options, name)
+def _over_preset(options: TrainOptions, name: str) -> int:
+    """What has been added to the preset's value; 0 where the user has given one."""
+    return getattr(options, name) - of_preset(options, name) if is_open(options, name) else 0
 
 
 def _bounded(scene: Scene, given: Complexity) -> Complexity:
