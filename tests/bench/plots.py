@@ -149,7 +149,7 @@ def plot_complexity(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]
     axes.axhspan(-_ALIKE, 0.0, color="#f0f0f0", zorder=0)
     axes.set_ylim(bottom=max(axes.get_ylim()[0], -_LOWEST))
     _rounded_ticks(axes)
-    axes.legend(frameon=False, fontsize=8, loc="upper left")
+    axes.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
     _save(figure, path)
 
 
