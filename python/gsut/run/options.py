@@ -337,15 +337,15 @@ class TrainOptions:
         return dataclasses.replace(self, **changes)
 
     def words(self, *but: str) -> list[str]:
-        """Words of the command line that make these options, without what follows from others;
-        nothing of the fields `but`."""
+        """Words of the command line that make these options, without what follows from others or
+        from the scene; nothing of the fields `but`."""
         basis = {name: getattr(self, name) for name in ("preset", "steps", "sh_degree")}
         start = PRESETS[self.preset or "balanced"]
         unsaid = {"preset": None, "steps": start["steps"], "sh_degree": start["sh_degree"]}
         default = TrainOptions(**basis)
         if self == self.resolved():  # nobody knows any more what was given
             default = default.resolved()
-        return words_of(self, dataclasses.replace(default, **unsaid), but)
+        return words_of(self, dataclasses.replace(default, **unsaid), (*but, *self._open))
 
     def to_json(self) -> str:
         """The options as a JSON object, one key a field; `from_json` gives the same object."""

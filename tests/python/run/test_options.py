@@ -50,6 +50,7 @@ def test_harmonics_of_a_preset_may_be_higher_and_given_ones_stay():
     assert for_degree(TrainOptions(sh_degree=1), 3).sh_degree == 1
     both = for_degree(for_views(TrainOptions(), 10), 3)
     assert both.resolved() == TrainOptions(steps=800, sh_degree=3).resolved()
+    assert both.words() == [] and both.resolved().words() == ["--steps", "800", "--sh-degree", "3"]
 
 
 def test_options_with_preset_keep_values_that_were_given():
