@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 from gsut.run.options import TrainOptions
-from gsut.run.recipe import PRESETS
+from gsut.run.recipe import preset_values
 
 # Below so many training views a preset's steps are as many fewer, down to the least: more gain
 # nothing from so few (docs/performance.md).
@@ -20,7 +20,7 @@ def is_open(options: TrainOptions, name: str) -> bool:
 
 def of_preset(options: TrainOptions, name: str) -> Any:
     """The value that the preset has for any scene."""
-    return PRESETS[options.preset or "balanced"][name]
+    return preset_values(options.preset)[name]
 
 
 def for_views(options: TrainOptions, views: int) -> TrainOptions:

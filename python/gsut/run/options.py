@@ -20,7 +20,7 @@ from gsut.run.option_fields import (
     option,
     words_of,
 )
-from gsut.run.recipe import PRESETS, recipe
+from gsut.run.recipe import PRESETS, preset_values, recipe
 
 # --max-gaussians auto: see gsut.training.complexity.
 AUTO = "auto"
@@ -285,7 +285,7 @@ class TrainOptions:
 
     def __post_init__(self) -> None:
         check_options(self)
-        preset = PRESETS[self.preset or "balanced"]
+        preset = preset_values(self.preset)
         object.__setattr__(self, "_open", {name for name in preset if getattr(self, name) is None})
         for name in self._open:
             object.__setattr__(self, name, preset[name])
@@ -319,7 +319,7 @@ class TrainOptions:
     def most_gaussians(self) -> int:
         """`max_gaussians`, or where that is "auto" the most that it may come to."""
         auto = self.max_gaussians == AUTO
-        return PRESETS[self.preset or "balanced"]["max_gaussians"] if auto else self.max_gaussians
+        return preset_values(self.preset)["max_gaussians"] if auto else self.max_gaussians
 
     def resolved(self) -> TrainOptions:
         """The same options with every value that depends on the number of steps filled in.
@@ -340,7 +340,7 @@ class TrainOptions:
         """Words of the command line that make these options, without what follows from others or
         from the scene; nothing of the fields `but`."""
         basis = {name: getattr(self, name) for name in ("preset", "steps", "sh_degree")}
-        start = PRESETS[self.preset or "balanced"]
+        start = preset_values(self.preset)
         unsaid = {"preset": None, "steps": start["steps"], "sh_degree": start["sh_degree"]}
         default = TrainOptions(**basis)
         if self == self.resolved():  # nobody knows any more what was given

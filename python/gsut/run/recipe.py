@@ -7,7 +7,6 @@ import math
 from typing import Any
 
 # Values a preset gives where the user gives none; its max_gaussians is the most that auto takes.
-# "balanced" is also what no preset means.
 PRESETS: dict[str, dict[str, Any]] = {
     "fast": {"steps": 500, "max_gaussians": 50_000, "sh_degree": 1},
     "balanced": {"steps": 2000, "max_gaussians": 200_000, "sh_degree": 1},
@@ -54,6 +53,11 @@ def recipe(steps: int, sh_degree: int) -> dict[str, Any]:
         "grow_until": _GROW_UNTIL,
         "coarse_to_fine": (_at_steps(steps, _QUARTER_UNTIL), _at_steps(steps, _HALF_UNTIL)),
     }
+
+
+def preset_values(preset: str | None) -> dict[str, Any]:
+    """Name of an option -> what the preset gives; no preset means "balanced"."""
+    return PRESETS[preset or "balanced"]
 
 
 def _within(value: float, ends: tuple[float, float]) -> float:

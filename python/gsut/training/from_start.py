@@ -15,14 +15,14 @@ from gsut.run import TrainOptions, recipe
 from gsut.training.complexity import with_most
 from gsut.training.finetuning import finetune_options
 from gsut.training.loop import TrainingLoop
+from gsut.training.photograph_model import DIFFER
 from gsut.training.start import first_gaussians, without_blurred
-from gsut.training.time_left import step_work
+from gsut.training.time_left import megapixels_of, step_work
 
 FROM_START = "from_start"  # the name in metrics.json
 # Up to this share compacting and fine-tuning was better than training as few from the start, on all
 # captures tried; above, not where light changes (fox: 0.6 dB at 0.3; docs/results.md).
 _FEW_KEPT = 0.2
-_DIFFERS = 0.01  # standard deviation of a channel's log-gain: as "auto" of --exposure (1 %)
 # A compaction by ghap takes as long as so many steps at full size and number for each training view
 # (fox at 1/8 5.8, sponza at 1/2 5.0). From the start then took 1.0 to 1.1 times the seconds.
 _COMPACTION = 5.5
@@ -41,7 +41,7 @@ def is_better_from_start(
     """
     if not finetune or light is None or options.densify_every > options.steps:
         return False
-    differs = np.log(light.gains).std(axis=0).max() > _DIFFERS
+    differs = np.log(light.gains).std(axis=0).max() > DIFFER  # as "auto" of --exposure
     return bool(differs) and _FEW_KEPT * own < count < own
 
 
@@ -88,7 +88,7 @@ def options_from_start(
         first: number of the first Gaussians.
         scene, options, own, count, finetune: see `train_from_start`.
     """
-    megapixels = sum(c.width * c.height for c in scene.cameras) / len(scene.cameras) / 1e6
+    megapixels = megapixels_of(scene)
 
     def work(o: TrainOptions, begin: int) -> float:
         return math.fsum(step_work(o, begin, megapixels))  # rounded once, whatever the machine

@@ -40,7 +40,7 @@ _MOVED = 0.002
 # in a thousand times (normal deviate), and lets gains differ by three standard errors of their
 # quarters less often (F with 4 and 15 degrees of freedom, of 5 views: 8.3). A standard deviation
 # of 1 % is worth 0.1 dB of a scene of 30 dB.
-_CHANCE, _DIFFER = 3.09, 0.01
+_CHANCE, DIFFER = 3.09, 0.01
 _FEWEST_TWICE = 5  # views seen twice, below which nothing is said
 # Log-gain of all photographs together from which the scene is not as bright as they are yet, and
 # tells nothing of one (the adaptive strategy begins with a gain of 20).
@@ -153,7 +153,7 @@ class PhotographModel:
             self._learn_gain(view)
         looked = bisect.bisect(_DECIDED_AT, fraction), bisect.bisect(_FALLOFF_AT, fraction)
         if looked[0] > self._looked[0]:
-            self._gains_used = self._gains_used or self.spread() > _DIFFER
+            self._gains_used = self._gains_used or self.spread() > DIFFER
         if looked[1] > self._looked[1]:
             self._find_falloffs()
         self._looked = looked

@@ -14,7 +14,7 @@ from gsut.data import Scene, scene_digests
 from gsut.evaluate import mean_psnr
 from gsut.run import Progress, RunFolder, TrainOptions, describe_environment
 from gsut.training.loop import TrainingLoop
-from gsut.training.time_left import TrainingTime
+from gsut.training.time_left import TrainingTime, megapixels_of
 
 # Held-out views that the curve of PSNR is measured on: a few, spread evenly.
 _CURVE_VIEWS = 4
@@ -131,9 +131,8 @@ class TrainingRecord:
 
 
 def _time_of(loop: TrainingLoop) -> TrainingTime:
-    cameras = loop.scene.cameras
-    megapixels = sum(c.width * c.height for c in cameras) / len(cameras) / 1e6
+    scene = loop.scene
     return TrainingTime(
-        loop.options, len(loop.gaussians), megapixels, len(loop.scene.test_indices), loop.step,
-        num_threads(),
+        loop.options, len(loop.gaussians), megapixels_of(scene), len(scene.test_indices),
+        loop.step, num_threads(),
     )  # fmt: skip

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from gsut.data import Scene
 from gsut.optimize import grown_count
 from gsut.run import TrainOptions
 
@@ -22,6 +23,11 @@ _MOST_MEASURED = 8  # views each time
 _AFTER, _AFTER_PIXELS = 1.0, 0.4  # at the end: of the report, and of a megapixel held out
 _RECENT = 0.25  # share of the work so far by which the pace is judged
 _TRUST = 1.0  # seconds of work that the pace before counts as
+
+
+def megapixels_of(scene: Scene) -> float:
+    """Millions of pixels of a scene's photographs, the mean of its cameras."""
+    return sum(c.width * c.height for c in scene.cameras) / len(scene.cameras) / 1e6
 
 
 def step_work(options: TrainOptions, first_count: int, megapixels: float) -> np.ndarray:
