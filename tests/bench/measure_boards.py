@@ -16,17 +16,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calib import solve_mrcal, solve_opencv
-from calib.board import Board, assign_cameras
-from calib.corners import find_boards
-from calib.halves import AGREEMENT_DEGREES, agreement_angle, compare_lenses, solve_halves
-from calib.rig import solve_rig
-from calib.rigid import compose, inverse
-from calib.second_lens import compare_with, cut_where_lenses_differ
-from calib.solution import CameraSolution
-from calib.solve_mrcal_rig import solve_together
-from calib.trust import judge
-from calib.uncertainty import uncertainty_map
+from calib.boards.board import Board, assign_cameras
+from calib.boards.corners import find_boards
+from calib.camera.rigid import compose, invert
+from calib.camera.solution import CameraSolution
+from calib.solve import mrcal_solver, opencv_solver
+from calib.solve.mrcal_rig import solve_together
+from calib.solve.rig import solve_rig
+from calib.trust.halves import AGREEMENT_DEGREES, compare_lenses, find_agreement_angle, solve_halves
+from calib.trust.second_lens import compare_with, cut_where_lenses_differ
+from calib.trust.trust import judge
+from calib.trust.uncertainty import map_uncertainty
 
 _SETS = (
     ("fisheye_stereo", "left", Board(9, 6, 0.02423)),
@@ -34,10 +34,10 @@ _SETS = (
     ("ocam_fisheye1", "Fisheye", Board(6, 8, 0.0325)),
 )
 _SOLVES = (
-    (solve_opencv, "fisheye"),
-    (solve_opencv, "opencv8"),
-    (solve_mrcal, "opencv8"),
-    (solve_mrcal, "splined"),
+    (opencv_solver, "fisheye"),
+    (opencv_solver, "opencv8"),
+    (mrcal_solver, "opencv8"),
+    (mrcal_solver, "splined"),
 )
 _GOOD = ("fisheye by opencv", "opencv8 by mrcal", "splined by mrcal")  # compared in pairs
 
@@ -54,12 +54,12 @@ def measure(folder: Path, prefix: str, board: Board) -> dict[str, CameraSolution
         solutions[f"{lens} by {camera.solver}"] = camera
     trusts = {}
     for (solver, lens), (name, camera) in zip(_SOLVES, solutions.items(), strict=True):
-        trust = judge(camera, board, uncertainty_map(camera, board))
+        trust = judge(camera, board, map_uncertainty(camera, board))
         alone = trust.valid_angle
         pair = solve_halves(
             camera, lambda part, by=solver, lens=lens: by.solve_camera(part, board, lens)
         )
-        halves_to = agreement_angle(*pair, alone) if pair else None
+        halves_to = find_agreement_angle(*pair, alone) if pair else None
         others = [
             compare_with(camera, trust, other, board)
             for other in solutions.values()
@@ -118,7 +118,7 @@ def measure_rig(cameras: Sequence[CameraSolution], board: Board) -> None:
 
 def _compare_rig(name: str, cameras: Sequence[CameraSolution], board: Board) -> None:
     pose, theirs = cameras[1].camera_from_reference, by_stereo_calibrate(*cameras, board)
-    error = compose(pose, inverse(theirs))
+    error = compose(pose, invert(theirs))
     print(
         f"rig, {name}, {len(cameras[0].photographs)} boards in both: "
         f"{np.linalg.norm(pose[3:]) * 1000:.2f} mm apart; from OpenCV's stereo calibration "
@@ -136,7 +136,7 @@ def by_stereo_calibrate(first: CameraSolution, second: CameraSolution, board: Bo
         fx, fy, cx, cy = camera.params[:4]
         lenses += [np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), camera.params[4:].copy()]
     kind = np.float64 if fisheye else np.float32  # what OpenCV's two functions take
-    points = board.points(first.warp).astype(kind)[None]
+    points = board.locate_corners(first.warp).astype(kind)[None]
     corners = [
         [photograph.corners.astype(kind)[None] for photograph in camera.photographs]
         for camera in (first, second)

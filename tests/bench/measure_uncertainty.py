@@ -17,15 +17,15 @@ from dataclasses import dataclass
 import numpy as np
 
 import gsut
-from calib import solve_mrcal, solve_opencv
-from calib.board import Board
-from calib.lens import PIXEL_SHIFT, gsut_camera, rays
-from calib.mrcal_process import ask, require_mrcal
-from calib.nearest_splined import known_fisheye
-from calib.rigid import rodrigues_vector, rotation_matrix
-from calib.solution import LENSES, CameraSolution
-from calib.splined_fit import splined_like
-from calib.uncertainty import parameter_covariance, projection_covariance
+from calib.boards.board import Board
+from calib.camera.projection import PIXEL_SHIFT, to_gsut_camera, unproject_pixels
+from calib.camera.rigid import matrix_from_rodrigues, rodrigues_from_matrix
+from calib.camera.solution import LENSES, CameraSolution
+from calib.report.lens_files import solution_from_fisheye
+from calib.solve import mrcal_solver, opencv_solver
+from calib.solve.mrcal_process import ask, require_mrcal
+from calib.solve.splined_fit import fit_splined
+from calib.trust.uncertainty import estimate_parameter_covariance, propagate_covariance
 from tests.synthetic_boards import photographs, random_poses
 
 NOISE_PX = 0.2
@@ -83,19 +83,19 @@ def coverage(
         poses = random_poses(camera, _BOARD, _BOARDS, case.widest_degrees, generator)
         seen = photographs(camera, _BOARD, poses, NOISE_PX, generator)
         if solver == "opencv":
-            solved = solve_opencv.solve_camera(seen, _BOARD, lens)
-            sigma, cov, layout, noise = parameter_covariance(solved, _BOARD)
+            solved = opencv_solver.solve_camera(seen, _BOARD, lens)
+            sigma, cov, layout, noise = estimate_parameter_covariance(solved, _BOARD)
             found = solved.params.copy()
             found[2:4] += PIXEL_SHIFT
             within.append(np.abs(found - case.params) <= 2 * sigma)
         else:
-            solved = solve_mrcal.solve_camera(seen, _BOARD, lens, model=model)
+            solved = mrcal_solver.solve_camera(seen, _BOARD, lens, model=model)
             noise = _noise(solved)
         ratio.append(noise / NOISE_PX)
         pixels = np.stack(np.meshgrid(_COLUMNS, _ROWS), axis=-1).reshape(-1, 2)
         if solver == "opencv":
-            spread = projection_covariance(
-                solved, rays(solved, pixels - PIXEL_SHIFT), cov, layout.boards
+            spread = propagate_covariance(
+                solved, unproject_pixels(solved, pixels - PIXEL_SHIFT), cov, layout.boards
             )
         else:
             spread = _mrcal_covariance(solved, pixels - PIXEL_SHIFT)
@@ -111,10 +111,10 @@ def _true_lens(lens: str, case: Case) -> tuple[str | None, gsut.Camera]:
     """mrcal's name of the lens where it has knots, and the lens."""
     if lens != "splined":
         return None, gsut.Camera(LENSES[lens][0], case.params, _WIDTH, _HEIGHT)
-    fisheye = known_fisheye(gsut.Camera("kannala_brandt", case.params, _WIDTH, _HEIGHT))
-    model, params, _ = splined_like(fisheye, np.pi, solve_mrcal.COARSE_KNOTS_DEGREES)
+    fisheye = solution_from_fisheye(gsut.Camera("kannala_brandt", case.params, _WIDTH, _HEIGHT))
+    model, params, _ = fit_splined(fisheye, np.pi, mrcal_solver.COARSE_KNOTS_DEGREES)
     splined = dataclasses.replace(fisheye, lens="splined", model=model, params=np.array(params))
-    return model, gsut_camera(splined)
+    return model, to_gsut_camera(splined)
 
 
 def _noise(solved: CameraSolution) -> float:
@@ -125,7 +125,7 @@ def _noise(solved: CameraSolution) -> float:
 
 
 def _mrcal_covariance(solved: CameraSolution, pixels: np.ndarray) -> np.ndarray:
-    question = {"do": "uncertainty", "models": [solved.model_text], "pixels": pixels.tolist()}
+    question = {"do": "estimate_uncertainty", "model": solved.model_text, "pixels": pixels.tolist()}
     return np.array(ask({**question, "what": "covariance"})["sigma"])
 
 
@@ -136,11 +136,11 @@ def _projected_again(
     true_rays, valid = camera.unproject(pixels)
     assert valid.all()
     turns = [
-        rodrigues_vector(rotation_matrix(found[:3]) @ rotation_matrix(true[:3]).T)
+        rodrigues_from_matrix(matrix_from_rodrigues(found[:3]) @ matrix_from_rodrigues(true[:3]).T)
         for found, true in zip(solved.camera_from_board, poses, strict=True)
     ]
-    turned = true_rays @ rotation_matrix(np.mean(turns, axis=0)).T
-    again, _ = gsut_camera(solved).project(turned)
+    turned = true_rays @ matrix_from_rodrigues(np.mean(turns, axis=0)).T
+    again, _ = to_gsut_camera(solved).project(turned)
     return again
 
 

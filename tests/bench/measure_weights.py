@@ -24,14 +24,14 @@ from pathlib import Path
 import numpy as np
 
 import gsut
-from calib import solve_opencv
-from calib.board import Board
+from calib.boards.board import Board
+from calib.camera.projection import PIXEL_SHIFT, to_gsut_camera
 from calib.errors import SolveError
-from calib.halves import best_rotation
-from calib.lens import PIXEL_SHIFT, gsut_camera
-from calib.lens_files import write_lens
-from calib.trust import Trust, field_angle, judge
-from calib.uncertainty import grid_pixels, uncertainty_map
+from calib.report.lens_files import write_lens
+from calib.solve import opencv_solver
+from calib.trust.halves import fit_rotation
+from calib.trust.trust import Trust, judge, measure_field_angle
+from calib.trust.uncertainty import map_uncertainty, place_grid
 from tests.synthetic_boards import photographs, random_poses
 
 _BOARD = Board(8, 6, 0.03)
@@ -58,21 +58,21 @@ def poor_lens(true: gsut.Camera, boards: Boards, path: Path) -> tuple[gsut.Camer
     generator = np.random.default_rng(boards.seed)
     poses = random_poses(true, _BOARD, boards.count, boards.widest_degrees, generator)
     seen = photographs(true, _BOARD, poses, _NOISE_PX, generator)
-    camera = solve_opencv.solve_camera(seen, _BOARD, "fisheye")
-    trust = judge(camera, _BOARD, uncertainty_map(camera, _BOARD))
+    camera = opencv_solver.solve_camera(seen, _BOARD, "fisheye")
+    trust = judge(camera, _BOARD, map_uncertainty(camera, _BOARD))
     if trust.refusal:
         raise SolveError(trust.refusal)
     write_lens(path, camera, trust, "synthetic boards")
-    return gsut_camera(camera), trust
+    return to_gsut_camera(camera), trust
 
 
 def turn_between(true: gsut.Camera, found: gsut.Camera, valid_angle: float) -> np.ndarray:
     """(3, 3) rotation that brings true rays of pixels to the found lens' inside its field."""
-    pixels = grid_pixels(true.width, true.height).reshape(-1, 2) + PIXEL_SHIFT
+    pixels = place_grid(true.width, true.height).reshape(-1, 2) + PIXEL_SHIFT
     a, b = true.unproject(pixels)[0], found.unproject(pixels)[0]
     use = np.all(np.isfinite(a) & np.isfinite(b), axis=1)
-    use[use] &= field_angle(b[use]) <= valid_angle
-    return best_rotation(a[use], b[use])
+    use[use] &= measure_field_angle(b[use]) <= valid_angle
+    return fit_rotation(a[use], b[use])
 
 
 def write_data(

@@ -328,10 +328,10 @@ def _write_page(
     folder: RunFolder, state: dict[str, Any], notes: list[str], metrics: dict[str, Any]
 ) -> None:
     """scene.html: the verdict, a view that was held out, the pictures chosen, seconds, links."""
-    from gsut.page import bytes_address, duration_text, html_table, sections_page
+    from gsut.page import build_page, build_table, embed_bytes, format_duration
 
-    strip = bytes_address((folder.path / POSES / CAPTURE_FOLDER / STRIP).read_bytes(), "image/jpeg")
-    rows = [(name, duration_text(seconds)) for name, seconds in state["seconds"].items()]
+    strip = embed_bytes((folder.path / POSES / CAPTURE_FOLDER / STRIP).read_bytes(), "image/jpeg")
+    rows = [(name, format_duration(seconds)) for name, seconds in state["seconds"].items()]
     parts = [
         f"<p><b>{Verdict.of(state['verdict'])}</b></p>",
         f'<p><a href="{REPORT}">Report of the training</a>: held-out views beside photographs. '
@@ -341,9 +341,9 @@ def _write_page(
         "<h2>Pictures</h2>",
         f'<img src="{strip}" alt="the pictures chosen" style="width: 100%">',
         "<h2>Time taken</h2>",
-        html_table(rows),
+        build_table(rows),
     ]
-    folder.write_text(PAGE, sections_page(folder.path.name, notes, parts))
+    folder.write_text(PAGE, build_page(folder.path.name, notes, parts))
 
 
 def _result(folder: RunFolder, state: dict[str, Any], metrics: dict[str, Any]) -> list[str]:
