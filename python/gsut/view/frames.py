@@ -309,7 +309,11 @@ class Frames:
         """The Gaussians inside the crop box, and of these the share that is seen most."""
         g, crop, share = self.stage.gaussians, request.crop, request.share
         if isinstance(g, StoredGaussians):
-            return g if crop is None else g.changed(lambda part: part[self.kept(part, crop, False)])
+            return (
+                g
+                if crop is None
+                else g.with_change(lambda part: part[self.kept(part, crop, False)])
+            )
         clean = request.clean and self.floaters is not None
         some = share < 1 and self.stage.kind != "training"
         if g is None or not (some or clean or crop is not None):
