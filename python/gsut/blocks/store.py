@@ -13,7 +13,7 @@ from gsut.blocks.layout import Layout
 from gsut.blocks.task import Trained
 from gsut.blocks.workers import write_state
 from gsut.formats import save_ply_parts
-from gsut.gaussians import Gaussians, merged, order_for_reading
+from gsut.gaussians import Gaussians, merge_gaussians, order_for_reading
 from gsut.run import read_checkpoint
 
 _DOTS = 20_000  # of a sample
@@ -106,7 +106,7 @@ class BlockStore:
         for block in range(len(self._layout)):
             parts.append(self.own(block, turn)[::step].copy())
             owners.append(np.full(len(parts[-1]), block))
-        return merged(parts), np.concatenate(owners)
+        return merge_gaussians(parts), np.concatenate(owners)
 
     def _file(self, block: int, turn: int) -> Path:
         folder = self._folder / f"b{block:03d}"

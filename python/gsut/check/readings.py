@@ -12,7 +12,7 @@ import numpy as np
 from gsut._core import interpolate_pose
 from gsut.check.matches import order_in_time
 from gsut.data import OPENGL_FROM_OPENCV, Scene, inverse
-from gsut.gaussians import quaternion_of, rotations_of
+from gsut.gaussians import quaternion_from_rotation, rotations_from_quaternions
 
 _GL = OPENGL_FROM_OPENCV[:3, :3]
 # A robot's body axes (x forward, y left, z up) from OpenCV's camera axes.
@@ -163,7 +163,7 @@ def _as_quaternions(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Rea
         for before in (np.eye(3), _GL):
             r = matrices[:, :3, :3] @ before
             r = np.swapaxes(r, 1, 2) if kind == "world-to-camera" else r
-            rotation = rotations_of(quaternion_of(r)[:, order])
+            rotation = rotations_from_quaternions(quaternion_from_rotation(r)[:, order])
             if kind == "world-to-camera":
                 rotation = np.swapaxes(rotation, 1, 2)
             old = np.swapaxes(r, 1, 2) if kind == "world-to-camera" else r

@@ -18,7 +18,7 @@ from gsut.formats._quantize import (
     to_bytes,
 )
 from gsut.formats.ply import PACKED, antialiased_comment, comments_of, is_antialiased
-from gsut.gaussians import SH_C0, Gaussians, morton_order
+from gsut.gaussians import SH_C0, Gaussians, order_by_morton_code
 
 _CHUNK = 256
 _BOUNDS = [
@@ -35,7 +35,7 @@ _HEADER_BYTES = 65536
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
-    order = morton_order(gaussians.means)
+    order = order_by_morton_code(gaussians.means)
     g = gaussians[order]
     log_scales = np.clip(g.log_scales, _LEAST_LOG_SCALE, _MOST_LOG_SCALE)
     position_bounds, position = _in_chunks(g.means)

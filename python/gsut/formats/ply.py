@@ -25,7 +25,7 @@ from gsut.gaussians import (
     Gaussians,
     StoredGaussians,
     are_surfels,
-    bytes_each,
+    count_bytes_each,
     press_surfels,
 )
 from gsut.run import check_fits, free_memory
@@ -93,7 +93,7 @@ def open_ply(
     if limit is None or found is None:
         return load_ply(path)
     rows, count, sh_degree = found
-    if count * (bytes_each(sh_degree) + DRAWN_BYTES) <= limit:
+    if count * (count_bytes_each(sh_degree) + DRAWN_BYTES) <= limit:
         return load_ply(path)
     stored = StoredGaussians.of(rows, count, limit)
     return load_ply(path) if stored is None else stored

@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.gaussians import Gaussians, are_surfels, morton_order, press_surfels, to_surfels
+from gsut.gaussians import Gaussians, are_surfels, order_by_morton_code, press_surfels, to_surfels
 from gsut.optimize.arrays import FIELDS, copy_rows, mask_bytes
 
 ADAM = (0.9, 0.999, 1e-15)  # beta 1, beta 2 and epsilon of 3DGS
@@ -296,7 +296,7 @@ class GaussianOptimizer:
 
         What a tile reads then lies closer together, and a step takes less time.
         """
-        order = morton_order(np.nan_to_num(self.gaussians.means))
+        order = order_by_morton_code(np.nan_to_num(self.gaussians.means))
         for rows in self.arrays:
             for name in FIELDS:
                 array = getattr(rows, name)

@@ -17,7 +17,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError, SolveError
 from gsut.data import shrink_image, shrink_mask
-from gsut.gaussians import Gaussians, filter_radii, low_pass
+from gsut.gaussians import Gaussians, apply_low_pass, find_filter_radii
 from gsut.refine.pose import RefinedPose, refine_pose
 from gsut.render import place_about, render, to_uint8
 from gsut.sfm import Features, PosesOptions, features_in, require_central
@@ -251,8 +251,8 @@ def _most_alike(
     seen = _normalized(shrink_image(pixels, *size)[valid])
     likeness = []
     for _, pose in views:
-        radii = filter_radii(gaussians.means, [small], pose[None], _PIXEL_BLUR)
-        image = render(low_pass(gaussians, radii), small, pose, background=background).image
+        radii = find_filter_radii(gaussians.means, [small], pose[None], _PIXEL_BLUR)
+        image = render(apply_low_pass(gaussians, radii), small, pose, background=background).image
         likeness.append(float(np.sum(seen * _normalized(image[valid]))))
         show("looking", len(likeness), len(views))
     return [int(index) for index in np.argsort(-np.array(likeness), kind="stable")]

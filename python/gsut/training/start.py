@@ -12,7 +12,7 @@ from gsut._core import InputError
 from gsut.data import Scene, color_points, has_colors, some_names, with_shutter
 from gsut.gaussians import (
     Gaussians,
-    chosen_points,
+    choose_points,
     seed_from_points,
     seed_in_view,
     to_surfels,
@@ -226,7 +226,7 @@ def _seed_gaussians(
             far=_RANDOM_FAR * scene.extent, **shape,
         )  # fmt: skip
     most = min(o.init_count or len(scene.points), o.max_gaussians)
-    rows = chosen_points(len(scene.points), most, o.seed)
+    rows = choose_points(len(scene.points), most, o.seed)
     points, colors = scene.points[rows], scene.point_colors[rows]
     if len(points) and not has_colors(scene):
         colors, _ = color_points(scene, points)

@@ -15,8 +15,8 @@ from gsut.gaussians import (
     Gaussians,
     StoredGaussians,
     pack_harmonics,
-    seen_most,
-    upright,
+    rotate_upright,
+    select_most_seen,
 )
 from gsut.lens import Camera
 from gsut.render import (
@@ -325,7 +325,7 @@ class Frames:
             whole = self.whole()
             kept = self.kept(whole, crop, clean)
             if some:
-                kept &= seen_most(whole, self._in_axes(whole), share)
+                kept &= select_most_seen(whole, self._in_axes(whole), share)
             self._chosen[key] = pack_harmonics(whole[kept])
         return self._chosen[key]
 
@@ -380,7 +380,7 @@ class Frames:
         """A grid on the ground, or on the plane through the scene's middle across its up axis."""
         axes, middle = self.axes, self.center
         if ground is not None:
-            axes = axes @ upright(axes[1]).T @ upright(ground[:3])
+            axes = axes @ rotate_upright(axes[1]).T @ rotate_upright(ground[:3])
             middle = middle + (ground[3] - ground[:3] @ middle) * ground[:3]
         lines = np.linspace(-1, 1, 11)
         a = [(x, 0, -1) for x in lines] + [(-1, 0, z) for z in lines]

@@ -11,7 +11,7 @@ import small_run
 from gsut import InputError
 from gsut.compact import find_support
 from gsut.compact.scores import Passes, SeenView
-from gsut.gaussians import merged
+from gsut.gaussians import merge_gaussians
 from gsut.render import to_uint8, write_png
 from random_scenes import fisheye, gaussians_in_view
 from tolerances import FLOATERS_LEFT, FLOATERS_WRONG, SUPPORT
@@ -66,14 +66,14 @@ def planted(tmp_path, rng):
             np.full((3, 3), math.log(0.05)), np.full(3, 1.0), rng.uniform(-1.5, 1.5, (3, 1, 3)),
         ).astype(np.float32))  # fmt: skip
         file = tmp_path / f"data/images/shown-{i}.png"
-        image = gsut.render(merged([ball, blobs[-1]]), camera, pose, background=SKY)
+        image = gsut.render(merge_gaussians([ball, blobs[-1]]), camera, pose, background=SKY)
         write_png(file, to_uint8(image.image))
         views.append(gsut.View(f"images/shown-{i}.png", file, 0, pose))
     scene = dataclasses.replace(
         scene, cameras=(camera,), file_cameras=(camera,), views=tuple(views),
         train_indices=tuple(range(VIEWS)), test_indices=(),
     )  # fmt: skip
-    return scene, merged([ball, *blobs]), np.arange(number + 3 * VIEWS) >= number
+    return scene, merge_gaussians([ball, *blobs]), np.arange(number + 3 * VIEWS) >= number
 
 
 def test_planted_floaters_are_contradicted_and_what_is_there_is_not(planted):

@@ -6,7 +6,7 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
-from gsut.gaussians import press_surfels, quaternion_of, rotations_of
+from gsut.gaussians import press_surfels, quaternion_from_rotation, rotations_from_quaternions
 from random_scenes import (
     fisheye,
     gaussians_in_view,
@@ -49,14 +49,16 @@ def surfels_in_view(rng, camera, pose, count, *, edge_on=False, **shape):
         normal = cosine * ray + np.sqrt(1 - cosine**2) * across
         side = np.cross(normal, rng.normal(size=ray.shape))
         side /= np.linalg.norm(side, axis=1, keepdims=True)
-        g.quats[:] = quaternion_of(np.stack([side, np.cross(normal, side), normal], axis=2))
+        g.quats[:] = quaternion_from_rotation(
+            np.stack([side, np.cross(normal, side), normal], axis=2)
+        )
     press_surfels(g.log_scales)
     return g
 
 
 def hit_planes(g, origins, rays):
     """Distances and responses (N, P) of 2DGS, cosines (N, P) of rays with normals."""
-    axes = rotations_of(g.quats / np.linalg.norm(g.quats, axis=1, keepdims=True))
+    axes = rotations_from_quaternions(g.quats / np.linalg.norm(g.quats, axis=1, keepdims=True))
     cosine = np.einsum("pc,nc->np", rays, axes[:, :, 2])
     relative = g.means[:, None] - origins
     along = np.einsum("npc,nc->np", relative, axes[:, :, 2]) / cosine

@@ -9,7 +9,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.export import Export, frame_times_ns, losses, seats_of
 from gsut.files import write_file
-from gsut.gaussians import quaternion_of
+from gsut.gaussians import quaternion_from_rotation
 from gsut.lens import format_euroc
 
 _POSES = "state_groundtruth_estimate0"
@@ -41,7 +41,7 @@ def write_euroc(folder: Path, export: Export) -> list[str]:
         write_file(place / "sensor.yaml", text)
     (root / _POSES).mkdir(parents=True)
     order = sorted(bodies)
-    quaternions = quaternion_of(np.array([bodies[time][:3, :3] for time in order]))
+    quaternions = quaternion_from_rotation(np.array([bodies[time][:3, :3] for time in order]))
     rows = [_HEADING]
     for time, quaternion in zip(order, quaternions, strict=True):
         values = (*bodies[time][:3, 3], *quaternion)
