@@ -73,7 +73,8 @@ class SceneEvaluation : public ceres::EvaluationCallback {
     }
   }
 
-  // Ceres calls points new that it has asked for before: what was rendered last is looked at.
+  // Ceres announces as new also the point evaluated last, so the point itself is compared: a render
+  // costs far more than a comparison.
   void PrepareForEvaluation(bool evaluate_jacobians, bool) override {
     std::vector<double> point = Point();
     if (point == rendered_ && (has_jacobians_ || !evaluate_jacobians)) return;
