@@ -9,7 +9,8 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.data import rigid_transform, shrink_image
+from gsut.data.images import shrink_image
+from gsut.data.poses import rigid_transform
 from gsut.gaussians import (
     SH_C0,
     Gaussians,
