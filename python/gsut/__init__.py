@@ -46,19 +46,19 @@ if TYPE_CHECKING:
     from gsut.data.points import color_points
     from gsut.evaluate import evaluate
     from gsut.formats import load_gaussians, load_ply, save_gaussians, save_ply
-    from gsut.gaussians import (  # type: ignore[no-redef]
+    from gsut.gaussians import (
         Gaussians,
-        filter_radii,
-        ground_of,
-        inside_box,
-        inside_sphere,
-        low_pass,
-        low_pass_backward,
-        merged,
+        apply_low_pass,
+        apply_low_pass_backward,
+        find_filter_radii,
+        find_ground,
+        is_inside_box,
+        is_inside_sphere,
+        merge_gaussians,
+        rotate_upright,
         seed_from_points,
         seed_in_view,
-        transformed,
-        upright,
+        transform_gaussians,
     )
     from gsut.lens import (
         Camera,
@@ -191,9 +191,9 @@ __all__ = [  # noqa: RUF022
     "densify_adaptive",
     "learning_rates",
     "LearningRates",
-    "filter_radii",
-    "low_pass",
-    "low_pass_backward",
+    "find_filter_radii",
+    "apply_low_pass",
+    "apply_low_pass_backward",
     # Render
     "render",
     "Render",
@@ -241,14 +241,14 @@ __all__ = [  # noqa: RUF022
     "seen_views",
     "SeenView",
     # Edit
-    "merged",
-    "inside_box",
-    "inside_sphere",
+    "merge_gaussians",
+    "is_inside_box",
+    "is_inside_sphere",
     "find_support",
     "Support",
-    "ground_of",
-    "upright",
-    "transformed",
+    "find_ground",
+    "rotate_upright",
+    "transform_gaussians",
     # Save
     "save_gaussians",
     "load_gaussians",

@@ -17,7 +17,7 @@ from gsut.demo import make_demo_scene
 from gsut.demo.dataset import render_views, whole_pixels
 from gsut.demo.hall import make_hall
 from gsut.demo.views import demo_camera
-from gsut.gaussians import filter_radii, low_pass
+from gsut.gaussians import apply_low_pass, find_filter_radii
 from gsut.lens import Camera
 from gsut.render import PixelFilter, psnr, render
 from tests.bench.report_rows import add_files, check_files, print_and_write
@@ -106,10 +106,10 @@ def _figures(
     truth: np.ndarray,
     mask: np.ndarray,
 ) -> dict[str, float]:
-    radii = filter_radii(gaussians.means + gaussians.origin, [camera], pose[None], _PIXELS)
+    radii = find_filter_radii(gaussians.means + gaussians.origin, [camera], pose[None], _PIXELS)
     drawn = {
         "none": gaussians,
-        "low_pass": low_pass(gaussians, radii.astype(np.float32)),
+        "low_pass": apply_low_pass(gaussians, radii.astype(np.float32)),
         "pixel_filter": pixels.of(camera, pose),
     }
     truth = truth.astype(np.float32) / np.float32(255)

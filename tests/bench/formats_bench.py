@@ -13,7 +13,7 @@ import numpy as np
 
 from gsut import formats
 from gsut._core import InputError
-from gsut.gaussians import Gaussians, quaternion_products, rotations_of
+from gsut.gaussians import Gaussians, multiply_quaternions, rotations_from_quaternions
 from gsut.render import psnr, render
 from gsut.run import RunFolder
 from gsut.training import read_trained
@@ -66,12 +66,12 @@ def split(gaussians: Gaussians, number: int) -> Gaussians:
     g, rng = gaussians, np.random.default_rng(0)
     rows = np.repeat(np.arange(len(g)), number)
     unit = g.quats / np.linalg.norm(g.quats, axis=1, keepdims=True)
-    axes = rotations_of(unit)[rows] * np.exp(g.log_scales)[rows, None]
+    axes = rotations_from_quaternions(unit)[rows] * np.exp(g.log_scales)[rows, None]
     means = g.means[rows] + 0.7 * np.einsum("nij,nj->ni", axes, rng.normal(size=(len(rows), 3)))
     turned = unit[rows] + 0.02 * rng.normal(size=(len(rows), 4))
     return Gaussians(
         means.astype(np.float32),
-        quaternion_products(np.array([1.0, 0, 0, 0]), turned),
+        multiply_quaternions(np.array([1.0, 0, 0, 0]), turned),
         g.log_scales[rows] - np.log(number) / 3 + 0.1 * rng.normal(size=(len(rows), 3)),
         g.opacity_logits[rows] + 0.1 * rng.normal(size=len(rows)),
         g.sh[rows] + 0.01 * rng.normal(size=(len(rows), *g.sh.shape[1:])),

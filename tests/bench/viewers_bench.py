@@ -11,7 +11,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.cli._flags import add_json, print_json
-from gsut.gaussians import upright
+from gsut.gaussians import rotate_upright
 from gsut.render import psnr, render
 from gsut.run import RunFolder
 from gsut.training import read_trained
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     found: list[dict[str, Any]] = []
     with viewer_window(*_SIZE) as window:
         for page in arguments.pages:
-            shown = supersplat_pictures(window, Path(page), cameras, upright(up))
+            shown = supersplat_pictures(window, Path(page), cameras, rotate_upright(up))
             each = [psnr(picture, truth) for picture, truth in zip(shown, truths, strict=True)]
             found.append({"page": page, "psnr": float(np.mean(each)), "each": each})
             if not arguments.json:

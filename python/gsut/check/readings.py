@@ -13,7 +13,7 @@ from gsut._core import interpolate_pose
 from gsut.check.matches import order_in_time
 from gsut.data import Scene
 from gsut.data.poses import OPENGL_FROM_OPENCV, inverse
-from gsut.gaussians import quaternion_of, rotations_of
+from gsut.gaussians import quaternion_from_rotation, rotations_from_quaternions
 
 _IN_USE = 3  # camera axes in use: OpenCV's, OpenGL's, a robot's body
 _OPENGL_AXES = OPENGL_FROM_OPENCV[:3, :3]
@@ -193,7 +193,7 @@ def _reorder_quaternions(matrices: np.ndarray, file_axes: np.ndarray) -> Iterato
         for before in (np.eye(3), _OPENGL_AXES):
             r = matrices[:, :3, :3] @ before
             r = np.swapaxes(r, 1, 2) if kind == "world-to-camera" else r
-            rotation = rotations_of(quaternion_of(r)[:, order])
+            rotation = rotations_from_quaternions(quaternion_from_rotation(r)[:, order])
             if kind == "world-to-camera":
                 rotation = np.swapaxes(rotation, 1, 2)
             old = np.swapaxes(r, 1, 2) if kind == "world-to-camera" else r

@@ -15,7 +15,7 @@ from gsut._core import exp_pose
 from gsut.check.evidence import Evidence
 from gsut.check.readings import list_signed_permutations
 from gsut.data.poses import OPENGL_FROM_OPENCV
-from gsut.gaussians import rotations_of
+from gsut.gaussians import rotations_from_quaternions
 from gsut.sfm import angular_errors
 
 MATCHED = 0.5  # of the matches must fit one relative pose a pair, for there to be evidence
@@ -134,7 +134,9 @@ def _meant(rotation: np.ndarray) -> np.ndarray:
     angles = np.radians(np.concatenate([angle + full, angle - full]))
     angles = angles[np.abs(angles) <= np.pi]
     halves = angles[:, None] / 2
-    return rotations_of(np.concatenate([np.cos(halves), np.sin(halves) * axis], axis=1))
+    return rotations_from_quaternions(
+        np.concatenate([np.cos(halves), np.sin(halves) * axis], axis=1)
+    )
 
 
 def clock_of_turns(evidence: Evidence) -> float | None:

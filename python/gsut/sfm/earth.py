@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.gaussians import upright
+from gsut.gaussians import rotate_upright
 from gsut.sfm.align import centers_of, similarity
 from gsut.sfm.solution import Solution
 
@@ -94,7 +94,7 @@ def find_earth(
             return Earth(*found.transform, figures, tuple(notes))
     if up is None:
         return Earth(1.0, np.eye(3), np.zeros(3), figures, tuple(notes)) if notes else None
-    return Earth(1.0, upright(up), np.zeros(3), figures, tuple(notes))
+    return Earth(1.0, rotate_upright(up), np.zeros(3), figures, tuple(notes))
 
 
 def moved_solution(solution: Solution, earth: Earth) -> Solution:
@@ -238,7 +238,7 @@ def _aligned(centers: np.ndarray, target: np.ndarray, up: np.ndarray | None) -> 
             "or north"
         )
         return _Aligned(None, False, figures, words)
-    turn = np.eye(3) if up is None else upright(up)
+    turn = np.eye(3) if up is None else rotate_upright(up)
     level = centers @ turn.T
     fit = _level_similarity(level[:, [0, 2]], ground)
     scale, yaw, shift, off, good = fit

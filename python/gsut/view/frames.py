@@ -16,8 +16,8 @@ from gsut.gaussians import (
     Gaussians,
     StoredGaussians,
     pack_harmonics,
-    seen_most,
-    upright,
+    rotate_upright,
+    select_most_seen,
 )
 from gsut.lens import Camera
 from gsut.render import (
@@ -310,7 +310,9 @@ class Frames:
         """The Gaussians inside the crop box, and of these the share that is seen most."""
         g, crop, share = self.stage.gaussians, request.crop, request.share
         if isinstance(g, StoredGaussians):
-            return g if crop is None else g.changed(lambda part: part[self.kept(part, crop, False)])
+            if crop is None:
+                return g
+            return g.with_change(lambda part: part[self.kept(part, crop, False)])
         clean = request.clean and self.floaters is not None
         some = share < 1 and self.stage.kind != "training"
         if g is None or not (some or clean or crop is not None):
@@ -319,14 +321,13 @@ class Frames:
             self._chosen = {"of": g}
         key = share, clean, None if crop is None else crop.tobytes()
         if key not in self._chosen:
-            for old in [
-                old for old in self._chosen if old != "of" and old[2] not in (None, key[2])
-            ]:
+            boxes = (None, key[2])
+            for old in [o for o in self._chosen if o != "of" and o[2] not in boxes]:
                 del self._chosen[old]  # of a box as it was before
             whole = self.whole()
             kept = self.kept(whole, crop, clean)
             if some:
-                kept &= seen_most(whole, self._in_axes(whole), share)
+                kept &= select_most_seen(whole, self._in_axes(whole), share)
             self._chosen[key] = pack_harmonics(whole[kept])
         return self._chosen[key]
 
@@ -381,7 +382,7 @@ class Frames:
         """A grid on the ground, or on the plane through the scene's middle across its up axis."""
         axes, middle = self.axes, self.center
         if ground is not None:
-            axes = axes @ upright(axes[1]).T @ upright(ground[:3])
+            axes = axes @ rotate_upright(axes[1]).T @ rotate_upright(ground[:3])
             middle = middle + (ground[3] - ground[:3] @ middle) * ground[:3]
         lines = np.linspace(-1, 1, 11)
         a = [(x, 0, -1) for x in lines] + [(-1, 0, z) for z in lines]

@@ -14,7 +14,7 @@ from gsut.data import Scene
 from gsut.data.images import shrink_image, shrink_mask
 from gsut.files import json_text
 from gsut.lens import camera_models, camera_values
-from gsut.view.edits import find_floaters, find_ground, save_edited
+from gsut.view.edits import find_floaters, locate_ground, save_edited
 from gsut.view.film import Film
 from gsut.view.frames import MODES, FrameRequest, Frames
 from gsut.view.lenses import Lenses
@@ -180,7 +180,7 @@ class Session:
 
     def ground(self, values: dict[str, Any]) -> Reply:
         """The plane that the scene stands on, near to "up"."""
-        return Reply(find_ground(self.frames, values["up"]))
+        return Reply(locate_ground(self.frames, values["up"]))
 
     def floaters(self, values: dict[str, Any]) -> Reply:
         """Looks for floaters, which takes a second a photograph or less; with "far", how far."""

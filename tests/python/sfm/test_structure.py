@@ -13,7 +13,7 @@ import gsut
 import tolerances
 from gsut import _core
 from gsut.cli import main
-from gsut.gaussians import quaternion_of
+from gsut.gaussians import quaternion_from_rotation
 from gsut.lens import convert_camera
 from gsut.sfm import correspondences, estimate, solution
 from gsut.sfm.align import centers_of, compare_poses, rotation_angles, similarity
@@ -274,7 +274,7 @@ def test_quaternion_of_any_rotation(rng):
     turns = [*rng.standard_normal((50, 3)), [np.pi, 0, 0], [0, np.pi, 0], [0, 0, 0]]
     for turn in turns:
         rotation = _core.exp_pose([0, 0, 0, *turn])[:3, :3]
-        w, x, y, z = quaternion_of(rotation)
+        w, x, y, z = quaternion_from_rotation(rotation)
         skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         assert np.abs(np.eye(3) + 2 * w * skew + 2 * skew @ skew - rotation).max() < 1e-12
         checked += 1

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gsut.gaussians import quaternion_of
+from gsut.gaussians import quaternion_from_rotation
 from gsut.lens import Camera, colmap_record
 
 _NO_ERROR = 0.0
@@ -67,7 +67,7 @@ def colmap_texts(model: ColmapModel) -> dict[str, str]:
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME"]
     for image in model.images:
         pose = image.camera_from_world
-        numbers = _numbers((*quaternion_of(pose[:3, :3]), *pose[:3, 3]))
+        numbers = _numbers((*quaternion_from_rotation(pose[:3, :3]), *pose[:3, 3]))
         images.append(f"{image.number} {numbers} {lenses[image.camera]} {image.name}")
         images.append(
             " ".join(
@@ -99,7 +99,7 @@ def colmap_binaries(model: ColmapModel) -> dict[str, bytes]:
     images = [struct.pack("<Q", len(model.images))]
     for image in model.images:
         pose = image.camera_from_world
-        values = (*quaternion_of(pose[:3, :3]), *pose[:3, 3])
+        values = (*quaternion_from_rotation(pose[:3, :3]), *pose[:3, 3])
         images.append(struct.pack("<I7dI", image.number, *values, lenses[image.camera]))
         images.append(image.name.encode() + b"\0" + struct.pack("<Q", len(image.points)))
         seen = np.empty(len(image.points), [("xy", "<f8", 2), ("point", "<u8")])

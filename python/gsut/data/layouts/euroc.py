@@ -25,7 +25,7 @@ from gsut.data.recordings import Recording, Stream, pictures_in, stream_of
 from gsut.data.rigs import BODY, matrix_of, read_mounts
 from gsut.data.text_files import read_yaml, rows_of
 from gsut.files import write_file
-from gsut.gaussians import quaternion_of
+from gsut.gaussians import quaternion_from_rotation
 from gsut.lens import format_euroc
 
 ROOT = "mav0"
@@ -179,7 +179,7 @@ def write_euroc(folder: Path, export: Export) -> list[str]:
         write_file(place / "sensor.yaml", text)
     (root / _POSES).mkdir(parents=True)
     order = sorted(bodies)
-    quaternions = quaternion_of(np.array([bodies[time][:3, :3] for time in order]))
+    quaternions = quaternion_from_rotation(np.array([bodies[time][:3, :3] for time in order]))
     rows = [_HEADING]
     for time, quaternion in zip(order, quaternions, strict=True):
         values = (*bodies[time][:3, 3], *quaternion)

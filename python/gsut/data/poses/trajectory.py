@@ -15,7 +15,7 @@ from gsut.data.errors import DatasetError, OnError
 from gsut.data.poses.times import is_time
 from gsut.data.poses.transforms import pose_from_quaternion, rigid_transform
 from gsut.data.text_files import read_json, read_text
-from gsut.gaussians import quaternion_of
+from gsut.gaussians import quaternion_from_rotation
 
 _TUM, _KITTI = 8, 12  # fields of a line
 _ADVICE = (
@@ -172,7 +172,7 @@ def _kitti_pose(line: str, place: str) -> np.ndarray:
 
 def format_tum(labels: Sequence[str], poses: np.ndarray) -> str:
     """A TUM trajectory of poses (N, 4, 4) to the world, each with its time or name."""
-    quaternions = quaternion_of(np.reshape(poses, (-1, 4, 4))[:, :3, :3])
+    quaternions = quaternion_from_rotation(np.reshape(poses, (-1, 4, 4))[:, :3, :3])
     rows = ["# timestamp tx ty tz qx qy qz qw"]
     for label, pose, (w, *xyz) in zip(labels, poses, quaternions, strict=True):
         numbers = " ".join(repr(float(v)) for v in (*pose[:3, 3], *xyz, w))
