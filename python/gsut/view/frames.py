@@ -395,7 +395,6 @@ def _colored(level: np.ndarray, known: np.ndarray, colors: str) -> np.ndarray:
     """(H, W, 3) uint8: levels 0 to 1 in a colour map, black where not known."""
     import cv2
 
-    map_number = getattr(cv2, f"COLORMAP_{colors}")
-    mapped = cv2.applyColorMap(to_uint8(np.where(known, level, 0)), map_number)
-    mapped[~known] = 0
+    levels = to_uint8(np.where(known, level, 0))
+    mapped = cv2.applyColorMap(levels, getattr(cv2, f"COLORMAP_{colors}")) * known[..., None]
     return cv2.cvtColor(mapped, cv2.COLOR_BGR2RGB)
