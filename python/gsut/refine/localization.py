@@ -16,7 +16,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, SolveError
-from gsut.data import shrink_image, shrink_mask
+from gsut.data.images import shrink_image, shrink_mask
 from gsut.gaussians import Gaussians, apply_low_pass, find_filter_radii
 from gsut.refine.pose import RefinedPose, refine_pose
 from gsut.render import place_about, render, to_uint8
@@ -229,7 +229,7 @@ def _localize_far(
     """`localize_image` about the Gaussians' origin, and back into the world."""
     origin = gaussians.origin
     near: Any = [(camera, place_about(pose, origin)) for camera, pose in views]
-    found = localize_image(gaussians.translated(-origin), near, *photograph, **settings)
+    found = localize_image(gaussians.translate(-origin), near, *photograph, **settings)
     pose: Any = place_about(found.pose.camera_from_world, -origin)
     return dataclasses.replace(found, pose=dataclasses.replace(found.pose, camera_from_world=pose))
 
