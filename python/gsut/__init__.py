@@ -32,19 +32,18 @@ from gsut._core import (
 if TYPE_CHECKING:
     from gsut.blocks import BlocksResult, train_blocks
     from gsut.capture import Capture, capture
-    from gsut.check import doctor
+    from gsut.check import Finding, doctor
     from gsut.compact import Compaction, SeenView, Support, compact, find_support, seen_views
-    from gsut.data import (  # type: ignore[no-redef]
+    from gsut.data import (
         DatasetError,
-        Finding,
         Scene,
         View,
-        color_points,
         convert_dataset,
         load_dataset,
         make_scene,
         save_dataset,
     )
+    from gsut.data.points import color_points
     from gsut.evaluate import evaluate
     from gsut.formats import load_gaussians, load_ply, save_gaussians, save_ply
     from gsut.gaussians import (

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 import gsut
-from gsut.data import points_ply
+from gsut.data.points import points_ply
 from gsut.demo import make_demo_scene
 from gsut.demo.dataset import distances
 from gsut.demo.hall import HALF_X, Hall, make_hall

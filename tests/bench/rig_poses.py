@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data import Rig, inverse, read_rig, relative_changes, write_rig
+from gsut.data.poses import inverse
+from gsut.data.rigs import Rig, read_rig, relative_changes, write_rig
 from gsut.sfm import (
     PosesOptions,
     errors_against,

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gsut.data import Frame, points_ply, write_transforms
+from gsut.data import Frame, write_transforms
+from gsut.data.points import points_ply
 from gsut.demo.dataset import whole_pixels
 from gsut.demo.hall import HALF_X, HALF_Y, make_hall
 from gsut.demo.shapes import Rays

@@ -17,7 +17,8 @@ import gsut
 from gsut._core import InputError
 from gsut.capture.panorama import LENSES
 from gsut.cli import main
-from gsut.data import CAPTURE, Frame, inverse, write_transforms
+from gsut.data import CAPTURE, Frame, write_transforms
+from gsut.data.poses import inverse
 from gsut.files import write_file
 from gsut.lens import Camera, lens_by_name
 from gsut.sfm import compare_poses

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 import gsut
-from gsut.data import Rig
 from gsut.data.poses import inverse
+from gsut.data.rigs import Rig
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.matching import PairMatches
 from synthetic_walk import observe

@@ -20,8 +20,9 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut import _core
+from gsut.check import diagnose
 from gsut.cli import main
-from gsut.data import Frame, TrainingViews, diagnose, write_transforms
+from gsut.data import Frame, TrainingViews, write_transforms
 from gsut.data.points import points_ply
 from gsut.evaluate import evaluate
 from gsut.gaussians import SH_C0

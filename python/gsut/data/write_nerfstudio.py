@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.data.assemble import Frame
+from gsut.data.listing import Frame
 from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.files import write_file
 from gsut.lens import LENS_FILE, OWN_SUFFIX, Camera, format_nerfstudio

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError, exp_pose
-from gsut.data import Frame, inverse, write_transforms
+from gsut.data import Frame, write_transforms
+from gsut.data.poses import inverse
 from gsut.demo.dataset import (
     MILLIMETRES,
     distances,

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import centers_of, load_dataset
+from gsut.data import load_dataset
+from gsut.data.poses import centers_of
 
 _FEWEST = 3  # centres that fix a similarity
 

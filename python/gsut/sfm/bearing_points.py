@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gsut.data import centers_of
+from gsut.data.poses import centers_of
 from gsut.lens import Camera
 from gsut.sfm.features import Features
 from gsut.sfm.matching import PairMatches

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from gsut._core import CameraMotion
-from gsut.data import View, inverse
+from gsut.data import View
+from gsut.data.poses import inverse
 from gsut.lens import Camera
 
 _TINY = 1e-12

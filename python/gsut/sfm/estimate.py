@@ -15,7 +15,8 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, Shutter, SolveError
-from gsut.data import Rig, read_header, read_rig, write_rig
+from gsut.data.images import read_header
+from gsut.data.rigs import Rig, read_rig, write_rig
 from gsut.files import write_file
 from gsut.output_folder import claim_folder
 from gsut.sfm.correspondences import OnProgress, collect_features, match_images

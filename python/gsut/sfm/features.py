@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import decode_image, decode_mask, shrink_image, shrink_mask
+from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mask
 from gsut.lens import Camera
 from gsut.sfm.options import PosesOptions
 

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.data import Scene, shrink_image, shrink_mask
+from gsut.data import Scene
+from gsut.data.images import shrink_image, shrink_mask
 from gsut.sfm.correspondences import OnProgress
 
 _MEGAPIXELS = 0.5  # of the images between which flow is sought

@@ -12,14 +12,8 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, Shutter
-from gsut.data import (
-    find_images,
-    find_lens_file,
-    find_mask,
-    read_capture,
-    read_dataset,
-    read_header,
-)
+from gsut.data import find_images, find_lens_file, read_capture, read_dataset
+from gsut.data.images import find_mask, read_header
 from gsut.lens import (
     Camera,
     LensProfile,

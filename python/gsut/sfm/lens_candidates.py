@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import read_header
+from gsut.data.images import read_header
 from gsut.lens import Camera
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import TANGENT, Photographs

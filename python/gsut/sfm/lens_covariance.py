@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data import centers_of
+from gsut.data.poses import centers_of
 from gsut.lens import Camera
 from gsut.sfm.solution import Solution
 

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data import Rig, inverse
+from gsut.data.poses import inverse
+from gsut.data.rigs import Rig
 from gsut.sfm.align import rotation_angles
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs

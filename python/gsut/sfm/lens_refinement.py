@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Frame, inverse, read_dataset, some_names
+from gsut.data import Frame, read_dataset, some_names
+from gsut.data.poses import inverse
 from gsut.least_squares import minimize_least_squares
 from gsut.lens import Camera, refinable_params
 from gsut.sfm.correspondences import OnProgress, collect_features, match_images

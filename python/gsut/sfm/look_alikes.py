@@ -13,7 +13,8 @@ from collections.abc import Callable
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data import centers_of, some_names
+from gsut.data import some_names
+from gsut.data.poses import centers_of
 from gsut.sfm.matching import PairMatches
 from gsut.sfm.solution import Solution
 

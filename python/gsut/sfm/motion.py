@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gsut.data import centers_of
+from gsut.data.poses import centers_of
 from gsut.sfm.align import rotation_angles
 from gsut.sfm.matching import PairMatches
 from gsut.sfm.solution import Solution

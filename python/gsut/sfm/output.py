@@ -9,15 +9,10 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import (
-    ColmapImage,
-    ColmapModel,
-    Frame,
-    colmap_texts,
-    inverse,
-    points_ply,
-    write_transforms,
-)
+from gsut.data import Frame, write_transforms
+from gsut.data.colmap import ColmapImage, ColmapModel, colmap_texts
+from gsut.data.points import points_ply
+from gsut.data.poses import inverse
 from gsut.files import write_file
 from gsut.sfm.inputs import Photographs
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut import _core
-from gsut.data import frame_times
+from gsut.data.scene import frame_times
 from gsut.sfm.solution import Solution
 
 _FEWEST = 6  # frames with neighbours: fewer say nothing about how well the time explains them

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from gsut.data import CAPTURE_FOLDER, STRIP, centers_of
+from gsut.data import CAPTURE_FOLDER, STRIP
+from gsut.data.poses import centers_of
 from gsut.files import write_file
 from gsut.page import (
     LINE,

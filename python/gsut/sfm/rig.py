@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Rig, centers_of, inverse, relative_changes
+from gsut.data.poses import centers_of, inverse
+from gsut.data.rigs import Rig, relative_changes
 from gsut.lens import Camera
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Rig, some_names
+from gsut.data import some_names
+from gsut.data.rigs import Rig
 from gsut.sfm.inputs import FEWEST_IMAGES, Photographs, photographs_in
 
 _NOT_CAMERAS = {"masks"}  # folders that may lie beside those of the cameras

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data import Rig, centers_of
+from gsut.data.poses import centers_of
+from gsut.data.rigs import Rig
 
 # Two cameras of one frame whose rotation differs this much from the rig's: one of them was placed
 # wrongly.

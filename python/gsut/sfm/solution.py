@@ -11,7 +11,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import Shutter
-from gsut.data import frame_times
+from gsut.data.scene import frame_times
 from gsut.lens import Camera
 from gsut.sfm.features import Features
 from gsut.sfm.matching import PairMatches

@@ -8,7 +8,7 @@ import pytest
 import gsut
 from gsut.capture import capture
 from gsut.capture.panorama import LENSES
-from gsut.data import decode_mask
+from gsut.data.images import decode_mask
 from gsut.sfm.inputs import find_photographs
 from small_videos import texture, write_video
 

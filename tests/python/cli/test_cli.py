@@ -377,7 +377,6 @@ def test_demo_run_of_a_finished_demo_takes_the_next_folder(tmp_path, scene):
 
 
 def test_doctor_of_no_dataset_finds_an_error(tmp_path, capsys):
-    pytest.importorskip("gsut.data.doctor", reason="the doctor is not built in yet")
     assert main(["doctor", str(tmp_path / "absent")]) == 2
     captured = capsys.readouterr()
     assert "training cannot start" in captured.out

@@ -10,7 +10,7 @@ import gsut
 import small_datasets as small
 import small_recordings as made
 import tolerances
-from gsut.data import layouts
+from gsut.data.layouts import layouts
 from gsut.data.poses import inverse
 
 JITTER = 500_000  # nanoseconds

@@ -9,7 +9,7 @@ from PIL import Image
 
 import gsut
 import tolerances as tol
-from gsut.data import decode_image
+from gsut.data.images import decode_image
 from gsut.training import prepare_scene, size_note
 
 SIZE = 80, 60

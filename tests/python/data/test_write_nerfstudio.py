@@ -10,8 +10,8 @@ import gsut
 import small_datasets
 from gsut import _core
 from gsut._core import Shutter
-from gsut.data import points_ply, write_transforms
-from gsut.data.assemble import Frame
+from gsut.data import Frame, write_transforms
+from gsut.data.points import points_ply
 from gsut.lens import load_camera
 from lens_cases import real_lenses
 

@@ -10,7 +10,7 @@ import pytest
 
 import tolerances as tol
 from gsut import CalibrationError, InputError
-from gsut.data.colmap_binary import read_cameras_bin
+from gsut.data.colmap import read_cameras_bin
 from gsut.lens import Camera, camera_models, load_camera
 from gsut.lens.files import colmap_camera, nerfstudio_camera
 from lens_cases import all_lenses

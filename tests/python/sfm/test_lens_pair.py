@@ -7,7 +7,7 @@ import pytest
 
 import gsut
 import tolerances
-from gsut.data import read_rig, relative_changes, write_rig
+from gsut.data.rigs import read_rig, relative_changes, write_rig
 from gsut.sfm.align import compare_poses
 from gsut.sfm.lens_pair import find_lens_pair, scaled_rig, write_lens_pair
 from gsut.sfm.options import PosesOptions

@@ -12,8 +12,8 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
-from gsut.data import centers_of, read_rig, relative_changes, write_rig
-from gsut.data.poses import inverse
+from gsut.data.poses import centers_of, inverse
+from gsut.data.rigs import read_rig, relative_changes, write_rig
 from gsut.sfm.align import compare_poses
 from gsut.sfm.features import no_features
 from gsut.sfm.options import PosesOptions

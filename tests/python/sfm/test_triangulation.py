@@ -9,7 +9,7 @@ import pytest
 import gsut
 import tolerances
 from gsut.cli import main
-from gsut.data import load_points_ply, points_ply
+from gsut.data.points import load_points_ply, points_ply
 from gsut.demo import make_demo_scene
 from gsut.demo.hall import make_hall
 from gsut.demo.tracing import Tracer

@@ -6,10 +6,10 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
-from gsut.data.assemble import Listing
+from gsut.data.errors import OnError
 from gsut.data.export import Export
-from gsut.data.findings import OnError
-from gsut.data.recording import Recording
+from gsut.data.listing import Listing
+from gsut.data.recordings import Recording
 
 
 @dataclasses.dataclass(frozen=True)

@@ -22,13 +22,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gsut.data.findings import DatasetError
+from gsut.data.errors import DatasetError
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.folder import DESCRIPTION, POINT_FILES, find_images
-from gsut.data.mounts import read_mounts
-from gsut.data.recording import Recording, stream_of
+from gsut.data.poses import UNITS
+from gsut.data.recordings import Recording, stream_of
+from gsut.data.rigs import read_mounts
 from gsut.data.text_files import read_text, read_yaml
-from gsut.data.times import UNITS
 
 _PATHS = ("images", "lens", "poses", "points", "masks")
 KEYS = (
@@ -115,7 +115,7 @@ def _pictures(value: Any, folder: Path, file: Path) -> Recording:
         if empty:
             raise _error(file, "images", f"there are no pictures of {empty[0]}", "correct the path")
         return Recording(folder, streams, names_from=folder)
-    from gsut.data.layouts import known_layout  # which also finds this one
+    from gsut.data.layouts import known_layout
 
     path = folder / str(value)
     layout = known_layout(path, but=("dataset.yaml", "folder"))

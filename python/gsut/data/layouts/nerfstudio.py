@@ -14,21 +14,22 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError, Shutter
-from gsut.data.assemble import Frame, Listing
-from gsut.data.findings import DatasetError, OnError, stop
+from gsut.data.errors import DatasetError, OnError, raise_error
+from gsut.data.export import POINTS, Export, place_images, plain_name
 from gsut.data.images import read_header
 from gsut.data.layouts._layout import Layout
-from gsut.data.layouts._write_transforms import write_nerfstudio
 from gsut.data.layouts.colmap import find_model, read_points
+from gsut.data.listing import Frame, Listing
 from gsut.data.poses import OPENGL_FROM_OPENCV, halfway, rigid_transform
 from gsut.data.text_files import read_json
+from gsut.data.write_nerfstudio import write_transforms
 from gsut.lens import Camera, frame_lens, nerfstudio_camera
 
 FILE_NAME = "transforms.json"
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")  # for file_path without one
 
 
-def read_nerfstudio(path: Path, *, on_error: OnError = stop) -> Listing:
+def read_nerfstudio(path: Path, *, on_error: OnError = raise_error) -> Listing:
     """Reads transforms.json.
 
     Args:
@@ -224,6 +225,23 @@ def _read_points(values: dict, listing: Listing) -> None:
             listing.source, "'applied_transform' is not a 3 x 4 matrix", "correct it"
         ) from error
     listing.points, listing.point_colors = points, colors
+
+
+def write_nerfstudio(folder: Path, export: Export) -> list[str]:
+    """Writes the dataset; returns what the layout cannot hold."""
+    frames = place_images(export, folder)
+    export.write_points(folder / POINTS)
+    test = None
+    if export.test is not None:
+        wanted = set(export.test)
+        test = [plain_name(frame) for frame in export.frames if frame.name in wanted]
+    write_transforms(
+        folder / "transforms.json", frames, points_file=POINTS if len(export.points) else None,
+        test=test,
+    )  # fmt: skip
+    if any(frame.depth_path is not None for frame in frames):
+        return ["depth files are named where they were, not copied"]
+    return []
 
 
 LAYOUT = Layout(
