@@ -1,4 +1,4 @@
-// Photometric refinement by Ceres: the scene is rendered once a step, the costs read their pixel.
+// Photometric refinement by Ceres: colour differences as blocks of residuals, and their problem.
 #include "gsut/sfm/photometric.h"
 
 #include <ceres/ceres.h>
@@ -7,13 +7,12 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <optional>
 #include <string>
 
 #include "gsut/base/errors.h"
-#include "gsut/cameras/ray_jacobian.h"
 #include "gsut/sfm/lens_parameters.h"
 #include "gsut/sfm/photometric_covariance.h"
+#include "gsut/sfm/photometric_scene.h"
 #include "gsut/sfm/pose_manifold.h"
 #include "gsut/sfm/solver_log.h"
 #include "gsut/sfm/stop_after.h"
@@ -25,141 +24,6 @@ using Eigen::Map;
 using Eigen::Vector3d;
 using RowMatrix3d = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 using RowMatrix36 = Eigen::Matrix<double, 3, 6, Eigen::RowMajor>;
-using Matrix3X = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>;
-using GainBlock = std::array<double, 2>;  // gain, bias
-
-// One image at the solver's current parameters.
-struct ImageState {
-  PoseBlock pose;
-  GainBlock gain;
-  std::vector<double> colors, by_center, by_ray, by_lens;
-  bool failed = false;
-};
-
-// Renders every image once for each step of the solver.
-class SceneEvaluation : public ceres::EvaluationCallback {
- public:
-  SceneEvaluation(SceneColors* scene, const std::vector<Camera>& cameras,
-                  const std::vector<PhotometricImage>& images, const PhotometricOptions& options)
-      : options_(options), scene_(scene), cameras_(cameras), images_(images) {
-    for (const Camera& camera : cameras) lenses.push_back(camera.params());
-    for (const PhotometricImage& image : images) {
-      ImageState state;
-      state.pose = ToBlock(image.camera_from_world);
-      state.gain = {image.gain, image.bias};
-      states.push_back(std::move(state));
-    }
-  }
-
-  bool LensIsFree(int camera) const {
-    return !options_.lens_free.empty() &&
-           !options_.lens_free[static_cast<std::size_t>(camera)].empty();
-  }
-
-  // The lens at the current parameters. Throws InputError if they make no lens.
-  Camera MakeLens(int camera) const {
-    const Camera& before = cameras_[static_cast<std::size_t>(camera)];
-    if (!LensIsFree(camera)) return before;
-    return {before.model(), lenses[static_cast<std::size_t>(camera)], before.width(),
-            before.height(), before.valid_field_angle()};
-  }
-
-  // The same, or none.
-  std::optional<Camera> FindLens(int camera) const {
-    try {
-      return MakeLens(camera);
-    } catch (const InputError&) {
-      return std::nullopt;
-    }
-  }
-
-  // Ceres announces as new also the point evaluated last, so the point itself is compared: a render
-  // costs far more than a comparison.
-  void PrepareForEvaluation(bool evaluate_jacobians, bool) override {
-    std::vector<double> point = Point();
-    if (point == rendered_ && (has_jacobians_ || !evaluate_jacobians)) return;
-    rendered_ = std::move(point);
-    has_jacobians_ = evaluate_jacobians;
-    ++num_evaluations;
-    std::vector<std::optional<Camera>> now;
-    now.reserve(cameras_.size());
-    for (std::size_t c = 0; c < cameras_.size(); ++c) now.push_back(FindLens(static_cast<int>(c)));
-    for (std::size_t i = 0; i < states.size(); ++i) {
-      const std::optional<Camera>& camera = now[static_cast<std::size_t>(images_[i].camera)];
-      states[i].failed = !camera || !Evaluate(*camera, images_[i], &states[i]);
-    }
-  }
-
-  std::vector<std::vector<double>> lenses;
-  std::vector<ImageState> states;
-  int num_evaluations = 0;
-
- private:
-  // All parameters that a render depends on.
-  std::vector<double> Point() const {
-    std::vector<double> point;
-    for (const std::vector<double>& lens : lenses) {
-      point.insert(point.end(), lens.begin(), lens.end());
-    }
-    for (const ImageState& state : states) {
-      point.insert(point.end(), state.pose.begin(), state.pose.end());
-    }
-    return point;
-  }
-
-  // False if a pixel has no ray.
-  bool Evaluate(const Camera& camera, const PhotometricImage& image, ImageState* state) {
-    const std::size_t count = image.pixels.size();
-    const RayTable& table = camera.Rays();
-    for (const std::uint32_t pixel : image.pixels) {
-      if (!table.valid[pixel]) return false;
-    }
-    state->colors.resize(3 * count);
-    if (!has_jacobians_) {
-      scene_->Evaluate(camera, FromBlock(state->pose), image.pixels, state->colors.data(), nullptr,
-                       nullptr);
-      return true;
-    }
-    state->by_center.resize(9 * count);
-    state->by_ray.resize(9 * count);
-    scene_->Evaluate(camera, FromBlock(state->pose), image.pixels, state->colors.data(),
-                     state->by_center.data(), state->by_ray.data());
-    std::vector<double> rays(3 * count);
-    for (std::size_t i = 0; i < count; ++i) {
-      std::copy_n(&table.rays[3 * std::size_t{image.pixels[i]}], 3, &rays[3 * i]);
-    }
-    const std::size_t num_params = static_cast<std::size_t>(camera.num_params());
-    if (LensIsFree(image.camera)) {
-      std::vector<double> by_params(3 * count * num_params);
-      std::vector<std::uint8_t> valid(count);
-      RayJacobian(camera, static_cast<std::int64_t>(count), rays.data(), nullptr, by_params.data(),
-                  nullptr, valid.data());
-      state->by_lens.resize(by_params.size());
-      for (std::size_t i = 0; i < count; ++i) {
-        const std::size_t first = 3 * i * num_params;
-        Map<Matrix3X>(&state->by_lens[first], 3, static_cast<int>(num_params)) =
-            Map<const RowMatrix3d>(&state->by_ray[9 * i]) *
-            Map<const Matrix3X>(&by_params[first], 3, static_cast<int>(num_params));
-      }
-    }
-    // R <- exp(w) R turns the rays by -w in the camera's axes: dcolour/dw = -(d x dcolour/dd).
-    for (std::size_t i = 0; i < count; ++i) {
-      const Map<const Vector3d> ray(&rays[3 * i]);
-      Map<RowMatrix3d> slope(&state->by_ray[9 * i]);
-      for (int c = 0; c < 3; ++c) {
-        slope.row(c) = Vector3d(slope.row(c)).cross(ray).transpose().eval();
-      }
-    }
-    return true;
-  }
-
-  const PhotometricOptions& options_;
-  SceneColors* scene_;
-  const std::vector<Camera>& cameras_;
-  const std::vector<PhotometricImage>& images_;
-  bool has_jacobians_ = false;
-  std::vector<double> rendered_;  // the point that `states` are at
-};
 
 // One pixel's share of the cost, a Huber loss rho of its squared colour difference s = |r|^2:
 //   rho(s) = s  for |r| <= a,   2 a |r| - a^2  beyond,   rho'(s) = min(1, a / |r|).
@@ -193,7 +57,7 @@ Vector3d ColorResidual(const ImageState& state, const PhotometricImage& image, s
 RowMatrix36 ByPoseTangent(const ImageState& state, std::size_t i) {
   RowMatrix36 out;
   out.leftCols<3>() = Map<const RowMatrix3d>(&state.by_center[9 * i]);
-  out.rightCols<3>() = Map<const RowMatrix3d>(&state.by_ray[9 * i]);
+  out.rightCols<3>() = Map<const RowMatrix3d>(&state.by_turn[9 * i]);
   return out;
 }
 
