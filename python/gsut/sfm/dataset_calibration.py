@@ -15,7 +15,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import read_dataset
 from gsut.files import write_file
-from gsut.lens import OWN_SUFFIX, Camera, grid_pixels, save_uncertainty
+from gsut.lens import OWN_SUFFIX, Camera, grid_pixels, save_camera, save_uncertainty
 from gsut.sfm.calibrate_dataset_page import write_page
 from gsut.sfm.lens_refinement import RefinedLens, refine_lens
 from gsut.sfm.options import PosesOptions
@@ -122,10 +122,10 @@ def _write_lens(camera: Camera, sigma: np.ndarray, out: Path) -> Path:
     if out.suffix.lower() == ".cameramodel" and camera.model == "kannala_brandt":
         exact = out.with_suffix(".yaml")
     try:
-        camera.save(exact, "opencv" if exact.suffix.lower() != ".cameramodel" else "mrcal")
+        save_camera(camera, exact, "opencv" if exact.suffix.lower() != ".cameramodel" else "mrcal")
     except InputError:  # the form that was asked for has no such lens
         exact = out.with_suffix(OWN_SUFFIX)
-        camera.save(exact)
+        save_camera(camera, exact)
     save_uncertainty(exact, sigma)
     return exact
 

@@ -16,6 +16,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data.poses import inverse
 from gsut.data.rigs import Rig
+from gsut.lens import save_camera
 from gsut.sfm.align import rotation_angles
 from gsut.sfm.features import Features
 from gsut.sfm.inputs import Photographs
@@ -132,7 +133,7 @@ def scaled_rig(fit: RigFit, scale: float) -> RigFit:
 def write_lens_pair(fit: RigFit) -> None:
     """Writes both lenses beside the rig."""
     for camera, (path, _) in zip(fit.rig.cameras, fit.rig.lens_files, strict=True):
-        camera.save(path)
+        save_camera(camera, path)
 
 
 def _with_lenses(fit: RigFit, solution: Solution, lens_of: np.ndarray) -> RigFit:

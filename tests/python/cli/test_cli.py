@@ -291,7 +291,7 @@ def test_render_along_each_path_writes_its_images(run, tmp_path, monkeypatch):
 
 def test_render_with_lens_and_size_uses_both(run, tmp_path):
     lens, out = tmp_path / "lens.json", tmp_path / "out"
-    gsut.Camera("pinhole", [20, 20, 10, 5], 20, 10).save(lens)
+    gsut.save_camera(gsut.Camera("pinhole", [20, 20, 10, 5], 20, 10), lens)
     words = ["--frames", "1", "--camera", str(lens), "--size", "40x24", "-o", str(out)]
     assert main(["render", str(run.path), *words]) == 0
     assert cv2.imread(str(out / "00000.png")).shape == (24, 40, 3)

@@ -276,7 +276,7 @@ def rig_folder(tmp_path):
     lens = gsut.Camera("kannala_brandt", [60, 60, 40, 40, 0, 0, 0, 0], 80, 80)
     cameras = {}
     for name, pose in (("left", np.eye(4)), ("right", STEREO)):
-        lens.save(tmp_path / f"{name}.yaml")
+        gsut.save_camera(lens, tmp_path / f"{name}.yaml")
         cameras[name] = {"file": f"{name}.yaml", "camera_from_reference": pose.tolist()}
     (tmp_path / "rig.json").write_text(json.dumps({"cameras": cameras}))
 

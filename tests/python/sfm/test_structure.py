@@ -305,7 +305,7 @@ def some_sponza(tmp_path_factory):
     for view in views:
         (folder / "images" / Path(view.name).name).symlink_to(view.image_path)
     (folder / "mask.png").symlink_to(SPONZA / "mask.png")
-    scene.cameras[0].save(folder / "lens.yaml")
+    gsut.save_camera(scene.cameras[0], folder / "lens.yaml")
     truth = {Path(v.name).name: v.camera_from_world for v in views}
     return folder, truth, scene.cameras[0]
 
@@ -451,7 +451,7 @@ def test_poses_command_bad_images_get_one_clear_sentence(case, words, tmp_path, 
 
 
 def test_poses_command_wrong_lens_is_doubted(some_sponza, solved_sponza, tmp_path):
-    gsut.Camera("pinhole", [240, 240, 240, 240], 480, 480).save(tmp_path / "lens.yaml")
+    gsut.save_camera(gsut.Camera("pinhole", [240, 240, 240, 240], 480, 480), tmp_path / "lens.yaml")
     notes: list[str] = []
     result = find_poses(
         some_sponza[0], tmp_path / "out", camera=tmp_path / "lens.yaml", notes_to=notes.append
@@ -504,7 +504,9 @@ def test_poses_command_camera_that_only_turns_gets_one_clear_sentence(tmp_path, 
         wide_matrix = np.array([[300.0, 0, 350], [0, 300, 350], [0, 0, 1]])
         view = matrix @ turn @ np.linalg.inv(wide_matrix)
         cv2.imwrite(str(folder / f"{i}.png"), cv2.warpPerspective(wide, view, (240, 240)))
-    gsut.Camera("pinhole", [300, 300, 120.5, 120.5], 240, 240).save(folder / "lens.yaml")
+    gsut.save_camera(
+        gsut.Camera("pinhole", [300, 300, 120.5, 120.5], 240, 240), folder / "lens.yaml"
+    )
     assert main(["poses", str(folder), "-o", str(tmp_path / "out"), "--quiet"]) == 2
     message = capsys.readouterr().err
     assert "the camera only turned" in message and message.count("\n") == 1
@@ -516,7 +518,7 @@ def test_poses_command_wrong_lens_size_says_so(tmp_path, capsys):
     folder.mkdir()
     for i in range(3):
         texture(folder / f"{i}.png", i)
-    gsut.Camera("pinhole", [100, 100, 50, 50], 100, 100).save(tmp_path / "lens.yaml")
+    gsut.save_camera(gsut.Camera("pinhole", [100, 100, 50, 50], 100, 100), tmp_path / "lens.yaml")
     arguments = ["poses", str(folder), "--camera", str(tmp_path / "lens.yaml"), "--quiet"]
     assert main([*arguments, "-o", str(tmp_path / "out")]) == 2
     assert "the lens is for 100 x 100" in capsys.readouterr().err
@@ -528,7 +530,7 @@ def test_poses_command_lens_without_one_centre_is_refused_first(tmp_path, capsys
     for i in range(2):
         texture(folder / f"{i}.png", i)
     lens = tmp_path / "lens.lens.json"
-    gsut.Camera("orthographic", [100, 100, 80, 80], 160, 160).save(lens)
+    gsut.save_camera(gsut.Camera("orthographic", [100, 100, 80, 80], 160, 160), lens)
     arguments = ["poses", str(folder), "--camera", str(lens), "-o", str(tmp_path / "out")]
     assert main(arguments) == 2
     assert "camera convert" in capsys.readouterr().err

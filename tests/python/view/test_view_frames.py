@@ -293,7 +293,7 @@ def test_frustum_reaches_where_the_lens_sees():
 
 @pytest.mark.parametrize("name", ["a.lens.json", "cameras.bin", "cameras.txt"])
 def test_uploaded_lens_file_is_read(tmp_path, name):
-    fisheye(40).save(tmp_path / name)
+    gsut.save_camera(fisheye(40), tmp_path / name)
     content = base64.b64encode((tmp_path / name).read_bytes()).decode()
     lenses = Lenses([pinhole(40)])
     value = lenses.describe(lenses.make({"name": name, "base64": content}))

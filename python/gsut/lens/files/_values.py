@@ -38,7 +38,7 @@ class LensValues:
         raise CalibrationError(f"{', '.join(place)}: {problem}")
 
     def find(self, *keys: str) -> str | None:
-        """The first of these keys that is present, in any mix of upper and lower case."""
+        """Returns the first of these keys that is present, in upper or lower case."""
         present = {str(key).lower(): str(key) for key in self.values}
         for key in keys:
             if key in self.values:
@@ -48,46 +48,46 @@ class LensValues:
         return None
 
     def need(self, *keys: str) -> str:
-        """As find, but an error if none is present."""
+        """Returns the first of these keys that is present; fails if there is none."""
         key = self.find(*keys)
         if key is None:
             others = f" (nor {', '.join(keys[1:])})" if len(keys) > 1 else ""
             self.fail(keys[0], f"is missing{others}; add it")
         return key
 
-    def _float(self, key: str, value: Any) -> float:
+    def _convert(self, key: str, value: Any) -> float:
         # YAML reads 1e-05, which has no dot, as text.
         if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-            self.fail(key, f"expected a number, found {_short(value)}")
+            self.fail(key, f"expected a number, found {_shorten(value)}")
         try:
             number = float(value)
         except (ValueError, OverflowError):
             number = math.nan
         if not math.isfinite(number):
-            self.fail(key, f"expected a finite number, found {_short(value)}")
+            self.fail(key, f"expected a finite number, found {_shorten(value)}")
         return number
 
     def number(self, key: str, default: float | None = None) -> float:
-        """The finite number under this key; the default, if given, where the key is absent."""
+        """Reads the finite number under this key, or returns the default if the key is absent."""
         if key not in self.values and default is not None:
             return default
-        return self._float(self.need(key), self.values[self.need(key)])
+        return self._convert(self.need(key), self.values[self.need(key)])
 
     def pixels(self, key: str) -> int:
-        """The positive whole number under this key: 1080 and 1080.0 alike."""
+        """Reads the positive whole number under this key: 1080 or 1080.0."""
         number = self.number(key)
         if number < 1 or number != int(number):
             self.fail(key, f"expected a positive whole number of pixels, found {number:g}")
         return int(number)
 
     def numbers(self, key: str, count: int | None = None) -> list[float]:
-        """The list of finite numbers under this key, flattened; checked for its length if given."""
+        """Reads the finite numbers of the list under this key, flattened, `count` of them."""
         flat = _flatten(self.values[self.need(key)])
         if flat is None:
-            self.fail(key, f"expected a list of numbers, found {_short(self.values[key])}")
+            self.fail(key, f"expected a list of numbers, found {_shorten(self.values[key])}")
         if count is not None and len(flat) != count:
             self.fail(key, f"expected {count} numbers, found {len(flat)}")
-        return [self._float(key, value) for value in flat]
+        return [self._convert(key, value) for value in flat]
 
     def camera(
         self,
@@ -98,10 +98,11 @@ class LensValues:
         valid_field_angle: float | None = None,
         keys: str | Sequence[str] = "",
     ) -> Camera:
-        """The camera; what makes it no camera is an error of the file.
+        """Makes a camera; an impossible lens is an error of the file, which names the key.
 
         Args:
-            keys: of each parameter in the file, or of all; "": it has none.
+            model, params, width, height, valid_field_angle: see `Camera`.
+            keys: of each parameter in the file, or one for all; "": it has none.
         """
         prefix = f"{self.source}: " if self.source else ""
         if valid_field_angle is not None and valid_field_angle > math.pi:
@@ -119,11 +120,17 @@ class LensValues:
             raise CalibrationError(f"{prefix}{error}") from error
 
 
-def chosen_name(names: Collection[str], camera_id: int | str | None, source: str) -> str:
-    """The only camera's name, or the one asked for.
+def skip_to(text: str, start: str) -> str:
+    """Returns the text from where `start` occurs, below as many lines as were above it."""
+    place = max(text.find(start), 0)
+    return "\n" * text.count("\n", 0, place) + text[place:]
+
+
+def choose_name(names: Collection[str], camera_id: int | str | None, source: str) -> str:
+    """Returns the name of the only camera, or `camera_id`.
 
     Raises:
-        InputError: there are several and none is asked for, or not this one.
+        InputError: there are several cameras and no camera_id, or none with this one.
     """
     known = ", ".join(names)
     if camera_id is None and len(names) > 1:
@@ -135,7 +142,7 @@ def chosen_name(names: Collection[str], camera_id: int | str | None, source: str
 
 
 def _flatten(value: Any) -> list[Any] | None:
-    """The items of a nested list, or of a matrix written as a dictionary with "data"."""
+    """Lists the items of a nested list, or of a matrix written as a dictionary with "data"."""
     if isinstance(value, dict):
         value = value.get("data")
     if value is None or not isinstance(value, (list, tuple)):
@@ -149,6 +156,6 @@ def _flatten(value: Any) -> list[Any] | None:
     return flat
 
 
-def _short(value: Any) -> str:
+def _shorten(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
