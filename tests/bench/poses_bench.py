@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError, SolveError
-from gsut.lens import camera_models, convert_camera, save_camera, to_colmap
+from gsut.lens import camera_models, convert_camera, save_camera
+from gsut.lens.files import to_colmap
 from gsut.run import add_option_flags, check_options, describe_options, given_options, option
 from gsut.sfm import (
     PoseErrors,

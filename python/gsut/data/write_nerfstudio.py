@@ -12,7 +12,8 @@ from gsut._core import InputError
 from gsut.data.listing import Frame
 from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.files import write_file
-from gsut.lens import LENS_FILE, OWN_SUFFIX, Camera, format_nerfstudio, save_camera
+from gsut.lens import Camera, save_camera
+from gsut.lens.files import LENS_FILE, OWN_SUFFIX, format_nerfstudio
 
 _PIXEL_CENTER = 0.5  # of the first pixel, written for other readers: cx = w / 2 is the middle
 

@@ -18,35 +18,18 @@ from gsut.lens.field import (
     with_scaled_focal,
 )
 from gsut.lens.files import load_camera, save_camera
-from gsut.lens.files.colmap import PARAMETER_COUNTS, camera_from_colmap, to_colmap
-from gsut.lens.files.euroc import format_euroc
-from gsut.lens.files.kalibr import is_camchain
-from gsut.lens.files.nerfstudio import (
-    LENS_FILE,
-    camera_from_nerfstudio,
-    format_nerfstudio,
-    merge_frame_lens,
-)
-from gsut.lens.files.own import OWN_SUFFIX, camera_from_values, camera_values
 from gsut.lens.fit_rays import fit_camera
 from gsut.lens.fit_spline import SplineGrid, fit_control_points
 from gsut.lens.refinable import refinable_params
 from gsut.lens.uncertainty import grid_pixels, save_uncertainty
 
 __all__ = [
-    "LENS_FILE",
-    "OWN_SUFFIX",
-    "PARAMETER_COUNTS",
     "CalibrationWeights",
     "Camera",
     "Conversion",
     "LensProfile",
     "SplineGrid",
-    "camera_from_colmap",
-    "camera_from_nerfstudio",
-    "camera_from_values",
     "camera_models",
-    "camera_values",
     "convert_camera",
     "field_of_view",
     "find_lenses",
@@ -54,20 +37,15 @@ __all__ = [
     "fit_control_points",
     "focal_params",
     "format_conversion",
-    "format_euroc",
-    "format_nerfstudio",
     "grid_pixels",
     "has_focal_length",
-    "is_camchain",
     "is_lens_name",
     "lens_by_name",
     "load_camera",
     "load_lens",
-    "merge_frame_lens",
     "refinable_params",
     "save_camera",
     "save_uncertainty",
-    "to_colmap",
     "with_field_of_view",
     "with_scaled_focal",
 ]

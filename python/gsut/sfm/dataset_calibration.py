@@ -15,7 +15,8 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import read_dataset
 from gsut.files import write_file
-from gsut.lens import OWN_SUFFIX, Camera, grid_pixels, save_camera, save_uncertainty
+from gsut.lens import Camera, grid_pixels, save_camera, save_uncertainty
+from gsut.lens.files import OWN_SUFFIX
 from gsut.sfm.calibrate_dataset_page import write_page
 from gsut.sfm.lens_refinement import RefinedLens, refine_lens
 from gsut.sfm.options import PosesOptions

@@ -14,15 +14,8 @@ from gsut import _core
 from gsut._core import InputError, Shutter
 from gsut.data import find_images, find_lens_file, read_capture, read_dataset
 from gsut.data.images import find_mask, read_header
-from gsut.lens import (
-    Camera,
-    LensProfile,
-    camera_from_values,
-    find_lenses,
-    is_lens_name,
-    lens_by_name,
-    load_camera,
-)
+from gsut.lens import Camera, LensProfile, find_lenses, is_lens_name, lens_by_name, load_camera
+from gsut.lens.files import camera_from_values
 
 FEWEST_IMAGES = 2
 _KINDS_LISTED = 5  # endings of names in a message

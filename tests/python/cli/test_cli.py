@@ -313,7 +313,7 @@ def test_render_of_a_file_of_gaussians_needs_no_run(tmp_path):
 
 
 def test_render_along_the_path_of_a_screenshot_uses_its_lens(run, tmp_path):
-    from gsut.lens import camera_values
+    from gsut.lens.files import camera_values
 
     path, out = tmp_path / "camera.json", tmp_path / "out"
     lens = gsut.Camera("pinhole", [20, 20, 10, 5], 20, 10)

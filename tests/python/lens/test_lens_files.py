@@ -11,15 +11,8 @@ import pytest
 import tolerances as tol
 from gsut import CalibrationError, InputError
 from gsut.data.colmap import read_cameras_bin
-from gsut.lens import (
-    Camera,
-    camera_from_colmap,
-    camera_from_nerfstudio,
-    camera_models,
-    load_camera,
-    save_camera,
-)
-from gsut.lens.files import list_formats
+from gsut.lens import Camera, camera_models, load_camera, save_camera
+from gsut.lens.files import camera_from_colmap, camera_from_nerfstudio, list_formats
 from lens_cases import all_lenses
 
 # Each way to write a lens: the format and a file's name that chooses it.

@@ -3,7 +3,8 @@
 import pytest
 
 from gsut import CalibrationError, InputError
-from gsut.lens import camera_from_nerfstudio, load_camera
+from gsut.lens import load_camera
+from gsut.lens.files import camera_from_nerfstudio
 
 NERFSTUDIO = {"w": 640, "h": 480.0, "fl_x": 300, "fl_y": 310, "cx": 320, "cy": 240}
 BAD_NERFSTUDIO = [

@@ -12,7 +12,8 @@ import pytest
 import gsut
 import small_run
 from gsut.data.poses import read_path
-from gsut.lens import camera_from_values, field_of_view, with_field_of_view
+from gsut.lens import field_of_view, with_field_of_view
+from gsut.lens.files import camera_from_values
 from gsut.render import PixelFilter, to_uint8
 from gsut.view import Session, Stage
 from gsut.view.frames import MODES

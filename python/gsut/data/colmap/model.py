@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut.gaussians import quaternion_from_rotation
-from gsut.lens import Camera, to_colmap
+from gsut.lens import Camera
+from gsut.lens.files import to_colmap
 
 _NO_ERROR = 0.0
 

@@ -31,7 +31,8 @@ from gsut.data.layouts._layout import Layout
 from gsut.data.listing import Frame, Listing
 from gsut.data.poses import inverse, pose_from_quaternion
 from gsut.files import write_file
-from gsut.lens import Camera, camera_from_colmap
+from gsut.lens import Camera
+from gsut.lens.files import camera_from_colmap
 
 MODEL_FOLDERS = ("sparse/0", "sparse", ".")
 IMAGE_FOLDERS = ("images", "images_2", "images_4", "images_8", ".")

@@ -25,7 +25,8 @@ from gsut.data.poses import format_tum
 from gsut.data.recordings import MASK, Recording, Stream, pictures_in, stream_of
 from gsut.data.rigs import is_rig_file, read_mounts
 from gsut.files import write_file
-from gsut.lens import OWN_SUFFIX, Camera, save_camera
+from gsut.lens import Camera, save_camera
+from gsut.lens.files import OWN_SUFFIX
 
 DESCRIPTION = "dataset.yaml"
 LENS_PATTERNS = (

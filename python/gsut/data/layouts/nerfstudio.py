@@ -23,7 +23,8 @@ from gsut.data.listing import Frame, Listing
 from gsut.data.poses import OPENGL_FROM_OPENCV, halfway, rigid_transform
 from gsut.data.text_files import read_json
 from gsut.data.write_nerfstudio import write_transforms
-from gsut.lens import Camera, camera_from_nerfstudio, merge_frame_lens
+from gsut.lens import Camera
+from gsut.lens.files import camera_from_nerfstudio, merge_frame_lens
 
 FILE_NAME = "transforms.json"
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")  # for file_path without one

@@ -22,7 +22,8 @@ from gsut.data.recordings import Recording, Stream
 from gsut.data.rigs import read_mounts
 from gsut.data.text_files import rows_of
 from gsut.files import write_file
-from gsut.lens import OWN_SUFFIX, save_camera
+from gsut.lens import save_camera
+from gsut.lens.files import OWN_SUFFIX
 
 _LISTS = ("rgb.txt", "associations.txt", "associate.txt", "associated.txt")
 _POSES = ("groundtruth.txt", "trajectory.txt", "poses.txt")
