@@ -20,8 +20,8 @@ import numpy as np
 
 from gsut.cli import main
 from gsut.lens import Camera, save_camera
-from gsut.sfm.align import compare_poses
-from gsut.sfm.lens_candidates import lens_of_field
+from gsut.sfm.lens.candidates import lens_of_field
+from gsut.sfm.world.comparison import compare_poses
 from tests.bench.report_rows import table_text
 from tests.bench.walk_film import Film, Path4, film_pictures, walk
 

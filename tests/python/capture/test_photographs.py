@@ -12,8 +12,8 @@ import gsut
 from gsut.capture import capture, collect_photographs
 from gsut.capture.exif import read_facts
 from gsut.cli.poses import needs_capture
-from gsut.sfm.inputs import find_photographs
-from gsut.sfm.lens_start import contradiction
+from gsut.sfm.core.photographs import find_photographs
+from gsut.sfm.lens.start import contradiction
 from small_videos import walk
 
 FOCAL_35 = 26

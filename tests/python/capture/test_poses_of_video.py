@@ -9,7 +9,7 @@ from gsut.capture import Capture
 from gsut.cli import main
 from gsut.cli.poses import with_readout
 from gsut.sfm import PosesOptions
-from gsut.sfm.inputs import find_photographs
+from gsut.sfm.core.photographs import find_photographs
 from small_videos import walk_past
 
 

@@ -12,7 +12,8 @@ from gsut.cli import main
 from gsut.refine.localization import localize_image
 from gsut.refine.motion import pose_changes
 from gsut.render.pictures import to_uint8
-from gsut.sfm import compare_poses, correspondences, estimate
+from gsut.sfm import compare_poses, pipeline
+from gsut.sfm.core import correspondences
 from random_scenes import every_lens, gaussians_in_view, pinhole
 from synthetic_rig import pose_of
 from synthetic_walk import observe, shuffled
@@ -61,7 +62,7 @@ def find_poses(rng, tmp_path, monkeypatch):
                 on_image(index, each, None)
 
         monkeypatch.setattr(correspondences, "find_all_features", found)
-        monkeypatch.setattr(estimate, "write_report", lambda *_: None)  # half of the time
+        monkeypatch.setattr(pipeline, "write_report", lambda *_: None)  # half of the time
         out = tmp_path / "out"
         assert main(["poses", str(tmp_path / "images"), "-o", str(out), "--quiet", *words]) == 0
         scene = gsut.load_dataset(out, test_every=0)

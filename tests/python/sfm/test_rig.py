@@ -14,14 +14,14 @@ import tolerances
 from gsut import _core
 from gsut.data.poses import centers_of, inverse
 from gsut.data.rigs import read_rig, relative_changes, write_rig
-from gsut.sfm.align import compare_poses
-from gsut.sfm.features import no_features
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.pairs import choose_pairs
-from gsut.sfm.rig import solve_rig
-from gsut.sfm.rig_images import find_rig_photographs
-from gsut.sfm.rig_start import place_rig
-from gsut.sfm.solution import FEATURE_VARIANCE, OnRig, refine
+from gsut.sfm.core.features import no_features
+from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.pairs import choose_pairs
+from gsut.sfm.core.solution import FEATURE_VARIANCE, OnRig, refine
+from gsut.sfm.rig.fit import solve_rig
+from gsut.sfm.rig.images import find_rig_photographs
+from gsut.sfm.rig.start import place_rig
+from gsut.sfm.world.comparison import compare_poses
 from synthetic_rig import BACKWARD, STEREO, SyntheticRig, pose_of
 from tests.bench.rig_poses import disturbed
 

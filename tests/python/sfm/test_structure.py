@@ -15,19 +15,21 @@ from gsut import _core
 from gsut.cli import main
 from gsut.gaussians import quaternion_from_rotation
 from gsut.lens import convert_camera
-from gsut.sfm import correspondences, estimate, solution
-from gsut.sfm.align import centers_of, compare_poses, rotation_angles, similarity
-from gsut.sfm.correspondences import match_images
-from gsut.sfm.estimate import find_poses
-from gsut.sfm.features import _PIXELS_EACH, features_in, find_features
-from gsut.sfm.inputs import Photographs
-from gsut.sfm.lens_candidates import guess_lens
-from gsut.sfm.lens_pairs import choose_connected_pairs, keep_most_distinct
-from gsut.sfm.lens_search import search_lens
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.pairs import choose_pairs, counts_up
-from gsut.sfm.poses_log import PosesLog
-from gsut.sfm.solution import solve
+from gsut.sfm import pipeline
+from gsut.sfm.core import correspondences, solution
+from gsut.sfm.core.alignment import rotation_angles, similarity
+from gsut.sfm.core.correspondences import match_images
+from gsut.sfm.core.features import _PIXELS_EACH, features_in, find_features
+from gsut.sfm.core.log import PosesLog
+from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.pairs import choose_pairs, counts_up
+from gsut.sfm.core.photographs import Photographs
+from gsut.sfm.core.selection import choose_connected_pairs, keep_most_distinct
+from gsut.sfm.core.solution import solve
+from gsut.sfm.lens.candidates import guess_lens
+from gsut.sfm.lens.search import search_lens
+from gsut.sfm.pipeline import find_poses
+from gsut.sfm.world.comparison import centers_of, compare_poses
 from synthetic_walk import Synthetic, quiet
 from tests.bench import poses_bench, pycolmap_poses
 from tests.bench.__main__ import main as bench_main
@@ -370,7 +372,7 @@ def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path,
 
     monkeypatch.setattr(correspondences, "find_all_features", counted)
     with monkeypatch.context() as patch:
-        patch.setattr(estimate, "solve", killed)
+        patch.setattr(pipeline, "solve", killed)
         with pytest.raises(KeyboardInterrupt):
             find_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
