@@ -76,7 +76,7 @@ def data(tmp_path_factory) -> Path:
     scene = gsut.load_dataset(folder / "DATA")
     options = gsut.TrainOptions(steps=20, max_gaussians=800)
     gsut.train(scene, options, out=folder / "RUN", progress=False)
-    scene.camera(0).save(folder / "fisheye.yaml")
+    gsut.save_camera(scene.camera(0), folder / "fisheye.yaml")
     return folder
 
 
