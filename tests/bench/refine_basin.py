@@ -9,7 +9,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
-from gsut.refine import pose_changes, refine_by_tracks, refine_pose
+from gsut.refine import measure_pose_changes, refine_by_tracks, refine_pose
 from gsut.run import TrainOptions
 from gsut.sfm import compare_poses
 from tests.bench.refine_disturb import Disturbance, disturbed, disturbed_pose
@@ -62,7 +62,7 @@ def colors_row(
         except SolveError:
             back.append(False)
             continue
-        change = pose_changes(found.camera_from_world[None], true[None])
+        change = measure_pose_changes(found.camera_from_world[None], true[None])
         back.append(bool(_is_back(change.degrees, change.distances)[0]))
     return _row(degrees, np.array(back))
 

@@ -15,7 +15,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import Scene, load_dataset
 from gsut.gaussians import Gaussians
-from gsut.refine import evaluate_aligned, lens_distance
+from gsut.refine import evaluate_aligned, measure_lens_distance
 from gsut.run import (
     TrainOptions,
     add_option_flags,
@@ -262,7 +262,7 @@ def _measure(
         "position_mm": _MILLIMETRES * float(np.median(after.center_distances)),
         "focal_percent": 100 * focal,
         "k1_percent": None if np.isnan(first) else 100 * first,
-        "lens_px": lens_distance(result.scene.file_cameras[0], truth.file_cameras[0]),
+        "lens_px": measure_lens_distance(result.scene.file_cameras[0], truth.file_cameras[0]),
         "psnr_before": evaluation["alignment"]["psnr_before"],
         "psnr": evaluation["alignment"]["psnr_after"],
         "psnr_to_truth": 0.0,

@@ -17,10 +17,10 @@ from gsut.optimize import (
     GaussianOptimizer,
     LearningRates,
     TrajectoryMean,
-    last_densification,
-    learning_rates,
-    optimizer_of,
-    view_of_step,
+    choose_view,
+    compute_learning_rates,
+    find_last_densification,
+    make_optimizer,
 )
 from gsut.refine import TracksResult, TrainingRefiner
 from gsut.render import DEFAULT_UNSCENTED, Light, random_background
@@ -93,7 +93,7 @@ class TrainingLoop:
         start, self.notes = first_gaussians(scene, options) if start is None else (start, [])
         self.densification = densification_of(options, len(start))
         surfels = options.primitive == "surfel"
-        self.optimizer = optimizer_of(start, self.densification.capacity(), options.seed, surfels)
+        self.optimizer = make_optimizer(start, self.densification.capacity(), options.seed, surfels)
         self.views = TrainingViews(scene, options.coarse_to_fine)
         lens = options.calibration_weights
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
@@ -131,7 +131,7 @@ class TrainingLoop:
 
     def result(self) -> Gaussians:
         """What the run gives, were this its last step: the mean over the last steps, filtered."""
-        return self._filter.apply(self._mean.of(self.gaussians))
+        return self._filter.apply(self._mean.average(self.gaussians))
 
     def finished_scene(self) -> Scene:
         """The scene with the poses and lenses that fit `result` best, were this the last step."""
@@ -165,12 +165,13 @@ class TrainingLoop:
         fraction = number / o.steps
         return _Step(
             number, fraction, self._view_of(number), self.views.at(fraction),
-            min(o.sh_degree, number // o.sh_every), learning_rates(o, fraction, self.extent),
+            min(o.sh_degree, number // o.sh_every),
+            compute_learning_rates(o, fraction, self.extent),
         )  # fmt: skip
 
     def _view_of(self, step: int) -> int:
         """Every training view once an epoch, in an order that depends on seed and epoch only."""
-        return view_of_step(self.scene.train_indices, step, self.options.seed)
+        return choose_view(self.scene.train_indices, step, self.options.seed)
 
     def _prepare_next_image(self) -> None:
         after = self.step + 2
@@ -263,7 +264,7 @@ class TrainingLoop:
             small = compact(
                 self.gaussians, o.keep, method=o.compact_method, views=views, seed=o.seed
             )
-            self.optimizer = self.optimizer.restarted(small.gaussians)
+            self.optimizer = self.optimizer.restart_with(small.gaussians)
             self._begin_anew()
 
     def _begin_anew(self) -> None:
@@ -318,7 +319,7 @@ def _backward_settings(loop: TrainingLoop, step: _Step) -> dict[str, Any]:
     settings: dict[str, Any] = {"write_untouched": not o.sparse_adam, "with_poses": False}
     is_plain = o.sparse_adam and o.motion_blur is None and loop._context.is_empty
     if is_plain and isinstance(optimizer, GaussianOptimizer):
-        settings["harmonics_step"] = optimizer.harmonics_step(step.rates, step.degree)
+        settings["harmonics_step"] = optimizer.prepare_harmonics_step(step.rates, step.degree)
     return settings
 
 
@@ -327,7 +328,7 @@ def _errors_to_sum(loop: TrainingLoop, step: _Step, dimage: np.ndarray) -> dict[
 
     Nothing beside Gaussians that stay: the next densification goes by gradients alone.
     """
-    needed = loop.densification.by_error and step.number <= last_densification(loop.options)
+    needed = loop.densification.by_error and step.number <= find_last_densification(loop.options)
     if not needed or not loop._context.is_empty:
         return {}
     target, (image, _) = step.level.target(step.view), step.level.buffers(step.view)

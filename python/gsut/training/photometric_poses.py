@@ -374,7 +374,7 @@ class _Growth:
             np.concatenate([getattr(gaussians, field.name), getattr(seeds, field.name)])
             for field in dataclasses.fields(gaussians)
         ]
-        self._loop.optimizer = self._loop.optimizer.restarted(Gaussians(*both))
+        self._loop.optimizer = self._loop.optimizer.restart_with(Gaussians(*both))
 
     def _distances(self, camera: Any, pose: np.ndarray, pixels: np.ndarray) -> np.ndarray | None:
         """Geometric mean of the distances of the points that are seen nearest to each pixel."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import gsut
-from gsut.refine.trust import lens_distance
+from gsut.refine.trust import measure_lens_distance
 from random_scenes import fisheye, gaussians_in_view, random_pose
 from room_dataset import write_room
 from tests.bench import refine_bench as module
@@ -77,11 +77,11 @@ def test_lens_is_judged_by_where_its_rays_go(folder):
     scene = gsut.load_dataset(folder)
     (true,) = scene.file_cameras
     (longer,) = disturbed(scene, Disturbance("focal", focal=0.01), 0).file_cameras
-    assert lens_distance(true, true) == 0.0
+    assert measure_lens_distance(true, true) == 0.0
     rays, valid = true.rays()
     pixels, _ = true.project(rays[valid])
     expected = 0.01 * np.sqrt(np.mean(np.sum((pixels - true.params[2:4]) ** 2, axis=1)))
-    np.testing.assert_allclose(lens_distance(longer, true), expected, rtol=1e-9)
+    np.testing.assert_allclose(measure_lens_distance(longer, true), expected, rtol=1e-9)
 
 
 def test_command_resumes_prints_and_draws(folder, tmp_path, capsys):
