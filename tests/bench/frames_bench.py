@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from gsut.capture import capture
-from gsut.cli.poses import PosesStages
 from gsut.files import write_file
+from gsut.run import StageFollower
 from gsut.sfm import PosesOptions, PosesResult, errors_against, find_poses
 from tests.bench.poses_bench import PosesBenchOptions, measure_pycolmap
 from tests.bench.report_rows import table_text
@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def measure(captured: Path, out: Path, options: PosesOptions) -> tuple[dict[str, Any], PosesResult]:
     """The row of one run, and what it found."""
-    with WatchedProgress({}) as bars, contextlib.closing(PosesStages(bars)) as stages:
+    with WatchedProgress({}) as bars, contextlib.closing(StageFollower(bars)) as stages:
         found = find_poses(
             captured, out, options=options, on_progress=stages.show, on_expected=stages.expect
         )

@@ -21,7 +21,7 @@ from gsut.sfm.features import Features, features_in
 from gsut.sfm.inputs import Photographs, check_lens, find_photographs, require_central
 from gsut.sfm.lens_refinement import refine_lens
 from gsut.sfm.matching import PairMatches, verify
-from gsut.sfm.options import PosesOptions
+from gsut.sfm.options import PosesOptions, add_lens_readout
 from gsut.sfm.positions import PositionFit, fit_positions, read_positions
 from gsut.sfm.solution import Solution, diagonal, evaluate_observations, in_cameras, refine, solve
 from gsut.sfm.stages import FOLDER
@@ -40,6 +40,7 @@ __all__ = [
     "PositionFit",
     "Solution",
     "TriangulatedPoints",
+    "add_lens_readout",
     "angular_errors",
     "calibrate_from_dataset",
     "check_lens",
