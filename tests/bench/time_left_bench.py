@@ -103,7 +103,7 @@ def measure(words: list[str]) -> tuple[dict[str, Any], list[RecordedLog]]:
     with (
         mock.patch.object(importlib.import_module("gsut.scene"), "StagedProgress", Bars),
         mock.patch("gsut.cli.poses.StagedProgress", Bars),
-        mock.patch("gsut.sfm.estimate.PosesLog", Log),
+        mock.patch("gsut.sfm.pipeline.PosesLog", Log),
         mock.patch("gsut.training.record.TrainingTime", Training),
     ):
         if main([*words, "--quiet"]):
