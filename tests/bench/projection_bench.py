@@ -152,7 +152,7 @@ def _gaussians(
     return Gaussians(
         means, rng.normal(size=(count, 4)), log_scales, np.full(count, _OPACITY_LOGIT),
         np.zeros((count, 1, 3)),
-    ).astype(np.float32)  # fmt: skip
+    ).to_dtype(np.float32)  # fmt: skip
 
 
 def _cell(
@@ -166,7 +166,7 @@ def _cell(
     gaussians = _gaussians(camera, size, ring, _TIMED, rng)
     if gaussians is None:
         return []
-    few = gaussians[: options.samples].astype(np.float64)
+    few = gaussians[: options.samples].to_dtype(np.float64)
     _core.set_num_threads(0)
     centers, covariances = projected_moments(few, camera)
     alphas = alpha_images(few, camera, _ALPHA_MIN)

@@ -160,7 +160,7 @@ def test_low_pass_filter_forward_and_backward_in_every_path(rng):
     assert rows.sum() > 150
     assert seen(plain[0])[rows].mean() < 0.6 < 0.98 < seen(outcomes[0])[rows].mean()
     truth = outcomes[0].gradients.gaussians
-    gsut.apply_low_pass_backward(g.astype(np.float64), radii, truth)
+    gsut.apply_low_pass_backward(g.to_dtype(np.float64), radii, truth)
     ran = 0
     for outcome in outcomes[1:]:
         slopes = outcome.gradients.gaussians

@@ -42,7 +42,7 @@ class Case:
         self.model = model
         self.folder = folder
         self.camera: Camera = small_camera(model, 0, WIDTH)
-        self.truth = truth(np.random.default_rng(7)).astype(np.float32)
+        self.truth = truth(np.random.default_rng(7)).to_dtype(np.float32)
         self.poses = [poses()[index] for index in VIEWS]
 
     def write(self, name: str, lens: Camera, camera_from_world: list[np.ndarray]) -> Path:

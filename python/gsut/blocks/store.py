@@ -91,12 +91,12 @@ class BlockStore:
 
         Neighbours of one size stand together. Returns the origin of the file (3,).
         """
-        place = self.sample(turn)[0].translated(self._offset)
+        place = self.sample(turn)[0].translate(self._offset)
 
         def ordered() -> Iterator[Gaussians]:
             for block in range(len(self._layout)):
                 part = self.own(block, turn)
-                yield part[order_for_reading(part)].translated(self._offset)
+                yield part[order_for_reading(part)].translate(self._offset)
 
         return save_ply_parts(path, ordered(), sum(self.counts(turn)), place, comments, surfels)
 

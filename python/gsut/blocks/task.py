@@ -54,7 +54,7 @@ class Trained:
         known = next((part.moments for part in parts if part.moments), ())
         moments = (
             merge_gaussians(
-                [(p.moments or (p.gaussians.zeros_like(),) * len(known))[i] for p in parts]
+                [(p.moments or (p.gaussians.make_zeros(),) * len(known))[i] for p in parts]
             )
             for i in range(len(known))
         )

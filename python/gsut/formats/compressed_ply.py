@@ -143,7 +143,7 @@ def _read(path: Path) -> SceneFile:
             between(6, _unpack(words[:, 2], _THREE_BITS)),
             logit_of(rgba[:, 3]),
             np.concatenate([constant[:, None], rest.transpose(0, 2, 1)], axis=1),
-        ).translated(origin_in(comments_of(path), path)),
+        ).translate(origin_in(comments_of(path), path)),
         is_antialiased(path),
     )
 

@@ -29,7 +29,7 @@ from gsut.gaussians.stored import (
     DRAWN_BYTES,
     LEAST_ALPHA,
     StoredGaussians,
-    count_bytes_each,
+    count_bytes_per_gaussian,
     order_for_reading,
 )
 from gsut.gaussians.surfels import are_surfels, press_surfels, to_surfels
@@ -48,7 +48,7 @@ __all__ = [
     "backpropagate_rotations",
     "choose_points",
     "compute_pixel_density",
-    "count_bytes_each",
+    "count_bytes_per_gaussian",
     "find_filter_radii",
     "find_ground",
     "is_inside_box",

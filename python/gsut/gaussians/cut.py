@@ -85,7 +85,7 @@ def merge_gaussians(scenes: Sequence[Gaussians]) -> Gaussians:
     for g in scenes:
         sh = np.zeros((len(g), most, 3), g.dtype)
         sh[:, : g.sh.shape[1]] = g.sh
-        parts.append(dataclasses.replace(g.about(origin), sh=sh))
+        parts.append(dataclasses.replace(g.with_origin(origin), sh=sh))
     fields = ("means", "quats", "log_scales", "opacity_logits", "sh")
     joined = {name: np.concatenate([getattr(g, name) for g in parts]) for name in fields}
     return dataclasses.replace(parts[0], **joined)

@@ -140,7 +140,7 @@ class LowPassFilter:
         self._pixels, self._views = pixels, views
         self._radii: np.ndarray | None = None
 
-    def of(self, gaussians: Gaussians) -> Gaussians:
+    def apply(self, gaussians: Gaussians) -> Gaussians:
         """The Gaussians as they are rendered; themselves without a filter."""
         if not self._pixels:
             return gaussians
@@ -149,8 +149,8 @@ class LowPassFilter:
             self._radii = radii.astype(np.float32)
         return apply_low_pass(gaussians, self._radii)
 
-    def backward(self, gaussians: Gaussians, gradients: Gaussians) -> None:
-        """Turns gradients to `of(gaussians)` into those to `gaussians`, in place."""
+    def backpropagate(self, gaussians: Gaussians, gradients: Gaussians) -> None:
+        """Turns gradients to `apply(gaussians)` into those to `gaussians`, in place."""
         if self._radii is not None:
             apply_low_pass_backward(gaussians, self._radii, gradients)
 

@@ -64,7 +64,7 @@ class StoredGaussians:
     _last: dict[bytes, Any] = dataclasses.field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(
+    def from_rows(
         cls, rows: Callable[[int, int], Gaussians], count: int, limit: int
     ) -> StoredGaussians | None:
         """Looks at all pieces once; None: some cannot be drawn.
@@ -94,11 +94,11 @@ class StoredGaussians:
     def __repr__(self) -> str:
         return f"StoredGaussians({self.count}, sh_degree={self.sh_degree}, in a file)"
 
-    def changed(self, change: Callable[[Gaussians], Any]) -> StoredGaussians:
+    def with_change(self, change: Callable[[Gaussians], Any]) -> StoredGaussians:
         """The same, with something done to what is read."""
         return dataclasses.replace(self, change=change, _last={})
 
-    def translated(self, by: np.typing.ArrayLike) -> StoredGaussians:
+    def translate(self, by: np.typing.ArrayLike) -> StoredGaussians:
         """The Gaussians moved by a vector (3,) in world units."""
         return dataclasses.replace(self, origin=self.origin + np.asarray(by), _last={})
 
@@ -113,12 +113,12 @@ class StoredGaussians:
             "scene (gsut compact)"
         )
 
-    def bytes_of(self, pieces: np.ndarray) -> int:
+    def estimate_bytes(self, pieces: np.ndarray) -> int:
         """What these pieces take while they are drawn, about."""
         extra = DRAWN_BYTES + (0 if self.change is None else _CHANGE_BYTES)
-        return len(pieces) * _ROWS * (count_bytes_each(self.sh_degree) + extra)
+        return len(pieces) * _ROWS * (count_bytes_per_gaussian(self.sh_degree) + extra)
 
-    def seen(
+    def find_seen_pieces(
         self, apex: np.ndarray, around: float, axis: np.ndarray, half_angle: float
     ) -> np.ndarray:
         """Numbers of the pieces that a cone of rays may see, rising.
@@ -166,6 +166,6 @@ class StoredGaussians:
         return Gaussians(**arrays, origin=self.origin)
 
 
-def count_bytes_each(sh_degree: int) -> int:
+def count_bytes_per_gaussian(sh_degree: int) -> int:
     """Of a Gaussian's numbers."""
     return 4 * (11 + 3 * (sh_degree + 1) ** 2)

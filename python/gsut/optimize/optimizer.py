@@ -112,7 +112,7 @@ class GaussianOptimizer:
             raise InputError(f"capacity is {capacity}, but there are {size} Gaussians")
         self.steps, self.seed, self.surfels = 0, seed, surfels
         self._turn = threading.RLock()
-        params = copy_rows(gaussians.astype(np.float32), size, capacity)
+        params = copy_rows(gaussians.to_dtype(np.float32), size, capacity)
         moments = copy_rows(params, 0, capacity), copy_rows(params, 0, capacity)
         self.arrays: tuple[Gaussians, Gaussians, Gaussians] = (params, *moments)
         self.resize(size)

@@ -229,7 +229,7 @@ def _localize_far(
     """`localize_image` about the Gaussians' origin, and back into the world."""
     origin = gaussians.origin
     near: Any = [(camera, place_about(pose, origin)) for camera, pose in views]
-    found = localize_image(gaussians.translated(-origin), near, *photograph, **settings)
+    found = localize_image(gaussians.translate(-origin), near, *photograph, **settings)
     pose: Any = place_about(found.pose.camera_from_world, -origin)
     return dataclasses.replace(found, pose=dataclasses.replace(found.pose, camera_from_world=pose))
 

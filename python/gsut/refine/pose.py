@@ -110,7 +110,7 @@ def refine_pose(
     if not camera.is_central:
         raise InputError(f"refine_pose needs a lens with one centre, found {camera.model}")
     color = tuple(float(c) for c in background)
-    scene = gaussians.astype(np.float32)
+    scene = gaussians.to_dtype(np.float32)
     gain = (1.0, 0.0)
     found: dict[str, Any] = {}
     for level in reversed(range(levels)):

@@ -163,7 +163,7 @@ def render_ewa(
     dtype: str = "float32",
 ) -> Render:
     """The picture that viewers draw of Gaussians, see `EwaSplats` and `render`."""
-    g = gaussians.astype(np.dtype(dtype))
+    g = gaussians.to_dtype(np.dtype(dtype))
     discs = EwaSplats(g, camera, camera_from_world, dilation, shrink).discs
     return render(
         discs, camera, camera_from_world, background=background, blend=viewer_rule(), dtype=dtype

@@ -123,7 +123,7 @@ class StoredPixelFilter:
                 camera, camera_from_world
             )
 
-        return self.gaussians.changed(widened)
+        return self.gaussians.with_change(widened)
 
 
 def is_coarser(camera: Any, photographs: Sequence[Any]) -> bool:

@@ -133,7 +133,7 @@ class BlurRenderer:
                 dimage, dalpha, ddepth, gradients, touched, write_untouched, with_poses, **errors
             )
             return
-        sums, any_touched = gradients.zeros_like(), np.zeros_like(touched)
+        sums, any_touched = gradients.make_zeros(), np.zeros_like(touched)
         arrays = [
             (getattr(sums, field.name), getattr(gradients, field.name))
             for field in dataclasses.fields(gradients)

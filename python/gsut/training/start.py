@@ -129,7 +129,7 @@ def about_cameras(scene: Scene, gaussians: Gaussians) -> tuple[Scene, Gaussians]
     """`Scene.centred`, and Gaussians of the scene's world in the same coordinates."""
     near = scene.centred
     shift = near.world_offset - scene.world_offset
-    return near, gaussians.translated(-shift).about((0.0, 0.0, 0.0))
+    return near, gaussians.translate(-shift).with_origin((0.0, 0.0, 0.0))
 
 
 def refine_first_poses(scene: Scene, options: TrainOptions, progress: bool) -> TracksResult | None:

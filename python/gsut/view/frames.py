@@ -309,7 +309,9 @@ class Frames:
         """The Gaussians inside the crop box, and of these the share that is seen most."""
         g, crop, share = self.stage.gaussians, request.crop, request.share
         if isinstance(g, StoredGaussians):
-            return g if crop is None else g.changed(lambda part: part[self.kept(part, crop, False)])
+            if crop is None:
+                return g
+            return g.with_change(lambda part: part[self.kept(part, crop, False)])
         clean = request.clean and self.floaters is not None
         some = share < 1 and self.stage.kind != "training"
         if g is None or not (some or clean or crop is not None):
@@ -318,9 +320,8 @@ class Frames:
             self._chosen = {"of": g}
         key = share, clean, None if crop is None else crop.tobytes()
         if key not in self._chosen:
-            for old in [
-                old for old in self._chosen if old != "of" and old[2] not in (None, key[2])
-            ]:
+            boxes = (None, key[2])
+            for old in [o for o in self._chosen if o != "of" and o[2] not in boxes]:
                 del self._chosen[old]  # of a box as it was before
             whole = self.whole()
             kept = self.kept(whole, crop, clean)

@@ -143,7 +143,7 @@ def data_stage(scene: Scene, findings: Sequence[Finding] = ()) -> Stage:
         gaussians = seed_from_points(
             scene.points - origin, scene.point_colors, sh_degree=0, scale_factor=_POINT_SCALE,
             opacity=_POINT_OPACITY, max_gaussians=_MOST_POINTS,
-        ).translated(origin)  # fmt: skip
+        ).translate(origin)  # fmt: skip
     return Stage(scene.path.resolve().name, "data", gaussians, scene, findings=findings)
 
 

@@ -83,7 +83,7 @@ def test_scalar_renderer_backward_before_render_is_refused(pinhole):
 
 
 def test_reference_on_chosen_pixels_equals_the_whole_there(pinhole, rng):
-    g = pinhole.gaussians.astype(np.float64)
+    g = pinhole.gaussians.to_dtype(np.float64)
     rule, size = gsut.BlendRule(), (pinhole.camera.height, pinhole.camera.width)
     chosen = (rng.uniform(size=size) < 0.3).astype(np.uint8)
     arguments = (g, pinhole.camera, pinhole.camera_from_world, rule, (0.2, 0.3, 0.4), 0)
@@ -107,7 +107,7 @@ def test_truth_of_a_sample_leaves_no_gaussian_out(fisheye):
     rule = gsut.BlendRule()
     truth = accuracy.make_truth(fisheye, rule, tiles=3, with_gradients=False)
     image, _, _, blended, _ = _core.render_reference(
-        fisheye.gaussians.astype(np.float64), fisheye.camera, fisheye.camera_from_world, rule,
+        fisheye.gaussians.to_dtype(np.float64), fisheye.camera, fisheye.camera_from_world, rule,
         (0.0, 0.0, 0.0), 3,
     )  # fmt: skip
     inside = truth.pixels != 0
@@ -119,7 +119,7 @@ def test_truth_of_a_sample_leaves_no_gaussian_out(fisheye):
 
 def test_errors_of_a_disturbed_result_are_those_of_the_disturbance(pinhole):
     truth = accuracy.make_truth(pinhole, gsut.BlendRule(), tiles=ALL_TILES)
-    gradients = accuracy.empty_gradients(pinhole.gaussians.astype(np.float64))
+    gradients = accuracy.empty_gradients(pinhole.gaussians.to_dtype(np.float64))
     for name in accuracy.PARAMETERS:
         getattr(gradients, name)[truth.rows] = 1.5 * getattr(truth.gradients, name)
     image = np.zeros((*truth.pixels.shape, 3))
@@ -134,7 +134,7 @@ def test_errors_of_a_disturbed_result_are_those_of_the_disturbance(pinhole):
 
 def test_errors_of_gradients_to_unseen_gaussians_count(pinhole):
     truth = accuracy.make_truth(pinhole, gsut.BlendRule(), tiles=1)
-    gradients = accuracy.empty_gradients(pinhole.gaussians.astype(np.float64))
+    gradients = accuracy.empty_gradients(pinhole.gaussians.to_dtype(np.float64))
     for name in accuracy.PARAMETERS:
         getattr(gradients, name)[truth.rows] = getattr(truth.gradients, name)
     (unseen,) = np.setdiff1d(np.arange(len(gradients)), truth.rows)[:1]

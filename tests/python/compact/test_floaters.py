@@ -29,7 +29,7 @@ def test_support_is_the_error_without_each_gaussian(rng):
 
     def error(shown):
         image = gsut.render(
-            shown.astype(np.float64), camera, pose, background=background, dtype="float64"
+            shown.to_dtype(np.float64), camera, pose, background=background, dtype="float64"
         ).image
         return np.sum((image - photograph)[mask] ** 2)
 
@@ -54,7 +54,7 @@ def planted(tmp_path, rng):
         means, rng.normal(size=(number, 4)),
         np.full((number, 3), math.log(0.12)), np.full(number, 3.0),
         rng.uniform(-1.5, 1.5, (number, 1, 3)),
-    ).astype(np.float32)  # fmt: skip
+    ).to_dtype(np.float32)  # fmt: skip
     scene = small_run.make_scene(tmp_path / "data")
     poses = [small_run.inward_pose(2 * math.pi * i / VIEWS) for i in range(VIEWS)]
     camera = gsut.Camera("pinhole", [50.0, 50.0, 32, 32], 64, 64)
@@ -64,7 +64,7 @@ def planted(tmp_path, rng):
         blobs.append(gsut.Gaussians(
             (places - pose[:3, 3]) @ pose[:3, :3], rng.normal(size=(3, 4)),
             np.full((3, 3), math.log(0.05)), np.full(3, 1.0), rng.uniform(-1.5, 1.5, (3, 1, 3)),
-        ).astype(np.float32))  # fmt: skip
+        ).to_dtype(np.float32))  # fmt: skip
         file = tmp_path / f"data/images/shown-{i}.png"
         image = gsut.render(merge_gaussians([ball, blobs[-1]]), camera, pose, background=SKY)
         write_png(file, to_uint8(image.image))

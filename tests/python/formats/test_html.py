@@ -73,9 +73,9 @@ def test_transformed_scene_is_the_same_to_a_transformed_camera(rng):
     moved = np.eye(4)
     moved[:3, :3] = pose[:3, :3] @ rotation.T
     moved[:3, 3] = scale * pose[:3, 3] - moved[:3, :3] @ shift
-    before = gsut.render(g.astype(np.float64), camera, pose, dtype="float64").image
-    turned = transform_gaussians(g.astype(np.float64), rotation, scale, shift)
-    after = gsut.render(turned.about(np.zeros(3)), camera, moved, dtype="float64").image
+    before = gsut.render(g.to_dtype(np.float64), camera, pose, dtype="float64").image
+    turned = transform_gaussians(g.to_dtype(np.float64), rotation, scale, shift)
+    after = gsut.render(turned.with_origin(np.zeros(3)), camera, moved, dtype="float64").image
     assert before.max() > 0.2
     np.testing.assert_allclose(after, before, atol=1e-9)
     with pytest.raises(InputError, match="a rotation and a scale"):

@@ -19,7 +19,7 @@ FAR = np.array([4e5, -5e6, 120.0])
 
 @pytest.mark.parametrize("origin", [np.zeros(3), FAR])
 def test_box_and_sphere_keep_what_lies_inside_in_world_coordinates(rng, origin):
-    g = plain_scene(rng, 500).translated(origin)
+    g = plain_scene(rng, 500).translate(origin)
     world = g.means.astype(np.float64)
     box = is_inside_box(g, np.add(origin, [-2, -3, -4]), np.add(origin, [5, 4, 3]))
     assert np.array_equal(box, np.all((world >= [-2, -3, -4]) & (world <= [5, 4, 3]), axis=1))
@@ -29,7 +29,7 @@ def test_box_and_sphere_keep_what_lies_inside_in_world_coordinates(rng, origin):
 
 
 def test_merged_scenes_stand_where_they_stood(rng):
-    a, b = plain_scene(rng, 30, 4).translated(FAR), plain_scene(rng, 20, 16).translated(FAR + 7)
+    a, b = plain_scene(rng, 30, 4).translate(FAR), plain_scene(rng, 20, 16).translate(FAR + 7)
     both = merge_gaussians([a, b])
     assert both.sh.shape == (50, 16, 3) and np.all(both.sh[:30, 4:] == 0)
     np.testing.assert_array_equal(both.origin, FAR)
@@ -66,7 +66,7 @@ def room(rng, normal):
 
 def test_ground_is_found_from_an_up_that_is_15_degrees_off(rng):
     normal = np.array([0.3, -0.8, 0.5]) / np.linalg.norm([0.3, -0.8, 0.5])
-    g = room(rng, normal).translated(FAR)
+    g = room(rng, normal).translate(FAR)
     side = np.cross(normal, [1.0, 0, 0])
     tilted = normal + np.tan(np.radians(15)) * side / np.linalg.norm(side)
     found, level = find_ground(g, tilted)

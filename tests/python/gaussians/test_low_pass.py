@@ -24,7 +24,7 @@ from rendered_dataset import write_dataset
 
 def small_scene(rng, camera, pose, count=60):
     g = gaussians_in_view(rng, camera, pose, count, sizes=(1e-3, 0.05), opacity=1.0)
-    return g.astype(np.float64)
+    return g.to_dtype(np.float64)
 
 
 def blank(g):
@@ -88,7 +88,7 @@ def test_low_pass_float_and_its_backward_match_double(rng):
     slopes = gsut.Gaussians(
         *(rng.normal(size=getattr(g, f.name).shape) for f in dataclasses.fields(g))
     )
-    single, single_slopes = g.astype(np.float32), slopes.astype(np.float32)
+    single, single_slopes = g.to_dtype(np.float32), slopes.to_dtype(np.float32)
     gsut.apply_low_pass_backward(g, radii, slopes)
     gsut.apply_low_pass_backward(single, radii, single_slopes)
     exact, found = gsut.apply_low_pass(g, radii), gsut.apply_low_pass(single, radii)

@@ -27,7 +27,7 @@ def run(tmp_path_factory):
     scene = gsut.load_dataset(write_dataset(folder / "data", rng))
     options = TrainOptions(steps=20, max_gaussians=100, eval_every=20, checkpoint_every=20)
     gsut.train(scene, options, out=folder / "run", progress=False)
-    g = truth(np.random.default_rng(20260821)).astype(np.float32)
+    g = truth(np.random.default_rng(20260821)).to_dtype(np.float32)
     moved = gsut.Gaussians(
         (g.means - scene.world_offset).astype(np.float32),
         *(getattr(g, name) for name in ("quats", "log_scales", "opacity_logits", "sh")),

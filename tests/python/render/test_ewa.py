@@ -98,7 +98,7 @@ def test_origin_of_gaussians_is_heeded(scene):
     moved[:3, 3] -= pose[:3, :3] @ far
     before = render_ewa(g, CAMERA, pose).image
     np.testing.assert_allclose(
-        render_ewa(g.translated(far), CAMERA, moved).image, before, atol=EWA_FLOAT
+        render_ewa(g.translate(far), CAMERA, moved).image, before, atol=EWA_FLOAT
     )
 
 

@@ -14,7 +14,7 @@ FACTOR = 4
 def scene_of(rng, camera):
     pose = random_pose(rng)
     g = gaussians_in_view(rng, camera, pose, 400, sh_degree=0, sizes=(0.004, 0.06), opacity=0.7)
-    return g.astype(np.float32), pose
+    return g.to_dtype(np.float32), pose
 
 
 @pytest.mark.parametrize("lens", [pinhole, fisheye])

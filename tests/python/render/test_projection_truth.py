@@ -21,7 +21,7 @@ def test_quadrature_lies_within_the_standard_error_of_a_million_samples(lens):
     camera = _example_camera(lens, 128)
     scores = []
     for size in SIZES:
-        gaussians = _gaussians(camera, size, (0.25, 0.75), 2, rng).astype(np.float64)
+        gaussians = _gaussians(camera, size, (0.25, 0.75), 2, rng).to_dtype(np.float64)
         centers, covariances = projected_moments(gaussians, camera)
         # Without: the quadrature did not settle (a spline's pieces), or a part has no pixel.
         there = np.isfinite(centers[:, 0])
@@ -40,7 +40,7 @@ def test_quadrature_lies_within_the_standard_error_of_a_million_samples(lens):
 def test_alpha_images_of_rays_that_do_not_meet_peak_where_the_mean_is_seen(lens):
     camera = _example_camera(lens, 96)
     gaussians = _gaussians(camera, "medium", (0.25, 0.75), 20, np.random.default_rng(3))
-    gaussians = gaussians.astype(np.float64)
+    gaussians = gaussians.to_dtype(np.float64)
     alphas = alpha_images(gaussians, camera, 1 / 255)
     centers, valid = camera.project(gaussians.means)
     checked = 0
