@@ -13,7 +13,7 @@ from gsut.demo import make_demo_scene
 from gsut.demo.dataset import render_views, whole_pixels
 from gsut.demo.hall import make_hall
 from gsut.demo.views import demo_camera
-from gsut.gaussians import filter_radii, low_pass
+from gsut.gaussians import apply_low_pass, find_filter_radii
 from gsut.lens import Camera
 from gsut.render import PixelFilter, psnr, render
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
@@ -41,7 +41,7 @@ def measure(case: Row, settings: Settings) -> Row:
 
 @functools.lru_cache(maxsize=1)
 def _train(data: str, settings: Settings) -> tuple[Any, Any, PixelFilter]:
-    """The dataset, a model trained on it (on half of its size if it is not the hall), its filter."""
+    """Trains on the hall, or on a dataset at half size: scene, Gaussians, filter."""
     size = settings.size
     path = (
         settings.make(f"hall-{size}", lambda p: make_demo_scene(p, 40, 6, size, progress=False))
@@ -88,10 +88,12 @@ def _compare(
     truth: np.ndarray,
     mask: np.ndarray,
 ) -> dict[str, float]:
-    radii = filter_radii(gaussians.means + gaussians.origin, [camera], pose[None], _LOW_PASS_PX)
+    radii = find_filter_radii(
+        gaussians.means + gaussians.origin, [camera], pose[None], _LOW_PASS_PX
+    )
     drawn = {
         "none": gaussians,
-        "low_pass": low_pass(gaussians, radii.astype(np.float32)),
+        "low_pass": apply_low_pass(gaussians, radii.astype(np.float32)),
         "pixel_filter": pixels.of(camera, pose),
     }
     truth = truth.astype(np.float32) / np.float32(255)

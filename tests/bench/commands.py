@@ -28,11 +28,11 @@ def run_gsut(words: Sequence[str], out: Path) -> Row:
     if not took.is_file():
         command = [sys.executable, "-m", "gsut", *words, "-o", str(out), "--quiet"]
         began = time.perf_counter()
-        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-        assert process.stderr is not None
-        said = process.stderr.read()
-        _, status, used = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+            assert process.stderr is not None
+            said = process.stderr.read()
+            _, status, used = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:
             last = said.strip().splitlines()[-1:] or [f"exit status {process.returncode}"]
             raise InputError(f"gsut {' '.join(words)}: {last[0]}")

@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
-import itertools
 import json
 import os
 import subprocess
@@ -88,7 +87,7 @@ class Option:
 class Settings:
     """What the flags say, and where data and runs are.
 
-    The options of the benchmark are attributes.
+    The options of the benchmark, and `threads`, are attributes.
 
     Args:
         options: name -> value.
@@ -98,7 +97,11 @@ class Settings:
     """
 
     def __init__(
-        self, options: Row, data: Path | None = None, sets: Sequence[str] = (), folder: Path = Path()
+        self,
+        options: Row,
+        data: Path | None = None,
+        sets: Sequence[str] = (),
+        folder: Path = Path(),
     ) -> None:
         self.__dict__.update(options)
         self.data, self.sets, self.folder = data, sets, folder
@@ -160,7 +163,7 @@ class Benchmark:
 
     def settings(self, folder: Path, **changes: Any) -> Settings:
         """Builds settings from the defaults, for tests and other benchmarks."""
-        values = {option.name: option.default for option in self.options}
+        values = {"threads": 0} | {option.name: option.default for option in self.options}
         return Settings(values | changes, folder=folder)
 
     def name_row(self, row: Row) -> str:
@@ -191,7 +194,9 @@ def measure_rows(
             case by turns with this one.
         words: name and flags of the benchmark, for `against`.
     """
-    cases = [case for case in available_cases(benchmark, settings) if only in benchmark.name_row(case)]
+    cases = [
+        case for case in available_cases(benchmark, settings) if only in benchmark.name_row(case)
+    ]
     if not cases:
         raise InputError(f"no row's name contains {only!r}, or the data of all rows is missing")
     threads, isa = _core.num_threads(), _core.active_isa()
@@ -319,7 +324,7 @@ def add_flags(parser: argparse.ArgumentParser, benchmark: Benchmark) -> None:
     add("--columns", default="", metavar="A,B", help="columns to print [default: all]")
     add("--markdown", action="store_true", help="print a Markdown table")
     add("--json", metavar="FILE", help="write the rows here; -: print them")
-    add("--keep", type=Path, metavar="FOLDER", help="keep what is made here, and use it again")
+    add("--folder", type=Path, metavar="FOLDER", help="keep what is made here, and use it again")
 
 
 def run_benchmark(name: str, benchmark: Benchmark, arguments: argparse.Namespace) -> int:
@@ -328,7 +333,8 @@ def run_benchmark(name: str, benchmark: Benchmark, arguments: argparse.Namespace
     Returns:
         The exit status: 1 if a result was wrong.
     """
-    values, words = {}, [name]
+    values: Row = {"threads": arguments.threads}
+    words = [name]
     for option in benchmark.options:
         given = getattr(arguments, option.name)
         values[option.name] = option.default if given is None else option.parse(given)
@@ -343,7 +349,7 @@ def run_benchmark(name: str, benchmark: Benchmark, arguments: argparse.Namespace
     gsut.set_num_threads(arguments.threads)
     sets = [each for each in arguments.sets.split(",") if each]
     data = None if arguments.data is None else Path(arguments.data)
-    with _open_folder(arguments.keep) as folder:
+    with _open_folder(arguments.folder) as folder:
         rows = measure_rows(
             benchmark, Settings(values, data, sets, folder), only=arguments.only,
             repeats=arguments.repeats, against=arguments.against, words=words,
@@ -369,8 +375,3 @@ def _open_folder(keep: Path | None) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(prefix="gsut-bench-") as folder:
         yield Path(folder)
-
-
-def combine(*choices: Sequence[Row]) -> list[Row]:
-    """Lists every combination of one row from each choice."""
-    return [dict(itertools.chain(*(row.items() for row in rows))) for rows in itertools.product(*choices)]

@@ -39,7 +39,7 @@ def list_cases(settings: Settings) -> Iterator[Row]:
             path = settings.find(data)
             if lens != UNKNOWN and path is not None and not _has_poses(path):
                 continue  # a folder of images has no lens of its own
-            case = {"data": data, "lens": lens, "_threads": settings.threads}
+            case = {"data": data, "lens": lens}
             yield case | {"program": "gsut"}
             if settings.pycolmap and lens in (KNOWN, UNKNOWN):
                 yield case | {"program": "pycolmap"}
@@ -85,7 +85,7 @@ def _has_poses(data: Path) -> bool:
 
 
 def _choose_options(data: Path, settings: Settings) -> PosesOptions:
-    """Returns the options of `gsut poses`, looser where a rolling shutter is taken for a global one."""
+    """Returns the options, looser where a rolling shutter is taken for a global one."""
     options = PosesOptions(threads=settings.threads, shutter=settings.shutter)
     if settings.shutter != "global" or find_photographs(data, None).shutter is None:
         return options
@@ -168,7 +168,7 @@ def _compare_by_names(found: Row, root: Path, data: Path) -> PoseErrors:
 
 
 BENCHMARK = Benchmark(
-    help="gsut poses, with the lens known or not, and pycolmap: errors against known poses, seconds",
+    help="gsut poses, with and without the lens, and pycolmap: errors against known poses, seconds",
     columns=(
         Column("data"),
         Column("lens"),
@@ -188,7 +188,7 @@ BENCHMARK = Benchmark(
     cases=list_cases,
     measure=measure,
     options=(
-        Option("lens", (KNOWN, UNKNOWN), "known, unknown, or models that are fitted to the known lens"),
+        Option("lens", (KNOWN, UNKNOWN), "known, unknown, or models fitted to the known lens"),
         Option("shutter", "auto", "auto, global or rolling, as of gsut poses"),
         Option("pycolmap", "", "a Python that has pycolmap, for rows of its incremental mapping"),
     ),

@@ -47,9 +47,7 @@ def map_images(request: dict) -> dict:
         extraction_options=extraction, device=pycolmap.Device.cpu,
     )  # fmt: skip
     lap("features")
-    pycolmap.match_exhaustive(
-        database, matching_options=matching, device=pycolmap.Device.cpu
-    )
+    pycolmap.match_exhaustive(database, matching_options=matching, device=pycolmap.Device.cpu)
     lap("matching")
     mapping.ba_refine_focal_length = mapping.ba_refine_extra_params = not known
     models = pycolmap.incremental_mapping(database, request["images"], work, options=mapping)

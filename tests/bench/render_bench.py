@@ -1,4 +1,4 @@
-"""`./run bench render`: forward, backward and training step of the renderer, each with its error."""
+"""`./run bench render`: forward, backward and training step, each with its error."""
 
 from __future__ import annotations
 
@@ -75,7 +75,11 @@ def _find_wrong(errors: Errors) -> Row:
     gradients = errors.gradient_relative
     if errors.image_rms <= IMAGE_RMS_BOUND and (gradients or 1.0) <= GRADIENT_RELATIVE_BOUND:
         return {}
-    return {WRONG: "no times: the errors are out of bounds", "blend_speedup": None, "tiles_speedup": None}
+    return {
+        WRONG: "no times: the errors are out of bounds",
+        "blend_speedup": None,
+        "tiles_speedup": None,
+    }
 
 
 @functools.lru_cache(maxsize=1)
@@ -118,7 +122,9 @@ BENCHMARK = Benchmark(
     cases=list_cases,
     measure=measure,
     options=(
-        Option("scenes", KNOWN_SCENES[:2] + KNOWN_SCENES[3:5], f"{', '.join(KNOWN_SCENES)}, or alike"),
+        Option(
+            "scenes", KNOWN_SCENES[:2] + KNOWN_SCENES[3:5], f"{', '.join(KNOWN_SCENES)}, or alike"
+        ),
         Option("isa", ("",), "instruction sets, or all; empty: the best one"),
         Option("runs", 20, "runs, of which the fastest counts"),
         Option("steps", 10, "training steps, of which the fastest counts"),

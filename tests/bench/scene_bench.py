@@ -1,4 +1,4 @@
-"""`./run bench scene`: films and photographs of which nothing is known, by one command to a scene."""
+"""`./run bench scene`: films and photographs without lens and poses, to a scene."""
 
 from __future__ import annotations
 

@@ -37,7 +37,16 @@ def measure(case: Row, settings: Settings) -> Row:
     return {key: metrics.get(key) for key in _KEYS}
 
 
-_KEYS = ("psnr", "ssim", "num_gaussians", "steps", "train_seconds", "seconds", "cpu_seconds", "peak_mb")
+_KEYS = (
+    "psnr",
+    "ssim",
+    "num_gaussians",
+    "steps",
+    "train_seconds",
+    "seconds",
+    "cpu_seconds",
+    "peak_mb",
+)
 BENCHMARK = Benchmark(
     help="held-out PSNR beside the seconds of whole commands: imports, decoding and report count",
     columns=(

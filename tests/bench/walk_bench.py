@@ -1,4 +1,4 @@
-"""`./run bench walk`: films of known cameras in the demo's hall; poses, lens and readout against truth."""
+"""`./run bench walk`: poses, lens and readout of films of known cameras, against truth."""
 
 from __future__ import annotations
 

@@ -133,8 +133,10 @@ def plan_walk(
     return place_camera
 
 
-def _look_along(centers: np.ndarray, yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:
-    """Returns (N, 4, 4) poses, OpenCV axes; yaw about z from +x, pitch upwards, roll about the view."""
+def _look_along(
+    centers: np.ndarray, yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray
+) -> np.ndarray:
+    """Returns (N, 4, 4) poses: yaw about z from +x, pitch upwards, roll about the view."""
     forward = np.stack(
         [np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)], axis=1
     )
