@@ -8,7 +8,9 @@ import cv2
 import numpy as np
 
 from gsut._core import InputError, exp_pose
-from gsut.data import Rig, Scene, inverse
+from gsut.data import Scene
+from gsut.data.poses import inverse
+from gsut.data.rigs.rig import Rig
 from gsut.lens import Camera
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import gsut
 from gsut.check import check_scene, look_closer
 from gsut.check.matches import neighbouring_matches
-from gsut.data import OPENGL_FROM_OPENCV
+from gsut.data.poses import OPENGL_FROM_OPENCV
 
 _GL = OPENGL_FROM_OPENCV
 _ROS = np.eye(4)
@@ -233,8 +233,7 @@ def _reversed_readout(values: Values, _: Path) -> bool:
 
 def _points(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Values, Path], None]:
     def make(values: Values, folder: Path) -> None:
-        from gsut.data import points_ply
-        from gsut.data.points import load_points_ply
+        from gsut.data.points import load_points_ply, points_ply
 
         path = folder / values["ply_file_path"]
         xyz, rgb = load_points_ply(path.resolve())

@@ -4,7 +4,7 @@ By task: `load_dataset`, `load_camera`, `doctor` read; `find_poses`, `refine_pos
 `localize_image` find poses; `train` trains, and `render`, `photometric_loss`, `render_backward` and
 `GaussianOptimizer` make a training loop of your own; `render`, `project`, `orbit_path`,
 `write_video` draw; `evaluate`, `psnr`, `ssim` judge; `compact` reduces; `save_gaussians`
-and `Camera.save` write. docs/api.md lists all of it.
+and `save_camera` write. docs/api.md lists all of it.
 """
 
 from typing import TYPE_CHECKING
@@ -32,19 +32,18 @@ from gsut._core import (
 if TYPE_CHECKING:
     from gsut.blocks import BlocksResult, train_blocks
     from gsut.capture import Capture, capture
-    from gsut.check import doctor
+    from gsut.check import Finding, doctor
     from gsut.compact import Compaction, SeenView, Support, compact, find_support, seen_views
-    from gsut.data import (  # type: ignore[no-redef]
+    from gsut.data import (
         DatasetError,
-        Finding,
         Scene,
         View,
-        color_points,
         convert_dataset,
         load_dataset,
         make_scene,
         save_dataset,
     )
+    from gsut.data.points import color_points
     from gsut.evaluate import evaluate
     from gsut.formats import load_gaussians, load_ply, save_gaussians, save_ply
     from gsut.gaussians import (
@@ -69,7 +68,9 @@ if TYPE_CHECKING:
         camera_models,
         convert_camera,
         find_lenses,
+        fit_camera,
         load_camera,
+        save_camera,
     )
     from gsut.optimize import (
         GaussianOptimizer,
@@ -138,6 +139,7 @@ __all__ = [  # noqa: RUF022
     # Load
     "load_dataset",
     "make_scene",
+    "save_camera",
     "save_dataset",
     "convert_dataset",
     "Scene",
@@ -148,6 +150,7 @@ __all__ = [  # noqa: RUF022
     "Camera",
     "camera_models",
     "find_lenses",
+    "fit_camera",
     "LensProfile",
     "convert_camera",
     "Conversion",

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.sfm.lens_candidates import lens_of_field
+from gsut.sfm.lens.candidates import lens_of_field
 from tests.bench.harness import Benchmark, Column, Option, Row, Settings
 from tests.bench.walk_film import Film, plan_walk, trace_frames
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from gsut._core import InputError, SolveError
 from gsut.data import read_dataset
-from gsut.lens import colmap_record, convert_camera
+from gsut.lens import convert_camera, save_camera
+from gsut.lens.files import to_colmap
 from gsut.sfm import (
     PoseErrors,
     PosesOptions,
@@ -107,7 +108,7 @@ def _describe_errors(errors: PoseErrors) -> Row:
 def fit_lens(data: Path, model: str, folder: Path) -> Path:
     """Writes the lens of a model that is nearest to the dataset's; returns its file."""
     (camera,) = set(find_photographs(data, None).lenses)
-    convert_camera(camera, model).camera.save(folder / "fitted.lens.json")
+    save_camera(convert_camera(camera, model).camera, folder / "fitted.lens.json")
     return folder / "fitted.lens.json"
 
 
@@ -132,7 +133,7 @@ def measure_pycolmap(data: Path, lens: str, python: str, threads: int) -> Row:
         cameras = {camera for camera in photographs.cameras if camera is not None}
         if len(cameras) != 1:
             return row | {WRONG: f"the images have {len(cameras)} known lenses, not one"}
-        model, _, params = colmap_record(cameras.pop())
+        model, _, params = to_colmap(cameras.pop())
         request |= {"model": model, "params": [float(value) for value in params]}
     with tempfile.TemporaryDirectory(prefix="gsut-pycolmap-") as folder:
         question, answer = Path(folder) / "request.json", Path(folder) / "answer.json"

@@ -14,10 +14,10 @@ import numpy as np
 import gsut
 from gsut._core import InputError
 from gsut.capture.panorama import LENSES
-from gsut.data import inverse
+from gsut.data.poses import inverse
 from gsut.lens import Camera, lens_by_name
 from gsut.sfm import compare_poses
-from gsut.sfm.lens_candidates import lens_of_field
+from gsut.sfm.lens.candidates import lens_of_field
 from tests.bench.commands import run_gsut
 from tests.bench.harness import Benchmark, Column, Option, Row, Settings
 from tests.bench.walk_film import Film, Path4, plan_walk, write_film

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import num_threads
-from gsut.data import inverse
+from gsut.data.poses import inverse
 from gsut.demo.hall import make_hall
 from gsut.demo.tracing import Tracer
 from gsut.lens import Camera

@@ -22,7 +22,8 @@ from gsut.blocks.shares import Shares, choose_context, some_of
 from gsut.blocks.store import BlockStore
 from gsut.blocks.task import BlockTask, Trained
 from gsut.compact import SeenView, seen_views
-from gsut.data import Scene, has_colors
+from gsut.data import Scene
+from gsut.data.points import has_colors
 from gsut.gaussians import Gaussians, merge_gaussians
 from gsut.render import Light
 from gsut.run import BlockOptions, TrainOptions

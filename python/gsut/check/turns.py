@@ -13,8 +13,8 @@ import numpy as np
 
 from gsut._core import exp_pose
 from gsut.check.evidence import Evidence
-from gsut.check.readings import signed_permutations
-from gsut.data import OPENGL_FROM_OPENCV
+from gsut.check.readings import list_signed_permutations
+from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.gaussians import rotations_from_quaternions
 from gsut.sfm import angular_errors
 
@@ -63,7 +63,7 @@ def _searched(evidence: Evidence) -> np.ndarray:
     """The turn at which most matches fit, of those near one of the 24, or between them, that have
     the smallest median errors."""
     starts = []
-    for axes in signed_permutations():
+    for axes in list_signed_permutations():
         for tilt in itertools.product(_TILTS, repeat=3) if np.linalg.det(axes) > 0 else ():
             start = np.eye(4)
             start[:3, :3] = axes @ exp_pose([0.0, 0.0, 0.0, *tilt])[:3, :3]

@@ -142,7 +142,7 @@ def train_into(
     if blocks is None:
         options = for_views(options, len(scene.train_indices))
     if not quiet:
-        from gsut.data import UNCOLORED, has_colors
+        from gsut.data.points import UNCOLORED, has_colors
         from gsut.training import size_note
 
         colors = UNCOLORED if len(scene.points) and not has_colors(scene) else None

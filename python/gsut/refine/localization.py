@@ -16,7 +16,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, SolveError
-from gsut.data import shrink_image, shrink_mask
+from gsut.data.images import shrink_image, shrink_mask
 from gsut.gaussians import Gaussians, apply_low_pass, find_filter_radii
 from gsut.refine.pose import RefinedPose, refine_pose
 from gsut.render import place_about, render, to_uint8

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import BlendRule, InputError
-from gsut.data import shrink_image, shrink_mask
+from gsut.data.images import shrink_image, shrink_mask
 from gsut.gaussians import Gaussians, apply_low_pass, find_filter_radii
 from gsut.render import DEFAULT_UNSCENTED, place_about
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.data import Level, Scene, View, neighbours_in_time, views_within
+from gsut.data import Level, Scene, View
+from gsut.data.scene import neighbours_in_time, views_within
 from gsut.gaussians import Gaussians
 
 # Renders lie about so many pixels apart, or those between would show as ghosts.

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Scene, color_points, has_colors, some_names, with_shutter
+from gsut.data import Scene, some_names
+from gsut.data.points import color_points, has_colors
+from gsut.data.scene import with_shutter
 from gsut.gaussians import (
     Gaussians,
     choose_points,

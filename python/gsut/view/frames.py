@@ -9,7 +9,8 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.data import rigid_transform, shrink_image
+from gsut.data.images import shrink_image
+from gsut.data.poses import rigid_transform
 from gsut.gaussians import (
     SH_C0,
     Gaussians,
@@ -394,7 +395,6 @@ def _colored(level: np.ndarray, known: np.ndarray, colors: str) -> np.ndarray:
     """(H, W, 3) uint8: levels 0 to 1 in a colour map, black where not known."""
     import cv2
 
-    map_number = getattr(cv2, f"COLORMAP_{colors}")
-    mapped = cv2.applyColorMap(to_uint8(np.where(known, level, 0)), map_number)
-    mapped[~known] = 0
+    levels = to_uint8(np.where(known, level, 0))
+    mapped = cv2.applyColorMap(levels, getattr(cv2, f"COLORMAP_{colors}")) * known[..., None]
     return cv2.cvtColor(mapped, cv2.COLOR_BGR2RGB)

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
-from gsut.data import Finding, Scene, inverse, load_dataset
+from gsut.check import Finding
+from gsut.data import Scene, load_dataset
+from gsut.data.poses import inverse
 from gsut.formats import read_scene_file
 from gsut.gaussians import pack_harmonics, seed_from_points
 from gsut.lens import Camera

@@ -11,7 +11,7 @@ import tolerances
 from gsut.check import check_scene, doctor, gather_evidence, turns
 from gsut.check.turns import rotation_vector
 from gsut.cli import main
-from gsut.data import inverse
+from gsut.data.poses import inverse
 from gsut.demo import make_demo_scene
 from gsut.sfm import angular_errors
 from mistakes import MISTAKES, NAMED, SAID, copy_of, judge, write

@@ -10,7 +10,7 @@ import tolerances
 from disturbances import Disturbance, disturb_pose, disturb_scene
 from gsut import TrainOptions
 from gsut.refine.trust import Halves, select_half, weigh_lens, weigh_poses
-from gsut.sfm.align import compare_poses
+from gsut.sfm.world.comparison import compare_poses
 from random_scenes import fisheye, random_pose
 from room_dataset import write_room
 

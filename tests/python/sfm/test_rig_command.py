@@ -9,8 +9,8 @@ import gsut
 import tolerances
 from disturbances import disturb_rig
 from gsut.cli import main
-from gsut.data import read_rig, relative_changes, write_rig
 from gsut.data.poses import inverse
+from gsut.data.rigs.rig import read_rig, relative_changes, write_rig
 from gsut.demo import make_demo_rig
 from gsut.demo.rig import right_from_left
 from gsut.sfm import errors_against, find_poses

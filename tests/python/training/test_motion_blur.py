@@ -6,7 +6,8 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut import InputError, _core
-from gsut.data import Level, neighbours_in_time, views_within
+from gsut.data import Level
+from gsut.data.scene import neighbours_in_time, views_within
 from gsut.render import DEFAULT_UNSCENTED, psnr
 from gsut.training.motion_blur import BlurRenderer, Exposure
 from random_scenes import pinhole

@@ -11,7 +11,7 @@ import gsut
 import small_datasets
 import tolerances
 from gsut import InputError, TrainOptions, _core
-from gsut.data import read_depth, read_normals
+from gsut.data.scene import read_depth, read_normals
 from gsut.gaussians import are_surfels
 from gsut.training.known_depth import KnownDepth
 from gsut.training.loop import TrainingLoop
