@@ -114,7 +114,7 @@ def test_scene_called_from_python_resumes_after_interrupts(tmp_path):
         if number % 4 == 0:
             cv2.imwrite(str(pictures / f"{number:02}.png"), picture)
     lens = tmp_path / "lens.yaml"
-    gsut.Camera("pinhole", [300.0, 300.0, 160.0, 120.0], 320, 240).save(lens)
+    gsut.save_camera(gsut.Camera("pinhole", [300.0, 300.0, 160.0, 120.0], 320, 240), lens)
     options = gsut.SceneOptions(preset="fast", steps=40, camera=str(lens), threads=1)
     states = []
 
