@@ -163,11 +163,9 @@ class TrainingLoop:
     def _begin_step(self) -> _Step:
         o, number = self.options, self.step + 1
         fraction = number / o.steps
-        return _Step(
-            number, fraction, self._view_of(number), self.views.at(fraction),
-            min(o.sh_degree, number // o.sh_every),
-            compute_learning_rates(o, fraction, self.extent),
-        )  # fmt: skip
+        rates = compute_learning_rates(o, fraction, self.extent)
+        degree, view = min(o.sh_degree, number // o.sh_every), self._view_of(number)
+        return _Step(number, fraction, view, self.views.at(fraction), degree, rates)
 
     def _view_of(self, step: int) -> int:
         """Every training view once an epoch, in an order that depends on seed and epoch only."""
