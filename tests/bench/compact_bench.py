@@ -34,7 +34,7 @@ from gsut.run import (
     given_options,
     option,
 )
-from gsut.training import finetune, finetune_options
+from gsut.training.tuning import finetune, finetune_options
 from tests.bench.compact_starts import (
     TRAIN_CPU,
     StartRecipe,
@@ -367,7 +367,7 @@ def _train(scene: Any, options: TrainOptions) -> tuple[Any, float, Light | None]
     clock = ThreadSeconds()
     while loop.step < options.steps:
         loop.advance()
-    return loop.result().copy(), clock.seconds(), loop.photographs.light()
+    return loop.make_result().copy(), clock.seconds(), loop.photographs.find_light()
 
 
 def _figures(

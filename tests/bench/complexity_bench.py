@@ -130,9 +130,9 @@ def _train(scene: Any, o: TrainOptions) -> dict[str, float]:
     while loop.step < o.steps:
         loop.advance()
     seconds = time.process_time() - started
-    light = loop.photographs.light()
+    light = loop.photographs.find_light()
     psnr, psnr_train = (
-        mean_psnr(scene, loop.result(), views, o.background, loop.renderer, light)
+        mean_psnr(scene, loop.make_result(), views, o.background, loop.renderer, light)
         for views in (scene.test_indices, scene.train_indices[:: max(1, len(scene.views) // 8)])
     )
     return {"psnr": psnr, "psnr_train": psnr_train, "cpu_seconds": seconds}

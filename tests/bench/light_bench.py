@@ -24,7 +24,7 @@ from gsut.demo.views import camera_path
 from gsut.evaluate import evaluate
 from gsut.render import Falloff, Light, field_angles
 from gsut.training import TrainingLoop, prepare_scene
-from gsut.training.first_gains import first_gains
+from gsut.training.first.gains import find_first_gains
 from tests.bench.report_rows import add_files, check_files, print_and_write
 
 _EXPOSURE, _BALANCE = 0.07, 0.02  # standard deviations of log-gains, as measured on fox
@@ -193,7 +193,7 @@ def _first_look(scene: gsut.Scene, settings: gsut.TrainOptions) -> float:
     small = prepare_scene(scene.centred, settings.resolved())
     small.check_pixels()
     started = time.process_time()
-    first_gains(small)
+    find_first_gains(small)
     return time.process_time() - started
 
 

@@ -138,8 +138,8 @@ def _train_one(
             wall, cpu = clock.seconds()
             with clock.paused():
                 found = mean_psnr(
-                    loop.scene, loop.result(), scene.test_indices, o.background,
-                    light=loop.photographs.light(),
+                    loop.scene, loop.make_result(), scene.test_indices, o.background,
+                    light=loop.photographs.find_light(),
                 )  # fmt: skip
                 curve.append({
                     "preset": preset, "step": loop.step, "seconds": wall, "cpu_seconds": cpu,

@@ -35,7 +35,12 @@ ROOMS: dict[str, dict[str, int]] = {
         "layouts": 4,
     },
     "python/gsut/lens": {"files": 1},
-    "python/gsut/training": {"strategies": 1},
+    "python/gsut/training": {
+        **dict.fromkeys(("first", "strategies", "surface"), 1),
+        "photograph": 2,
+        "record": 3,
+        "tuning": 4,
+    },
 }
 # Circles that are known and about to go: the folder and a file of each.
 KNOWN_CIRCLES = {("python/gsut/lens", "camera"), ("python/gsut/sfm", "matching")}

@@ -245,7 +245,7 @@ def _train(
 ) -> dict[str, Any]:
     """The content of metrics.json."""
     import gsut
-    from gsut.training import size_note
+    from gsut.training import describe_resizing
 
     if folder.read_json(METRICS) is not None and (folder.path / REPORT).is_file():
         bars.skip("training")
@@ -254,7 +254,7 @@ def _train(
     options = for_views(options, len(scene.train_indices))
     if (folder.path / OPTIONS).is_file():
         options = folder.read_options()
-    for note in filter(None, (*scene.notes, size_note(scene, options))):
+    for note in filter(None, (*scene.notes, describe_resizing(scene, options))):
         bars.note(note)
 
     def show(row: dict[str, Any]) -> None:

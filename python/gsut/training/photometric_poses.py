@@ -1,12 +1,10 @@
-"""Poses of a video without bundle adjustment: a scene of Gaussians grows image by image.
+"""Finds poses of a video without bundle adjustment: a scene of Gaussians grows image by image.
 
-The first images are solved by their features. From then on the pose of each image is the one from
-which the Gaussians look like it (`refine_pose`), and where they do not yet, new Gaussians are
-placed along the pixels' rays, as far away as the points that matched bearings make near them. This
-is CF-3DGS (Fu et al., 2024) with bearings through the exact lens in place of a depth network.
-
-Errors add up along the way: on two videos of 41 images through the demo's fisheye poses end 0.25
-and 0.47 degrees off on average (0.5 % of the way), where bundle adjustment of features gives 0.08.
+The first images are solved by their features. From then on each image gets the pose from which the
+Gaussians look like it (`refine_pose`), and where they do not yet, new Gaussians are placed along
+the pixels' rays, at the distance of triangulated points near them. This is CF-3DGS (Fu et al.,
+2024) with bearings through the exact lens in place of a depth network. Errors add up along the way,
+so that bundle adjustment of features is more accurate if it succeeds.
 """
 
 from __future__ import annotations
@@ -40,19 +38,42 @@ from gsut.sfm import (
 )
 from gsut.training.loop import TrainingLoop
 
-_FIRST_IMAGES = (8, 12, 16, 24, 40)  # solved by features: the fewest that can be
-_PIXELS = 60_000  # of the images that are looked at
-_FIRST_STEPS, _STEPS = 60, 20  # training steps after each image
-_RECENT = 4  # images that every second step is spent on
-_WINDOW, _WINDOW_EVERY = 6, 3  # poses refined again, and after how many images
-_ROUNDS, _ROUND_STEPS = 3, 3  # at the end: all poses, then so many steps an image
-_LEVELS, _COMPARED = 3, 6000  # of refine_pose
-_STRIDE = 3  # pixels between new Gaussians
-_TRANSPARENT, _WRONG = 0.7, 0.06  # alpha below, colour difference above which there are new ones
-_NEIGHBORS = 4  # points that give a new Gaussian its distance
-_RATE = 2e-3  # of the centres, x median distance of the points
-_KEEP_EVERY = 5  # images
-_LOST = 4.0  # times the median colour difference so far: the image is left out
+# Numbers of first images to solve by features, tried in turn: the fewest that give a structure.
+_FIRST_IMAGES = (8, 12, 16, 24, 40)
+# Pixels of the images that are compared; more take longer at the same accuracy.
+_PIXELS = 60_000
+# Training steps after each of the first images.
+_FIRST_STEPS = 60
+# Training steps after each later image.
+_STEPS = 20
+# Latest images that every second step is spent on: they are trained least.
+_RECENT = 4
+# Latest images whose poses are refined again.
+_WINDOW = 6
+# Images between these refinements.
+_WINDOW_EVERY = 3
+# Rounds over all poses at the end.
+_ROUNDS = 3
+# Training steps for each image before such a round.
+_ROUND_STEPS = 3
+# Levels of the image pyramid for a new image, whose predicted pose is off by many pixels.
+_LEVELS = 3
+# Pixels that `refine_pose` compares.
+_COMPARED = 6000
+# Pixels between new Gaussians.
+_STRIDE = 3
+# Alpha below which a pixel gets a new Gaussian.
+_TRANSPARENT = 0.7
+# Colour difference, values in [0, 1], above which a pixel gets a new Gaussian.
+_WRONG = 0.06
+# Points that give a new Gaussian its distance.
+_NEIGHBORS = 4
+# Learning rate of the centres, x median distance of the points.
+_RATE = 2e-3
+# Images between writes of the state.
+_KEEP_EVERY = 5
+# Colour difference, x its median so far, above which an image is left out.
+_LOST = 4.0
 
 
 def grow_poses(
@@ -64,22 +85,23 @@ def grow_poses(
     *,
     keep: Path | None = None,
 ) -> Solution:
-    """A mapper for `find_poses` that registers images by their colours, in order of names.
+    """Registers the images of a video by their colours, in order of names; a mapper for
+    `find_poses`.
 
     Args:
         photographs: of a video, with known lenses of one centre.
         features, pairs: of the images; verified.
         options: seed, max_error and min_angle.
-        on_progress: told (registered, images, points, step).
-        keep: a file that holds what has grown, written every few images: a run that was killed goes
-            on from there, to the same bits. It belongs to these photographs and options, which
-            the caller sees to. None: nothing is kept.
+        on_progress: called with (registered, images, points, step).
+        keep: a file that holds the state, written every few images: if interrupted, the next call
+            continues from there, to the same bits. The caller ensures that it belongs to these
+            photographs and options. None: no file.
 
     Returns:
-        Poses with the covariances of `refine_pose`, a lower bound; points where bearings meet.
+        Poses with the covariances of `refine_pose`, a lower bound; triangulated points.
 
     Raises:
-        InputError: a lens is unknown or has not one centre.
+        InputError: a lens is unknown or has more than one centre.
         SolveError: the first images give no structure.
     """
     cameras = [c for c in photographs.cameras if c is not None]
@@ -106,13 +128,13 @@ def grow_poses(
         growth.add_next()
         show("grow", growth.next % _KEEP_EVERY == 0)
     while growth.rounds < _ROUNDS:
-        growth.round()
+        growth.refine_all()
         show("all poses", True)
-    return growth.solution()
+    return growth.make_solution()
 
 
 def _read_kept(path: Path) -> dict[str, Any] | None:
-    """What was kept; None where there is nothing, or a damaged file: it is made again."""
+    """Reads the stored state; None if there is none or the file is damaged, which starts anew."""
     try:
         return read_checkpoint(path) if path.exists() else None
     except InputError:
@@ -127,7 +149,7 @@ def _start(
     options: PosesOptions,
     on_progress: Callable[[int, int, int, str], None],
 ) -> dict[str, Any]:
-    """The poses of the first images by their features, and how they were found."""
+    """Solves the first images by their features; returns their poses and how they were found."""
     failure: SolveError | None = None
     for wanted in _FIRST_IMAGES:
         count = min(wanted, len(photographs))
@@ -154,23 +176,23 @@ def _start(
 
 
 class _VideoLoop(TrainingLoop):
-    """Training on the images posed so far, every second step on the latest of them."""
+    """Trains on the images registered so far, every second step on the latest of them."""
 
     posed: list[int]
     recent = _RECENT
 
-    def _view_of(self, step: int) -> int:
+    def _choose_view(self, step: int) -> int:
         rng = np.random.default_rng([self.options.seed, step])
         latest = self.posed[-self.recent :] if rng.random() < 0.5 else self.posed
         return latest[int(rng.integers(len(latest)))]
 
 
 class _Growth:
-    """The scene and the poses so far.
+    """Holds the scene and the poses so far.
 
     Attributes:
-        points: where bearings meet.
-        next: the image to be posed next.
+        points: triangulated from matched bearings.
+        next: index of the next image to register.
         rounds: over all poses, done at the end.
     """
 
@@ -198,7 +220,7 @@ class _Growth:
         self._lens_of = [lenses.index(camera) for camera in self._cameras]
         pixels = max(c.width * c.height for c in lenses)
         self._scene = Scene(
-            photographs.root, tuple(lenses), self._views(), self.points.positions,
+            photographs.root, tuple(lenses), self._list_views(), self.points.positions,
             self.points.colors, tuple(range(len(photographs))), (), np.zeros(3),
         ).scaled(min(1.0, (_PIXELS / pixels) ** 0.5))  # fmt: skip
         self._options = TrainOptions(
@@ -208,17 +230,17 @@ class _Growth:
             init="points", seed=options.seed,
         ).resolved()  # fmt: skip
         self._loop = _VideoLoop(self._scene, self._options)
-        self._follow()
+        self._update_loop()
 
     def begin(self) -> None:
-        """Makes the scene of the first images."""
+        """Trains the scene of the first images."""
         self._train(_FIRST_STEPS)
         for image in range(0, self.next, 3):
-            self._fill(image)
+            self._add_gaussians(image)
             self._train(_FIRST_STEPS)
 
     def state_dict(self) -> dict[str, Any]:
-        """All that later images depend on."""
+        """Returns everything that later images depend on."""
         found = {
             str(image): {
                 field.name: getattr(pose, field.name) for field in dataclasses.fields(pose)
@@ -236,12 +258,12 @@ class _Growth:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Goes on exactly where `state_dict` was taken."""
+        """Restores the state that `state_dict` returned; what follows has the same bits."""
         self.next, self.rounds, self._poses = state["next"], state["rounds"], state["poses"]
         self._found = {int(image): RefinedPose(**pose) for image, pose in state["found"].items()}
         self.points.load_state_dict(state["points"])
         self._loop.load_state_dict(state["loop"])
-        self._follow()
+        self._update_loop()
 
     @property
     def posed(self) -> np.ndarray:
@@ -249,33 +271,33 @@ class _Growth:
         return np.flatnonzero(~np.isnan(self._poses).any(axis=(1, 2)))
 
     def add_next(self) -> None:
-        """Finds the pose of the next image and grows the scene by what it shows."""
+        """Finds the pose of the next image and adds what it shows to the scene."""
         image = self.next
         self.next += 1
         try:
-            found = self._refined(image, self._guess(image), _LEVELS)
+            found = self._refine_one(image, self._predict_pose(image), _LEVELS)
         except SolveError:
             return
         usual = [other.rms for other in self._found.values()]
         if usual and found.rms > _LOST * float(np.median(usual)):
             return
-        self._take(image, found)
+        self._accept(image, found)
         self.points.add_image(image, self._poses)
-        self._follow()
-        self._fill(image)
+        self._update_loop()
+        self._add_gaussians(image)
         self._train(_STEPS)
         if image % _WINDOW_EVERY == 0:
             self._refine_again(self._loop.posed[-_WINDOW:])
 
-    def round(self) -> None:
-        """All poses against all that has been seen."""
+    def refine_all(self) -> None:
+        """Trains on all images and refines all poses but the first."""
         self._loop.recent = len(self._loop.posed)
         self._train(_ROUND_STEPS * len(self.posed))
         self._refine_again(self._loop.posed[1:])
         self.rounds += 1
 
-    def solution(self) -> Solution:
-        """In the form of the mapper by features."""
+    def make_solution(self) -> Solution:
+        """Returns the result in the form of the mapper by features."""
         points, observations, n = (
             self.points.positions,
             self.points.observations,
@@ -296,28 +318,28 @@ class _Growth:
             covariances[image] = found.covariance
         return Solution(
             self._photographs.names, self._cameras, np.isin(np.arange(n), self.posed),
-            self._all_poses(), covariances, points, self.points.colors,
+            self._fill_in_poses(), covariances, points, self.points.colors,
             sums / counts, observations, pixels, residuals, angles,
             tuple(self._first["initial_pair"]), self._first["restarts"],
             float(np.sqrt(np.mean(lengths[seen] ** 2))), float(np.median(lengths[seen])), None,
             np.zeros((0, 3), np.int32),
         )  # fmt: skip
 
-    def _all_poses(self) -> np.ndarray:
-        """(N, 4, 4), the identity for images without a pose, which nothing looks at."""
+    def _fill_in_poses(self) -> np.ndarray:
+        """Returns poses (N, 4, 4), the identity for images without one, which nothing reads."""
         return np.where(np.isnan(self._poses), np.eye(4), self._poses)
 
-    def _views(self) -> tuple[View, ...]:
+    def _list_views(self) -> tuple[View, ...]:
         p = self._photographs
         return tuple(
             View(p.names[i], p.paths[i], self._lens_of[i], pose, mask_path=p.masks[i])
-            for i, pose in enumerate(self._all_poses())
+            for i, pose in enumerate(self._fill_in_poses())
         )
 
-    def _follow(self) -> None:
-        """The training loop uses the poses as they are now."""
+    def _update_loop(self) -> None:
+        """Passes the current poses to the training loop and scales its learning rate."""
         loop = self._loop
-        loop.views.move(self._all_poses())
+        loop.views.move(self._fill_in_poses())
         loop.posed = self.posed.tolist()
         middle = centers_of(self._poses[loop.posed]).mean(axis=0)
         distance = float(np.median(np.linalg.norm(self.points.positions - middle, axis=1)))
@@ -329,33 +351,33 @@ class _Growth:
         for _ in range(steps):
             self._loop.advance()
 
-    def _guess(self, image: int) -> np.ndarray:
-        """The motion between the last two images goes on."""
+    def _predict_pose(self, image: int) -> np.ndarray:
+        """Extrapolates the motion between the last two images."""
         before, last = self.posed[-2:]
         step = self._poses[last] @ np.linalg.inv(self._poses[before])
         steps = round((image - last) / (last - before))
         return np.linalg.matrix_power(step, steps) @ self._poses[last]
 
-    def _refined(self, image: int, start: np.ndarray, levels: int) -> RefinedPose:
+    def _refine_one(self, image: int, start: np.ndarray, levels: int) -> RefinedPose:
         return refine_pose(
             self._loop.gaussians, self._scene.camera(image), start, self._scene.image(image),
             self._scene.mask(image), levels=levels, max_pixels=_COMPARED,
         )  # fmt: skip
 
-    def _take(self, image: int, found: RefinedPose) -> None:
+    def _accept(self, image: int, found: RefinedPose) -> None:
         self._poses[image], self._found[image] = found.camera_from_world, found
 
     def _refine_again(self, images: Sequence[int]) -> None:
         for image in images:
             try:
-                self._take(image, self._refined(image, self._poses[image], 1))
+                self._accept(image, self._refine_one(image, self._poses[image], 1))
             except SolveError:
                 continue  # it keeps its pose
         self.points.adjust(self._poses)
-        self._follow()
+        self._update_loop()
 
-    def _fill(self, image: int) -> None:
-        """New Gaussians on a grid of pixels where the image is not yet rendered."""
+    def _add_gaussians(self, image: int) -> None:
+        """Adds Gaussians on a grid of pixels where the image is not yet rendered."""
         camera, pose = self._scene.camera(image), self._poses[image]
         photograph, gaussians = self._scene.image(image), self._loop.gaussians
         drawn = render(gaussians, camera, pose)
@@ -364,20 +386,22 @@ class _Growth:
         rows, columns = np.nonzero(wanted & self._scene.mask(image))
         on_grid = (rows + image) % _STRIDE + (columns + image // _STRIDE) % _STRIDE == 0
         rows, columns = rows[on_grid], columns[on_grid]
-        distances = self._distances(camera, pose, np.stack([columns, rows], axis=1) + 0.5)
+        distances = self._estimate_distances(camera, pose, np.stack([columns, rows], axis=1) + 0.5)
         if distances is None:
             return
         in_camera = camera.rays()[0][rows, columns] * distances[:, None]
         positions = (in_camera - pose[:3, 3]) @ pose[:3, :3]
-        seeds = self._seeds(positions, photograph[rows, columns])
+        seeds = self._seed_gaussians(positions, photograph[rows, columns])
         both = [
             np.concatenate([getattr(gaussians, field.name), getattr(seeds, field.name)])
             for field in dataclasses.fields(gaussians)
         ]
         self._loop.optimizer = self._loop.optimizer.restarted(Gaussians(*both))
 
-    def _distances(self, camera: Any, pose: np.ndarray, pixels: np.ndarray) -> np.ndarray | None:
-        """Geometric mean of the distances of the points that are seen nearest to each pixel."""
+    def _estimate_distances(
+        self, camera: Any, pose: np.ndarray, pixels: np.ndarray
+    ) -> np.ndarray | None:
+        """Returns the geometric mean distance of the points seen nearest to each pixel."""
         in_camera = self.points.positions @ pose[:3, :3].T + pose[:3, 3]
         seen, valid = camera.project(in_camera)
         valid &= ((seen >= 0) & (seen < (camera.width, camera.height))).all(axis=1)
@@ -390,8 +414,8 @@ class _Growth:
         weights = 1.0 / (np.take_along_axis(squares, near, axis=1) + 1.0)
         return np.exp((weights * logarithms[near]).sum(axis=1) / weights.sum(axis=1))
 
-    def _seeds(self, positions: np.ndarray, colors: np.ndarray) -> Gaussians:
-        """Gaussians as large as the distance to their neighbours, new and old."""
+    def _seed_gaussians(self, positions: np.ndarray, colors: np.ndarray) -> Gaussians:
+        """Seeds Gaussians as large as the distance to their neighbours, new and old."""
         o, old = self._options, np.asarray(self._loop.gaussians.means, np.float64)
         return seed_from_points(
             np.concatenate([positions, old]),

@@ -169,7 +169,9 @@ def test_missing_file_of_the_system_is_one_sentence(monkeypatch, capsys, run):
     def gone(path, memory):
         raise FileNotFoundError(2, "No such file or directory", "scene.ply")
 
-    monkeypatch.setattr(importlib.import_module("gsut.training.trained_run"), "open_ply", gone)
+    monkeypatch.setattr(
+        importlib.import_module("gsut.training.record.trained_run"), "open_ply", gone
+    )
     assert "scene.ply: No such file or directory" in refused(capsys, "eval", str(run.path))
 
 

@@ -17,7 +17,7 @@ from gsut.refine.tracks import refine_by_tracks
 from gsut.render.projection import DEFAULT_UNSCENTED
 from gsut.run.folder import REFINED, TRANSFORMS, RunFolder
 from gsut.sfm.align import compare_poses
-from gsut.training.trained_run import read_trained
+from gsut.training.record.trained_run import read_trained
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
 from room_dataset import write_room
 from tests.bench.refine_disturb import Disturbance, disturbed, disturbed_pose, jittered_points

@@ -6,7 +6,8 @@ import pytest
 import gsut
 from gsut import TrainOptions
 from gsut.run import PRESETS, fitted
-from gsut.training import choose_complexity, complexity
+from gsut.training import choose_complexity
+from gsut.training.first import complexity
 from random_scenes import arrays_of
 from rendered_dataset import write_dataset
 
