@@ -4,7 +4,7 @@ By task: `load_dataset`, `load_camera`, `doctor` read; `find_poses`, `refine_pos
 `localize_image` find poses; `train` trains, and `render`, `photometric_loss`, `render_backward` and
 `GaussianOptimizer` make a training loop of your own; `render`, `project`, `orbit_path`,
 `write_video` draw; `evaluate`, `psnr`, `ssim` judge; `compact` reduces; `save_gaussians`
-and `Camera.save` write. docs/api.md lists all of it.
+and `save_camera` write. docs/api.md lists all of it.
 """
 
 from typing import TYPE_CHECKING
@@ -68,7 +68,9 @@ if TYPE_CHECKING:
         camera_models,
         convert_camera,
         find_lenses,
+        fit_camera,
         load_camera,
+        save_camera,
     )
     from gsut.optimize import (
         GaussianOptimizer,
@@ -137,6 +139,7 @@ __all__ = [  # noqa: RUF022
     # Load
     "load_dataset",
     "make_scene",
+    "save_camera",
     "save_dataset",
     "convert_dataset",
     "Scene",
@@ -147,6 +150,7 @@ __all__ = [  # noqa: RUF022
     "Camera",
     "camera_models",
     "find_lenses",
+    "fit_camera",
     "LensProfile",
     "convert_camera",
     "Conversion",

@@ -21,7 +21,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.files import write_file
-from gsut.sfm.lens_candidates import lens_of_field
+from gsut.sfm.lens.candidates import lens_of_field
 from tests.bench.report_rows import table_text
 from tests.bench.walk_film import Film, film_pictures, walk
 

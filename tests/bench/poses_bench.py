@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError, SolveError
-from gsut.lens import camera_models, colmap_record, convert_camera
+from gsut.lens import camera_models, convert_camera, save_camera
+from gsut.lens.files import to_colmap
 from gsut.run import add_option_flags, check_options, describe_options, given_options, option
 from gsut.sfm import (
     PoseErrors,
@@ -243,7 +244,7 @@ def _measure(data: Path, lens: str, shutter: str, bench: PosesBenchOptions) -> d
 def _fitted_lens(data: Path, model: str, folder: Path) -> Path:
     """The file of the lens of a model that is nearest to the dataset's."""
     (camera,) = set(find_photographs(data, None).lenses)
-    convert_camera(camera, model).camera.save(folder / "fitted.lens.json")
+    save_camera(convert_camera(camera, model).camera, folder / "fitted.lens.json")
     return folder / "fitted.lens.json"
 
 
@@ -268,7 +269,7 @@ def measure_pycolmap(
         cameras = {camera for camera in photographs.cameras if camera is not None}
         if len(cameras) != 1:
             return {**row, "failure": f"the images have {len(cameras)} known lenses, not one"}
-        model, _, params = colmap_record(cameras.pop())
+        model, _, params = to_colmap(cameras.pop())
         request.update(model=model, params=[float(value) for value in params])
     with tempfile.TemporaryDirectory(prefix="gsut-pycolmap-") as folder:
         question, answer = Path(folder) / "request.json", Path(folder) / "answer.json"

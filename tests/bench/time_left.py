@@ -11,7 +11,7 @@ import numpy as np
 
 from gsut.cli.poses import PosesStages
 from gsut.run import StagedProgress, counted_down
-from gsut.sfm.poses_log import PosesLog
+from gsut.sfm.core.log import PosesLog
 from gsut.sfm.time_left import PosesWork
 
 _FACTOR, _SECONDS = 1.5, 1.0  # within which the time left is right

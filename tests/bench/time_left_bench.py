@@ -102,7 +102,7 @@ def measure(words: list[str]) -> tuple[dict[str, Any], list[RecordedLog]]:
     with (
         mock.patch("gsut.cli.scene.StagedProgress", Bars),
         mock.patch("gsut.cli.poses.StagedProgress", Bars),
-        mock.patch("gsut.sfm.estimate.PosesLog", Log),
+        mock.patch("gsut.sfm.pipeline.PosesLog", Log),
         mock.patch("gsut.training.record.training_record.TrainingTime", Training),
     ):
         if main([*words, "--quiet"]):

@@ -14,6 +14,7 @@ from gsut._core import SolveError
 from gsut.data import read_dataset
 from gsut.demo import make_demo_scene
 from gsut.files import write_file
+from gsut.lens import save_camera
 from gsut.sfm import PosesOptions, PosesResult, find_poses
 from tests.bench.report_rows import table_text
 
@@ -101,5 +102,5 @@ def _with_lens(data: Path, found: PosesResult, out: Path, options: PosesOptions)
     if (data / "transforms.json").is_file():
         return find_poses(data, out / "known", options=options)
     file = out / "found.lens.json"
-    found.solution.cameras[0].save(file)
+    save_camera(found.solution.cameras[0], file)
     return find_poses(data, out / "known", camera=file, options=options)

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 from gsut.cli import main
-from gsut.lens import Camera
-from gsut.sfm.align import compare_poses
-from gsut.sfm.lens_candidates import lens_of_field
+from gsut.lens import Camera, save_camera
+from gsut.sfm.lens.candidates import lens_of_field
+from gsut.sfm.world.comparison import compare_poses
 from tests.bench.report_rows import table_text
 from tests.bench.walk_film import Film, Path4, film_pictures, walk
 
@@ -180,7 +180,7 @@ def judge(name: str, case: Case, pictures: Pictures, folder: Path) -> dict[str, 
         cv2.imwrite(str(folder / f"in/{i:03d}.jpg"), picture[:, :, ::-1])
     words = ["poses", str(folder / "in"), "-o", str(folder / "out"), "--quiet"]
     if case.camera is not None:
-        case.camera.save(folder / "lens.yaml")
+        save_camera(case.camera, folder / "lens.yaml")
         words += ["--camera", str(folder / "lens.yaml")]
     said = io.StringIO()
     with contextlib.redirect_stderr(said):

@@ -22,7 +22,7 @@ from gsut.data.poses import inverse
 from gsut.files import write_file
 from gsut.lens import Camera, lens_by_name
 from gsut.sfm import compare_poses
-from gsut.sfm.lens_candidates import lens_of_field
+from gsut.sfm.lens.candidates import lens_of_field
 from tests.bench.report_rows import table_text
 from tests.bench.walk_film import Film, Path4, walk, write_film
 

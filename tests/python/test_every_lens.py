@@ -144,7 +144,7 @@ def test_compact_keeps_most_of_the_picture(case):
 
 def test_convert_writes_the_same_lens_anew(case, capsys):
     lens, out = case.folder / "given.lens.json", case.folder / "found.lens.json"
-    case.camera.save(lens)
+    gsut.save_camera(case.camera, lens)
     words = ["camera", "convert", str(lens), case.model, "-o", str(out), "--max-angle", "30"]
     words += ["--distance", "4"] if case.camera.is_parallel else []
     worst = json_of(words, capsys)["worst"]

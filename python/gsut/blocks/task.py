@@ -12,7 +12,7 @@ import numpy as np
 from gsut._core import Shutter
 from gsut.data import Scene, View
 from gsut.gaussians import Gaussians, merge_gaussians
-from gsut.lens import camera_from_values, camera_values
+from gsut.lens.files import camera_from_values, camera_values
 from gsut.render import Falloff, Light
 from gsut.run import TrainOptions
 

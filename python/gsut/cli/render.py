@@ -241,7 +241,8 @@ def _poses(arguments: argparse.Namespace, stage: Any, film: Path | None) -> np.n
 def _lens(arguments: argparse.Namespace, stage: Any, film: Path | None) -> Any:
     """The lens of all images along a path."""
     from gsut.data.poses import lens_of_path
-    from gsut.lens import Camera, camera_from_values, field_of_view, load_lens, with_field_of_view
+    from gsut.lens import Camera, field_of_view, load_lens, with_field_of_view
+    from gsut.lens.files import camera_from_values
 
     if arguments.camera:
         return _shaped(arguments, load_lens(arguments.camera))

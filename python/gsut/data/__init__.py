@@ -8,8 +8,8 @@ from gsut.data.assemble import assemble
 from gsut.data.capture_file import CAPTURE, CAPTURE_FOLDER, STRIP, capture_state, read_capture
 from gsut.data.convert import convert_dataset, save_dataset, writable_layouts
 from gsut.data.errors import DatasetError, some_names
-from gsut.data.layouts.description import KEYS as PARTS
-from gsut.data.layouts.folder import find_images, find_lens_file
+from gsut.data.layouts import KEYS as PARTS
+from gsut.data.layouts import find_images, find_lens_file
 from gsut.data.listing import Frame
 from gsut.data.load import load_dataset, read_dataset
 from gsut.data.memory import make_scene

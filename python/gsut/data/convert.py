@@ -16,8 +16,7 @@ from gsut._core import InputError
 from gsut.data.assemble import assemble
 from gsut.data.errors import DatasetError, raise_error
 from gsut.data.export import Export, copy_file, frame_times_ns, link_file, move_file, plain_name
-from gsut.data.layouts import Layout, known_layout, layouts
-from gsut.data.layouts.description import described, with_parts
+from gsut.data.layouts import Layout, describe_recording, find_layout, list_layouts, replace_parts
 from gsut.data.listing import Frame, Listing
 from gsut.data.load import read_dataset
 from gsut.data.memory import cameras_of, checked_image, checked_points
@@ -36,7 +35,7 @@ _PNG = ".png"
 
 def writable_layouts() -> dict[str, Layout]:
     """The layouts that can be written, by name."""
-    return {each.name: each for each in layouts() if each.write is not None}
+    return {each.name: each for each in list_layouts() if each.write is not None}
 
 
 def convert_dataset(
@@ -77,7 +76,7 @@ def convert_dataset(
     if out.exists():
         raise InputError(f"{out} exists; remove it or name another")
     given = {key: value for key, value in (parts or {}).items() if value is not None}
-    layout = known_layout(source) if source.exists() else None
+    layout = find_layout(source) if source.exists() else None
     if layout is None or layout.unpack is None:
         place = link_file if link else copy_file
         return _write(_read(source, given), out, to, place, scene, progress)
@@ -89,7 +88,7 @@ def convert_dataset(
         names = [stream.name for stream in recording.streams]
         if given.get("poses_of") not in (BODY, OWN, *names):
             given.pop("poses_of", None)  # a frame of the bag, which is now the body
-        recording = with_parts(recording, _from_here(given), Path.cwd(), source)
+        recording = replace_parts(recording, _from_here(given), Path.cwd(), source)
         return _write(listing_of(recording, raise_error), out, to, move_file, None, progress)
 
 
@@ -138,7 +137,7 @@ def _read(source: Path, parts: Mapping[str, Any]) -> Listing:
     if not parts:
         return read_dataset(source)
     values = {"images": str(source.resolve()), **_from_here(parts)}
-    return listing_of(described(values, source.resolve(), source), raise_error)
+    return listing_of(describe_recording(values, source.resolve(), source), raise_error)
 
 
 def _from_here(parts: Mapping[str, Any]) -> dict[str, Any]:

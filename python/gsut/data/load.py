@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gsut.data.assemble import assemble
 from gsut.data.errors import DatasetError, OnError, raise_error
-from gsut.data.layouts import Layout, known_layout, layouts
+from gsut.data.layouts import Layout, find_layout, list_layouts
 from gsut.data.listing import Listing
 from gsut.data.recordings import listing_of
 from gsut.data.scene import TEST_EVERY, Scene
@@ -52,7 +52,7 @@ def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:
         raise DatasetError(path, "the folder does not exist", "check the path")
     if not (path.is_dir() or path.is_file()):
         raise DatasetError(path, "a pipe or a device", "give the dataset's folder")
-    layout = known_layout(path)
+    layout = find_layout(path)
     if layout is None and path.is_file():
         raise DatasetError(
             path,
@@ -61,7 +61,7 @@ def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:
         )
     if layout is None:
         looked = "; ".join(
-            f"{each.name}: {each.files}" for each in layouts() if each.read or each.record
+            f"{each.name}: {each.files}" for each in list_layouts() if each.read or each.record
         )
         raise DatasetError(
             path,

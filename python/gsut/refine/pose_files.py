@@ -9,7 +9,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import Frame, Scene, write_transforms
 from gsut.data.poses import inverse
-from gsut.lens import camera_from_values, camera_values
+from gsut.lens.files import camera_from_values, camera_values
 from gsut.run import REFINED, TRANSFORMS, RunFolder
 
 

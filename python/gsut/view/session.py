@@ -13,7 +13,8 @@ from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.images import shrink_image, shrink_mask
 from gsut.files import json_text
-from gsut.lens import camera_models, camera_values
+from gsut.lens import camera_models
+from gsut.lens.files import camera_values
 from gsut.view.edits import find_floaters, locate_ground, save_edited
 from gsut.view.film import Film
 from gsut.view.frames import MODES, FrameRequest, Frames

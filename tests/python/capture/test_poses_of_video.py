@@ -9,14 +9,16 @@ from gsut.capture import Capture
 from gsut.cli import main
 from gsut.cli.poses import with_readout
 from gsut.sfm import PosesOptions
-from gsut.sfm.inputs import find_photographs
+from gsut.sfm.core.photographs import find_photographs
 from small_videos import walk_past
 
 
 @pytest.mark.threads
 def test_video_becomes_poses_with_time_stamps(tmp_path, capsys):
     video, data = walk_past(tmp_path / "walk.mp4"), tmp_path / "data"
-    gsut.Camera("pinhole", [300.0, 300.0, 160.0, 120.0], 320, 240).save(tmp_path / "lens.yaml")
+    gsut.save_camera(
+        gsut.Camera("pinhole", [300.0, 300.0, 160.0, 120.0], 320, 240), tmp_path / "lens.yaml"
+    )
     words = ["poses", str(video), "-o", str(data), "--camera", str(tmp_path / "lens.yaml")]
     assert main([*words, "--frames", "6", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["registered"] == 6

@@ -33,7 +33,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene")
     video = walk_past(folder / "walk.mp4")
     lens = folder / "lens.yaml"
-    gsut.Camera("pinhole", [300.0, 300.0, 160.0, 120.0], 320, 240).save(lens)
+    gsut.save_camera(gsut.Camera("pinhole", [300.0, 300.0, 160.0, 120.0], 320, 240), lens)
     words = ["scene", str(video), "--camera", str(lens), *WORDS]
     assert main([*words, "-o", str(folder / "run"), "--quiet"]) == 0
     return folder, words

@@ -127,7 +127,7 @@ def test_stated_uncertainty_covers_the_error_also_of_a_wrong_focal_length(
     params = np.array(pinhole(48).params)
     params[:2] *= factor
     lens = tmp_path / "lens.json"
-    pinhole(48).with_params(params).save(lens)
+    gsut.save_camera(pinhole(48).with_params(params), lens)
     assert (
         main(["localize", str(image), "--run", str(folder), "--camera", str(lens), "--json"]) == 0
     )

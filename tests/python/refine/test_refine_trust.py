@@ -9,7 +9,7 @@ import gsut
 import tolerances
 from gsut import TrainOptions
 from gsut.refine.trust import Halves, select_half, weigh_lens, weigh_poses
-from gsut.sfm.align import compare_poses
+from gsut.sfm.world.comparison import compare_poses
 from random_scenes import fisheye, random_pose
 from room_dataset import write_room
 from tests.bench.refine_disturb import Disturbance, disturbed, disturbed_pose

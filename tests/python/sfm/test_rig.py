@@ -14,14 +14,14 @@ import tolerances
 from gsut import _core
 from gsut.data.poses import centers_of, inverse
 from gsut.data.rigs import read_rig, relative_changes, write_rig
-from gsut.sfm.align import compare_poses
-from gsut.sfm.features import no_features
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.pairs import choose_pairs
-from gsut.sfm.rig import solve_rig
-from gsut.sfm.rig_images import find_rig_photographs
-from gsut.sfm.rig_start import place_rig
-from gsut.sfm.solution import FEATURE_VARIANCE, OnRig, refine
+from gsut.sfm.core.features import no_features
+from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.pairs import choose_pairs
+from gsut.sfm.core.solution import FEATURE_VARIANCE, OnRig, refine
+from gsut.sfm.rig.fit import solve_rig
+from gsut.sfm.rig.images import find_rig_photographs
+from gsut.sfm.rig.start import place_rig
+from gsut.sfm.world.comparison import compare_poses
 from synthetic_rig import BACKWARD, STEREO, SyntheticRig, pose_of
 from tests.bench.rig_poses import disturbed
 
@@ -276,7 +276,7 @@ def rig_folder(tmp_path):
     lens = gsut.Camera("kannala_brandt", [60, 60, 40, 40, 0, 0, 0, 0], 80, 80)
     cameras = {}
     for name, pose in (("left", np.eye(4)), ("right", STEREO)):
-        lens.save(tmp_path / f"{name}.yaml")
+        gsut.save_camera(lens, tmp_path / f"{name}.yaml")
         cameras[name] = {"file": f"{name}.yaml", "camera_from_reference": pose.tolist()}
     (tmp_path / "rig.json").write_text(json.dumps({"cameras": cameras}))
 

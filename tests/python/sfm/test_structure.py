@@ -15,19 +15,21 @@ from gsut import _core
 from gsut.cli import main
 from gsut.gaussians import quaternion_from_rotation
 from gsut.lens import convert_camera
-from gsut.sfm import correspondences, estimate, solution
-from gsut.sfm.align import centers_of, compare_poses, rotation_angles, similarity
-from gsut.sfm.correspondences import match_images
-from gsut.sfm.estimate import find_poses
-from gsut.sfm.features import _PIXELS_EACH, features_in, find_features
-from gsut.sfm.inputs import Photographs
-from gsut.sfm.lens_candidates import guess_lens
-from gsut.sfm.lens_pairs import choose_connected_pairs, keep_most_distinct
-from gsut.sfm.lens_search import search_lens
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.pairs import choose_pairs, counts_up
-from gsut.sfm.poses_log import PosesLog
-from gsut.sfm.solution import solve
+from gsut.sfm import pipeline
+from gsut.sfm.core import correspondences, solution
+from gsut.sfm.core.alignment import rotation_angles, similarity
+from gsut.sfm.core.correspondences import match_images
+from gsut.sfm.core.features import _PIXELS_EACH, features_in, find_features
+from gsut.sfm.core.log import PosesLog
+from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.pairs import choose_pairs, counts_up
+from gsut.sfm.core.photographs import Photographs
+from gsut.sfm.core.selection import choose_connected_pairs, keep_most_distinct
+from gsut.sfm.core.solution import solve
+from gsut.sfm.lens.candidates import guess_lens
+from gsut.sfm.lens.search import search_lens
+from gsut.sfm.pipeline import find_poses
+from gsut.sfm.world.comparison import centers_of, compare_poses
 from synthetic_walk import Synthetic, quiet
 from tests.bench import poses_bench, pycolmap_poses
 from tests.bench.__main__ import main as bench_main
@@ -305,7 +307,7 @@ def some_sponza(tmp_path_factory):
     for view in views:
         (folder / "images" / Path(view.name).name).symlink_to(view.image_path)
     (folder / "mask.png").symlink_to(SPONZA / "mask.png")
-    scene.cameras[0].save(folder / "lens.yaml")
+    gsut.save_camera(scene.cameras[0], folder / "lens.yaml")
     truth = {Path(v.name).name: v.camera_from_world for v in views}
     return folder, truth, scene.cameras[0]
 
@@ -370,7 +372,7 @@ def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path,
 
     monkeypatch.setattr(correspondences, "find_all_features", counted)
     with monkeypatch.context() as patch:
-        patch.setattr(estimate, "solve", killed)
+        patch.setattr(pipeline, "solve", killed)
         with pytest.raises(KeyboardInterrupt):
             find_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
@@ -451,7 +453,7 @@ def test_poses_command_bad_images_get_one_clear_sentence(case, words, tmp_path, 
 
 
 def test_poses_command_wrong_lens_is_doubted(some_sponza, solved_sponza, tmp_path):
-    gsut.Camera("pinhole", [240, 240, 240, 240], 480, 480).save(tmp_path / "lens.yaml")
+    gsut.save_camera(gsut.Camera("pinhole", [240, 240, 240, 240], 480, 480), tmp_path / "lens.yaml")
     notes: list[str] = []
     result = find_poses(
         some_sponza[0], tmp_path / "out", camera=tmp_path / "lens.yaml", notes_to=notes.append
@@ -504,7 +506,9 @@ def test_poses_command_camera_that_only_turns_gets_one_clear_sentence(tmp_path, 
         wide_matrix = np.array([[300.0, 0, 350], [0, 300, 350], [0, 0, 1]])
         view = matrix @ turn @ np.linalg.inv(wide_matrix)
         cv2.imwrite(str(folder / f"{i}.png"), cv2.warpPerspective(wide, view, (240, 240)))
-    gsut.Camera("pinhole", [300, 300, 120.5, 120.5], 240, 240).save(folder / "lens.yaml")
+    gsut.save_camera(
+        gsut.Camera("pinhole", [300, 300, 120.5, 120.5], 240, 240), folder / "lens.yaml"
+    )
     assert main(["poses", str(folder), "-o", str(tmp_path / "out"), "--quiet"]) == 2
     message = capsys.readouterr().err
     assert "the camera only turned" in message and message.count("\n") == 1
@@ -516,7 +520,7 @@ def test_poses_command_wrong_lens_size_says_so(tmp_path, capsys):
     folder.mkdir()
     for i in range(3):
         texture(folder / f"{i}.png", i)
-    gsut.Camera("pinhole", [100, 100, 50, 50], 100, 100).save(tmp_path / "lens.yaml")
+    gsut.save_camera(gsut.Camera("pinhole", [100, 100, 50, 50], 100, 100), tmp_path / "lens.yaml")
     arguments = ["poses", str(folder), "--camera", str(tmp_path / "lens.yaml"), "--quiet"]
     assert main([*arguments, "-o", str(tmp_path / "out")]) == 2
     assert "the lens is for 100 x 100" in capsys.readouterr().err
@@ -528,7 +532,7 @@ def test_poses_command_lens_without_one_centre_is_refused_first(tmp_path, capsys
     for i in range(2):
         texture(folder / f"{i}.png", i)
     lens = tmp_path / "lens.lens.json"
-    gsut.Camera("orthographic", [100, 100, 80, 80], 160, 160).save(lens)
+    gsut.save_camera(gsut.Camera("orthographic", [100, 100, 80, 80], 160, 160), lens)
     arguments = ["poses", str(folder), "--camera", str(lens), "-o", str(tmp_path / "out")]
     assert main(arguments) == 2
     assert "camera convert" in capsys.readouterr().err

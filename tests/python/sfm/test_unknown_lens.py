@@ -13,24 +13,25 @@ from gsut.demo import make_demo_scene
 from gsut.lens import with_scaled_focal
 from gsut.run import Verdict
 from gsut.run.verdict import LEVELS
-from gsut.sfm.correspondences import match_images
-from gsut.sfm.features import Features
-from gsut.sfm.inputs import Photographs
-from gsut.sfm.lens_candidates import (
+from gsut.sfm.core.correspondences import match_images
+from gsut.sfm.core.features import Features
+from gsut.sfm.core.log import PosesLog
+from gsut.sfm.core.matching import RawMatches
+from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.overlap import require_overlap, why_nothing
+from gsut.sfm.core.photographs import Photographs
+from gsut.sfm.core.solution import solve
+from gsut.sfm.core.verification import verify
+from gsut.sfm.lens.candidates import (
     implausible,
     lens_ladder,
     with_added_bend,
 )
-from gsut.sfm.lens_covariance import free_columns
-from gsut.sfm.lens_ranking import LensRanking
-from gsut.sfm.lens_search import search_lens
-from gsut.sfm.matching import RawMatches, verify
-from gsut.sfm.motion import TURNED, critical_motion
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.overlap import require_overlap, why_nothing
-from gsut.sfm.poses_log import PosesLog
-from gsut.sfm.poses_verdict import LensDoubt, poses_verdict
-from gsut.sfm.solution import solve
+from gsut.sfm.lens.covariance import free_columns
+from gsut.sfm.lens.doubt import TURNED, LensDoubt, critical_motion
+from gsut.sfm.lens.ranking import LensRanking
+from gsut.sfm.lens.search import search_lens
+from gsut.sfm.report.verdict import poses_verdict
 from synthetic_walk import Synthetic, quiet
 from tests.bench.__main__ import main as bench_main
 

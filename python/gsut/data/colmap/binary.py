@@ -11,7 +11,7 @@ import numpy as np
 from gsut.data.colmap.records import CameraRow, ImageRow
 from gsut.data.errors import DatasetError
 from gsut.files import regular
-from gsut.lens import PARAMETER_COUNTS
+from gsut.lens.files import PARAMETER_COUNTS
 
 _COUNT = struct.Struct("<Q")
 _CAMERA = struct.Struct("<IiQQ")  # id, model, width, height

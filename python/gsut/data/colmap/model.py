@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut.gaussians import quaternion_from_rotation
-from gsut.lens import Camera, colmap_record
+from gsut.lens import Camera
+from gsut.lens.files import to_colmap
 
 _NO_ERROR = 0.0
 
@@ -61,7 +62,7 @@ def colmap_texts(model: ColmapModel) -> dict[str, str]:
     lenses = model.lenses()
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     for camera, number in lenses.items():
-        name, _, params = colmap_record(camera)
+        name, _, params = to_colmap(camera)
         values = " ".join(map(repr, params))
         cameras.append(f"{number} {name} {camera.width} {camera.height} {values}")
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME"]
@@ -93,7 +94,7 @@ def colmap_binaries(model: ColmapModel) -> dict[str, bytes]:
     lenses = model.lenses()
     cameras = [struct.pack("<Q", len(lenses))]
     for camera, number in lenses.items():
-        _, model_id, params = colmap_record(camera)
+        _, model_id, params = to_colmap(camera)
         head = struct.pack("<IiQQ", number, model_id, camera.width, camera.height)
         cameras.append(head + struct.pack(f"<{len(params)}d", *params))
     images = [struct.pack("<Q", len(model.images))]

@@ -31,7 +31,8 @@ from gsut.data.layouts._layout import Layout
 from gsut.data.listing import Frame, Listing
 from gsut.data.poses import inverse, pose_from_quaternion
 from gsut.files import write_file
-from gsut.lens import Camera, colmap_camera
+from gsut.lens import Camera
+from gsut.lens.files import camera_from_colmap
 
 MODEL_FOLDERS = ("sparse/0", "sparse", ".")
 IMAGE_FOLDERS = ("images", "images_2", "images_4", "images_8", ".")
@@ -79,7 +80,7 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
                     f"the parameters of camera {camera_row.camera_id} are not finite",
                     "calibrate again",
                 )
-            cameras[camera_row.camera_id] = colmap_camera(
+            cameras[camera_row.camera_id] = camera_from_colmap(
                 camera_row.model,
                 camera_row.params,
                 camera_row.width,

@@ -26,7 +26,7 @@ from gsut.data.rigs import BODY, matrix_of, read_mounts
 from gsut.data.text_files import read_yaml, rows_of
 from gsut.files import write_file
 from gsut.gaussians import quaternion_from_rotation
-from gsut.lens import format_euroc
+from gsut.lens.files import format_euroc
 
 ROOT = "mav0"
 _CAMERA = re.compile(r"cam\d+$")

@@ -25,7 +25,8 @@ from gsut.data.poses import format_tum
 from gsut.data.recordings import MASK, Recording, Stream, pictures_in, stream_of
 from gsut.data.rigs import is_rig_file, read_mounts
 from gsut.files import write_file
-from gsut.lens import OWN_SUFFIX, Camera
+from gsut.lens import Camera, save_camera
+from gsut.lens.files import OWN_SUFFIX
 
 DESCRIPTION = "dataset.yaml"
 LENS_PATTERNS = (
@@ -145,7 +146,7 @@ def write_folder(folder: Path, export: Export) -> list[str]:
                 f" and {frame.name} is beside images of another; write it as nerfstudio"
             )
     for name, lens in lenses.items():
-        lens.save(folder / f"{name}{OWN_SUFFIX}")
+        save_camera(lens, folder / f"{name}{OWN_SUFFIX}")
     poses = np.array([frame.world_from_camera for frame in frames])
     write_file(folder / "poses.txt", format_tum([frame.name for frame in frames], poses))
     export.write_points(folder / POINTS)

@@ -23,7 +23,8 @@ from gsut.data.listing import Frame, Listing
 from gsut.data.poses import OPENGL_FROM_OPENCV, halfway, rigid_transform
 from gsut.data.text_files import read_json
 from gsut.data.write_nerfstudio import write_transforms
-from gsut.lens import Camera, frame_lens, nerfstudio_camera
+from gsut.lens import Camera
+from gsut.lens.files import camera_from_nerfstudio, merge_frame_lens
 
 FILE_NAME = "transforms.json"
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")  # for file_path without one
@@ -178,8 +179,8 @@ def _frame_camera(
     Returns:
         The camera, or None if making the same lens failed before: it is reported once.
     """
-    lens = frame_lens(values, frame, str(source))
-    whole = frame_lens(values, {}, str(source))
+    lens = merge_frame_lens(values, frame, str(source))
+    whole = merge_frame_lens(values, {}, str(source))
     where = str(source) if lens == whole else f"{source}, frame {frame['file_path']}"
     if "lens_file" not in lens and ("w" not in lens or "h" not in lens):
         header = read_header(image_path)
@@ -188,7 +189,7 @@ def _frame_camera(
     key = json.dumps(lens, sort_keys=True)
     if key not in cameras:
         cameras[key] = None
-        cameras[key] = nerfstudio_camera(lens, where, folder=source.parent)
+        cameras[key] = camera_from_nerfstudio(lens, where, folder=source.parent)
     return cameras[key]
 
 

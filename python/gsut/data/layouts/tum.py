@@ -22,7 +22,8 @@ from gsut.data.recordings import Recording, Stream
 from gsut.data.rigs import read_mounts
 from gsut.data.text_files import rows_of
 from gsut.files import write_file
-from gsut.lens import OWN_SUFFIX
+from gsut.lens import save_camera
+from gsut.lens.files import OWN_SUFFIX
 
 _LISTS = ("rgb.txt", "associations.txt", "associate.txt", "associated.txt")
 _POSES = ("groundtruth.txt", "trajectory.txt", "poses.txt")
@@ -93,7 +94,7 @@ def write_tum(folder: Path, export: Export) -> list[str]:
     poses = np.array([export.frames[i].world_from_camera for i in order])
     write_file(folder / "groundtruth.txt", format_tum(labels, poses))
     (lens,) = lenses
-    lens.save(folder / f"lens{OWN_SUFFIX}")
+    save_camera(lens, folder / f"lens{OWN_SUFFIX}")
     export.write_points(folder / POINTS)
     notes = losses(export, "TUM")
     if not known:

@@ -14,7 +14,8 @@ from gsut.data.poses import NANOSECONDS, inverse, rigid_transform
 from gsut.data.rigs.rig import read_camchain, read_rig
 from gsut.data.text_files import read_json, read_yaml
 from gsut.files import regular
-from gsut.lens import Camera, is_camchain, load_camera
+from gsut.lens import Camera, load_camera
+from gsut.lens.files import is_camchain
 
 BODY = "body"  # what poses are of: the body (an IMU), each camera itself, or one named camera
 OWN = "camera"

@@ -15,7 +15,8 @@ from gsut.data.errors import DatasetError
 from gsut.data.poses import centers_of, inverse, rigid_transform
 from gsut.data.text_files import read_yaml
 from gsut.files import regular, write_file
-from gsut.lens import Camera, grid_pixels, is_camchain, load_camera
+from gsut.lens import Camera, grid_pixels, load_camera
+from gsut.lens.files import is_camchain
 
 _POSE = "camera_from_reference"
 _LENS = "file"

@@ -132,7 +132,7 @@ def _bound_number(scene: Scene, given: Complexity) -> Complexity:
     because = "the preset's number"
     if number < most:
         rule = f"{_PER_VIEW:,} each" if number == by_views else f"one for {_PIXELS_EACH} pixels"
-        because = f"{rule}, as more would only memorize them"
+        because = f"{rule}: more would only memorize them"
     return dataclasses.replace(given, max_gaussians=number, because=because, fewer=number < most)
 
 
