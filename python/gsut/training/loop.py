@@ -251,7 +251,7 @@ class TrainingLoop:
 
     def _densify(self, step: _Step) -> None:
         """Adds and removes Gaussians at a step of densification; compacts them at `compact_at`."""
-        o, scene = self.options, self.scene
+        o = self.options
         if step.fraction >= o.densify_from and step.number % o.densify_every == 0:
             full = o.compact_at is not None and step.number >= o.compact_at
             now = DensificationStep(step.number, step.fraction, step.level.scene, self.extent, full)
@@ -262,11 +262,7 @@ class TrainingLoop:
             else:
                 self.densification.settle(self.optimizer, now)
         if step.number == o.compact_at:
-            views = seen_views(scene, scene.train_indices)
-            small = compact(
-                self.gaussians, o.keep, method=o.compact_method, views=views, seed=o.seed
-            )
-            self.optimizer = self.optimizer.restarted(small.gaussians)
+            self.optimizer = _compact(self)
             self._begin_anew()
 
     def _begin_anew(self) -> None:
@@ -337,3 +333,10 @@ def _measure_pixel_errors(loop: TrainingLoop, step: _Step, dimage: np.ndarray) -
     errors = np.empty(image.shape[:2], np.float32)
     _core.pixel_errors(target, image, dimage, errors)
     return {"errors": errors, "error_sums": loop.optimizer.error_sum}
+
+
+def _compact(loop: TrainingLoop) -> Any:
+    """Compacts the Gaussians to the share `keep` and returns a fresh optimizer of them."""
+    o, views = loop.options, seen_views(loop.scene, loop.scene.train_indices)
+    small = compact(loop.gaussians, o.keep, method=o.compact_method, views=views, seed=o.seed)
+    return loop.optimizer.restarted(small.gaussians)

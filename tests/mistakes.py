@@ -5,7 +5,8 @@ from __future__ import annotations
 import copy
 import dataclasses
 import json
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ import cv2
 import numpy as np
 
 import gsut
+from gsut.check import check_scene, look_closer
+from gsut.check.matches import neighbouring_matches
 from gsut.data.poses import OPENGL_FROM_OPENCV
 
 _GL = OPENGL_FROM_OPENCV
@@ -306,3 +309,69 @@ MISTAKES: tuple[Mistake, ...] = (
     Mistake("points with y and z flipped", ("x, -y, -z",), _points(lambda p: p * [1, -1, -1]),
             needs_points=True),
 )  # fmt: skip
+
+
+# --- judging --------------------------------------------------------------------------------------
+
+NAMED, SAID, MISSED = "named", "said", "missed"
+_SAID_OF_GOOD_DATA = ("there are no points;", "have no ray", "have the same pose")
+
+
+def judge(
+    data: Path, work: Path, only: str = "", points: Sequence[bool] = (True, False)
+) -> list[dict[str, Any]]:
+    """One row a mistake, with and without points; and one of the dataset as it is.
+
+    Args:
+        data: a good nerfstudio dataset. work: a folder for copies. only: of the mistakes' names.
+        points: whether those that need no points are made with points, or without, or both.
+    """
+    rows = []
+    good = gsut.load_dataset(data)
+    started = time.process_time()
+    findings = check_scene(good)
+    seconds = time.process_time() - started
+    bad = [str(finding) for finding in findings if finding.severity != "info"]
+    alarms = [text for text in bad if "photographs" in text or text.startswith("error")]
+    rows.append({
+        "data": data.name, "mistake": "none", "with_points": True, "said": alarms,
+        "verdict": "false alarm" if alarms else "good", "cpu_seconds": seconds,
+    })  # fmt: skip
+    matches, close = neighbouring_matches(good), None
+    for number, mistake in enumerate(MISTAKES):
+        if only not in mistake.name:
+            continue
+        for with_points in (len(good.points) > 0,) if mistake.needs_points else points:
+            if mistake.needs_points and not with_points:
+                continue
+            folder = work / f"{number}{with_points}"
+            values = copy_of(data, folder)
+            if mistake.make(values, folder) is False:
+                continue
+            said = _findings(mistake, write(values, folder, with_points), matches)
+            doctor = not said and not mistake.images
+            if doctor:
+                close = neighbouring_matches(good, closely=True) if close is None else close
+                scene = gsut.load_dataset(folder)
+                said = [str(finding) for finding in look_closer(scene, close)]
+            rows.append({
+                "data": data.name, "mistake": mistake.name, "with_points": with_points,
+                "said": said, "verdict": _verdict(mistake, said), "by_doctor": doctor,
+            })  # fmt: skip
+    return rows
+
+
+def _findings(mistake: Mistake, folder: Path, matches: list) -> list[str]:
+    try:
+        scene = gsut.load_dataset(folder)
+    except gsut.InputError as error:
+        return [f"error: {error}"]
+    findings = check_scene(scene, None if mistake.images else matches)
+    texts = [str(finding) for finding in findings if finding.severity != "info"]
+    return [text for text in texts if not any(words in text for words in _SAID_OF_GOOD_DATA)]
+
+
+def _verdict(mistake: Mistake, said: list[str]) -> str:
+    if any(word in text for text in said for word in mistake.says):
+        return NAMED
+    return SAID if said else MISSED
