@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
         elif not arguments.quiet:
             print_figures(metrics)
             if metrics.get("verdict"):
-                print(Verdict.of(metrics["verdict"]))
+                print(Verdict.from_dict(metrics["verdict"]))
             print(f"report: {run.path / REPORT}")
         page.stay()
     return 0
@@ -158,9 +158,9 @@ def train_into(
                 scene, options, blocks, out=run.path, resume=resume, progress=not quiet
             )
             return run.read_json(METRICS)
-        watch = {} if page is None else page.begin(scene, options)
+        watch = None if page is None else page.begin(scene, options)
         result = gsut.train(
-            scene, options, out=run.path, resume=resume, progress=not quiet, **watch
+            scene, options, out=run.path, resume=resume, progress=not quiet, watch=watch
         )
         if page is not None:
             page.finish(result)
