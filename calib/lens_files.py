@@ -16,6 +16,7 @@ from calib.solution import CameraSolution
 from calib.splined_fit import splined_like
 from calib.trust import Trust, trusted_outline
 from gsut.files import write_file
+from gsut.lens import save_camera
 
 SUFFIXES = (".cameramodel", ".yaml", ".yml", ".json")
 # Keys that mrcal does not know and skips; its C reader takes numbers and lists of them only.
@@ -89,7 +90,7 @@ def _write_opencv(path: Path, camera: CameraSolution, trust: Trust) -> list[str]
     if camera.lens == "splined":
         raise BoardError(f"{path}: OpenCV has no splined lens; give -o a .cameramodel file")
     lens = gsut_camera(camera).with_valid_field_angle(trust.valid_angle)
-    lens.save(path, "opencv")
+    save_camera(lens, path, "opencv")
     side = path.with_suffix(".uncertainty.json")
     write_file(side, json.dumps({SIGMA_KEY: _map(trust.sigma)}) + "\n")
     return [f"{side.name} holds the uncertainty of {path.name}"]

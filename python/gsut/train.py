@@ -114,6 +114,6 @@ def train(
     if record.run is not None:
         refined = scene if o.refine_poses else None  # formats/, verdict
         write_results(record.run, gaussians, metrics, scene.path, refined, asked)
-    gaussians = gaussians.translated(scene.world_offset)
+    gaussians = gaussians.translate(scene.world_offset)
     scene = scene.about((0.0, 0.0, 0.0)) if o.refine_poses else prepare_scene(given, o)
     return TrainResult(gaussians, metrics, record.history, scene)

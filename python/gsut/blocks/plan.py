@@ -7,7 +7,7 @@ import math
 
 from gsut._core import InputError
 from gsut.data import Scene
-from gsut.gaussians import bytes_each
+from gsut.gaussians import count_bytes_per_gaussian
 from gsut.run import BlockOptions, TrainOptions, free_memory, size_text
 from gsut.training import with_most
 
@@ -77,7 +77,7 @@ def block_options(
 def gaussian_bytes(sh_degree: int, trained: bool = True) -> int:
     """What a Gaussian takes in training, or as context."""
     rows = _TRAINED_ROWS if trained else _CONTEXT_ROWS
-    return bytes_each(sh_degree) * rows + _FRAME_BYTES
+    return count_bytes_per_gaussian(sh_degree) * rows + _FRAME_BYTES
 
 
 def training_bytes(scene: Scene, sh_degree: int, own: int, context: int, views: int) -> int:

@@ -286,7 +286,7 @@ class Stages:
     def _opened(self) -> Any:
         """The Gaussians of all in the scene's coordinates; in their file where memory is short."""
         limit = drawn_bytes(self._blocks)
-        return open_ply(self._folder / SCENE, limit).translated(-self._scene.world_offset)
+        return open_ply(self._folder / SCENE, limit).translate(-self._scene.world_offset)
 
     def finish(self) -> BlocksResult:
         """Measures and writes what `train` writes, and how the blocks went."""

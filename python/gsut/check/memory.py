@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 
-from gsut.data import DatasetError, Finding, Scene
+from gsut.check.findings import Finding
+from gsut.data import DatasetError, Scene
 from gsut.optimize import grown_count, last_densification
 from gsut.run import TrainOptions, free_memory, size_text
 

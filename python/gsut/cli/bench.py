@@ -89,7 +89,7 @@ def _measured(gaussians: Any, camera: Any, place: Any, repeats: int) -> dict[str
     pixels = np.zeros((camera.height, camera.width), np.uint8)
     seen = np.flatnonzero(np.asarray(camera.rays()[1], bool))
     pixels.flat[rng.permutation(seen)[:_PIXELS]] = 1
-    exact = gaussians.astype(np.float64)
+    exact = gaussians.to_dtype(np.float64)
 
     def reference(factor: float) -> tuple[np.ndarray, np.ndarray]:
         moved = _core.BlendRule()

@@ -88,7 +88,7 @@ class Gaussians:
         """Degree of the spherical harmonics, 0 to 3."""
         return {1: 0, 4: 1, 9: 2, 16: 3}[self.sh.shape[1]]
 
-    def astype(self, dtype: np.typing.DTypeLike) -> Gaussians:
+    def to_dtype(self, dtype: np.typing.DTypeLike) -> Gaussians:
         """The same Gaussians in float32 or float64; a copy only if the dtype differs."""
         if np.dtype(dtype) == self.dtype:
             return self
@@ -98,20 +98,20 @@ class Gaussians:
         """The Gaussians of a slice (views, no copy) or of an index or boolean array."""
         return self._with({name: getattr(self, name)[rows] for name in _FIELDS})
 
-    def zeros_like(self) -> Gaussians:
+    def make_zeros(self) -> Gaussians:
         """The same shapes, all values 0: for gradients."""
         # Not zeros_like, which writes its zeros: what is never written takes no memory so.
         arrays = (getattr(self, name) for name in _FIELDS)
         return Gaussians(*(np.zeros(array.shape, array.dtype) for array in arrays))
 
-    def translated(self, by: np.typing.ArrayLike) -> Gaussians:
+    def translate(self, by: np.typing.ArrayLike) -> Gaussians:
         """The Gaussians moved by a vector (3,) in world units: exact, only the origin changes."""
         return dataclasses.replace(self, origin=self.origin + np.asarray(by, np.float64))
 
-    def about(self, origin: np.typing.ArrayLike) -> Gaussians:
+    def with_origin(self, origin: np.typing.ArrayLike) -> Gaussians:
         """The same Gaussians with their means' zero at `origin` (3,), world coordinates.
 
-        `about((0, 0, 0)).means` are world coordinates, rounded to the arrays' dtype.
+        `with_origin((0, 0, 0)).means` are world coordinates, rounded to the arrays' dtype.
         """
         origin = np.asarray(origin, np.float64)
         if np.array_equal(origin, self.origin):

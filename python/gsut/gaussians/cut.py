@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.gaussians.arrays import Gaussians
-from gsut.gaussians.quaternions import rotations_of
+from gsut.gaussians.quaternions import rotations_from_quaternions
 
 _FLATNESS = 2.0  # of the second axis over the thinnest: what counts as a surface
 _LEVEL = np.cos(np.radians(30.0))
@@ -19,7 +19,7 @@ _LAYERS = 64  # of the scene's height
 _LAYER_SHARE = 0.3  # of the fullest layer's area: the ground is the lowest with as much
 
 
-def inside_box(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def is_inside_box(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Which Gaussians have their centres in a box.
 
     Args:
@@ -35,7 +35,7 @@ def inside_box(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> np.nd
     return np.all((places >= 0) & (places <= size), axis=1)
 
 
-def inside_sphere(gaussians: Gaussians, center: np.ndarray, radius: float) -> np.ndarray:
+def is_inside_sphere(gaussians: Gaussians, center: np.ndarray, radius: float) -> np.ndarray:
     """Which Gaussians have their centres in a ball.
 
     Args:
@@ -51,7 +51,7 @@ def inside_sphere(gaussians: Gaussians, center: np.ndarray, radius: float) -> np
         return np.sum(places * places, axis=1) <= radius * radius
 
 
-def seen_most(gaussians: Gaussians, at: np.ndarray, share: float) -> np.ndarray:
+def select_most_seen(gaussians: Gaussians, at: np.ndarray, share: float) -> np.ndarray:
     """(N,) bool: a share of them, those with the largest shadows on a point.
 
     Args:
@@ -65,7 +65,7 @@ def seen_most(gaussians: Gaussians, at: np.ndarray, share: float) -> np.ndarray:
     return seen >= np.quantile(seen, 1 - share)
 
 
-def merged(scenes: Sequence[Gaussians]) -> Gaussians:
+def merge_gaussians(scenes: Sequence[Gaussians]) -> Gaussians:
     """Scenes of one world as one, in their order.
 
     Args:
@@ -85,13 +85,13 @@ def merged(scenes: Sequence[Gaussians]) -> Gaussians:
     for g in scenes:
         sh = np.zeros((len(g), most, 3), g.dtype)
         sh[:, : g.sh.shape[1]] = g.sh
-        parts.append(dataclasses.replace(g.about(origin), sh=sh))
+        parts.append(dataclasses.replace(g.with_origin(origin), sh=sh))
     fields = ("means", "quats", "log_scales", "opacity_logits", "sh")
     joined = {name: np.concatenate([getattr(g, name) for g in parts]) for name in fields}
     return dataclasses.replace(parts[0], **joined)
 
 
-def ground_of(gaussians: Gaussians, up: np.ndarray) -> tuple[np.ndarray, float]:
+def find_ground(gaussians: Gaussians, up: np.ndarray) -> tuple[np.ndarray, float]:
     """The plane that a scene stands on, by the surfaces that lie nearly level.
 
     Args:
@@ -108,7 +108,7 @@ def ground_of(gaussians: Gaussians, up: np.ndarray) -> tuple[np.ndarray, float]:
     g, up = gaussians, np.asarray(up, np.float64) / np.linalg.norm(up)
     unit = g.quats / np.linalg.norm(g.quats, axis=1, keepdims=True)
     thin = np.argmin(g.log_scales, axis=1)
-    normals = rotations_of(unit.astype(np.float64))[np.arange(len(g)), :, thin]
+    normals = rotations_from_quaternions(unit.astype(np.float64))[np.arange(len(g)), :, thin]
     normals *= np.where(normals @ up < 0, -1.0, 1.0)[:, None]
     others = np.sort(g.log_scales, axis=1)
     flat = (others[:, 1] - others[:, 0] > np.log(_FLATNESS)) & (g.opacity_logits > 0)

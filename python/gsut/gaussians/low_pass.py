@@ -16,7 +16,7 @@ from gsut.gaussians.arrays import Gaussians
 _BORDER = 0.1
 
 
-def pixel_density(points: np.ndarray, camera: _core.Camera, pose: np.ndarray) -> np.ndarray:
+def compute_pixel_density(points: np.ndarray, camera: _core.Camera, pose: np.ndarray) -> np.ndarray:
     """Pixels a unit of area across the ray, at points (N, 3) of the world.
 
     Args:
@@ -41,7 +41,7 @@ def pixel_density(points: np.ndarray, camera: _core.Camera, pose: np.ndarray) ->
     return density
 
 
-def filter_radii(
+def find_filter_radii(
     means: np.ndarray, cameras: Sequence[_core.Camera], camera_from_world: Any, pixels: float
 ) -> np.ndarray:
     """Standard deviation of each Gaussian's low-pass filter, from the camera that sees it best.
@@ -73,7 +73,7 @@ def filter_radii(
     points = np.asarray(means, np.float64)
     density = np.zeros(len(points))  # pixels a unit of length, squared
     for camera, pose in zip(cameras, poses, strict=True):
-        density = np.maximum(density, pixel_density(points, camera, pose))
+        density = np.maximum(density, compute_pixel_density(points, camera, pose))
     radii = np.full(len(points), np.nan)
     known = density > 0
     radii[known] = pixels / np.sqrt(density[known])
@@ -81,7 +81,7 @@ def filter_radii(
     return radii
 
 
-def low_pass(gaussians: Gaussians, radii: np.ndarray) -> Gaussians:
+def apply_low_pass(gaussians: Gaussians, radii: np.ndarray) -> Gaussians:
     """The Gaussians convolved with isotropic ones of standard deviation `radii`.
 
     Scales become sqrt(scale^2 + radius^2); opacities are multiplied by the ratio of the areas of
@@ -107,8 +107,8 @@ def low_pass(gaussians: Gaussians, radii: np.ndarray) -> Gaussians:
     return out
 
 
-def low_pass_backward(gaussians: Gaussians, radii: np.ndarray, gradients: Gaussians) -> None:
-    """Turns gradients to `low_pass(gaussians, radii)` into those to `gaussians`, in place.
+def apply_low_pass_backward(gaussians: Gaussians, radii: np.ndarray, gradients: Gaussians) -> None:
+    """Turns gradients to `apply_low_pass(gaussians, radii)` into those to `gaussians`, in place.
 
     The radii count as constants.
 
@@ -130,7 +130,7 @@ class LowPassFilter:
     the number of Gaussians changes.
 
     Args:
-        pixels: see `filter_radii`; 0: no filter.
+        pixels: see `find_filter_radii`; 0: no filter.
         views: gives the cameras and poses (C, 4, 4) through which the Gaussians are seen now.
     """
 
@@ -140,19 +140,19 @@ class LowPassFilter:
         self._pixels, self._views = pixels, views
         self._radii: np.ndarray | None = None
 
-    def of(self, gaussians: Gaussians) -> Gaussians:
+    def apply(self, gaussians: Gaussians) -> Gaussians:
         """The Gaussians as they are rendered; themselves without a filter."""
         if not self._pixels:
             return gaussians
         if self._radii is None or len(self._radii) != len(gaussians):
-            radii = filter_radii(gaussians.means, *self._views(), self._pixels)
+            radii = find_filter_radii(gaussians.means, *self._views(), self._pixels)
             self._radii = radii.astype(np.float32)
-        return low_pass(gaussians, self._radii)
+        return apply_low_pass(gaussians, self._radii)
 
-    def backward(self, gaussians: Gaussians, gradients: Gaussians) -> None:
-        """Turns gradients to `of(gaussians)` into those to `gaussians`, in place."""
+    def backpropagate(self, gaussians: Gaussians, gradients: Gaussians) -> None:
+        """Turns gradients to `apply(gaussians)` into those to `gaussians`, in place."""
         if self._radii is not None:
-            low_pass_backward(gaussians, self._radii, gradients)
+            apply_low_pass_backward(gaussians, self._radii, gradients)
 
     def renew(self) -> None:
         """The radii are found again when next they are needed."""

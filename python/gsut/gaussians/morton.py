@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def morton_order(points: np.ndarray) -> np.ndarray:
+def order_by_morton_code(points: np.ndarray) -> np.ndarray:
     """(N,) rows in the order of a Z curve of 2^21 steps an axis: neighbours stand together."""
     low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
     steps = (2**21 - 1) / np.maximum(high - low, 1e-300)

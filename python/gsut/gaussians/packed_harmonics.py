@@ -79,23 +79,23 @@ class MixedGaussians:
             for array in (self.means, self.quats, self.log_scales, self.opacity_logits, self.sh)
         )
 
-    def astype(self, dtype: np.typing.DTypeLike) -> Any:
+    def to_dtype(self, dtype: np.typing.DTypeLike) -> Any:
         """Itself in float32; `Gaussians` in float64, which the double reference takes."""
         if np.dtype(dtype) == np.float32:
             return self
-        return self.to_gaussians().astype(dtype)
+        return self.to_gaussians().to_dtype(dtype)
 
     def copy(self) -> MixedGaussians:
         """A deep copy."""
         return dataclasses.replace(self, **{f: getattr(self, f).copy() for f in (*_GEOMETRY, "sh")})
 
-    def zeros_like(self) -> MixedGaussians:
+    def make_zeros(self) -> MixedGaussians:
         """The same shapes, all values 0: for gradients and moments."""
         return dataclasses.replace(
             self, **{f: np.zeros_like(getattr(self, f)) for f in (*_GEOMETRY, "sh")}
         )
 
-    def bands(self) -> list[tuple[slice, np.ndarray]]:
+    def split_bands(self) -> list[tuple[slice, np.ndarray]]:
         """For each degree in use, from the highest: the rows, and (n, K, 3) a view of their sh."""
         found, begin, offset = [], 0, 0
         for degree in range(_MAX_DEGREE, -1, -1):
@@ -111,7 +111,7 @@ class MixedGaussians:
     def to_gaussians(self) -> Gaussians:
         """With zeros for the harmonics that are not stored; rows in this order."""
         sh = np.zeros((len(self), (self.sh_degree + 1) ** 2, 3), np.float32)
-        for rows, band in self.bands():
+        for rows, band in self.split_bands():
             sh[rows, : band.shape[1]] = band
         arrays = (self.means, self.quats, self.log_scales, self.opacity_logits, sh)
         return Gaussians(*arrays, self.origin)
@@ -120,7 +120,7 @@ class MixedGaussians:
 _GEOMETRY = ("means", "quats", "log_scales", "opacity_logits")
 
 
-def used_degrees(gaussians: Gaussians) -> np.ndarray:
+def find_used_degrees(gaussians: Gaussians) -> np.ndarray:
     """(N,) uint8: each Gaussian's highest degree with a coefficient that is not 0."""
     degrees = np.zeros(len(gaussians), np.uint8)
     for degree in range(1, gaussians.sh_degree + 1):
@@ -134,14 +134,14 @@ def to_mixed(gaussians: Gaussians, degrees: np.ndarray | None = None) -> MixedGa
 
     Args:
         gaussians: N Gaussians.
-        degrees: (N,) of each; None: `used_degrees`. At each change of degree up to 15 Gaussians
-            keep the higher one.
+        degrees: (N,) of each; None: `find_used_degrees`. At each change of degree up to 15
+            Gaussians keep the higher one.
 
     Returns:
         In falling order of degree, otherwise in the same order.
     """
-    g = gaussians.astype(np.float32)
-    degrees = used_degrees(g) if degrees is None else np.minimum(degrees, g.sh_degree)
+    g = gaussians.to_dtype(np.float32)
+    degrees = find_used_degrees(g) if degrees is None else np.minimum(degrees, g.sh_degree)
     order = np.argsort(-degrees.astype(np.int64), kind="stable")
     ends = [len(g)]
     for degree in range(1, _MAX_DEGREE + 1):
@@ -164,7 +164,7 @@ def pack_harmonics(gaussians: Any) -> Any:
         return gaussians
     if gaussians.dtype != np.float32:
         return gaussians
-    degrees = used_degrees(gaussians).astype(np.int64)
+    degrees = find_used_degrees(gaussians).astype(np.int64)
     if np.sum((degrees + 1) ** 2) > (1 - _WORTH) * len(degrees) * gaussians.sh.shape[1]:
         return gaussians
     return to_mixed(gaussians, degrees)

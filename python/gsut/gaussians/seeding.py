@@ -61,7 +61,7 @@ def seed_from_points(
     if max_gaussians is not None and max_gaussians < 0:
         raise InputError(f"max_gaussians is {max_gaussians}; give 0 or more, or None")
     if max_gaussians is not None and len(points) > max_gaussians:
-        rows = chosen_points(len(points), max_gaussians, seed)
+        rows = choose_points(len(points), max_gaussians, seed)
         points, colors = points[rows], colors[rows]
     n = len(points)
     gaussians = Gaussians(
@@ -75,14 +75,14 @@ def seed_from_points(
     return gaussians
 
 
-def chosen_points(count: int, most: int, seed: int) -> np.ndarray:
+def choose_points(count: int, most: int, seed: int) -> np.ndarray:
     """(min(count, most),) rows of a random choice of points, in order."""
     if count <= most:
         return np.arange(count)
     return np.sort(np.random.default_rng(seed).choice(count, most, replace=False))
 
 
-def points_in_view(
+def sample_points_in_view(
     cameras: _core.Camera | Sequence[_core.Camera],
     poses: np.ndarray,
     count: int,
@@ -157,5 +157,5 @@ def seed_in_view(
     Raises:
         InputError: shapes disagree, a value is out of range, or a camera has no valid pixel.
     """
-    points = points_in_view(cameras, poses, count, near=near, far=far, seed=seed)
+    points = sample_points_in_view(cameras, poses, count, near=near, far=far, seed=seed)
     return seed_from_points(points, sh_degree=sh_degree, scale_factor=scale_factor, opacity=opacity)

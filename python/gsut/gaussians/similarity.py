@@ -9,14 +9,14 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians.arrays import Gaussians
-from gsut.gaussians.quaternions import quaternion_of, quaternion_products
+from gsut.gaussians.quaternions import multiply_quaternions, quaternion_from_rotation
 
 _DIRECTIONS = 64  # at which harmonics are compared; 16 would do
 _ORTHOGONAL = 1e-6
 _UP = np.array([0.0, -1.0, 0.0])
 
 
-def transformed(
+def transform_gaussians(
     gaussians: Gaussians,
     rotation: np.typing.ArrayLike,
     scale: float = 1.0,
@@ -44,14 +44,16 @@ def transformed(
     return dataclasses.replace(
         g,
         means=(scale * (g.means.astype(np.float64) @ r.T)).astype(g.dtype),
-        quats=quaternion_products(quaternion_of(r), g.quats.astype(np.float64)).astype(g.dtype),
+        quats=multiply_quaternions(quaternion_from_rotation(r), g.quats.astype(np.float64)).astype(
+            g.dtype
+        ),
         log_scales=(g.log_scales + np.log(scale)).astype(g.dtype),
-        sh=np.einsum("ij,njc->nic", turned_harmonics(g.sh_degree, r), g.sh).astype(g.dtype),
+        sh=np.einsum("ij,njc->nic", rotate_harmonics(g.sh_degree, r), g.sh).astype(g.dtype),
         origin=scale * (r @ g.origin) + np.asarray(translation, np.float64),
     )
 
 
-def turned_harmonics(degree: int, rotation: np.ndarray) -> np.ndarray:
+def rotate_harmonics(degree: int, rotation: np.ndarray) -> np.ndarray:
     """(K, K) float64: coefficients of a function on directions after a rotation of the directions.
 
     Fitted to the function's values, which is exact: each degree is closed under rotations.
@@ -65,14 +67,14 @@ def turned_harmonics(degree: int, rotation: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(after, before, rcond=None)[0]
 
 
-def upright(up: np.typing.ArrayLike) -> np.ndarray:
+def rotate_upright(up: np.typing.ArrayLike) -> np.ndarray:
     """The shortest rotation that takes a direction to -y, which viewers take for up.
 
     Args:
         up: (3,), any length but 0.
 
     Returns:
-        (3, 3), for `transformed`.
+        (3, 3), for `transform_gaussians`.
     """
     a = np.asarray(up, np.float64)
     a = a / np.linalg.norm(a)

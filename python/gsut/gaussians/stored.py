@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.gaussians.arrays import Gaussians
-from gsut.gaussians.morton import morton_order
+from gsut.gaussians.morton import order_by_morton_code
 
 _ROWS = 256  # of a piece, which is read whole or not at all
 _READ_PIECES = 64  # at once, at most
@@ -22,7 +22,7 @@ LEAST_ALPHA = 1.0 / 255.0  # below which nothing is drawn
 DRAWN_BYTES, _CHANGE_BYTES = 300, 250
 
 
-def reach_of(gaussians: Gaussians) -> np.ndarray:
+def compute_reach(gaussians: Gaussians) -> np.ndarray:
     """(N,) world units from its centre, beyond which no ray sees a Gaussian; 0: none does."""
     opacity = 1.0 / (1.0 + np.exp(-gaussians.opacity_logits.astype(np.float64)))
     squared = 2.0 * np.log(np.maximum(opacity / LEAST_ALPHA, 1.0))
@@ -31,10 +31,10 @@ def reach_of(gaussians: Gaussians) -> np.ndarray:
 
 def order_for_reading(gaussians: Gaussians) -> np.ndarray:
     """(N,) rows in an order in which neighbours of one size stand together."""
-    reach = reach_of(gaussians)
+    reach = compute_reach(gaussians)
     sizes = np.searchsorted(np.array(_SIZES) * np.median(reach), reach) if len(reach) else reach
     groups = [np.flatnonzero(sizes == size) for size in range(len(_SIZES) + 1)]
-    ordered = [rows[morton_order(gaussians.means[rows])] for rows in groups if len(rows)]
+    ordered = [rows[order_by_morton_code(gaussians.means[rows])] for rows in groups if len(rows)]
     return np.concatenate([np.zeros(0, np.int64), *ordered])
 
 
@@ -64,7 +64,7 @@ class StoredGaussians:
     _last: dict[bytes, Any] = dataclasses.field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(
+    def from_rows(
         cls, rows: Callable[[int, int], Gaussians], count: int, limit: int
     ) -> StoredGaussians | None:
         """Looks at all pieces once; None: some cannot be drawn.
@@ -75,7 +75,7 @@ class StoredGaussians:
         first, balls = rows(0, min(count, 1)), []
         for begin in range(0, count, _ROWS * _READ_PIECES):
             some = rows(begin, min(count, begin + _ROWS * _READ_PIECES))
-            reach, means = reach_of(some), some.means.astype(np.float64)
+            reach, means = compute_reach(some), some.means.astype(np.float64)
             if not all(np.isfinite(a).all() for a in (means, reach, some.quats, some.sh)):
                 return None
             if not some.quats.any(axis=1).all():
@@ -94,11 +94,11 @@ class StoredGaussians:
     def __repr__(self) -> str:
         return f"StoredGaussians({self.count}, sh_degree={self.sh_degree}, in a file)"
 
-    def changed(self, change: Callable[[Gaussians], Any]) -> StoredGaussians:
+    def with_change(self, change: Callable[[Gaussians], Any]) -> StoredGaussians:
         """The same, with something done to what is read."""
         return dataclasses.replace(self, change=change, _last={})
 
-    def translated(self, by: np.typing.ArrayLike) -> StoredGaussians:
+    def translate(self, by: np.typing.ArrayLike) -> StoredGaussians:
         """The Gaussians moved by a vector (3,) in world units."""
         return dataclasses.replace(self, origin=self.origin + np.asarray(by), _last={})
 
@@ -113,12 +113,12 @@ class StoredGaussians:
             "scene (gsut compact)"
         )
 
-    def bytes_of(self, pieces: np.ndarray) -> int:
+    def estimate_bytes(self, pieces: np.ndarray) -> int:
         """What these pieces take while they are drawn, about."""
         extra = DRAWN_BYTES + (0 if self.change is None else _CHANGE_BYTES)
-        return len(pieces) * _ROWS * (bytes_each(self.sh_degree) + extra)
+        return len(pieces) * _ROWS * (count_bytes_per_gaussian(self.sh_degree) + extra)
 
-    def seen(
+    def find_seen_pieces(
         self, apex: np.ndarray, around: float, axis: np.ndarray, half_angle: float
     ) -> np.ndarray:
         """Numbers of the pieces that a cone of rays may see, rising.
@@ -166,6 +166,6 @@ class StoredGaussians:
         return Gaussians(**arrays, origin=self.origin)
 
 
-def bytes_each(sh_degree: int) -> int:
+def count_bytes_per_gaussian(sh_degree: int) -> int:
     """Of a Gaussian's numbers."""
     return 4 * (11 + 3 * (sh_degree + 1) ** 2)

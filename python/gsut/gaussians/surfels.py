@@ -14,7 +14,7 @@ import numpy as np
 
 from gsut._core import SURFEL_LOG_THICKNESS
 from gsut.gaussians.arrays import Gaussians
-from gsut.gaussians.quaternions import quaternion_of, rotations_of
+from gsut.gaussians.quaternions import quaternion_from_rotation, rotations_from_quaternions
 
 _ROUNDING = 1e-3  # of logarithms that were moved by one of a factor
 
@@ -48,6 +48,6 @@ def to_surfels(gaussians: Gaussians) -> Gaussians:
     quats = gaussians.quats.copy()
     turned = np.flatnonzero(axis != 2)
     unit = quats[turned] / np.linalg.norm(quats[turned], axis=1, keepdims=True)
-    axes = np.take_along_axis(rotations_of(unit), order[turned][:, None], axis=2)
-    quats[turned] = quaternion_of(axes)
+    axes = np.take_along_axis(rotations_from_quaternions(unit), order[turned][:, None], axis=2)
+    quats[turned] = quaternion_from_rotation(axes)
     return dataclasses.replace(gaussians, quats=quats, log_scales=scales)

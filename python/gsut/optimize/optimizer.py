@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.gaussians import Gaussians, are_surfels, morton_order, press_surfels, to_surfels
+from gsut.gaussians import Gaussians, are_surfels, order_by_morton_code, press_surfels, to_surfels
 from gsut.optimize.arrays import FIELDS, copy_rows, mask_bytes
 
 ADAM = (0.9, 0.999, 1e-15)  # beta 1, beta 2 and epsilon of 3DGS
@@ -112,7 +112,7 @@ class GaussianOptimizer:
             raise InputError(f"capacity is {capacity}, but there are {size} Gaussians")
         self.steps, self.seed, self.surfels = 0, seed, surfels
         self._turn = threading.RLock()
-        params = copy_rows(gaussians.astype(np.float32), size, capacity)
+        params = copy_rows(gaussians.to_dtype(np.float32), size, capacity)
         moments = copy_rows(params, 0, capacity), copy_rows(params, 0, capacity)
         self.arrays: tuple[Gaussians, Gaussians, Gaussians] = (params, *moments)
         self.resize(size)
@@ -296,7 +296,7 @@ class GaussianOptimizer:
 
         What a tile reads then lies closer together, and a step takes less time.
         """
-        order = morton_order(np.nan_to_num(self.gaussians.means))
+        order = order_by_morton_code(np.nan_to_num(self.gaussians.means))
         for rows in self.arrays:
             for name in FIELDS:
                 array = getattr(rows, name)

@@ -30,7 +30,7 @@ class MixedOptimizer:
     def __init__(self, gaussians: MixedGaussians, surfels: bool = False) -> None:
         self.gaussians = gaussians.copy()
         self.steps, self._surfels = 0, surfels
-        self._moments = gaussians.zeros_like(), gaussians.zeros_like()
+        self._moments = gaussians.make_zeros(), gaussians.make_zeros()
 
     def step(
         self,
@@ -48,7 +48,9 @@ class MixedOptimizer:
         sets = (self.gaussians, grads, *self._moments)
         geometry = [[getattr(arrays, name) for name in _GEOMETRY] for arrays in sets]
         self._adam(geometry, [[getattr(rates, name)] for name in _GEOMETRY], seen, _COLUMNS)
-        for parts in zip(*(arrays.bands() for arrays in sets), strict=True) if harmonics else ():
+        for parts in (
+            zip(*(arrays.split_bands() for arrays in sets), strict=True) if harmonics else ()
+        ):
             rows, coefficients = parts[0][0], parts[0][1].shape[1]
             if active_sh_degree is not None:
                 coefficients = min(coefficients, (active_sh_degree + 1) ** 2)

@@ -16,8 +16,8 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, SolveError
-from gsut.data import shrink_image, shrink_mask
-from gsut.gaussians import Gaussians, filter_radii, low_pass
+from gsut.data.images import shrink_image, shrink_mask
+from gsut.gaussians import Gaussians, apply_low_pass, find_filter_radii
 from gsut.refine.pose import RefinedPose, refine_pose
 from gsut.render import place_about, render, to_uint8
 from gsut.sfm import Features, PosesOptions, features_in, require_central
@@ -229,7 +229,7 @@ def _localize_far(
     """`localize_image` about the Gaussians' origin, and back into the world."""
     origin = gaussians.origin
     near: Any = [(camera, place_about(pose, origin)) for camera, pose in views]
-    found = localize_image(gaussians.translated(-origin), near, *photograph, **settings)
+    found = localize_image(gaussians.translate(-origin), near, *photograph, **settings)
     pose: Any = place_about(found.pose.camera_from_world, -origin)
     return dataclasses.replace(found, pose=dataclasses.replace(found.pose, camera_from_world=pose))
 
@@ -251,8 +251,8 @@ def _most_alike(
     seen = _normalized(shrink_image(pixels, *size)[valid])
     likeness = []
     for _, pose in views:
-        radii = filter_radii(gaussians.means, [small], pose[None], _PIXEL_BLUR)
-        image = render(low_pass(gaussians, radii), small, pose, background=background).image
+        radii = find_filter_radii(gaussians.means, [small], pose[None], _PIXEL_BLUR)
+        image = render(apply_low_pass(gaussians, radii), small, pose, background=background).image
         likeness.append(float(np.sum(seen * _normalized(image[valid]))))
         show("looking", len(likeness), len(views))
     return [int(index) for index in np.argsort(-np.array(likeness), kind="stable")]

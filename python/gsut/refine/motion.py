@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from gsut._core import exp_pose
-from gsut.data import centers_of
+from gsut.data.poses import centers_of
 
 _SMALLEST_SPREAD = 1e-12  # of camera centres, beside their size: below it they fix no scale
 

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Scene, decode_image, decode_mask, shrink_image, shrink_mask
+from gsut.data import Scene
+from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mask
 from gsut.gaussians import Gaussians
 from gsut.lens import Camera, load_lens
 from gsut.refine.localization import Localized, localize_image

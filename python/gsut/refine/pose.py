@@ -10,8 +10,8 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import BlendRule, InputError
-from gsut.data import shrink_image, shrink_mask
-from gsut.gaussians import Gaussians, filter_radii, low_pass
+from gsut.data.images import shrink_image, shrink_mask
+from gsut.gaussians import Gaussians, apply_low_pass, find_filter_radii
 from gsut.render import DEFAULT_UNSCENTED, place_about
 
 # The coarsest image has at least this many pixels along its shorter side.
@@ -110,7 +110,7 @@ def refine_pose(
     if not camera.is_central:
         raise InputError(f"refine_pose needs a lens with one centre, found {camera.model}")
     color = tuple(float(c) for c in background)
-    scene = gaussians.astype(np.float32)
+    scene = gaussians.to_dtype(np.float32)
     gain = (1.0, 0.0)
     found: dict[str, Any] = {}
     for level in reversed(range(levels)):
@@ -126,7 +126,9 @@ def refine_pose(
             raise InputError("the mask leaves no pixel that has a ray")
         drawn = scene
         if level > 0:
-            drawn = low_pass(scene, filter_radii(scene.means, [lens], pose[None], _PIXEL_BLUR))
+            drawn = apply_low_pass(
+                scene, find_filter_radii(scene.means, [lens], pose[None], _PIXEL_BLUR)
+            )
         colors = shrink_image(pixels, *size).reshape(-1, 3)[chosen]
         found = _core.refine_photometric(
             drawn, [lens], [(0, pose, chosen, np.ascontiguousarray(colors))], BlendRule(), color,

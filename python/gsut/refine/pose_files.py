@@ -7,8 +7,9 @@ import dataclasses
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Frame, Scene, inverse, write_transforms
-from gsut.lens import camera_from_values, camera_values
+from gsut.data import Frame, Scene, write_transforms
+from gsut.data.poses import inverse
+from gsut.lens.files import camera_from_values, camera_values
 from gsut.run import REFINED, TRANSFORMS, RunFolder
 
 

@@ -131,7 +131,7 @@ class TrainingRefiner:
         overshoot: bool,
     ) -> None:
         before = self.views.poses
-        drawn = gaussians.astype(np.float32)
+        drawn = gaussians.to_dtype(np.float32)
         halves, lenses, squares = [], [], []
         for half in (0, 1):
             views = [self._view(level, index, step, half) for index in level.scene.train_indices]

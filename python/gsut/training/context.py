@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from gsut.gaussians import Gaussians, merged
+from gsut.gaussians import Gaussians, merge_gaussians
 
 
 class Context:
@@ -31,7 +31,7 @@ class Context:
             return trained
         self._count = len(trained)
         if self._joined is None or len(self._joined) != self._count + len(self._gaussians):
-            self._joined = merged([trained, self._gaussians])
+            self._joined = merge_gaussians([trained, self._gaussians])
         for field in dataclasses.fields(trained):
             getattr(self._joined, field.name)[: self._count] = getattr(trained, field.name)
         return self._joined

@@ -12,7 +12,8 @@ import dataclasses
 
 import numpy as np
 
-from gsut.data import Scene, points_seen
+from gsut.data import Scene
+from gsut.data.points import points_seen
 from gsut.render import interpolated_gains
 
 _MOST_VIEWS = 150  # photographs that are looked at, evenly chosen

@@ -85,7 +85,7 @@ def tune_for_viewers(
     if steps < 1 or not scene.train_indices:
         raise InputError(f"{steps} steps and {len(scene.train_indices)} training views: 1 at least")
     near, teacher = about_cameras(scene, gaussians)
-    teacher = teacher.astype(np.float32)
+    teacher = teacher.to_dtype(np.float32)
     shift, scene = near.world_offset - scene.world_offset, near
     optimizer = GaussianOptimizer(teacher, seed=seed)
     renderer, rule = _core.Renderer(), viewer_rule()
@@ -105,7 +105,7 @@ def tune_for_viewers(
         loss, dimage = _core.photometric_loss(
             _core.PhotometricTarget(truth), image, None, _SSIM_WEIGHT
         )
-        gradients = splats.discs.zeros_like()
+        gradients = splats.discs.make_zeros()
         touched = np.zeros(len(teacher), np.uint8)
         renderer.backward(dimage, None, None, gradients, touched, True, False)
         splats.backward(gradients)
@@ -113,7 +113,7 @@ def tune_for_viewers(
         on_step(step, float(loss))
     tuned = optimizer.gaussians.copy()
     before, after = _compared(scene, teacher, (teacher, tuned), background, shrink)
-    return ForViewers(tuned.translated(shift), before, after)
+    return ForViewers(tuned.translate(shift), before, after)
 
 
 def _rates(fraction: float, extent: float) -> LearningRates:

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from gsut.data import Scene, read_depth
+from gsut.data import Scene
+from gsut.data.scene import read_depth
 from gsut.training.lines import project_points
 
 # The nearest point hides those behind it in the same cell of the image: beyond so many times its

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gsut.data import Scene, read_normals
+from gsut.data import Scene
+from gsut.data.scene import read_normals
 
 
 class KnownNormals:

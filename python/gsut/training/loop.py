@@ -127,11 +127,11 @@ class TrainingLoop:
 
     def drawn(self) -> Gaussians:
         """The Gaussians as they are rendered: behind the low-pass filter, then the context."""
-        return self._context.around(self._filter.of(self.gaussians))
+        return self._context.around(self._filter.apply(self.gaussians))
 
     def result(self) -> Gaussians:
         """What the run gives, were this its last step: the mean over the last steps, filtered."""
-        return self._filter.of(self._mean.of(self.gaussians))
+        return self._filter.apply(self._mean.of(self.gaussians))
 
     def finished_scene(self) -> Scene:
         """The scene with the poses and lenses that fit `result` best, were this the last step."""
@@ -183,7 +183,7 @@ class TrainingLoop:
             self._filter.renew()
         drawn = self.drawn()
         if len(self._touched) != len(drawn):
-            self._gradients = drawn.zeros_like()
+            self._gradients = drawn.make_zeros()
             self._touched = np.zeros(len(drawn), np.uint8)
         behind = self.options.background or random_background(self.options.seed, step.number)
         place = self._exposure.places(self.scene, step.level, step.view)
@@ -216,7 +216,7 @@ class TrainingLoop:
         """From the image back through raster and projection; whether harmonics took their step."""
         how = _backward_settings(self, step) | _errors_to_sum(self, step, dimage)
         self.renderer.backward(dimage, None, None, self._gradients, self._touched, **how)
-        self._filter.backward(self.gaussians, self._context.trained(self._gradients))
+        self._filter.backpropagate(self.gaussians, self._context.trained(self._gradients))
         self.stopwatch.lap("backward")
         return "harmonics_step" in how
 
@@ -241,7 +241,7 @@ class TrainingLoop:
         more = self.surface.gradients(
             self.drawn(), step.level.scene, step.view, self.rule, step.fraction
         )
-        self._filter.backward(self.gaussians, self._context.trained(more))
+        self._filter.backpropagate(self.gaussians, self._context.trained(more))
         for name in ("means", "quats", "log_scales", "opacity_logits"):
             getattr(self._gradients, name)[...] += getattr(more, name)
         self.stopwatch.lap("surface")

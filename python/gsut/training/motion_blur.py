@@ -14,7 +14,8 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.data import Level, Scene, View, neighbours_in_time, views_within
+from gsut.data import Level, Scene, View
+from gsut.data.scene import neighbours_in_time, views_within
 from gsut.gaussians import Gaussians
 
 # Renders lie about so many pixels apart, or those between would show as ghosts.
@@ -133,7 +134,7 @@ class BlurRenderer:
                 dimage, dalpha, ddepth, gradients, touched, write_untouched, with_poses, **errors
             )
             return
-        sums, any_touched = gradients.zeros_like(), np.zeros_like(touched)
+        sums, any_touched = gradients.make_zeros(), np.zeros_like(touched)
         arrays = [
             (getattr(sums, field.name), getattr(gradients, field.name))
             for field in dataclasses.fields(gradients)

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError, SolveError
-from gsut.data import Scene, View, centers_of
+from gsut.data import Scene, View
+from gsut.data.poses import centers_of
 from gsut.gaussians import Gaussians, seed_from_points
 from gsut.lens import Camera
 from gsut.refine import RefinedPose, refine_pose

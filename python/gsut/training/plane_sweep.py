@@ -17,7 +17,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import CameraMotion
 from gsut.data import Scene
-from gsut.gaussians import chosen_points
+from gsut.gaussians import choose_points
 from gsut.training.lines import line_times, poses_at, project_points
 
 _LONGER_SIDE = 160  # pixels of the photographs that are compared
@@ -122,7 +122,7 @@ def swept_points(scene: Scene, most: int, seed: int) -> tuple[np.ndarray, np.nda
     points, colors = _agreed(small, found, spheres, _CHECKED * most, seed)
     if len(points) < _FEWEST:
         return None
-    rows = chosen_points(len(points), most, seed)
+    rows = choose_points(len(points), most, seed)
     return points[rows], colors[rows]
 
 
@@ -159,7 +159,7 @@ def _agreed(
         for name in ("points", "colors")
     )
     owner = np.repeat(list(found), [len(each.points) for each in found.values()])
-    rows = chosen_points(len(points), most, seed)
+    rows = choose_points(len(points), most, seed)
     points, colors, owner = points[rows], colors[rows], owner[rows]
     step = _WITHIN * abs(spheres.inverse[1] - spheres.inverse[0])
     agree = np.zeros(len(points), np.int64)

@@ -109,7 +109,7 @@ def write_results(
         refined: the scene with refined poses, or None.
         options: of the training, as they were given: for the verdict's advice.
     """
-    in_dataset = gaussians.translated(metrics["world_offset"])
+    in_dataset = gaussians.translate(metrics["world_offset"])
     metrics["notes"] += notes_on_place(for_file(in_dataset).origin)
     run.write(SCENE, lambda path: save_ply(path, in_dataset, scene_comments(run)))
     write_findings(run, metrics, data, refined, options)

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Scene, color_points, has_colors, some_names, with_shutter
+from gsut.data import Scene, some_names
+from gsut.data.points import color_points, has_colors
+from gsut.data.scene import with_shutter
 from gsut.gaussians import (
     Gaussians,
-    chosen_points,
+    choose_points,
     seed_from_points,
     seed_in_view,
     to_surfels,
@@ -129,7 +131,7 @@ def about_cameras(scene: Scene, gaussians: Gaussians) -> tuple[Scene, Gaussians]
     """`Scene.centred`, and Gaussians of the scene's world in the same coordinates."""
     near = scene.centred
     shift = near.world_offset - scene.world_offset
-    return near, gaussians.translated(-shift).about((0.0, 0.0, 0.0))
+    return near, gaussians.translate(-shift).with_origin((0.0, 0.0, 0.0))
 
 
 def refine_first_poses(scene: Scene, options: TrainOptions, progress: bool) -> TracksResult | None:
@@ -226,7 +228,7 @@ def _seed_gaussians(
             far=_RANDOM_FAR * scene.extent, **shape,
         )  # fmt: skip
     most = min(o.init_count or len(scene.points), o.max_gaussians)
-    rows = chosen_points(len(scene.points), most, o.seed)
+    rows = choose_points(len(scene.points), most, o.seed)
     points, colors = scene.points[rows], scene.point_colors[rows]
     if len(points) and not has_colors(scene):
         colors, _ = color_points(scene, points)

@@ -107,7 +107,7 @@ class SurfaceTerms:
                 given, share * w.known_normal, image, alpha, dimage, dalpha
             )
         self.last = [*terms, of_given]
-        out = normals.zeros_like()
+        out = normals.make_zeros()
         touched = np.zeros(len(out), np.uint8)
         self.renderer.backward(
             dimage, dalpha, ddepth, out, touched, True, False, False, ddistortion

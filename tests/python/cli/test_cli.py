@@ -291,7 +291,7 @@ def test_render_along_each_path_writes_its_images(run, tmp_path, monkeypatch):
 
 def test_render_with_lens_and_size_uses_both(run, tmp_path):
     lens, out = tmp_path / "lens.json", tmp_path / "out"
-    gsut.Camera("pinhole", [20, 20, 10, 5], 20, 10).save(lens)
+    gsut.save_camera(gsut.Camera("pinhole", [20, 20, 10, 5], 20, 10), lens)
     words = ["--frames", "1", "--camera", str(lens), "--size", "40x24", "-o", str(out)]
     assert main(["render", str(run.path), *words]) == 0
     assert cv2.imread(str(out / "00000.png")).shape == (24, 40, 3)
@@ -313,7 +313,7 @@ def test_render_of_a_file_of_gaussians_needs_no_run(tmp_path):
 
 
 def test_render_along_the_path_of_a_screenshot_uses_its_lens(run, tmp_path):
-    from gsut.lens import camera_values
+    from gsut.lens.files import camera_values
 
     path, out = tmp_path / "camera.json", tmp_path / "out"
     lens = gsut.Camera("pinhole", [20, 20, 10, 5], 20, 10)
@@ -377,7 +377,6 @@ def test_demo_run_of_a_finished_demo_takes_the_next_folder(tmp_path, scene):
 
 
 def test_doctor_of_no_dataset_finds_an_error(tmp_path, capsys):
-    pytest.importorskip("gsut.data.doctor", reason="the doctor is not built in yet")
     assert main(["doctor", str(tmp_path / "absent")]) == 2
     captured = capsys.readouterr()
     assert "training cannot start" in captured.out

@@ -9,7 +9,7 @@ from PIL import Image
 
 import gsut
 import tolerances as tol
-from gsut.data import decode_image
+from gsut.data.images import decode_image
 from gsut.training import prepare_scene, size_note
 
 SIZE = 80, 60
@@ -25,7 +25,9 @@ def dataset(tmp_path):
         exif = Image.Exif()
         exif[0x0112] = 6 if i == 1 else 1
         Image.fromarray(pixels).save(tmp_path / f"{i}.jpg", exif=exif, quality=97)
-    gsut.Camera("pinhole", [60.0, 60.0, 40.0, 30.0], *SIZE).save(tmp_path / "lens.yaml")
+    gsut.save_camera(
+        gsut.Camera("pinhole", [60.0, 60.0, 40.0, 30.0], *SIZE), tmp_path / "lens.yaml"
+    )
     lines = [f"{i}.jpg {0.1 * i} 0 0 0 0 0 1" for i in range(3)]
     (tmp_path / "poses.txt").write_text("\n".join(lines) + "\n")
     return tmp_path

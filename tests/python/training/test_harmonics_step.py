@@ -27,7 +27,7 @@ def rolling(pose):
 def passes(optimizer, place, degree, dimage, in_backward):
     """A few passes; returns the harmonics' gradients as the last left them."""
     g = optimizer.gaussians
-    renderer, gradients = _core.Renderer(), g.zeros_like()
+    renderer, gradients = _core.Renderer(), g.make_zeros()
     touched, image = np.zeros(len(g), np.uint8), np.zeros_like(dimage)
     for _ in range(STEPS):
         renderer.render(
@@ -77,7 +77,7 @@ def test_step_in_backward_of_what_was_not_rendered_raises(rng):
     def again(write_untouched):
         step = optimizer.harmonics_step(RATES)
         renderer.backward(
-            image, None, None, g.zeros_like(), touched, write_untouched, False, harmonics_step=step
+            image, None, None, g.make_zeros(), touched, write_untouched, False, harmonics_step=step
         )
 
     for drawn, write_untouched in ((g.copy(), False), (g, True)):

@@ -6,7 +6,8 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut import InputError, _core
-from gsut.data import Level, neighbours_in_time, views_within
+from gsut.data import Level
+from gsut.data.scene import neighbours_in_time, views_within
 from gsut.render import DEFAULT_UNSCENTED, psnr
 from gsut.training.motion_blur import BlurRenderer, Exposure
 from random_scenes import pinhole
@@ -83,13 +84,13 @@ def rendered(renderer, gaussians, places):
 
 
 def backward(renderer, gaussians, dimage):
-    gradients, touched = gaussians.zeros_like(), np.zeros(len(gaussians), np.uint8)
+    gradients, touched = gaussians.make_zeros(), np.zeros(len(gaussians), np.uint8)
     renderer.backward(dimage, None, None, gradients, touched, True, False)
     return gradients, touched
 
 
 def test_one_place_twice_has_image_and_gradients_of_one(blobs, rng):
-    renderer, gaussians = BlurRenderer(), blobs.astype(np.float32)
+    renderer, gaussians = BlurRenderer(), blobs.to_dtype(np.float32)
     dimage = rng.normal(size=(CAMERA.height, CAMERA.width, 3)).astype(np.float32)
     found = []
     for places in (place(2), [place(2), place(2)]):
@@ -105,7 +106,7 @@ def test_one_place_twice_has_image_and_gradients_of_one(blobs, rng):
 
 @pytest.mark.parametrize("name", ["sh", "means"])
 def test_gradient_of_two_places_matches_central_differences(blobs, rng, name):
-    renderer, gaussians = BlurRenderer(), blobs.astype(np.float32)
+    renderer, gaussians = BlurRenderer(), blobs.to_dtype(np.float32)
     places = [place(1.6), place(2.4)]
     weights = rng.normal(size=(CAMERA.height, CAMERA.width, 3)).astype(np.float32)
     rendered(renderer, gaussians, places)

@@ -11,7 +11,7 @@ import gsut
 import small_datasets
 import tolerances
 from gsut import InputError, TrainOptions, _core
-from gsut.data import read_depth, read_normals
+from gsut.data.scene import read_depth, read_normals
 from gsut.gaussians import are_surfels
 from gsut.training.known_depth import KnownDepth
 from gsut.training.loop import TrainingLoop
@@ -93,7 +93,7 @@ def test_gradients_of_all_terms_equal_differences_of_the_double_reference(rng, s
     assert np.count_nonzero(known) > 100
     # From a tenth of the steps on all count fully; the known distances have faded a little.
     fraction = 0.2
-    g = exact.astype(np.float32)
+    g = exact.to_dtype(np.float32)
     found = terms.gradients(g, scene, view, _core.BlendRule(), fraction)
     assert all(term > 0 for term in terms.last)
     faded = dataclasses.replace(weights, known=0.5 * 0.01**fraction)
