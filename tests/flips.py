@@ -24,7 +24,7 @@ def reason(expected: gsut.Render, row: int, column: int, off: float) -> str:
         lies on the camera; "stop": the transmittance lies on the rule's limit; "thin": Gaussians so
         thin that the rounding of their place to float, over their thickness, explains `off`.
     """
-    g, rule = expected.gaussians.astype(np.float64), expected.rule
+    g, rule = expected.gaussians.to_dtype(np.float64), expected.rule
     pose, pixels = expected.camera_from_world, np.array([[row, column]])
     traced = ray_model.trace(g, expected.camera, pose, rule, pixels=pixels)
     distance2, along, alpha = traced.distance2[0], traced.along[0], traced.alpha[0]

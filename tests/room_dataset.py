@@ -29,7 +29,7 @@ def room(rng: np.random.Generator, count: int = 200) -> gsut.Gaussians:
         np.log(rng.uniform(0.15, 0.5, (count, 3))),
         np.full(count, 3.0),
         rng.uniform(-1.5, 1.5, (count, 1, 3)),
-    ).astype(np.float32)
+    ).to_dtype(np.float32)
 
 
 def room_poses(rng: np.random.Generator) -> list[np.ndarray]:

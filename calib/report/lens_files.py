@@ -14,6 +14,7 @@ from calib.errors import BoardError
 from calib.solve import fit_splined
 from calib.trust import UNKNOWN, Trust, place_grid, trace_trusted_outline
 from gsut.files import write_file
+from gsut.lens import save_camera
 
 # Keys that mrcal does not know and skips; its C reader takes numbers and lists of them only.
 ANGLE_KEY = "gsut_valid_field_angle"  # radians
@@ -74,7 +75,7 @@ def _write_opencv(path: Path, camera: CameraSolution, trust: Trust) -> list[str]
     if camera.lens == "splined":
         raise BoardError(f"{path}: OpenCV has no splined lens; give -o a .cameramodel file")
     lens = to_gsut_camera(camera).with_valid_field_angle(trust.valid_angle)
-    lens.save(path, "opencv")
+    save_camera(lens, path, "opencv")
     side = path.with_suffix(".uncertainty.json")
     write_file(side, json.dumps({SIGMA_KEY: _round_map(trust.sigma)}) + "\n")
     return [f"{side.name} holds the uncertainty of {path.name}"]

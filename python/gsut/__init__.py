@@ -4,7 +4,7 @@ By task: `load_dataset`, `load_camera`, `doctor` read; `find_poses`, `refine_pos
 `localize_image` find poses; `train` trains, and `render`, `photometric_loss`, `render_backward` and
 `GaussianOptimizer` make a training loop of your own; `render`, `project`, `orbit_path`,
 `write_video` draw; `evaluate`, `psnr`, `ssim` judge; `compact` reduces; `save_gaussians`
-and `Camera.save` write. docs/api.md lists all of it.
+and `save_camera` write. docs/api.md lists all of it.
 """
 
 from typing import TYPE_CHECKING
@@ -32,34 +32,33 @@ from gsut._core import (
 if TYPE_CHECKING:
     from gsut.blocks import BlocksResult, train_blocks
     from gsut.capture import Capture, capture
-    from gsut.check import doctor
+    from gsut.check import Finding, doctor
     from gsut.compact import Compaction, SeenView, Support, compact, find_support, seen_views
-    from gsut.data import (  # type: ignore[no-redef]
+    from gsut.data import (
         DatasetError,
-        Finding,
         Scene,
         View,
-        color_points,
         convert_dataset,
         load_dataset,
         make_scene,
         save_dataset,
     )
+    from gsut.data.points import color_points
     from gsut.evaluate import evaluate
     from gsut.formats import load_gaussians, load_ply, save_gaussians, save_ply
-    from gsut.gaussians import (  # type: ignore[no-redef]
+    from gsut.gaussians import (
         Gaussians,
-        filter_radii,
-        ground_of,
-        inside_box,
-        inside_sphere,
-        low_pass,
-        low_pass_backward,
-        merged,
+        apply_low_pass,
+        apply_low_pass_backward,
+        find_filter_radii,
+        find_ground,
+        is_inside_box,
+        is_inside_sphere,
+        merge_gaussians,
+        rotate_upright,
         seed_from_points,
         seed_in_view,
-        transformed,
-        upright,
+        transform_gaussians,
     )
     from gsut.lens import (
         Camera,
@@ -69,14 +68,16 @@ if TYPE_CHECKING:
         camera_models,
         convert_camera,
         find_lenses,
+        fit_camera,
         load_camera,
+        save_camera,
     )
     from gsut.optimize import (
         GaussianOptimizer,
         LearningRates,
+        compute_learning_rates,
         densify_adaptive,
         densify_mcmc,
-        learning_rates,
     )
     from gsut.refine import Localized, RefinedPose, localize, localize_image, refine_pose
     from gsut.render import METHODS as PROJECTION_METHODS
@@ -103,7 +104,8 @@ if TYPE_CHECKING:
         write_video,
         z_of_distance,
     )
-    from gsut.run import BlockOptions, TrainOptions
+    from gsut.run import BlockOptions, SceneOptions, TrainOptions, Verdict
+    from gsut.scene import SceneResult, scene
     from gsut.sfm import (
         DatasetCalibration,
         PoseErrors,
@@ -135,9 +137,15 @@ if TYPE_CHECKING:
 
 # By task: docs/api.md is made from this list and its comments, in this order.
 __all__ = [  # noqa: RUF022
+    # Make a scene
+    "scene",
+    "SceneOptions",
+    "SceneResult",
+    "Verdict",
     # Load
     "load_dataset",
     "make_scene",
+    "save_camera",
     "save_dataset",
     "convert_dataset",
     "Scene",
@@ -148,6 +156,7 @@ __all__ = [  # noqa: RUF022
     "Camera",
     "camera_models",
     "find_lenses",
+    "fit_camera",
     "LensProfile",
     "convert_camera",
     "Conversion",
@@ -190,11 +199,11 @@ __all__ = [  # noqa: RUF022
     "GaussianOptimizer",
     "densify_mcmc",
     "densify_adaptive",
-    "learning_rates",
+    "compute_learning_rates",
     "LearningRates",
-    "filter_radii",
-    "low_pass",
-    "low_pass_backward",
+    "find_filter_radii",
+    "apply_low_pass",
+    "apply_low_pass_backward",
     # Render
     "render",
     "Render",
@@ -242,14 +251,14 @@ __all__ = [  # noqa: RUF022
     "seen_views",
     "SeenView",
     # Edit
-    "merged",
-    "inside_box",
-    "inside_sphere",
+    "merge_gaussians",
+    "is_inside_box",
+    "is_inside_sphere",
     "find_support",
     "Support",
-    "ground_of",
-    "upright",
-    "transformed",
+    "find_ground",
+    "rotate_upright",
+    "transform_gaussians",
     # Save
     "save_gaussians",
     "load_gaussians",

@@ -20,7 +20,7 @@ from PIL import Image
 
 from attack.world import copy_needs
 from attack.zygote import Zygote
-from gsut.data import load_points_ply
+from gsut.data.points import load_points_ply
 from gsut.files import UNFINISHED
 from gsut.output_folder import MARKER
 

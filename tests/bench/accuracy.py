@@ -98,7 +98,7 @@ def make_truth(
     rng = np.random.default_rng(seed)
     pixels, chosen = _sampled_pixels(camera, tiles, rng)
     rows = _reaching_rows(scene, rule.alpha_min * (1.0 - _JUMP), chosen)
-    g = scene.gaussians[rows].astype(np.float64)
+    g = scene.gaussians[rows].to_dtype(np.float64)
     background, degree = (0.0, 0.0, 0.0), scene.gaussians.sh_degree
     inside = pixels != 0
 

@@ -22,7 +22,8 @@ from gsut.demo import make_demo_scene
 from tests.bench.__main__ import build_parser as bench_parser
 
 READMES = [ROOT / folder / "README.md" for folder in (".", "calib", "tests/bench")]
-PAGE_FILES = [*READMES, *sorted((ROOT / "docs").glob("*.md"))]
+NOTEBOOK = sorted((ROOT / "docs" / "notebook").glob("*.md"))
+PAGE_FILES = [*READMES, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 NOT_RUN = "<!-- not run:"  # and the reason, on the line before the block
 ONES_OF_RUN = re.findall(r"^    ([a-z]+)( \| [a-z-]+)*\)", (ROOT / "run").read_text(), re.MULTILINE)
 
@@ -75,7 +76,7 @@ def data(tmp_path_factory) -> Path:
     scene = gsut.load_dataset(folder / "DATA")
     options = gsut.TrainOptions(steps=20, max_gaussians=800)
     gsut.train(scene, options, out=folder / "RUN", progress=False)
-    scene.camera(0).save(folder / "fisheye.yaml")
+    gsut.save_camera(scene.camera(0), folder / "fisheye.yaml")
     return folder
 
 
@@ -211,3 +212,13 @@ def test_table_of_lenses_in_the_readme_names_all_with_the_errors_that_tests_hold
     held = (ROOT / "tests" / "tolerances" / "lens.py").read_text()
     errors = [number for row in rows for number in re.findall(r"\d[\d.]*e-\d+", row[2])]
     assert len(errors) == len(rows) and [number for number in errors if number not in held] == []
+
+
+def test_notebook_pages_state_question_date_commit_and_decision():
+    pages = [path for path in NOTEBOOK if path.name != "README.md"]
+    assert len(pages) >= 10
+    for path in pages:
+        text = path.read_text()
+        assert re.match(r"# .+\?\n", text), path.name
+        assert re.search(r"\b20\d\d-\d\d-\d\d\b", text) and re.search("[Cc]ommit ", text), path.name
+        assert "\nDecision" in text, path.name

@@ -141,10 +141,10 @@ def test_low_pass_filter_forward_and_backward_in_every_path(rng):
     g = gaussians_in_view(
         rng, camera, pose, 300, sh_degree=0, sizes=(5e-4, 4e-3), aspect=0.0, opacity=2.0
     )
-    radii = gsut.filter_radii(g.means, [camera], pose[None], 0.5)
+    radii = gsut.find_filter_radii(g.means, [camera], pose[None], 0.5)
     weights = random_weights(rng, camera)
     plain = run_every_path(g, camera, pose, weights)
-    outcomes = run_every_path(gsut.low_pass(g, radii), camera, pose, weights)
+    outcomes = run_every_path(gsut.apply_low_pass(g, radii), camera, pose, weights)
     found = errors_of(outcomes, weights)
     assert found.image < tolerances.HARD_IMAGE, found
     assert max(found.gradients, found.pose) < tolerances.HARD_GRADIENT, found
@@ -155,16 +155,16 @@ def test_low_pass_filter_forward_and_backward_in_every_path(rng):
     pixels = gsut.project(g, camera, pose).centers
     inside = np.all((pixels > 1) & (pixels < 63), axis=1)
     # A pixel's centre is at most 0.71 px away: 1.41 deviations, a response of 0.37.
-    opacity = 1 / (1 + np.exp(-gsut.low_pass(g, radii).opacity_logits))
+    opacity = 1 / (1 + np.exp(-gsut.apply_low_pass(g, radii).opacity_logits))
     rows = inside & (opacity > 3 / 255)
     assert rows.sum() > 150
     assert seen(plain[0])[rows].mean() < 0.6 < 0.98 < seen(outcomes[0])[rows].mean()
     truth = outcomes[0].gradients.gaussians
-    gsut.low_pass_backward(g.astype(np.float64), radii, truth)
+    gsut.apply_low_pass_backward(g.to_dtype(np.float64), radii, truth)
     ran = 0
     for outcome in outcomes[1:]:
         slopes = outcome.gradients.gaussians
-        gsut.low_pass_backward(g, radii, slopes)
+        gsut.apply_low_pass_backward(g, radii, slopes)
         for field in dataclasses.fields(gsut.Gaussians):
             error = np.linalg.norm(getattr(slopes, field.name) - getattr(truth, field.name))
             size = np.linalg.norm(truth.log_scales) + np.linalg.norm(getattr(truth, field.name))

@@ -131,7 +131,9 @@ def below_a_pixel(rng):
         rng, camera, pose, 200, sh_degree=0, sizes=(5e-4, 4e-3), aspect=0.0, opacity=2.0
     )
     yield Scene(g, camera)
-    yield Scene(gsut.low_pass(g, gsut.filter_radii(g.means, [camera], pose[None], 0.5)), camera)
+    yield Scene(
+        gsut.apply_low_pass(g, gsut.find_filter_radii(g.means, [camera], pose[None], 0.5)), camera
+    )
 
 
 def opaque_layers(rng):

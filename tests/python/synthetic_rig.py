@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 
 import gsut
-from gsut.data import Rig
 from gsut.data.poses import inverse
-from gsut.sfm.inputs import Photographs
-from gsut.sfm.matching import PairMatches
+from gsut.data.rigs import Rig
+from gsut.sfm.core.matching import PairMatches
+from gsut.sfm.core.photographs import Photographs
 from synthetic_walk import observe
 
 _FEWEST_SHARED = 25  # points of a pair of images worth a match

@@ -5,10 +5,10 @@ import numpy as np
 import gsut
 from gsut import _core
 from gsut.lens import with_scaled_focal
-from gsut.sfm.correspondences import match_images
-from gsut.sfm.features import Features
-from gsut.sfm.matching import verify
-from gsut.sfm.options import PosesOptions
+from gsut.sfm.core.correspondences import match_images
+from gsut.sfm.core.features import Features
+from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.verification import verify
 
 
 def quiet(*_: object) -> None:

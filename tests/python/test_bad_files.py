@@ -100,7 +100,7 @@ def test_lens_that_none_can_be_is_refused_by_key_in_every_format(
 ):
     model, params = lens
     path, changed = tmp_path / name, 0
-    gsut.Camera(model, params, 128, 96).save(path)
+    gsut.save_camera(gsut.Camera(model, params, 128, 96), path)
 
     def change(match):
         nonlocal changed

@@ -20,8 +20,9 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut import _core
+from gsut.check import diagnose
 from gsut.cli import main
-from gsut.data import Frame, TrainingViews, diagnose, write_transforms
+from gsut.data import Frame, TrainingViews, write_transforms
 from gsut.data.points import points_ply
 from gsut.evaluate import evaluate
 from gsut.gaussians import SH_C0
@@ -42,7 +43,7 @@ class Case:
         self.model = model
         self.folder = folder
         self.camera: Camera = small_camera(model, 0, WIDTH)
-        self.truth = truth(np.random.default_rng(7)).astype(np.float32)
+        self.truth = truth(np.random.default_rng(7)).to_dtype(np.float32)
         self.poses = [poses()[index] for index in VIEWS]
 
     def write(self, name: str, lens: Camera, camera_from_world: list[np.ndarray]) -> Path:
@@ -143,7 +144,7 @@ def test_compact_keeps_most_of_the_picture(case):
 
 def test_convert_writes_the_same_lens_anew(case, capsys):
     lens, out = case.folder / "given.lens.json", case.folder / "found.lens.json"
-    case.camera.save(lens)
+    gsut.save_camera(case.camera, lens)
     words = ["camera", "convert", str(lens), case.model, "-o", str(out), "--max-angle", "30"]
     words += ["--distance", "4"] if case.camera.is_parallel else []
     worst = json_of(words, capsys)["worst"]

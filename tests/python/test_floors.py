@@ -8,22 +8,47 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
-# Folder (or module) of python/gsut -> floor; the package `gsut` itself is above all.
+# Folder (or module) of python/gsut -> floor; below 1 is what the folders of floor 1 share.
 FLOORS = {
-    "_core": -2,
-    "_starting": -1,
-    **dict.fromkeys(("files", "least_squares"), 0),  # what folders of floor 1 share
-    "output_folder": 0.5,  # above `files`
+    "_core": -3,
+    "_starting": -2,
+    **dict.fromkeys(("files", "least_squares"), -1),
+    "output_folder": 0,
     **dict.fromkeys(("gaussians", "lens", "run", "page"), 1),
     **dict.fromkeys(("render", "optimize", "data", "formats"), 2),
     **dict.fromkeys(("capture", "sfm", "evaluate", "compact", "surface"), 3),
     **dict.fromkeys(("refine", "check", "demo"), 4),
     "training": 5,
     **dict.fromkeys(("train", "blocks", "view"), 6),
-    **dict.fromkeys(("__init__", "torch"), 7),
-    "cli": 8,
+    "scene": 7,
+    **dict.fromkeys(("__init__", "cli"), 8),
     "__main__": 9,
 }
+# Folder -> its own rooms -> floor: a room imports doors of lower rooms. The files beside the rooms
+# need no floor: no circle leads through them.
+ROOMS: dict[str, dict[str, int]] = {
+    "python/gsut/compact": {"methods": 1},
+    "python/gsut/data": {
+        **dict.fromkeys(("colmap", "images", "poses"), 1),
+        **dict.fromkeys(("scene", "rigs"), 2),
+        **dict.fromkeys(("points", "recordings"), 3),
+        "layouts": 4,
+    },
+    "python/gsut/lens": {"files": 1},
+    "python/gsut/sfm": {
+        "core": 1,
+        **dict.fromkeys(("lens", "points", "rig", "world"), 2),
+        **dict.fromkeys(("shutter", "report"), 3),
+    },
+    "python/gsut/training": {
+        **dict.fromkeys(("first", "strategies", "surface"), 1),
+        "photograph": 2,
+        "record": 3,
+        "tuning": 4,
+    },
+}
+MAX_DOOR, MAX_DOORS = 30, 414  # names in a folder's __all__; in all of them together
+WIDER = {"run": 54, "render": 46, "sfm": 41, "gaussians": 33}
 LIBRARIES = {
     *("av", "cv2", "gsut_scalar_baseline", "jinja2", "matplotlib", "numpy", "PIL", "simplejpeg"),
     *("tqdm", "yaml"),
@@ -44,7 +69,6 @@ CALIB_WITH_MRCAL = "calib/solve/inside_mrcal.py"
 
 MAX_FUNCTION, MAX_CLASS, MAX_FILE = 80, 250, 400  # lines
 LONGER: dict[str, str] = {  # "path" or "path:name" -> why it is longer
-    "python/gsut/lens/camera.py:Camera": "a lens' public face, mostly docstrings",
     "python/gsut/run/options.py:TrainOptions": "every option with its help",
 }
 
@@ -78,7 +102,8 @@ def is_allowed(path: str, target: str) -> bool:
         return FLOORS[source] >= FLOORS["__init__"]
     if rest[0] == source:
         return True
-    return len(rest) == 1 and FLOORS.get(rest[0], 99) < FLOORS[source]
+    is_door = len(rest) == 1 or (ROOT / "python/gsut" / "/".join(rest)).is_dir()  # or a room's room
+    return is_door and FLOORS.get(rest[0], 99) < FLOORS[source]
 
 
 def forbidden(root: Path) -> list[tuple[str, str]]:
@@ -129,6 +154,137 @@ def test_import_against_the_design_is_found(tmp_path, path, line):
     file.parent.mkdir(parents=True)
     file.write_text(line + "\n")
     assert len(forbidden(tmp_path)) == 1
+
+
+# --- inside a folder ------------------------------------------------------------------------------
+
+
+def name_package(folder: Path) -> str:
+    return f"gsut.{folder.name}" if folder.parent.name == "gsut" else folder.name
+
+
+def list_modules(folder: Path) -> dict[str, Path]:
+    """Returns the modules of a package by their full names, without the package's door."""
+    modules = {}
+    for path in sorted(folder.rglob("*.py")):
+        parts = (name_package(folder), *path.relative_to(folder).with_suffix("").parts)
+        modules[".".join(parts).removesuffix(".__init__")] = path
+    del modules[name_package(folder)]
+    return modules
+
+
+def find_arrows(modules: dict[str, Path]) -> dict[str, set[str]]:
+    """Returns which of these modules each one imports, anywhere in its text."""
+    arrows: dict[str, set[str]] = {}
+    for name, path in modules.items():
+        targets = set()
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                inner = {f"{node.module}.{alias.name}" for alias in node.names}
+                targets |= (inner & modules.keys()) or {node.module}
+            elif isinstance(node, ast.Import):
+                targets |= {alias.name for alias in node.names}
+        arrows[name] = (targets & modules.keys()) - {name}
+    return arrows
+
+
+def find_circles(arrows: dict[str, set[str]]) -> list[list[str]]:
+    """Returns the groups of nodes that lead back to themselves."""
+
+    def reach(start: str) -> set[str]:
+        seen, waiting = set(), [start]
+        while waiting:
+            new = arrows[waiting.pop()] - seen
+            seen |= new
+            waiting += new
+        return seen
+
+    reached = {node: reach(node) for node in arrows}
+    circles = {
+        tuple(
+            sorted(other for other in arrows if node in reached[other] and other in reached[node])
+        )
+        for node in arrows
+    }
+    return sorted(list(circle) for circle in circles if circle)
+
+
+def find_faults_inside(folder: Path, floors: dict[str, int]) -> list[str]:
+    """Returns circles between the files of a folder, and arrows against its rooms' floors."""
+    modules = list_modules(folder)
+    arrows = find_arrows(modules)
+    depth = len(name_package(folder).split("."))
+    rooms = {p.parent.name for p in folder.glob("*/__init__.py")}
+    if rooms != set(floors):
+        return [f"{folder}: rooms {sorted(rooms)}, but floors of {sorted(floors)} (see ROOMS)"]
+    unit = {name: name.split(".")[depth] for name in modules}
+    between: dict[str, set[str]] = {each: set() for each in unit.values()}
+    faults = []
+    for name, target in ((n, t) for n, targets in arrows.items() for t in targets):
+        if unit[name] == unit[target]:
+            continue
+        between[unit[name]].add(unit[target])
+        is_past_door = unit[target] in rooms and len(target.split(".")) > depth + 1
+        both = {unit[name], unit[target]} <= rooms
+        is_upward = both and floors[unit[target]] >= floors[unit[name]]
+        if is_past_door or is_upward:
+            faults.append(f"{name} imports {target}")
+    circles = [c for graph in (arrows, between) for c in find_circles(graph)]
+    return faults + [f"circle: {', '.join(circle)}" for circle in circles]
+
+
+FOLDERS = [
+    *(path.parent for path in sorted((ROOT / "python/gsut").glob("*/__init__.py"))),
+    ROOT / "calib",
+]
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
+def test_a_folder_has_no_circles_and_its_rooms_have_floors(folder):
+    assert find_faults_inside(folder, ROOMS.get(str(folder.relative_to(ROOT)), {})) == []
+
+
+@pytest.mark.parametrize(
+    ("path", "line"),
+    [
+        ("a.py", "from gsut.data.b import B"),  # a circle of two files
+        ("low/c.py", "from gsut.data.high import D"),  # up a floor
+        ("b.py", "from gsut.data.low.c import C"),  # past the room's door
+        ("high/d.py", "from gsut.data.a import A"),  # a circle through a file beside the rooms
+    ],
+)
+def test_an_import_against_the_floors_of_rooms_is_found(tmp_path, path, line):
+    texts = {
+        "__init__.py": "from gsut.data.a import A",
+        "a.py": "from gsut.data.high import D",
+        "b.py": "from gsut.data.a import A",
+        "low/__init__.py": "",
+        "low/c.py": "",
+        "high/__init__.py": "",
+        "high/d.py": "from gsut.data.low import C",
+    }
+    folder = tmp_path / "gsut/data"
+    for name, text in texts.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text + "\n")
+    floors = {"low": 1, "high": 2}
+    assert find_faults_inside(folder, floors) == []
+    (folder / path).write_text(f"{texts[path]}\n{line}\n")
+    assert len(find_faults_inside(folder, floors)) >= 1
+
+
+def test_doors_are_narrow():
+    widths = {}
+    for path in (ROOT / "python/gsut").glob("*/__init__.py"):
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+                widths[path.parent.name] = len(ast.literal_eval(node.value))
+    assert len(widths) >= 18
+    assert {k: n for k, n in widths.items() if n > WIDER.get(k, MAX_DOOR)} == {}
+    assert sum(widths.values()) <= MAX_DOORS
+
+
+# --- size -----------------------------------------------------------------------------------------
 
 
 def too_long(path: Path) -> list[str]:

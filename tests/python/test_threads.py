@@ -106,7 +106,7 @@ SHARED = {
     "Gaussians": (
         lambda _: blobs().copy(),
         [lambda g, i=i: gsut.render(g, fisheye(), moved(0.05 * i)) for i in range(6)]
-        + [lambda g: g.translated(np.ones(3)), lambda g: g.astype(np.float64), lambda g: g.copy(),
+        + [lambda g: g.translate(np.ones(3)), lambda g: g.to_dtype(np.float64), lambda g: g.copy(),
            lambda g: gsut.project(g, fisheye(), POSE).centers,
            lambda g: gsut.compact(g, 0.5).gaussians],
     ),

@@ -12,7 +12,7 @@ from gsut import _core
 from gsut.blocks.segment import TILE
 from gsut.compact import SeenView, blend_weights, compact, seen_views, weights_by_view
 from gsut.data import Scene
-from gsut.gaussians import SH_C0, Gaussians, merged
+from gsut.gaussians import SH_C0, Gaussians, merge_gaussians
 from gsut.render import DEFAULT_UNSCENTED
 
 _LEAST = 1 / 255  # share of a pixel that counts: a grey level
@@ -145,7 +145,7 @@ def choose_context(
     """
     if len(others) <= most:
         return others
-    weights = blend_weights(merged([own, others]), views)[len(own) :]
+    weights = blend_weights(merge_gaussians([own, others]), views)[len(own) :]
     others, weights = others[weights > 0], weights[weights > 0]
     if len(others) <= most:
         return others

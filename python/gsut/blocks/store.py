@@ -13,7 +13,7 @@ from gsut.blocks.layout import Layout
 from gsut.blocks.task import Trained
 from gsut.blocks.workers import write_state
 from gsut.formats import save_ply_parts
-from gsut.gaussians import Gaussians, merged, order_for_reading
+from gsut.gaussians import Gaussians, merge_gaussians, order_for_reading
 from gsut.run import read_checkpoint
 
 _DOTS = 20_000  # of a sample
@@ -91,12 +91,12 @@ class BlockStore:
 
         Neighbours of one size stand together. Returns the origin of the file (3,).
         """
-        place = self.sample(turn)[0].translated(self._offset)
+        place = self.sample(turn)[0].translate(self._offset)
 
         def ordered() -> Iterator[Gaussians]:
             for block in range(len(self._layout)):
                 part = self.own(block, turn)
-                yield part[order_for_reading(part)].translated(self._offset)
+                yield part[order_for_reading(part)].translate(self._offset)
 
         return save_ply_parts(path, ordered(), sum(self.counts(turn)), place, comments, surfels)
 
@@ -106,7 +106,7 @@ class BlockStore:
         for block in range(len(self._layout)):
             parts.append(self.own(block, turn)[::step].copy())
             owners.append(np.full(len(parts[-1]), block))
-        return merged(parts), np.concatenate(owners)
+        return merge_gaussians(parts), np.concatenate(owners)
 
     def _file(self, block: int, turn: int) -> Path:
         folder = self._folder / f"b{block:03d}"

@@ -11,8 +11,8 @@ import numpy as np
 
 from gsut._core import Shutter
 from gsut.data import Scene, View
-from gsut.gaussians import Gaussians, merged
-from gsut.lens import camera_from_values, camera_values
+from gsut.gaussians import Gaussians, merge_gaussians
+from gsut.lens.files import camera_from_values, camera_values
 from gsut.render import Falloff, Light
 from gsut.run import TrainOptions
 
@@ -53,10 +53,12 @@ class Trained:
         """All of them, in their order; moments of what was not trained beside what was are 0."""
         known = next((part.moments for part in parts if part.moments), ())
         moments = (
-            merged([(p.moments or (p.gaussians.zeros_like(),) * len(known))[i] for p in parts])
+            merge_gaussians(
+                [(p.moments or (p.gaussians.make_zeros(),) * len(known))[i] for p in parts]
+            )
             for i in range(len(known))
         )
-        return cls(merged([part.gaussians for part in parts]), tuple(moments))
+        return cls(merge_gaussians([part.gaussians for part in parts]), tuple(moments))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -22,8 +22,9 @@ from gsut.blocks.shares import Shares, choose_context, some_of
 from gsut.blocks.store import BlockStore
 from gsut.blocks.task import BlockTask, Trained
 from gsut.compact import SeenView, seen_views
-from gsut.data import Scene, has_colors
-from gsut.gaussians import Gaussians, merged
+from gsut.data import Scene
+from gsut.data.points import has_colors
+from gsut.gaussians import Gaussians, merge_gaussians
 from gsut.render import Light
 from gsut.run import BlockOptions, TrainOptions
 from gsut.training import seed_first
@@ -123,7 +124,9 @@ class TaskMaker:
             [self._scene.train_indices[row] for row in some],
             [self._shares.tiles[row, block] for row in some],
         )
-        return choose_context(own, merged([own[:0], *parts]), views, most, self._options.seed)
+        return choose_context(
+            own, merge_gaussians([own[:0], *parts]), views, most, self._options.seed
+        )
 
     def _most_of(self, block: int) -> int:
         return max(self._store.counts(self._turn)[block], round(float(self._most[block])))

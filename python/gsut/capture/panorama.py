@@ -18,7 +18,8 @@ from gsut.capture.frames import IMAGES, Capture
 from gsut.capture.video import stream_start
 from gsut.data import CAPTURE, read_capture
 from gsut.files import write_json, write_picture
-from gsut.lens import Camera, camera_values
+from gsut.lens import Camera
+from gsut.lens.files import camera_values
 
 LENSES = ["front", "back"]
 MASK = "mask.png"

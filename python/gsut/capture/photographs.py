@@ -22,7 +22,8 @@ from gsut._core import InputError, __version__
 from gsut.capture.exif import RAW_SUFFIXES, PhotographFacts, read_facts
 from gsut.capture.frames import IMAGES, Capture, OnProgress, finished_capture
 from gsut.capture.strip import write_strip
-from gsut.data import CAPTURE, IMAGE_SUFFIXES, capture_state, find_mask, some_names
+from gsut.data import CAPTURE, capture_state, some_names
+from gsut.data.images import IMAGE_SUFFIXES, find_mask
 from gsut.files import regular, write_json, write_picture
 
 HEIF_SUFFIXES = (".heic", ".heif")

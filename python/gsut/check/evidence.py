@@ -8,7 +8,7 @@ import functools
 import numpy as np
 
 from gsut import _core
-from gsut.check.geometry import (
+from gsut.check.epipolar import (
     TOLERANCE,
     Matches,
     PoseTable,

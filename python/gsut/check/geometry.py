@@ -1,115 +1,233 @@
-"""How well matches fit given poses and lenses: angles to epipolar planes, in pixels."""
+"""The doctor's checks of lenses, poses and points, without training."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
-from gsut.check.matches import ImagePair
-from gsut.data import Scene
-from gsut.lens import Camera
-from gsut.sfm import readout_moments, readout_poses
+from gsut.check.findings import Finding
+from gsut.data import Scene, some_names
+from gsut.data.points import UNCOLORED, has_colors
 
-# Error of a match beyond which it counts as plainly wrong, in thousandths of the image's diagonal:
-# one and a half pixels of the small images that features are sought in.
-TOLERANCE = 3.0
-
-
-@dataclasses.dataclass(frozen=True)
-class Matches:
-    """All matches of all pairs as arrays.
-
-    Args:
-        pair: (M,) which pair each belongs to.
-        pairs: (P, 2) the views.
-        pixels: (2, M, 2) of the two images.
-        lens: (2, M) index of the lens.
-        diagonal: of the images, pixels.
-    """
-
-    pair: np.ndarray
-    pairs: np.ndarray
-    pixels: np.ndarray
-    lens: np.ndarray
-    diagonal: float
-
-    def __len__(self) -> int:
-        return len(self.pair)
+LENS_SIDE = 800  # pixels: lenses are looked at on images of at most this longer side
+NO_RAY_MUCH = 0.4  # share of pixels; a 180-degree circle in a square image leaves 0.21
+SAME_PLACE = 1e-6  # of the extent: two cameras at one place
+COLLINEAR = 1e-3  # second over first singular value of the centres
+FEW_POINTS = 100
+FEW_POINTS_IN_VIEW = 20
+SEEN_SHARE = 0.05  # of the points, in the median view
+UNSEEN_SHARE = 0.5  # of the points, in no view
+POINTS_TESTED = 5000
+FAR_FROM_ORIGIN = 1e3  # distance over extent at which float32 coordinates lose about 0.1 mm in 1 m
+EXTENT_RANGE = (1e-2, 1e3)  # usual extents; others work but are worth a look
+POINT_SPREAD_RANGE = (0.05, 100.0)  # median distance of the points over the extent
 
 
-def gather(scene: Scene, pairs: Sequence[ImagePair]) -> Matches:
-    """The matches of pairs of a scene's views as arrays."""
-    number = np.repeat(np.arange(len(pairs)), [p.pixels.shape[1] for p in pairs])
-    views = np.array([(p.first, p.second) for p in pairs], np.int64).reshape(-1, 2)
-    lens = np.array([view.camera_index for view in scene.views])[views]  # (P, 2)
-    camera = scene.cameras[0]
-    return Matches(
-        number, views, np.concatenate([p.pixels for p in pairs], axis=1), lens[number].T,
-        float(np.hypot(camera.width, camera.height)),
-    )  # fmt: skip
-
-
-def rays_of(cameras: Sequence[Camera], matches: Matches) -> np.ndarray:
-    """(2, M, 3) unit rays in camera axes; NaN where a pixel has none."""
-    rays = np.full((2, len(matches), 3), np.nan)
-    for side in (0, 1):
-        for number in np.unique(matches.lens[side]):
-            rows = matches.lens[side] == number
-            found, valid = cameras[number].unproject(matches.pixels[side, rows])
-            rays[side, rows] = np.where(np.asarray(valid)[:, None], found, np.nan)
-    return rays
-
-
-@dataclasses.dataclass(frozen=True)
-class PoseTable:
-    """Where the cameras are: one pose a view, or one for each of some moments of its readout.
-
-    Args:
-        poses: (V, B, 4, 4) world_from_camera.
-        rows: (2, M, 2) view and moment of each match's two images.
-    """
-
-    poses: np.ndarray
-    rows: np.ndarray
-
-    def of_matches(self, poses: np.ndarray | None = None) -> np.ndarray:
-        """(2, M, 4, 4), of these poses (V, B, 4, 4) or the table's own."""
-        poses = self.poses if poses is None else poses
-        return poses[self.rows[..., 0], self.rows[..., 1]]
-
-
-def pose_table(scene: Scene, matches: Matches) -> PoseTable:
-    """The poses as the dataset gives them."""
-    of_views = [readout_poses(view) for view in scene.views]
-    moments = max(len(poses) for poses in of_views)
-    table = np.array([np.resize(poses, (moments, 4, 4)) for poses in of_views])
-    rows = np.zeros((2, len(matches), 2), np.int64)
-    for side in (0, 1):
-        of_match = matches.pairs[matches.pair, side]
-        rows[side, :, 0] = of_match
-        for index in np.unique(of_match):
-            here = of_match == index
-            view = scene.views[index]
-            rows[side, here, 1] = readout_moments(
-                view, scene.cameras[view.camera_index], matches.pixels[side, here]
+def check_lenses(scene: Scene) -> Iterator[Finding]:
+    """Share of pixels without a ray, principal point, focal lengths."""
+    for number, camera in enumerate(scene.cameras):
+        where = f"camera {number} ({camera.model}, {camera.width} x {camera.height})"
+        longer = max(camera.width, camera.height)
+        sizes = [max(1, side * LENS_SIDE // longer) for side in (camera.width, camera.height)]
+        rays, valid = (camera if longer <= LENS_SIDE else camera.resized(*sizes)).rays()
+        blind = 1 - float(np.mean(valid))
+        angles = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])
+        angles = np.degrees(angles[np.asarray(valid, bool)])
+        limit = np.degrees(camera.max_angle)
+        if angles.size == 0:
+            yield Finding(
+                "error", where, "no pixel has a ray", "the distortion is wrong: calibrate again"
             )
-    return PoseTable(table, rows)
+            continue
+        widest = f"the widest pixel sees {angles.max():.1f} degrees off the axis"
+        if blind > NO_RAY_MUCH:
+            yield Finding(
+                "warning",
+                where,
+                f"{blind:.1%} of the pixels have no ray (the lens model ends at {limit:.1f}"
+                " degrees) and are not trained on",
+                "if these pixels show the scene, calibrate with a model for this field of view",
+            )
+        elif blind > 0:
+            yield Finding(
+                "info",
+                where,
+                f"{blind:.1%} of the pixels have no ray (the lens model ends at {limit:.1f}"
+                f" degrees) and are masked; {widest}",
+            )
+        else:
+            yield Finding("info", where, f"every pixel has a ray; {widest}")
+        axis = camera.project(np.array([[0.0, 0.0, 1.0]]))[0][0]
+        size = np.array([camera.width, camera.height])
+        if not np.all((axis > 0.2 * size) & (axis < 0.8 * size)):
+            yield Finding(
+                "warning",
+                where,
+                f"the optical axis meets the image at ({axis[0]:.1f}, {axis[1]:.1f}), far from its"
+                " middle",
+                "check cx and cy, and that the images are not cropped",
+            )
+        around = camera.project(np.array([[0.01, 0.0, 1.0], [0.0, 0.01, 1.0]]))[0] - axis
+        ratio = np.linalg.norm(around[0]) / np.linalg.norm(around[1])
+        if not 0.9 < ratio < 1.1:
+            yield Finding(
+                "warning",
+                where,
+                f"the focal lengths differ by a factor of {ratio:.3f}",
+                "real lenses have nearly equal ones: check width, height and focal lengths",
+            )
 
 
-def pair_costs(errors: np.ndarray, matches: Matches, focal: float) -> np.ndarray:
-    """(P,) mean capped error of each pair: 0: all its matches fit; 1: none does.
+def check_poses(scene: Scene) -> Iterator[Finding]:
+    """Repeated or collinear cameras, distance from the origin, up direction, shutter."""
+    where, views = str(scene.path), scene.views
+    centers = np.array([view.camera_center for view in views])
+    spread = np.linalg.svd(centers - centers.mean(axis=0), compute_uv=False)
+    tiny = SAME_PLACE * scene.extent
+    if len(views) > 1 and spread[0] <= tiny * np.sqrt(len(views)):
+        yield Finding(
+            "warning",
+            where,
+            "all cameras stand at one place",
+            "depth cannot be found from a turning camera: move it, or check the translations",
+        )
+    else:
+        yield from _repeated_poses(scene, centers, tiny)
+        if len(views) > 2 and spread[1] < COLLINEAR * spread[0]:
+            yield Finding(
+                "info",
+                where,
+                "all cameras stand on one line",
+                "expect weak geometry beside the path",
+            )
+    distance = float(np.linalg.norm(scene.world_offset))
+    if distance > FAR_FROM_ORIGIN * scene.extent:
+        yield Finding(
+            "info",
+            where,
+            f"the scene lies {distance:.6g} units from the origin and is moved there on loading;"
+            " if a PLY gave the points as float32, they are rounded to"
+            f" {np.spacing(np.float32(distance)):.2g} units",
+        )
+    if not EXTENT_RANGE[0] < scene.extent < EXTENT_RANGE[1]:
+        yield Finding(
+            "info", where, f"the cameras' extent is {scene.extent:.3g} units: an unusual scale"
+        )
+    up = -np.mean([view.camera_from_world[1, :3] for view in views], axis=0)
+    axis = int(np.argmax(np.abs(up)))
+    if up[axis] < -0.5:
+        yield Finding(
+            "info",
+            where,
+            f"the cameras' up is the world's -{'xyz'[axis]}: a viewer with +{'xyz'[axis]} up shows"
+            " the scene upside down (usual for COLMAP, whose y points down)",
+        )
+    rolling = [view for view in views if view.camera_from_world_start is not None]
+    if rolling:
+        moved = np.median([_shutter_motion(view) for view in rolling], axis=0)
+        yield Finding(
+            "warning",
+            where,
+            f"{len(rolling)} views have rolling-shutter poses (median motion in one frame"
+            f" {moved[0]:.3g} units, {moved[1]:.2g} degrees)",
+            "training sees each line from its own pose; --shutter global would blur the scene",
+        )
 
-    Args:
-        errors: (M,) radians, NaN where there is no ray. focal: pixels a radian.
-    """
-    tolerance = TOLERANCE * matches.diagonal / 1000 / focal
-    capped = np.minimum(np.where(np.isfinite(errors), errors, np.inf) / tolerance, 1.0)
-    sums = np.bincount(matches.pair, capped, len(matches.pairs))
-    return sums / np.bincount(matches.pair, minlength=len(matches.pairs))
+
+def _shutter_motion(view) -> tuple[float, float]:
+    start, end = view.camera_from_world_start, view.camera_from_world_end
+    turn = start[:3, :3] @ end[:3, :3].T
+    angle = np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
+    move = start[:3, :3].T @ start[:3, 3] - end[:3, :3].T @ end[:3, 3]
+    return float(np.linalg.norm(move)), float(angle)
 
 
-def cost(errors: np.ndarray, matches: Matches, focal: float) -> float:
-    """The mean of `pair_costs`: 0: all matches fit; 1: none does."""
-    return float(np.mean(pair_costs(errors, matches, focal)))
+def _repeated_poses(scene: Scene, centers: np.ndarray, tiny: float) -> Iterator[Finding]:
+    views, pairs = scene.views, []
+    for row in range(len(views) - 1):
+        near = np.linalg.norm(centers[row + 1 :] - centers[row], axis=1) < tiny
+        for other in np.flatnonzero(near) + row + 1:
+            turn = views[row].camera_from_world - views[other].camera_from_world
+            if np.abs(turn[:3, :3]).max() < SAME_PLACE:
+                pairs.append(f"{views[row].name} = {views[other].name}")
+    if pairs:
+        yield Finding(
+            "warning",
+            str(scene.path),
+            f"{len(pairs)} pairs of views have the same pose: {some_names(pairs)}",
+            "check how poses are matched to images; for a rig, give each camera its own pose",
+        )
+
+
+def check_points(scene: Scene) -> Iterator[Finding]:
+    """Number and spread of the points, and how many of them the cameras see."""
+    where, count = str(scene.path), len(scene.points)
+    if count == 0:
+        yield Finding(
+            "warning",
+            where,
+            "there are no points",
+            "training starts from random ones and needs more steps: `gsut points` triangulates"
+            " them with these poses",
+        )
+        return
+    if count < FEW_POINTS:
+        yield Finding("warning", where, f"only {count} points", "`gsut points` triangulates more")
+    if not has_colors(scene):
+        yield Finding("info", where, UNCOLORED)
+    seen = points_in_views(scene)
+    per_view, unseen = seen.mean(axis=1), float(np.mean(~seen.any(axis=0)))
+    yield Finding(
+        "info",
+        where,
+        f"{count} points; a view sees {np.median(per_view):.0%} of them in the median,"
+        f" {per_view.min():.0%} at least; {unseen:.1%} are in no view",
+    )
+    if np.median(per_view) < SEEN_SHARE:
+        yield Finding(
+            "warning" if seen.any() else "error",  # no view sees any: not one scene's
+            where,
+            f"the median view sees only {np.median(per_view):.2%} of the points",
+            "the poses may be world-to-camera or use other axes: compare with the format's"
+            " description",
+        )
+    elif unseen > UNSEEN_SHARE:
+        yield Finding(
+            "warning",
+            where,
+            f"{unseen:.0%} of the points are in no view",
+            "points and poses may be of different models or scales",
+        )
+    few = [scene.views[i].name for i in np.flatnonzero(per_view * count < FEW_POINTS_IN_VIEW)]
+    if few and np.median(per_view) >= SEEN_SHARE:
+        yield Finding(
+            "warning",
+            where,
+            f"{len(few)} views see fewer than {FEW_POINTS_IN_VIEW} points: {some_names(few)}",
+            "their poses may be wrong, or they look away from the scene",
+        )
+    center = np.mean([view.camera_center for view in scene.views], axis=0)
+    spread = float(np.median(np.linalg.norm(scene.points - center, axis=1))) / scene.extent
+    if not POINT_SPREAD_RANGE[0] < spread < POINT_SPREAD_RANGE[1]:
+        yield Finding(
+            "warning",
+            where,
+            f"the points' median distance is {spread:.3g} x the cameras' extent",
+            "points and poses may have different units",
+        )
+
+
+def points_in_views(scene: Scene) -> np.ndarray:
+    """(V, P) bool: which of at most POINTS_TESTED evenly chosen points each view's image holds."""
+    step = -(-len(scene.points) // POINTS_TESTED)
+    points = scene.points[::step]
+    seen = np.zeros((len(scene), len(points)), bool)
+    for index, view in enumerate(scene.views):
+        camera = scene.camera(index)
+        pose = view.camera_from_world
+        pixels, valid = camera.project(points @ pose[:3, :3].T + pose[:3, 3])
+        with np.errstate(invalid="ignore"):
+            inside = (pixels >= 0) & (pixels < [camera.width, camera.height])
+        seen[index] = np.asarray(valid, bool) & inside.all(axis=1)
+    return seen

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from gsut._core import InputError
-from gsut.check.geometry import Matches, rays_of
+from gsut.check.epipolar import Matches, rays_of
 from gsut.lens import Camera
 from gsut.sfm import angular_errors, pixels_per_radian
 

@@ -11,7 +11,9 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.data import Scene, decode_mask, frame_times
+from gsut.data import Scene
+from gsut.data.images import decode_mask
+from gsut.data.scene import frame_times
 from gsut.sfm import Features, PosesOptions, features_in
 
 

@@ -7,18 +7,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from gsut.check.epipolar import cost, pair_costs
 from gsut.check.evidence import Evidence
-from gsut.check.geometry import cost, pair_costs
+from gsut.check.findings import Finding
 from gsut.check.lenses import LensFit, fit_lens, is_free_of_distortion, other_lenses, undistorted
-from gsut.check.readings import readings
-from gsut.check.turns import (
-    MATCHED,
-    clock_of_turns,
-    read_in_degrees,
-    rotation_vector,
-    turn_of_body,
-)
-from gsut.data import Finding, Scene, some_names
+from gsut.check.readings import list_readings
+from gsut.check.turns import MATCHED, clock_of_turns, read_in_degrees, rotation_vector, turn_of_body
+from gsut.data import Scene, some_names
 from gsut.sfm import angular_errors, pixels_per_radian
 
 # Costs are between 0 and 1: good data of ours lie at 0.1 to 0.5, wrong ones at 0.7 to 1.
@@ -91,7 +86,7 @@ def _best_other(evidence: Evidence, given: float) -> tuple[float, str, str, str]
             if value < most:
                 found.append((value, name, advice, subject))
 
-    for reading in readings(evidence.scene, evidence.table.poses):
+    for reading in list_readings(evidence.scene, evidence.table.poses):
         cost_of = functools.partial(Evidence.cost_of_poses, poses=reading.poses)
         judge(cost_of, f"these poses {reading.name}", reading.advice, "poses")
     for lens in other_lenses(evidence.scene.cameras, evidence.sample.cost_of_lenses):

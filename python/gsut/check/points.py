@@ -1,37 +1,37 @@
-"""Do the points lie where the cameras see them; and if not, in which unit or axes would they?"""
+"""Checks whether points lie where the cameras see them, and if not, in which unit or axes."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator
-
 import numpy as np
 
-from gsut._core import InputError
+from gsut.check.colors import EXPECTED_R, correlate_colors
+from gsut.check.epipolar import TOLERANCE
 from gsut.check.evidence import Evidence
-from gsut.check.geometry import TOLERANCE
-from gsut.data import Finding, Scene, has_colors, view_agreement
+from gsut.check.findings import Finding
+from gsut.check.readings import list_signed_permutations
+from gsut.data import Scene
+from gsut.data.points import has_colors
 from gsut.sfm import angular_errors
 
-_FEWEST = 30  # points, or triangulated matches
-_UNITS = {
+_FEWEST = 30  # points, or triangulated matches, of which a median is trusted
+_UNITS = {  # points' unit over the poses' -> names of both
     1e-3: ("metres", "millimetres"),
     0.01: ("metres", "centimetres"),
     100.0: ("centimetres", "metres"),
     1e3: ("millimetres", "metres"),
 }
-_NEAR_UNIT = 2.5  # factor within which a ratio of distances is that of two units
-_AGREE, _GAIN = 0.5, 0.2  # correlation of colours that agree, and how much more it must be
-_VIEWS = 5
-_MOST_POINTS = 20_000
+_NEAR_UNIT = 2.5  # factor within which a ratio of distances counts as the ratio of two units
+_COLOR_GAIN = 0.2  # correlation that another unit, or other axes, must gain
+_VIEWS = 5  # whose colours are compared: enough for a median
+_MOST_POINTS = 20_000  # compared by colour: more take longer and change nothing
 
 
 def check_points_frame(scene: Scene, evidence: Evidence | None) -> list[Finding]:
-    """Points against poses that the photographs agree with.
+    """Checks points against poses that the photographs agree with.
 
     Args:
         scene: with points; in the dataset's coordinates.
-        evidence: of the photographs; None where they say nothing.
+        evidence: of the photographs, or None if they share too few features.
 
     Returns:
         An error that names the unit or the axes in which the points would fit, or nothing.
@@ -39,24 +39,24 @@ def check_points_frame(scene: Scene, evidence: Evidence | None) -> list[Finding]
     if len(scene.points) < _FEWEST:
         return []
     where = str(scene.path)
-    ratio = None if evidence is None else _spread_ratio(scene, evidence)
-    colors = _Colors(scene) if has_colors(scene) else None
-    if colors is not None and colors.given >= _AGREE:
+    ratio = None if evidence is None else _compare_spread(scene, evidence)
+    colors = _PointColors(scene) if has_colors(scene) else None
+    if colors is not None and colors.given >= EXPECTED_R:
         return []
     for unit in _UNITS:
         if colors is not None:
-            value = colors.agreement(np.eye(3) / unit)
-            if value >= max(_AGREE, colors.given + _GAIN):
+            value = colors.correlate(np.eye(3) / unit)
+            if value >= max(EXPECTED_R, colors.given + _COLOR_GAIN):
                 seen = f"the points' colours agree with the photographs at r = {value:.2f} if they "
                 seen += f"are {'divided' if unit > 1 else 'multiplied'} by {max(unit, 1 / unit):g}"
-                return [_in_unit(where, unit, f"{seen}, as they are at {colors.given:.2f}")]
+                return [_name_unit(where, unit, f"{seen}, as they are at {colors.given:.2f}")]
         elif ratio is not None and 1 / _NEAR_UNIT < ratio / unit < _NEAR_UNIT:
             seen = f"the points spread {ratio:.3g} times as far as the things that the photographs"
-            return [_in_unit(where, unit, f"{seen} show")]
-    return [] if colors is None else _other_axes(colors, where)
+            return [_name_unit(where, unit, f"{seen} show")]
+    return [] if colors is None else _try_other_axes(colors, where)
 
 
-def _in_unit(where: str, unit: float, seen: str) -> Finding:
+def _name_unit(where: str, unit: float, seen: str) -> Finding:
     name, other = _UNITS[unit]
     return Finding(
         "error",
@@ -67,8 +67,8 @@ def _in_unit(where: str, unit: float, seen: str) -> Finding:
     )
 
 
-def _spread_ratio(scene: Scene, evidence: Evidence) -> float | None:
-    """How much more the points spread than triangulated matches do, by medians."""
+def _compare_spread(scene: Scene, evidence: Evidence) -> float | None:
+    """Divides the median spread of the points by that of triangulated matches."""
     matches, poses = evidence.matches, evidence.table.of_matches()
     errors = angular_errors(evidence.rays, poses)
     tolerance = TOLERANCE * matches.diagonal / 1000 / evidence.focal
@@ -88,51 +88,45 @@ def _spread(points: np.ndarray) -> float:
     return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
 
 
-class _Colors:
-    """How well the colours of some points agree with some photographs, the points moved or not."""
+class _PointColors:
+    """Compares the colours of some points with some photographs, as given or moved."""
 
     def __init__(self, scene: Scene) -> None:
         step = -(-len(scene.points) // _MOST_POINTS)
         self._points, self._colors = scene.points[::step], scene.point_colors[::step]
         self._scene = scene
-        self._views = np.unique(np.linspace(0, len(scene) - 1, _VIEWS).round().astype(int))
-        self.given = self.agreement(np.eye(3))
+        self._views = np.unique(np.linspace(0, len(scene) - 1, _VIEWS).round().astype(int)).tolist()
+        self.given = self.correlate(np.eye(3))
 
-    def agreement(self, change: np.ndarray) -> float:
-        """Median correlation with the points multiplied by a (3, 3) matrix; -1: nothing is seen."""
+    def correlate(self, change: np.ndarray) -> float:
+        """Returns the median correlation of the points times a (3, 3) matrix; -1 if unseen."""
         moved = self._scene.replace(points=self._points @ change.T, point_colors=self._colors)
-        found = [_agreement(moved, int(index)) for index in self._views]
+        found = [correlate_colors(moved, index) for index in self._views]
         known = [value for value in found if value is not None]
         return float(np.median(known)) if known else -1.0
 
 
-def _other_axes(colors: _Colors, where: str) -> list[Finding]:
-    """Axes permuted or mirrored, where the colours say so."""
-    best = max((colors.agreement(axes), text) for text, axes in _axes())
-    if best[0] < max(_AGREE, colors.given + _GAIN):
+def _try_other_axes(colors: _PointColors, where: str) -> list[Finding]:
+    """Tries permuted and mirrored axes, and names those with which colours agree best."""
+    axes = [each for each in list_signed_permutations() if not np.array_equal(each, np.eye(3))]
+    value, text = max((colors.correlate(each), _name_axes(each)) for each in axes)
+    if value < max(EXPECTED_R, colors.given + _COLOR_GAIN):
         return []
     return [
         Finding(
             "error",
             where,
-            f"the points' colours agree with the photographs at r = {best[0]:.2f} if their x, y, z "
-            f"are read as {best[1]}, as they are at {colors.given:.2f}",
-            f"write the points' coordinates as {best[1]}: they are in other axes than the poses",
+            f"the points' colours agree with the photographs at r = {value:.2f} if their x, y, z "
+            f"are read as {text}, as they are at {colors.given:.2f}",
+            f"write the points' coordinates as {text}: they are in other axes than the poses",
         )
     ]
 
 
-def _agreement(scene: Scene, index: int) -> float | None:
-    try:
-        return view_agreement(scene, index)
-    except InputError:
-        return None
-
-
-def _axes() -> Iterator[tuple[str, np.ndarray]]:
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            axes = np.eye(3)[list(order)] * np.array(signs)[:, None]
-            names = [("-" if s < 0 else "") + "xyz"[a] for a, s in zip(order, signs, strict=True)]
-            if not np.array_equal(axes, np.eye(3)):
-                yield ", ".join(names), axes
+def _name_axes(axes: np.ndarray) -> str:
+    """Writes a signed permutation as the coordinates it takes, such as "x, z, -y"."""
+    columns = np.argmax(np.abs(axes), axis=1)
+    signs = axes[np.arange(3), columns]
+    return ", ".join(
+        f"{'-' if s < 0 else ''}{'xyz'[c]}" for c, s in zip(columns, signs, strict=True)
+    )

@@ -1,4 +1,4 @@
-"""Other readings of a dataset's poses: axes, direction, quaternions, mirrors, another clock."""
+"""Lists other readings of a dataset's poses: axes, direction, quaternions, mirrors, clock."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ import numpy as np
 
 from gsut._core import interpolate_pose
 from gsut.check.matches import order_in_time
-from gsut.data import OPENGL_FROM_OPENCV, Scene, inverse
-from gsut.gaussians import quaternion_of, rotations_of
+from gsut.data import Scene
+from gsut.data.poses import OPENGL_FROM_OPENCV, inverse
+from gsut.gaussians import quaternion_from_rotation, rotations_from_quaternions
 
-_GL = OPENGL_FROM_OPENCV[:3, :3]
+_IN_USE = 3  # camera axes in use: OpenCV's, OpenGL's, a robot's body
+_OPENGL_AXES = OPENGL_FROM_OPENCV[:3, :3]
 # A robot's body axes (x forward, y left, z up) from OpenCV's camera axes.
-_ROS = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+_ROS_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+# Frames by which poses may be late or early against the images.
 _CLOCK_SHIFTS = (-3.0, -2.0, -1.5, -1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 
 
@@ -35,54 +38,65 @@ class Reading:
     poses: np.ndarray
 
 
-def readings(scene: Scene, table: np.ndarray) -> Iterator[Reading]:
-    """All other readings, the likelier first.
+def list_readings(scene: Scene, table: np.ndarray) -> Iterator[Reading]:
+    """Yields all other readings, the likelier first.
 
     Args:
         scene: in the dataset's coordinates.
         table: (V, B, 4, 4) its poses, see `PoseTable`.
     """
-    loaded = table.reshape(-1, 4, 4)
-    file_axes = _GL if _is_opengl(scene) else np.eye(3)
-    matrices = loaded.copy()  # as the file has them
-    matrices[:, :3, :3] = loaded[:, :3, :3] @ file_axes
+    file_axes, matrices = _file_matrices(scene, table)
     for reading in itertools.chain(
-        _as_matrices(matrices, file_axes), _by_clock(scene, table), _by_shutter(table),
-        _as_quaternions(matrices, file_axes), _mirrored(matrices, file_axes),
+        _read_whole_matrices(matrices, file_axes, _list_axes(file_axes)),
+        _read_parts(matrices, file_axes),
+        _shift_clock(scene, table), _change_shutter(table),
+        _reorder_quaternions(matrices, file_axes), _mirror(matrices, file_axes),
     ):  # fmt: skip
         yield dataclasses.replace(reading, poses=reading.poses.reshape(table.shape))
 
 
-def _is_opengl(scene: Scene) -> bool:
-    return (scene.path / "transforms.json").is_file() or scene.path.suffix == ".json"
+def list_usual_readings(scene: Scene, table: np.ndarray) -> Iterator[Reading]:
+    """Yields the few likeliest of `list_readings`: the other direction, and axes in use."""
+    file_axes, matrices = _file_matrices(scene, table)
+    for reading in _read_whole_matrices(matrices, file_axes, _list_axes(file_axes)[:_IN_USE]):
+        yield dataclasses.replace(reading, poses=reading.poses.reshape(table.shape))
 
 
-def _axes(file_axes: np.ndarray) -> list[tuple[str, np.ndarray]]:
-    """All 24 ways to name a camera's axes, the file's own first, then those in use."""
-    known = _known_axes()
+def _file_matrices(scene: Scene, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the file's camera axes (3, 3), and its matrices (V * B, 4, 4) before conversion."""
+    is_opengl = (scene.path / "transforms.json").is_file() or scene.path.suffix == ".json"
+    file_axes = _OPENGL_AXES if is_opengl else np.eye(3)
+    matrices = table.reshape(-1, 4, 4).copy()
+    matrices[:, :3, :3] = matrices[:, :3, :3] @ file_axes
+    return file_axes, matrices
+
+
+def _list_axes(file_axes: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """Lists all 24 ways to name a camera's axes, the file's own first, then those in use."""
+    known = _name_all_axes()
     own = next(name for name, axes in known.items() if np.array_equal(axes, file_axes))
     return [(own, file_axes)] + [(name, axes) for name, axes in known.items() if name != own]
 
 
 @functools.cache
-def _known_axes() -> dict[str, np.ndarray]:
-    """By name, those in use first."""
-    known = {"OpenCV": np.eye(3), "OpenGL": _GL, "ROS body": _ROS}
-    for axes in signed_permutations():
+def _name_all_axes() -> dict[str, np.ndarray]:
+    known = {"OpenCV": np.eye(3), "OpenGL": _OPENGL_AXES, "ROS body": _ROS_AXES}
+    assert len(known) == _IN_USE
+    for axes in list_signed_permutations():
         if np.linalg.det(axes) > 0 and not any(np.array_equal(axes, a) for a in known.values()):
-            known[f"x, y, z = {_in_words(axes)}"] = axes
+            known[f"x, y, z = {_describe_axes(axes)}"] = axes
     return known
 
 
-def signed_permutations() -> Iterator[np.ndarray]:
-    """The 48 (3, 3) matrices that permute axes and change signs."""
+def list_signed_permutations() -> Iterator[np.ndarray]:
+    """Yields the 48 (3, 3) matrices that permute axes and change signs."""
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
             yield np.eye(3)[list(order)] * np.array(signs)[:, None]
 
 
-def _in_words(axes: np.ndarray) -> str:
-    """Where each axis of the file's camera points, in OpenCV's words."""
+def _describe_axes(axes: np.ndarray) -> str:
+    """Says where each axis of the file's camera points, such as "right, up, backward"."""
     words = (("right", "left"), ("down", "up"), ("forward", "backward"))
     found = []
     for row in axes:
@@ -91,14 +105,18 @@ def _in_words(axes: np.ndarray) -> str:
     return ", ".join(found)
 
 
-def _poses(rotation: np.ndarray, center: np.ndarray) -> np.ndarray:
+def _make_poses(rotation: np.ndarray, center: np.ndarray) -> np.ndarray:
     result = np.tile(np.eye(4), (len(rotation), 1, 1))
     result[:, :3, :3], result[:, :3, 3] = rotation, center
     return result
 
 
-def _centers(rotation: np.ndarray, t: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
-    """The positions that a translation may stand for beside a rotation world_from_camera."""
+def _list_centers(rotation: np.ndarray, t: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
+    """Lists the positions that `t` may mean beside a rotation world_from_camera.
+
+    Returns:
+        Words for the reading's name, the edit that mends the data, (N, 3) positions.
+    """
     return [
         ("", "", t),
         (
@@ -112,7 +130,10 @@ def _centers(rotation: np.ndarray, t: np.ndarray) -> list[tuple[str, str, np.nda
     ]  # fmt: skip
 
 
-def _as_matrices(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Reading]:
+def _read_whole_matrices(
+    matrices: np.ndarray, file_axes: np.ndarray, all_axes: list[tuple[str, np.ndarray]]
+) -> Iterator[Reading]:
+    """Reads each matrix as it is or inverted, with each of these camera axes."""
     r, t = matrices[:, :3, :3], matrices[:, :3, 3]
     transposed = np.swapaxes(r, 1, 2)
     minus = -np.einsum("nij,nj->ni", transposed, t)
@@ -121,32 +142,40 @@ def _as_matrices(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Readin
         ("as world-to-camera", "inv(M)", transposed, minus),
     ]
     for (name, text, rotation, center), (number, (axes_name, axes)) in itertools.product(
-        wholes, enumerate(_axes(file_axes))
+        wholes, enumerate(all_axes)
     ):
         if not name and number == 0:
             continue
         with_axes = f"with {axes_name} camera axes" if number else ""
-        product = f"{text} @ {_as_text(axes @ file_axes.T)}" if number else text
+        product = f"{text} @ {_format_axes(axes @ file_axes.T)}" if number else text
         yield Reading(
             " ".join(["read", *filter(None, (name, with_axes))]),
             f"replace each matrix M of the poses by {product}",
-            _poses(rotation @ axes, center),
+            _make_poses(rotation @ axes, center),
         )
-    for name, rotation in (("", r), ("with the rotation transposed", transposed)):
-        for words, edit, center in _centers(rotation, t):
+
+
+def _read_parts(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Reading]:
+    """Reads the rotation and the translation of each matrix by different conventions."""
+    r, t = matrices[:, :3, :3], matrices[:, :3, 3]
+    for name, rotation in (
+        ("", r),
+        ("with the rotation transposed", np.swapaxes(r, 1, 2)),
+    ):
+        for words, edit, center in _list_centers(rotation, t):
             if not name and not words:
                 continue
-            for number, (axes_name, axes) in enumerate(_axes(file_axes)[:3]):
+            for number, (axes_name, axes) in enumerate(_list_axes(file_axes)[:_IN_USE]):
                 with_axes = f" and {axes_name} camera axes" if number else ""
                 yield Reading(
                     f"read {name}{words}{with_axes}".replace("read ,", "read with"),
                     f"replace R by {'R.T' if name else 'R'}{edit}",
-                    _poses(rotation @ axes, center),
+                    _make_poses(rotation @ axes, center),
                 )
 
 
-def _as_text(axes: np.ndarray) -> str:
-    """The edit of a camera-to-world matrix, as numpy writes it."""
+def _format_axes(axes: np.ndarray) -> str:
+    """Formats a signed permutation as the factor on a camera-to-world matrix, in numpy's words."""
     if np.array_equal(axes, np.diag(np.diag(axes))):
         signs = ", ".join(f"{int(value)}" for value in np.diag(axes))
         return f"diag({signs}, 1)"
@@ -154,55 +183,58 @@ def _as_text(axes: np.ndarray) -> str:
     return f"[{rows}] (3 x 3, of the rotation)"
 
 
-def _as_quaternions(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Reading]:
+def _reorder_quaternions(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Reading]:
+    """Reads each rotation's quaternion as w x y z instead of x y z w, and the reverse."""
     for kind, (name, order) in itertools.product(
         ("camera-to-world", "world-to-camera"),
         (("x y z w where w x y z is read", (3, 0, 1, 2)),
          ("w x y z where x y z w is read", (1, 2, 3, 0))),
     ):  # fmt: skip
-        for before in (np.eye(3), _GL):
+        for before in (np.eye(3), _OPENGL_AXES):
             r = matrices[:, :3, :3] @ before
             r = np.swapaxes(r, 1, 2) if kind == "world-to-camera" else r
-            rotation = rotations_of(quaternion_of(r)[:, order])
+            rotation = rotations_from_quaternions(quaternion_from_rotation(r)[:, order])
             if kind == "world-to-camera":
                 rotation = np.swapaxes(rotation, 1, 2)
             old = np.swapaxes(r, 1, 2) if kind == "world-to-camera" else r
             t = matrices[:, :3, 3]
             in_camera = -np.einsum("nji,nj->ni", old, t)  # the file's tvec, if it was one
             centers = [t, -np.einsum("nij,nj->ni", rotation, in_camera)]
-            for center, after in itertools.product(centers, (file_axes, np.eye(3), _GL)):
+            for center, after in itertools.product(centers, (file_axes, np.eye(3), _OPENGL_AXES)):
                 yield Reading(
                     f"with their quaternions read in another order ({name})",
                     "reorder the quaternion's four numbers in the poses' file, or where the "
                     "matrices were made from them",
-                    _poses(rotation @ before.T @ after, center),
+                    _make_poses(rotation @ before.T @ after, center),
                 )
 
 
-def _mirrored(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Reading]:
+def _mirror(matrices: np.ndarray, file_axes: np.ndarray) -> Iterator[Reading]:
+    """Turns or mirrors positions against rotations, and mirrors the whole world."""
     r, t = matrices[:, :3, :3], matrices[:, :3, 3]
-    for axes in signed_permutations():
+    for axes in list_signed_permutations():
         if np.array_equal(axes, np.eye(3)):
             continue
         words = "mirrored" if np.linalg.det(axes) < 0 else "turned"
         yield Reading(
             f"with their positions {words} against their rotations",
-            f"replace each position t by {_as_text(axes)} @ t",
-            _poses(r @ file_axes, t @ axes.T),
+            f"replace each position t by {_format_axes(axes)} @ t",
+            _make_poses(r @ file_axes, t @ axes.T),
         )
     for axis, flip in enumerate(np.eye(3)):
         mirror = np.eye(3) - 2 * np.diag(flip)
-        for number, (axes_name, axes) in enumerate(_axes(file_axes)):
+        for number, (axes_name, axes) in enumerate(_list_axes(file_axes)):
             with_axes = f" and {axes_name} camera axes" if number else ""
             yield Reading(
                 f"in a world mirrored in {'xyz'[axis]} (left-handed axes, as of a game engine; or "
                 "the photographs are mirrored)" + with_axes,
-                f"replace each matrix M by S @ M @ S, S = {_as_text(mirror)}",
-                _poses(mirror @ r @ mirror @ axes, t @ mirror),
+                f"replace each matrix M by S @ M @ S, S = {_format_axes(mirror)}",
+                _make_poses(mirror @ r @ mirror @ axes, t @ mirror),
             )
 
 
-def _by_shutter(table: np.ndarray) -> Iterator[Reading]:
+def _change_shutter(table: np.ndarray) -> Iterator[Reading]:
+    """Replaces a rolling shutter by a global one, and by one of the other direction."""
     moments = table.shape[1]
     if moments == 1:
         return
@@ -215,7 +247,8 @@ def _by_shutter(table: np.ndarray) -> Iterator[Reading]:
     )
 
 
-def _by_clock(scene: Scene, table: np.ndarray) -> Iterator[Reading]:
+def _shift_clock(scene: Scene, table: np.ndarray) -> Iterator[Reading]:
+    """Moves each image's pose by some frames along the camera's path."""
     groups = [group for group in order_in_time(scene) if len(group) > 3]
     for shift in _CLOCK_SHIFTS if groups else ():
         poses = table.copy()
@@ -224,7 +257,9 @@ def _by_clock(scene: Scene, table: np.ndarray) -> Iterator[Reading]:
             for place, index in enumerate(group):
                 at = min(max(place + shift, 0.0), float(last))
                 low = min(int(at), last - 1)
-                poses[index] = _between(table[group[low]], table[group[low + 1]], at - low)
+                poses[index] = _interpolate_poses(
+                    table[group[low]], table[group[low + 1]], at - low
+                )
         frames = f"{abs(shift):g} frame{'' if abs(shift) == 1 else 's'}"
         yield Reading(
             f"when each image takes the pose of {frames} {'later' if shift > 0 else 'earlier'}",
@@ -233,8 +268,8 @@ def _by_clock(scene: Scene, table: np.ndarray) -> Iterator[Reading]:
         )
 
 
-def _between(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
-    """(B, 4, 4) poses at a share of the way between two of them."""
+def _interpolate_poses(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
+    """Returns the poses (B, 4, 4) at a share of the way from one view's to the next one's."""
     if share in (0.0, 1.0):
         return two if share else one
     pairs = zip(one, two, strict=True)

@@ -13,9 +13,9 @@ import numpy as np
 
 from gsut._core import exp_pose
 from gsut.check.evidence import Evidence
-from gsut.check.readings import signed_permutations
-from gsut.data import OPENGL_FROM_OPENCV
-from gsut.gaussians import rotations_of
+from gsut.check.readings import list_signed_permutations
+from gsut.data.poses import OPENGL_FROM_OPENCV
+from gsut.gaussians import rotations_from_quaternions
 from gsut.sfm import angular_errors
 
 MATCHED = 0.5  # of the matches must fit one relative pose a pair, for there to be evidence
@@ -63,7 +63,7 @@ def _searched(evidence: Evidence) -> np.ndarray:
     """The turn at which most matches fit, of those near one of the 24, or between them, that have
     the smallest median errors."""
     starts = []
-    for axes in signed_permutations():
+    for axes in list_signed_permutations():
         for tilt in itertools.product(_TILTS, repeat=3) if np.linalg.det(axes) > 0 else ():
             start = np.eye(4)
             start[:3, :3] = axes @ exp_pose([0.0, 0.0, 0.0, *tilt])[:3, :3]
@@ -134,7 +134,9 @@ def _meant(rotation: np.ndarray) -> np.ndarray:
     angles = np.radians(np.concatenate([angle + full, angle - full]))
     angles = angles[np.abs(angles) <= np.pi]
     halves = angles[:, None] / 2
-    return rotations_of(np.concatenate([np.cos(halves), np.sin(halves) * axis], axis=1))
+    return rotations_from_quaternions(
+        np.concatenate([np.cos(halves), np.sin(halves) * axis], axis=1)
+    )
 
 
 def clock_of_turns(evidence: Evidence) -> float | None:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
-from gsut.data import Frame, inverse, write_transforms
+from gsut.data import Frame, write_transforms
+from gsut.data.poses import inverse
 from gsut.files import refuse_existing, whole_file
 from gsut.render import render_surface, write_png, z_of_distance
 from gsut.surface import Cloud, DepthMap, save_mesh

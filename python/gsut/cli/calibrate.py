@@ -19,7 +19,7 @@ from types import ModuleType
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, finite, print_json
 from gsut.files import regular
-from gsut.lens import OWN_SUFFIX
+from gsut.lens.files import OWN_SUFFIX
 from gsut.output_folder import claim_folder
 from gsut.run import Progress
 

@@ -20,12 +20,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.check import doctor
-    from gsut.data import findings_text
+    from gsut.check import doctor, format_findings
 
     findings = doctor(arguments.data)
     if arguments.json:
         print_json([dataclasses.asdict(finding) for finding in findings])
     else:
-        print(findings_text(findings))
+        print(format_findings(findings))
     return 2 if any(finding.severity == "error" for finding in findings) else 0

@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
         read_scene_file,
         save_gaussians,
     )
-    from gsut.gaussians import merged, transformed
+    from gsut.gaussians import merge_gaussians, transform_gaussians
 
     out = Path(arguments.out)
     format_of(out)
@@ -109,7 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
         parts = [
             _by_photographs(arguments, *each) for each in zip(arguments.sources, parts, strict=True)
         ]
-    whole = merged(parts)
+    whole = merge_gaussians(parts)
     kept = whole[_kept(whole, arguments)]
     if len(kept) == 0:
         raise InputError("nothing is left; crop less (--crop-box, --crop-sphere, --min-opacity)")
@@ -119,7 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         rotation, height = _level(arguments, kept)
         translation = scale * np.array([0.0, height, 0.0])
-    moved = transformed(kept, rotation, scale, translation)
+    moved = transform_gaussians(kept, rotation, scale, translation)
     written = save_gaussians(out, moved, WriteSettings(antialiased=files[0].antialiased))
     figures = {
         "num_gaussians": len(moved),
@@ -175,15 +175,15 @@ def _scale_of(arguments: argparse.Namespace) -> float:
 
 def _kept(gaussians: Any, arguments: argparse.Namespace) -> np.ndarray:
     """(N,) bool, what --crop-box, --crop-sphere and --min-opacity leave."""
-    from gsut.gaussians import inside_box, inside_sphere
+    from gsut.gaussians import is_inside_box, is_inside_sphere
 
     kept, least = np.ones(len(gaussians), bool), arguments.min_opacity
     if arguments.crop_box is not None:
         corners = np.reshape(arguments.crop_box, (2, 3))
-        kept &= inside_box(gaussians, corners.min(axis=0), corners.max(axis=0))
+        kept &= is_inside_box(gaussians, corners.min(axis=0), corners.max(axis=0))
     if arguments.crop_sphere is not None:
         *center, radius = arguments.crop_sphere
-        kept &= inside_sphere(gaussians, np.array(center), radius)
+        kept &= is_inside_sphere(gaussians, np.array(center), radius)
     if least is not None:
         if not 0 <= least <= 1:
             raise InputError(f"--min-opacity must lie in 0 to 1, found {least}")
@@ -193,7 +193,7 @@ def _kept(gaussians: Any, arguments: argparse.Namespace) -> np.ndarray:
 
 def _level(arguments: argparse.Namespace, gaussians: Any) -> tuple[np.ndarray, float]:
     """The rotation that makes up -y, and how far the ground then lies below y = 0 (0 without)."""
-    from gsut.gaussians import ground_of, upright
+    from gsut.gaussians import find_ground, rotate_upright
 
     if arguments.up is not None and arguments.upright:
         raise InputError("give --up or --upright, not both")
@@ -203,9 +203,9 @@ def _level(arguments: argparse.Namespace, gaussians: Any) -> tuple[np.ndarray, f
     if not (np.isfinite(up).all() and np.any(up)):
         raise InputError(f"--up must be a direction, found {arguments.up}")
     if not arguments.ground:
-        return upright(up), 0.0
-    normal, level = ground_of(gaussians, up)
-    return upright(normal), level
+        return rotate_upright(up), 0.0
+    normal, level = find_ground(gaussians, up)
+    return rotate_upright(normal), level
 
 
 def _up_of_cameras(arguments: argparse.Namespace) -> np.ndarray:

@@ -57,7 +57,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     import gsut
-    from gsut.data import TRIANGULATED, points_ply
+    from gsut.data.points import TRIANGULATED, points_ply
     from gsut.files import write_file
 
     if arguments.dense < 0:
@@ -117,7 +117,7 @@ def _triangulated(
 def _colored(
     scene: Scene, cloud: Path, arguments: argparse.Namespace
 ) -> tuple[np.ndarray, np.ndarray, dict[str, Any], str]:
-    from gsut.data import color_points, load_points_ply, usable_points
+    from gsut.data.points import color_points, load_points_ply, usable_points
 
     positions, _ = load_points_ply(cloud)
     if fault := usable_points(positions)[1]:

@@ -223,7 +223,7 @@ def _frames(
 
 
 def _poses(arguments: argparse.Namespace, stage: Any, film: Path | None) -> np.ndarray:
-    from gsut.data import read_path
+    from gsut.data.poses import read_path
     from gsut.render import auto_path, orbit_path, smooth_path, turn_path
 
     scene, count = stage.scene, arguments.frames or (_FRAMES if film is None else _FILM_FRAMES)
@@ -240,8 +240,9 @@ def _poses(arguments: argparse.Namespace, stage: Any, film: Path | None) -> np.n
 
 def _lens(arguments: argparse.Namespace, stage: Any, film: Path | None) -> Any:
     """The lens of all images along a path."""
-    from gsut.data import lens_of_path
-    from gsut.lens import Camera, camera_from_values, field_of_view, load_lens, with_field_of_view
+    from gsut.data.poses import lens_of_path
+    from gsut.lens import Camera, field_of_view, load_lens, with_field_of_view
+    from gsut.lens.files import camera_from_values
 
     if arguments.camera:
         return _shaped(arguments, load_lens(arguments.camera))

@@ -70,11 +70,11 @@ def compact(
     """
     check_method(method, bool(views))
     origin = gaussians.origin
-    g, views = _finite(gaussians).translated(-origin), about(views, origin)
+    g, views = _finite(gaussians).translate(-origin), about(views, origin)
     dropped = len(gaussians) - len(g)
     target = _target(len(g), keep, count)
     if target == len(g):
-        return Compaction(g.copy().translated(origin), dropped)
+        return Compaction(g.copy().translate(origin), dropped)
     if scores is None:
         scores = scores_of(g, method, views, on_view)
     if scores is not None and len(scores) != len(g):
@@ -82,7 +82,7 @@ def compact(
     reduced = method_of(method).reduce(g, target, scores, views, seed, on_view)
     if are_surfels(g):
         reduced = to_surfels(reduced)
-    return Compaction(reduced.translated(origin), dropped)
+    return Compaction(reduced.translate(origin), dropped)
 
 
 def scores_of(
@@ -104,7 +104,7 @@ def scores_of(
     if score is None or not views:
         return None
     g, origin = _finite(gaussians), gaussians.origin
-    return score(g.translated(-origin), about(views, origin), on_view)
+    return score(g.translate(-origin), about(views, origin), on_view)
 
 
 def about(views: Sequence[SeenView], origin: np.ndarray) -> Sequence[SeenView]:
@@ -118,7 +118,7 @@ def about(views: Sequence[SeenView], origin: np.ndarray) -> Sequence[SeenView]:
 
 
 def _finite(gaussians: Gaussians) -> Gaussians:
-    g = gaussians.astype(np.float32)
+    g = gaussians.to_dtype(np.float32)
     finite = finite_rows(g)
     return g if finite.all() else g[finite]
 

@@ -43,7 +43,7 @@ def refit_colors(
     Source: Andersen and Kak, "Simultaneous algebraic reconstruction technique", Ultrasonic Imaging
         1984.
     """
-    made = small.astype(np.float32).copy()
+    made = small.to_dtype(np.float32).copy()
     target, seen = Passes(whole), np.zeros((len(made), 3))
     for turn in range(rounds):
         passes, change = Passes(made), np.zeros((len(made), 3))

@@ -121,10 +121,10 @@ class Passes:
     """Forward and backward passes of one set of Gaussians with shared buffers."""
 
     def __init__(self, gaussians: Gaussians, background: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-        self.gaussians = gaussians.astype(np.float32)
+        self.gaussians = gaussians.to_dtype(np.float32)
         self._background = tuple(background)
         self.touched = np.zeros(len(gaussians), np.uint8)
-        self._gradients = self.gaussians.zeros_like()
+        self._gradients = self.gaussians.make_zeros()
         self._renderer = _core.Renderer()
         self._rule = _core.BlendRule()
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gsut._core import InputError, Shutter
-from gsut.data.findings import DatasetError, OnError, some_names, stop
+from gsut._core import InputError
+from gsut.data.errors import DatasetError, OnError, raise_error, some_names
 from gsut.data.images import IMAGE_SUFFIXES, read_header
-from gsut.data.points import TRIANGULATED, load_points_ply, usable_points
+from gsut.data.listing import Frame, Listing
+from gsut.data.points import TRIANGULATED, usable_points
 from gsut.data.poses import inverse
-from gsut.data.scene import Scene, View
-from gsut.data.split import TEST_EVERY, split_views
+from gsut.data.scene import TEST_EVERY, Scene, View, split_views
 from gsut.lens import Camera
 
 MASKS = "masks"  # the folder of a mask an image
@@ -22,57 +22,12 @@ HALF_PIXEL = 0.5  # a down-scaled copy's size may be rounded by this much
 SAME_POSE = 1e-9  # relative difference of two poses of a frame that is listed twice
 
 
-@dataclasses.dataclass
-class Frame:
-    """One image as a reader found it; poses are world-from-camera, OpenCV axes, dataset's world."""
-
-    name: str
-    image_path: Path
-    camera: Camera
-    world_from_camera: np.ndarray
-    world_from_camera_start: np.ndarray | None = None
-    world_from_camera_end: np.ndarray | None = None
-    mask_path: Path | None = None
-    depth_path: Path | None = None
-    shutter: Shutter | None = None
-    time: float | None = None  # seconds, of a video's frame
-    time_ns: int | None = None  # of a recording's: nanoseconds on its own clock
-    normal_path: Path | None = None
-
-
-@dataclasses.dataclass
-class Listing:
-    """What a reader found: the frames whose image exists, names of the others, points, lists.
-
-    `missing_depth` names depth and normal files that the dataset lists and that do not exist.
-    `source` is the file that lists the images, `points_source` that of the points where it is
-    another; `path` the dataset's folder.
-    """
-
-    path: Path
-    source: Path
-    frames: list[Frame] = dataclasses.field(default_factory=list)
-    missing: list[str] = dataclasses.field(default_factory=list)
-    missing_depth: list[str] = dataclasses.field(default_factory=list)
-    points: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
-    point_colors: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 3), np.uint8))
-    listed_train: Sequence[str] | None = None
-    listed_test: Sequence[str] | None = None
-    notes: list[str] = dataclasses.field(default_factory=list)
-    points_source: Path | None = None
-
-    def take_points(self, path: Path) -> None:
-        """Takes the points of a PLY file; errors: see `load_points_ply`."""
-        self.points, self.point_colors = load_points_ply(path, self.notes)
-        self.points_source = path
-
-
 def assemble(
     listing: Listing,
     *,
     test_every: int = TEST_EVERY,
     test_names: Sequence[str] | None = None,
-    on_error: OnError = stop,
+    on_error: OnError = raise_error,
 ) -> Scene:
     """Checks images against cameras and splits the views.
 

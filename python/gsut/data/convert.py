@@ -13,26 +13,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gsut._core import InputError
-from gsut.data.assemble import Frame, Listing, assemble
-from gsut.data.export import (
-    Export,
-    copy_file,
-    frame_times_ns,
-    link_file,
-    move_file,
-    plain_name,
-)
-from gsut.data.findings import DatasetError, stop
-from gsut.data.layouts import Layout, known_layout, layouts
-from gsut.data.layouts.description import described, with_parts
+from gsut.data.assemble import assemble
+from gsut.data.errors import DatasetError, raise_error
+from gsut.data.export import Export, copy_file, frame_times_ns, link_file, move_file, plain_name
+from gsut.data.layouts import Layout, describe_recording, find_layout, list_layouts, replace_parts
+from gsut.data.listing import Frame, Listing
 from gsut.data.load import read_dataset
 from gsut.data.memory import cameras_of, checked_image, checked_points
-from gsut.data.mounts import BODY, OWN
-from gsut.data.pairing import listing_of
-from gsut.data.poses import inverse, rigid_transform
+from gsut.data.poses import format_kitti, format_tum, inverse, rigid_transform, seconds_text
+from gsut.data.recordings import listing_of
+from gsut.data.rigs import BODY, OWN
 from gsut.data.scene import Scene
-from gsut.data.times import seconds_text
-from gsut.data.trajectory import format_kitti, format_tum
 from gsut.files import staging_folder, whole_folder, write_file, write_picture
 from gsut.lens import Camera
 from gsut.run import Progress
@@ -44,7 +35,7 @@ _PNG = ".png"
 
 def writable_layouts() -> dict[str, Layout]:
     """The layouts that can be written, by name."""
-    return {each.name: each for each in layouts() if each.write is not None}
+    return {each.name: each for each in list_layouts() if each.write is not None}
 
 
 def convert_dataset(
@@ -85,7 +76,7 @@ def convert_dataset(
     if out.exists():
         raise InputError(f"{out} exists; remove it or name another")
     given = {key: value for key, value in (parts or {}).items() if value is not None}
-    layout = known_layout(source) if source.exists() else None
+    layout = find_layout(source) if source.exists() else None
     if layout is None or layout.unpack is None:
         place = link_file if link else copy_file
         return _write(_read(source, given), out, to, place, scene, progress)
@@ -97,8 +88,8 @@ def convert_dataset(
         names = [stream.name for stream in recording.streams]
         if given.get("poses_of") not in (BODY, OWN, *names):
             given.pop("poses_of", None)  # a frame of the bag, which is now the body
-        recording = with_parts(recording, _from_here(given), Path.cwd(), source)
-        return _write(listing_of(recording, stop), out, to, move_file, None, progress)
+        recording = replace_parts(recording, _from_here(given), Path.cwd(), source)
+        return _write(listing_of(recording, raise_error), out, to, move_file, None, progress)
 
 
 def _write(
@@ -146,7 +137,7 @@ def _read(source: Path, parts: Mapping[str, Any]) -> Listing:
     if not parts:
         return read_dataset(source)
     values = {"images": str(source.resolve()), **_from_here(parts)}
-    return listing_of(described(values, source.resolve(), source), stop)
+    return listing_of(describe_recording(values, source.resolve(), source), raise_error)
 
 
 def _from_here(parts: Mapping[str, Any]) -> dict[str, Any]:

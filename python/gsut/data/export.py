@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.assemble import Frame
+from gsut.data.listing import Frame
 from gsut.data.points import points_ply
 from gsut.data.poses import inverse
 from gsut.files import WriteError, write_file

@@ -6,12 +6,12 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from gsut.data.assemble import Listing, assemble
-from gsut.data.findings import DatasetError, OnError, stop
-from gsut.data.layouts import Layout, known_layout, layouts
-from gsut.data.pairing import listing_of
-from gsut.data.scene import Scene
-from gsut.data.split import TEST_EVERY
+from gsut.data.assemble import assemble
+from gsut.data.errors import DatasetError, OnError, raise_error
+from gsut.data.layouts import Layout, find_layout, list_layouts
+from gsut.data.listing import Listing
+from gsut.data.recordings import listing_of
+from gsut.data.scene import TEST_EVERY, Scene
 from gsut.files import reading
 
 
@@ -42,7 +42,7 @@ def load_dataset(
     return scene if scale == 1 else scene.scaled(scale)
 
 
-def read_dataset(path: Path, *, on_error: OnError = stop) -> Listing:
+def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:
     """Reads a dataset of any known layout, without a look at the images.
 
     Raises:
@@ -52,7 +52,7 @@ def read_dataset(path: Path, *, on_error: OnError = stop) -> Listing:
         raise DatasetError(path, "the folder does not exist", "check the path")
     if not (path.is_dir() or path.is_file()):
         raise DatasetError(path, "a pipe or a device", "give the dataset's folder")
-    layout = known_layout(path)
+    layout = find_layout(path)
     if layout is None and path.is_file():
         raise DatasetError(
             path,
@@ -61,7 +61,7 @@ def read_dataset(path: Path, *, on_error: OnError = stop) -> Listing:
         )
     if layout is None:
         looked = "; ".join(
-            f"{each.name}: {each.files}" for each in layouts() if each.read or each.record
+            f"{each.name}: {each.files}" for each in list_layouts() if each.read or each.record
         )
         raise DatasetError(
             path,

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from gsut._core import InputError
 from gsut.data.points import NO_COLOR
 from gsut.data.poses import rigid_transform
-from gsut.data.scene import Scene, View
-from gsut.data.split import TEST_EVERY, split_views
+from gsut.data.scene import TEST_EVERY, Scene, View, split_views
 from gsut.lens import Camera
 
 IN_MEMORY = Path("arrays in memory")  # what such a scene has for a dataset's path

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from gsut.data.findings import DatasetError
+from gsut.data.errors import DatasetError
 from gsut.files import parse_yaml, regular
 
 

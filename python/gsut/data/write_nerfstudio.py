@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.data.assemble import Frame
+from gsut.data.listing import Frame
 from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.files import write_file
-from gsut.lens import LENS_FILE, OWN_SUFFIX, Camera, format_nerfstudio
+from gsut.lens import Camera, save_camera
+from gsut.lens.files import LENS_FILE, OWN_SUFFIX, format_nerfstudio
 
 _PIXEL_CENTER = 0.5  # of the first pixel, written for other readers: cx = w / 2 is the middle
 
@@ -45,7 +46,7 @@ def write_transforms(
     text = _format_transforms(frames, path.parent, texts, points_file, test)
     for lens, values in texts.items():
         if LENS_FILE in values:
-            lens.save(path.parent / values[LENS_FILE])
+            save_camera(lens, path.parent / values[LENS_FILE])
     write_file(path, text)
 
 

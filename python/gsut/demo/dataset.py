@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError, num_threads
-from gsut.data import Frame, points_ply, write_transforms
+from gsut.data import Frame, write_transforms
+from gsut.data.points import points_ply
 from gsut.demo.hall import Hall, make_hall
 from gsut.demo.hall_mesh import hall_mesh
 from gsut.demo.tracing import Tracer

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError, exp_pose
-from gsut.data import Frame, inverse, write_transforms
+from gsut.data import Frame, write_transforms
+from gsut.data.poses import inverse
 from gsut.demo.dataset import (
     MILLIMETRES,
     distances,
@@ -21,7 +22,7 @@ from gsut.demo.dataset import (
 from gsut.demo.hall import make_hall
 from gsut.demo.views import camera_path, demo_camera
 from gsut.files import whole_folder, write_picture
-from gsut.lens import Camera
+from gsut.lens import Camera, save_camera
 
 # The right camera of two: its lens in image sizes, Kannala-Brandt, seen to 80 degrees.
 _FOCAL = (0.3315, 0.3309)
@@ -164,7 +165,7 @@ def _write(
         images.mkdir(parents=True)
         depths.mkdir(parents=True)
         (folder / mounted.file).parent.mkdir(exist_ok=True)
-        lens.save(folder / mounted.file)
+        save_camera(lens, folder / mounted.file)
         write_picture(images / "mask.png", whole_pixels(lens).astype(np.uint8) * 255)
         cameras[name] = {
             "file": mounted.file,

@@ -86,7 +86,7 @@ def write_report(run: RunFolder) -> Path:
         metrics=metrics,
         environment=environment,
         headline=_list_headline(metrics),
-        verdict=Verdict.of(metrics["verdict"]) if metrics.get("verdict") else None,
+        verdict=Verdict.from_dict(metrics["verdict"]) if metrics.get("verdict") else None,
         **_embed_views(metrics.get("views", []), run.path / RENDERS),
         **_list_rows(metrics, environment),
         curves=_plot_curves(run.read_history(), options.resolved()),

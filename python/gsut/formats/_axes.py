@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gsut._core import InputError
-from gsut.gaussians import Gaussians, transformed
+from gsut.gaussians import Gaussians, transform_gaussians
 
 _AXES = np.array([-1.0, -1.0, 1.0], np.float32)
 _ALIKE = 1e-3  # relative difference of scales: of writers in float32
@@ -52,4 +52,4 @@ def placed(gaussians: Gaussians, matrix: np.ndarray, what: str) -> Gaussians:
     if np.array_equal(matrix, np.eye(4)):
         return gaussians
     left, _, right = np.linalg.svd(linear)
-    return transformed(gaussians, left @ right, float(scale), matrix[:3, 3])
+    return transform_gaussians(gaussians, left @ right, float(scale), matrix[:3, 3])

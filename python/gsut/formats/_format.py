@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.gaussians import Gaussians, bytes_each
+from gsut.gaussians import Gaussians, count_bytes_per_gaussian
 from gsut.run import check_fits
 
 # A file may claim this many Gaussians whatever its size; more only at a byte each or more. The
@@ -132,7 +132,7 @@ def check_room(what: str, scenes: Sequence[Gaussians], times: float, more: int =
         more: bytes that it takes for each.
     """
     count, degree = sum(map(len, scenes)), max(g.sh_degree for g in scenes)
-    size = (times * bytes_each(degree) + more) * count
+    size = (times * count_bytes_per_gaussian(degree) + more) * count
     check_fits(f"{what} {count:,} Gaussians of degree {degree}", size, ELSEWHERE)
 
 

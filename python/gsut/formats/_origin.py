@@ -29,13 +29,13 @@ def for_file(gaussians: Gaussians) -> Gaussians:
         format keeps the `origin` of what it gets here, and its reader gives it back.
     """
     if not gaussians.origin.any() or len(gaussians) == 0:
-        return gaussians.astype(np.float32)
+        return gaussians.to_dtype(np.float32)
     middle = np.median(gaussians.means, axis=0)
     extent = np.median(np.linalg.norm(gaussians.means - middle, axis=1))
     rounding = np.spacing(np.float32(np.abs(gaussians.origin + middle).max())) / 2
     if rounding > ROUNDING * extent:
-        return gaussians.astype(np.float32)
-    return gaussians.about((0.0, 0.0, 0.0)).astype(np.float32)
+        return gaussians.to_dtype(np.float32)
+    return gaussians.with_origin((0.0, 0.0, 0.0)).to_dtype(np.float32)
 
 
 def place_text(origin: np.ndarray) -> str:

@@ -18,7 +18,7 @@ from gsut.formats._quantize import (
     to_bytes,
 )
 from gsut.formats.ply import PACKED, antialiased_comment, comments_of, is_antialiased
-from gsut.gaussians import SH_C0, Gaussians, morton_order
+from gsut.gaussians import SH_C0, Gaussians, order_by_morton_code
 
 _CHUNK = 256
 _BOUNDS = [
@@ -35,7 +35,7 @@ _HEADER_BYTES = 65536
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
-    order = morton_order(gaussians.means)
+    order = order_by_morton_code(gaussians.means)
     g = gaussians[order]
     log_scales = np.clip(g.log_scales, _LEAST_LOG_SCALE, _MOST_LOG_SCALE)
     position_bounds, position = _in_chunks(g.means)
@@ -143,7 +143,7 @@ def _read(path: Path) -> SceneFile:
             between(6, _unpack(words[:, 2], _THREE_BITS)),
             logit_of(rgba[:, 3]),
             np.concatenate([constant[:, None], rest.transpose(0, 2, 1)], axis=1),
-        ).translated(origin_in(comments_of(path), path)),
+        ).translate(origin_in(comments_of(path), path)),
         is_antialiased(path),
     )
 

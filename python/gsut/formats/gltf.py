@@ -14,7 +14,7 @@ from gsut.files import whole_file
 from gsut.formats._axes import half_turned, placed
 from gsut.formats._format import WRONG_JSON, Format, SceneFile, WriteSettings, Written
 from gsut.formats._quantize import logit_of, opacity_of, to_bytes, unit_quats
-from gsut.gaussians import SH_C0, Gaussians, rotations_of
+from gsut.gaussians import SH_C0, Gaussians, rotations_from_quaternions
 
 _EXTENSION = "KHR_gaussian_splatting"
 _HEAD = struct.Struct("<4sII")
@@ -196,7 +196,9 @@ def _matrix_of(node: dict[str, Any]) -> np.ndarray:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     x, y, z, w = np.array(node.get("rotation", [0, 0, 0, 1]), np.float64)
     matrix = np.eye(4)
-    matrix[:3, :3] = rotations_of(np.array([[w, x, y, z]]) / np.linalg.norm([w, x, y, z]))[0]
+    matrix[:3, :3] = rotations_from_quaternions(
+        np.array([[w, x, y, z]]) / np.linalg.norm([w, x, y, z])
+    )[0]
     matrix[:3, :3] *= np.array(node.get("scale", [1, 1, 1]), np.float64).reshape(3)
     matrix[:3, 3] = np.array(node.get("translation", [0, 0, 0]), np.float64).reshape(3)
     return matrix

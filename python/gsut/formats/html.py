@@ -19,7 +19,7 @@ import numpy as np
 from gsut.files import write_file
 from gsut.formats import sog
 from gsut.formats._format import Format, StartView, WriteSettings, Written
-from gsut.gaussians import Gaussians, transformed, upright
+from gsut.gaussians import Gaussians, rotate_upright, transform_gaussians
 
 _UP = np.array([0.0, -1.0, 0.0])  # of a file, as viewers take it
 _HALF_TURN = np.array([-1.0, -1.0, 1.0])  # from a file's axes to the viewer's, where y is up
@@ -64,7 +64,7 @@ SuperSplat.createViewer({{
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
     view = settings.view
     if view is not None:
-        gaussians = transformed(gaussians, upright(view.up))
+        gaussians = transform_gaussians(gaussians, rotate_upright(view.up))
     with TemporaryDirectory(prefix="gsut-") as folder:
         content = Path(folder) / "scene.sog"
         written = sog.FORMAT.write(content, gaussians, settings)
@@ -89,7 +89,7 @@ def _settings(gaussians: Gaussians, view: StartView | None) -> dict[str, Any]:
         view = _overview(gaussians)
         turn = np.eye(3)
     else:
-        turn = upright(view.up)
+        turn = rotate_upright(view.up)
     initial = {
         "position": (_HALF_TURN * (turn @ view.position)).tolist(),
         "target": (_HALF_TURN * (turn @ view.target)).tolist(),

@@ -25,7 +25,7 @@ from gsut.gaussians import (
     Gaussians,
     StoredGaussians,
     are_surfels,
-    bytes_each,
+    count_bytes_per_gaussian,
     press_surfels,
 )
 from gsut.run import check_fits, free_memory
@@ -68,7 +68,7 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
     """
     _check_size(path)
     *arrays, not_finite, origin = _core.read_ply(os.fsencode(path))
-    gaussians = Gaussians(*arrays).translated(origin_in(comments_of(path), path)).translated(origin)
+    gaussians = Gaussians(*arrays).translate(origin_in(comments_of(path), path)).translate(origin)
     if not_finite or not gaussians.quats.any(axis=1).all():
         return only_drawable(path, gaussians)
     _warn_of_rounding(path, gaussians)
@@ -93,9 +93,9 @@ def open_ply(
     if limit is None or found is None:
         return load_ply(path)
     rows, count, sh_degree = found
-    if count * (bytes_each(sh_degree) + DRAWN_BYTES) <= limit:
+    if count * (count_bytes_per_gaussian(sh_degree) + DRAWN_BYTES) <= limit:
         return load_ply(path)
-    stored = StoredGaussians.of(rows, count, limit)
+    stored = StoredGaussians.from_rows(rows, count, limit)
     return load_ply(path) if stored is None else stored
 
 
@@ -213,7 +213,10 @@ def save_ply_parts(
         piece = temporary.with_name(temporary.name + ".piece")
         for part in parts:
             _core.write_ply(
-                os.fsencode(piece), part.about(place.origin).astype(np.float32), named, surfels
+                os.fsencode(piece),
+                part.with_origin(place.origin).to_dtype(np.float32),
+                named,
+                surfels,
             )
             head, end, rows = piece.read_bytes().partition(_PLAIN_END)
             piece.unlink()

@@ -34,7 +34,7 @@ from gsut.formats._quantize import (
     opacity_of,
     smallest_three,
 )
-from gsut.gaussians import Gaussians, morton_order
+from gsut.gaussians import Gaussians, order_by_morton_code
 
 _META = "meta.json"
 _MOST_META = 1 << 20  # bytes; real ones have 16 thousand
@@ -52,7 +52,7 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     seen = np.flatnonzero(np.rint(255 * opacity_of(gaussians.opacity_logits)) > 0)
     if not len(seen):
         raise InputError(f"{path}: all Gaussians are of opacity 0; there is nothing to write")
-    order = seen[morton_order(gaussians.means[seen])]
+    order = seen[order_by_morton_code(gaussians.means[seen])]
     g = gaussians[order]
     images, meta = _images_of(g)
     if settings.antialiased:

@@ -1,29 +1,35 @@
-"""The scene's parameters: arrays, packed harmonics, seeding, the low-pass filter."""
+"""A scene's Gaussians: arrays, packed harmonics, seeding, editing, the low-pass filter."""
 
 from gsut.gaussians.arrays import SH_C0, Gaussians
-from gsut.gaussians.cut import ground_of, inside_box, inside_sphere, merged, seen_most
+from gsut.gaussians.cut import (
+    find_ground,
+    is_inside_box,
+    is_inside_sphere,
+    merge_gaussians,
+    select_most_seen,
+)
 from gsut.gaussians.low_pass import (
     LowPassFilter,
-    filter_radii,
-    low_pass,
-    low_pass_backward,
-    pixel_density,
+    apply_low_pass,
+    apply_low_pass_backward,
+    compute_pixel_density,
+    find_filter_radii,
 )
-from gsut.gaussians.morton import morton_order
+from gsut.gaussians.morton import order_by_morton_code
 from gsut.gaussians.packed_harmonics import MixedGaussians, pack_harmonics, to_mixed
 from gsut.gaussians.quaternions import (
-    quaternion_of,
-    quaternion_products,
-    rotations_backward,
-    rotations_of,
+    backpropagate_rotations,
+    multiply_quaternions,
+    quaternion_from_rotation,
+    rotations_from_quaternions,
 )
-from gsut.gaussians.seeding import chosen_points, seed_from_points, seed_in_view
-from gsut.gaussians.similarity import transformed, upright
+from gsut.gaussians.seeding import choose_points, seed_from_points, seed_in_view
+from gsut.gaussians.similarity import rotate_upright, transform_gaussians
 from gsut.gaussians.stored import (
     DRAWN_BYTES,
     LEAST_ALPHA,
     StoredGaussians,
-    bytes_each,
+    count_bytes_per_gaussian,
     order_for_reading,
 )
 from gsut.gaussians.surfels import are_surfels, press_surfels, to_surfels
@@ -36,30 +42,30 @@ __all__ = [
     "LowPassFilter",
     "MixedGaussians",
     "StoredGaussians",
+    "apply_low_pass",
+    "apply_low_pass_backward",
     "are_surfels",
-    "bytes_each",
-    "chosen_points",
-    "filter_radii",
-    "ground_of",
-    "inside_box",
-    "inside_sphere",
-    "low_pass",
-    "low_pass_backward",
-    "merged",
-    "morton_order",
+    "backpropagate_rotations",
+    "choose_points",
+    "compute_pixel_density",
+    "count_bytes_per_gaussian",
+    "find_filter_radii",
+    "find_ground",
+    "is_inside_box",
+    "is_inside_sphere",
+    "merge_gaussians",
+    "multiply_quaternions",
+    "order_by_morton_code",
     "order_for_reading",
     "pack_harmonics",
-    "pixel_density",
     "press_surfels",
-    "quaternion_of",
-    "quaternion_products",
-    "rotations_backward",
-    "rotations_of",
+    "quaternion_from_rotation",
+    "rotate_upright",
+    "rotations_from_quaternions",
     "seed_from_points",
     "seed_in_view",
-    "seen_most",
+    "select_most_seen",
     "to_mixed",
     "to_surfels",
-    "transformed",
-    "upright",
+    "transform_gaussians",
 ]

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 
-def quaternion_of(rotation: np.ndarray) -> np.ndarray:
-    """(..., 4) w, x, y, z with w >= 0 of rotations (..., 3, 3).
+def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
+    """Converts rotations (..., 3, 3) to quaternions (..., 4) w, x, y, z with w >= 0.
 
-    The eigenvector of the largest eigenvalue of Bar-Itzhack's matrix (2000): stable everywhere.
+    Takes the eigenvector of the largest eigenvalue of Bar-Itzhack's matrix (2000), which is stable
+    for all rotations.
     """
     r = np.moveaxis(rotation, (-2, -1), (0, 1))
     rows = [
@@ -21,15 +22,15 @@ def quaternion_of(rotation: np.ndarray) -> np.ndarray:
     return np.where(vectors[..., :1] >= 0, vectors, -vectors)
 
 
-def quaternion_products(q: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(N, 4) Hamilton products of one quaternion (4,) with many (N, 4)."""
+def multiply_quaternions(q: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Multiplies one quaternion (4,) from the left with others (N, 4)."""
     w, x, y, z = q
     left = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
     return others @ left.T.astype(others.dtype)
 
 
-def rotations_of(q: np.ndarray) -> np.ndarray:
-    """(N, 3, 3) rotations of unit quaternions (N, 4)."""
+def rotations_from_quaternions(q: np.ndarray) -> np.ndarray:
+    """Converts unit quaternions (N, 4) to rotations (N, 3, 3)."""
     w, x, y, z = q.T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -39,8 +40,11 @@ def rotations_of(q: np.ndarray) -> np.ndarray:
     return np.stack([np.stack(row, axis=1) for row in rows], axis=1)
 
 
-def rotations_backward(q: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """(N, 4) gradients to unit quaternions, across them, from those (N, 3, 3) to `rotations_of`."""
+def backpropagate_rotations(q: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Carries gradients (N, 3, 3) to rotations back to their unit quaternions (N, 4).
+
+    The results are tangent to the unit sphere: a quaternion's norm does not change its rotation.
+    """
     w, x, y, z = q.T
     skew = [r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]]
     xy, xz, yz = r[:, 0, 1] + r[:, 1, 0], r[:, 0, 2] + r[:, 2, 0], r[:, 1, 2] + r[:, 2, 1]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -233,58 +232,6 @@ class Camera(_core.Camera):
         """The same lens, trusted up to this angle from the axis (radians; None: everywhere)."""
         limit = _NO_LIMIT if valid_field_angle is None else float(valid_field_angle)
         return self._with(super().with_valid_field_angle(limit), valid_region=self.valid_region)
-
-    @staticmethod
-    def fit(
-        pixels: np.typing.ArrayLike,
-        rays: np.typing.ArrayLike,
-        *,
-        model: str,
-        width: int,
-        height: int,
-    ) -> Camera:
-        """A lens from a table of pixels and their rays, by least squares of the pixel distances.
-
-        Args:
-            pixels: (N, 2); (0.5, 0.5) is the centre of the top-left pixel.
-            rays: (N, 3) in camera axes (x right, y down, z forward), of any length; rows that are
-                not finite do not count.
-            model: see `camera_models()`.
-            width, height: of the image in pixels.
-
-        Returns:
-            The lens; `project(rays)` against `pixels` says how well it fits.
-
-        Raises:
-            InputError: shapes, no such model, too few rays, or rays that the model cannot see.
-        """
-        from gsut.lens.fit_rays import camera_from_rays
-
-        return camera_from_rays(pixels, rays, model, width, height)
-
-    def save(self, path: str | os.PathLike[str], format: str | None = None) -> None:
-        """Writes the lens to a file; see `gsut.load_camera` for the formats.
-
-        The file is written under a temporary name and renamed, so that a crash leaves the old one.
-        Kalibr and COLMAP files have no place for the valid field angle, and only mrcal's and
-        gsut's for extrinsics and valid_region; those are left out.
-
-        Args:
-            path: a file; its name chooses the format: *.cameramodel (mrcal), *camchain*.yaml
-                (Kalibr), *.lens.json (gsut, which holds every lens), other *.yaml or *.yml and
-                *.json (OpenCV), transforms*.json (nerfstudio), *aria*.json (Project Aria),
-                *matlab*.json (MATLAB), camera_models*.json (OpenSfM), *calib_results*.txt
-                (OCamCalib), other *.txt and *.bin (COLMAP), *.xml (Metashape).
-            format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "aria", "matlab", "opensfm",
-                "ocam", "metashape", "colmap" or "colmap-binary", to choose it by hand.
-
-        Raises:
-            InputError: the format cannot hold this lens, or is unknown.
-            InputError, also an OSError: the file cannot be written.
-        """
-        from gsut.lens.files import save_camera  # here: lens_files makes cameras
-
-        save_camera(self, path, format)
 
     def _with(self, core: _core.Camera, valid_region: np.ndarray | None) -> Camera:
         return Camera.__new__(Camera)._take(

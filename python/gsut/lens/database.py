@@ -23,7 +23,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.lens.camera import Camera
 from gsut.lens.field import field_of_view
-from gsut.lens.files import LENS_SUFFIXES, load_camera
+from gsut.lens.files import lens_suffixes, load_camera
 from gsut.lens.plausible import MOST_STRETCH
 
 _FILE = Path(__file__).with_name("profiles.json.xz")
@@ -229,7 +229,7 @@ def is_lens_name(text: str | os.PathLike[str]) -> bool:
     A missing "lens.yaml" is a missing file.
     """
     path = Path(text)
-    return not (path.exists() or path.suffix.lower() in LENS_SUFFIXES or path.parent.name)
+    return not (path.exists() or path.suffix.lower() in lens_suffixes() or path.parent.name)
 
 
 def load_lens(text: str | os.PathLike[str], size: tuple[int, int] | None = None) -> Camera:

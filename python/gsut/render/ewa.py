@@ -16,10 +16,10 @@ from gsut import _core
 from gsut._core import BlendRule, InputError
 from gsut.gaussians import (
     Gaussians,
-    quaternion_of,
-    quaternion_products,
-    rotations_backward,
-    rotations_of,
+    backpropagate_rotations,
+    multiply_quaternions,
+    quaternion_from_rotation,
+    rotations_from_quaternions,
 )
 from gsut.render.renderer import Render, render
 
@@ -85,7 +85,7 @@ class EwaSplats:
         self._inside = np.abs(slope) < most
         self._slope = np.clip(slope, -most, most)
         self._norm = np.linalg.norm(g.quats, axis=1, keepdims=True)
-        self._axes = rotations_of(g.quats / self._norm)  # world <- Gaussian
+        self._axes = rotations_from_quaternions(g.quats / self._norm)  # world <- Gaussian
         self._turned = self._rotation.astype(dtype) @ self._axes
         self._scales = np.exp(g.log_scales)
         # Shadow along the ray on the plane across the axis: two rows of x - slope z, then scaled.
@@ -103,11 +103,11 @@ class EwaSplats:
         self._small = np.maximum((a * c - b * b) / self._large, 1e-6 * self._large)
         angle = 0.5 * np.arctan2(2 * b, a - c)
         self._cos, self._sin = np.cos(angle), np.sin(angle)
-        world, zero = quaternion_of(self._rotation.T), np.zeros_like(angle)
+        world, zero = quaternion_from_rotation(self._rotation.T), np.zeros_like(angle)
         c, s = np.cos(0.5 * angle), np.sin(0.5 * angle)
-        quats = quaternion_products(world, np.stack([c, zero, zero, s], axis=1))
+        quats = multiply_quaternions(world, np.stack([c, zero, zero, s], axis=1))
         # Its derivative by the angle.
-        self._tangent = quaternion_products(world, np.stack([-s, zero, zero, c], axis=1) / 2)
+        self._tangent = multiply_quaternions(world, np.stack([-s, zero, zero, c], axis=1) / 2)
         logs = 0.5 * np.log(np.stack([self._large, self._small], axis=1)) + self._log_shrink
         thin = logs[:, 1:] + np.log(_THICKNESS)
         g = self._g
@@ -142,7 +142,9 @@ class EwaSplats:
             [of_flat, -np.sum(of_flat * self._slope[:, :, None], axis=1, keepdims=True)], axis=1
         )
         of_axes = self._rotation.T.astype(s.dtype) @ of_turned
-        gradients.quats[:] = rotations_backward(self._g.quats / self._norm, of_axes) / self._norm
+        gradients.quats[:] = (
+            backpropagate_rotations(self._g.quats / self._norm, of_axes) / self._norm
+        )
         of_depth = 2 * self._widening * self._z * (g[:, 0, 0] + g[:, 1, 1])
         of_depth -= np.sum(of_slope * self._slope, axis=1) / self._z
         of_point = np.concatenate([of_slope / self._z[:, None], of_depth[:, None]], axis=1)
@@ -161,7 +163,7 @@ def render_ewa(
     dtype: str = "float32",
 ) -> Render:
     """The picture that viewers draw of Gaussians, see `EwaSplats` and `render`."""
-    g = gaussians.astype(np.dtype(dtype))
+    g = gaussians.to_dtype(np.dtype(dtype))
     discs = EwaSplats(g, camera, camera_from_world, dilation, shrink).discs
     return render(
         discs, camera, camera_from_world, background=background, blend=viewer_rule(), dtype=dtype

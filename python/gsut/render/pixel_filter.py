@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion
-from gsut.gaussians import StoredGaussians, filter_radii, pixel_density
+from gsut.gaussians import StoredGaussians, compute_pixel_density, find_filter_radii
 from gsut.render.motion import place_about
 
 _SQUARE = 1.0 / 12.0  # variance of a square pixel along a side of length 1
@@ -46,7 +46,7 @@ class PixelFilter:
             np.asarray(place_about(pose, gaussians.origin)) for pose in camera_from_world[::step]
         ]
         self._means = gaussians.means.astype(np.float64)
-        finest = filter_radii(self._means, cameras[::step], np.stack(poses), 1.0)
+        finest = find_filter_radii(self._means, cameras[::step], np.stack(poses), 1.0)
         self._finest = finest**2
 
     @staticmethod
@@ -79,7 +79,7 @@ class PixelFilter:
         """
         place = place_about(camera_from_world, self.gaussians.origin)
         pose = place.at(0.5) if isinstance(place, CameraMotion) else np.asarray(place)
-        density = pixel_density(self._means, camera, pose)
+        density = compute_pixel_density(self._means, camera, pose)
         with np.errstate(divide="ignore"):
             side2 = np.where(density > 0, 1.0 / density, 0.0)
         missing = _SQUARE * (side2 - self._finest)
@@ -123,14 +123,14 @@ class StoredPixelFilter:
                 camera, camera_from_world
             )
 
-        return self.gaussians.changed(widened)
+        return self.gaussians.with_change(widened)
 
 
 def is_coarser(camera: Any, photographs: Sequence[Any]) -> bool:
     """Whether a lens' pixels are larger, at its axis, than those of the finest photograph."""
     axis, pose = np.array([[0.0, 0.0, 1.0]]), np.eye(4)
-    finest = max(float(pixel_density(axis, each, pose)[0]) for each in photographs)
-    return bool(pixel_density(axis, camera, pose)[0] < _ALIKE * finest)
+    finest = max(float(compute_pixel_density(axis, each, pose)[0]) for each in photographs)
+    return bool(compute_pixel_density(axis, camera, pose)[0] < _ALIKE * finest)
 
 
 def _in_own_axes(quats: np.ndarray, vectors: np.ndarray) -> np.ndarray:

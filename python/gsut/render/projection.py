@@ -98,7 +98,7 @@ def project(
                 f'method "{method}" knows no rolling shutter; give method="unscented", or one pose'
             )
         return _moving(gaussians, camera, place, weights, float(alpha_min), dtype)
-    g = gaussians.astype(np.dtype(dtype))
+    g = gaussians.to_dtype(np.dtype(dtype))
     found: dict[str, Any]
     footprinter = _core.Footprinter(METHODS.index(method), weights, float(alpha_min))
     if dtype == "float64":
@@ -162,7 +162,7 @@ def _moving(
     dtype: str,
 ) -> Projection:
     """The unscented transform through a moving camera, in double."""
-    g = gaussians.astype(np.float64)
+    g = gaussians.to_dtype(np.float64)
     alpha, beta, kappa = weights
     found = _core.project_moving(g, camera, motion, alpha, beta, kappa)
     converged, valid = found["converged"].astype(bool), found["valid"].astype(bool)

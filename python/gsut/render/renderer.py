@@ -158,7 +158,7 @@ def render(
     if dtype == "float64":
         if isinstance(gaussians, StoredGaussians):
             raise InputError("the double reference takes Gaussians in memory, not in a file")
-        g = gaussians.astype(np.float64)
+        g = gaussians.to_dtype(np.float64)
         exact = _core.render_reference(g, camera, place, rule, color, degree)
         image, alpha, depth, _, distortion = exact
         out = Render(image, alpha, depth, distortion, g, camera, pose, rule, color, degree, None)
@@ -173,7 +173,7 @@ def render(
             *drawn, gaussians, camera, pose, rule, color, degree, drawn_by, seen=stored.seen
         )
         return out if background is not None else _over_surroundings(out)
-    g = gaussians.astype(np.float32)
+    g = gaussians.to_dtype(np.float32)
     shape = (camera.height, camera.width)
     image = np.zeros((*shape, 3), np.float32)
     alpha = np.zeros(shape, np.float32)
@@ -239,7 +239,7 @@ def render_backward(
     if result.behind is not None:
         through = np.sum(dimage * result.behind, axis=2)
         dalpha = -through if dalpha is None else dalpha - through
-    out = g.zeros_like()
+    out = g.make_zeros()
     if result.renderer is None:
         pose, of_lens = _core.render_reference_backward(
             g,

@@ -107,7 +107,7 @@ class StoredImage:
         part = np.s_[top * _TILE : bottom * _TILE, left * _TILE : right * _TILE]
         valid = self._valid[part]
         pieces = self._seen(self._rays[part][valid], self._starts[part][valid])
-        size, limit = self._gaussians.bytes_of(pieces), self._gaussians.limit
+        size, limit = self._gaussians.estimate_bytes(pieces), self._gaussians.limit
         rows, columns = bottom - top, right - left
         if size > limit and rows * columns > 1:
             if rows >= columns:
@@ -149,4 +149,6 @@ class StoredImage:
         length = float(np.linalg.norm(axis))
         axis = axis / length if length > 1e-9 else rays[0]
         half = float(np.arccos(np.clip((rays @ axis).min(), -1.0, 1.0)))
-        return self._gaussians.seen(self._center + middle, around, axis, half + self._margin)
+        return self._gaussians.find_seen_pieces(
+            self._center + middle, around, axis, half + self._margin
+        )

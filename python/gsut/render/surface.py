@@ -72,7 +72,7 @@ def render_surface_backward(result: Render, dnormals: np.ndarray) -> Gaussians:
     Raises:
         InputError: shapes differ from the image's.
     """
-    gradients = result.gaussians.zeros_like()
+    gradients = result.gaussians.make_zeros()
     _renderer(result).surface_backward(np.ascontiguousarray(dnormals, np.float32), gradients)
     return gradients
 

@@ -1,31 +1,43 @@
 """Structure from motion: photographs and a lens in, camera poses and points out."""
 
-from gsut.sfm.align import PoseErrors, compare_poses, errors_against, poses_by_path
-from gsut.sfm.bearing_points import BearingPoints
-from gsut.sfm.correspondences import collect_features, match_images
-from gsut.sfm.dataset_calibration import DatasetCalibration, calibrate_from_dataset
-from gsut.sfm.epipolar import (
+from gsut.sfm.core import (
+    FOLDER,
+    Features,
+    PairMatches,
+    Photographs,
+    PosesOptions,
+    Solution,
+    add_lens_readout,
     angular_errors,
+    check_lens,
+    collect_features,
+    diagonal,
+    evaluate_observations,
+    features_in,
+    find_photographs,
+    in_cameras,
+    match_images,
     pixels_per_radian,
     readout_moments,
     readout_poses,
+    refine,
+    require_central,
+    solve,
+    verify,
 )
-from gsut.sfm.estimate import (
-    PosesResult,
-    done_already,
-    find_poses,
-    is_finished,
-    read_figures,
+from gsut.sfm.lens import refine_lens
+from gsut.sfm.pipeline import PosesResult, done_already, find_poses
+from gsut.sfm.points import BearingPoints, TriangulatedPoints, triangulate
+from gsut.sfm.report import DatasetCalibration, calibrate_from_dataset, is_finished, read_figures
+from gsut.sfm.world import (
+    PoseErrors,
+    PositionFit,
+    compare_poses,
+    errors_against,
+    fit_positions,
+    poses_by_path,
+    read_positions,
 )
-from gsut.sfm.features import Features, features_in
-from gsut.sfm.inputs import Photographs, check_lens, find_photographs, require_central
-from gsut.sfm.lens_refinement import refine_lens
-from gsut.sfm.matching import PairMatches, verify
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.positions import PositionFit, fit_positions, read_positions
-from gsut.sfm.solution import Solution, diagonal, evaluate_observations, in_cameras, refine, solve
-from gsut.sfm.stages import FOLDER
-from gsut.sfm.triangulation import TriangulatedPoints, triangulate
 
 __all__ = [
     "FOLDER",
@@ -40,6 +52,7 @@ __all__ = [
     "PositionFit",
     "Solution",
     "TriangulatedPoints",
+    "add_lens_readout",
     "angular_errors",
     "calibrate_from_dataset",
     "check_lens",

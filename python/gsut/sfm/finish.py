@@ -8,18 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from gsut.sfm.earth import find_earth, moved_solution
-from gsut.sfm.features import Features
-from gsut.sfm.inputs import Photographs
-from gsut.sfm.lens_pair import find_lens_pair, scaled_rig
-from gsut.sfm.matching import PairMatches
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.poses_log import PosesLog
-from gsut.sfm.poses_verdict import LensDoubt, lens_doubt
-from gsut.sfm.readout import readout_time
-from gsut.sfm.rig import RigFit
-from gsut.sfm.solution import Solution
-from gsut.sfm.video_shutter import VideoShutter, find_video_shutter
+from gsut.sfm.core import Features, PairMatches, Photographs, PosesLog, PosesOptions, Solution
+from gsut.sfm.lens import LensDoubt, lens_doubt
+from gsut.sfm.rig import RigFit, find_lens_pair, scaled_rig
+from gsut.sfm.shutter import VideoShutter, find_video_shutter, readout_time
+from gsut.sfm.world import find_earth, moved_solution
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
-from gsut.data import MILLIMETRE, read_depth
+from gsut.data.scene import MILLIMETRE, read_depth
 from gsut.render import field_angles, render, render_surface, to_uint8
 from gsut.surface.cloud import world_rays
 from gsut.surface.extract import MeshOptions, OnProgress, extract_mesh, silent

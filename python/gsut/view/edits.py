@@ -12,15 +12,15 @@ from gsut._core import InputError
 from gsut.compact import find_support
 from gsut.files import refuse_existing
 from gsut.formats import WriteSettings, format_of, save_gaussians
-from gsut.gaussians import ground_of, transformed, upright
+from gsut.gaussians import find_ground, rotate_upright, transform_gaussians
 from gsut.view.frames import Frames
 
 _DEFAULT_NAME = "edited.ply"
 
 
-def find_ground(frames: Frames, up: Any) -> dict[str, Any]:
+def locate_ground(frames: Frames, up: Any) -> dict[str, Any]:
     """The plane that the scene stands on, near to this up: "normal" (3,) and "level"."""
-    normal, level = ground_of(frames.whole(), _direction(up))
+    normal, level = find_ground(frames.whole(), _direction(up))
     return {"normal": normal, "level": level}
 
 
@@ -75,9 +75,9 @@ def save_edited(frames: Frames, values: dict[str, Any]) -> dict[str, Any]:
         raise InputError("nothing is left; crop less")
     turn, height = np.eye(3), 0.0
     if values.get("up") is not None:
-        turn = upright(_direction(values["up"]))
+        turn = rotate_upright(_direction(values["up"]))
         height = float(values.get("level") or 0)
-    moved = transformed(kept, turn, scale, scale * np.array([0.0, height, 0.0]))
+    moved = transform_gaussians(kept, turn, scale, scale * np.array([0.0, height, 0.0]))
     written = save_gaussians(path, moved, WriteSettings(antialiased=frames.stage.antialiased))
     return {
         "path": str(path), "num_gaussians": len(moved), "of": len(whole),

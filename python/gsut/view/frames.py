@@ -9,14 +9,15 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.data import rigid_transform, shrink_image
+from gsut.data.images import shrink_image
+from gsut.data.poses import rigid_transform
 from gsut.gaussians import (
     SH_C0,
     Gaussians,
     StoredGaussians,
     pack_harmonics,
-    seen_most,
-    upright,
+    rotate_upright,
+    select_most_seen,
 )
 from gsut.lens import Camera
 from gsut.render import (
@@ -309,7 +310,9 @@ class Frames:
         """The Gaussians inside the crop box, and of these the share that is seen most."""
         g, crop, share = self.stage.gaussians, request.crop, request.share
         if isinstance(g, StoredGaussians):
-            return g if crop is None else g.changed(lambda part: part[self.kept(part, crop, False)])
+            if crop is None:
+                return g
+            return g.with_change(lambda part: part[self.kept(part, crop, False)])
         clean = request.clean and self.floaters is not None
         some = share < 1 and self.stage.kind != "training"
         if g is None or not (some or clean or crop is not None):
@@ -318,14 +321,13 @@ class Frames:
             self._chosen = {"of": g}
         key = share, clean, None if crop is None else crop.tobytes()
         if key not in self._chosen:
-            for old in [
-                old for old in self._chosen if old != "of" and old[2] not in (None, key[2])
-            ]:
+            boxes = (None, key[2])
+            for old in [o for o in self._chosen if o != "of" and o[2] not in boxes]:
                 del self._chosen[old]  # of a box as it was before
             whole = self.whole()
             kept = self.kept(whole, crop, clean)
             if some:
-                kept &= seen_most(whole, self._in_axes(whole), share)
+                kept &= select_most_seen(whole, self._in_axes(whole), share)
             self._chosen[key] = pack_harmonics(whole[kept])
         return self._chosen[key]
 
@@ -380,7 +382,7 @@ class Frames:
         """A grid on the ground, or on the plane through the scene's middle across its up axis."""
         axes, middle = self.axes, self.center
         if ground is not None:
-            axes = axes @ upright(axes[1]).T @ upright(ground[:3])
+            axes = axes @ rotate_upright(axes[1]).T @ rotate_upright(ground[:3])
             middle = middle + (ground[3] - ground[:3] @ middle) * ground[:3]
         lines = np.linspace(-1, 1, 11)
         a = [(x, 0, -1) for x in lines] + [(-1, 0, z) for z in lines]
@@ -393,7 +395,6 @@ def _colored(level: np.ndarray, known: np.ndarray, colors: str) -> np.ndarray:
     """(H, W, 3) uint8: levels 0 to 1 in a colour map, black where not known."""
     import cv2
 
-    map_number = getattr(cv2, f"COLORMAP_{colors}")
-    mapped = cv2.applyColorMap(to_uint8(np.where(known, level, 0)), map_number)
-    mapped[~known] = 0
+    levels = to_uint8(np.where(known, level, 0))
+    mapped = cv2.applyColorMap(levels, getattr(cv2, f"COLORMAP_{colors}")) * known[..., None]
     return cv2.cvtColor(mapped, cv2.COLOR_BGR2RGB)

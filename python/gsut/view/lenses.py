@@ -17,7 +17,6 @@ from gsut import _core
 from gsut._core import CalibrationError, InputError
 from gsut.lens import (
     Camera,
-    camera_values,
     field_of_view,
     has_focal_length,
     is_lens_name,
@@ -25,6 +24,7 @@ from gsut.lens import (
     load_lens,
     with_field_of_view,
 )
+from gsut.lens.files import camera_values
 
 _MOST_PIXELS = 12_000_000  # of cameras at a size, which keep their rays: 24 bytes each
 _MOST_SLIDERS = 24  # parameters with a slider

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from gsut.data import Scene, inverse
+from gsut.data import Scene
+from gsut.data.poses import inverse
 from gsut.lens import Camera
 
 _PIECES = 12  # straight in space is bent in the image: each line is drawn in so many pieces

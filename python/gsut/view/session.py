@@ -10,10 +10,12 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.data import Scene, shrink_image, shrink_mask
+from gsut.data import Scene
+from gsut.data.images import shrink_image, shrink_mask
 from gsut.files import json_text
-from gsut.lens import camera_models, camera_values
-from gsut.view.edits import find_floaters, find_ground, save_edited
+from gsut.lens import camera_models
+from gsut.lens.files import camera_values
+from gsut.view.edits import find_floaters, locate_ground, save_edited
 from gsut.view.film import Film
 from gsut.view.frames import MODES, FrameRequest, Frames
 from gsut.view.lenses import Lenses
@@ -168,7 +170,7 @@ class Session:
 
     def findings(self, _: dict[str, Any]) -> Reply:
         """What the doctor says of a dataset; found when first asked for."""
-        from gsut.data import diagnose
+        from gsut.check import diagnose
 
         with self._notes:
             if self.stage.kind == "data" and not self.stage.findings:
@@ -179,7 +181,7 @@ class Session:
 
     def ground(self, values: dict[str, Any]) -> Reply:
         """The plane that the scene stands on, near to "up"."""
-        return Reply(find_ground(self.frames, values["up"]))
+        return Reply(locate_ground(self.frames, values["up"]))
 
     def floaters(self, values: dict[str, Any]) -> Reply:
         """Looks for floaters, which takes a second a photograph or less; with "far", how far."""

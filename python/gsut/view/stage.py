@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
-from gsut.data import Finding, Scene, inverse, load_dataset
+from gsut.check import Finding
+from gsut.data import Scene, load_dataset
+from gsut.data.poses import inverse
 from gsut.formats import read_scene_file
 from gsut.gaussians import pack_harmonics, seed_from_points
 from gsut.lens import Camera
@@ -143,7 +145,7 @@ def data_stage(scene: Scene, findings: Sequence[Finding] = ()) -> Stage:
         gaussians = seed_from_points(
             scene.points - origin, scene.point_colors, sh_degree=0, scale_factor=_POINT_SCALE,
             opacity=_POINT_OPACITY, max_gaussians=_MOST_POINTS,
-        ).translated(origin)  # fmt: skip
+        ).translate(origin)  # fmt: skip
     return Stage(scene.path.resolve().name, "data", gaussians, scene, findings=findings)
 
 

@@ -28,7 +28,7 @@ def grown(finished, tmp_path_factory):
         rng.uniform(-2.0, 2.0, (COUNT, 3)), rng.standard_normal((COUNT, 4)),
         rng.uniform(-5.0, -4.0, (COUNT, 3)), rng.uniform(-1.0, 3.0, COUNT),
         0.5 * rng.standard_normal((COUNT, 4, 3)),
-    ).astype(np.float32)  # fmt: skip
+    ).to_dtype(np.float32)  # fmt: skip
     gsut.save_ply(run / "scene.ply", g[order_for_reading(g)])
     return run
 

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import gsut
-from gsut.check import before
+from gsut.check import Finding, dataset
 from gsut.cli import build_parser, command_names, main
-from gsut.data import Finding
 from rendered_dataset import write_dataset
 
 # Words of each command, and what it spends its time in.
@@ -52,7 +51,7 @@ def test_a_contradiction_stops_the_command_before_it_spends_time(
     def spend(*_, **__):
         raise SpentError
 
-    monkeypatch.setattr(before, "check_photographs", contradict)
+    monkeypatch.setattr(dataset, "check_photographs", contradict)
     monkeypatch.setattr(importlib.import_module(module), spends, spend)
     assert main(line.split()) == 2
     said = capsys.readouterr().err

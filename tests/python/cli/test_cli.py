@@ -148,7 +148,7 @@ def test_version_is_the_cores(capsys):
         (["render", "run", "--frames", "0"], "--frames must be from 1 to"),
         (["render", "run", "--size", "big"], "--size must be like 1280x720"),
         (["render", "run", "--path", "absent.json"], "cannot read the camera path"),
-        (["eval", "run", "--data", "moved"], "the dataset moved is not there"),
+        (["eval", "run", "--data", "moved"], "the dataset moved does not exist"),
     ],
 )
 def test_wrong_arguments_are_refused_in_one_sentence(words, said, run, monkeypatch, capsys):
@@ -169,7 +169,9 @@ def test_missing_file_of_the_system_is_one_sentence(monkeypatch, capsys, run):
     def gone(path, memory):
         raise FileNotFoundError(2, "No such file or directory", "scene.ply")
 
-    monkeypatch.setattr(importlib.import_module("gsut.training.trained_run"), "open_ply", gone)
+    monkeypatch.setattr(
+        importlib.import_module("gsut.training.record.trained_run"), "open_ply", gone
+    )
     assert "scene.ply: No such file or directory" in refused(capsys, "eval", str(run.path))
 
 
@@ -291,7 +293,7 @@ def test_render_along_each_path_writes_its_images(run, tmp_path, monkeypatch):
 
 def test_render_with_lens_and_size_uses_both(run, tmp_path):
     lens, out = tmp_path / "lens.json", tmp_path / "out"
-    gsut.Camera("pinhole", [20, 20, 10, 5], 20, 10).save(lens)
+    gsut.save_camera(gsut.Camera("pinhole", [20, 20, 10, 5], 20, 10), lens)
     words = ["--frames", "1", "--camera", str(lens), "--size", "40x24", "-o", str(out)]
     assert main(["render", str(run.path), *words]) == 0
     assert cv2.imread(str(out / "00000.png")).shape == (24, 40, 3)
@@ -313,7 +315,7 @@ def test_render_of_a_file_of_gaussians_needs_no_run(tmp_path):
 
 
 def test_render_along_the_path_of_a_screenshot_uses_its_lens(run, tmp_path):
-    from gsut.lens import camera_values
+    from gsut.lens.files import camera_values
 
     path, out = tmp_path / "camera.json", tmp_path / "out"
     lens = gsut.Camera("pinhole", [20, 20, 10, 5], 20, 10)
@@ -377,7 +379,6 @@ def test_demo_run_of_a_finished_demo_takes_the_next_folder(tmp_path, scene):
 
 
 def test_doctor_of_no_dataset_finds_an_error(tmp_path, capsys):
-    pytest.importorskip("gsut.data.doctor", reason="the doctor is not built in yet")
     assert main(["doctor", str(tmp_path / "absent")]) == 2
     captured = capsys.readouterr()
     assert "training cannot start" in captured.out

@@ -236,13 +236,13 @@ def test_result_of_train_is_in_the_datasets_coordinates(case):
     near = scene.centred.views[0].camera_from_world
     places = [
         gsut.project(each, camera, place).centers
-        for each, place in ((g, pose), (g.translated(-g.origin), near))
+        for each, place in ((g, pose), (g.translate(-g.origin), near))
     ]
     np.testing.assert_allclose(*places, atol=tolerances.SAME_FRAME_PIXELS)
 
 
 def test_origin_of_a_file_comes_back_and_a_damaged_one_is_refused(tmp_path, rng):
-    g = truth(rng).translated(UTM)
+    g = truth(rng).translate(UTM)
     file = tmp_path / "scene.ply"
     gsut.save_ply(file, g)
     np.testing.assert_array_equal(gsut.load_ply(file).origin, UTM)
@@ -253,12 +253,14 @@ def test_origin_of_a_file_comes_back_and_a_damaged_one_is_refused(tmp_path, rng)
 
 
 def test_about_another_origin_is_the_same_place(rng):
-    g = truth(rng).astype(np.float64).translated(NEAR)
+    g = truth(rng).to_dtype(np.float64).translate(NEAR)
     for origin in (np.zeros(3), UTM):
-        moved = g.about(origin)
+        moved = g.with_origin(origin)
         atol = tolerances.DATA_UTM_POSITION
         np.testing.assert_allclose(moved.means + origin, g.means + NEAR, rtol=0, atol=atol)
-        assert g[:3].copy().astype(np.float32).about(origin).origin.tolist() == origin.tolist()
+        assert (
+            g[:3].copy().to_dtype(np.float32).with_origin(origin).origin.tolist() == origin.tolist()
+        )
 
 
 def test_every_format_keeps_the_place_or_says_that_it_cannot(case, tmp_path, capsys):

@@ -174,7 +174,7 @@ def test_fisher_matrices_agree_with_gradients_pixel_by_pixel(rng):
         rng, views[0].camera, views[0].camera_from_world, 3,
         distances=(2.0, 3.0), sizes=(0.2, 0.3), opacity=1.0,
     )  # fmt: skip
-    double = g.astype(np.float64)
+    double = g.to_dtype(np.float64)
     scales = np.exp(double.log_scales)
     expected = np.zeros((3, 6, 6))
     for view in views:
@@ -199,7 +199,7 @@ def test_fisher_matrices_agree_with_central_differences(rng):
         rng, views[0].camera, views[0].camera_from_world, 2,
         distances=(2.0, 3.0), sizes=(0.3, 0.4), opacity=1.0, sh_degree=1,
     )  # fmt: skip
-    double = g.astype(np.float64)
+    double = g.to_dtype(np.float64)
     uncut = _core.BlendRule()
     uncut.alpha_min = 1e-9  # a pixel that crosses the cut-off would be a jump
     expected = np.zeros((2, 6, 6))

@@ -69,7 +69,7 @@ def test_refit_moves_what_is_hardly_seen_by_no_more_than_it_is_seen(rng):
     wall = gsut.Gaussians(
         np.array([[0.0, 0.0, 4.0], [0.0, 0.0, 2.0]]), np.tile([1.0, 0, 0, 0], (2, 1)),
         np.log([[1.0] * 3, [0.05] * 3]), np.array([5.0, -4.0]), np.full((2, 1, 3), 1.5),
-    ).astype(np.float32)  # fmt: skip
+    ).to_dtype(np.float32)  # fmt: skip
     faint = wall[np.array([1])]
     faint.sh[:] = -1.0
     weight = blend_weights(faint, views)[0]

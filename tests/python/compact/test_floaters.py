@@ -11,7 +11,7 @@ import small_run
 from gsut import InputError
 from gsut.compact import find_support
 from gsut.compact.scores import Passes, SeenView
-from gsut.gaussians import merged
+from gsut.gaussians import merge_gaussians
 from gsut.render import to_uint8, write_png
 from random_scenes import fisheye, gaussians_in_view
 from tolerances import FLOATERS_LEFT, FLOATERS_WRONG, SUPPORT
@@ -29,7 +29,7 @@ def test_support_is_the_error_without_each_gaussian(rng):
 
     def error(shown):
         image = gsut.render(
-            shown.astype(np.float64), camera, pose, background=background, dtype="float64"
+            shown.to_dtype(np.float64), camera, pose, background=background, dtype="float64"
         ).image
         return np.sum((image - photograph)[mask] ** 2)
 
@@ -54,7 +54,7 @@ def planted(tmp_path, rng):
         means, rng.normal(size=(number, 4)),
         np.full((number, 3), math.log(0.12)), np.full(number, 3.0),
         rng.uniform(-1.5, 1.5, (number, 1, 3)),
-    ).astype(np.float32)  # fmt: skip
+    ).to_dtype(np.float32)  # fmt: skip
     scene = small_run.make_scene(tmp_path / "data")
     poses = [small_run.inward_pose(2 * math.pi * i / VIEWS) for i in range(VIEWS)]
     camera = gsut.Camera("pinhole", [50.0, 50.0, 32, 32], 64, 64)
@@ -64,16 +64,16 @@ def planted(tmp_path, rng):
         blobs.append(gsut.Gaussians(
             (places - pose[:3, 3]) @ pose[:3, :3], rng.normal(size=(3, 4)),
             np.full((3, 3), math.log(0.05)), np.full(3, 1.0), rng.uniform(-1.5, 1.5, (3, 1, 3)),
-        ).astype(np.float32))  # fmt: skip
+        ).to_dtype(np.float32))  # fmt: skip
         file = tmp_path / f"data/images/shown-{i}.png"
-        image = gsut.render(merged([ball, blobs[-1]]), camera, pose, background=SKY)
+        image = gsut.render(merge_gaussians([ball, blobs[-1]]), camera, pose, background=SKY)
         write_png(file, to_uint8(image.image))
         views.append(gsut.View(f"images/shown-{i}.png", file, 0, pose))
     scene = dataclasses.replace(
         scene, cameras=(camera,), file_cameras=(camera,), views=tuple(views),
         train_indices=tuple(range(VIEWS)), test_indices=(),
     )  # fmt: skip
-    return scene, merged([ball, *blobs]), np.arange(number + 3 * VIEWS) >= number
+    return scene, merge_gaussians([ball, *blobs]), np.arange(number + 3 * VIEWS) >= number
 
 
 def test_planted_floaters_are_contradicted_and_what_is_there_is_not(planted):

@@ -11,8 +11,8 @@ import pytest
 
 import gsut
 import small_datasets as small
+from gsut.check import diagnose
 from gsut.data import load_dataset
-from gsut.data.doctor import diagnose
 
 Write = Callable[[Path], object]
 # name -> (function that writes a broken dataset, parts that the message must hold)

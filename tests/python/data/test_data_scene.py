@@ -12,8 +12,8 @@ import small_datasets as small
 import tolerances
 from gsut.data import TrainingViews, load_dataset
 from gsut.data.images import decode_image, decode_mask, read_header, shrink_image, shrink_mask
-from gsut.data.lru_cache import LruCache
-from gsut.data.scene import lens_mask
+from gsut.data.scene.lru_cache import LruCache
+from gsut.data.scene.scene import lens_mask
 
 
 def test_scaled_image_is_the_area_mean(tmp_path):
@@ -261,7 +261,7 @@ def test_replaced_scene_shares_what_is_decoded_and_nothing_else_changes(tmp_path
 
 
 def test_training_views_own_poses_and_lenses_at_every_resolution(tmp_path, monkeypatch):
-    monkeypatch.setattr("gsut.data.training_views._SMALLEST_SIDE", 8)
+    monkeypatch.setattr("gsut.data.scene.training_views._SMALLEST_SIDE", 8)
     views = TrainingViews(load_dataset(small.write_nerfstudio(tmp_path)), (0.3, 0.6))
     level = views.at(0.5)
     assert level.camera(0).width == small.WIDTH // 2

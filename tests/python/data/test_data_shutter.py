@@ -9,7 +9,7 @@ import gsut
 import small_datasets as small
 import tolerances
 from gsut import InputError, TrainOptions
-from gsut.data.shutter import with_shutter
+from gsut.data.scene import with_shutter
 
 
 def rolling_transforms(direction=None):

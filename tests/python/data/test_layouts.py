@@ -10,7 +10,7 @@ import gsut
 import small_datasets as small
 import small_recordings as made
 import tolerances
-from gsut.data import layouts
+from gsut.data.layouts import list_layouts
 from gsut.data.poses import inverse
 
 JITTER = 500_000  # nanoseconds
@@ -413,6 +413,6 @@ def test_mistakes_in_recordings_are_one_clear_sentence(name, tmp_path):
 def test_the_error_of_an_unknown_folder_names_every_layout_that_is_read(tmp_path):
     with pytest.raises(gsut.DatasetError) as caught:
         gsut.load_dataset(tmp_path)
-    readable = [layout for layout in layouts() if layout.read or layout.record]
+    readable = [layout for layout in list_layouts() if layout.read or layout.record]
     assert len(readable) >= 7
     assert [layout.name for layout in readable if layout.name not in str(caught.value)] == []

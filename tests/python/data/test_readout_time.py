@@ -11,7 +11,7 @@ import small_datasets as small
 import tolerances
 from gsut import TrainOptions
 from gsut.cli import main
-from gsut.data.shutter import with_shutter
+from gsut.data.scene import with_shutter
 from gsut.render import PixelFilter
 from gsut.render.pictures import to_uint8
 

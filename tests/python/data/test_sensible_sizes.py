@@ -9,8 +9,8 @@ from PIL import Image
 
 import gsut
 import tolerances as tol
-from gsut.data import decode_image
-from gsut.training import prepare_scene, size_note
+from gsut.data.images import decode_image
+from gsut.training import describe_resizing, prepare_scene
 
 SIZE = 80, 60
 
@@ -25,7 +25,9 @@ def dataset(tmp_path):
         exif = Image.Exif()
         exif[0x0112] = 6 if i == 1 else 1
         Image.fromarray(pixels).save(tmp_path / f"{i}.jpg", exif=exif, quality=97)
-    gsut.Camera("pinhole", [60.0, 60.0, 40.0, 30.0], *SIZE).save(tmp_path / "lens.yaml")
+    gsut.save_camera(
+        gsut.Camera("pinhole", [60.0, 60.0, 40.0, 30.0], *SIZE), tmp_path / "lens.yaml"
+    )
     lines = [f"{i}.jpg {0.1 * i} 0 0 0 0 0 1" for i in range(3)]
     (tmp_path / "poses.txt").write_text("\n".join(lines) + "\n")
     return tmp_path
@@ -47,7 +49,7 @@ def test_photographs_above_the_limit_are_used_smaller_and_said_so(dataset):
     prepared = prepare_scene(scene, options)
     (camera,) = prepared.cameras
     assert (camera.width, camera.height) == (36, 27)
-    assert prepared.notes[-1] == size_note(scene, options)
+    assert prepared.notes[-1] == describe_resizing(scene, options)
     assert "photographs of 80 x 60 are used at 36 x 27" in prepared.notes[-1]
     by_areas = scene.scaled(0.45)
     for i in range(3):

@@ -10,8 +10,8 @@ import gsut
 import small_datasets
 from gsut import _core
 from gsut._core import Shutter
-from gsut.data import points_ply, write_transforms
-from gsut.data.assemble import Frame
+from gsut.data import Frame, write_transforms
+from gsut.data.points import points_ply
 from gsut.lens import load_camera
 from lens_cases import real_lenses
 
@@ -90,7 +90,7 @@ def test_every_lens_comes_back_from_its_dataset(tmp_path, rng):
 
 
 def test_lens_file_of_gsut_keeps_what_mrcal_keeps(tmp_path):
-    STEREOGRAPHIC.save(tmp_path / "any.lens.json")
+    gsut.save_camera(STEREOGRAPHIC, tmp_path / "any.lens.json")
     read = load_camera(tmp_path / "any.lens.json")
     assert read == STEREOGRAPHIC
     np.testing.assert_array_equal(read.extrinsics, STEREOGRAPHIC.extrinsics)
@@ -100,7 +100,7 @@ def test_lens_file_of_gsut_keeps_what_mrcal_keeps(tmp_path):
 def test_lens_file_of_each_level_wins_over_the_other(tmp_path):
     size = small_datasets.WIDTH, small_datasets.HEIGHT
     sphere = gsut.Camera("double_sphere", [40, 41, 24, 18, 0.2, 0.55], *size)
-    sphere.save(tmp_path / "sphere.lens.json")
+    gsut.save_camera(sphere, tmp_path / "sphere.lens.json")
     (tmp_path / "camchain.yaml").write_text(
         "".join(
             f"cam{i}:\n  camera_model: pinhole\n  distortion_model: equi\n"
@@ -135,7 +135,9 @@ def test_lens_file_of_each_level_wins_over_the_other(tmp_path):
 )
 def test_bad_lens_file_names_file_and_key(tmp_path, change, words):
     size = small_datasets.WIDTH, small_datasets.HEIGHT
-    gsut.Camera("stereographic", [20, 20, 24, 18], *size).save(tmp_path / "a.lens.json")
+    gsut.save_camera(
+        gsut.Camera("stereographic", [20, 20, 24, 18], *size), tmp_path / "a.lens.json"
+    )
     own = {"model": "pinhole", "width": size[0], "height": size[1]}
     (tmp_path / "bad.lens.json").write_text(json.dumps({**own, "params": "x"}))
     (tmp_path / "odd.lens.json").write_text(json.dumps({**own, "model": "no_lens", "params": []}))

@@ -10,7 +10,7 @@ import pytest
 from formats.scene_cases import plain_scene
 from gsut import InputError, formats
 from gsut.formats import StartView, WriteSettings
-from gsut.gaussians import transformed
+from gsut.gaussians import transform_gaussians
 from tolerances import FORMAT_ERRORS
 
 
@@ -73,10 +73,10 @@ def test_transformed_scene_is_the_same_to_a_transformed_camera(rng):
     moved = np.eye(4)
     moved[:3, :3] = pose[:3, :3] @ rotation.T
     moved[:3, 3] = scale * pose[:3, 3] - moved[:3, :3] @ shift
-    before = gsut.render(g.astype(np.float64), camera, pose, dtype="float64").image
-    turned = transformed(g.astype(np.float64), rotation, scale, shift)
-    after = gsut.render(turned.about(np.zeros(3)), camera, moved, dtype="float64").image
+    before = gsut.render(g.to_dtype(np.float64), camera, pose, dtype="float64").image
+    turned = transform_gaussians(g.to_dtype(np.float64), rotation, scale, shift)
+    after = gsut.render(turned.with_origin(np.zeros(3)), camera, moved, dtype="float64").image
     assert before.max() > 0.2
     np.testing.assert_allclose(after, before, atol=1e-9)
     with pytest.raises(InputError, match="a rotation and a scale"):
-        transformed(g, -np.eye(3))
+        transform_gaussians(g, -np.eye(3))

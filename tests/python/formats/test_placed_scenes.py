@@ -9,7 +9,7 @@ import pytest
 
 from formats.scene_cases import plain_scene
 from gsut import InputError, formats
-from gsut.gaussians import rotations_of, transformed
+from gsut.gaussians import rotations_from_quaternions, transform_gaussians
 from tolerances import FORMAT_ERRORS, PLACED
 
 QUAT = np.array([0.5, 0.1, -0.7, 0.2]) / np.linalg.norm([0.5, 0.1, -0.7, 0.2])
@@ -29,7 +29,7 @@ def with_nodes(path, nodes):
 
 
 def assert_placed(found, g, scale, rotation, translation):
-    expected = transformed(g, FLIP @ rotation @ FLIP, scale, FLIP @ translation)
+    expected = transform_gaussians(g, FLIP @ rotation @ FLIP, scale, FLIP @ translation)
     assert found.origin == pytest.approx(expected.origin)
     errors = formats.largest_errors(expected, found)
     assert {name: error for name, error in errors.items() if error > PLACED} == {}
@@ -40,7 +40,7 @@ def test_gltf_nodes_place_the_scene(tmp_path, rng):
     formats.save_gaussians(tmp_path / "a.glb", g)
     x, y, z = QUAT[1:]
     child = {"mesh": 0, "rotation": [x, y, z, QUAT[0]], "translation": [1, 2, 3]}
-    turn = rotations_of(QUAT[None])[0]
+    turn = rotations_from_quaternions(QUAT[None])[0]
     parent = np.eye(4)
     parent[:3, :3] = 2.0 * np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
     parent[:3, 3] = [5e5, 0, -7]
@@ -90,7 +90,7 @@ def test_usd_transform_places_the_scene_and_usdz_is_read_as_usdc(tmp_path, rng):
     place.AddScaleOp().Set(Gf.Vec3f(3, 3, 3))
     stage.GetRootLayer().Save()
     found = formats.load_gaussians(tmp_path / "a.usda")
-    assert_placed(found, g, 3.0, rotations_of(QUAT[None])[0], np.array([1.0, 2, 3]))
+    assert_placed(found, g, 3.0, rotations_from_quaternions(QUAT[None])[0], np.array([1.0, 2, 3]))
 
 
 def ply_of_others(path, g, kind, places):

@@ -8,7 +8,7 @@ import pytest
 import gsut
 from gsut import formats
 from gsut.formats import StartView, WriteSettings
-from gsut.gaussians import transformed, upright
+from gsut.gaussians import rotate_upright, transform_gaussians
 from gsut.render import psnr, render_ewa
 from real_viewers import (
     level_pose,
@@ -46,7 +46,7 @@ def assert_shows(found, scene, camera, pose, least=REAL_VIEWER_DB):
     assert truth.std() > 0.1
     assert psnr(found, truth) >= least
     for turn in (np.diag([-1.0, -1, 1]), np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1])):
-        other = np.clip(render_ewa(transformed(scene, turn), camera, pose).image, 0, 1)
+        other = np.clip(render_ewa(transform_gaussians(scene, turn), camera, pose).image, 0, 1)
         assert psnr(found, other) <= REAL_VIEWER_TURNED_DB
     if not scene.sh[:, 1:].any():
         return
@@ -61,7 +61,9 @@ def test_supersplat_page_opened_as_a_file_shows_the_scene(scene, tmp_path):
     formats.save_gaussians(tmp_path / "scene.html", scene, WriteSettings(view=view))
     pose = level_pose(EYE, FORWARD, UP)
     with viewer_window(WIDTH, HEIGHT) as window:
-        shown = supersplat_pictures(window, tmp_path / "scene.html", [(pose, FIELD)], upright(UP))
+        shown = supersplat_pictures(
+            window, tmp_path / "scene.html", [(pose, FIELD)], rotate_upright(UP)
+        )
         (found,) = shown
     assert_shows(found, scene, pinhole(WIDTH, HEIGHT, FIELD), pose)
 

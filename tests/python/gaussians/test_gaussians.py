@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 import tolerances
 from gsut import InputError, _core
-from gsut.gaussians import rotations_of, seeding
+from gsut.gaussians import rotations_from_quaternions, seeding
 from random_scenes import assert_same, fisheye
 
 
@@ -79,7 +79,7 @@ def test_seed_from_points_lies_in_the_plane_of_ten_points(rng):
     for row in range(200):
         offsets = points[near[row]] - points[near[row]].mean(axis=0)
         _, lengths, axes = np.linalg.svd(offsets)
-        found = rotations_of(g.quats[row : row + 1].astype(np.float64))[0]
+        found = rotations_from_quaternions(g.quats[row : row + 1].astype(np.float64))[0]
         # A direction turns by rounding over the difference of two lengths.
         rounding = tolerances.FLOAT32 / (1 - lengths[2] / lengths[1])
         assert abs(abs(found[:, 2] @ axes[2]) - 1) < rounding
@@ -161,7 +161,7 @@ def turned_pose():
 
 def test_points_in_view_lie_on_valid_rays_between_the_bounds():
     pose = turned_pose()
-    points = seeding.points_in_view(
+    points = seeding.sample_points_in_view(
         fisheye(degrees=200.0), pose[None], 5000, near=0.5, far=8.0, seed=3
     )
     in_camera = points @ pose[:3, :3].T + pose[:3, 3]

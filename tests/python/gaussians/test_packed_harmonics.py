@@ -10,8 +10,13 @@ from gsut import InputError, TrainOptions
 from gsut.compact.harmonics import drop_harmonics
 from gsut.compact.methods.pup import fisher_matrices
 from gsut.compact.scores import SeenView, basis_sums
-from gsut.gaussians.packed_harmonics import MixedGaussians, pack_harmonics, to_mixed, used_degrees
-from gsut.training.finetuning import finetune, finetune_options
+from gsut.gaussians.packed_harmonics import (
+    MixedGaussians,
+    find_used_degrees,
+    pack_harmonics,
+    to_mixed,
+)
+from gsut.training.tuning.finetuning import finetune, finetune_options
 from random_scenes import every_lens, fisheye, gaussians_in_view, random_pose
 from rendered_dataset import write_dataset
 
@@ -36,7 +41,7 @@ def scene(rng):
 
 def test_mixed_has_the_same_values_in_falling_order_of_degree(scene):
     g = scene[0]
-    packed, degrees = to_mixed(g), used_degrees(g)
+    packed, degrees = to_mixed(g), find_used_degrees(g)
     back = packed.to_gaussians()
     order = np.argsort(-degrees.astype(int), kind="stable")
     for field in dataclasses.fields(g):
@@ -45,7 +50,7 @@ def test_mixed_has_the_same_values_in_falling_order_of_degree(scene):
     for end, count in zip(packed.degree_ends, counts, strict=True):
         assert count <= end < count + 16
     assert packed.nbytes < sum(getattr(g, f.name).nbytes for f in dataclasses.fields(g)) * 0.7
-    assert sum(len(band) for _, band in packed.bands()) == COUNT
+    assert sum(len(band) for _, band in packed.split_bands()) == COUNT
 
 
 @pytest.mark.parametrize("sh_degree", [0, 1, 2, 3])
@@ -70,7 +75,7 @@ def test_mixed_renders_and_differentiates_to_the_same_bits_on_every_instruction_
         for name in GEOMETRY:
             a, b = getattr(expected.gaussians, name), getattr(found.gaussians, name)
             assert np.array_equal(a, b), (isa, name)
-        for rows, band in found.gaussians.bands():
+        for rows, band in found.gaussians.split_bands():
             assert np.array_equal(band, expected.gaussians.sh[rows, : band.shape[1]])
         np.testing.assert_array_equal(found.pose, expected.pose)
         ran += 1
@@ -94,7 +99,7 @@ def test_mixed_through_lines_and_every_lens_gives_the_same_bits(rng):
             a = gsut.render_backward(one, dimage).gaussians
             b = gsut.render_backward(two, dimage).gaussians
             assert np.array_equal(a.means, b.means)
-            for rows, band in b.bands():
+            for rows, band in b.split_bands():
                 assert np.array_equal(band, a.sh[rows, : band.shape[1]])
             ran += 1
     assert ran > 20
@@ -170,7 +175,7 @@ def test_finetuning_of_mixed_keeps_degrees_and_takes_the_same_steps(tmp_path, rn
     assert made.degree_ends == packed.degree_ends
     # The same steps with all coefficients, those that are not stored put back to 0 after each.
     kept = np.zeros(packed.to_gaussians().sh.shape, bool)
-    for rows, band in packed.bands():
+    for rows, band in packed.split_bands():
         kept[rows, : band.shape[1]] = True
     plain, _ = finetune(
         data, packed.to_gaussians(), tuning,
@@ -185,5 +190,5 @@ def test_dropped_harmonics_give_degrees_that_mixed_finds_again(scene):
     g, camera, pose = scene
     view = SeenView(camera, pose, np.array(camera.rays()[1], bool))
     lowered = drop_harmonics(g, [view], lambda tried: float(-len(np.unique(tried.sh))), 50.0)
-    assert np.all(used_degrees(lowered.gaussians) <= lowered.degrees)
+    assert np.all(find_used_degrees(lowered.gaussians) <= lowered.degrees)
     assert basis_sums(lowered.gaussians, [view]).shape[0] == COUNT

@@ -4,12 +4,12 @@ import numpy as np
 
 from gsut.gaussians import (
     are_surfels,
-    merged,
+    merge_gaussians,
     press_surfels,
-    rotations_of,
+    rotations_from_quaternions,
     seed_from_points,
     to_surfels,
-    transformed,
+    transform_gaussians,
 )
 from random_scenes import random_gaussians
 
@@ -17,7 +17,7 @@ from random_scenes import random_gaussians
 def axes_of(g):
     """(N, 3, 3), axes in columns."""
     quats = g.quats.astype(np.float64)
-    return rotations_of(quats / np.linalg.norm(quats, axis=1, keepdims=True))
+    return rotations_from_quaternions(quats / np.linalg.norm(quats, axis=1, keepdims=True))
 
 
 def test_to_surfels_makes_the_shortest_axis_the_normal_and_keeps_the_others(rng):
@@ -40,9 +40,9 @@ def test_surfels_are_told_after_moves_and_in_float32_not_beside_others(rng):
     g = random_gaussians(rng, 20)
     press_surfels(g.log_scales)
     assert are_surfels(g) and are_surfels(g[3:5]) and not are_surfels(g[:0])
-    turned = transformed(g, np.eye(3), 123.4, translation=np.array([5.0, 0, 0]))
+    turned = transform_gaussians(g, np.eye(3), 123.4, translation=np.array([5.0, 0, 0]))
     assert are_surfels(turned)
-    assert not are_surfels(merged([g, random_gaussians(rng, 1)]))
+    assert not are_surfels(merge_gaussians([g, random_gaussians(rng, 1)]))
 
 
 def test_first_surfels_lie_in_the_surface_of_the_points(rng):

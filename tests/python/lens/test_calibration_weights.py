@@ -20,7 +20,7 @@ SIZE = 48
 def lens(request, tmp_path):
     """A lens file whose uncertainty is its pixels' column plus 0.1 times their row."""
     path = tmp_path / request.param
-    gsut.Camera("opencv4", [50, 50, 24, 24, 0, 0, 0, 0], SIZE, SIZE).save(path)
+    gsut.save_camera(gsut.Camera("opencv4", [50, 50, 24, 24, 0, 0, 0, 0], SIZE, SIZE), path)
     pixels = grid_pixels(SIZE, SIZE)
     save_uncertainty(path, pixels[..., 0] + 0.1 * pixels[..., 1])
     return path
@@ -44,14 +44,14 @@ def test_uncertainty_unknown_places_take_the_nearest(lens):
     sigma = np.full(grid_pixels(SIZE, SIZE).shape[:2], 2.0)
     sigma[0, 0] = np.nan
     save_uncertainty(lens.with_suffix(".yaml"), sigma)
-    gsut.load_camera(lens).save(lens.with_suffix(".yaml"))
+    gsut.save_camera(gsut.load_camera(lens), lens.with_suffix(".yaml"))
     assert np.all(load_uncertainty(lens.with_suffix(".yaml")).at_size(SIZE, SIZE) == 2.0)
 
 
 def test_weights_one_pixel_of_uncertainty_counts_half(lens):
     sigma = np.zeros(grid_pixels(SIZE, SIZE).shape[:2])
     sigma[:, -1] = 1.0
-    gsut.load_camera(lens).save(lens)
+    gsut.save_camera(gsut.load_camera(lens), lens)
     save_uncertainty(lens, sigma)
     gradient = np.ones((SIZE, SIZE, 3), np.float32)
     CalibrationWeights(lens, [gsut.load_camera(lens)]).apply(gradient)
@@ -76,7 +76,7 @@ def test_training_gradient_is_that_of_certain_pixels_only(rng, tmp_path, lens):
 
 def save_again(lens, sigma):
     """The lens without its old map, with this one."""
-    gsut.load_camera(lens).save(lens)
+    gsut.save_camera(gsut.load_camera(lens), lens)
     save_uncertainty(lens, sigma)
 
 
@@ -87,7 +87,7 @@ def test_weights_bad_input_is_one_sentence(tmp_path, lens):
     with pytest.raises(gsut.InputError, match=r"images of 48 x 48 pixels, the images are 48 x 96"):
         CalibrationWeights(lens, [camera.resized(48, 96)])
     for name in ("plain.cameramodel", "plain.yaml"):
-        camera.save(tmp_path / name)
+        gsut.save_camera(camera, tmp_path / name)
         with pytest.raises(gsut.InputError, match=r"plain\..* has no uncertainty"):
             CalibrationWeights(tmp_path / name, [camera])
     side = tmp_path / "plain.uncertainty.json"

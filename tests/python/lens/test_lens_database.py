@@ -15,7 +15,7 @@ from gsut.cli import main
 from gsut.lens import field_of_view, find_lenses, is_lens_name, lens_by_name, load_lens
 from gsut.lens.database import LensProfile, lens_profiles
 from gsut.lens.plausible import MOST_STRETCH
-from gsut.sfm.inputs import find_photographs
+from gsut.sfm.core.photographs import find_photographs
 
 ROOT = Path(__file__).resolve().parents[3]
 PROFILES = ROOT.parent / "shared/data/lens_database/profiles.jsonl.gz"

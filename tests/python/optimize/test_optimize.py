@@ -116,7 +116,7 @@ def test_regularizer_matches_central_differences(rng):
     for name in ("opacity_logits", "log_scales"):
         added = getattr(grads, name) - getattr(before, name)
         for index in np.ndindex(added.shape):
-            plus, minus = g.astype(np.float64).copy(), g.astype(np.float64).copy()
+            plus, minus = g.to_dtype(np.float64).copy(), g.to_dtype(np.float64).copy()
             getattr(plus, name)[index] += 1e-5
             getattr(minus, name)[index] -= 1e-5
             expected = (loss(plus) - loss(minus)) / 2e-5
@@ -172,8 +172,8 @@ def test_mcmc_split_keeps_the_mean_and_the_covariance(rng, n):
         found.means.mean(axis=0), g.means[0], rtol=0, atol=tolerances.MCMC_MEAN
     )
     offsets = found.means.astype(np.float64) - g.means[0]
-    mixture = offsets.T @ offsets / len(offsets) + covariances(found[:1].astype(np.float64))[0]
-    expected = covariances(g.astype(np.float64))[0]
+    mixture = offsets.T @ offsets / len(offsets) + covariances(found[:1].to_dtype(np.float64))[0]
+    expected = covariances(g.to_dtype(np.float64))[0]
     np.testing.assert_allclose(
         mixture, expected, rtol=0, atol=tolerances.MCMC_MOMENT * np.trace(expected)
     )
@@ -330,7 +330,7 @@ def test_mcmc_noise_has_the_papers_covariance(rng):
     optimizer.add_noise(1e-4)
     shift = (optimizer.gaussians.means - many.means).astype(np.float64)
     gate = 1e-4 * 5e5 * sigmoid(-100 * (0.01 - 0.005))
-    sigma = covariances(g.astype(np.float64))[0]
+    sigma = covariances(g.to_dtype(np.float64))[0]
     expected = gate**2 * sigma @ sigma
     found = shift.T @ shift / len(shift)
     np.testing.assert_allclose(
@@ -410,7 +410,7 @@ def test_adaptive_split_halves_are_drawn_from_the_parent(rng):
     optimizer.accumulate(np.ones((10000, 3), np.float32), np.ones(10000, np.float32))
     assert densify_adaptive(optimizer, clone_scale=1e-6).split == 10000
     shift = optimizer.gaussians.means.astype(np.float64) - g.means[0]
-    expected = covariances(g.astype(np.float64))[0]
+    expected = covariances(g.to_dtype(np.float64))[0]
     np.testing.assert_allclose(
         shift.T @ shift / len(shift),
         expected,

@@ -12,12 +12,12 @@ import tolerances
 from gsut import _core
 from gsut.cli import main
 from gsut.lens import refinable_params
-from gsut.sfm import correspondences
-from gsut.sfm.align import compare_poses
-from gsut.sfm.lens_covariance import lens_covariance
-from gsut.sfm.lens_refinement import _held_note
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.solution import refine
+from gsut.sfm.core import correspondences
+from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.solution import refine
+from gsut.sfm.lens.covariance import lens_covariance
+from gsut.sfm.lens.refinement import _held_note
+from gsut.sfm.world.comparison import compare_poses
 from small_datasets import OPENGL_FROM_OPENCV, transforms, write_nerfstudio
 from synthetic_walk import Synthetic
 

@@ -38,7 +38,7 @@ def scene_of(rng, kind, count):
 @pytest.mark.parametrize("kind", CAMERAS)
 def test_gradient_of_the_distortion_equals_central_differences_in_double(rng, kind):
     camera, g, motion = scene_of(rng, kind, 8)
-    g = g.astype(np.float64)
+    g = g.to_dtype(np.float64)
     rule = open_rule()
 
     def render(gaussians):
@@ -101,7 +101,7 @@ def test_distortion_keeps_its_digits_where_a_thin_surface_lies_far_away():
         np.log(np.tile([500.0, 500, 1e-2], (2, 1))), np.zeros(2), np.zeros((2, 1, 3)),
     )  # fmt: skip
     truth = gsut.render(g, camera, np.eye(4), dtype="float64")
-    found = gsut.render(g.astype(np.float32), camera, np.eye(4))
+    found = gsut.render(g.to_dtype(np.float32), camera, np.eye(4))
     assert truth.distortion[8, 8] == pytest.approx(1 / 6, rel=1e-2)  # weights 1/2 and 1/4
     assert relative_error(found.distortion, truth.distortion) < tolerances.DISTORTION_FAR
 
@@ -109,7 +109,7 @@ def test_distortion_keeps_its_digits_where_a_thin_surface_lies_far_away():
 def test_shortest_axes_face_the_camera_and_their_gradients_equal_differences(rng):
     _, g, pose = scene_of(rng, "pinhole", 30)
     center = -pose[:3, :3].T @ pose[:3, 3]
-    g = g.astype(np.float64)
+    g = g.to_dtype(np.float64)
     to = rng.normal(size=(30, 1, 3))
 
     def colors(gaussians):
@@ -120,7 +120,7 @@ def test_shortest_axes_face_the_camera_and_their_gradients_equal_differences(rng
     axes = colors(g)[:, 0] * 2 * 0.28209479177387814
     assert np.allclose(np.linalg.norm(axes, axis=1), 1)
     assert np.all(np.sum(axes * (g.means - center), 1) <= 0)
-    found = g.zeros_like()
+    found = g.make_zeros()
     _core.facing_axes_backward(g, list(center), to, found, 3.0)
     numeric = np.zeros_like(g.quats)
     for index in np.ndindex(numeric.shape):

@@ -27,7 +27,7 @@ def passes(gaussians, camera, place, dimage, errors=None, **settings):
         gaussians, camera, place, RULE, (0.0, 0.0, 0.0), 0, DEFAULT_UNSCENTED, image, None, None,
         True,
     )  # fmt: skip
-    gradients, touched = gaussians.zeros_like(), np.zeros(len(gaussians), np.uint8)
+    gradients, touched = gaussians.make_zeros(), np.zeros(len(gaussians), np.uint8)
     sums = None if errors is None else np.ones(len(gaussians), np.float32)
     renderer.backward(
         dimage, None, None, gradients, touched, True, False, errors=errors, error_sums=sums,
@@ -39,12 +39,12 @@ def passes(gaussians, camera, place, dimage, errors=None, **settings):
 @pytest.mark.parametrize("rolling", [False, True], ids=["still", "rolling"])
 def test_sums_are_the_double_references_gradient_to_the_colour(rng, rolling):
     camera, pose = fisheye(SIZE), random_pose(rng)
-    g = gaussians_in_view(rng, camera, pose, 301, sh_degree=0).astype(np.float32)
+    g = gaussians_in_view(rng, camera, pose, 301, sh_degree=0).to_dtype(np.float32)
     g.sh[:] = np.abs(g.sh)  # colours above 0: all of their gradient arrives
     place = moving(pose, rolling)
     errors = rng.uniform(size=(SIZE, SIZE)).astype(np.float32)
     charged = np.repeat(errors[..., None], 3, axis=2)  # a gradient that is the error
-    exact = gsut.render(g.astype(np.float64), camera, place, sh_degree=0, dtype="float64")
+    exact = gsut.render(g.to_dtype(np.float64), camera, place, sh_degree=0, dtype="float64")
     expected = gsut.render_backward(exact, charged).gaussians.sh[:, 0, 0] / SH_C0
     dimage = rng.normal(size=charged.shape).astype(np.float32)
     plain, _ = passes(g, camera, place, dimage)
@@ -66,7 +66,7 @@ def test_sums_are_the_double_references_gradient_to_the_colour(rng, rolling):
 
 def test_sums_without_errors_or_beside_lens_gradients_are_refused(rng):
     camera, pose = fisheye(SIZE), random_pose(rng)
-    g = gaussians_in_view(rng, camera, pose, 20, sh_degree=0).astype(np.float32)
+    g = gaussians_in_view(rng, camera, pose, 20, sh_degree=0).to_dtype(np.float32)
     dimage, errors = np.ones((SIZE, SIZE, 3), np.float32), np.ones((SIZE, SIZE), np.float32)
     with pytest.raises(gsut.InputError, match="sums of errors need"):
         passes(g, camera, pose, dimage, errors, with_lens=True)

@@ -5,7 +5,7 @@ import pytest
 
 import gsut
 from gsut import Gaussians, InputError, _core
-from gsut.gaussians import rotations_of
+from gsut.gaussians import rotations_from_quaternions
 from gsut.render import EwaSplats, render_ewa, viewer_rule
 from tolerances import EWA_DISCS, EWA_FLOAT, EWA_GRADIENTS
 
@@ -41,7 +41,7 @@ def direct(g, pose):
         x, y = (np.clip(at[i, k] / z, -m, m) * z for k, m in enumerate(1.3 * np.array([0.8, 0.6])))
         jacobian = np.array([[FOCAL, 0, -FOCAL * x / z], [0, FOCAL, -FOCAL * y / z]]) / z
         q = g.quats[i : i + 1] / np.linalg.norm(g.quats[i])
-        root = jacobian @ pose[:3, :3] @ rotations_of(q)[0] * np.exp(g.log_scales[i])
+        root = jacobian @ pose[:3, :3] @ rotations_from_quaternions(q)[0] * np.exp(g.log_scales[i])
         inverse = np.linalg.inv(root @ root.T + 0.3 * np.eye(2))
         at_pixel = CAMERA.project(at[i : i + 1])[0][0]
         d = np.stack([u, v], axis=-1) - at_pixel
@@ -98,7 +98,7 @@ def test_origin_of_gaussians_is_heeded(scene):
     moved[:3, 3] -= pose[:3, :3] @ far
     before = render_ewa(g, CAMERA, pose).image
     np.testing.assert_allclose(
-        render_ewa(g.translated(far), CAMERA, moved).image, before, atol=EWA_FLOAT
+        render_ewa(g.translate(far), CAMERA, moved).image, before, atol=EWA_FLOAT
     )
 
 

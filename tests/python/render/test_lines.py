@@ -282,7 +282,7 @@ class TestNonCentral:
         camera = small_camera(model, example, 20)
         pose = random_pose(rng)
         g = in_view(rng, camera, pose, None, 10, sizes=(0.02, 0.05), aspect=0.3)
-        g = g.astype(np.float64)
+        g = g.to_dtype(np.float64)
         weights = random_weights(rng, camera)
         options = {"blend": smooth_rule(), "dtype": "float64"}
         found = gsut.render_backward(gsut.render(g, camera, pose, **options), *weights).pose
@@ -302,7 +302,7 @@ class TestNonCentral:
         g = in_view(rng, camera, pair, shutter, 8, sizes=(0.02, 0.05), aspect=0.3)
         weights = random_weights(rng, camera)
         options = {"blend": smooth_rule(), "shutter": shutter}
-        g = g.astype(np.float64)
+        g = g.to_dtype(np.float64)
         result = gsut.render(g, camera, pair, dtype="float64", **options)
         slopes = pose_differences(g, camera, pair, weights, options)
         found = gsut.render_backward(result, *weights).pose

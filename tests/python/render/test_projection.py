@@ -57,7 +57,7 @@ def transform(g, camera, camera_from_world, alpha, beta, kappa):
 @pytest.mark.parametrize("unscented", UNSCENTED)
 def test_project_double_every_lens_matches_the_definition(rng, lens, unscented):
     camera, pose = LENSES[lens], random_pose(rng)
-    g = gaussians_in_view(rng, camera, pose, 200).astype(np.float64)
+    g = gaussians_in_view(rng, camera, pose, 200).to_dtype(np.float64)
     centers, covariances, valid = transform(g, camera, pose, *unscented)
     found = gsut.project(g, camera, pose, unscented=unscented, dtype="float64")
     assert np.array_equal(found.valid, valid)

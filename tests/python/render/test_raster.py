@@ -47,7 +47,7 @@ def scene(rng, camera, count=40, sh_degree=3, **options):
     pose = random_pose(rng)
     return gaussians_in_view(
         rng, camera, pose, count, sh_degree=sh_degree, **options
-    ).astype(np.float64), pose  # fmt: skip
+    ).to_dtype(np.float64), pose  # fmt: skip
 
 
 @pytest.mark.parametrize("parity", ["", "gsplat", "3dgrut"])

@@ -8,7 +8,7 @@ import pytest
 
 import tolerances
 from gsut import InputError
-from gsut.data.camera_path import read_path
+from gsut.data.poses import read_path
 from gsut.render.paths import orbit_path, smooth_path
 from small_run import inward_pose
 

@@ -36,7 +36,7 @@ def scene(rng, camera, count=30, **options):
     end = moved(rng, start)
     middle = _core.CameraMotion(start, end, gsut.Shutter("top_to_bottom")).at(0.5)
     g = gaussians_in_view(rng, camera, middle, count, **options)
-    return g.astype(np.float64), (start, end)
+    return g.to_dtype(np.float64), (start, end)
 
 
 def smooth_rule():

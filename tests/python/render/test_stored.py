@@ -34,7 +34,7 @@ def shell(rng, count):
 @pytest.fixture(scope="module")
 def ply(tmp_path_factory):
     path = tmp_path_factory.mktemp("stored") / "scene.ply"
-    gsut.save_ply(path, shell(np.random.default_rng(20261122), COUNT).translated([5e5, 4e6, 100]))
+    gsut.save_ply(path, shell(np.random.default_rng(20261122), COUNT).translate([5e5, 4e6, 100]))
     return path
 
 

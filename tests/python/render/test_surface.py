@@ -96,7 +96,7 @@ def test_surface_maps_equal_a_scalar_double_model(rng, kind):
     surface = gsut.render_surface(gsut.render(g, camera, motion, blend=open_rule()))
     origins, rays, valid = rays_of(camera, motion)
     origins, rays = origins[valid], rays[valid]
-    g = g.astype(np.float64)
+    g = g.to_dtype(np.float64)
     weights, along, before, normals = blended(g, center, origins, rays)
     crossed = first_true((before >= 0.5) & (before - weights < 0.5))
     mean = (weights * along).sum(0) / weights.sum(0)
@@ -130,7 +130,7 @@ def test_gradient_of_normals_equals_central_differences(rng, kind):
     to = rng.normal(size=(camera.height, camera.width, 3)).astype(np.float32)
     to[~valid.reshape(to.shape[:2])] = 0
     found = gsut.render_surface_backward(result, to)
-    exact, weights = g.astype(np.float64), to.reshape(-1, 3)[valid].astype(np.float64)
+    exact, weights = g.to_dtype(np.float64), to.reshape(-1, 3)[valid].astype(np.float64)
     for name in ("means", "quats", "log_scales", "opacity_logits"):
         array = getattr(exact, name)
         numeric = np.zeros_like(array)
@@ -216,7 +216,7 @@ def test_gaussian_a_ten_thousandth_thick_is_a_surfel(degrees):
     alpha = np.where((distance > 0) & (alpha >= 1 / 255), alpha, 0)
     assert np.count_nonzero(alpha) > 50
     for dtype in ("float64", "float32"):
-        seen = gsut.render(g.astype(dtype), camera, np.eye(4), dtype=dtype)
+        seen = gsut.render(g.to_dtype(dtype), camera, np.eye(4), dtype=dtype)
         assert np.abs(seen.alpha - alpha).max() < tolerances.SURFEL
         has = alpha > 0
         error = seen.depth[has] / seen.alpha[has] / distance[has] - 1

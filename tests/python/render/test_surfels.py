@@ -6,7 +6,7 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
-from gsut.gaussians import press_surfels, quaternion_of, rotations_of
+from gsut.gaussians import press_surfels, quaternion_from_rotation, rotations_from_quaternions
 from random_scenes import (
     fisheye,
     gaussians_in_view,
@@ -49,14 +49,16 @@ def surfels_in_view(rng, camera, pose, count, *, edge_on=False, **shape):
         normal = cosine * ray + np.sqrt(1 - cosine**2) * across
         side = np.cross(normal, rng.normal(size=ray.shape))
         side /= np.linalg.norm(side, axis=1, keepdims=True)
-        g.quats[:] = quaternion_of(np.stack([side, np.cross(normal, side), normal], axis=2))
+        g.quats[:] = quaternion_from_rotation(
+            np.stack([side, np.cross(normal, side), normal], axis=2)
+        )
     press_surfels(g.log_scales)
     return g
 
 
 def hit_planes(g, origins, rays):
     """Distances and responses (N, P) of 2DGS, cosines (N, P) of rays with normals."""
-    axes = rotations_of(g.quats / np.linalg.norm(g.quats, axis=1, keepdims=True))
+    axes = rotations_from_quaternions(g.quats / np.linalg.norm(g.quats, axis=1, keepdims=True))
     cosine = np.einsum("pc,nc->np", rays, axes[:, :, 2])
     relative = g.means[:, None] - origins
     along = np.einsum("npc,nc->np", relative, axes[:, :, 2]) / cosine
@@ -96,7 +98,7 @@ def scene_of(rng, kind, shape, count=16):
     center = -middle[:3, :3].T @ middle[:3, 3]
     origins, rays, valid = lines_of(camera, motion)
     flat = origins[valid], rays[valid]
-    clear = np.abs(hit_planes(g.astype(np.float64), *flat)[2]).min(axis=0) > LEAST_COSINE
+    clear = np.abs(hit_planes(g.to_dtype(np.float64), *flat)[2]).min(axis=0) > LEAST_COSINE
     pixels = np.flatnonzero(valid)[clear]
     return camera, g, motion, center, flat[0][clear], flat[1][clear], pixels
 
@@ -105,10 +107,10 @@ def scene_of(rng, kind, shape, count=16):
 @pytest.mark.parametrize("kind", CAMERAS)
 def test_surfels_equal_the_intersection_of_rays_and_planes(rng, kind, shape):
     camera, g, motion, center, origins, rays, pixels = scene_of(rng, kind, shape)
-    image, alpha, depth = blend(g.astype(np.float64), center, origins, rays)
+    image, alpha, depth = blend(g.to_dtype(np.float64), center, origins, rays)
     assert len(pixels) > 20 and alpha.max() > 0.05
     for dtype in ("float64", "float32"):
-        seen = gsut.render(g.astype(dtype), camera, motion, dtype=dtype, blend=open_rule())
+        seen = gsut.render(g.to_dtype(dtype), camera, motion, dtype=dtype, blend=open_rule())
         assert np.abs(seen.alpha.ravel()[pixels] - alpha).max() < tolerances.SURFEL
         assert np.abs(seen.image.reshape(-1, 3)[pixels] - image).max() < tolerances.SURFEL
         assert relative_error(seen.depth.ravel()[pixels], depth) < tolerances.SURFEL
@@ -116,7 +118,7 @@ def test_surfels_equal_the_intersection_of_rays_and_planes(rng, kind, shape):
 
 def differences(g, loss):
     """Central differences of loss() over all but the third scales."""
-    numeric = g.zeros_like()
+    numeric = g.make_zeros()
     for name in ("means", "quats", "log_scales", "opacity_logits", "sh"):
         array, out = getattr(g, name), getattr(numeric, name)
         step = STEP * (np.abs(array).max() if name == "means" else 1)
@@ -141,7 +143,7 @@ def test_gradients_of_surfels_equal_differences_of_the_intersection(rng, kind, s
     to_image, to_alpha, to_depth = random_weights(rng, camera)
     to = (to_image * inside[..., None], to_alpha * inside, to_depth * inside)
     weights = [w.reshape(inside.size, *w.shape[2:])[pixels] for w in to]
-    exact = g.astype(np.float64)
+    exact = g.to_dtype(np.float64)
     numeric = differences(
         exact,
         lambda: sum(
@@ -150,7 +152,7 @@ def test_gradients_of_surfels_equal_differences_of_the_intersection(rng, kind, s
         ),
     )
     for dtype in ("float64", "float32"):
-        seen = gsut.render(g.astype(dtype), camera, motion, dtype=dtype, blend=open_rule())
+        seen = gsut.render(g.to_dtype(dtype), camera, motion, dtype=dtype, blend=open_rule())
         found = gsut.render_backward(seen, *to).gaussians
         third = found.log_scales[:, 2].copy()
         found.log_scales[:, 2] = 0

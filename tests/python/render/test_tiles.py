@@ -19,7 +19,7 @@ def passes(gaussians, camera, pose, dimage, tiles=None):
         gaussians, camera, pose, gsut.BlendRule(), (0.2, 0.3, 0.4), 3, DEFAULT_UNSCENTED, image,
         None, None, True, None, tiles,
     )  # fmt: skip
-    gradients, touched = gaussians.zeros_like(), np.zeros(len(gaussians), np.uint8)
+    gradients, touched = gaussians.make_zeros(), np.zeros(len(gaussians), np.uint8)
     renderer.backward(dimage, None, None, gradients, touched, True)
     return image, gradients, touched, renderer.statistics()
 
@@ -27,7 +27,7 @@ def passes(gaussians, camera, pose, dimage, tiles=None):
 @pytest.mark.parametrize("rolling", [False, True])
 def test_tiles_left_out_leave_the_others_to_the_bit(rng, rolling):
     camera = fisheye(SIZE)
-    g = random_gaussians(rng, 400).astype(np.float32)
+    g = random_gaussians(rng, 400).to_dtype(np.float32)
     pose = np.eye(4)
     if rolling:
         end = np.eye(4)
@@ -50,6 +50,6 @@ def test_tiles_left_out_leave_the_others_to_the_bit(rng, rolling):
 
 def test_tiles_of_another_shape_are_refused(rng):
     camera = fisheye(SIZE)
-    g = random_gaussians(rng, 4).astype(np.float32)
+    g = random_gaussians(rng, 4).to_dtype(np.float32)
     with pytest.raises(gsut.InputError, match="tiles"):
         passes(g, camera, np.eye(4), np.zeros((SIZE, SIZE, 3), np.float32), np.ones((7, 6), "u1"))

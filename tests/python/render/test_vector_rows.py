@@ -40,7 +40,7 @@ def gradients_of(gaussians, spare):
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_render_rows_of_no_whole_vector_have_the_bits_of_more(rng, isa, degree):
     _core.set_isa(isa)
-    everything = random_gaussians(rng, 64).astype(np.float32)
+    everything = random_gaussians(rng, 64).to_dtype(np.float32)
     everything = Gaussians(
         *(getattr(everything, name) for name in FIELDS[:-1]),
         rng.normal(size=(64, (degree + 1) ** 2, 3)).astype(np.float32),

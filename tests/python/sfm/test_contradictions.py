@@ -7,11 +7,11 @@ import pytest
 
 import tolerances
 from gsut import _core
-from gsut.sfm.align import compare_poses
-from gsut.sfm.contradictions import without_contradicted
-from gsut.sfm.matching import PairMatches
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.solution import solve
+from gsut.sfm.core.matching import PairMatches
+from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.solution import solve
+from gsut.sfm.core.verification import without_contradicted
+from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic, quiet
 
 IMAGES = 24

@@ -7,8 +7,8 @@ import pytest
 
 import tolerances
 from gsut import _core
-from gsut.sfm.earth import find_earth, moved_solution
-from gsut.sfm.solution import Solution
+from gsut.sfm.core.solution import Solution
+from gsut.sfm.world.earth import find_earth, moved_solution
 
 COUNT = 24
 SCALE = 7.0  # metres in a unit of the world

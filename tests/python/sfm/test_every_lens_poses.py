@@ -8,15 +8,16 @@ import pytest
 
 import gsut
 import tolerances
+from disturbances import disturb_pose
 from gsut.cli import main
 from gsut.refine.localization import localize_image
-from gsut.refine.motion import pose_changes
+from gsut.refine.motion import measure_pose_changes
 from gsut.render.pictures import to_uint8
-from gsut.sfm import compare_poses, correspondences, estimate
+from gsut.sfm import compare_poses, pipeline
+from gsut.sfm.core import correspondences
 from random_scenes import every_lens, gaussians_in_view, pinhole
 from synthetic_rig import pose_of
 from synthetic_walk import observe, shuffled
-from tests.bench.refine_disturb import disturbed_pose
 
 WIDTH, NOISE_PX = 256, 0.1
 FRAMES, POINTS = 5, 300
@@ -61,7 +62,7 @@ def find_poses(rng, tmp_path, monkeypatch):
                 on_image(index, each, None)
 
         monkeypatch.setattr(correspondences, "find_all_features", found)
-        monkeypatch.setattr(estimate, "write_report", lambda *_: None)  # half of the time
+        monkeypatch.setattr(pipeline, "write_report", lambda *_: None)  # half of the time
         out = tmp_path / "out"
         assert main(["poses", str(tmp_path / "images"), "-o", str(out), "--quiet", *words]) == 0
         scene = gsut.load_dataset(out, test_every=0)
@@ -76,13 +77,13 @@ def find_poses(rng, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("name", "camera"), LENSES, ids=[name for name, _ in LENSES])
 def test_poses_through_every_lens_agree_with_truth(name, camera, find_poses, tmp_path):
-    camera.save(tmp_path / "lens.lens.json")
+    gsut.save_camera(camera, tmp_path / "lens.lens.json")
     words = ["--camera", str(tmp_path / "lens.lens.json")]
     out, errors = find_poses(camera, [""], [np.eye(4)], *words)
     assert errors.ate_percent < tolerances.SFM_EVERY_LENS_ATE_PERCENT
     assert errors.rotation_degrees.max() < tolerances.SFM_EVERY_LENS_DEGREES
     try:
-        camera.save(tmp_path / "cameras.txt")
+        gsut.save_camera(camera, tmp_path / "cameras.txt")
     except gsut.InputError:  # COLMAP has no such lens: said, and the rest written
         notes = json.loads((out / "poses.json").read_text())["notes"]
         assert any("sparse/0 was not written" in note for note in notes)
@@ -93,7 +94,7 @@ def test_poses_through_every_lens_agree_with_truth(name, camera, find_poses, tmp
 
 @pytest.mark.parametrize(("name", "camera"), LENSES, ids=[name for name, _ in LENSES])
 def test_a_rig_of_every_lens_has_the_scale_of_its_file(name, camera, find_poses, tmp_path):
-    camera.save(tmp_path / "lens.lens.json")
+    gsut.save_camera(camera, tmp_path / "lens.lens.json")
     cameras = {
         folder: {"file": "lens.lens.json", "camera_from_reference": pose.tolist()}
         for folder, pose in (("left", np.eye(4)), ("right", RIGHT))
@@ -110,10 +111,10 @@ def test_a_rig_of_every_lens_has_the_scale_of_its_file(name, camera, find_poses,
 )  # fmt: skip
 def test_localize_through_every_lens_finds_the_pose(name, camera, rng):
     gaussians = gaussians_in_view(rng, camera, np.eye(4), 800, sizes=(0.03, 0.15), opacity=3.0)
-    views = [(camera, disturbed_pose(rng, np.eye(4), 1.0, 0.015)) for _ in range(2)]
+    views = [(camera, disturb_pose(rng, np.eye(4), 1.0, 0.015)) for _ in range(2)]
     pixels = to_uint8(gsut.render(gaussians, camera, np.eye(4)).image)
     found = localize_image(gaussians, views, camera, pixels, np.ones(pixels.shape[:2], bool))
-    change = pose_changes(found.pose.camera_from_world[None], np.eye(4)[None])
+    change = measure_pose_changes(found.pose.camera_from_world[None], np.eye(4)[None])
     assert found.pose.converged
     assert change.degrees[0] < tolerances.LOCALIZE_EVERY_LENS_DEGREES
     assert change.distances[0] < tolerances.LOCALIZE_EVERY_LENS_UNITS
@@ -123,7 +124,7 @@ def test_localize_through_every_lens_finds_the_pose(name, camera, rng):
 def test_lenses_without_one_centre_are_refused_with_what_to_do(model, rng, tmp_path, capsys):
     _, params, width, height = gsut._core.camera_examples(model)[0]
     camera = gsut.Camera(model, params, width, height).resized(80, 60)
-    camera.save(tmp_path / "lens.lens.json")
+    gsut.save_camera(camera, tmp_path / "lens.lens.json")
     for i in range(2):
         cv2.imwrite(str(tmp_path / f"{i}.png"), np.zeros((60, 80), np.uint8))
     words = ["poses", str(tmp_path), "--camera", str(tmp_path / "lens.lens.json")]

@@ -7,11 +7,11 @@ import pytest
 
 import gsut
 import tolerances
-from gsut.data import read_rig, relative_changes, write_rig
-from gsut.sfm.align import compare_poses
-from gsut.sfm.lens_pair import find_lens_pair, scaled_rig, write_lens_pair
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.solution import solve
+from gsut.data.rigs import read_rig, relative_changes, write_rig
+from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.solution import solve
+from gsut.sfm.rig.lens_pair import find_lens_pair, scaled_rig, write_lens_pair
+from gsut.sfm.world.comparison import compare_poses
 from synthetic_rig import BACKWARD, SyntheticRig
 from synthetic_walk import quiet
 

@@ -9,13 +9,13 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
-from gsut.sfm.align import compare_poses
-from gsut.sfm.correspondences import match_images
-from gsut.sfm.look_alikes import find_look_alikes, tell_apart
-from gsut.sfm.matching import verify
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.poses_verdict import poses_verdict
-from gsut.sfm.solution import solve
+from gsut.sfm.core.correspondences import match_images
+from gsut.sfm.core.look_alikes import find_look_alikes, tell_apart
+from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.solution import solve
+from gsut.sfm.core.verification import verify
+from gsut.sfm.report.verdict import poses_verdict
+from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import observe, quiet, shuffled
 
 VISIT = 12  # images of one visit to a room

@@ -8,11 +8,12 @@ import pytest
 
 import tolerances
 from gsut.data import load_dataset
-from gsut.sfm.align import compare_poses
-from gsut.sfm.inputs import Photographs
-from gsut.sfm.models import further_models, merge, write_models
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.solution import solve
+from gsut.sfm.core.models import further_models, merge
+from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.photographs import Photographs
+from gsut.sfm.core.solution import solve
+from gsut.sfm.report.output import write_models
+from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic, quiet
 
 IMAGES = 12

@@ -13,24 +13,24 @@ import gsut
 import tolerances
 from gsut import _core
 from gsut.cli import main
-from gsut.gaussians import quaternion_of
+from gsut.gaussians import quaternion_from_rotation
 from gsut.lens import convert_camera
-from gsut.sfm import correspondences, estimate, solution
-from gsut.sfm.align import centers_of, compare_poses, rotation_angles, similarity
-from gsut.sfm.correspondences import match_images
-from gsut.sfm.estimate import find_poses
-from gsut.sfm.features import _PIXELS_EACH, features_in, find_features
-from gsut.sfm.inputs import Photographs
-from gsut.sfm.lens_candidates import guess_lens
-from gsut.sfm.lens_pairs import choose_connected_pairs, keep_most_distinct
-from gsut.sfm.lens_search import search_lens
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.pairs import choose_pairs, counts_up
-from gsut.sfm.poses_log import PosesLog
-from gsut.sfm.solution import solve
+from gsut.sfm import pipeline
+from gsut.sfm.core import correspondences, solution
+from gsut.sfm.core.alignment import rotation_angles, similarity
+from gsut.sfm.core.correspondences import match_images
+from gsut.sfm.core.features import _PIXELS_EACH, features_in, find_features
+from gsut.sfm.core.log import PosesLog
+from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.pairs import choose_pairs, counts_up
+from gsut.sfm.core.photographs import Photographs
+from gsut.sfm.core.selection import choose_connected_pairs, keep_most_distinct
+from gsut.sfm.core.solution import solve
+from gsut.sfm.lens.candidates import guess_lens
+from gsut.sfm.lens.search import search_lens
+from gsut.sfm.pipeline import find_poses
+from gsut.sfm.world.comparison import centers_of, compare_poses
 from synthetic_walk import Synthetic, quiet
-from tests.bench import poses_bench, pycolmap_poses
-from tests.bench.__main__ import main as bench_main
 
 _BESIDE = Path(__file__).resolve().parents[4] / "shared"
 SPONZA = Path(os.environ.get("GSUT_SHARED", _BESIDE)) / "data" / "sponza_fisheye"
@@ -274,7 +274,7 @@ def test_quaternion_of_any_rotation(rng):
     turns = [*rng.standard_normal((50, 3)), [np.pi, 0, 0], [0, np.pi, 0], [0, 0, 0]]
     for turn in turns:
         rotation = _core.exp_pose([0, 0, 0, *turn])[:3, :3]
-        w, x, y, z = quaternion_of(rotation)
+        w, x, y, z = quaternion_from_rotation(rotation)
         skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         assert np.abs(np.eye(3) + 2 * w * skew + 2 * skew @ skew - rotation).max() < 1e-12
         checked += 1
@@ -305,7 +305,7 @@ def some_sponza(tmp_path_factory):
     for view in views:
         (folder / "images" / Path(view.name).name).symlink_to(view.image_path)
     (folder / "mask.png").symlink_to(SPONZA / "mask.png")
-    scene.cameras[0].save(folder / "lens.yaml")
+    gsut.save_camera(scene.cameras[0], folder / "lens.yaml")
     truth = {Path(v.name).name: v.camera_from_world for v in views}
     return folder, truth, scene.cameras[0]
 
@@ -370,7 +370,7 @@ def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path,
 
     monkeypatch.setattr(correspondences, "find_all_features", counted)
     with monkeypatch.context() as patch:
-        patch.setattr(estimate, "solve", killed)
+        patch.setattr(pipeline, "solve", killed)
         with pytest.raises(KeyboardInterrupt):
             find_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
@@ -451,7 +451,7 @@ def test_poses_command_bad_images_get_one_clear_sentence(case, words, tmp_path, 
 
 
 def test_poses_command_wrong_lens_is_doubted(some_sponza, solved_sponza, tmp_path):
-    gsut.Camera("pinhole", [240, 240, 240, 240], 480, 480).save(tmp_path / "lens.yaml")
+    gsut.save_camera(gsut.Camera("pinhole", [240, 240, 240, 240], 480, 480), tmp_path / "lens.yaml")
     notes: list[str] = []
     result = find_poses(
         some_sponza[0], tmp_path / "out", camera=tmp_path / "lens.yaml", notes_to=notes.append
@@ -504,7 +504,9 @@ def test_poses_command_camera_that_only_turns_gets_one_clear_sentence(tmp_path, 
         wide_matrix = np.array([[300.0, 0, 350], [0, 300, 350], [0, 0, 1]])
         view = matrix @ turn @ np.linalg.inv(wide_matrix)
         cv2.imwrite(str(folder / f"{i}.png"), cv2.warpPerspective(wide, view, (240, 240)))
-    gsut.Camera("pinhole", [300, 300, 120.5, 120.5], 240, 240).save(folder / "lens.yaml")
+    gsut.save_camera(
+        gsut.Camera("pinhole", [300, 300, 120.5, 120.5], 240, 240), folder / "lens.yaml"
+    )
     assert main(["poses", str(folder), "-o", str(tmp_path / "out"), "--quiet"]) == 2
     message = capsys.readouterr().err
     assert "the camera only turned" in message and message.count("\n") == 1
@@ -516,7 +518,7 @@ def test_poses_command_wrong_lens_size_says_so(tmp_path, capsys):
     folder.mkdir()
     for i in range(3):
         texture(folder / f"{i}.png", i)
-    gsut.Camera("pinhole", [100, 100, 50, 50], 100, 100).save(tmp_path / "lens.yaml")
+    gsut.save_camera(gsut.Camera("pinhole", [100, 100, 50, 50], 100, 100), tmp_path / "lens.yaml")
     arguments = ["poses", str(folder), "--camera", str(tmp_path / "lens.yaml"), "--quiet"]
     assert main([*arguments, "-o", str(tmp_path / "out")]) == 2
     assert "the lens is for 100 x 100" in capsys.readouterr().err
@@ -528,7 +530,7 @@ def test_poses_command_lens_without_one_centre_is_refused_first(tmp_path, capsys
     for i in range(2):
         texture(folder / f"{i}.png", i)
     lens = tmp_path / "lens.lens.json"
-    gsut.Camera("orthographic", [100, 100, 80, 80], 160, 160).save(lens)
+    gsut.save_camera(gsut.Camera("orthographic", [100, 100, 80, 80], 160, 160), lens)
     arguments = ["poses", str(folder), "--camera", str(lens), "-o", str(tmp_path / "out")]
     assert main(arguments) == 2
     assert "camera convert" in capsys.readouterr().err
@@ -584,69 +586,6 @@ def test_connected_images_are_as_many_as_asked_for(rng):
     few = choose_connected_pairs(verified, 4)
     assert len({i for pair in few for i in (pair.first, pair.second)}) == 4
     assert choose_connected_pairs(verified, 20) == verified
-
-
-ONE_THREAD = poses_bench.PosesBenchOptions([], threads=1)
-
-
-def test_bench_poses_prints_errors_beside_seconds(some_sponza, solved_sponza, tmp_path, capsys):
-    arguments = ["poses", str(solved_sponza), "--json", str(tmp_path / "rows.json")]
-    assert bench_main(arguments) == 0
-    (row,) = json.loads((tmp_path / "rows.json").read_text())
-    assert row["registered"] == row["images"] == IMAGES
-    # The same images and lens: the same poses but for the rounding of the lens' file.
-    assert row["rotation_max_degrees"] < tolerances.SFM_REPEAT_DEGREES
-    assert row["total_seconds"] > 0 and "ATE" in capsys.readouterr().out
-    assert 0 < row["mapping_cpu_seconds"] < row["total_cpu_seconds"]
-    # Once more, with the row changed to know it again: it is kept, not measured.
-    row["total_seconds"] = 1234.5
-    (tmp_path / "rows.json").write_text(json.dumps([row]))
-    assert bench_main([*arguments, "--resume"]) == 0
-    assert "1234.5" in capsys.readouterr().out
-
-
-def test_bench_poses_of_images_without_poses_trains_on_what_it_finds(some_sponza, tmp_path):
-    options = poses_bench.PosesBenchOptions([str(some_sponza[0])], train=20, train_scale=0.25)
-    kept = {"asked": {}, "data": "another"}
-    (first, row) = poses_bench.poses_bench(options, done=[kept])
-    assert first is kept and row["registered"] == IMAGES
-    assert row["ate_percent"] is None and row["psnr"] > 8  # of 20 steps: any picture at all
-
-
-def test_bench_poses_without_pycolmap_says_so(solved_sponza, tmp_path):
-    python = tmp_path / "python"
-    python.write_text(f"#!/bin/sh\nexit {pycolmap_poses.MISSING}\n")
-    python.chmod(0o755)
-    row = poses_bench.measure_pycolmap(solved_sponza, "known", str(python), ONE_THREAD)
-    assert row["registered"] == 0 and "has no pycolmap: pip install" in row["failure"]
-    with pytest.raises(gsut.InputError, match="cannot be run"):
-        poses_bench.measure_pycolmap(solved_sponza, "known", str(tmp_path / "absent"), ONE_THREAD)
-
-
-def test_bench_poses_compares_what_pycolmap_answers(solved_sponza, tmp_path):
-    # A stand-in answers with the data set's own poses, moved and scaled: no error is left.
-    scene = gsut.load_dataset(solved_sponza, test_every=0)
-    poses = {}
-    for view in scene.views:
-        pose = view.camera_from_world.copy()
-        pose[:3, 3] = 2.0 * (pose[:3, 3] - pose[:3, :3] @ [1.0, 2.0, 3.0])
-        poses[view.image_path.resolve().name] = pose[:3].tolist()
-    seconds = {"features": 1, "matching": 2, "mapping": 3}
-    answer = tmp_path / "answer.json"
-    answer.write_text(json.dumps({"poses": poses, "seconds": seconds, "cpu_seconds": seconds}))
-    python = tmp_path / "python"
-    python.write_text(f'#!/bin/sh\ncp {answer} "$3"\n')
-    python.chmod(0o755)
-    row = poses_bench.measure_pycolmap(solved_sponza, "known", str(python), ONE_THREAD)
-    assert row["registered"] == IMAGES and row["total_seconds"] == 6
-    assert row["ate_percent"] < 1e-8 and row["rotation_max_degrees"] < 1e-8
-
-
-def test_bench_poses_fits_a_lens_of_another_model_to_the_datasets_own(some_sponza, tmp_path):
-    folder, _, own = some_sponza
-    fitted = gsut.load_camera(poses_bench._fitted_lens(folder, "kannala_brandt", tmp_path))
-    assert fitted.model == own.model == "kannala_brandt"
-    assert fitted.params == pytest.approx(own.params, rel=tolerances.SFM_FOCAL)
 
 
 def test_poses_that_hold_no_image_are_an_error():

@@ -12,17 +12,17 @@ import tolerances
 from gsut import _core
 from gsut.cli import main
 from gsut.sfm import errors_against
-from gsut.sfm.align import compare_poses
-from gsut.sfm.correspondences import match_images
-from gsut.sfm.estimate import find_poses
-from gsut.sfm.inputs import Photographs
-from gsut.sfm.lens_candidates import guess_lens
-from gsut.sfm.lens_search import search_lens
-from gsut.sfm.matching import verify
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.poses_log import PosesLog
-from gsut.sfm.readout import readout_time
-from gsut.sfm.solution import matches_in_points, solve
+from gsut.sfm.core.correspondences import match_images
+from gsut.sfm.core.log import PosesLog
+from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.photographs import Photographs
+from gsut.sfm.core.solution import matches_in_points, solve
+from gsut.sfm.core.verification import verify
+from gsut.sfm.lens.candidates import guess_lens
+from gsut.sfm.lens.search import search_lens
+from gsut.sfm.pipeline import find_poses
+from gsut.sfm.shutter.readout import readout_time
+from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic, quiet
 
 _BESIDE = Path(__file__).resolve().parents[4] / "shared"

@@ -9,12 +9,12 @@ import pytest
 import gsut
 import tolerances
 from gsut.cli import main
-from gsut.data import load_points_ply, points_ply
+from gsut.data.points import load_points_ply, points_ply
 from gsut.demo import make_demo_scene
 from gsut.demo.hall import make_hall
 from gsut.demo.tracing import Tracer
 from gsut.sfm import PosesOptions
-from gsut.sfm.flow import _sampled, follow_pixels
+from gsut.sfm.points.flow import _sampled, follow_pixels
 
 DENSE = 6000
 
@@ -192,7 +192,7 @@ def test_points_command_colours_a_cloud(hall, tmp_path, capsys):
 def test_train_colours_points_that_have_none(hall, tmp_path, capsys):
     scene = gsut.load_dataset(hall)
     grey = scene.replace(point_colors=np.full_like(scene.point_colors, 128))
-    assert not gsut.data.has_colors(grey)
+    assert not gsut.data.points.has_colors(grey)
     options = gsut.TrainOptions(steps=1, max_gaussians=2000, sh_degree=0)
     found = [gsut.train(s, options, progress=False).gaussians.sh[:, 0] for s in (scene, grey)]
     same = np.corrcoef(found[0].ravel(), found[1].ravel())[0, 1]

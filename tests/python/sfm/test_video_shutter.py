@@ -5,12 +5,12 @@ import pytest
 
 import tolerances
 from gsut import _core
-from gsut.sfm.align import compare_poses
-from gsut.sfm.frame_motion import rates_of_frames
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.readout_by_flow import readout_by_flow
-from gsut.sfm.solution import solve
-from gsut.sfm.video_shutter import find_video_shutter
+from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.solution import solve
+from gsut.sfm.shutter.frame_motion import rates_of_frames
+from gsut.sfm.shutter.readout_by_flow import readout_by_flow
+from gsut.sfm.shutter.video import find_video_shutter
+from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic, quiet
 
 READOUT = 0.04  # seconds; frames are a second apart

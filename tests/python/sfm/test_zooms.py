@@ -7,14 +7,14 @@ import pytest
 
 import gsut
 from gsut.lens import with_scaled_focal
-from gsut.sfm import zooms
-from gsut.sfm.correspondences import match_images
-from gsut.sfm.inputs import Photographs
-from gsut.sfm.lens_search import LensSearch
-from gsut.sfm.options import PosesOptions
-from gsut.sfm.poses_verdict import poses_verdict
-from gsut.sfm.solution import solve
-from gsut.sfm.zooms import find_zooms, search_zooms, zooms_notes
+from gsut.sfm.core.correspondences import match_images
+from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.photographs import Photographs
+from gsut.sfm.core.solution import solve
+from gsut.sfm.lens import zooms
+from gsut.sfm.lens.search import LensSearch
+from gsut.sfm.lens.zooms import find_zooms, search_zooms, zooms_notes
+from gsut.sfm.report.verdict import poses_verdict
 from synthetic_walk import Synthetic, quiet
 
 IMAGES, FACTOR = 9, 1.5

@@ -135,7 +135,7 @@ def test_render_writes_depths_that_lead_back_to_the_plane(kind, tmp_path, capsys
 
 def test_render_refuses_z_beyond_ninety_degrees_and_depths_of_a_film(tmp_path, capsys):
     run = plane_run(tmp_path)
-    fisheye(60).save(tmp_path / "wide.json")
+    gsut.save_camera(fisheye(60), tmp_path / "wide.json")
     words = ["render", str(run), "--camera", str(tmp_path / "wide.json"), "-o"]
     assert main([*words, str(tmp_path / "out"), "--depth", "z"]) == 2
     assert "--depth ray" in capsys.readouterr().err

@@ -27,14 +27,14 @@ def rolling(pose):
 def passes(optimizer, place, degree, dimage, in_backward):
     """A few passes; returns the harmonics' gradients as the last left them."""
     g = optimizer.gaussians
-    renderer, gradients = _core.Renderer(), g.zeros_like()
+    renderer, gradients = _core.Renderer(), g.make_zeros()
     touched, image = np.zeros(len(g), np.uint8), np.zeros_like(dimage)
     for _ in range(STEPS):
         renderer.render(
             g, CAMERA, place, _core.BlendRule(), (0.0, 0.0, 0.0), degree, DEFAULT_UNSCENTED, image,
             None, None, True,
         )  # fmt: skip
-        step = optimizer.harmonics_step(RATES, degree) if in_backward else None
+        step = optimizer.prepare_harmonics_step(RATES, degree) if in_backward else None
         renderer.backward(dimage, None, None, gradients, touched, False, False, harmonics_step=step)
         optimizer.step(gradients, RATES, touched, degree, harmonics=not in_backward)
     assert 0 < touched.sum() < len(g)
@@ -75,9 +75,9 @@ def test_step_in_backward_of_what_was_not_rendered_raises(rng):
         again(write_untouched)
 
     def again(write_untouched):
-        step = optimizer.harmonics_step(RATES)
+        step = optimizer.prepare_harmonics_step(RATES)
         renderer.backward(
-            image, None, None, g.zeros_like(), touched, write_untouched, False, harmonics_step=step
+            image, None, None, g.make_zeros(), touched, write_untouched, False, harmonics_step=step
         )
 
     for drawn, write_untouched in ((g.copy(), False), (g, True)):
@@ -95,7 +95,7 @@ def test_training_steps_harmonics_in_backward_to_the_same_bits(rng, tmp_path, mo
     runs = []
     for in_backward in (True, False):
         if not in_backward:
-            monkeypatch.setattr(loop_module, "_backward_settings", lambda loop, step: after)
+            monkeypatch.setattr(loop_module, "_choose_backward_settings", lambda loop, step: after)
         loop = TrainingLoop(scene, options)
         for _ in range(7):
             loop.advance()

@@ -6,9 +6,10 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut import InputError, _core
-from gsut.data import Level, neighbours_in_time, views_within
+from gsut.data import Level
+from gsut.data.scene import neighbours_in_time, views_within
 from gsut.render import DEFAULT_UNSCENTED, psnr
-from gsut.training.motion_blur import BlurRenderer, Exposure
+from gsut.training.photograph.motion_blur import BlurRenderer, Exposure
 from random_scenes import pinhole
 from rendered_dataset import truth
 
@@ -60,12 +61,12 @@ def test_more_poses_where_the_camera_moves_further_and_one_at_a_coarse_level(sce
     exposure, level = Exposure(scene, SHARE), Level(scene)
     counts = [
         len(found) if isinstance(found, list) else 1
-        for found in (exposure.places(scene, level, view) for view in range(1, FRAMES - 1))
+        for found in (exposure.find_poses(scene, level, view) for view in range(1, FRAMES - 1))
     ]
     assert max(counts) == 3 and min(counts) == 1
     small = Level(scene.scaled(0.25))
-    assert not any(isinstance(exposure.places(scene, small, v), list) for v in range(FRAMES))
-    assert np.array_equal(Exposure(scene, None).places(scene, level, 1), scene.views[1].motion)
+    assert not any(isinstance(exposure.find_poses(scene, small, v), list) for v in range(FRAMES))
+    assert np.array_equal(Exposure(scene, None).find_poses(scene, level, 1), scene.views[1].motion)
 
 
 def test_one_frame_has_no_velocity(scene):
@@ -83,13 +84,13 @@ def rendered(renderer, gaussians, places):
 
 
 def backward(renderer, gaussians, dimage):
-    gradients, touched = gaussians.zeros_like(), np.zeros(len(gaussians), np.uint8)
+    gradients, touched = gaussians.make_zeros(), np.zeros(len(gaussians), np.uint8)
     renderer.backward(dimage, None, None, gradients, touched, True, False)
     return gradients, touched
 
 
 def test_one_place_twice_has_image_and_gradients_of_one(blobs, rng):
-    renderer, gaussians = BlurRenderer(), blobs.astype(np.float32)
+    renderer, gaussians = BlurRenderer(), blobs.to_dtype(np.float32)
     dimage = rng.normal(size=(CAMERA.height, CAMERA.width, 3)).astype(np.float32)
     found = []
     for places in (place(2), [place(2), place(2)]):
@@ -105,7 +106,7 @@ def test_one_place_twice_has_image_and_gradients_of_one(blobs, rng):
 
 @pytest.mark.parametrize("name", ["sh", "means"])
 def test_gradient_of_two_places_matches_central_differences(blobs, rng, name):
-    renderer, gaussians = BlurRenderer(), blobs.astype(np.float32)
+    renderer, gaussians = BlurRenderer(), blobs.to_dtype(np.float32)
     places = [place(1.6), place(2.4)]
     weights = rng.normal(size=(CAMERA.height, CAMERA.width, 3)).astype(np.float32)
     rendered(renderer, gaussians, places)

@@ -9,11 +9,12 @@ import pytest
 import gsut
 import gsut.demo.dataset
 from gsut.cli import main
-from gsut.sfm.align import compare_poses, rotation_angles
-from gsut.sfm.bearing_points import BearingPoints
-from gsut.sfm.features import Features
-from gsut.sfm.matching import PairMatches
-from gsut.sfm.stages import FOLDER
+from gsut.sfm.core.alignment import rotation_angles
+from gsut.sfm.core.features import Features
+from gsut.sfm.core.matching import PairMatches
+from gsut.sfm.core.stages import FOLDER
+from gsut.sfm.points.bearing_points import BearingPoints
+from gsut.sfm.world.comparison import compare_poses
 
 pytestmark = pytest.mark.quick
 
@@ -115,18 +116,18 @@ def test_a_video_is_registered_by_its_colours(video, tmp_path):
 
 
 def test_a_killed_run_goes_on_from_its_last_images_to_the_same_bits(video, tmp_path, monkeypatch):
-    from gsut.sfm.estimate import find_poses
-    from gsut.sfm.options import PosesOptions
+    from gsut.sfm.core.options import PosesOptions
+    from gsut.sfm.pipeline import find_poses
     from gsut.training import photometric_poses
 
     posed: list[int] = []
-    add_next = photometric_poses._Growth.add_next
+    add_next = photometric_poses.VideoScene.add_next
 
     def counted(growth):
         posed.append(growth.next)
         add_next(growth)
 
-    monkeypatch.setattr(photometric_poses._Growth, "add_next", counted)
+    monkeypatch.setattr(photometric_poses.VideoScene, "add_next", counted)
     options = PosesOptions(pairs="sequential", threads=1)
 
     def run(name, on_progress=None):

@@ -11,8 +11,9 @@ import pytest
 
 import gsut
 import small_run
-from gsut.data import read_path
-from gsut.lens import camera_from_values, field_of_view, with_field_of_view
+from gsut.data.poses import read_path
+from gsut.lens import field_of_view, with_field_of_view
+from gsut.lens.files import camera_from_values
 from gsut.render import PixelFilter, to_uint8
 from gsut.view import Session, Stage
 from gsut.view.frames import MODES
@@ -293,7 +294,7 @@ def test_frustum_reaches_where_the_lens_sees():
 
 @pytest.mark.parametrize("name", ["a.lens.json", "cameras.bin", "cameras.txt"])
 def test_uploaded_lens_file_is_read(tmp_path, name):
-    fisheye(40).save(tmp_path / name)
+    gsut.save_camera(fisheye(40), tmp_path / name)
     content = base64.b64encode((tmp_path / name).read_bytes()).decode()
     lenses = Lenses([pinhole(40)])
     value = lenses.describe(lenses.make({"name": name, "base64": content}))

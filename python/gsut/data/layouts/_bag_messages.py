@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.poses import inverse, pose_from_quaternion
-from gsut.data.times import NANOSECONDS
+from gsut.data.poses import NANOSECONDS, inverse, pose_from_quaternion
 from gsut.files import write_file
 from gsut.lens import Camera, load_camera
 

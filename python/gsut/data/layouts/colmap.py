@@ -6,20 +6,33 @@ quaternions w, x, y, z; the centre of the first pixel is (0.5, 0.5).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.assemble import Frame, Listing
-from gsut.data.colmap_binary import read_cameras_bin, read_images_bin, read_points_bin
-from gsut.data.colmap_text import read_cameras_txt, read_images_txt, read_points_txt
-from gsut.data.findings import DatasetError, OnError, some_names, stop
+from gsut.data.colmap import (
+    ColmapImage,
+    ColmapModel,
+    colmap_binaries,
+    colmap_texts,
+    read_cameras_bin,
+    read_cameras_txt,
+    read_images_bin,
+    read_images_txt,
+    read_points_bin,
+    read_points_txt,
+)
+from gsut.data.errors import DatasetError, OnError, raise_error, some_names
+from gsut.data.export import Export, losses, place_images, plain_name
+from gsut.data.images import find_mask
 from gsut.data.layouts._layout import Layout
-from gsut.data.layouts._write_colmap import write_colmap
-from gsut.data.masks import find_mask
+from gsut.data.listing import Frame, Listing
 from gsut.data.poses import inverse, pose_from_quaternion
-from gsut.lens import Camera, colmap_camera
+from gsut.files import write_file
+from gsut.lens import Camera
+from gsut.lens.files import camera_from_colmap
 
 MODEL_FOLDERS = ("sparse/0", "sparse", ".")
 IMAGE_FOLDERS = ("images", "images_2", "images_4", "images_8", ".")
@@ -35,7 +48,7 @@ def find_model(path: Path) -> Path | None:
     return None
 
 
-def read_colmap(path: Path, *, on_error: OnError = stop) -> Listing:
+def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
     """Reads a COLMAP model and finds its images and masks.
 
     Args:
@@ -67,7 +80,7 @@ def read_colmap(path: Path, *, on_error: OnError = stop) -> Listing:
                     f"the parameters of camera {camera_row.camera_id} are not finite",
                     "calibrate again",
                 )
-            cameras[camera_row.camera_id] = colmap_camera(
+            cameras[camera_row.camera_id] = camera_from_colmap(
                 camera_row.model,
                 camera_row.params,
                 camera_row.width,
@@ -145,6 +158,39 @@ def _other_models(path: Path, model: Path) -> list[str]:
         return []
     names = sorted(p.name for p in model.parent.iterdir() if p.name.isdigit() and p != model)
     return [f"{model.parent.name}/{name}" for name in names]
+
+
+MODEL = "sparse/0"
+
+
+def write_colmap(folder: Path, export: Export) -> list[str]:
+    """Writes the dataset with a binary model; returns what the layout cannot hold.
+
+    Raises:
+        InputError: COLMAP has no such lens.
+    """
+    return _write(folder, export, colmap_binaries(_model(export)))
+
+
+def write_colmap_text(folder: Path, export: Export) -> list[str]:
+    """As `write_colmap`, with a model as text."""
+    return _write(folder, export, colmap_texts(_model(export)))
+
+
+def _model(export: Export) -> ColmapModel:
+    images = [
+        ColmapImage(number, plain_name(frame), frame.camera, inverse(frame.world_from_camera))
+        for number, frame in enumerate(export.frames, 1)
+    ]
+    return ColmapModel(images, export.points, export.point_colors)
+
+
+def _write(folder: Path, export: Export, files: Mapping[str, str | bytes]) -> list[str]:
+    place_images(export, folder)
+    (folder / MODEL).mkdir(parents=True)
+    for name, content in files.items():
+        write_file(folder / MODEL / name, content)
+    return losses(export, "COLMAP", masks=True)
 
 
 LAYOUT = Layout(

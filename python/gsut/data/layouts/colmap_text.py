@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gsut.data.layouts._layout import Layout
-from gsut.data.layouts._write_colmap import write_colmap_text
+from gsut.data.layouts.colmap import write_colmap_text
 
 LAYOUT = Layout(
     "colmap-text", "see colmap", rank=41, holds=lambda path: False, write=write_colmap_text

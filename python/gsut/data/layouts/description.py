@@ -22,13 +22,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gsut.data.findings import DatasetError
-from gsut.data.layouts._layout import Layout
+from gsut.data.errors import DatasetError
+from gsut.data.layouts._layout import Layout, find_layout
 from gsut.data.layouts.folder import DESCRIPTION, POINT_FILES, find_images
-from gsut.data.mounts import read_mounts
-from gsut.data.recording import Recording, stream_of
+from gsut.data.poses import UNITS
+from gsut.data.recordings import Recording, stream_of
+from gsut.data.rigs import read_mounts
 from gsut.data.text_files import read_text, read_yaml
-from gsut.data.times import UNITS
 
 _PATHS = ("images", "lens", "poses", "points", "masks")
 KEYS = (
@@ -40,13 +40,13 @@ KEYS = (
 def record(path: Path) -> Recording:
     """What a dataset.yaml, or the one in a folder, describes."""
     file = path / DESCRIPTION if path.is_dir() else path
-    recording = described(read_yaml(file), file.parent, file)
+    recording = describe_recording(read_yaml(file), file.parent, file)
     if file.name != DESCRIPTION:
         recording.path = file  # so that a run finds this one again
     return recording
 
 
-def described(values: Mapping[str, Any], folder: Path, file: Path) -> Recording:
+def describe_recording(values: Mapping[str, Any], folder: Path, file: Path) -> Recording:
     """What these keys describe.
 
     Args:
@@ -66,13 +66,13 @@ def described(values: Mapping[str, Any], folder: Path, file: Path) -> Recording:
                 raise _error(file, key, f"{path} does not exist", "correct the path")
     recording = _pictures(values.get("images", "."), folder, file)
     recording.path = folder
-    return with_parts(recording, values, folder, file)
+    return replace_parts(recording, values, folder, file)
 
 
-def with_parts(
+def replace_parts(
     recording: Recording, values: Mapping[str, Any], folder: Path, file: Path
 ) -> Recording:
-    """A recording with the parts that these keys replace; the arguments are `described`'s."""
+    """Replaces the parts of a recording that these keys state; see `describe_recording`."""
     lens = values.get("lens")
     if lens is not None:
         found = {str(k): folder / str(v) for k, v in lens.items()} if isinstance(lens, dict) else (
@@ -115,10 +115,9 @@ def _pictures(value: Any, folder: Path, file: Path) -> Recording:
         if empty:
             raise _error(file, "images", f"there are no pictures of {empty[0]}", "correct the path")
         return Recording(folder, streams, names_from=folder)
-    from gsut.data.layouts import known_layout  # which also finds this one
 
     path = folder / str(value)
-    layout = known_layout(path, but=("dataset.yaml", "folder"))
+    layout = find_layout(path, without=("dataset.yaml", "folder"))
     if layout is not None and layout.record is not None:
         recording = layout.record(path)
         recording.names_from = recording.names_from or path

@@ -12,15 +12,21 @@ DATA/points3D.ply, DATA/mask.png, DATA/masks/*.png      may be there
 from __future__ import annotations
 
 import functools
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+
+import numpy as np
 
 from gsut._core import InputError
-from gsut.data.findings import DatasetError
+from gsut.data.errors import DatasetError
+from gsut.data.export import POINTS, Export, losses, place_images
 from gsut.data.images import IMAGE_SUFFIXES
 from gsut.data.layouts._layout import Layout
-from gsut.data.layouts._write_folder import write_folder
-from gsut.data.mounts import is_rig_file, read_mounts
-from gsut.data.recording import MASK, Recording, Stream, pictures_in, stream_of
+from gsut.data.poses import format_tum
+from gsut.data.recordings import MASK, Recording, Stream, pictures_in, stream_of
+from gsut.data.rigs import is_rig_file, read_mounts
+from gsut.files import write_file
+from gsut.lens import Camera, save_camera
+from gsut.lens.files import OWN_SUFFIX
 
 DESCRIPTION = "dataset.yaml"
 LENS_PATTERNS = (
@@ -119,6 +125,32 @@ def _lens_named(root: Path, name: str) -> Path | None:
     places = (root, root.parent) if root.name == "images" else (root,)
     files = (place / f"{name}{ending}" for place in places for ending in _LENS_ENDINGS)
     return next((file for file in files if file.is_file()), None)
+
+
+def write_folder(folder: Path, export: Export) -> list[str]:
+    """Writes the dataset; returns what the layout cannot hold.
+
+    Raises:
+        InputError: several lenses whose images lie in one folder, or a name with numbers alone.
+    """
+    lenses: dict[str, Camera] = {}
+    several = len({frame.camera for frame in export.frames}) > 1
+    frames = place_images(export, folder)
+    for frame in frames:
+        camera = PurePosixPath(frame.name).parts[0] if several else "lens"
+        if lenses.setdefault(camera, frame.camera) != frame.camera or (
+            several and "/" not in frame.name
+        ):
+            raise InputError(
+                "a plain folder with several lenses has the images of each in a folder of its own,"
+                f" and {frame.name} is beside images of another; write it as nerfstudio"
+            )
+    for name, lens in lenses.items():
+        save_camera(lens, folder / f"{name}{OWN_SUFFIX}")
+    poses = np.array([frame.world_from_camera for frame in frames])
+    write_file(folder / "poses.txt", format_tum([frame.name for frame in frames], poses))
+    export.write_points(folder / POINTS)
+    return losses(export, "a plain folder", masks=True)
 
 
 LAYOUT = Layout(

@@ -13,14 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.findings import DatasetError, some_names
-from gsut.data.images import read_header
+from gsut.data.errors import DatasetError, some_names
+from gsut.data.export import POINTS, Export, frame_times_ns, losses
+from gsut.data.images import decode_image, read_header
 from gsut.data.layouts._layout import Layout
-from gsut.data.layouts._write_kitti import write_kitti
 from gsut.data.layouts.folder import POINT_FILES
-from gsut.data.mounts import BODY, Mount
-from gsut.data.recording import Recording, Stream, pictures_in
+from gsut.data.poses import NANOSECONDS, format_kitti
+from gsut.data.recordings import Recording, Stream, pictures_in
+from gsut.data.rigs import BODY, Mount
 from gsut.data.text_files import read_text
+from gsut.files import write_file
 from gsut.lens import Camera
 
 _CAMERAS = (("image_2", "image_3"), ("image_0", "image_1"))  # colour before grey
@@ -119,6 +121,63 @@ def _mount(calib: Path, name: str, width: int, height: int) -> Mount:
         return Mount(Camera("pinhole", params, width, height), where, from_body=place)
     except InputError as error:
         raise DatasetError(where, str(error), "correct it") from error
+
+
+_CALIB_CAMERAS = 4  # P0 to P3: readers expect all of them
+
+
+def write_kitti(folder: Path, export: Export) -> list[str]:
+    """Writes the dataset; returns what the layout cannot hold.
+
+    Raises:
+        InputError: several cameras, or a lens with distortion.
+    """
+    lenses = {frame.camera for frame in export.frames}
+    if len(lenses) > 1:
+        raise InputError(
+            f"gsut writes KITTI's layout with one camera, found {len(lenses)}; choose one with "
+            "--cameras, or another layout"
+        )
+    (lens,) = lenses
+    if lens.model != "pinhole":
+        raise InputError(
+            f"KITTI's calib.txt holds pinhole cameras without distortion only, and the lens is "
+            f"'{lens.model}': undistort the images first, or choose nerfstudio, colmap or folder"
+        )
+    times, known = frame_times_ns(export.frames)
+    order = sorted(range(len(times)), key=times.__getitem__)
+    sequence = folder / "sequences" / "00"
+    for row, i in enumerate(order):
+        _place_png(export, export.frames[i].image_path, sequence / "image_2" / f"{row:06d}.png")
+    fx, fy, cx, cy = (float(value) for value in lens.params)
+    matrix = [fx, 0.0, cx - _PIXEL_SHIFT, 0.0, 0.0, fy, cy - _PIXEL_SHIFT, 0.0, 0.0, 0.0, 1.0, 0.0]
+    text = " ".join(repr(value) for value in matrix)
+    write_file(
+        sequence / "calib.txt", "".join(f"P{number}: {text}\n" for number in range(_CALIB_CAMERAS))
+    )
+    first = times[order[0]] if order else 0
+    seconds = [(times[i] - first) / NANOSECONDS for i in order]
+    write_file(sequence / "times.txt", "".join(f"{value:.9e}\n" for value in seconds))
+    (folder / "poses").mkdir()
+    poses = np.array([export.frames[i].world_from_camera for i in order])
+    write_file(folder / "poses" / "00.txt", format_kitti(poses))
+    export.write_points(sequence / POINTS)
+    notes = losses(export, "KITTI")
+    if not known:
+        notes.append("the images have no times: they are written as if taken ten a second")
+    return notes
+
+
+def _place_png(export: Export, source: Path, target: Path) -> None:
+    """KITTI's readers want PNG: others are decoded and stored without a loss."""
+    if source.suffix.lower() == ".png":
+        export.place(source, target)
+        return
+    import cv2
+
+    target.parent.mkdir(parents=True, exist_ok=True)
+    pixels = decode_image(source)[0]
+    write_file(target, cv2.imencode(".png", pixels[..., ::-1])[1].tobytes())
 
 
 LAYOUT = Layout(

@@ -14,21 +14,23 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError, Shutter
-from gsut.data.assemble import Frame, Listing
-from gsut.data.findings import DatasetError, OnError, stop
+from gsut.data.errors import DatasetError, OnError, raise_error
+from gsut.data.export import POINTS, Export, place_images, plain_name
 from gsut.data.images import read_header
 from gsut.data.layouts._layout import Layout
-from gsut.data.layouts._write_transforms import write_nerfstudio
 from gsut.data.layouts.colmap import find_model, read_points
+from gsut.data.listing import Frame, Listing
 from gsut.data.poses import OPENGL_FROM_OPENCV, halfway, rigid_transform
 from gsut.data.text_files import read_json
-from gsut.lens import Camera, frame_lens, nerfstudio_camera
+from gsut.data.write_nerfstudio import write_transforms
+from gsut.lens import Camera
+from gsut.lens.files import camera_from_nerfstudio, merge_frame_lens
 
 FILE_NAME = "transforms.json"
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")  # for file_path without one
 
 
-def read_nerfstudio(path: Path, *, on_error: OnError = stop) -> Listing:
+def read_nerfstudio(path: Path, *, on_error: OnError = raise_error) -> Listing:
     """Reads transforms.json.
 
     Args:
@@ -177,8 +179,8 @@ def _frame_camera(
     Returns:
         The camera, or None if making the same lens failed before: it is reported once.
     """
-    lens = frame_lens(values, frame, str(source))
-    whole = frame_lens(values, {}, str(source))
+    lens = merge_frame_lens(values, frame, str(source))
+    whole = merge_frame_lens(values, {}, str(source))
     where = str(source) if lens == whole else f"{source}, frame {frame['file_path']}"
     if "lens_file" not in lens and ("w" not in lens or "h" not in lens):
         header = read_header(image_path)
@@ -187,7 +189,7 @@ def _frame_camera(
     key = json.dumps(lens, sort_keys=True)
     if key not in cameras:
         cameras[key] = None
-        cameras[key] = nerfstudio_camera(lens, where, folder=source.parent)
+        cameras[key] = camera_from_nerfstudio(lens, where, folder=source.parent)
     return cameras[key]
 
 
@@ -224,6 +226,23 @@ def _read_points(values: dict, listing: Listing) -> None:
             listing.source, "'applied_transform' is not a 3 x 4 matrix", "correct it"
         ) from error
     listing.points, listing.point_colors = points, colors
+
+
+def write_nerfstudio(folder: Path, export: Export) -> list[str]:
+    """Writes the dataset; returns what the layout cannot hold."""
+    frames = place_images(export, folder)
+    export.write_points(folder / POINTS)
+    test = None
+    if export.test is not None:
+        wanted = set(export.test)
+        test = [plain_name(frame) for frame in export.frames if frame.name in wanted]
+    write_transforms(
+        folder / "transforms.json", frames, points_file=POINTS if len(export.points) else None,
+        test=test,
+    )  # fmt: skip
+    if any(frame.depth_path is not None for frame in frames):
+        return ["depth files are named where they were, not copied"]
+    return []
 
 
 LAYOUT = Layout(

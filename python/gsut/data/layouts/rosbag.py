@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.findings import DatasetError
+from gsut.data.errors import DatasetError
 from gsut.data.layouts._bag_messages import (
     FrameTree,
     camera_of,
@@ -28,11 +28,9 @@ from gsut.data.layouts._bag_messages import (
     write_picture,
 )
 from gsut.data.layouts._layout import Layout
-from gsut.data.mounts import BODY, OWN, Mount
-from gsut.data.poses import inverse
-from gsut.data.recording import Recording, Stream
-from gsut.data.times import seconds_text
-from gsut.data.trajectory import format_tum
+from gsut.data.poses import format_tum, inverse, seconds_text
+from gsut.data.recordings import Recording, Stream
+from gsut.data.rigs import BODY, OWN, Mount
 from gsut.files import write_file
 from gsut.lens import Camera
 from gsut.run import Progress

@@ -10,13 +10,20 @@ from __future__ import annotations
 import functools
 from pathlib import Path
 
-from gsut.data.findings import DatasetError, some_names
+import numpy as np
+
+from gsut._core import InputError
+from gsut.data.errors import DatasetError, some_names
+from gsut.data.export import POINTS, Export, frame_times_ns, losses
 from gsut.data.layouts._layout import Layout
-from gsut.data.layouts._write_tum import write_tum
 from gsut.data.layouts.folder import POINT_FILES, find_lens_file
-from gsut.data.mounts import read_mounts
-from gsut.data.recording import Recording, Stream
+from gsut.data.poses import format_tum, seconds_text
+from gsut.data.recordings import Recording, Stream
+from gsut.data.rigs import read_mounts
 from gsut.data.text_files import rows_of
+from gsut.files import write_file
+from gsut.lens import save_camera
+from gsut.lens.files import OWN_SUFFIX
 
 _LISTS = ("rgb.txt", "associations.txt", "associate.txt", "associated.txt")
 _POSES = ("groundtruth.txt", "trajectory.txt", "poses.txt")
@@ -58,6 +65,41 @@ def record(path: Path) -> Recording:
     recording.poses = next((path / n for n in _POSES if (path / n).is_file()), None)
     recording.points = next((path / n for n in POINT_FILES if (path / n).is_file()), None)
     return recording
+
+
+def write_tum(folder: Path, export: Export) -> list[str]:
+    """Writes the dataset; returns what the layout cannot hold.
+
+    Raises:
+        InputError: several cameras, or two images of one time.
+    """
+    lenses = {frame.camera for frame in export.frames}
+    if len(lenses) > 1:
+        raise InputError(
+            f"TUM's layout holds one camera, found {len(lenses)}; choose one with --cameras, or "
+            "another layout"
+        )
+    times, known = frame_times_ns(export.frames)
+    if len(set(times)) < len(times):
+        raise InputError("two images have the same time: TUM's layout holds one camera")
+    order = sorted(range(len(times)), key=times.__getitem__)
+    labels = [seconds_text(times[i]) for i in order]
+    rows = ["# color images", "# timestamp filename"]
+    for i, label in zip(order, labels, strict=True):
+        source = export.frames[i].image_path
+        name = f"rgb/{label}{source.suffix.lower()}"
+        export.place(source, folder / name)
+        rows.append(f"{label} {name}")
+    write_file(folder / "rgb.txt", "\n".join(rows) + "\n")
+    poses = np.array([export.frames[i].world_from_camera for i in order])
+    write_file(folder / "groundtruth.txt", format_tum(labels, poses))
+    (lens,) = lenses
+    save_camera(lens, folder / f"lens{OWN_SUFFIX}")
+    export.write_points(folder / POINTS)
+    notes = losses(export, "TUM")
+    if not known:
+        notes.append("the images have no times: they are named as if taken ten a second")
+    return notes
 
 
 LAYOUT = Layout(

@@ -10,25 +10,26 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files.values import LensValues
+from gsut.lens.files._format import KEYED, LensFile, LensFormat
+from gsut.lens.files._values import LensValues
 
-# MATLAB's pixel (1, 1) is gsut's (0.5, 0.5).
-_PIXEL_SHIFT = -0.5
-
-
-def is_matlab(values: dict[str, Any]) -> bool:
-    """Whether the keys are those of intrinsics, or of parameters that hold them."""
-    return bool({"MappingCoefficients", "FocalLength"} & set(_intrinsics(values)))
+_PIXEL_SHIFT = -0.5  # pixels: MATLAB's pixel (1, 1) is gsut's (0.5, 0.5)
 
 
-def _intrinsics(values: dict[str, Any]) -> dict[str, Any]:
+def is_matlab(file: LensFile) -> bool:
+    """Returns whether the keys are those of intrinsics, or of parameters that hold them."""
+    return bool({"MappingCoefficients", "FocalLength"} & set(_find_intrinsics(file.values)))
+
+
+def _find_intrinsics(values: dict[str, Any]) -> dict[str, Any]:
     inner = values.get("Intrinsics", values)
     return inner if isinstance(inner, dict) else values
 
 
-def load_matlab(values: dict[str, Any], source: str, text: str) -> Camera:
-    """A fisheye is `ocam`; a camera `opencv5`, or `brown_conrady` where its pixels are skewed."""
-    reader = LensValues(_intrinsics(values), source, text)
+def read_matlab(file: LensFile, camera_id: int | str | None) -> Camera:
+    """Reads a fisheye as `ocam`, another lens as `opencv5`, or `brown_conrady` if it has skew."""
+    source, text = file.source, file.text
+    reader = LensValues(_find_intrinsics(file.values), source, text)
     rows, columns = reader.numbers(reader.need("ImageSize"), 2)
     sizes = LensValues({"ImageSize": columns, "rows": rows}, source, text)
     size = sizes.pixels("ImageSize"), sizes.pixels("rows")
@@ -65,7 +66,7 @@ def load_matlab(values: dict[str, Any], source: str, text: str) -> Camera:
 
 
 def format_matlab(camera: Camera) -> str:
-    """JSON with the arguments of fisheyeIntrinsics or cameraIntrinsics.
+    """Formats JSON with the arguments of fisheyeIntrinsics or cameraIntrinsics.
 
     Raises:
         InputError: MATLAB has no such lens.
@@ -94,3 +95,17 @@ def format_matlab(camera: Camera) -> str:
     values["PrincipalPoint"] = [value - _PIXEL_SHIFT for value in p[2:4]]
     values.update(RadialDistortion=radial, TangentialDistortion=tangential, Skew=skew)
     return json.dumps(values, indent=1) + "\n"
+
+
+FORMAT = LensFormat(
+    "matlab",
+    "MATLAB",
+    KEYED,
+    read_matlab,
+    is_matlab,
+    marks="MappingCoefficients or FocalLength",
+    rank=50,
+    write=lambda camera, suffix: format_matlab(camera),
+    names=("*matlab*.json",),
+    models="brown_conrady ocam opencv4 opencv5 pinhole",
+)

@@ -7,7 +7,8 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files.values import LensValues, chosen_name
+from gsut.lens.files._format import KEYED, LensFile, LensFormat
+from gsut.lens.files._values import LensValues, choose_name, skip_to
 
 # gsut's lens and the names of its coefficients, "" for one that is 0, by projection_type.
 _LENSES = {
@@ -32,18 +33,18 @@ _WRITTEN = {
 _TYPE_KEY = "projection_type"
 
 
-def is_opensfm(values: dict[str, Any]) -> bool:
-    """Whether the values are cameras by name."""
-    return bool(values) and all(
-        isinstance(entry, dict) and _TYPE_KEY in entry for entry in values.values()
+def is_opensfm(file: LensFile) -> bool:
+    """Returns whether every value is a camera with a projection type."""
+    return bool(file.values) and all(
+        isinstance(entry, dict) and _TYPE_KEY in entry for entry in file.values.values()
     )
 
 
-def load_opensfm(values: dict[str, Any], source: str, text: str, camera_id: Any) -> Camera:
-    """The only camera, or the one of this name."""
-    name = chosen_name(values, camera_id, source)
-    start = max(text.find(json.dumps(name)), 0)
-    reader = LensValues(values[name], source, "\n" * text.count("\n", 0, start) + text[start:])
+def read_opensfm(file: LensFile, camera_id: int | str | None) -> Camera:
+    """Reads the only camera, or the one with this name."""
+    values = file.values
+    name = choose_name(values, camera_id, file.source)
+    reader = LensValues(values[name], file.source, skip_to(file.text, json.dumps(name)))
     kind = str(values[name][_TYPE_KEY])
     width, height = reader.pixels("width"), reader.pixels("height")
     if kind in _SPHERES:
@@ -67,7 +68,7 @@ def load_opensfm(values: dict[str, Any], source: str, text: str, camera_id: Any)
 
 
 def format_opensfm(camera: Camera) -> str:
-    """A camera_models.json with this camera.
+    """Formats a camera_models.json with this camera.
 
     Raises:
         InputError: OpenSfM has no such lens.
@@ -91,3 +92,17 @@ def format_opensfm(camera: Camera) -> str:
         entry |= {"c_x": (cx - 0.5 * width) / unit, "c_y": (cy - 0.5 * height) / unit}
         entry |= {key: value for key, value in zip(keys, coefficients, strict=True) if key}
     return json.dumps({"camera": entry}, indent=1) + "\n"
+
+
+FORMAT = LensFormat(
+    "opensfm",
+    "OpenSfM",
+    KEYED,
+    read_opensfm,
+    is_opensfm,
+    marks="projection_type",
+    rank=60,
+    write=lambda camera, suffix: format_opensfm(camera),
+    names=("*camera_models*.json",),
+    models="equirectangular fisheye624 kannala_brandt opencv4 opencv5 pinhole",
+)

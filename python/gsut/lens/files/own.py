@@ -5,19 +5,16 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from gsut.lens.camera import Camera
-from gsut.lens.files.values import LensValues
+from gsut.lens.camera import Camera, camera_models
+from gsut.lens.files._format import KEYED, LensFormat
+from gsut.lens.files._values import LensValues
 
+OWN_SUFFIX = ".lens.json"  # ending of a file's name that chooses this format
 _OPTIONAL = ("valid_field_angle", "extrinsics", "valid_region")
 
 
-def is_own(values: dict[str, Any]) -> bool:
-    """Whether the keys are those of gsut's own form."""
-    return "model" in values and "params" in values
-
-
 def camera_values(camera: Camera) -> dict[str, Any]:
-    """What JSON holds of a camera, exactly: `camera_from_values` gives it back."""
+    """Returns a camera as values for JSON, which `camera_from_values` reads without loss."""
     values: dict[str, Any] = {
         "model": camera.model,
         "params": [float(value) for value in camera.params],
@@ -33,7 +30,7 @@ def camera_values(camera: Camera) -> dict[str, Any]:
 
 
 def camera_from_values(values: dict[str, Any], source: str = "", text: str = "") -> Camera:
-    """The camera of `camera_values`.
+    """Makes the camera of `camera_values`.
 
     Args:
         values: model (see `camera_models`), params in its order, width, height; if known
@@ -64,6 +61,20 @@ def camera_from_values(values: dict[str, Any], source: str = "", text: str = "")
 
 
 def format_own(camera: Camera) -> str:
-    """The text of a lens file; `param_names` says what the numbers are and is not read."""
+    """Formats a lens file; its `param_names` explain the numbers to people and are not read."""
     values = camera_values(camera)
     return json.dumps({**values, "param_names": camera.param_names}, indent=1) + "\n"
+
+
+FORMAT = LensFormat(
+    "gsut",
+    "gsut",
+    KEYED,
+    lambda file, camera_id: camera_from_values(file.values, file.source, file.text),
+    lambda file: "model" in file.values and "params" in file.values,
+    marks="model and params",
+    rank=70,
+    write=lambda camera, suffix: format_own(camera),
+    names=(f"*{OWN_SUFFIX}",),
+    models=" ".join(camera_models()),
+)

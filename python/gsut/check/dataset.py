@@ -1,0 +1,147 @@
+"""The doctor's entries: checks a scene quickly, its files alone, or everything."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from gsut._core import InputError
+from gsut.check.colors import check_colors
+from gsut.check.evidence import gather_evidence
+from gsut.check.findings import Finding, finding_from_error, has_errors, sort_findings
+from gsut.check.geometry import check_lenses, check_points, check_poses
+from gsut.check.images import check_bits, check_images
+from gsut.check.matches import ImagePair, neighbouring_matches
+from gsut.check.memory import check_memory
+from gsut.check.photographs import check_half_pixel, check_photographs
+from gsut.check.points import check_points_frame
+from gsut.data import TEST_EVERY, Scene, assemble, load_dataset, read_dataset
+
+_COLOR_VIEWS = 5  # views whose colours the quick check compares: enough for a median
+
+
+def check_scene(scene: Scene, matches: list[ImagePair] | None = None) -> list[Finding]:
+    """Checks lens, poses and points against some photographs, within seconds.
+
+    Args:
+        scene: from `load_dataset`; some of its images are decoded.
+        matches: from `neighbouring_matches`, if already computed.
+
+    Returns:
+        Findings, errors first.
+    """
+    findings = [*check_lenses(scene), *check_poses(scene), *check_points(scene)]
+    findings += check_bits(scene)
+    return sort_findings([*findings, *check_against_photographs(scene, _COLOR_VIEWS, matches)])
+
+
+def check_against_photographs(
+    scene: Scene, color_views: int | None = None, matches: list[ImagePair] | None = None
+) -> list[Finding]:
+    """Checks poses and lens by matches of neighbouring photographs, points by distance and colour.
+
+    Args:
+        scene: from `load_dataset`.
+        color_views: number of views whose colours are compared; None skips this comparison.
+        matches: from `neighbouring_matches`, if already computed.
+    """
+    evidence = gather_evidence(scene.about((0.0, 0.0, 0.0)), matches)
+    findings = check_photographs(scene, evidence)
+    if has_errors(findings):
+        return findings  # whatever else is wrong follows from it
+    points = check_points_frame(scene, evidence)
+    if points or color_views is None:
+        return [*findings, *points]
+    return [*findings, *check_colors(scene, views=color_views, progress=False)]
+
+
+def diagnose(
+    path: str | os.PathLike, *, test_every: int = TEST_EVERY, progress: bool = True
+) -> list[Finding]:
+    """Checks a dataset's files, sizes, poses, images, lenses and points, each on its own.
+
+    Continues after errors. Unlike `doctor`, it does not compare poses with photographs.
+
+    Args:
+        path: the dataset's folder or its transforms.json.
+        test_every: hold out every n-th image by name, 0 for none.
+        progress: show bars while images are decoded.
+
+    Returns:
+        Findings, errors first. Training can start if none has severity "error".
+    """
+    findings: list[Finding] = []
+
+    def collect_error(error: InputError) -> None:
+        findings.append(finding_from_error(error))
+
+    try:
+        listing = read_dataset(Path(path), on_error=collect_error)
+        if findings and not (listing.frames or listing.missing):  # the errors say what is absent
+            return sort_findings(findings)
+        scene = assemble(listing, test_every=test_every, on_error=collect_error)
+    except InputError as error:
+        collect_error(error)
+        return sort_findings(findings)
+    return sort_findings([*findings, *_diagnose_scene(scene, progress)])
+
+
+def _diagnose_scene(scene: Scene, progress: bool) -> list[Finding]:
+    where, scene = str(scene.path), scene.centred
+    counts = (
+        f"{len(scene)} views ({len(scene.train_indices)} for training,"
+        f" {len(scene.test_indices)} held out), {len(scene.cameras)} cameras"
+    )
+    return [
+        *(Finding("warning", where, note) for note in scene.notes),
+        Finding("info", where, counts),
+        *check_lenses(scene),
+        *check_poses(scene),
+        *check_points(scene),
+        *check_images(scene, progress=progress),
+        *check_colors(scene, progress=progress),
+    ]
+
+
+def doctor(
+    data: str | os.PathLike | Scene, *, test_every: int = TEST_EVERY, progress: bool = True
+) -> list[Finding]:
+    """Checks a dataset for everything that would stop or spoil training, beyond the first error.
+
+    Files, sizes and poses; every image is decoded; blur, exposure and repeats; lens domain; cameras
+    against points; colours of points against pixels; memory; and poses and lens against the
+    photographs: where they contradict each other, it names what was probably meant.
+
+    Args:
+        data: a folder with transforms.json, a COLMAP model or images with lens and poses; a
+            transforms.json file itself; or a scene, such as `make_scene` makes of arrays.
+        test_every: of a folder: hold out every n-th image by name, 0 for none.
+        progress: show bars while images are decoded.
+
+    Returns:
+        Findings, errors first. Training can start if none has severity "error".
+    """
+    if isinstance(data, Scene):
+        findings = sort_findings(_diagnose_scene(data, progress))
+    else:
+        findings = diagnose(data, test_every=test_every, progress=progress)
+    if has_errors(findings):
+        return findings
+    scene = data if isinstance(data, Scene) else load_dataset(data, test_every=0)
+    findings += check_memory(scene)
+    found = check_against_photographs(scene)
+    if all(finding.severity == "info" for finding in found):
+        found += look_closer(scene)
+    return sort_findings([*findings, *found])
+
+
+def look_closer(scene: Scene, matches: list[ImagePair] | None = None) -> list[Finding]:
+    """Looks for a principal point that is half a pixel off, in several times `check_scene`'s time.
+
+    Args:
+        scene: in the dataset's coordinates, in which the quick checks found nothing wrong.
+        matches: from `neighbouring_matches(scene, closely=True)`, if already computed.
+    """
+    matches = neighbouring_matches(scene, closely=True) if matches is None else matches
+    evidence = gather_evidence(scene.about((0.0, 0.0, 0.0)), matches)
+    return [] if evidence is None else check_half_pixel(evidence, str(scene.path))

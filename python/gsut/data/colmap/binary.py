@@ -1,0 +1,139 @@
+"""Reads COLMAP's cameras.bin, images.bin and points3D.bin; errors name the byte and the record."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from gsut.data.colmap.records import CameraRow, ImageRow
+from gsut.data.errors import DatasetError
+from gsut.files import regular
+from gsut.lens.files import PARAMETER_COUNTS
+
+_COUNT = struct.Struct("<Q")
+_CAMERA = struct.Struct("<IiQQ")  # id, model, width, height
+_IMAGE = struct.Struct("<I4d3dI")  # id, quaternion, translation, camera id; then the name and a 0
+_POINT2D_BYTES = 24  # x, y as double, point id as uint64
+_POINT = struct.Struct("<Q3d3BdQ")  # id, position, colour, error, length of the track
+_TRACK_BYTES = 8  # image id and 2D point index as uint32
+
+
+class _Reader:
+    """Steps through a file's bytes and knows which record it is in."""
+
+    def __init__(self, path: Path, kind: str) -> None:
+        try:
+            self.data = regular(path).read_bytes()
+        except OSError as error:
+            raise DatasetError(
+                path, f"cannot be opened ({error.strerror})", "check the path"
+            ) from error
+        self.path, self.kind, self.position = path, kind, 0
+        self.record, self.count = 0, 0
+        self.count = self.unpack(_COUNT)[0]
+
+    def truncated(self) -> DatasetError:
+        place = f"in {self.kind} {self.record} of {self.count}" if self.count else "in its header"
+        return DatasetError(
+            self.path,
+            f"the file ends at byte {len(self.data)}, {place}, which starts at or before byte"
+            f" {self.position}",
+            "copy or export the model again",
+        )
+
+    def unpack(self, layout: struct.Struct) -> tuple:
+        if self.position + layout.size > len(self.data):
+            raise self.truncated()
+        values = layout.unpack_from(self.data, self.position)
+        self.position += layout.size
+        return values
+
+    def skip(self, size: int) -> None:
+        if self.position + size > len(self.data):
+            raise self.truncated()
+        self.position += size
+
+    def name(self) -> str:
+        end = self.data.find(b"\0", self.position)
+        if end < 0:
+            raise self.truncated()
+        text = self.data[self.position : end]
+        self.position = end + 1
+        try:
+            return text.decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise DatasetError(
+                f"{self.path}, {self.kind} {self.record} of {self.count}",
+                f"the name at byte {self.position - len(text) - 1} is not UTF-8",
+                "the file may be damaged: copy or export the model again",
+            ) from error
+
+    def records(self) -> Iterator[int]:
+        """Counts through the records, then makes sure that nothing is left."""
+        for record in range(1, self.count + 1):
+            self.record = record
+            yield record
+        if self.position != len(self.data):
+            raise DatasetError(
+                self.path,
+                f"{len(self.data) - self.position} bytes are left after {self.count}"
+                f" {self.kind} records, at byte {self.position}",
+                "the file may be of another COLMAP version or damaged: export the model again",
+            )
+
+
+def read_cameras_bin(path: Path) -> list[CameraRow]:
+    """Cameras of a binary model.
+
+    Raises:
+        DatasetError: truncated, or an unknown model.
+    """
+    reader, rows = _Reader(path, "camera"), []
+    for _ in reader.records():
+        start = reader.position
+        camera_id, model, width, height = reader.unpack(_CAMERA)
+        where = f"{path}, byte {start}, camera {camera_id}"
+        if model not in PARAMETER_COUNTS:
+            raise DatasetError(
+                where,
+                f"unknown camera model {model}, known are 0 to {max(PARAMETER_COUNTS)}",
+                "convert the camera in COLMAP, e.g. to OPENCV or OPENCV_FISHEYE",
+            )
+        params = reader.unpack(struct.Struct(f"<{PARAMETER_COUNTS[model]}d"))
+        rows.append(CameraRow(camera_id, model, width, height, list(params), where))
+    return rows
+
+
+def read_images_bin(path: Path) -> list[ImageRow]:
+    """Images of a binary model; their 2D points are stepped over.
+
+    Raises:
+        DatasetError: truncated, or a name that is not UTF-8.
+    """
+    reader, rows = _Reader(path, "image"), []
+    for _ in reader.records():
+        start = reader.position
+        image_id, *pose, camera_id = reader.unpack(_IMAGE)
+        name = reader.name()
+        reader.skip(reader.unpack(_COUNT)[0] * _POINT2D_BYTES)
+        where = f"{path}, byte {start}"
+        rows.append(ImageRow(image_id, pose[:4], pose[4:], camera_id, name, where))
+    return rows
+
+
+def read_points_bin(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a binary model: (N, 3) float64 and (N, 3) uint8 RGB.
+
+    Raises:
+        DatasetError: truncated.
+    """
+    reader, points, colors = _Reader(path, "point"), [], []
+    for _ in reader.records():
+        _, x, y, z, red, green, blue, _, track = reader.unpack(_POINT)
+        reader.skip(track * _TRACK_BYTES)
+        points.append((x, y, z))
+        colors.append((red, green, blue))
+    return np.array(points, np.float64).reshape(-1, 3), np.array(colors, np.uint8).reshape(-1, 3)

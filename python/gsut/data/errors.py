@@ -1,0 +1,40 @@
+"""Errors of datasets: each names a place, what was found there and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from gsut._core import InputError
+
+NAMES_SHOWN = 5  # names that a message lists before "and n more"; more do not fit a line
+
+
+class DatasetError(InputError):
+    """A dataset cannot be used as it is.
+
+    Attributes:
+        where: file, with line, byte offset or frame where known.
+        what: what was found, and what was expected.
+        advice: what to do about it.
+    """
+
+    def __init__(self, where: object, what: str, advice: str) -> None:
+        super().__init__(f"{where}: {what}; {advice}")
+        self.where, self.what, self.advice = str(where), what, advice
+
+
+# Readers pass each error of a single frame to such a function. `raise_error` stops at the first
+# one; the doctor's collects them, and the reader continues without that frame.
+OnError = Callable[[InputError], None]
+
+
+def raise_error(error: InputError) -> None:
+    """Raises the error, as `load_dataset` does with the first one."""
+    raise error
+
+
+def some_names(names: Sequence[str]) -> str:
+    """Lists the first few names and counts the others."""
+    shown = ", ".join(names[:NAMES_SHOWN])
+    more = len(names) - NAMES_SHOWN
+    return f"{shown} and {more} more" if more > 0 else shown

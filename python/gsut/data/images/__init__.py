@@ -1,0 +1,29 @@
+"""Decodes images and masks, finds masks, and shrinks both."""
+
+from gsut.data.images.decode import (
+    IMAGE_SUFFIXES,
+    decode_image,
+    decode_mask,
+    decode_scaled,
+    largest_of_16_bits,
+    read_header,
+    shrink_both,
+    shrink_image,
+    shrink_mask,
+)
+from gsut.data.images.masks import find_mask, lens_mask, read_mask
+
+__all__ = [
+    "IMAGE_SUFFIXES",
+    "decode_image",
+    "decode_mask",
+    "decode_scaled",
+    "find_mask",
+    "largest_of_16_bits",
+    "lens_mask",
+    "read_header",
+    "read_mask",
+    "shrink_both",
+    "shrink_image",
+    "shrink_mask",
+]

@@ -1,0 +1,321 @@
+"""Reads images and masks: sizes from headers, pixels as 8-bit RGB, and exact area down-scaling."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import struct
+import zlib
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from gsut.data.errors import DatasetError
+from gsut.files import regular
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PNG_TYPES_WITH_ALPHA = (3, 4, 6)  # palette (may carry alpha), grey + alpha, RGB + alpha
+# Start-of-frame markers of JPEG; C4, C8 and CC are tables, not frames.
+_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_JPEG_BARE = frozenset({0x01, *range(0xD0, 0xD9)})  # markers without a length
+_JPEG_START = b"\xff\xd8"
+# What the decoder says of data that no encoder writes, and of which it made the picture up.
+_JPEG_DAMAGE = ("premature end", "bad Huffman code", "extraneous bytes")
+_PNG_CHANNELS = {2: 3, 4: 2, 6: 4}  # of other types one
+_DEFLATES = 1040  # bytes that one of zlib can stand for, at most (1032)
+_COPY_AGAIN = "copy or export the file again"
+
+
+class ImageHeader(NamedTuple):
+    """Size in pixels, and whether the file may hold an alpha channel."""
+
+    width: int
+    height: int
+    may_have_alpha: bool
+
+
+def read_header(path: Path) -> ImageHeader:
+    """Size of an image, from the first bytes of PNG and JPEG files, else by decoding it.
+
+    The size is that of the stored pixels: EXIF orientation is not applied.
+
+    Raises:
+        DatasetError: the file is not an image, or ends within the header.
+    """
+    with _open(path) as file:
+        head = file.read(26)
+        if head.startswith(_PNG_SIGNATURE) and len(head) == 26:
+            width, height = struct.unpack(">II", head[16:24])
+            channels = _PNG_CHANNELS.get(head[25], 1)
+            size = os.fstat(file.fileno()).st_size
+            if width * height * channels * head[24] // 8 > _DEFLATES * size:
+                raise DatasetError(
+                    path, f"says {width} x {height} pixels, more than its {size} bytes can hold",
+                    _COPY_AGAIN,
+                )  # fmt: skip
+            return ImageHeader(width, height, head[25] in _PNG_TYPES_WITH_ALPHA)
+        if head.startswith(_JPEG_START):
+            file.seek(2)
+            return ImageHeader(*_jpeg_size(file, path), False)
+    pixels, valid = decode_image(path)
+    return ImageHeader(pixels.shape[1], pixels.shape[0], valid is not None)
+
+
+def _open(path: Path):
+    try:
+        return open(regular(path), "rb")
+    except OSError as error:
+        raise DatasetError(
+            path, f"cannot be opened ({error.strerror})", "check the path"
+        ) from error
+
+
+def _jpeg_size(file, path: Path) -> tuple[int, int]:
+    while True:
+        start = file.read(4)
+        if len(start) < 4 or start[0] != 0xFF:
+            raise DatasetError(path, "the JPEG file is truncated in its header", _COPY_AGAIN)
+        marker, length = start[1], struct.unpack(">H", start[2:])[0]
+        if marker == 0xFF or marker in _JPEG_BARE:  # fill byte, or a marker without a length
+            file.seek(-3 if marker == 0xFF else -2, 1)
+        elif marker in _JPEG_FRAMES:
+            frame = file.read(5)
+            if len(frame) < 5:
+                raise DatasetError(path, "the JPEG file is truncated in its header", _COPY_AGAIN)
+            height, width = struct.unpack(">HH", frame[1:])
+            return width, height
+        else:
+            file.seek(length - 2, 1)
+
+
+def decode_image(path: Path, reduction: int = 1) -> tuple[np.ndarray, np.ndarray | None]:
+    """Decodes an image without applying its EXIF orientation (poses belong to the stored pixels).
+
+    Args:
+        path: the file.
+        reduction: 1, 2, 4 or 8: a JPEG is decoded at that part of its size, rounded up, in less
+            time and memory; other files are decoded as they are.
+
+    Returns:
+        (H, W, 3) uint8 RGB, grey repeated, 16 bits rounded to 8; and (H, W) bool, True where
+        alpha is full, or None without an alpha channel.
+    Raises:
+        DatasetError: not an image, or truncated (decoders fill the rest with grey in silence).
+    """
+    import cv2  # here and below, because gsut --help needs none
+
+    pixels = _decode(path, reduction)
+    if pixels.dtype == np.uint16:
+        pixels = ((pixels.astype(np.uint32) + 128) // 257).astype(np.uint8)
+    elif pixels.dtype != np.uint8:
+        raise DatasetError(
+            path, f"the pixels are {pixels.dtype}", "convert the image to 8 or 16 bits"
+        )
+    if pixels.ndim == 2:
+        return cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB), None
+    if pixels.shape[2] == 3:
+        return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), None
+    if pixels.shape[2] == 4:
+        return cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), pixels[:, :, 3] == 255
+    raise DatasetError(
+        path, f"{pixels.shape[2]} channels", "convert the image to grey, RGB or RGBA"
+    )
+
+
+def largest_of_16_bits(path: Path) -> int | None:
+    """The largest value of an image file of 16 bits a channel; None: it has 8.
+
+    Raises:
+        DatasetError: see `decode_image`.
+    """
+    with _open(path) as file:
+        head = file.read(26)
+    png = head.startswith(_PNG_SIGNATURE) and len(head) == 26
+    if head.startswith(b"\xff\xd8") or (png and head[24] != 16):
+        return None
+    pixels = _decode(path)
+    return int(pixels.max(initial=0)) if pixels.dtype == np.uint16 else None
+
+
+def decode_scaled(
+    path: Path, full: tuple[int, int], size: tuple[int, int], *, in_parts: bool
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Decodes an image and shrinks it by areas.
+
+    Args:
+        path: the file.
+        full: width and height that the file must have.
+        size: width and height wanted, not larger.
+        in_parts: a JPEG may be decoded at a part of its size that is not smaller than `size`:
+            faster, and other bits than by areas of the whole.
+
+    Returns:
+        See `decode_image`; the second is None where all is valid.
+
+    Raises:
+        DatasetError: cannot be decoded, or has another size.
+    """
+    least = max(1.0, min(full[0] / size[0], full[1] / size[1]))
+    part = next(part for part in (8, 4, 2, 1) if part <= least) if in_parts else 1
+    pixels, valid = decode_image(path, part)
+    if pixels.shape[:2] not in [(-(-full[1] // by), -(-full[0] // by)) for by in (1, part)]:
+        raise DatasetError(
+            path,
+            f"the image is {pixels.shape[1]} x {pixels.shape[0]}, expected {full[0]} x {full[1]}",
+            "the file changed after the dataset was loaded: load it again",
+        )
+    if valid is not None:
+        valid = None if valid.all() else shrink_mask(valid, *size)
+    return shrink_image(pixels, *size), valid
+
+
+def _decode(path: Path, reduction: int = 1) -> np.ndarray:
+    import cv2
+
+    with _open(path) as file:
+        data = file.read()
+    if not data:
+        raise DatasetError(path, "the file is empty", _COPY_AGAIN)
+    _require_complete(data, path)
+    pixels = _decode_jpeg(data, path, reduction) if data.startswith(_JPEG_START) else None
+    if pixels is None:
+        with contextlib.suppress(cv2.error):
+            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None:
+        raise DatasetError(path, "cannot be decoded as an image", f"{_COPY_AGAIN} as PNG or JPEG")
+    return pixels
+
+
+def _decode_jpeg(data: bytes, path: Path, reduction: int) -> np.ndarray | None:
+    """(H, W) grey or (H, W, 3) BGR, the bits of OpenCV's decoder; None: a kind for OpenCV.
+
+    Raises:
+        DatasetError: the decoder met data that no encoder writes, and made up the rest.
+    """
+    import simplejpeg
+
+    try:
+        height, width, kind, _ = simplejpeg.decode_jpeg_header(data)
+        if kind not in ("Gray", "YCbCr", "RGB"):
+            return None
+        color = "GRAY" if kind == "Gray" else "BGR"
+        least = {"min_height": -(-height // reduction), "min_width": -(-width // reduction)}
+        pixels = simplejpeg.decode_jpeg(data, color, **least)
+    except ValueError as error:
+        if any(words in str(error) for words in _JPEG_DAMAGE) and not _is_padded(data):
+            raise DatasetError(path, f"the JPEG file is damaged: {error}", _COPY_AGAIN) from None
+        return None  # OpenCV reads past it
+    return pixels[:, :, 0] if color == "GRAY" else pixels
+
+
+def _is_padded(data: bytes) -> bool:
+    """Whether blanks stand between a JPEG's pixels and its end: some cameras write them."""
+    end = data.rfind(b"\xff\xd9")
+    return end > 0 and data[end - 4 : end] in (bytes(4), b"\xff" * 4)
+
+
+def _require_complete(data: bytes, path: Path) -> None:
+    """A PNG must hold all its chunks with right checksums, a JPEG its end marker."""
+    if data.startswith(_PNG_SIGNATURE):
+        position, kind = len(_PNG_SIGNATURE), b""
+        while kind != b"IEND":
+            if position + 12 > len(data):
+                break
+            length, kind = struct.unpack_from(">I4s", data, position)
+            end = position + 12 + length
+            if end > len(data):
+                kind = b""
+                break
+            if (
+                zlib.crc32(data[position + 4 : end - 4])
+                != struct.unpack_from(">I", data, end - 4)[0]
+            ):
+                raise DatasetError(
+                    path,
+                    f"the PNG file is damaged: wrong checksum of a chunk at byte {position}",
+                    _COPY_AGAIN,
+                )
+            position = end
+        if kind != b"IEND":
+            raise DatasetError(
+                path, f"the PNG file is truncated: it ends after {len(data)} bytes", _COPY_AGAIN
+            )
+    elif data.startswith(_JPEG_START):
+        # In the compressed data FF is always followed by 00 or a marker: FF D9 is the end.
+        # Previews in the header have an end of their own, so search after the start of scan.
+        scan = _jpeg_scan_start(data)
+        if scan is None or data.find(b"\xff\xd9", scan) < 0:
+            raise DatasetError(
+                path, f"the JPEG file is truncated: it ends after {len(data)} bytes", _COPY_AGAIN
+            )
+
+
+def _jpeg_scan_start(data: bytes) -> int | None:
+    position = 2
+    while position + 4 <= len(data) and data[position] == 0xFF:
+        marker = data[position + 1]
+        if marker == 0xDA:
+            return position
+        if marker == 0xFF:
+            position += 1
+        elif marker in _JPEG_BARE:
+            position += 2
+        else:
+            position += 2 + struct.unpack_from(">H", data, position + 2)[0]
+    return None
+
+
+def decode_mask(path: Path) -> np.ndarray:
+    """Decodes a mask: (H, W) bool, True (valid) where the value is above half of white.
+
+    White is the type's maximum; files with values 0 and 1 only are taken as 0 and white. With an
+    alpha channel and no colour the first channel decides.
+    """
+    pixels = _decode(path)
+    if pixels.ndim == 3:
+        pixels = pixels[:, :, :3].max(axis=2)
+    white = np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1.0
+    if pixels.max(initial=0) <= 1:
+        white = 1
+    return pixels > white / 2
+
+
+def shrink_image(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
+    """(H, W, 3) uint8 -> (height, width, 3): each pixel is the mean over its area."""
+    if pixels.shape[:2] == (height, width):
+        return pixels
+    import cv2
+
+    return cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def shrink_mask(valid: np.ndarray, width: int, height: int) -> np.ndarray:
+    """(H, W) bool -> (height, width): valid only if every source pixel that it touches is."""
+    if valid.shape == (height, width):
+        return valid
+    if valid.all():
+        return np.ones((height, width), bool)
+    import cv2
+
+    invalid = cv2.integral((~valid).view(np.uint8))  # int32, one row and column of 0 in front
+    top, bottom = _source_range(valid.shape[0], height)
+    left, right = _source_range(valid.shape[1], width)
+    count = invalid[bottom][:, right] - invalid[top][:, right]
+    count += invalid[top][:, left] - invalid[bottom][:, left]
+    return count == 0
+
+
+def shrink_both(
+    pixels: np.ndarray, valid: np.ndarray | None, width: int, height: int
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """`shrink_image`, and `shrink_mask` where there is a mask."""
+    small = None if valid is None else shrink_mask(valid, width, height)
+    return shrink_image(pixels, width, height), small
+
+
+def _source_range(source: int, target: int) -> tuple[np.ndarray, np.ndarray]:
+    """First source pixel and one past the last that each target pixel touches, in integers."""
+    index = np.arange(target)
+    return index * source // target, -(-(index + 1) * source // target)

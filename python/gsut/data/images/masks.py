@@ -1,0 +1,78 @@
+"""Which pixels of an image count: those with a ray, and those that a mask file leaves."""
+
+from __future__ import annotations
+
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from gsut.data.errors import DatasetError
+from gsut.data.images.decode import decode_mask, shrink_mask
+from gsut.lens import Camera
+
+_LONGER_SIDE = 512  # of the smaller image, pixels
+
+
+def lens_mask(camera: Camera, full: Camera) -> np.ndarray:
+    """(H, W) bool: pixels of `camera` that have a ray, all of whose source pixels have one too.
+
+    A lens' domain has no holes of a pixel: where all neighbours in a smaller image have rays, or
+    none, the pixels between them are taken to be alike. Only those at the domain's edge and at the
+    image's border are asked one by one, which saves the rays of a large photograph.
+
+    Args:
+        camera: of the scene's image.
+        full: the same lens on the file's image.
+    """
+    longer = max(full.width, full.height)
+    smaller = (camera.width, camera.height) != (full.width, full.height)
+    if not smaller and longer <= _LONGER_SIDE:
+        return np.array(camera.rays()[1], bool)
+    sizes = [max(1, side * _LONGER_SIDE // longer) for side in (full.width, full.height)]
+    valid = np.array((camera if smaller else camera.resized(*sizes)).rays()[1], bool)
+    source = _source_mask(valid, full)
+    return valid & shrink_mask(source, camera.width, camera.height) if smaller else source
+
+
+def _source_mask(valid: np.ndarray, full: Camera) -> np.ndarray:
+    """(H, W) bool, the file's pixels with a ray; `valid`: those of a smaller image."""
+    import cv2
+
+    square, size = np.ones((3, 3), np.uint8), (full.width, full.height)
+    inside = valid.view(np.uint8)
+    inner = cv2.erode(inside, square, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+    asked = (cv2.dilate(inside, square) > 0) & ~inner
+    source, edge = (
+        cv2.resize(each.view(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+        for each in (inner, asked)
+    )
+    rows, columns = np.nonzero(edge)
+    source[rows, columns] = full.unproject(np.stack([columns, rows], axis=-1) + 0.5)[1]
+    return source
+
+
+def read_mask(path: Path, full: Camera, width: int, height: int) -> np.ndarray:
+    """A mask file of an image of the size of camera `full`, shrunk to `width` x `height`.
+
+    Raises:
+        DatasetError: unreadable, or neither of the image's size nor a larger copy of it.
+    """
+    valid = decode_mask(path)
+    found_height, found_width = valid.shape
+    ratio = found_width / full.width
+    larger = found_width >= full.width and found_height >= full.height
+    if not larger or abs(full.height * ratio - found_height) > max(1, 0.5 * ratio):
+        raise DatasetError(
+            path,
+            f"the mask is {found_width} x {found_height}, the image {full.width} x {full.height}",
+            "make the mask at the image's size",
+        )
+    return shrink_mask(valid, width, height)
+
+
+def find_mask(folder: Path, name: str) -> Path | None:
+    """The mask of an image: folder/name.png, or folder/name with .png added (COLMAP's rule)."""
+    for candidate in (folder / f"{name}.png", folder / PurePosixPath(name).with_suffix(".png")):
+        if candidate.is_file():
+            return candidate
+    return None

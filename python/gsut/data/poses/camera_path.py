@@ -1,0 +1,74 @@
+"""Camera paths read from JSON files."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.data.poses.transforms import OPENGL_FROM_OPENCV, rigid_transform
+from gsut.files import regular
+
+
+def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = None) -> np.ndarray:
+    """Poses of a JSON file.
+
+    Three forms are known: {"camera_from_world": [4x4, ...]} (OpenCV axes), nerfstudio's camera
+    path {"camera_path": [{"camera_to_world": 16 numbers}, ...]} and a transforms.json {"frames":
+    [{"transform_matrix": 4x4}, ...]} (both OpenGL axes, camera to world).
+
+    Args:
+        path: the file; its coordinates are the dataset's.
+        world_offset: (3,) dataset coordinates minus scene coordinates; zero if None.
+
+    Returns:
+        (N, 4, 4) float64 camera_from_world in the scene's coordinates.
+
+    Raises:
+        InputError: no such file, not JSON, none of the known forms, or a pose that is not rigid.
+    """
+    path, content = Path(path), _content(path)
+    try:
+        if "camera_from_world" in content:
+            entries, opengl = content["camera_from_world"], False
+        elif "camera_path" in content:
+            entries = [
+                np.reshape(entry["camera_to_world"], (4, 4)) for entry in content["camera_path"]
+            ]
+            opengl = True
+        else:
+            entries, opengl = [entry["transform_matrix"] for entry in content["frames"]], True
+    except (KeyError, TypeError, ValueError):
+        raise InputError(
+            f"{path}: not a camera path; a JSON object with camera_from_world (a list of 4x4 "
+            "matrices), camera_path or frames is needed"
+        ) from None
+    if not entries:
+        raise InputError(f"{path}: the camera path holds no pose")
+    poses = [rigid_transform(entry, f"{path}, pose {i}") for i, entry in enumerate(entries)]
+    matrices = np.stack(poses)
+    if opengl:
+        matrices = np.linalg.inv(matrices @ OPENGL_FROM_OPENCV)
+    world_from_scene = np.eye(4)
+    if world_offset is not None:
+        world_from_scene[:3, 3] = world_offset
+    return matrices @ world_from_scene
+
+
+def lens_of_path(path: str | os.PathLike[str]) -> Any:
+    """The values of the lens that a camera path carries, as the viewer saves it; None without."""
+    return _content(path).get("lens")
+
+
+def _content(path: str | os.PathLike[str]) -> dict[str, Any]:
+    try:
+        content = json.loads(regular(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read the camera path {path}: {error.strerror}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: not valid JSON ({error})") from None
+    return content if isinstance(content, dict) else {}

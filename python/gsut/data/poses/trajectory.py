@@ -1,0 +1,185 @@
+"""Files of poses: TUM, EuRoC and KITTI trajectories, and JSON objects of names and matrices."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.data.errors import DatasetError, OnError
+from gsut.data.poses.times import is_time
+from gsut.data.poses.transforms import pose_from_quaternion, rigid_transform
+from gsut.data.text_files import read_json, read_text
+from gsut.gaussians import quaternion_from_rotation
+
+_TUM, _KITTI = 8, 12  # fields of a line
+_ADVICE = (
+    "`gsut scene` makes a scene of photographs, `gsut poses` finds their poses alone; or write "
+    "poses.txt with lines 'name tx ty tz qx qy qz qw' (camera-to-world, OpenCV axes)"
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Trajectory:
+    """Poses in the order of their file.
+
+    Args:
+        source: the file.
+        labels: of each pose, its time or the name of its image, as the file has it; None where the
+            file has poses alone (KITTI).
+        places: line or name of each, for messages.
+        poses: (N, 4, 4) to the world, of what the file says it is.
+    """
+
+    source: Path
+    labels: tuple[str, ...] | None
+    places: tuple[str, ...]
+    poses: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether every label is a number: then poses are found by time, else by name."""
+        return self.labels is not None and all(is_time(label) for label in self.labels)
+
+
+def read_trajectory(source: Path, on_error: OnError) -> Trajectory:
+    """Reads poses from a file; its first line of numbers, or its suffix .json, says the format.
+
+    TUM: `label tx ty tz qx qy qz qw`. EuRoC: the same with commas, the quaternion w first, and
+    more columns after it. Either way a heading that names the columns decides on the quaternion's
+    order. KITTI: the 12 numbers of a 3x4 matrix, row by row. JSON: {"name": 4x4 matrix}.
+
+    Args:
+        source: the file.
+        on_error: receives each error of a single pose, which is left out if it returns.
+
+    Raises:
+        DatasetError: the file is missing, no text, or has no poses.
+    """
+    if source.suffix.lower() == ".json":
+        labels, places, makers = _json_rows(source)
+    else:
+        labels, places, makers = _table_rows(source)
+    if not makers:
+        raise DatasetError(source, "it holds no pose", _ADVICE)
+    kept, poses = [], []
+    for index, make in enumerate(makers):
+        try:
+            poses.append(make())
+            kept.append(index)
+        except InputError as error:
+            on_error(error)
+    return Trajectory(
+        source,
+        None if labels is None else tuple(labels[i] for i in kept),
+        tuple(places[i] for i in kept),
+        np.array(poses).reshape(-1, 4, 4),
+    )
+
+
+_Make = Callable[[], np.ndarray]
+_Rows = tuple[list[str] | None, list[str], list[_Make]]
+
+
+def _json_rows(source: Path) -> _Rows:
+    values = read_json(source)
+    if not isinstance(values, dict):
+        raise DatasetError(source, "not an object of names and matrices", _ADVICE)
+    places = [f"{source}, image {name}" for name in values]
+    makers = [
+        functools.partial(rigid_transform, matrix, place)
+        for matrix, place in zip(values.values(), places, strict=True)
+    ]
+    return list(values), places, list[_Make](makers)
+
+
+def _table_rows(source: Path) -> _Rows:
+    labels: list[str] = []
+    places: list[str] = []
+    makers: list[_Make] = []
+    w_first: bool | None = None
+    kitti: bool | None = None
+    for number, line in enumerate(read_text(source).splitlines(), 1):
+        line = line.strip()
+        if not line:
+            continue
+        if line.startswith("#") or _is_heading(line):
+            found = _w_first(line)
+            w_first = found if found is not None else w_first
+            continue
+        place = f"{source}, line {number}"
+        if kitti is None:
+            kitti = len(line.split()) == _KITTI and all(is_time(v) for v in line.split())
+        places.append(place)
+        if kitti:
+            makers.append(functools.partial(_kitti_pose, line, place))
+            continue
+        with_commas = "," in line
+        fields = line.split(",")[:_TUM] if with_commas else line.rsplit(maxsplit=_TUM - 1)
+        labels.append(fields[0].strip())
+        order = with_commas if w_first is None else w_first
+        makers.append(functools.partial(_pose, fields, order, place, line))
+    return None if kitti else labels, places, makers
+
+
+def _is_heading(line: str) -> bool:
+    """A line of names of columns: no numbers, and the quaternion's among them."""
+    fields = re.split(r"[,\s]+", line)
+    return _w_first(line) is not None and not any(is_time(field) for field in fields)
+
+
+def _w_first(heading: str) -> bool | None:
+    """Whether a heading has the quaternion's w before its x; None where it has none."""
+    places = [re.search(rf"\bq\w*{axis}\b", heading, re.IGNORECASE) for axis in "wx"]
+    if places[0] is None or places[1] is None:
+        return None
+    return places[0].start() < places[1].start()
+
+
+def _pose(fields: list[str], w_first: bool, place: str, line: str) -> np.ndarray:
+    order = "qw qx qy qz" if w_first else "qx qy qz qw"
+    try:
+        values = [float(field) for field in fields[1:]]
+        if len(values) != _TUM - 1:
+            raise ValueError
+    except ValueError as error:
+        shown = line if len(line) <= 100 else line[:97] + "..."
+        raise DatasetError(
+            place, f"expected 'name tx ty tz {order}', found '{shown}'", _ADVICE
+        ) from error
+    *translation, a, b, c, d = values
+    return pose_from_quaternion([a, b, c, d] if w_first else [d, a, b, c], translation, place)
+
+
+def _kitti_pose(line: str, place: str) -> np.ndarray:
+    try:
+        return rigid_transform(np.reshape([float(v) for v in line.split()], (3, 4)), place)
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise DatasetError(
+            place, f"expected the 12 numbers of a 3x4 matrix, found '{line}'", "correct the line"
+        ) from error
+
+
+def format_tum(labels: Sequence[str], poses: np.ndarray) -> str:
+    """A TUM trajectory of poses (N, 4, 4) to the world, each with its time or name."""
+    quaternions = quaternion_from_rotation(np.reshape(poses, (-1, 4, 4))[:, :3, :3])
+    rows = ["# timestamp tx ty tz qx qy qz qw"]
+    for label, pose, (w, *xyz) in zip(labels, poses, quaternions, strict=True):
+        numbers = " ".join(repr(float(v)) for v in (*pose[:3, 3], *xyz, w))
+        rows.append(f"{label} {numbers}")
+    return "\n".join(rows) + "\n"
+
+
+def format_kitti(poses: np.ndarray) -> str:
+    """A KITTI trajectory: a 3x4 matrix to the world a line."""
+    return "".join(" ".join(repr(float(v)) for v in pose[:3].ravel()) + "\n" for pose in poses)

@@ -1,0 +1,334 @@
+"""Brings a recording's pictures, lenses and poses together: by time, name or order."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from gsut._core import InputError, interpolate_pose
+from gsut.data.errors import DatasetError, OnError, some_names
+from gsut.data.images import find_mask
+from gsut.data.listing import Frame, Listing
+from gsut.data.poses import (
+    NANOSECONDS,
+    UNITS,
+    Trajectory,
+    in_nanoseconds,
+    inverse,
+    range_text,
+    read_trajectory,
+    seconds_text,
+    unit_of,
+)
+from gsut.data.recordings.recording import Recording, Stream
+from gsut.data.rigs import Mount, body_from_camera
+
+_ABSOLUTE = 1e8  # seconds: beyond it a time is one since 1970, not since the first picture
+
+
+def listing_of(recording: Recording, on_error: OnError) -> Listing:
+    """Brings pictures, lenses and poses together.
+
+    Poses whose labels are all numbers are found by time: the two around a picture are interpolated
+    (centre along the line, rotation along the shorter arc) where the nearer one is within the
+    tolerance. Others are found by the picture's name; poses alone (KITTI) by their order.
+
+    Raises:
+        DatasetError: pictures, lens or poses are missing, or none belong together.
+    """
+    streams = _chosen(recording)
+    if recording.mounts is None:
+        raise DatasetError(
+            recording.path,
+            "there is no lens file",
+            "put one beside the pictures (lens.yaml, camchain.yaml, ...); `gsut calibrate` makes "
+            "one, `gsut scene` finds lens and poses of photographs",
+        )
+    if recording.poses is None:
+        raise DatasetError(
+            recording.path,
+            f"{sum(len(s.images) for s in streams)} pictures and a lens, but no poses",
+            "put a trajectory beside them (poses.txt, lines 'time tx ty tz qx qy qz qw'), or let "
+            "`gsut poses` find them",
+        )
+    mounts = recording.mounts([stream.name for stream in recording.streams])
+    trajectory = read_trajectory(recording.poses, on_error)
+    if recording.body_from_poses is not None:
+        moved = trajectory.poses @ inverse(recording.body_from_poses)
+        trajectory = dataclasses.replace(trajectory, poses=moved)
+    listing = Listing(recording.path, trajectory.source, notes=list(recording.notes))
+    named: set[int] = set()
+    for stream in streams if len(trajectory) else ():
+        place = body_from_camera(stream.name, mounts, recording.poses_of)
+        if trajectory.is_timed:
+            poses, times = _by_time(stream, mounts[stream.name], trajectory, recording)
+        elif trajectory.labels is None:
+            poses, times = _by_order(stream, trajectory, recording)
+        else:
+            poses, times = _by_name(stream, trajectory, recording, named)
+        if recording.time_range is not None:
+            inside = _in_range(times, recording.time_range, stream.images[0].parent)
+            stream = Stream(
+                stream.name, [p for p, keep in zip(stream.images, inside, strict=True) if keep],
+                mask=stream.mask,
+            )  # fmt: skip
+            poses = [pose for pose, keep in zip(poses, inside, strict=True) if keep]
+            times = [time for time, keep in zip(times, inside, strict=True) if keep]
+        _add_frames(listing, stream, mounts[stream.name], place, poses, times, recording)
+    if trajectory.labels is not None and not trajectory.is_timed:
+        rows = [label for i, label in enumerate(trajectory.labels) if i not in named]
+        listing.missing += rows
+    if recording.points is not None:
+        try:
+            listing.take_points(recording.points)
+        except InputError as error:
+            on_error(error)
+    return listing
+
+
+def _chosen(recording: Recording) -> list[Stream]:
+    names = [stream.name for stream in recording.streams]
+    unknown = [name for name in recording.cameras if name not in names]
+    if unknown:
+        raise DatasetError(
+            recording.path,
+            f"there is no camera {unknown[0]}, only {', '.join(names)}",
+            "name one of them",
+        )
+    streams = [s for s in recording.streams if not recording.cameras or s.name in recording.cameras]
+    if not any(stream.images for stream in streams):
+        raise DatasetError(
+            recording.path, "there are no images", "put PNG or JPEG files into 'images'"
+        )
+    return streams
+
+
+def _add_frames(
+    listing: Listing,
+    stream: Stream,
+    mount: Mount,
+    body_from_this: np.ndarray,
+    poses: list[np.ndarray | None],
+    times: list[int | None],
+    recording: Recording,
+) -> None:
+    root = recording.names_from or recording.path
+    without = []
+    for path, pose, time in zip(stream.images, poses, times, strict=True):
+        name = path.relative_to(root).as_posix() if path.is_relative_to(root) else path.name
+        if pose is None:
+            without.append(name)
+            continue
+        mask = find_mask(recording.masks, name) if recording.masks is not None else None
+        listing.frames.append(
+            Frame(
+                name, path, mount.camera, pose @ body_from_this, mask_path=mask or stream.mask,
+                time_ns=time,
+            )
+        )  # fmt: skip
+    if without:
+        listing.notes.append(
+            f"{listing.source}: {len(without)} of {len(stream.images)} images have no pose"
+            f"{_within(recording, times)} and are left out: {some_names(without)}"
+        )
+
+
+def _within(recording: Recording, times: Sequence[int | None]) -> str:
+    timed = any(time is not None for time in times)
+    return f" within {recording.time_tolerance:g} s" if timed else ""
+
+
+def _by_name(
+    stream: Stream, trajectory: Trajectory, recording: Recording, named: set[int]
+) -> tuple[list[np.ndarray | None], list[int | None]]:
+    """Poses by the paths, file names or stems of pictures; `named` collects the poses in use."""
+    root = recording.names_from or recording.path
+    found: dict[str, int] = {}
+    for make in (
+        lambda p: p.relative_to(root).as_posix() if p.is_relative_to(root) else p.name,
+        lambda p: (
+            p.relative_to(recording.path).as_posix() if p.is_relative_to(recording.path) else p.name
+        ),
+        lambda p: p.name,
+        lambda p: p.stem,
+    ):
+        for index, image in enumerate(stream.images):
+            found.setdefault(make(image), index)
+    poses: list[np.ndarray | None] = [None] * len(stream.images)
+    for row, label in enumerate(trajectory.labels or ()):
+        picture = found.get(label)
+        if picture is not None:
+            named.add(row)
+            if poses[picture] is None:
+                poses[picture] = trajectory.poses[row]
+    return poses, [None] * len(stream.images)
+
+
+def _by_order(
+    stream: Stream, trajectory: Trajectory, recording: Recording
+) -> tuple[list[np.ndarray | None], list[int | None]]:
+    if len(stream.images) != len(trajectory):
+        raise DatasetError(
+            trajectory.source,
+            f"it holds {len(trajectory)} poses without times, and there are {len(stream.images)} "
+            f"pictures of camera {stream.name or stream.images[0].parent}",
+            "these belong together by their order: give one pose for each picture, or poses with "
+            "times or names",
+        )
+    texts = stream.time_texts()
+    times: list[int | None] = [None] * len(texts)
+    if stream.times is not None and all(texts):
+        unit = recording.image_times or unit_of(texts)
+        times = [int(t) for t in in_nanoseconds(texts, unit)]
+    return list(trajectory.poses), times
+
+
+def _by_time(
+    stream: Stream, mount: Mount, trajectory: Trajectory, recording: Recording
+) -> tuple[list[np.ndarray | None], list[int | None]]:
+    texts = stream.time_texts()
+    rows = [i for i, text in enumerate(texts) if text]
+    poses: list[np.ndarray | None] = [None] * len(texts)
+    times: list[int | None] = [None] * len(texts)
+    if not rows:
+        raise DatasetError(
+            trajectory.source,
+            f"its poses have times, and the names of the pictures ({stream.images[0].name} ...) "
+            "are none",
+            "name each picture by its time, or begin each line with the picture's name",
+        )
+    unit = recording.image_times or unit_of(texts[i] for i in rows)
+    image_ns = in_nanoseconds([texts[i] for i in rows], unit)
+    for row, stamp in zip(rows, image_ns, strict=True):
+        times[row] = int(stamp)
+    labels = trajectory.labels or ()
+    pose_unit = recording.pose_times or unit_of(labels)
+    pose_ns = in_nanoseconds(labels, pose_unit)
+    order = np.argsort(pose_ns, kind="stable")
+    shift = round(recording.time_offset * NANOSECONDS) + mount.clock_shift
+    clock = _Clock(pose_ns[order], image_ns + shift, recording.time_tolerance)
+    if not clock.near.any():
+        ranges = (
+            f"pictures of {stream.name or stream.images[0].parent} are from "
+            f"{range_text((texts[i] for i in rows), unit)}, its poses from "
+            f"{range_text(labels, pose_unit)}"
+        )
+        raise _no_pose(stream, trajectory, recording, clock, ranges)
+    for k, row in enumerate(rows):
+        if clock.near[k]:
+            low, high, share = clock.around(k)
+            poses[row] = _between(
+                trajectory.poses[order[low]], trajectory.poses[order[high]], share
+            )
+    return poses, times
+
+
+@dataclasses.dataclass
+class _Clock:
+    """Sorted times of poses beside those of pictures, in nanoseconds."""
+
+    poses: np.ndarray
+    images: np.ndarray
+    tolerance: float
+
+    def __post_init__(self) -> None:
+        last = len(self.poses) - 1
+        self.high = np.searchsorted(self.poses, self.images, side="left")
+        before = np.abs(self.images - self.poses[np.clip(self.high - 1, 0, last)])
+        after = np.abs(self.poses[np.clip(self.high, 0, last)] - self.images)
+        self.distance = np.minimum(before, after)
+        self.near = self.distance <= round(self.tolerance * NANOSECONDS)
+
+    def around(self, k: int) -> tuple[int, int, float]:
+        """The poses before and after picture k, and its share of the way; the same at the ends."""
+        high = int(self.high[k])
+        if high == len(self.poses):
+            return high - 1, high - 1, 0.0
+        if high == 0 or self.poses[high] == self.images[k]:
+            return high, high, 0.0
+        step = int(self.poses[high]) - int(self.poses[high - 1])
+        return high - 1, high, (int(self.images[k]) - int(self.poses[high - 1])) / step
+
+
+def _between(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
+    """A share of the way: the origin along the line, the rotation along the shorter arc."""
+    if share == 0.0:
+        return one
+    turns = one.copy(), two.copy()
+    for turn in turns:
+        turn[:3, 3] = 0.0
+    pose = np.array(interpolate_pose(*turns, share))
+    pose[:3, 3] = (1.0 - share) * one[:3, 3] + share * two[:3, 3]
+    return pose
+
+
+def _in_range(
+    times: Sequence[int | None], limits: tuple[float, float], where: object
+) -> list[bool]:
+    """Of each picture whether it was taken between two times, see `Recording.time_range`."""
+    known = [time for time in times if time is not None]
+    if not known:
+        raise DatasetError(where, "time_range is given, but the pictures have no times", "drop it")
+    zero = 0 if max(limits) >= _ABSOLUTE else min(known)
+    first, last = (round(limit * NANOSECONDS) + zero for limit in limits)
+    return [time is not None and first <= time <= last for time in times]
+
+
+def _no_pose(
+    stream: Stream, trajectory: Trajectory, recording: Recording, clock: _Clock, ranges: str
+) -> DatasetError:
+    """Why no picture has a pose: other units, other clocks, or a tolerance that is too small."""
+    images, poses = clock.images, clock.poses
+    overlap = images.max() >= poses[0] and poses[-1] >= images.min()
+    if overlap:
+        nearest = float(np.median(clock.distance)) / NANOSECONDS
+        return DatasetError(
+            trajectory.source,
+            f"no picture has a pose within {recording.time_tolerance:g} s: {ranges}, and the "
+            f"nearest pose is {nearest:.3g} s away (median)",
+            f"if that is right write `time_tolerance: {1.5 * nearest:.2g}` into dataset.yaml",
+        )
+    if _counts(stream):
+        return DatasetError(
+            trajectory.source,
+            f"no picture has a pose: {ranges}; the pictures' names count them and are no times",
+            "begin each line with the picture's name; or list lines 'time rgb/FILE' in rgb.txt, "
+            "as TUM does",
+        )
+    fitting = _other_units(stream, trajectory, clock)
+    if fitting is not None:
+        return DatasetError(
+            trajectory.source,
+            f"no picture has a pose: {ranges}; they overlap if {fitting[0]}",
+            f"if that is right write `{fitting[1]}` into dataset.yaml",
+        )
+    return DatasetError(
+        trajectory.source,
+        f"no picture has a pose, as their times do not overlap: {ranges}",
+        "take the poses of this recording; or, where both clocks began at once, write "
+        f"`time_offset: {seconds_text(int(poses[0]) - int(images.min()))}` into dataset.yaml",
+    )
+
+
+def _counts(stream: Stream) -> bool:
+    """Whether the names of pictures count them: 000, 001, 002 ..."""
+    stems = [path.stem for path in stream.images]
+    if stream.times is not None or len(stems) < 2 or not all(s.isdecimal() for s in stems):
+        return False
+    return bool((np.diff([int(stem) for stem in stems]) == 1).all())
+
+
+def _other_units(stream: Stream, trajectory: Trajectory, clock: _Clock) -> tuple[str, str] | None:
+    texts = [text for text in stream.time_texts() if text]
+    for key, mine, others in (
+        ("image_times", texts, clock.poses),
+        ("pose_times", list(trajectory.labels or ()), clock.images),
+    ):
+        for unit in UNITS:
+            times = in_nanoseconds(mine, unit)
+            if times.max() >= others.min() and others.max() >= times.min() and np.ptp(times) > 0:
+                words = "pictures" if key == "image_times" else "poses"
+                return f"the times of {words} are in {unit}", f"{key}: {unit}"
+    return None

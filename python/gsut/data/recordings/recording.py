@@ -1,0 +1,84 @@
+"""A recording: pictures of one or more cameras, their lenses, and a file of poses."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gsut.data.images import IMAGE_SUFFIXES
+from gsut.data.poses import is_time
+from gsut.data.rigs import Mount
+
+TIME_TOLERANCE = 0.02  # seconds, as of TUM's associate.py
+MASK = "mask.png"
+
+
+@dataclasses.dataclass
+class Stream:
+    """The pictures of one camera; `times` as decimal text, by default the files' stems."""
+
+    name: str
+    images: list[Path]
+    times: list[str] | None = None
+    mask: Path | None = None
+
+    def time_texts(self) -> list[str]:
+        """Of each picture; an empty text where its name is no number."""
+        texts = [path.stem for path in self.images] if self.times is None else self.times
+        return [text if is_time(text) else "" for text in texts]
+
+
+@dataclasses.dataclass
+class Recording:
+    """What a layout found, before pictures and poses are brought together.
+
+    Args:
+        path: the dataset's folder.
+        streams: one a camera.
+        mounts: lenses and places of the cameras of these names; None: no lens was found.
+        poses: file of the trajectory, or None.
+        poses_of: see `body_from_camera`.
+        body_from_poses: (4, 4) where the poses are of another sensor on the body (EuRoC's T_BS).
+        names_from: pictures are named by their paths from here.
+        points, masks: a PLY, a folder; or None.
+        cameras: names of those to use; empty: all.
+        time_range: first and last time to use: seconds since the first picture, or since 1970.
+        time_offset: seconds to add to the times of pictures for the clock of the poses.
+        time_tolerance: seconds between a picture and its nearest pose, at most.
+        image_times, pose_times: their units, see `UNITS`; None: by their number of digits.
+        notes: what the user should know.
+    """
+
+    path: Path
+    streams: list[Stream]
+    mounts: Callable[[Sequence[str]], dict[str, Mount]] | None = None
+    poses: Path | None = None
+    poses_of: str | None = None
+    body_from_poses: np.ndarray | None = None
+    names_from: Path | None = None
+    points: Path | None = None
+    masks: Path | None = None
+    cameras: tuple[str, ...] = ()
+    time_range: tuple[float, float] | None = None
+    time_offset: float = 0.0
+    time_tolerance: float = TIME_TOLERANCE
+    image_times: str | None = None
+    pose_times: str | None = None
+    notes: list[str] = dataclasses.field(default_factory=list)
+
+
+def pictures_in(folder: Path, *, below: bool = False) -> list[Path]:
+    """The pictures of a folder (and below it), sorted; a mask.png is none."""
+    found = folder.rglob("*") if below else folder.glob("*")
+    return sorted(
+        p for p in found if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file() and p.name != MASK
+    )
+
+
+def stream_of(name: str, folder: Path) -> Stream:
+    """The pictures of a folder as a stream, with its mask.png if there is one."""
+    mask = folder / MASK
+    return Stream(name, pictures_in(folder), mask=mask if mask.is_file() else None)

@@ -1,0 +1,261 @@
+"""The file of a rig: each camera's lens and place, as `gsut calibrate` or Kalibr write them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import CalibrationError, InputError
+from gsut.data.errors import DatasetError
+from gsut.data.poses import centers_of, inverse, rigid_transform
+from gsut.data.text_files import read_yaml
+from gsut.files import regular, write_file
+from gsut.lens import Camera, grid_pixels, load_camera
+from gsut.lens.files import is_camchain
+
+_POSE = "camera_from_reference"
+_LENS = "file"
+_FEWEST_CAMERAS = 2
+# Of the exact lens beside a .cameramodel, and the model there that stands in for it.
+_EXACT_SUFFIXES, _STAND_IN = (".yaml", ".yml", ".json"), "splined_stereographic"
+_STAND_IN_PX = 0.01  # between the two; those of `gsut calibrate` differ by 0.0002
+_NO_BASELINE = 1e-9  # of the distance to the reference, in units in the last place of a file
+
+
+@dataclasses.dataclass(frozen=True)
+class Rig:
+    """Cameras that are fixed to each other.
+
+    Args:
+        source: the file it was read from.
+        names: of the cameras; the first is the reference where the file says no other.
+        cameras: their lenses.
+        camera_from_reference: (K, 4, 4) in the unit of the file, metres where it was calibrated
+            in metres.
+        lens_files: where the lenses stand, and the camera's name there if there are several.
+    """
+
+    source: Path
+    names: tuple[str, ...]
+    cameras: tuple[Camera, ...]
+    camera_from_reference: np.ndarray
+    lens_files: tuple[tuple[Path, str | None], ...]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def baseline(self) -> float:
+        """The longest distance between two cameras."""
+        centers = centers_of(self.camera_from_reference)
+        return float(np.linalg.norm(centers[:, None] - centers[None], axis=2).max())
+
+
+def read_rig(path: str | os.PathLike[str]) -> Rig:
+    """Reads a rig.
+
+    Either JSON as `gsut calibrate --rig` writes it (report.json): {"cameras": {NAME: {"file": lens
+    file, relative to this one, "camera_from_reference": six numbers (Rodrigues rotation,
+    translation) or a 4x4 matrix}}}; or a camchain YAML of Kalibr (T_cn_cnm1), whose cameras are
+    cam0, cam1 ... Instead of a splined .cameramodel the exact lens that `gsut calibrate` wrote
+    beside it, of the same name, is taken if it is the same within 0.01 px.
+
+    Raises:
+        InputError: no such file, not a rig, one camera only, or all cameras in one place: then
+            nothing sets the scale.
+        CalibrationError: a lens file is broken.
+    """
+    file = Path(path)
+    try:
+        text = regular(file).read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"--rig {file} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"--rig {file} is not text; give a JSON or camchain YAML file") from error
+    is_yaml = file.suffix.lower() in (".yaml", ".yml")
+    rig = _of_camchain(file) if is_yaml else _of_json(file, text)
+    if len(rig) < _FEWEST_CAMERAS:
+        raise InputError(
+            f"{file} holds {len(rig)} camera; a rig has at least {_FEWEST_CAMERAS}: calibrate all "
+            "of them together with `gsut calibrate --rig left,right`"
+        )
+    shifts = np.linalg.norm(rig.camera_from_reference[:, :3, 3], axis=1)
+    if not rig.baseline > _NO_BASELINE * shifts.max(initial=0.0):
+        raise InputError(
+            f"{file}: all {len(rig)} cameras ({', '.join(rig.names)}) are in one place, so their "
+            "baseline, 0, sets no scale; give each its measured camera_from_reference"
+        )
+    return rig
+
+
+def write_rig(rig: Rig, path: Path) -> None:
+    """Writes a rig as JSON that `read_rig` reads; lens files are named relative to it.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    cameras: dict[str, Any] = {}
+    for name, pose, (lens, entry) in zip(
+        rig.names, rig.camera_from_reference, rig.lens_files, strict=True
+    ):
+        relative = os.path.relpath(lens.resolve(), path.parent.resolve())
+        cameras[name] = {_LENS: Path(relative).as_posix(), _POSE: pose.tolist()}
+        if entry is not None:
+            cameras[name]["camera_id"] = entry
+    text = json.dumps({"cameras": cameras}, indent=1) + "\n"
+    write_file(path, text)
+
+
+def _of_json(file: Path, text: str) -> Rig:
+    try:
+        values = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError(
+            f"{file}, line {error.lineno}: not JSON ({error.msg}); give the report.json that "
+            "`gsut calibrate --rig` wrote, or a camchain YAML of Kalibr"
+        ) from error
+    cameras = values.get("cameras") if isinstance(values, dict) else None
+    if not isinstance(cameras, dict) or not cameras:
+        raise InputError(
+            f'{file}: there is no object "cameras" of names with "{_LENS}" and "{_POSE}"; give the '
+            "report.json that `gsut calibrate --rig` wrote"
+        )
+    lenses, poses, files = [], [], []
+    for name, entry in cameras.items():
+        where = f"{file}, camera {name}"
+        if not isinstance(entry, dict) or not isinstance(entry.get(_LENS), str):
+            raise InputError(f'{where}: "{_LENS}" does not name its lens file; write it there')
+        if _POSE not in entry:
+            raise InputError(f'{where}: "{_POSE}" is missing; calibrate the cameras together')
+        poses.append(_pose(entry[_POSE], where))
+        camera_id = entry.get("camera_id")
+        lens, camera = _lens(file.parent / entry[_LENS], camera_id, where)
+        lenses.append(camera)
+        files.append((lens, camera_id))
+    return Rig(file, tuple(cameras), tuple(lenses), np.array(poses), tuple(files))
+
+
+def _of_camchain(file: Path) -> Rig:
+    rows = read_camchain(file)
+    for name, _, from_reference, *_ in rows:
+        if from_reference is None:
+            raise InputError(f"{file}, camera {name}: T_cn_cnm1, its pose, is missing")
+    names = tuple(row[0] for row in rows)
+    poses = np.array([row[2] for row in rows])
+    return Rig(file, names, tuple(row[1] for row in rows), poses, tuple((file, n) for n in names))
+
+
+def read_camchain(
+    file: Path,
+) -> list[tuple[str, Camera, np.ndarray | None, np.ndarray | None, float]]:
+    """The cameras of a Kalibr camchain.
+
+    Returns:
+        Of each its name, lens, camera_from_cam0 (by T_cn_cnm1) and camera_from_imu (T_cam_imu, or
+        that of another camera through T_cn_cnm1), both (4, 4) or None where the file does not say,
+        and timeshift_cam_imu: seconds, time of the IMU minus that of the camera.
+
+    Raises:
+        InputError: not YAML, or no camchain.
+        CalibrationError: a lens is broken.
+    """
+    values = read_yaml(file)
+    if not is_camchain(values):
+        raise InputError(f"{file}: holds no cam0, cam1 ...; give a camchain of Kalibr, or JSON")
+    names = [str(key) for key in values if str(key).startswith("cam")]
+    from_first: list[np.ndarray | None] = []
+    from_imu: list[np.ndarray | None] = []
+    for number, name in enumerate(names):
+        where, entry = f"{file}, camera {name}", values[name]
+        step = entry.get("T_cn_cnm1") if isinstance(entry, dict) else None
+        imu = entry.get("T_cam_imu") if isinstance(entry, dict) else None
+        pose = np.eye(4) if number == 0 else None
+        before = from_first[-1] if number else None
+        if number and step is not None and before is not None:
+            pose = _pose(step, where) @ before
+        from_first.append(pose)
+        from_imu.append(None if imu is None else _pose(imu, where))
+    known = next((k for k, pose in enumerate(from_imu) if pose is not None), None)
+    if known is not None:
+        for k, pose in enumerate(from_first):
+            first = from_first[known]
+            if from_imu[k] is None and pose is not None and first is not None:
+                from_imu[k] = pose @ inverse(first) @ from_imu[known]
+    return [
+        (name, load_camera(file, name), from_first[k], from_imu[k],
+         float(values[name].get("timeshift_cam_imu") or 0.0))
+        for k, name in enumerate(names)
+    ]  # fmt: skip
+
+
+def _pose(values: Any, where: str) -> np.ndarray:
+    """(4, 4) of six numbers or a matrix."""
+    import cv2
+
+    try:
+        array = np.array(values, np.float64)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape == (6,) and np.isfinite(array).all():
+        pose = np.eye(4)
+        pose[:3, :3] = cv2.Rodrigues(array[:3])[0]
+        pose[:3, 3] = array[3:]
+        return pose
+    if array.shape in ((4, 4), (3, 4)):
+        return rigid_transform(array, where)
+    raise DatasetError(
+        where,
+        "its pose is neither six numbers (Rodrigues rotation, translation) nor a 4x4 matrix",
+        "write one of them",
+    )
+
+
+def _lens(file: Path, camera_id: str | None, where: str) -> tuple[Path, Camera]:
+    """The lens, and the file that it was read from."""
+    if not file.is_file():
+        raise InputError(f"{where}: there is no lens file {file}; put it there")
+    camera = load_camera(file, camera_id)
+    if file.suffix.lower() != ".cameramodel" or camera.model != _STAND_IN:
+        return file, camera
+    for suffix in _EXACT_SUFFIXES:
+        exact = file.with_suffix(suffix)
+        if exact.is_file():
+            try:
+                other = load_camera(exact)
+            except (CalibrationError, InputError):
+                continue  # some other file of that name
+            if _is_same(other, camera):
+                return exact, other
+    return file, camera
+
+
+def _is_same(exact: Camera, splined: Camera) -> bool:
+    """Whether the splined lens is the other one, pixel by pixel."""
+    pixels = grid_pixels(exact.width, exact.height).reshape(-1, 2)
+    rays, valid = exact.unproject(pixels)
+    found, seen = splined.project(rays[valid])
+    off = np.abs(found - pixels[valid])[seen]
+    same_size = (exact.width, exact.height) == (splined.width, splined.height)
+    return same_size and off.size > 0 and bool(off.max() < _STAND_IN_PX)
+
+
+def relative_changes(given: Rig, found: np.ndarray) -> list[tuple[float, float]]:
+    """Of each camera the turn in radians and the shift, in the rig's unit, against the file's.
+
+    Args:
+        given: as read. found: (K, 4, 4) camera_from_reference now.
+    """
+    import cv2
+
+    changes = []
+    for before, after in zip(given.camera_from_reference, found, strict=True):
+        step = after @ inverse(before)
+        turn = float(np.linalg.norm(cv2.Rodrigues(step[:3, :3])[0]))
+        centers = centers_of(np.stack([before, after]))
+        changes.append((turn, float(np.linalg.norm(centers[1] - centers[0]))))
+    return changes

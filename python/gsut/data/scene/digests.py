@@ -1,0 +1,69 @@
+"""What a scene is made of, as short strings: two that agree are trained to the same bits."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from gsut.data.scene.scene import Scene
+
+_END_BYTES = 1 << 16  # of both ends of a file: pictures that differ differ there
+
+
+def scene_digests(scene: Scene) -> dict[str, str]:
+    """A digest of each part of a scene: images, masks, poses, lenses, points and split.
+
+    Of an image or mask file its size and both ends are read, 64 KiB each.
+    """
+    views = scene.views
+    poses = (
+        pose
+        for view in views
+        for pose in (
+            view.camera_from_world,
+            view.camera_from_world_start,
+            view.camera_from_world_end,
+        )
+        if pose is not None
+    )
+    lenses = (repr((c.model, c.width, c.height, tuple(c.params))) for c in scene.file_cameras)
+    split = repr((scene.train_indices, scene.test_indices, [view.name for view in views]))
+    parts: dict[str, Iterable[bytes]] = {
+        "images": (
+            _ends(v.image_path) if v.pixels is None else np.ascontiguousarray(v.pixels).tobytes()
+            for v in views
+        ),
+        "masks": itertools.chain(
+            (_ends(path) for path in dict.fromkeys(v.mask_path for v in views) if path),
+            (np.packbits(v.valid).tobytes() for v in views if v.valid is not None),
+        ),
+        "poses": (np.ascontiguousarray(pose).tobytes() for pose in poses),
+        "lenses": (text.encode() for text in lenses),
+        "points": (scene.points.tobytes(), scene.point_colors.tobytes()),
+        "split": (split.encode(errors="surrogateescape"),),
+    }
+    return {name: _digest(content) for name, content in parts.items()}
+
+
+def _ends(path: Path) -> bytes:
+    try:
+        with open(path, "rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            first = file.read(_END_BYTES)
+            file.seek(max(len(first), size - _END_BYTES))
+            return size.to_bytes(8, "little") + first + file.read(_END_BYTES)
+    except OSError:
+        return b""  # whoever needs its pixels says so
+
+
+def _digest(content: Iterable[bytes]) -> str:
+    whole = hashlib.sha256()
+    for part in content:
+        whole.update(len(part).to_bytes(8, "little"))
+        whole.update(part)
+    return whole.hexdigest()[:16]

@@ -1,0 +1,109 @@
+"""Reads a view's depth and normal files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.data.scene.scene import Scene
+
+MILLIMETRE = 1e-3  # metres of a level of a 16-bit depth picture, as RGB-D cameras write it
+_SHORTEST = 0.5  # length from which three numbers are a normal; shorter ones mean unknown
+
+
+def read_depth(
+    scene: Scene, view: int, path: Path | None = None, unit: float = MILLIMETRE
+) -> np.ndarray | None:
+    """Reads the distances along the rays of a view.
+
+    Args:
+        scene: the dataset.
+        view: index of the view.
+        path: the file; None: the one that the dataset names.
+        unit: world units of a level of 16-bit pictures; .npy files hold world units.
+
+    Returns:
+        (H, W) distances at the file's size; None where there is no file.
+
+    Raises:
+        InputError: damaged, or neither of the image's size in its file nor of that in the scene.
+    """
+    path = scene.views[view].depth_path if path is None else path
+    if path is None or not path.is_file():
+        return None
+    if path.suffix == ".npy":
+        depth = _load_numbers(path, "distances")
+    else:
+        picture = _load_picture(path)
+        if picture is None or picture.ndim != 2:
+            raise InputError(f"{path}: no depth picture of one channel")
+        depth = picture * unit
+    sizes = _image_sizes(scene, view)
+    if depth.shape not in sizes:
+        raise InputError(
+            f"{path} is {' x '.join(map(str, depth.shape[::-1]))}, its image "
+            f"{sizes[1][1]} x {sizes[1][0]}; give depths at the size of the images"
+        )
+    return depth
+
+
+def read_normals(scene: Scene, view: int) -> np.ndarray | None:
+    """Reads the normals of the surface that each pixel of a view shows.
+
+    Axes are the camera's: x right, y down, z forward. A .npy file holds the numbers, a picture of 8
+    or 16 bits (n + 1) / 2 of its largest value with x in red, as DN-Splatter writes it.
+
+    Args:
+        scene: the dataset.
+        view: index of the view.
+
+    Returns:
+        (H, W, 3) float32 unit normals at the file's size, 0 where unknown; None where the dataset
+        names no file.
+
+    Raises:
+        InputError: missing, damaged, or neither of the image's size in its file nor of that in the
+            scene.
+    """
+    path = scene.views[view].normal_path
+    if path is None:
+        return None
+    if path.suffix == ".npy":
+        normals = _load_numbers(path, "normals").astype(np.float32)
+    else:
+        picture = _load_picture(path)
+        if picture is None or picture.ndim != 3 or picture.dtype not in (np.uint8, np.uint16):
+            raise InputError(f"{path}: no picture of normals with three channels")
+        largest = np.float32(255 if picture.dtype == np.uint8 else 65535)
+        normals = picture[..., 2::-1].astype(np.float32) / (largest / 2) - 1
+    sizes = _image_sizes(scene, view)
+    if normals.shape[2:] != (3,) or normals.shape[:2] not in sizes:
+        raise InputError(
+            f"{path} is {' x '.join(map(str, normals.shape))}, its image {sizes[1][0]} rows of "
+            f"{sizes[1][1]} pixels; give three numbers for each pixel of the image"
+        )
+    length = np.linalg.norm(normals, axis=2, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(length > _SHORTEST, normals / length, 0.0).astype(np.float32)
+
+
+def _load_numbers(path: Path, what: str) -> np.ndarray:
+    try:
+        return np.load(path, allow_pickle=False).astype(np.float64)
+    except (ValueError, OSError, EOFError) as error:
+        raise InputError(f"{path}: no array of {what}: {error}") from None
+
+
+def _load_picture(path: Path) -> np.ndarray | None:
+    import cv2  # here, because gsut --help needs none
+
+    return cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+
+
+def _image_sizes(scene: Scene, view: int) -> list[tuple[int, int]]:
+    """Returns (height, width) of a view's image in the scene and in its file."""
+    number = scene.views[view].camera_index
+    cameras = (scene.cameras[number], scene.file_cameras[number])
+    return [(camera.height, camera.width) for camera in cameras]

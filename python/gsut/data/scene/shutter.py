@@ -1,0 +1,135 @@
+"""How a scene's images were read out: as its files say, at once, or line by line."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from gsut._core import InputError, Shutter, interpolate_pose
+from gsut.data.poses import inverse
+from gsut.data.scene.scene import Scene, View
+
+_NUMBER = re.compile(r"(\d+)\D*$")  # the last number of a name
+
+
+def with_shutter(
+    scene: Scene,
+    shutter: str = "auto",
+    readout_time: float | None = None,
+    direction: str = "top_to_bottom",
+) -> Scene:
+    """The scene with its views' shutters as they shall be treated.
+
+    Args:
+        scene: views with one pose each, or with a start and an end pose.
+        shutter: "auto": as the data says, rolling where `readout_time` is given; "global": one pose
+            an image; "rolling": start and end poses of the data, or `readout_time`.
+        readout_time: time from the first line to the last, over the time between two frames of the
+            video. Views without a start and an end pose get them from the velocity between their
+            neighbours, frames in the order of the numbers in their names.
+        direction: of these views' shutter, see `Shutter`.
+
+    Raises:
+        InputError: "rolling" without poses or a readout time, "global" with a readout time, or
+            fewer than two frames.
+    """
+    if shutter == "global":
+        if readout_time is not None:
+            raise InputError("--shutter global and --readout-time contradict each other: drop one")
+        views = [
+            dataclasses.replace(
+                view, camera_from_world_start=None, camera_from_world_end=None, shutter=None
+            )
+            for view in scene.views
+        ]
+        return scene.replace(views=views)
+    still = [i for i, view in enumerate(scene.views) if view.shutter is None]
+    if not still or (shutter == "auto" and readout_time is None):
+        return scene
+    if readout_time is None:
+        raise InputError(
+            f"--shutter rolling, but {len(still)} of the {len(scene.views)} views of {scene.path} "
+            "have no transform_matrix_start and _end; give --readout-time"
+        )
+    moving = _moving_views(scene.views, readout_time, Shutter(direction))
+    return scene.replace(
+        views=[moving[i] if view.shutter is None else view for i, view in enumerate(scene.views)]
+    )
+
+
+def _moving_views(views: Sequence[View], readout_time: float, shutter: Shutter) -> list[View]:
+    """The views with a start and an end pose from their neighbours in time."""
+    if len(views) < 2:
+        raise InputError("--readout-time needs at least two frames to find the camera's velocity")
+    moving = []
+    for view, (before, after, time) in zip(views, neighbours_in_time(views), strict=True):
+        start, end = _moved(view, views[before], views[after], 0.5 * readout_time / time)
+        moving.append(
+            dataclasses.replace(
+                view, camera_from_world_start=start, camera_from_world_end=end, shutter=shutter
+            )
+        )
+    return moving
+
+
+def neighbours_in_time(views: Sequence[View]) -> list[tuple[int, int, float]]:
+    """Of each view the one before and the one after it, and the time between them in frames.
+
+    The first and the last are neighbours of themselves. Frames are in the order of the numbers in
+    their names.
+    """
+    times = frame_times([view.name for view in views])
+    order = np.argsort(times, kind="stable")
+    place = np.argsort(order)
+    sides = [order[np.clip(place + side, 0, len(views) - 1)].tolist() for side in (-1, 1)]
+    return [(a, b, float(times[b] - times[a])) for a, b in zip(*sides, strict=True)]
+
+
+def views_within(view: View, before: View, after: View, share: float, count: int) -> list[View]:
+    """The view at moments of its exposure: the middles of `count` equal parts of it.
+
+    Args:
+        view, before, after: in the order of time, the outer ones give the velocity.
+        share: the exposure, over the time between `before` and `after`.
+    """
+    out = []
+    for at in share * ((np.arange(count) + 0.5) / count - 0.5):
+        pose = _moved(view, before, after, abs(at))[int(at > 0)] if at else view.camera_from_world
+        step = pose @ inverse(view.camera_from_world)
+        ends = (view.camera_from_world_start, view.camera_from_world_end)
+        start, end = (None if each is None else step @ each for each in ends)
+        out.append(
+            dataclasses.replace(
+                view, camera_from_world=pose, camera_from_world_start=start,
+                camera_from_world_end=end,
+            )
+        )  # fmt: skip
+    return out
+
+
+def frame_times(names: Sequence[str]) -> np.ndarray:
+    """(N,) the last number of each name, or the place in the list where they are not unique."""
+    found = [_NUMBER.search(name) for name in names]
+    numbers = [float(match[1]) for match in found if match]
+    if len(set(numbers)) == len(names):
+        return np.array(numbers)
+    return np.arange(len(names), dtype=np.float64)
+
+
+def _moved(view: View, before: View, after: View, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """The poses `share` of the way from `before` to `after` earlier and later than the view's."""
+    turn = after.camera_from_world[:3, :3] @ before.camera_from_world[:3, :3].T
+    whole = np.eye(4)
+    whole[:3, :3] = turn
+    part = np.array(interpolate_pose(np.eye(4), whole, min(share, 1.0)))[:3, :3]
+    step = share * (after.camera_center - before.camera_center)
+    poses = []
+    for rotation, shift in ((part.T, -step), (part, step)):
+        world_from_camera = inverse(view.camera_from_world)
+        world_from_camera[:3, :3] = world_from_camera[:3, :3] @ rotation.T
+        world_from_camera[:3, 3] += shift
+        poses.append(inverse(world_from_camera))
+    return poses[0], poses[1]

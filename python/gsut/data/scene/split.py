@@ -1,0 +1,110 @@
+"""Which views are trained on and which are held out for testing."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+
+from gsut._core import InputError
+from gsut.data.errors import DatasetError, some_names
+
+TEST_EVERY = 8  # every 8th image by name is held out, as in the 3DGS papers
+
+
+def split_views(
+    names: Sequence[str],
+    source: Path,
+    *,
+    test_every: int = TEST_EVERY,
+    test_names: Sequence[str] | None = None,
+    listed_train: Sequence[str] | None = None,
+    listed_test: Sequence[str] | None = None,
+    missing: Sequence[str] = (),
+) -> tuple[list[int], list[int], list[str]]:
+    """Splits views into training and test.
+
+    In order of precedence: `test_names`, the dataset's own lists, every `test_every`-th by name.
+
+    Args:
+        names: of the views, sorted.
+        source: the dataset's file, for messages.
+        test_every: 0 holds none out.
+        test_names: names, file names or stems to hold out.
+        listed_train, listed_test: lists in the dataset's file, or None.
+        missing: names that the dataset lists but whose image does not exist.
+    Returns:
+        train indices, test indices, notes.
+    Raises:
+        DatasetError: an unknown name, a view in both lists, or no training view left.
+        InputError: `test_every` is negative.
+    """
+    if test_every < 0:
+        raise InputError(f"test_every must be 0 (none) or more, found {test_every}")
+    notes: list[str] = []
+    everything = range(len(names))
+    if test_names is not None:
+        test = _indices(test_names, names, "test_names", source, missing)
+        train = set(everything) - test
+    elif listed_test is not None or listed_train is not None:
+        test = _indices(listed_test or (), names, "test_filenames", source, missing)
+        if listed_train is None:
+            train = set(everything) - test
+        else:
+            train = _indices(listed_train, names, "train_filenames", source, missing)
+        both = sorted(train & test)
+        if both:
+            raise DatasetError(
+                source,
+                f"{len(both)} images are in the training and the test list:"
+                f" {some_names([names[i] for i in both])}",
+                "a held-out image must not be trained on: remove them from one list",
+            )
+        neither = [names[i] for i in everything if i not in test | train]
+        if neither:
+            notes.append(
+                f"{source}: {len(neither)} images are in no list and are not used:"
+                f" {some_names(neither)}"
+            )
+    else:
+        test = set(everything[::test_every]) if test_every and len(names) > 1 else set()
+        train = set(everything) - test
+    if not train:
+        raise DatasetError(source, "no training view is left", "hold fewer images out for testing")
+    return sorted(train), sorted(test), notes
+
+
+def _indices(
+    wanted: Sequence[str], names: Sequence[str], what: str, source: Path, missing: Sequence[str]
+) -> set[int]:
+    """Indices of names given in full, as file name or as stem; missing images are passed over."""
+    by_alias: dict[str, list[int]] = {}
+    for index, name in enumerate(names):
+        for alias in _aliases(name):
+            by_alias.setdefault(alias, []).append(index)
+    absent = {alias for name in missing for alias in _aliases(name)}
+    found: set[int] = set()
+    for name in wanted:
+        rows = by_alias.get(_clean(name), [])
+        if len(rows) > 1:
+            raise DatasetError(
+                source,
+                f"{what} has '{name}', which fits {len(rows)} images:"
+                f" {some_names([names[i] for i in rows])}",
+                "give the name with its folder",
+            )
+        if not rows and _clean(name) not in absent:
+            near = difflib.get_close_matches(str(name), names, n=1, cutoff=0)
+            hint = f"the nearest is '{near[0]}'" if near else "there are no images"
+            raise DatasetError(source, f"{what} has '{name}', which is not an image", hint)
+        found.update(rows)
+    return found
+
+
+def _clean(name: object) -> str:
+    return str(PurePosixPath(str(name)))
+
+
+def _aliases(name: str) -> set[str]:
+    path = PurePosixPath(name)
+    return {str(path), path.name, path.stem, str(path.parent / path.stem)}

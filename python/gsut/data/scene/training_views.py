@@ -1,0 +1,180 @@
+"""The views of a training: photographs at a step's resolution, poses and lenses as they are now."""
+
+from __future__ import annotations
+
+import collections
+import concurrent.futures
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut.data.scene.scene import Scene, keep_at_most
+from gsut.lens import Camera
+
+# Coarse levels with a shorter side below this many pixels are left out: nothing to learn there.
+_SMALLEST_SIDE = 64
+# Targets kept decoded with their statistics; beyond it the least recently used are made again.
+_TARGET_CACHE_BYTES = 2 << 30
+_PIXELS_PART = 8  # of the bytes to keep, for decoded pixels that are not ready for the loss
+
+
+class Level:
+    """The scene at one resolution, its photographs ready for the loss.
+
+    Attributes:
+        scene: with images and cameras of that size, and the poses and lenses as they are now.
+    """
+
+    def __init__(self, scene: Scene, keep_bytes: int = _TARGET_CACHE_BYTES) -> None:
+        self.scene = scene
+        self._keep_bytes = keep_bytes
+        self._targets: collections.OrderedDict[int, _core.PhotometricTarget] = (
+            collections.OrderedDict()
+        )
+        self._bytes = 0
+        self._buffers: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
+        self._coming: dict[int, concurrent.futures.Future[_core.PhotometricTarget]] = {}
+
+    def camera(self, view: int) -> _core.Camera:
+        """Camera of a view, at this resolution."""
+        return self.scene.camera(view)
+
+    def target(self, view: int) -> _core.PhotometricTarget:
+        """The view's photograph and mask with what the loss precomputes of them."""
+        if view in self._targets:
+            self._targets.move_to_end(view)
+            return self._targets[view]
+        coming = self._coming.pop(view, None)
+        target = self._make_target(view) if coming is None else coming.result()
+        self._targets[view] = target
+        self._bytes += target.nbytes
+        while self._bytes > self._keep_bytes and len(self._targets) > 1:
+            self._bytes -= self._targets.popitem(last=False)[1].nbytes
+        return target
+
+    def prepare(self, view: int, worker: concurrent.futures.Executor) -> None:
+        """Begins to make the target of a view on another thread, for the step after this one."""
+        if view not in self._targets and view not in self._coming:
+            self._coming[view] = worker.submit(self._make_target, view)
+
+    def _make_target(self, view: int) -> _core.PhotometricTarget:
+        return _core.PhotometricTarget(
+            self.scene.image(view), self.scene.mask(view), "partial", True
+        )
+
+    def buffers(self, view: int) -> tuple[np.ndarray, np.ndarray]:
+        """Two (H, W, 3) float32 arrays of the view's size, used again and again."""
+        camera = self.camera(view)
+        size = (camera.height, camera.width)
+        if size not in self._buffers:
+            self._buffers[size] = (
+                np.zeros((*size, 3), np.float32),
+                np.zeros((*size, 3), np.float32),
+            )
+        return self._buffers[size]
+
+
+class TrainingViews:
+    """Which resolution is trained at when, and the one owner of poses and lenses while they move.
+
+    Args:
+        scene: at full resolution.
+        until: fractions of the steps: quarter resolution up to the first, half up to the second.
+
+    Attributes:
+        scene: at full resolution, with the poses and lenses as they are now.
+    """
+
+    def __init__(self, scene: Scene, until: tuple[float, float]) -> None:
+        self.scene = scene
+        shorter = min(min(c.width, c.height) for c in scene.cameras)
+        self._until = [
+            (factor, end)
+            for factor, end in zip((0.25, 0.5), until, strict=True)
+            if end > 0 and factor * shorter >= _SMALLEST_SIDE
+        ]
+        self._factor = 0.0
+        self._level: Level | None = None
+        self._worker = concurrent.futures.ThreadPoolExecutor(1, "gsut-images")
+        self._keep: tuple[int, int] | None = None
+
+    def keep_at_most(self, size: int) -> None:
+        """Keeps so many bytes of decoded photographs; others are decoded again when they are due.
+
+        What is ready for the loss takes most of it, the pixels alone the rest.
+        """
+        self._keep = size - size // _PIXELS_PART, size // _PIXELS_PART
+        self._level = None
+
+    def at(self, fraction: float) -> Level:
+        """The level for a step at this fraction of all steps; a passed level is dropped."""
+        factor = self._factor_at(fraction)
+        if self._level is None or factor != self._factor:
+            self._factor = factor
+            self._level = self._new_level(
+                self.scene if factor == 1.0 else self.scene.scaled(factor, keep_larger=True)
+            )
+        return self._level
+
+    def _new_level(self, scene: Scene) -> Level:
+        if self._keep is None:
+            return Level(scene)
+        for each in {id(scene): scene, id(self.scene): self.scene}.values():
+            keep_at_most(each, self._keep[1])
+        return Level(scene, self._keep[0])
+
+    def prepare(self, view: int, fraction: float) -> None:
+        """Begins to decode the next step's image while this step is computed.
+
+        Args:
+            view: of the next step.
+            fraction: of the next step. Does nothing where that changes the level, or with one
+                thread.
+        """
+        level = self._level if self._factor_at(fraction) == self._factor else None
+        if level is not None and _core.num_threads() > 1:
+            level.prepare(view, self._worker)
+
+    @property
+    def poses(self) -> np.ndarray:
+        """(n, 4, 4) camera_from_world of the training views, in their order."""
+        return self.scene.poses(self.scene.train_indices)
+
+    def training_cameras(self) -> tuple[list[Any], np.ndarray]:
+        """The cameras of the training views and their poses (V, 4, 4), as they are now."""
+        return [self.scene.camera(i) for i in self.scene.train_indices], self.poses
+
+    def move(self, camera_from_world: np.ndarray) -> None:
+        """Goes on with other poses (n, 4, 4) of the training views."""
+        self.scene = self.scene.with_poses(self.scene.train_indices, camera_from_world)
+        if self._level is not None:
+            level = self._level.scene
+            self._level.scene = level.with_poses(level.train_indices, camera_from_world)
+
+    def replace_lenses(self, file_cameras: Sequence[Camera]) -> None:
+        """Goes on with other lenses.
+
+        Args:
+            file_cameras: one for each of the scene's, at the size of its files.
+        """
+        self.scene = self.scene.with_lenses(file_cameras)
+        if self._level is not None:
+            self._level = self._new_level(self._level.scene.with_lenses(file_cameras))
+
+    def state_dict(self) -> dict[str, Any]:
+        """Poses and lenses as they are now."""
+        lenses = [np.array(camera.params) for camera in self.scene.file_cameras]
+        return {"poses": self.poses, "lenses": lenses}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Goes on exactly where `state_dict` was taken."""
+        self.move(state["poses"])
+        cameras = self.scene.file_cameras
+        lenses = tuple(c.with_params(p) for c, p in zip(cameras, state["lenses"], strict=True))
+        if lenses != cameras:
+            self.replace_lenses(lenses)
+
+    def _factor_at(self, fraction: float) -> float:
+        return next((f for f, end in self._until if fraction <= end), 1.0)

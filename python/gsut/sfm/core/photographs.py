@@ -1,0 +1,260 @@
+"""The photographs of `gsut poses` and the lens of each."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError, Shutter
+from gsut.data import find_images, find_lens_file, read_capture, read_dataset
+from gsut.data.images import find_mask, read_header
+from gsut.lens import Camera, LensProfile, find_lenses, is_lens_name, lens_by_name, load_camera
+from gsut.lens.files import camera_from_values
+
+FEWEST_IMAGES = 2
+_KINDS_LISTED = 5  # endings of names in a message
+# Kannala-Brandt coefficients of a perspective lens: tan(x) / x = 1 + x^2/3 + 2 x^4/15 + ...
+TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
+_MOST_CANDIDATES = 3  # of the database
+_SAME_LENS = 0.05  # share by which focal lengths of candidates differ, at least
+
+
+@dataclasses.dataclass(frozen=True)
+class Photographs:
+    """What poses are estimated for.
+
+    Args:
+        root: the folder that names are relative to.
+        names: of the images, sorted.
+        paths: of the images.
+        masks: image that is white where pixels are valid, or None; one an image.
+        cameras: one an image, equal lenses the same object; None: unknown.
+        shutter: rolling, in the direction that the dataset says, or None: nothing said.
+        frames: (N,) of a rig: which images were taken together, counted from 0 in order of time.
+        rig_cameras: (N,) of a rig: the camera, counted from 0.
+        paired_by: of a rig: "name" or "order" of the images.
+        profile: of the database, where the lens was given by name: a start, not known.
+        candidates: lenses that an unknown one may be near.
+        times: seconds by name, of a video's frames.
+        said_focal_px: focal length that the images' EXIF names, in pixels.
+        flows: (M, 4) by name: pixels of a video's frames, and how far they move in a second.
+        orientations: EXIF's by name, 1 for upright; of captures only.
+        places: latitude and longitude in degrees, altitude in metres, by name.
+    """
+
+    root: Path
+    names: list[str]
+    paths: list[Path]
+    masks: list[Path | None]
+    cameras: list[Camera | None]
+    shutter: Shutter | None = None
+    frames: np.ndarray | None = None
+    rig_cameras: np.ndarray | None = None
+    paired_by: str | None = None
+    profile: LensProfile | None = None
+    candidates: tuple[Camera, ...] = ()
+    times: dict[str, float] = dataclasses.field(default_factory=dict)
+    said_focal_px: float | None = None
+    flows: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    orientations: dict[str, int] = dataclasses.field(default_factory=dict)
+    places: dict[str, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def lenses_known(self) -> bool:
+        """Whether every image has a lens."""
+        return None not in self.cameras
+
+    @property
+    def lenses(self) -> list[Camera]:
+        """The lens of each image, where all are known."""
+        assert self.lenses_known
+        return [camera for camera in self.cameras if camera is not None]
+
+
+def find_photographs(images: Path, lens: Path | None, *, with_lens: bool = True) -> Photographs:
+    """Finds images and lens.
+
+    Args:
+        images: a folder of images (or with a folder `images`), with masks as
+            `gsut train` reads them (mask.png, masks/); or a dataset, whose images, masks and lens
+            are used and whose poses are not.
+        lens: lens file, or a dataset whose lens is used; None: the one beside the images, or
+            unknown. A name of the database leaves the lens unknown, with a candidate.
+        with_lens: whether a lens file beside plain images is read.
+
+    Raises:
+        InputError: no such folder, fewer than two images, or the lens cannot be read.
+    """
+    if not images.is_dir():
+        raise InputError(f"{images} is no folder; give the folder of the photographs")
+    if (images / "transforms.json").is_file():
+        found = _of_dataset(images)
+    else:
+        found = photographs_in(images, with_lens=with_lens and lens is None)
+    if lens is not None and is_lens_name(lens):
+        found = _with_profile(found, str(lens))
+    elif lens is not None:
+        camera = _lens_of(lens)
+        found = dataclasses.replace(found, cameras=[camera] * len(found))
+    if len(found) < FEWEST_IMAGES:
+        kinds = {path.suffix.lower() for path in images.rglob("*") if path.is_file()} - {""}
+        raise InputError(
+            f"{images} holds {len(found)} image(s){_other_kinds(kinds)}; poses need at least "
+            f"{FEWEST_IMAGES} that overlap, better 20 or more"
+        )
+    return found
+
+
+def _other_kinds(kinds: set[str]) -> str:
+    """What is said of files that are no pictures here, such as HEIC beside a given lens."""
+    listed = ", ".join(sorted(kinds)[:_KINDS_LISTED])
+    return f" among files of the kinds {listed}" if listed else ""
+
+
+def _of_dataset(path: Path) -> Photographs:
+    frames = sorted(read_dataset(path).frames, key=lambda frame: frame.name)
+    return Photographs(
+        path,
+        [frame.name for frame in frames],
+        [frame.image_path for frame in frames],
+        [frame.mask_path for frame in frames],
+        [frame.camera for frame in frames],
+        next((frame.shutter for frame in frames if frame.shutter is not None), None),
+    )
+
+
+def photographs_in(path: Path, *, with_lens: bool = False) -> Photographs:
+    """The images and masks of a plain folder, and, if asked for, the lens beside them."""
+    captured = read_capture(path)
+    if captured is not None:
+        return _of_capture(path, captured)
+    paths = find_images(path)
+    root = path / "images" if (path / "images").is_dir() else path
+    names = [p.relative_to(root).as_posix() for p in paths]
+    common = path / "mask.png" if (path / "mask.png").is_file() else None
+    masks = [find_mask(path / "masks", name) or common for name in names]
+    file = find_lens_file(path) if with_lens else None
+    camera = load_camera(file) if file is not None else None
+    return Photographs(root, names, paths, masks, [camera] * len(paths))
+
+
+def _of_capture(path: Path, captured: dict[str, Any]) -> Photographs:
+    """The pictures that capture.json lists, and what they say of their lens."""
+    rows, frames, lens_of = _in_order(captured)
+    masks = [row.get("mask") for row in rows]
+    return Photographs(
+        path,
+        [row["name"] for row in rows],
+        [path / row["path"] for row in rows],
+        [None if mask is None else path / mask for mask in masks],
+        [camera_from_values(captured["lens"]) if captured.get("lens") else None] * len(rows),
+        frames=frames,
+        rig_cameras=lens_of,
+        paired_by=None if frames is None else "name",
+        candidates=_candidates(captured),
+        times={row["name"]: row["time"] for row in rows if row.get("time") is not None},
+        said_focal_px=captured.get("focal_px"),
+        flows={row["name"]: np.array(row["flow"]) for row in rows if row.get("flow")},
+        # Circles of a dual fisheye are turned as their maker likes.
+        orientations={
+            row["name"]: row.get("orientation") or 1 for row in rows if not captured.get("fisheye")
+        },
+        places={row["name"]: tuple(row["place"]) for row in rows if row.get("place")},
+    )
+
+
+def _in_order(
+    captured: dict[str, Any],
+) -> tuple[list[dict[str, Any]], np.ndarray | None, np.ndarray | None]:
+    """The rows of the pictures, and of pictures taken by two lenses together frame and lens."""
+    rows = sorted(captured["frames"], key=lambda row: row["name"])
+    lenses = captured.get("lenses")
+    if not lenses:
+        return rows, None, None
+    parts = [row["name"].split("/", 1) for row in rows]
+    moments = sorted({moment for _, moment in parts})
+    keys = [(moments.index(moment), lenses.index(lens)) for lens, moment in parts]
+    order = sorted(range(len(rows)), key=keys.__getitem__)
+    sorted_keys = np.array([keys[i] for i in order])
+    return [rows[i] for i in order], sorted_keys[:, 0], sorted_keys[:, 1]
+
+
+def _candidates(captured: dict[str, Any]) -> tuple[Camera, ...]:
+    """Lenses that what the pictures say of their camera speaks for: EXIF's, and the database's."""
+    width, height = captured["size"]
+    found = []
+    if captured.get("fisheye"):
+        found.append(camera_from_values(captured["fisheye"]))
+    focal = captured.get("focal_px")
+    if focal:
+        params = [focal, focal, width / 2, height / 2, *TANGENT]
+        found.append(Camera("kannala_brandt", params, width, height))
+    name = captured.get("camera")
+    for profile in find_lenses(name, size=(width, height)) if name else ():
+        if len(found) > _MOST_CANDIDATES:
+            break
+        lens = profile.camera(width, height)
+        near = any(abs(lens.params[0] / c.params[0] - 1) < _SAME_LENS for c in found)
+        if not (profile.doubts or near):
+            found.append(lens)
+    return tuple(found)
+
+
+def _with_profile(found: Photographs, name: str) -> Photographs:
+    """The photographs with a lens of the database as candidate."""
+    sizes = []
+    for path in found.paths:
+        with contextlib.suppress(InputError):  # unreadable: named when features are sought
+            header = read_header(path)
+            sizes.append((header.width, header.height))
+            break
+    profile = lens_by_name(name, *sizes)
+    candidates = tuple(profile.camera(*size) for size in sizes)
+    return dataclasses.replace(
+        found, cameras=[None] * len(found), profile=profile, candidates=candidates
+    )
+
+
+def check_lens(lens: str | None) -> None:
+    """Raises InputError or OSError, before time is spent, if `--camera` names a file that holds no
+    lens."""
+    if lens is not None and not is_lens_name(lens):
+        _lens_of(Path(lens))
+
+
+def _lens_of(path: Path) -> Camera:
+    if not path.is_dir():
+        return load_camera(path)
+    if (path / "transforms.json").is_file():
+        cameras = {frame.camera for frame in read_dataset(path).frames}
+        if len(cameras) != 1:
+            raise InputError(f"{path} has {len(cameras)} lenses; give the file of one")
+        return cameras.pop()
+    file = find_lens_file(path)
+    if file is None:
+        raise InputError(f"{path} holds neither a transforms.json nor a lens file")
+    return load_camera(file)
+
+
+def require_central(cameras: Iterable[_core.Camera]) -> None:
+    """Refuses lenses whose rays do not meet in one point.
+
+    Raises:
+        InputError: says what to do instead.
+    """
+    for camera in cameras:
+        if not camera.is_central:
+            raise InputError(
+                f"poses need a lens whose rays meet in one point, and those of {camera.model} do "
+                "not: fit a central one to it, such as splined_stereographic, with `gsut camera "
+                "convert`"
+            )

@@ -1,0 +1,238 @@
+"""How well a refined lens is known: the covariance of its parameters and of what it projects."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from gsut._core import SolveError
+from gsut.data.poses import centers_of
+from gsut.lens import Camera
+from gsut.sfm.core import Solution
+
+# Standard deviation of what an image may move (of the cameras' extent) and turn (radians) during
+# its readout.
+_VELOCITY_SIGMA = (0.1, 0.2)
+_CHUNK = 2000  # points whose pairs of observations are summed at once
+
+
+@dataclasses.dataclass(frozen=True)
+class LensCovariance:
+    """At the solution, from its residuals.
+
+    Args:
+        params: (F, F) covariance of what was free, one row a parameter or group of tied ones.
+        free: (K,) bool, which parameters were.
+        basis: (K, F) change of the parameters by that of what was free.
+        with_turn: (F + 3, F + 3): the same, and the turn that undoes a change of the lens best at
+            the observations (radians, camera frame).
+        noise: standard deviation of a feature's coordinate in pixels.
+    """
+
+    params: np.ndarray
+    free: np.ndarray
+    basis: np.ndarray
+    with_turn: np.ndarray
+    noise: float
+
+    @property
+    def sigmas(self) -> np.ndarray:
+        """(K,) standard deviations of the parameters; 0 for those that were held."""
+        return np.sqrt(np.einsum("kf,fg,kg->k", self.basis, self.params, self.basis))
+
+    def projection_sigma(self, camera: Camera, pixels: np.ndarray) -> np.ndarray:
+        """(N,) pixels: standard deviation, in its worst direction, of distant points' projections.
+
+        A lens that is turned together with all cameras is the same lens: changes count after the
+        turn that undoes them best where features were seen.
+
+        Args:
+            camera: the refined lens. pixels: (N, 2) where the directions are seen.
+
+        Returns:
+            NaN where the lens has no ray.
+        """
+        rays, valid = camera.unproject(pixels)
+        sigma = np.full(len(pixels), np.nan)
+        if not valid.any():
+            return sigma
+        by_point, by_params = camera.project_jacobian(rays[valid])
+        jacobian = np.concatenate([by_params @ self.basis, by_turn(by_point, rays[valid])], 2)
+        spread = jacobian @ self.with_turn @ jacobian.transpose(0, 2, 1)
+        known = np.isfinite(spread).all(axis=(1, 2))
+        values = np.full(len(spread), np.nan)
+        values[known] = np.sqrt(np.maximum(np.linalg.eigvalsh(spread[known])[:, -1], 0.0))
+        sigma[valid] = values
+        return sigma
+
+
+def lens_covariance(
+    solution: Solution, free: np.ndarray, loss_scale: float, feature_variance: float = 1.0
+) -> LensCovariance:
+    """Covariance of the lens of a solution that all images share; poses and points are free too.
+
+    The inverse of the normal equations with the points eliminated, times a variance that takes in
+    what Cauchy's loss costs (Huber 1964: E[psi^2] / E[psi']^2). The first image and one component
+    of the farthest centre are held; the result does not depend on that choice.
+
+    Args:
+        solution: with one lens.
+        free: (K,) flags of the parameters that were adjusted; equal ones above 1 are tied.
+        loss_scale: of Cauchy's loss, in medians of the residuals' lengths, as in the adjustment.
+        feature_variance: FEATURE_VARIANCE for features of photographs, 1 for independent errors.
+
+    Raises:
+        SolveError: the observations do not determine the lens.
+    """
+    camera = solution.cameras[0]
+    basis = free_columns(free)
+    image, point = solution.observations[:, 1], solution.observations[:, 0]
+    poses = solution.camera_from_world
+    rotation = poses[image, :3, :3]
+    p = np.einsum("nij,nj->ni", rotation, solution.points[point]) + poses[image, :3, 3]
+    by_p, by_params = camera.project_jacobian(p)
+    good = np.isfinite(by_p).all(axis=(1, 2)) & np.isfinite(solution.residuals).all(axis=1)
+    image, point, rotation, p = image[good], point[good], rotation[good], p[good]
+    by_p, by_params, residual = by_p[good], by_params[good], solution.residuals[good]
+    squared = np.sum(residual**2, axis=1)
+    scale = loss_scale * max(math.sqrt(float(np.median(squared))), 1e-12)
+    weight = np.sqrt(1 / (1 + squared / scale**2))[:, None, None]
+    by_centre = -by_p @ rotation
+    change = weight * (by_params @ basis)
+    rows = weight * np.concatenate([by_centre, by_turn(by_p, p)], axis=2)
+    if solution.shutter is not None:  # a body that moves during the readout: as much by its time
+        rows = np.concatenate([rows, _readout_times(solution)[good, None, None] * rows], axis=2)
+    normal, freedom = without_points(image, point, rows, change, -weight * by_centre, len(poses))
+    _add_velocity_priors(normal, solution, math.sqrt(float(np.median(squared)) / 2), rows.shape[2])
+    freedom += 2 * len(image)
+    unknown = _unknowns(solution, basis.shape[1], rows.shape[2])
+    freedom -= len(unknown)
+    small = normal[np.ix_(unknown, unknown)]
+    size = 1 / np.sqrt(np.maximum(np.diag(small), 1e-300))
+    try:
+        inverse = np.linalg.inv(small * np.outer(size, size)) * np.outer(size, size)
+    except np.linalg.LinAlgError:
+        inverse = np.full_like(small, np.nan)
+    lens = np.arange(len(small) - basis.shape[1], len(small))
+    if freedom <= 0 or not np.all(np.diag(inverse)[lens] > 0):
+        raise SolveError(
+            "these images do not determine the lens: give more of them, from different places and "
+            "turned in different directions"
+        )
+    noise, variance = residual_spread(squared, weight[:, 0, 0] ** 2, freedom)
+    variance *= feature_variance
+    turn = weight * by_turn(by_p, p)
+    undone = -np.linalg.lstsq(turn.reshape(-1, 3), change.reshape(-1, change.shape[2]))[0]
+    both = np.concatenate([np.eye(change.shape[2]), undone])
+    params = variance * inverse[np.ix_(lens, lens)]
+    return LensCovariance(params, np.asarray(free) > 0, basis, both @ params @ both.T, noise)
+
+
+def free_columns(flags: np.ndarray) -> np.ndarray:
+    """(K, F) of the flags (K,) of a lens' parameters: a column for each free one, or tied group."""
+    flags = np.asarray(flags).astype(int)
+    groups = np.where(flags == 1, -1 - np.arange(len(flags)), flags)
+    wanted = list(dict.fromkeys(groups[flags > 0].tolist()))
+    return np.stack([groups == group for group in wanted], axis=1).astype(np.float64)
+
+
+def _readout_times(solution: Solution) -> np.ndarray:
+    """(S,) of the observations' lines, -0.5 to 0.5, but for the direction."""
+    assert solution.shutter is not None
+    camera, along_y = solution.cameras[0], "top" in solution.shutter.direction
+    size = camera.height if along_y else camera.width
+    return solution.pixels[:, int(along_y)] / size - 0.5
+
+
+def _add_velocity_priors(
+    normal: np.ndarray, solution: Solution, noise: float, unknowns: int
+) -> None:
+    """What is known of velocities beforehand, as in the adjustment; see `_VELOCITY_SIGMA`."""
+    if unknowns == 6:
+        return
+    size = np.linalg.norm(np.ptp(centers_of(solution.camera_from_world), axis=0))
+    for image in range(len(solution.names)):
+        for k in range(6):
+            sigma = _VELOCITY_SIGMA[k // 3] * (size if k < 3 else 1.0)
+            place = unknowns * image + 6 + k
+            normal[place, place] += (noise / sigma) ** 2
+
+
+def residual_spread(squared: np.ndarray, weight: np.ndarray, freedom: int) -> tuple[float, float]:
+    """Noise of a coordinate in pixels, and the factor of the inverse weighted normal equations.
+
+    Args:
+        squared: (S,) residuals' squared lengths.
+        weight: (S,) Cauchy's, w = 1 / (1 + squared / c^2).
+        freedom: coordinates less unknowns.
+    """
+    lost = 2 * len(squared) / freedom
+    noise = math.sqrt(float(np.median(squared)) / (2 * math.log(2)) * lost)  # of a normal's length
+    # psi = w r; over all directions of a residual r in the plane its mean derivative is w^2.
+    psi = float(np.mean(weight**2 * squared)) / 2
+    return noise, lost * psi * float(np.mean(weight)) / float(np.mean(weight**2)) ** 2
+
+
+def by_turn(by_point: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """(N, 2, 3): derivative by w of a function of p + w x p."""
+    return np.cross(p[:, None, :], by_point)
+
+
+def without_points(
+    image: np.ndarray,
+    point: np.ndarray,
+    by_pose: np.ndarray,
+    by_lens: np.ndarray,
+    by_point: np.ndarray,
+    images: int,
+) -> tuple[np.ndarray, int]:
+    """Normal equations (D images + F, same) without the points, and minus three for each point.
+
+    D is the number of columns of by_pose.
+    """
+    order = np.argsort(point, kind="stable")
+    image, point = image[order], point[order]
+    by_pose, by_lens, by_point = by_pose[order], by_lens[order], by_point[order]
+    count = by_lens.shape[2]
+    unknowns = by_pose.shape[2]
+    own = np.zeros((images, images, unknowns, unknowns))
+    with_lens = np.zeros((images, unknowns, count))
+    lens = np.einsum("nri,nrj->ij", by_lens, by_lens)
+    np.add.at(own, (image, image), by_pose.transpose(0, 2, 1) @ by_pose)
+    np.add.at(with_lens, image, by_pose.transpose(0, 2, 1) @ by_lens)
+    starts = np.flatnonzero(np.r_[True, point[1:] != point[:-1]])
+    lengths = np.diff(np.r_[starts, len(point)])
+    for length in np.unique(lengths):
+        chosen = starts[lengths == length]
+        for begin in range(0, len(chosen), _CHUNK):
+            rows = chosen[begin : begin + _CHUNK, None] + np.arange(length)
+            c = by_point[rows]  # (points, observations, 2, 3)
+            pose_c = by_pose[rows].transpose(0, 1, 3, 2) @ c  # (points, observations, D, 3)
+            lens_c = (by_lens[rows].transpose(0, 1, 3, 2) @ c).sum(axis=1)  # (points, F, 3)
+            inverse = np.linalg.inv((c.transpose(0, 1, 3, 2) @ c).sum(axis=1))
+            pose_i = pose_c @ inverse[:, None]
+            at = image[rows]
+            np.subtract.at(
+                own,
+                (at[:, :, None], at[:, None, :]),
+                np.einsum("nsij,ntkj->nstik", pose_i, pose_c, optimize=True),
+            )
+            np.subtract.at(with_lens, at, pose_i @ lens_c.transpose(0, 2, 1)[:, None])
+            lens -= np.einsum("nij,nkj->ik", lens_c @ inverse, lens_c)
+    size = unknowns * images
+    cross = with_lens.reshape(size, count)
+    poses = own.transpose(0, 2, 1, 3).reshape(size, size)
+    return np.block([[poses, cross], [cross.T, lens]]), -3 * len(starts)
+
+
+def _unknowns(solution: Solution, lens: int, of_image: int) -> np.ndarray:
+    """Indices of what the gauge leaves free, the lens' last."""
+    first, second = solution.initial_pair
+    centres = centers_of(solution.camera_from_world)
+    axis = int(np.argmax(np.abs(centres[second] - centres[first])))
+    keep = np.repeat(solution.registered, of_image)
+    keep[of_image * first : of_image * first + 6] = False
+    keep[of_image * second + axis] = False
+    return np.flatnonzero(np.r_[keep, np.ones(lens, bool)])

@@ -1,0 +1,173 @@
+"""How well lenses explain pairs of images: a quick ranking before anything is reconstructed."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from gsut import _core
+from gsut.lens import Camera, with_scaled_focal
+from gsut.sfm.core import Features, PosesOptions, RawMatches
+from gsut.sfm.lens.candidates import with_added_bend
+
+_PAIRS = 24
+_PAIRS_OF_AN_IMAGE = 2
+_MATCHES = 250  # of a pair, the most distinct
+# Of a first look at all lenses; so many of them get a closer one.
+_QUICK_PAIRS, _QUICK_MATCHES, _CLOSER = 10, 100, 6
+_FAVOUR = 1.02  # on the share of a lens that the database or EXIF speaks for
+# Matches of a pair beyond which more do not count, and the spread of their displacements beyond
+# which more is no better (of the diagonal): pairs that move say more than pairs with many matches.
+_ENOUGH_MATCHES = 300
+_ENOUGH_SPREAD = 0.06
+# Of pairs of a camera that turned on the spot a turn alone explains so much, of what agrees to a
+# larger error: where the lens is only nearly right.
+_TURNED, _TURN_ERROR = 0.8, 3.0
+# Steps of the focal length and of k1 around the best lens, coarse to fine.
+_STEPS = ((0.15, 0.06), (0.07, 0.03), (0.035, 0.015))
+
+
+@dataclasses.dataclass(frozen=True)
+class RankedLens:
+    """A lens and the share of matches that agree with one relative pose a pair through it."""
+
+    camera: Camera
+    share: float
+
+
+class LensRanking:
+    """Some pairs of images with depth, by which lenses are compared.
+
+    A wrong lens bends epipolar lines: fewer of a pair's matches agree with one relative pose. The
+    pose has five degrees of freedom and a pair hundreds of matches, so that this share is a fair
+    prediction of matches that were not fitted.
+
+    Args:
+        features: of all images. raw: their matches. options: the error and the seed.
+        error_factor: on the largest error; more than 1 for rolling shutters.
+    """
+
+    def __init__(
+        self,
+        features: Sequence[Features],
+        raw: RawMatches,
+        options: PosesOptions,
+        error_factor: float = 1.0,
+    ) -> None:
+        chosen = _informative_pairs(features, raw)
+        images = sorted({int(image) for i in chosen for image in raw.pairs[i]})
+        place = {image: index for index, image in enumerate(images)}
+        self._features = [features[image] for image in images]
+        of_chosen = [[place[int(a)], place[int(b)]] for a, b in raw.pairs[chosen]]
+        self._pairs = np.array(of_chosen, np.int64).reshape(-1, 2)
+        self._matches = [raw.matches[i][:_MATCHES] for i in chosen]
+        self._error = error_factor * options.max_two_view_error / 1000
+        self._seed = options.seed
+
+    def share(self, camera: Camera, pairs: int = _PAIRS, most: int = _MATCHES) -> float:
+        """Mean share of the matches that agree through this lens, of so many pairs and matches."""
+        return self._shares(camera, pairs, most, 1.0)[0]
+
+    def only_turned(self, lenses: Sequence[Camera]) -> bool:
+        """Whether a lens near one of these explains by turns alone what agrees through it."""
+
+        def by_turns(camera: Camera) -> float:
+            agree, turns = self._shares(camera, _PAIRS, _MATCHES, _TURN_ERROR)
+            return turns / max(agree, 1e-9)
+
+        best = max(lenses, key=by_turns)
+        most = by_turns(best)
+        for step, _ in _STEPS:
+            for factor in (1 + step, 1 / (1 + step)):
+                camera = with_scaled_focal(best, factor)
+                if (found := by_turns(camera)) > most:
+                    best, most = camera, found
+        return most > _TURNED
+
+    def _shares(
+        self, camera: Camera, pairs: int, most: int, error_factor: float
+    ) -> tuple[float, float]:
+        """Mean shares of the matches that agree with one pose a pair, and with a turn alone."""
+        matches_of = [matches[:most] for matches in self._matches[:pairs]]
+        bearings = [_core.ImageBearings(camera, f.pixels) for f in self._features]
+        valid = [b.valid for b in bearings]
+        seen = [
+            m[valid[a][m[:, 0]] & valid[b][m[:, 1]]]
+            for (a, b), m in zip(self._pairs[:pairs], matches_of, strict=True)
+        ]
+        error = error_factor * self._error * float(np.hypot(camera.width, camera.height))
+        found = _core.verify_pairs(bearings, self._pairs[:pairs], seen, error, self._seed)
+        shares = [
+            (float(inliers.sum()) / len(matches), turns / len(matches))
+            for (inliers, _, turns, *_), matches in zip(found, matches_of, strict=True)
+        ]
+        agree, turns = np.mean(shares, axis=0) if shares else (0.0, 0.0)
+        return float(agree), float(turns)
+
+    def best(
+        self,
+        likely: Sequence[Camera],
+        others: Sequence[Camera],
+        on_lens: Callable[[int, int], None],
+    ) -> list[RankedLens]:
+        """The lenses, best first; the best one is improved by small steps before.
+
+        Args:
+            likely: lenses that something speaks for: a little worse, they are still preferred.
+            others: lenses to begin with.
+            on_lens: told (lenses done, lenses in all).
+        """
+        candidates = [*likely, *others]
+        total = len(candidates) + _CLOSER + 4 * len(_STEPS)
+        done = 0
+
+        def rank(cameras: Sequence[Camera], pairs: int, most: int) -> list[RankedLens]:
+            nonlocal done
+            ranked = []
+            for camera in cameras:
+                ranked.append(RankedLens(camera, self.share(camera, pairs, most)))
+                done += 1
+                on_lens(done, total)
+            favour = {camera: _FAVOUR for camera in likely}
+            return sorted(ranked, key=lambda lens: -lens.share * favour.get(lens.camera, 1.0))
+
+        quick = rank(candidates, _QUICK_PAIRS, _QUICK_MATCHES)[:_CLOSER]
+        ranked = rank([lens.camera for lens in quick], _PAIRS, _MATCHES)
+        best = ranked[0]
+        for number, (focal, bend) in enumerate(_STEPS, 1):
+            for step in (
+                with_scaled_focal(best.camera, 1 + focal),
+                with_scaled_focal(best.camera, 1 / (1 + focal)),
+                *((with_added_bend(best.camera, b) for b in (bend, -bend)) if bend else ()),
+            ):
+                share = self.share(step)
+                if share > best.share:
+                    best = RankedLens(step, share)
+            on_lens(done + 4 * number, total)
+        return [best, *ranked]
+
+
+def _informative_pairs(features: Sequence[Features], raw: RawMatches) -> np.ndarray:
+    """Indices of pairs with many matches whose displacements differ, spread over the images."""
+    scores = np.zeros(len(raw.pairs))
+    for i, ((a, b), matches) in enumerate(zip(raw.pairs, raw.matches, strict=True)):
+        if len(matches) < 2:
+            continue
+        moved = features[b].pixels[matches[:, 1]] - features[a].pixels[matches[:, 0]]
+        spread = np.median(np.linalg.norm(moved - np.median(moved, axis=0), axis=1))
+        extent = np.linalg.norm(np.ptp(features[a].pixels, axis=0))
+        scores[i] = min(len(matches), _ENOUGH_MATCHES) * min(
+            spread / max(extent, 1e-9), _ENOUGH_SPREAD
+        )
+    used = np.zeros(len(features), np.int64)
+    chosen: list[int] = []
+    for i in np.argsort(-scores, kind="stable"):
+        pair = raw.pairs[i]
+        if scores[i] > 0 and used[pair].max() < _PAIRS_OF_AN_IMAGE:
+            used[pair] += 1
+            chosen.append(int(i))
+        if len(chosen) == _PAIRS:
+            break
+    return np.array(chosen, np.int64)

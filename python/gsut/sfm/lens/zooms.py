@@ -1,0 +1,298 @@
+"""Images of several zooms taken for those of one lens: told by the focal length each asks for."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import Shutter, SolveError
+from gsut.data import some_names
+from gsut.lens import Camera, focal_params, has_focal_length, with_scaled_focal
+from gsut.sfm.core import (
+    Features,
+    Photographs,
+    PosesLog,
+    PosesOptions,
+    RawMatches,
+    Solution,
+    only_pairs,
+)
+from gsut.sfm.lens.candidates import lens_of_field
+from gsut.sfm.lens.covariance import by_turn
+from gsut.sfm.lens.search import LensSearch, search_lens
+
+# Factors on the focal length that an image without a pose is tried with, how many matches with, how
+# many images, and the share of the usual share of matches that must fit.
+_FACTORS = np.geomspace(0.25, 4.0, 33)
+_TRIED_MATCHES, _MOST_TRIED, _FITS = 200, 40, 0.5
+_ROUGH = 3.0  # on the largest error meanwhile: between two factors
+_FITTED = 300  # points of an image, by which its focal length is found at most
+_FEWEST_POINTS = 20
+_ROUNDS = 8
+_DOUBTED = 0.7  # share of the usual share of matches that fit, below which a pose is doubted
+_KNOWN = 0.02  # standard deviation of the logarithm of an image's focal length, at most
+# Focal lengths farther apart than this, with none between, are two zooms; so many images make one;
+# and zooms that hold less than this share of the images are none.
+_APART, _FEWEST, _MOST_OF_ALL = 0.05, 3, 0.9
+# Share of the images without a pose, from which they may be of another zoom; fewest matches of a
+# pair that tells, so many pairs of an image, and matches of each; factors on the focal length that
+# are compared, or on that of a lens of this field of view in degrees.
+_LEFT_OUT, _LINKED, _PAIRS_OF_AN_IMAGE, _COMPARED = 0.1, 50, 5, 100
+_FOCALS, _FIELD = np.geomspace(0.45, 2.2, 15), 60.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Zoom:
+    """Images of one focal length, in pixels."""
+
+    focal: float
+    names: list[str]
+
+
+def search_zooms(
+    photographs: Photographs,
+    features: Sequence[Features],
+    raw: RawMatches,
+    options: PosesOptions,
+    fov_degrees: float | None,
+    log: PosesLog,
+    shutter: Shutter | None = None,
+) -> tuple[LensSearch, list[Zoom]]:
+    """`search_lens`, and the zooms of the images where they are several.
+
+    Images of two zooms can pass for images of one between them, from nearer and from farther away.
+    Where many are left without a pose, and the matches of some speak for another zoom than those of
+    most, the lens is sought once more by the latter alone.
+
+    Args, raises: as `search_lens`.
+    """
+    found, failure = None, None
+    try:
+        found = search_lens(photographs, features, raw, options, fov_degrees, log, shutter)
+    except SolveError as error:
+        failure = error
+    if found is not None:
+        zooms = find_zooms(found.solution, features, raw, options)
+        if zooms or found.solution.num_registered >= (1 - _LEFT_OUT) * len(features):
+            return found, zooms
+    size = photographs.cameras[0]
+    assert size is not None
+    start = lens_of_field(size.width, size.height, _FIELD, 1.0)
+    lens = start if found is None else found.solution.cameras[0]
+    group, others = _of_most(lens, features, raw, options)
+    if len(others) >= _FEWEST and len(group) > _FEWEST:
+        own = only_pairs(raw, {(int(a), int(b)) for a, b in raw.pairs if {a, b} <= group})
+        with contextlib.suppress(SolveError):
+            other = search_lens(photographs, features, own, options, fov_degrees, log, shutter)
+            zooms = find_zooms(other.solution, features, raw, options)
+            if zooms:
+                return other, zooms
+    if found is None:
+        assert failure is not None
+        raise failure
+    return found, []
+
+
+def _of_most(
+    lens: Camera, features: Sequence[Features], raw: RawMatches, options: PosesOptions
+) -> tuple[set[int], set[int]]:
+    """Images that are probably of the zoom of most, and those that are of another.
+
+    Matches of a pair agree through a lens of the right focal length if both images have that one,
+    and hardly more with one than with another if they have two: each image has that of which its
+    pairs speak for most. Images without pairs that tell are in neither.
+    """
+    used = np.zeros(len(features), np.int64)
+    chosen = []
+    for index in np.argsort([-len(matches) for matches in raw.matches], kind="stable"):
+        pair = raw.pairs[index]
+        if len(raw.matches[index]) >= _LINKED and used[pair].min() < _PAIRS_OF_AN_IMAGE:
+            used[pair] += 1
+            chosen.append(index)
+    pairs, matches = raw.pairs[chosen], [raw.matches[i][:_COMPARED] for i in chosen]
+    max_error = options.max_two_view_error * math.hypot(lens.width, lens.height) / 1000
+    agree = np.zeros((len(_FOCALS), len(chosen)))
+    for row, factor in zip(agree, _FOCALS, strict=True):
+        scaled = with_scaled_focal(lens, factor)
+        bearings = [_core.ImageBearings(scaled, f.pixels) for f in features]
+        seen = [
+            m[bearings[a].valid[m[:, 0]] & bearings[b].valid[m[:, 1]]]
+            for (a, b), m in zip(pairs, matches, strict=True)
+        ]
+        found = _core.verify_pairs(bearings, pairs, seen, max_error, options.seed)
+        row[:] = [each[0].sum() / len(m) for each, m in zip(found, matches, strict=True)]
+    more = agree - np.median(agree, axis=0)
+    of_image = np.zeros((len(features), len(_FOCALS)))
+    for end in pairs.T:
+        np.add.at(of_image, end, more.T)
+    near = np.abs(of_image.argmax(axis=1) - more.sum(axis=1).argmax()) <= 1
+    most, others = (np.flatnonzero(which & (used > 0)) for which in (near, ~near))
+    return set(most.tolist()), set(others.tolist())
+
+
+def find_zooms(
+    solution: Solution, features: Sequence[Features], raw: RawMatches, options: PosesOptions
+) -> list[Zoom]:
+    """The zooms that the images were taken at, most images first; [] if it was one.
+
+    Each image's focal length is found with its pose while the points stay: those with a pose by
+    their observations; the others, and those whose pose fits fewer of their matches than is usual,
+    by their matches with the points, which a ladder of focal lengths is tried on.
+
+    Args:
+        solution: with one lens for all images.
+        features: of all images. raw: their matches, which hold across zooms: verified ones do not.
+        options: see PosesOptions.
+    """
+    lens = solution.cameras[0]
+    if len(set(solution.cameras)) > 1 or solution.shutter is not None or not has_focal_length(lens):
+        return []
+    logs = np.full(len(features), np.nan)
+    sightings = _sightings(solution, features, raw)
+    shares = _fitting_shares(solution, sightings, options)
+    if np.isnan(shares).all():
+        return []
+    usual = float(np.nanmedian(shares))
+    doubted = shares < _DOUBTED * usual
+    for image in np.flatnonzero(solution.registered & ~doubted):
+        rows = np.flatnonzero(solution.observations[:, 1] == image)
+        rows = rows[:: max(1, len(rows) // _FITTED)]
+        points = solution.points[solution.observations[rows, 0]]
+        pose = solution.camera_from_world[image]
+        logs[image] = _fitted(lens, pose, solution.pixels[rows], points)
+    open_ = [n for n in sorted(sightings) if doubted[n] or not solution.registered[n]]
+    for number in open_[:: max(1, -(-len(open_) // _MOST_TRIED))]:
+        logs[number] = _tried(lens, *sightings[number], options, _FITS * usual)
+    return [
+        Zoom(
+            float(lens.params[focal_params(lens)[0]] * math.exp(np.median(logs[group]))),
+            [solution.names[image] for image in group],
+        )
+        for group in _groups(logs)
+    ]
+
+
+def zooms_notes(zooms: Sequence[Zoom]) -> list[str]:
+    """A sentence on more than one zoom, and what to do; none where there are not several."""
+    if not zooms:
+        return []
+    others = [name for zoom in zooms[1:] for name in zoom.names]
+    counts = ", ".join(f"{len(z.names)} at a focal length of {z.focal:.0f} px" for z in zooms)
+    return [
+        f"the images were taken at {len(zooms)} zooms: {counts}. One lens cannot serve them all: "
+        f"put {some_names(others)} into a folder of their own, or give lens files in a dataset"
+    ]
+
+
+def _sightings(
+    solution: Solution, features: Sequence[Features], raw: RawMatches
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Of each image the pixels, and the points (M, 3) of others, that its matches join."""
+    point_of = [np.full(len(f), -1) for f in features]
+    for point, image, feature in solution.observations:
+        point_of[image][feature] = point
+    found: dict[int, list[np.ndarray]] = {}
+    for pair, matches in zip(raw.pairs, raw.matches, strict=True):
+        for own in (0, 1):
+            image, other = int(pair[own]), int(pair[1 - own])
+            if not solution.registered[other]:
+                continue
+            point = point_of[other][matches[:, 1 - own]]
+            rows = np.stack([matches[:, own], point], axis=1)[point >= 0]
+            found.setdefault(image, []).append(rows[:_TRIED_MATCHES])
+    sightings = {}
+    for image, parts in found.items():
+        rows = np.unique(np.concatenate(parts), axis=0)
+        if len(rows) >= _FEWEST_POINTS:
+            sightings[image] = features[image].pixels[rows[:, 0]], solution.points[rows[:, 1]]
+    return sightings
+
+
+def _fitting_shares(
+    solution: Solution, sightings: dict[int, tuple[np.ndarray, np.ndarray]], options: PosesOptions
+) -> np.ndarray:
+    """(N,) share of the matches with points that an image's pose fits; NaN: it has none."""
+    lens = solution.cameras[0]
+    max_error = options.max_error * math.hypot(lens.width, lens.height) / 1000
+    shares = np.full(len(solution.names), np.nan)
+    for image, (pixels, points) in sightings.items():
+        if solution.registered[image]:
+            pose = solution.camera_from_world[image]
+            seen, _ = lens.project(points @ pose[:3, :3].T + pose[:3, 3])
+            shares[image] = float(np.mean(np.linalg.norm(seen - pixels, axis=1) < max_error))
+    return shares
+
+
+def _tried(
+    lens: Camera, pixels: np.ndarray, points: np.ndarray, options: PosesOptions, least: float
+) -> float:
+    """Logarithm of the factor on the focal length that an image asks for.
+
+    NaN: with none of them at least this share of the matches fits.
+    """
+    max_error = _ROUGH * options.max_error * math.hypot(lens.width, lens.height) / 1000
+    some = slice(None, None, max(1, len(pixels) // _TRIED_MATCHES))
+    pixels, points = pixels[some], points[some]
+    most, best = 0, None
+    for factor in _FACTORS:
+        scaled = with_scaled_focal(lens, factor)
+        bearings = _core.ImageBearings(scaled, pixels)
+        rows = np.flatnonzero(bearings.valid)
+        pose, inliers = _core.absolute_pose(bearings, rows, points[rows], max_error, options.seed)
+        if inliers.sum() > most:
+            most, best = int(inliers.sum()), (factor, pose, rows[inliers])
+    if best is None or most < max(options.min_inliers, least * len(pixels)):
+        return math.nan
+    factor, pose, rows = best
+    return math.log(factor) + _fitted(
+        with_scaled_focal(lens, factor), pose, pixels[rows], points[rows]
+    )
+
+
+def _fitted(lens: Camera, pose: np.ndarray, pixels: np.ndarray, points: np.ndarray) -> float:
+    """The logarithm of the factor on the focal length that fits an image best, from its pose.
+
+    Gauss-Newton on the pose and the factor, weighted as by Cauchy's loss; NaN: not determined.
+    """
+    change, log, focal = np.zeros(7), 0.0, focal_params(lens)
+    for _ in range(_ROUNDS):
+        pose, log = _core.exp_pose(change[:6]) @ pose, log + float(change[6])
+        scaled = with_scaled_focal(lens, math.exp(log))
+        p = points @ pose[:3, :3].T + pose[:3, 3]
+        by_p, by_params = scaled.project_jacobian(p)
+        by_focal = by_params[:, :, focal] @ scaled.params[focal]
+        off = pixels - scaled.project(p)[0]
+        matrix = np.concatenate([by_p, by_turn(by_p, p), by_focal[:, :, None]], axis=2)
+        good = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(off).all(axis=1)
+        if good.sum() < _FEWEST_POINTS:
+            return math.nan
+        matrix, off = matrix[good], off[good]
+        squared = np.sum(off**2, axis=1)
+        scale = max(float(np.median(squared)), 1e-12)
+        root = np.sqrt(1 / (1 + squared / scale))[:, None]
+        left = (root[:, :, None] * matrix).reshape(-1, 7)
+        size = np.linalg.norm(left, axis=0)
+        if not (size > 0).all():
+            return math.nan
+        change = np.linalg.lstsq(left / size, (root * off).ravel(), rcond=None)[0] / size
+        if not np.isfinite(change).all() or abs(change[6]) > 1:
+            return math.nan
+    inverse = np.linalg.pinv((left / size).T @ (left / size))
+    sigma = math.sqrt(scale * inverse[6, 6]) / size[6]
+    return log if sigma < _KNOWN else math.nan
+
+
+def _groups(logs: np.ndarray) -> list[np.ndarray]:
+    """Images by their focal lengths, largest group first; [] where there are not several."""
+    known = np.flatnonzero(np.isfinite(logs))
+    order = known[np.argsort(logs[known], kind="stable")]
+    cuts = np.flatnonzero(np.diff(logs[order]) > _APART) + 1
+    groups = [group for group in np.split(order, cuts) if len(group) >= _FEWEST]
+    if len(groups) < 2 or sum(map(len, groups)) < _MOST_OF_ALL * len(known):
+        return []
+    return [np.sort(group) for group in sorted(groups, key=len, reverse=True)]

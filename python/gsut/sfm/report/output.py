@@ -1,0 +1,179 @@
+"""Writes poses: transforms.json, COLMAP text, points3D.ply and poses.json."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.data import Frame, some_names, write_transforms
+from gsut.data.colmap import ColmapImage, ColmapModel, colmap_texts
+from gsut.data.points import points_ply
+from gsut.data.poses import inverse
+from gsut.files import write_file
+from gsut.sfm.core import FEATURE_VARIANCE, Photographs, Solution
+
+TRANSFORMS = "transforms.json"
+POINTS = "points3D.ply"
+REPORT = "report.html"
+FIGURES = "poses.json"
+COLMAP = "sparse/0"
+
+
+def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> list[str]:
+    """Writes the poses in all formats; every file as a whole or not at all.
+
+    Args:
+        solution: what was found.
+        photographs: the images; named by paths relative to `out`, not copied.
+        out: the folder.
+
+    Returns:
+        What could not be written, one sentence each (COLMAP lacks some lenses).
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    write_file(out / POINTS, points_ply(solution.points, solution.colors))
+    write_transforms(out / TRANSFORMS, _frames(solution, photographs), points_file=POINTS)
+    try:
+        texts = _colmap(solution)
+    except InputError as error:
+        return [f"{COLMAP} was not written: {error}"]
+    (out / COLMAP).mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        write_file(out / COLMAP / name, text)
+    if solution.shutter is not None:
+        return [f"{COLMAP} has the pose in the middle of each readout: COLMAP knows no other"]
+    return []
+
+
+def _frames(solution: Solution, photographs: Photographs) -> list[Frame]:
+    frames = [
+        Frame(
+            name, path, camera, inverse(pose), mask_path=mask, shutter=solution.shutter,
+            time=photographs.times.get(name),
+        )
+        for name, path, camera, pose, mask in zip(
+            solution.names, photographs.paths, solution.cameras, solution.camera_from_world,
+            photographs.masks, strict=True,
+        )
+    ]  # fmt: skip
+    if solution.shutter is not None:
+        ends = solution.poses_at(0.0), solution.poses_at(1.0)
+        for frame, start, end in zip(frames, *ends, strict=True):
+            frame.world_from_camera_start, frame.world_from_camera_end = (
+                inverse(start),
+                inverse(end),
+            )
+    return [f for f, registered in zip(frames, solution.registered, strict=True) if registered]
+
+
+def _colmap(solution: Solution) -> dict[str, str]:
+    """cameras.txt, images.txt and points3D.txt; images and points count from 1."""
+    rows: list[list[int]] = [[] for _ in solution.names]
+    for row, (_, image, _) in enumerate(solution.observations):
+        rows[image].append(row)
+    images = [
+        ColmapImage(
+            i + 1, name, solution.cameras[i], solution.camera_from_world[i],
+            np.reshape(solution.pixels[rows[i]], (-1, 2)), solution.observations[rows[i], 0],
+        )
+        for i, name in enumerate(solution.names)
+        if solution.registered[i]
+    ]  # fmt: skip
+    model = ColmapModel(images, solution.points, solution.colors, solution.point_errors)
+    return colmap_texts(model)
+
+
+def figures(
+    solution: Solution, seconds: dict[str, float], notes: list[str], extra: dict[str, Any]
+) -> dict[str, Any]:
+    """What poses.json holds: JSON values, None for what is not known."""
+    sigmas = np.sqrt(np.einsum("nii->ni", solution.covariances))
+    lenses = list(dict.fromkeys(solution.cameras))
+    rows = []
+    for i, name in enumerate(solution.names):
+        row: dict[str, Any] = {"name": name, "registered": bool(solution.registered[i])}
+        if solution.registered[i]:
+            mine = solution.observations[:, 1] == i
+            lengths = np.linalg.norm(solution.residuals[mine], axis=1)
+            row["camera_from_world"] = solution.camera_from_world[i].tolist()
+            if solution.velocities is not None:
+                row["readout_shift"] = solution.velocities[i, :3].tolist()
+                row["readout_turn_degrees"] = np.degrees(solution.velocities[i, 3:]).tolist()
+            row["points"] = int(mine.sum())
+            row["error_px"] = _number(np.nanmedian(lengths)) if len(lengths) else None
+            row["sigma_center"] = [_number(v) for v in sigmas[i, :3]]
+            row["sigma_turn_degrees"] = [_number(math.degrees(v)) for v in sigmas[i, 3:]]
+            row["covariance"] = [[_number(v) for v in line] for line in solution.covariances[i]]
+        rows.append(row)
+    return {
+        "registered": solution.num_registered,
+        "images": len(solution.names),
+        "points": len(solution.points),
+        "observations": len(solution.observations),
+        "mean_track_length": _number(len(solution.observations) / max(1, len(solution.points))),
+        "reprojection_error_px": {"rms": solution.rms, "median": solution.median},
+        "seconds": {**seconds, "total": sum(seconds.values())},
+        "initial_pair": [solution.names[i] for i in solution.initial_pair],
+        "restarts": solution.restarts,
+        "lenses": [
+            {"model": c.model, "params": list(map(float, c.params)), "width": c.width,
+             "height": c.height}
+            for c in lenses
+        ],
+        "notes": notes,
+        "covariance_scale": FEATURE_VARIANCE,
+        "covariance_of": "centre in the world, turn in the camera frame (radians); the first image "
+        "of initial_pair and one component of the second's centre are held",
+        **extra,
+        "views": rows,
+    }  # fmt: skip
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+_NAME = "model_{}"  # of a folder; the first model is in the output folder itself
+
+
+def write_models(models: Sequence[Solution], photographs: Photographs, out: Path) -> list[str]:
+    """Writes further models to model_2, model_3 ...; returns a sentence on each.
+
+    Those of an earlier run are deleted.
+    """
+    for old in out.glob(_NAME.format("*")):
+        if (old / FIGURES).is_file():
+            shutil.rmtree(old)
+    notes = []
+    for number, model in enumerate(models, 2):
+        folder = out / _NAME.format(number)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_dataset(model, photographs, folder)
+        values = figures(model, {}, [], {"model": number})
+        write_file(folder / FIGURES, json.dumps(values, indent=1) + "\n")
+        names = [n for n, good in zip(model.names, model.registered, strict=True) if good]
+        notes.append(
+            f"{len(names)} images do not connect with the others and are a model of their own, "
+            f"{folder.name}: {some_names(names)}; take pictures between them and the others, or "
+            f"train them by themselves: gsut train {folder}"
+        )
+    return notes
+
+
+def read_figures(out: Path) -> dict[str, Any]:
+    """The content of poses.json of a finished run."""
+    return json.loads((out / FIGURES).read_text(encoding="utf-8"))
+
+
+def is_finished(out: Path) -> bool:
+    """Whether a folder holds the result of a finished run."""
+    return (out / FIGURES).is_file() and (out / TRANSFORMS).is_file() and (out / REPORT).is_file()

@@ -1,0 +1,201 @@
+"""report.html of `gsut poses`: cameras and points, track lengths, residuals by field angle."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut.data import CAPTURE_FOLDER, STRIP
+from gsut.data.poses import centers_of
+from gsut.files import write_file
+from gsut.page import (
+    LINE,
+    MUTED,
+    SERIES,
+    TITLE,
+    build_page,
+    build_table,
+    embed_bytes,
+    make_figure,
+    render_svg,
+)
+from gsut.run import Verdict
+from gsut.sfm.core import Solution
+from gsut.sfm.report.output import REPORT
+
+_MOST_POINTS = 20000  # drawn
+_SHOWN_PERCENT = 97.0  # of the points, nearest first: far ones would shrink the rest
+_BIN_DEGREES = 5.0
+
+
+def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
+    """Writes report.html, self-contained.
+
+    Args:
+        out: the folder.
+        solution: poses and points.
+        values: the content of poses.json.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    title = f"{values['registered']} of {values['images']} images registered"
+    error = values["reprojection_error_px"]
+    summary = {
+        "points": f"{values['points']:,}",
+        "observations": f"{values['observations']:,} ({values['mean_track_length'] or 0:.1f} a "
+        "point)",
+        "reprojection error": f"median {error['median']:.3f} px, rms {error['rms']:.3f} px",
+        "seconds": ", ".join(f"{k} {v:.1f}" for k, v in values["seconds"].items()),
+        "began with": " and ".join(values["initial_pair"]),
+        **(_rig_rows(values["rig"]) if "rig" in values else {}),
+        **{
+            f"lens {i}": f"{lens['model']} "
+            + " ".join(f"{v:.6g}" for v in lens["params"])
+            + f" ({values['lens']})"
+            for i, lens in enumerate(values["lenses"], 1)
+        },
+    }
+    parts = []
+    if "verdict" in values:  # a calibration judges its lens on its own page
+        verdict = Verdict.from_dict(values["verdict"])
+        parts.append(f"<p><b>{html.escape(str(verdict))}</b></p>")
+    parts += [
+        build_table(summary.items()),
+        "<h2>Cameras and points from above and from the side</h2>",
+        _scene_plot(solution, values.get("rig")),
+        "<h2>Residuals and tracks</h2>",
+        _residual_plot(solution),
+        _track_plot(solution),
+        "<h2>Images</h2>",
+        build_table(
+            map(_image_row, values["views"]),
+            ("image", "points", "median error [px]", "sigma of the turn [degrees]"),
+        ),
+    ]
+    strip = out / CAPTURE_FOLDER / STRIP
+    if strip.is_file():
+        address = embed_bytes(strip.read_bytes(), "image/jpeg")
+        picture = f'<img src="{address}" alt="the pictures chosen" style="width: 100%">'
+        parts += ["<h2>Pictures chosen</h2>", picture]
+    write_file(out / REPORT, build_page(title, values["notes"], parts))
+
+
+def _image_row(row: dict[str, Any]) -> tuple[str, ...]:
+    if not row["registered"]:
+        return row["name"], "not registered", "", ""
+    sigma = [v for v in row["sigma_turn_degrees"] if v is not None]
+    shown = f"{max(sigma):.4f}" if sigma else "unknown"
+    return row["name"], str(row["points"]), f"{row['error_px'] or 0:.3f}", shown
+
+
+def _rig_rows(rig: dict[str, Any]) -> dict[str, str]:
+    """Of the summary: the frames, the unit, and where each camera of the rig is."""
+    rows = {
+        "rig": f"{rig['frames_registered']} of {rig['frames_total']} frames; lengths in the "
+        f"unit of {rig['file']}, baseline {rig['baseline']:.6g}",
+        "residuals of the same features": f"{rig['residual_px']:.3f} px with one pose a frame, "
+        f"{rig['residual_alone_px']:.3f} px image by image (medians)",
+    }
+    if rig["scale_sigma_percent"] is not None:
+        rows["standard error of lengths"] = (
+            f"{rig['scale_sigma_percent']:.2f} %, the baseline taken for exact"
+        )
+    for camera in rig["cameras"]:
+        words = f"{camera['registered']} of {camera['images']} images"
+        if rig["refined"]:
+            words += (
+                f"; refined: turned by {camera['turned_degrees']:.4f} degrees, moved by "
+                f"{camera['shifted']:.3g}"
+            )
+        rows[f"camera {camera['name']}"] = words
+    return rows
+
+
+def _scene_plot(solution: Solution, rig: dict[str, Any] | None) -> str:
+    """Seen along two principal axes of the camera path; each camera of a rig in a colour."""
+    centers = centers_of(solution.camera_from_world[solution.registered])
+    forward = solution.camera_from_world[solution.registered][:, 2, :3]
+    down = solution.camera_from_world[solution.registered][:, 1, :3].mean(axis=0)
+    down = down / max(float(np.linalg.norm(down)), 1e-12)
+    middle = centers.mean(axis=0)
+    flat = centers - middle - np.outer((centers - middle) @ down, down)
+    across = np.linalg.svd(flat - flat.mean(axis=0))[2][0]
+    across = across - (across @ down) * down
+    across /= max(float(np.linalg.norm(across)), 1e-12)
+    along = np.cross(down, across)
+    far = np.linalg.norm(solution.points - middle, axis=1)
+    keep = np.flatnonzero(far <= np.percentile(far, _SHOWN_PERCENT))
+    keep = keep[:: max(1, len(keep) // _MOST_POINTS)]
+    points, colors = solution.points[keep] - middle, solution.colors[keep] / 255.0
+    cameras, frames = _rig_places(solution, rig)
+    figure, axes = make_figure("", 10, 5, 2)
+    size = 0.03 * max(float(np.ptp(centers @ across)), float(np.ptp(centers @ along)), 1e-9)
+    for axis, (x, y) in zip(axes, ((across, along), (across, -down)), strict=True):
+        axis.scatter(points @ x, points @ y, s=0.6, c=colors, linewidths=0, rasterized=True)
+        c = centers - middle
+        for number, (name, rows) in enumerate(cameras.items()):
+            color = SERIES[number % len(SERIES)]
+            axis.plot(c[rows] @ x, c[rows] @ y, ".", color=color, markersize=4, label=name)
+            for center, ray in zip(c[rows], forward[rows], strict=True):
+                end = center + size * ray
+                axis.plot([center @ x, end @ x], [center @ y, end @ y], color=color, linewidth=0.8)
+        for rows in frames:
+            axis.plot(c[rows] @ x, c[rows] @ y, color=MUTED, linewidth=0.8, zorder=1.5)
+        axis.set_aspect("equal")
+    if rig is not None:
+        axes[0].set_xlabel("in the rig's unit", color=MUTED)
+        axes[0].legend(fontsize=8, frameon=False)
+    return render_svg(figure)
+
+
+def _rig_places(
+    solution: Solution, rig: dict[str, Any] | None
+) -> tuple[dict[str, list[int]], list[list[int]]]:
+    """Rows, among the images with a pose, of each camera of a rig, and of each frame."""
+    if rig is None:
+        return {"": list(range(solution.num_registered))}, []
+    with_pose = [n for n, good in zip(solution.names, solution.registered, strict=True) if good]
+    place = {name: row for row, name in enumerate(with_pose)}
+    cameras = {
+        camera["name"]: [place[m[number]] for m in rig["frames"] if m[number] in place]
+        for number, camera in enumerate(rig["cameras"])
+    }
+    return cameras, [[place[name] for name in m if name in place] for m in rig["frames"]]
+
+
+def _residual_plot(solution: Solution) -> str:
+    lengths = np.linalg.norm(solution.residuals, axis=1)
+    good = np.isfinite(lengths)
+    degrees = np.degrees(solution.field_angles[good])
+    lengths = lengths[good]
+    figure, axes = make_figure("residual [px] by field angle", 10, 3, 2)
+    bins = np.floor(degrees / _BIN_DEGREES).astype(int)
+    middles, medians, upper = [], [], []
+    for index in np.unique(bins):
+        inside = lengths[bins == index]
+        if len(inside) < 10:
+            continue
+        middles.append((index + 0.5) * _BIN_DEGREES)
+        medians.append(np.median(inside))
+        upper.append(np.percentile(inside, 90))
+    axes[0].plot(middles, medians, color=LINE, marker="o", markersize=4, label="median")
+    axes[0].plot(middles, upper, color=MUTED, marker=".", label="90 %")
+    axes[0].set_xlabel("degrees from the axis", color=MUTED)
+    axes[0].set_ylim(bottom=0)
+    axes[0].legend(fontsize=8, frameon=False)
+    axes[1].hist(lengths, bins=60, range=(0, float(np.percentile(lengths, 99))), color=LINE)
+    axes[1].set_title("residuals [px]", **TITLE)
+    return render_svg(figure)
+
+
+def _track_plot(solution: Solution) -> str:
+    lengths = np.bincount(solution.observations[:, 0])
+    figure, axes = make_figure("points by track length (images)", 5, 3)
+    longest = int(max(lengths.max(initial=2), 3))
+    axes.hist(lengths, bins=np.arange(1.5, longest + 1.5), color=LINE)
+    axes.set_yscale("log")
+    return render_svg(figure)

@@ -1,0 +1,114 @@
+"""Compares poses with a reference: best similarity, then errors of centres and rotations."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from pathlib import Path
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.data import load_dataset
+from gsut.data.poses import centers_of
+from gsut.sfm.core import rotation_angles, similarity
+
+_FEWEST = 3  # centres that fix a similarity
+
+
+@dataclasses.dataclass(frozen=True)
+class PoseErrors:
+    """Errors after the best similarity.
+
+    Args:
+        images: number of images compared.
+        ate: root of the mean squared distance of the centres, in the reference's unit.
+        metric_ate: the same after the best rotation and shift alone: poses that claim to be in the
+            reference's unit.
+        scale: the similarity's: the reference's unit over that of the poses.
+        extent: the reference's: diagonal of the box around its camera centres.
+        rotation_degrees: (N,) angles between the rotations.
+        center_distances: (N,) in the reference's unit.
+        reference_from_world: (4, 4) similarity.
+    """
+
+    images: int
+    ate: float
+    metric_ate: float
+    scale: float
+    extent: float
+    rotation_degrees: np.ndarray
+    center_distances: np.ndarray
+    reference_from_world: np.ndarray
+
+    @property
+    def ate_percent(self) -> float:
+        """ATE in percent of the extent."""
+        return 100.0 * self.ate / self.extent
+
+    @property
+    def scale_error_percent(self) -> float:
+        """How much longer lengths are than the reference's, where they claim to have its unit."""
+        return 100.0 * (1.0 / self.scale - 1.0)
+
+
+def compare_poses(camera_from_world: np.ndarray, reference: np.ndarray) -> PoseErrors:
+    """Errors of poses against a reference.
+
+    Args:
+        camera_from_world: (N, 4, 4).
+        reference: (N, 4, 4) camera_from_reference of the same images.
+
+    Returns:
+        Errors after the similarity that brings the camera centres closest.
+
+    Raises:
+        InputError: fewer than three images, or shapes that do not fit.
+    """
+    if camera_from_world.shape != reference.shape or camera_from_world.shape[1:] != (4, 4):
+        raise InputError(
+            f"poses must be two arrays (N, 4, 4), found {camera_from_world.shape} and "
+            f"{reference.shape}"
+        )
+    if len(reference) < _FEWEST:
+        raise InputError(f"{len(reference)} poses fix no similarity; at least {_FEWEST} are needed")
+    centers, targets = centers_of(camera_from_world), centers_of(reference)
+    scale, rotation, translation = similarity(centers, targets)
+    distances = np.linalg.norm(scale * centers @ rotation.T + translation - targets, axis=1)
+    about_mean = (centers - centers.mean(axis=0)) @ rotation.T - (targets - targets.mean(axis=0))
+    relative = camera_from_world[:, :3, :3] @ rotation.T @ reference[:, :3, :3].transpose(0, 2, 1)
+    matrix = np.eye(4)
+    matrix[:3, :3] = scale * rotation
+    matrix[:3, 3] = translation
+    return PoseErrors(
+        images=len(reference),
+        ate=float(np.sqrt((distances**2).mean())),
+        metric_ate=float(np.sqrt((about_mean**2).sum(axis=1).mean())),
+        scale=scale,
+        extent=float(np.linalg.norm(targets.max(axis=0) - targets.min(axis=0))),
+        rotation_degrees=np.degrees(rotation_angles(relative)),
+        center_distances=distances,
+        reference_from_world=matrix,
+    )
+
+
+def poses_by_path(data: str | os.PathLike[str]) -> dict[Path, np.ndarray]:
+    """(4, 4) camera_from_world of a dataset's images."""
+    return {
+        view.image_path.resolve(): view.camera_from_world
+        for view in load_dataset(data, test_every=0).views
+    }
+
+
+def errors_against(reference: str | os.PathLike[str], found: str | os.PathLike[str]) -> PoseErrors:
+    """Errors of a dataset's poses against another's, over the images that both have.
+
+    Raises:
+        InputError: a dataset cannot be read, or they share fewer than three images.
+    """
+    truth, own = poses_by_path(reference), poses_by_path(found)
+    shared = [path for path in own if path in truth]
+    return compare_poses(
+        np.array([own[path] for path in shared]).reshape(-1, 4, 4),
+        np.array([truth[path] for path in shared]).reshape(-1, 4, 4),
+    )

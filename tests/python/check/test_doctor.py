@@ -1,0 +1,240 @@
+"""`gsut doctor`: good data stay quiet, and each fault is named with its advice."""
+
+import json
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+import small_datasets as small
+from gsut.check import Finding, diagnose, format_findings
+
+D = small.OPENGL_FROM_OPENCV
+
+
+def findings(path, severity=None) -> list[Finding]:
+    found = diagnose(path, progress=False)
+    return [f for f in found if severity is None or f.severity == severity]
+
+
+def texts(path, severity=None) -> str:
+    return "\n".join(str(finding) for finding in findings(path, severity))
+
+
+def write(path, change=lambda values: None):
+    values = small.transforms()
+    change(values)
+    return small.write_nerfstudio(path, values)
+
+
+def change_poses(change):
+    def apply(values):
+        for frame in values["frames"]:
+            frame["transform_matrix"] = change(np.array(frame["transform_matrix"])).tolist()
+
+    return apply
+
+
+def test_diagnose_good_dataset_has_no_errors_or_warnings(tmp_path):
+    found = findings(write(tmp_path))
+    assert [str(f) for f in found if f.severity != "info"] == []
+    assert any("agree with the pixels" in f.what for f in found)
+    assert all(f.where and f.what for f in found)
+
+
+def test_diagnose_several_errors_are_all_found(tmp_path):
+    def change(values):
+        values["frames"][1]["transform_matrix"][0][0] = float("nan")
+        values["frames"][2]["transform_matrix"][0] = [9, 9, 9, 9]
+        values["frames"][3]["camera_model"] = "BOX"
+
+    write(tmp_path, change)
+    small.write_png(tmp_path / "images/004.png", np.zeros((9, 9, 3), np.uint8))
+    image = tmp_path / "images/005.png"
+    image.write_bytes(image.read_bytes()[:-100])
+    (tmp_path / "points3D.ply").write_text("ply\n")
+    errors = findings(tmp_path, "error")
+    assert len(errors) == 6
+    joined = "\n".join(map(str, errors))
+    for part in ("001.png", "002.png", "BOX", "004.png", "005.png", "points3D.ply"):
+        assert part in joined
+
+
+def test_diagnose_one_broken_lens_is_reported_once(tmp_path):
+    write(tmp_path, lambda values: values.update(fl_x=float("inf")))
+    errors = findings(tmp_path, "error")
+    assert sum("fl_x" in e.what or "fl_x" in e.where for e in errors) == 1
+
+
+def test_findings_text_counts_and_sorts_errors_first(tmp_path):
+    found = [Finding("info", "a", "b"), Finding("error", "c", "d", "e")]
+    assert format_findings(found).endswith("1 errors, 0 warnings: training cannot start")
+    write(tmp_path)
+    (tmp_path / "images/004.png").write_bytes(b"")
+    severities = [f.severity for f in findings(tmp_path)]
+    assert severities[0] == "error" and severities == sorted(
+        severities, key=["error", "warning", "info"].index
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "advice"),
+    [
+        (lambda m: m @ D, "read with OpenCV camera axes"),
+        (np.linalg.inv, "read as world-to-camera"),
+        (lambda m: np.linalg.inv(m @ D), "read as world-to-camera with OpenCV camera axes"),
+    ],
+)
+def test_diagnose_wrong_pose_convention_names_the_right_one(change, advice, tmp_path):
+    text = texts(write(tmp_path, change_poses(change)), "warning")
+    assert "poses or lens may use another convention" in text
+    assert any(line.endswith(f"if the poses are {advice}") for line in text.splitlines())
+
+
+def test_diagnose_points_that_no_view_sees_are_an_error(tmp_path):
+    path = write(tmp_path, change_poses(lambda m: m @ D))
+    assert "the median view sees only 0.00% of the points" in texts(path, "error")
+
+
+def test_diagnose_world_to_camera_in_poses_txt_is_named(tmp_path):
+    small.write_folder(tmp_path)
+    (tmp_path / "poses.txt").unlink()
+    poses = zip(small.names(), small.world_from_cameras(), strict=True)
+    values = {name.split("/")[1]: np.linalg.inv(pose).tolist() for name, pose in poses}
+    (tmp_path / "poses.json").write_text(json.dumps(values))
+    assert texts(tmp_path, "warning").endswith("if the poses are read as world-to-camera")
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (
+            lambda v: v.update(fl_x=v["fl_x"] * 1.2, fl_y=v["fl_y"] * 1.2),
+            "focal lengths times 0.85",
+        ),
+        (lambda v: v.update(cx=v["cx"] + 3), "cx moved by -3.0%"),
+        (lambda v: v.update(fl_x=v["fl_x"] * 1.3), "focal lengths differ by a factor of 1.2"),
+        (lambda v: v.update(cx=2.0), "the optical axis meets the image at (2.0, 17.5)"),
+    ],
+)
+def test_diagnose_wrong_lens_is_noticed(change, found, tmp_path):
+    assert found in texts(write(tmp_path, change), "warning")
+
+
+def test_diagnose_lens_that_ends_inside_the_image_gives_the_share(tmp_path):
+    def change(values):
+        values.update(camera_model="OPENCV_FISHEYE", fl_x=15.0, fl_y=15.0, k1=-0.2)
+
+    assert "pixels have no ray (the lens model ends at 74.0 degrees)" in texts(
+        write(tmp_path, change), "warning"
+    )
+
+
+def test_diagnose_repeated_pose_and_repeated_image_are_named(tmp_path):
+    def change(values):
+        values["frames"][3]["transform_matrix"] = values["frames"][2]["transform_matrix"]
+
+    write(tmp_path, change)
+    shutil.copy(tmp_path / "images/007.png", tmp_path / "images/008.png")
+    text = texts(tmp_path, "warning")
+    assert "1 pairs of views have the same pose: images/002.png = images/003.png" in text
+    assert "1 pairs of equal images: images/007.png = images/008.png" in text
+    assert "one in training and one in test" in text
+
+
+def test_diagnose_blurred_dark_and_bright_images_are_named(tmp_path):
+    write(tmp_path)
+    noise = np.random.default_rng(1).integers(0, 60, (small.HEIGHT, small.WIDTH, 1))
+    poses = small.world_from_cameras()
+    sharp = [np.clip(small.render(p).astype(int) // 2 + noise, 0, 255) for p in poses]
+    for name, pixels in zip(small.names(), sharp, strict=True):
+        small.write_png(tmp_path / name, pixels.astype(np.uint8))
+    small.write_png(
+        tmp_path / "images/001.png", cv2.GaussianBlur(sharp[1].astype(np.uint8), (0, 0), 4)
+    )
+    small.write_png(tmp_path / "images/002.png", (sharp[2] // 4).astype(np.uint8))
+    small.write_png(tmp_path / "images/003.png", np.clip(sharp[3] * 4, 0, 255).astype(np.uint8))
+    text = texts(tmp_path, "warning")
+    assert "as sharp as the median image: images/001.png" in text
+    assert "brighter or darker than the median image: images/002.png, images/003.png" in text
+    assert "over-exposed: images/003.png" in text
+
+
+def test_diagnose_inverted_mask_is_noticed(tmp_path):
+    write(tmp_path, lambda values: values.update(mask_path="mask.png"))
+    mask = np.zeros((small.HEIGHT, small.WIDTH), np.uint8)
+    mask[:1] = 255
+    small.write_png(tmp_path / "mask.png", mask)
+    assert "they may be inverted" in texts(tmp_path, "warning")
+
+
+def test_diagnose_turning_camera_has_no_parallax(tmp_path):
+    def same_place(matrix):
+        matrix[:3, 3] = [0, 0, 3]
+        return matrix
+
+    text = texts(write(tmp_path, change_poses(same_place)), "warning")
+    assert "all cameras stand at one place" in text
+
+
+def test_diagnose_cameras_on_a_line_far_from_the_origin_are_mentioned(tmp_path):
+    def on_line(matrix):
+        matrix[:3, 3] = [1e6 + matrix[0, 3], 0, 3]
+        return matrix
+
+    text = texts(write(tmp_path, change_poses(on_line)), "info")
+    assert "all cameras stand on one line" in text
+    assert "units from the origin" in text
+
+
+def test_diagnose_rolling_shutter_poses_are_mentioned(tmp_path):
+    def change(values):
+        for frame in values["frames"]:
+            for key in ("start", "end"):
+                frame[f"transform_matrix_{key}"] = frame["transform_matrix"]
+
+    assert "10 views have rolling-shutter poses" in texts(write(tmp_path, change), "warning")
+
+
+def test_diagnose_without_points_says_what_training_does(tmp_path):
+    write(tmp_path, lambda values: values.pop("ply_file_path"))
+    assert "there are no points" in texts(tmp_path, "warning")
+
+
+def test_diagnose_points_of_other_units_are_noticed(tmp_path):
+    write(tmp_path)
+    xyz, rgb = small.points()
+    small.write_ply(tmp_path / "points3D.ply", 1000 * (xyz + np.array([0.3, 0, 0])), rgb)
+    assert "may have different units" in texts(tmp_path, "warning")
+
+
+def test_diagnose_colmap_upside_down_hint(tmp_path):
+    def turn(matrix):
+        return np.diag([1.0, -1.0, -1.0, 1.0]) @ matrix
+
+    write(tmp_path, change_poses(turn))
+    assert "upside down" in texts(tmp_path, "info")
+
+
+@pytest.mark.parametrize(
+    ("name", "warnings"),
+    [
+        ("fox", ["17 of 67 images do not exist"]),
+        ("sponza_fisheye_tiny", []),
+        ("sponza_fisheye", []),
+        ("helmet_distorted_rs", ["rolling-shutter poses"]),
+    ],
+)
+def test_diagnose_shared_dataset_warns_of_its_known_faults_only(shared, name, warnings):
+    found = findings(shared / "data" / name)
+    assert [f for f in found if f.severity == "error"] == []
+    warned = [f.what for f in found if f.severity == "warning"]
+    assert len(warned) == len(warnings)
+    assert all(part in text for part, text in zip(warnings, warned, strict=True))
+
+
+def test_diagnose_video_frames_without_poses_says_what_to_do(shared):
+    found = findings(shared / "data" / "gopro_max_walk")
+    assert [f.severity for f in found] == ["error"]
+    assert "no lens file" in found[0].what and "calibrate" in found[0].advice
