@@ -27,6 +27,7 @@ FLOORS = {
 # Folder -> its own rooms -> floor: a room imports doors of lower rooms. The files beside the rooms
 # need no floor: no circle leads through them.
 ROOMS: dict[str, dict[str, int]] = {
+    "calib": {"boards": 1, "camera": 2, "solve": 3, "trust": 4, "report": 5},
     "python/gsut/compact": {"methods": 1},
     "python/gsut/data": {
         **dict.fromkeys(("colmap", "images", "poses"), 1),
@@ -60,10 +61,6 @@ LIBRARIES |= {"rosbags"}  # optional: ROS bags
 # calib/ is a program beside gsut that `gsut calibrate` loads: it uses gsut's public names and the
 # doors that all commands share. One file imports mrcal; it runs under the system's Python and
 # imports nothing else of ours.
-CALIB_FLOORS = {
-    "errors": 0, "boards": 1, "camera": 2, "solve": 3, "job": 4, "trust": 5, "report": 6,
-    "calibrate": 7, "__init__": 8,
-}  # fmt: skip
 CALIB_DOORS = {"gsut", "gsut.files", "gsut.least_squares", "gsut.lens", "gsut.page", "gsut.run"}
 CALIB_WITH_MRCAL = "calib/solve/inside_mrcal.py"
 
@@ -116,20 +113,15 @@ def test_folders_import_doors_of_lower_floors_only():
 
 
 def is_allowed_in_calib(path: str, target: str) -> bool:
-    head, *rest = target.split(".")
+    head = target.split(".")[0]
     if path == CALIB_WITH_MRCAL:
         return head in {"mrcal", "numpy"} | sys.stdlib_module_names
     if head == "gsut":
         return target in CALIB_DOORS
-    if head != "calib":
-        return head in LIBRARIES | sys.stdlib_module_names
-    source = Path(path).with_suffix("").parts[1]
-    if rest[0] == source:
-        return True
-    return len(rest) == 1 and CALIB_FLOORS[rest[0]] < CALIB_FLOORS[source]
+    return head in {"calib"} | LIBRARIES | sys.stdlib_module_names
 
 
-def test_calib_imports_doors_of_lower_floors_and_public_names_of_gsut_only():
+def test_calib_uses_the_public_names_of_gsut_only():
     arrows = imports(ROOT, "calib")
     assert len({path for path, _ in arrows}) >= 25
     assert [arrow for arrow in arrows if not is_allowed_in_calib(*arrow)] == []
