@@ -196,7 +196,7 @@ def test_architecture_names_every_folder():
 
 def test_every_lens_has_a_picture_and_every_page_is_linked():
     pictures = {path.stem for path in (ROOT / "docs" / "lenses").glob("*.jpg")}
-    assert set(gsut.camera_models()) <= pictures, "./run docs draws them"
+    assert set(gsut.lens.camera_models()) <= pictures, "./run docs draws them"
     readme = READMES[0].read_text()
     pages = [path.name for path in PAGE_FILES if path.parent.name == "docs"]
     assert [name for name in pages if f"docs/{name}" not in readme] == []
@@ -208,7 +208,7 @@ def test_table_of_lenses_in_the_readme_names_all_with_the_errors_that_tests_hold
         r"^\|(.*)\|(.*)\|(.*)\|$", READMES[0].read_text().split("\n## ")[3], re.MULTILINE
     )[2:]
     named = {word for lenses, _, _ in rows for word in re.findall(r"\w+", lenses)}
-    assert set(gsut.camera_models()) <= named
+    assert set(gsut.lens.camera_models()) <= named
     held = (ROOT / "tests" / "tolerances" / "lens.py").read_text()
     errors = [number for row in rows for number in re.findall(r"\d[\d.]*e-\d+", row[2])]
     assert len(errors) == len(rows) and [number for number in errors if number not in held] == []

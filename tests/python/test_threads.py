@@ -71,7 +71,7 @@ PIXELS = np.random.default_rng(2).uniform(0, 48, (500, 2))
 
 
 def blocks(folder):
-    gsut.save_ply(folder / "blocks.ply", blobs())
+    gsut.formats.save_ply(folder / "blocks.ply", blobs())
     return gsut.BlocksResult(folder / "blocks.ply", {}, None, None)
 
 
@@ -92,7 +92,7 @@ SHARED = {
          lambda camera: gsut.render(blobs(), camera, POSE)],
     ),
     "LensProfile": (
-        lambda _: gsut.find_lenses("gopro")[0],
+        lambda _: gsut.lens.find_lenses("gopro")[0],
         [lambda lens: lens.fov_degrees, lambda lens: lens.doubts,
          lambda lens: lens.camera(640, 480), lambda lens: lens.fits(640, 480)],
     ),
@@ -120,7 +120,7 @@ SHARED = {
         [lambda r, i=i: gsut.render_backward(r, weights(i)) for i in range(6)]
         + [lambda r: gsut.render_backward(r, weights(6), with_lens=True)]
         + [lambda r: gsut.render_surface(r)]
-        + [lambda r: gsut.render_surface_backward(r, weights(9))]
+        + [lambda r: gsut.loop.render_surface_backward(r, weights(9))]
         + [lambda r: {k: v for k, v in r.statistics().items() if "time" not in k}]
         + [lambda r: gsut.render_backward(dataclasses.replace(r, sh_degree=0), weights(7))],
     ),
@@ -197,7 +197,7 @@ def test_a_loss_is_of_the_light_before_or_after_another_threads_change():
 
 def test_an_optimizer_that_a_thread_is_at_refuses_the_others():
     gaussians = gaussians_in_view(rng_of("steps"), fisheye(), POSE, 30_000, sh_degree=2)
-    rates = gsut.LearningRates(1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-3)
+    rates = gsut.loop.LearningRates(1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-3)
     shared, alone = gsut.GaussianOptimizer(gaussians), gsut.GaussianOptimizer(gaussians)
 
     def step(_):
