@@ -3,6 +3,7 @@ sentence. `./run sanitize thread` runs this, too."""
 
 import dataclasses
 import functools
+import importlib
 import inspect
 from concurrent.futures import ThreadPoolExecutor
 
@@ -11,6 +12,7 @@ import pytest
 
 import gsut
 import rendered_dataset
+from public_names import list_public_names
 from random_scenes import fisheye, gaussians_in_view, rng_of
 
 pytestmark = pytest.mark.threads
@@ -137,6 +139,7 @@ SHARED = {
         lambda _: gsut.BlendRule("3dgrut"),
         [lambda rule: gsut.render(blobs(), fisheye(), POSE, blend=rule), lambda rule: rule.near_z],
     ),
+    "Verdict": (lambda _: gsut.Verdict("good", "a scene"), [str, lambda v: v.as_dict()]),
     "Mesh": (
         lambda _: tetrahedra(),
         [lambda mesh: mesh.normals(), lambda mesh: mesh.face_vectors(),
@@ -156,7 +159,8 @@ def has_methods(kind):
 
 
 def test_every_class_of_the_api_with_methods_is_here():
-    classes = [getattr(gsut, name) for name in gsut.__all__]
+    public = list_public_names().items()
+    classes = [getattr(importlib.import_module(m), name) for m, names in public for name in names]
     classes = [each for each in classes if inspect.isclass(each)]
     found = {c.__name__ for c in classes if not issubclass(c, Exception) and has_methods(c)}
     assert found == set(SHARED) | APART

@@ -45,7 +45,7 @@ def training(monkeypatch, scene):
     """Replaces gsut.train; records how it was called and leaves a finished run behind."""
     calls = []
 
-    def train(scene, options, out, resume=False, progress=None):
+    def train(scene, options, out, resume=False, progress=None, watch=None):
         calls.append(SimpleNamespace(options=options, out=out, resume=resume, progress=progress))
         if not RunFolder(out).holds_run():
             small_run.finished_run(Path(out), scene, options, report=False)
