@@ -6,17 +6,22 @@ from gsut.gaussians import (
     find_filter_radii,
     seed_in_view,
 )
-from gsut.optimize import LearningRates, densify_adaptive, densify_mcmc, learning_rates
+from gsut.optimize import (
+    LearningRates,
+    compute_learning_rates,
+    densify_adaptive,
+    densify_mcmc,
+)
 from gsut.render import render_surface_backward
 
 __all__ = [
     "LearningRates",
     "apply_low_pass",
     "apply_low_pass_backward",
+    "compute_learning_rates",
     "densify_adaptive",
     "densify_mcmc",
     "find_filter_radii",
-    "learning_rates",
     "render_surface_backward",
     "seed_in_view",
 ]
