@@ -11,7 +11,7 @@ from typing import Any
 
 import gsut
 from gsut.check import check_scene, look_closer
-from gsut.check.matches import neighbouring_matches
+from gsut.check.matches import match_neighbours
 from gsut.cli._flags import add_json, print_json
 from gsut.demo import make_demo_scene
 from tests.bench.mistakes import MISTAKES, Mistake, copy_of, write
@@ -65,7 +65,7 @@ def judge(
         "data": data.name, "mistake": "none", "with_points": True, "said": alarms,
         "verdict": "false alarm" if alarms else "good", "cpu_seconds": seconds,
     })  # fmt: skip
-    matches, close = neighbouring_matches(good), None
+    matches, close = match_neighbours(good), None
     for number, mistake in enumerate(MISTAKES):
         if only not in mistake.name:
             continue
@@ -79,7 +79,7 @@ def judge(
             said = _findings(mistake, write(values, folder, with_points), matches)
             doctor = not said and not mistake.images
             if doctor:
-                close = neighbouring_matches(good, closely=True) if close is None else close
+                close = match_neighbours(good, closely=True) if close is None else close
                 scene = gsut.load_dataset(folder)
                 said = [str(finding) for finding in look_closer(scene, close)]
             rows.append({
