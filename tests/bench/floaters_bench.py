@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 import gsut
-from gsut.data.points import points_ply
+from gsut.data.points import format_points_ply
 from gsut.demo import make_demo_scene
 from gsut.demo.dataset import distances
 from gsut.demo.hall import HALF_X, Hall, make_hall
@@ -138,7 +138,7 @@ def open_hall(
         image[sky] = np.rint(255 * shown)
         cv2.imwrite(str(data / view.name), image[..., ::-1])
     inside = ~_in_window(hall, scene.points)
-    kept = points_ply(scene.points[inside], scene.point_colors[inside])
+    kept = format_points_ply(scene.points[inside], scene.point_colors[inside])
     (data / "points3D.ply").write_bytes(kept)
     return data
 

@@ -31,7 +31,7 @@ from calib.halves import best_rotation
 from calib.lens import PIXEL_SHIFT, gsut_camera
 from calib.lens_files import write_lens
 from calib.trust import Trust, field_angle, judge
-from calib.uncertainty import grid_pixels, uncertainty_map
+from calib.uncertainty import spread_pixels, uncertainty_map
 from tests.synthetic_boards import photographs, random_poses
 
 _BOARD = Board(8, 6, 0.03)
@@ -68,7 +68,7 @@ def poor_lens(true: gsut.Camera, boards: Boards, path: Path) -> tuple[gsut.Camer
 
 def turn_between(true: gsut.Camera, found: gsut.Camera, valid_angle: float) -> np.ndarray:
     """(3, 3) rotation that brings true rays of pixels to the found lens' inside its field."""
-    pixels = grid_pixels(true.width, true.height).reshape(-1, 2) + PIXEL_SHIFT
+    pixels = spread_pixels(true.width, true.height).reshape(-1, 2) + PIXEL_SHIFT
     a, b = true.unproject(pixels)[0], found.unproject(pixels)[0]
     use = np.all(np.isfinite(a) & np.isfinite(b), axis=1)
     use[use] &= field_angle(b[use]) <= valid_angle

@@ -230,12 +230,12 @@ def _reversed_readout(values: Values, _: Path) -> bool:
 
 def _points(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Values, Path], None]:
     def make(values: Values, folder: Path) -> None:
-        from gsut.data.points import load_points_ply, points_ply
+        from gsut.data.points import format_points_ply, load_points_ply
 
         path = folder / values["ply_file_path"]
         xyz, rgb = load_points_ply(path.resolve())
         path.unlink()
-        path.write_bytes(points_ply(change(xyz), rgb))
+        path.write_bytes(format_points_ply(change(xyz), rgb))
 
     return make
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.data.poses import inverse
-from gsut.data.rigs import Rig, read_rig, relative_changes, write_rig
+from gsut.data.rigs import Rig, measure_changes, read_rig, write_rig
 from gsut.sfm import (
     PosesOptions,
     errors_against,
@@ -136,7 +136,7 @@ def _measure(
         )
         if with_rig:
             found = np.array([c["camera_from_reference"] for c in figures["rig"]["cameras"]])
-            changes = relative_changes(truth, found)
+            changes = measure_changes(truth, found)
             row.update(
                 scale_error_percent=errors.scale_error_percent,
                 metric_ate_percent=100.0 * errors.metric_ate / errors.extent,

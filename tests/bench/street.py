@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut.data import Frame, write_transforms
-from gsut.data.points import points_ply
+from gsut.data.points import format_points_ply
 from gsut.demo.dataset import whole_pixels
 from gsut.demo.hall import HALF_X, HALF_Y, make_hall
 from gsut.demo.shapes import Rays
@@ -145,7 +145,7 @@ def write_street(folder: Path, rooms: int, views: int, size: int) -> None:
             else:
                 points.append(seen[0])
                 colors.append(seen[1])
-        found = points_ply(np.concatenate(points), np.concatenate(colors))
+        found = format_points_ply(np.concatenate(points), np.concatenate(colors))
         (partial / "points3D.ply").write_bytes(found)
         write_transforms(partial / "transforms.json", frames, points_file="points3D.ply", test=test)
 

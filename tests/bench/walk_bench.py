@@ -20,7 +20,7 @@ from gsut.cli import main
 from gsut.data import CAPTURE, Frame, write_transforms
 from gsut.data.poses import inverse
 from gsut.files import write_file
-from gsut.lens import Camera, lens_by_name
+from gsut.lens import Camera, find_lens
 from gsut.sfm import compare_poses
 from gsut.sfm.lens.candidates import lens_of_field
 from tests.bench.report_rows import table_text
@@ -62,8 +62,8 @@ _BACK_FROM_FRONT[:3, 3] = [0.001, 0.0, 0.024]
 
 def _of_database(name: str, path: Path4, seconds: float, **more: Any) -> Film:
     """A film through a lens of the database, read as fast and in the order that it says."""
-    profile = lens_by_name(name)
-    camera = profile.camera(*_WIDE)
+    profile = find_lens(name)
+    camera = profile.make_camera(*_WIDE)
     readout = (profile.readout_ms or 0.0) / 1000
     if more.get("sideways"):  # the sensor's top is at the right of the upright picture
         fx, fy, cx, cy, *rest = camera.params

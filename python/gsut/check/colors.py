@@ -14,7 +14,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.check.findings import Finding
 from gsut.check.readings import list_usual_readings
-from gsut.data import Scene, some_names
+from gsut.data import Scene, list_some
 from gsut.data.poses import inverse
 from gsut.run import Progress
 
@@ -62,7 +62,7 @@ def check_colors(
     yield Finding("info", where, f"colours of the points agree with the pixels at r = {agreed:.2f}")
     bad = [f"{scene.views[i].name} ({r:.2f})" for i, r in per_view.items() if r < _LEAST_VIEW_R]
     if bad:
-        what = f"{len(bad)} views disagree with the points' colours: {some_names(bad)}"
+        what = f"{len(bad)} views disagree with the points' colours: {list_some(bad)}"
         yield Finding("warning", where, what, "their poses may be wrong")
     yield from _check_lens(scene, chosen, agreed)
 

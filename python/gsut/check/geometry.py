@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsut.check.findings import Finding
-from gsut.data import Scene, some_names
+from gsut.data import Scene, list_some
 from gsut.data.points import UNCOLORED, has_colors
 
 _LENS_SIDE = 800  # pixels: lenses are checked on images of at most this longer side
@@ -155,7 +155,7 @@ def _find_repeated_poses(scene: Scene, centers: np.ndarray, tiny: float) -> Iter
         yield Finding(
             "warning",
             str(scene.path),
-            f"{len(pairs)} pairs of views have the same pose: {some_names(pairs)}",
+            f"{len(pairs)} pairs of views have the same pose: {list_some(pairs)}",
             "check how poses are matched to images; for a rig, give each camera its own pose",
         )
 
@@ -204,7 +204,7 @@ def check_points(scene: Scene) -> Iterator[Finding]:
         yield Finding(
             "warning",
             where,
-            f"{len(few)} views see fewer than {_FEW_POINTS_IN_VIEW} points: {some_names(few)}",
+            f"{len(few)} views see fewer than {_FEW_POINTS_IN_VIEW} points: {list_some(few)}",
             "their poses may be wrong, or they look away from the scene",
         )
     center = np.mean([view.camera_center for view in scene.views], axis=0)

@@ -12,7 +12,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.images import decode_mask
-from gsut.data.scene import frame_times
+from gsut.data.scene import order_frames
 from gsut.sfm import Features, PosesOptions, features_in
 
 
@@ -108,7 +108,7 @@ def order_in_time(scene: Scene) -> list[list[int]]:
         groups.setdefault((before, view.camera_index), []).append(index)
     ordered = []
     for group in groups.values():
-        times = frame_times([scene.views[index].name.rpartition("/")[2] for index in group])
+        times = order_frames([scene.views[index].name.rpartition("/")[2] for index in group])
         ordered.append([group[place] for place in np.argsort(times, kind="stable")])
     return ordered
 

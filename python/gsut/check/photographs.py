@@ -25,7 +25,7 @@ from gsut.check.turns import (
     rate_as_degrees,
     to_rotation_vector,
 )
-from gsut.data import Scene, some_names
+from gsut.data import Scene, list_some
 from gsut.sfm import angular_errors, pixels_per_radian
 
 # Costs are between 0 and 1; good data lie at 0.1 to 0.5, wrong data at 0.7 to 1.
@@ -220,7 +220,7 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
                 "error" if len(bad) > max(1, _MANY_BAD * len(costs)) else "warning",
                 where,
                 f"{len(bad)} of {len(costs)} pairs of neighbouring images contradict their poses: "
-                f"{some_names(names)}",
+                f"{list_some(names)}",
                 "they may have the poses of other images: check names, order and time stamps",
             )
         )

@@ -15,7 +15,7 @@ from gsut._core import InputError
 from gsut.capture import Capture, capture, is_video
 from gsut.cli._flags import add_capture, add_json, add_quiet, degrees, folder_name, print_json
 from gsut.data import CAPTURE_FOLDER, find_lens_file
-from gsut.lens import is_lens_name, lens_by_name
+from gsut.lens import find_lens, is_lens_name
 from gsut.output_folder import claim_folder
 from gsut.run import Progress, StagedProgress, Verdict, add_option_flags, given_options
 from gsut.sfm import PosesOptions, check_lens, done_already
@@ -257,8 +257,8 @@ def with_readout(options: PosesOptions, camera: str | None, taken: Capture) -> P
     wanted = options.shutter == "rolling" and options.readout_time is None
     if not (wanted and camera and is_lens_name(camera)):
         return options
-    profile = lens_by_name(camera, tuple(taken.figures["size"]))
-    share = profile.readout_share(taken.figures["name_rate"])
+    profile = find_lens(camera, tuple(taken.figures["size"]))
+    share = profile.find_readout_share(taken.figures["name_rate"])
     backwards = (profile.readout_ms or 0) < 0
     direction = "bottom_to_top" if backwards else options.readout_direction
     return dataclasses.replace(options, readout_time=share, readout_direction=direction)

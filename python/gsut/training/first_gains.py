@@ -13,7 +13,7 @@ import dataclasses
 import numpy as np
 
 from gsut.data import Scene
-from gsut.data.points import points_seen
+from gsut.data.points import find_seen_points
 from gsut.render import interpolated_gains
 
 _MOST_VIEWS = 150  # photographs that are looked at, evenly chosen
@@ -109,7 +109,7 @@ def _colors(
     """Points that a view sees well exposed: rows, colours (n, 3), distances from the middle."""
     import cv2
 
-    rows, x, y, _ = points_seen(scene, view, points)
+    rows, x, y, _ = find_seen_points(scene, view, points)
     compared = rows % -(-len(points) // _MOST_COMPARED) == 0
     rows, x, y = rows[compared], x[compared], y[compared]
     image = scene.image(view)

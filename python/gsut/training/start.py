@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Scene, some_names
+from gsut.data import Scene, list_some
 from gsut.data.points import color_points, has_colors
 from gsut.data.scene import with_shutter
 from gsut.gaussians import (
@@ -63,7 +63,7 @@ def without_blurred(scene: Scene, options: TrainOptions) -> Scene:
         if sharp[place] < _BLURRED * np.median(around):
             blurred.add(index)
     names = [scene.views[index].name for index in sorted(blurred)]
-    note = f"{len(names)} blurred photographs are left out: {some_names(names)}"
+    note = f"{len(names)} blurred photographs are left out: {list_some(names)}"
     kept = [index for index in scene.train_indices if index not in blurred]
     return scene.replace(train_indices=kept, notes=(*scene.notes, note)) if names else scene
 
