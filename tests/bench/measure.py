@@ -53,13 +53,6 @@ class Times:
         """Sum over stages, processor time over the number of threads."""
         return 1e3 * sum(self.stages[stage][1] for stage in stages) / _core.num_threads()
 
-    def per_stage_ms(self) -> dict[str, dict[str, float]]:
-        """stage -> wall_ms and cpu_ms (over threads)."""
-        return {
-            stage: {"wall_ms": self.wall_ms(stage), "cpu_ms": self.cpu_ms(stage)}
-            for stage in self.stages
-        }
-
 
 def best_times(
     run: Callable[[], dict[str, tuple[float, float]]], repeats: int, warmups: int = 1

@@ -26,9 +26,9 @@
 namespace gsut {
 namespace {
 
-// How many threads there are, even beyond the number of processors (tests use that), and arenas of
-// so many. Each loop that is not within another has one of its own: in an arena that others fill,
-// its thread would only wait, and could not ask its InterruptCheck.
+// The number of threads, which may exceed the number of processors (tests use that), and oneTBB
+// arenas of that size. Each outermost loop has an arena of its own: in one that other loops fill,
+// its thread would only wait, and could not poll its InterruptCheck.
 class Threads {
  public:
   explicit Threads(int count)
@@ -138,7 +138,8 @@ void ParallelFor(std::int64_t count, std::int64_t grain,
   if (count <= 0) return;
   if (grain < 1) grain = 1;
   const std::int64_t chunks = (count + grain - 1) / grain;
-  // Its own thread alone asks, and may meanwhile run chunks of other loops: those do not end.
+  // Only the calling thread polls for an interrupt. While it waits it may run chunks of other
+  // loops, which an interrupt of this one does not end.
   InterruptCheck* const check = chunks == 1 ? nullptr : InterruptCheck::OfThisThread();
   std::atomic<bool> ended = false;
   const auto run_chunk = [&](std::int64_t chunk) {

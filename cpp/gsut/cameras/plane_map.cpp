@@ -112,16 +112,19 @@ bool Newton(const PlaneMap& map, double radius, double u, double v, int max_step
             double* y) {
   PlanePoint p = map(*x, *y);
   double residual = std::hypot(u - p.u, v - p.v);
-  // A few units in the last place of the map's intermediate values.
-  const double rounding = 4.0 * kEpsilon * (1.0 + std::hypot(u, v));
-  const double accepted = 16.0 * rounding;
+  // Rounding of the map's result, in units in the last place of its intermediate values, and the
+  // multiple of it that is accepted where no step improves on it.
+  constexpr double kRounding = 4.0;
+  constexpr double kAccepted = 16.0;
+  const double rounding = kRounding * kEpsilon * (1.0 + std::hypot(u, v));
+  const double accepted = kAccepted * rounding;
   for (int i = 0; i < max_steps; ++i) {
     if (residual <= rounding) return true;
     double dx = 0.0, dy = 0.0;
     if (!NewtonStep(p, u, v, &dx, &dy)) return false;
     // Next to a pole the rounding of (x, y) alone moves the image by more than `accepted`.
     const bool at_floor =
-        residual <= accepted || std::hypot(dx, dy) <= 16.0 * kEpsilon * std::hypot(*x, *y);
+        residual <= accepted || std::hypot(dx, dy) <= kAccepted * kEpsilon * std::hypot(*x, *y);
     double scale = 1.0;
     for (;; scale *= 0.5) {
       constexpr double kSmallestScale = 1e-4;
@@ -218,11 +221,13 @@ bool ImageOfDiscContains(const PlaneMap& map, double radius, double u, double v)
 }
 
 bool InvertPlaneMap(const PlaneMap& map, double radius, double u, double v, double* x, double* y) {
-  constexpr int kDirectSteps = 30;
-  constexpr int kCorrectorSteps = 12;
-  constexpr double kSmallestAdvance = 1e-5;
+  constexpr int kDirectSteps = 30;           // from the caller's start: nearly always enough
+  constexpr int kCorrectorSteps = 12;        // from the last point of the path, which is near
+  constexpr double kFirstAdvance = 0.125;    // of the path; doubled after each success
+  constexpr double kSmallestAdvance = 1e-5;  // of the path: below it, the path ends at a fold
   if (Newton(map, radius, u, v, kDirectSteps, x, y)) return true;
-  double t = 0.0, advance = 0.125;
+  // Homotopy: (0, 0) solves map(x, y) = t (u, v) at t = 0, and each t starts where the last ended.
+  double t = 0.0, advance = kFirstAdvance;
   double px = 0.0, py = 0.0;
   while (t < 1.0) {
     const double next = std::min(1.0, t + advance);

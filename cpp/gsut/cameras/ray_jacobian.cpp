@@ -14,8 +14,10 @@ using Eigen::Vector3d;
 using Matrix2X = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>;
 using Matrix3X = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>;
 
-// Distances along a ray at which it is held on its pixel; of a central lens the first is enough.
-constexpr double kNear = 1.0, kFar = 2.0;
+// Distances along a ray at which it is held on its pixel: two points fix a line. A central lens
+// needs only the first.
+constexpr double kNear = 1.0;
+constexpr double kFar = 2.0;
 
 // shifts (count, 3, K): the least motion, a parameter, that leaves the points on their pixels.
 void Shifts(const Camera& camera, std::int64_t count, const double* points, double* shifts,

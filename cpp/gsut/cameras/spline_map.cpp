@@ -63,8 +63,9 @@ double FirstFold(const Surface& surface, double direction_x, double direction_y)
   const double half_y = 0.5 * (surface.params[2] - 1.0) / surface.density;
   const double end =
       std::min({kLargestRadius, half_x / std::abs(direction_x), half_y / std::abs(direction_y)});
-  // Looked at four times between control points.
-  const double step = 0.25 / surface.density;
+  // Of the distance of control points: a cubic between them cannot fold and unfold in less.
+  constexpr double kStep = 0.25;
+  const double step = kStep / surface.density;
   const auto regular = [&](double r) {
     return IsRegular(surface(r * direction_x, r * direction_y), r * direction_x, r * direction_y);
   };
@@ -103,12 +104,15 @@ void CheckSplineParams(const char* lens, const double* params, int num_params) {
             << "; they must be whole numbers from order + 1 to " << kMostPoints;
     throw InputError(message.str());
   }
-  const int wanted = 8 + 2 * static_cast<int>(count_x) * static_cast<int>(count_y);
+  constexpr int kFixedParams = SplinedStereographic::kPoints;  // before the control points
+  const int wanted = kFixedParams + 2 * static_cast<int>(count_x) * static_cast<int>(count_y);
   if (num_params != wanted) {
     message << "Nx Ny 2 + 8 = " << wanted << " values are needed, found " << num_params;
     throw InputError(message.str());
   }
-  CheckLensParam(lens, "fov_x_degrees", fov, 1e-3, 359.0);
+  constexpr double kSmallestFov = 1e-3;  // degrees: the density of control points stays finite
+  constexpr double kLargestFov = 359.0;  // degrees: 360 lies at infinity in the stereographic plane
+  CheckLensParam(lens, "fov_x_degrees", fov, kSmallestFov, kLargestFov);
   CheckFocalParams(lens, "fx fy cx cy control_points ...", params + 4, num_params - 4);
 }
 
@@ -153,7 +157,7 @@ bool UnprojectSpline(const LensDomain& domain, const double* params, double u, d
   image_y -= surface.offset[1];
   // From where the undistorted lens sees the pixel, no farther than the farthest edge.
   const double distance = std::hypot(image_x, image_y);
-  constexpr double kInside = 0.95;
+  constexpr double kInside = 0.95;  // of the farthest edge
   const double start =
       distance > kInside * domain.max_radius ? kInside * domain.max_radius / distance : 1.0;
   double x = start * image_x, y = start * image_y;

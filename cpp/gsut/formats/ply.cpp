@@ -261,7 +261,8 @@ void WritePly(const std::string& name, const GaussiansView<const float>& gaussia
 
 // Which value of a file's colours is full brightness.
 static double White(double largest, bool whole, const std::string& path) {
-  constexpr double kByte = 255.0, kWord = 65535.0;
+  constexpr double kByte = 255.0;
+  constexpr double kWord = 65535.0;
   constexpr double kUnit = 2.0;  // up to here colours of 0 to 1 are taken to be over-exposed
   constexpr double kRounding = 0.5;
   if (!whole && largest <= kUnit) return 1.0;

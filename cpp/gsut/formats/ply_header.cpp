@@ -64,7 +64,7 @@ class Parser {
         ParseFormat(words);
         has_format = true;
       } else if (keyword == "comment") {
-        const std::size_t start = line.find_first_not_of(' ', line.find("comment") + 7);
+        const std::size_t start = line.find_first_not_of(' ', line.find(keyword) + keyword.size());
         header_.comments.push_back(start == std::string::npos ? "" : line.substr(start));
       } else if (keyword == "element") {
         ParseElement(words);

@@ -34,7 +34,8 @@ Pose Pose::FromMatrix(const Eigen::Matrix4d& m) {
   Pose pose;
   pose.rotation = Eigen::Quaterniond(r).normalized().toRotationMatrix();
   // A matrix that is exact to double keeps its digits: the quaternion is only used where it helps.
-  if (deviation < 1e-12) pose.rotation = r;
+  constexpr double kExact = 1e-12;  // a few hundred units in the last place of an entry
+  if (deviation < kExact) pose.rotation = r;
   pose.translation = m.topRightCorner<3, 1>();
   return pose;
 }

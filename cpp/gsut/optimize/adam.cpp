@@ -150,7 +150,8 @@ void Check(const std::vector<AdamGroup>& groups, std::int64_t step, const AdamOp
   }
 }
 
-// 1 - beta^step, which the moments after so many steps are divided by.
+// 1 - beta^step: moments start at 0, and after `step` updates with rate 1 - beta their weights add
+// up to this. Dividing by it makes them means (Kingma and Ba, 2015, section 3).
 double Correction(double beta, std::int64_t step) {
   return 1.0 - std::pow(beta, static_cast<double>(step));
 }
@@ -186,7 +187,9 @@ void AdamStep(const std::vector<AdamGroup>& groups, std::int64_t rows, std::int6
     const bool same =
         std::all_of(rates.begin(), rates.end(), [&](float rate) { return rate == rates.front(); });
     constexpr std::int64_t kChunkElements = 16384;  // 64 KiB of each of the four arrays
-    const std::int64_t chunk_rows = std::max<std::int64_t>(16, kChunkElements / group.columns);
+    constexpr std::int64_t kFewestRows = 16;        // a cache line of each column's floats
+    const std::int64_t chunk_rows =
+        std::max<std::int64_t>(kFewestRows, kChunkElements / group.columns);
     ParallelFor(rows, chunk_rows, [&](std::int64_t begin, std::int64_t end) {
       rows_function(constants, group, rates.data(), !same, visible, begin, end);
     });

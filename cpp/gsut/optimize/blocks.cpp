@@ -58,7 +58,7 @@ Blocks SplitIntoBlocks(const float* points, const std::vector<Row>& rows, int de
       const Eigen::Vector3d direction =
           axis == BlockAxis::kCycle ? Eigen::Vector3d(Eigen::Vector3d::Unit(level % 3))
                                     : PrincipalDirection(points, order + begin, end - begin);
-      // Equal positions are told apart by row, so that the halves do not depend on the order.
+      // Ties of equal positions are broken by row, so that the halves do not depend on the order.
       for (std::int64_t i = begin; i < end; ++i) {
         keys[static_cast<std::size_t>(i)] = {direction.dot(Point(points, order[i])), order[i]};
       }

@@ -18,6 +18,8 @@ constexpr double kMostOpacity = 1.0 - 1e-4;
 // Added to covariances before they are compared, of their largest variance: surfaces have no
 // thickness to speak of, and shifts across it are not seen from where they are seen.
 constexpr double kThickness = 0.05 * 0.05;
+// Keeps a variance that is 0 from dividing by zero; it is nothing beside any other.
+constexpr double kNotZero = 1e-300;
 // sum over coefficients of the harmonics' squared difference / 4 pi = its mean over directions.
 constexpr double kInverseSphere = 0.25 / std::numbers::pi;
 
@@ -69,7 +71,7 @@ double FieldDifference(const Cluster& a, const Cluster& b, const Cluster& merged
   Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
   solver.computeDirect(merged.moments.covariance);
   const Eigen::Matrix3d& axes = solver.eigenvectors();
-  const double floor = kThickness * std::max(solver.eigenvalues()[2], 0.0) + 1e-300;
+  const double floor = kThickness * std::max(solver.eigenvalues()[2], 0.0) + kNotZero;
   const Cluster* all[3] = {&a, &b, &merged};
   Eigen::Matrix3d covariance[3];
   Eigen::Vector3d mean[3];

@@ -40,7 +40,8 @@ HWY_INLINE void AddOf(const float* values, float* sums, std::int64_t begin, std:
 
 // Highway's Exp is garbage beyond 104: a larger exponent is taken as this one, the end of float.
 HWY_INLINE Lane ExpWithin(Lane x) {
-  const Lane largest(88.5);
+  constexpr double kLargestExponent = 88.5;  // its exponential is 2.7e38, still a float
+  const Lane largest(kLargestExponent);
   return Exp(Select(x > largest, largest, x));
 }
 

@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kThomsenPower = 1.6075;
 // Of a merged Gaussian, smallest variance over the largest: 1e-6 as standard deviations, which
-// float parameters still tell apart from a plane.
+// float parameters still distinguish from a plane.
 constexpr double kLeastVarianceRatio = 1e-12;
 // Variances are kept above what float's log-scales and their exponentials can hold.
 constexpr double kTiniestVariance = 1e-60;

@@ -107,7 +107,8 @@ namespace {
 HWY_EXPORT(NearestOfRows);
 
 constexpr std::int64_t kChunkRows = 1024;
-// The cells are found from so many rows; which cell is the right one matters little.
+// Rows from which the cells are found: every cell then has dozens, and more of them would move its
+// entry by less than the entries' distance.
 constexpr std::int64_t kSample = 65536;
 
 PackedEntries Pack(const float* entries, std::int64_t count, int columns) {

@@ -12,13 +12,15 @@
 namespace gsut {
 namespace {
 
-// Trust region of Levenberg-Marquardt (Madsen, Nielsen, Tingleff, "Methods for non-linear least
-// squares problems", 2004): its radius to begin with and at most; the share of the predicted
-// decrease that a step must reach; steps in a row that may fail to predict one; and the share of
-// the cost below which a predicted decrease is rounding alone.
-constexpr double kFirstRadius = 1e4, kLargestRadius = 1e16;
+// Trust region of Levenberg-Marquardt, in the form of Madsen, Nielsen and Tingleff, "Methods for
+// non-linear least squares problems", 2004: damping is the diagonal of J^T J over a radius.
+constexpr double kFirstRadius = 1e4;  // nearly Gauss-Newton: starts are good, and the cost decides
+constexpr double kLargestRadius = 1e16;  // beyond, damping is below the rounding of the diagonal
+// Share of the predicted decrease that a step must reach to be kept.
 constexpr double kLeastQuality = 1e-3;
+// Steps in a row that may fail to predict a decrease: each at least halves the radius.
 constexpr int kMostInvalid = 5;
+// Share of the cost below which a predicted decrease is rounding alone.
 constexpr double kNothing = 1e-15;
 
 }  // namespace

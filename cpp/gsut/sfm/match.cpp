@@ -28,7 +28,7 @@
 #define GSUT_SFM_MATCH_DESCRIPTORS
 namespace gsut {
 
-// Columns that are packed and kept in the second-level cache meanwhile: 128 KiB as floats.
+// Columns packed at a time, small enough to stay in the second-level cache: 128 KiB as floats.
 constexpr int kBlockColumns = 256;
 
 struct Descriptors {

@@ -13,7 +13,8 @@ namespace {
 
 constexpr int kBlocks = 16;  // along the image's longer side
 constexpr std::size_t kFewestBlocks = 32;
-// Of a block that is left out: not all, so that what no other block tells is not divided by zero.
+// Share of a block that is left out: not all, so that a direction that only this block determines
+// is not divided by zero.
 constexpr double kLeftOut = 0.99;
 constexpr double kSingular = 1e-12;
 

@@ -21,7 +21,7 @@ constexpr int kLastIterations = 50;
 constexpr double kLastTolerance = 1e-9;
 // Of rolling shutters, whose motion and velocity hardly differ in what they do to a picture: steps
 // along that valley cost much and change nothing that is seen. The last tolerance is that of trials
-// too, which are told apart by held-out observations.
+// too, which are compared by held-out observations.
 constexpr int kRollingRounds = 2;
 constexpr double kRollingTolerance = 1e-4;
 constexpr double kRoughLastTolerance = 1e-6;

@@ -27,7 +27,7 @@ SceneMap::SceneMap(std::vector<Camera> cameras, const std::vector<ImageFeatures>
       registered_(images.size(), 0),
       poses_(images.size()),
       camera_from_body_(options.rig.camera_from_body),
-      loss_pixels_(options.max_error / kLossShare) {
+      loss_pixels_(options.max_error / kErrorOverBend) {
   UpdateBearings();
   if (rolling()) {
     for (const ImageFeatures& image : images_) {

@@ -18,7 +18,8 @@ constexpr double kLeastLoss = 0.02;
 // during its readout, where nothing else is known: a handheld camera turned in haste.
 constexpr double kTurnSigma = 0.2;
 constexpr double kShiftSigma = 0.1;
-// Where neighbours in time tell the velocity: their uncertainty, as a share of it and of the above.
+// A velocity taken from neighbours in time: its uncertainty, as a share of itself and at least of
+// the above.
 constexpr double kNeighborSigma = 0.3;
 constexpr double kNeighborFloor = 0.1;
 // Where it is known otherwise: of its uncertainty, as a share of the above.
@@ -43,7 +44,7 @@ void SceneMap::UpdateLoss() {
   }
   if (lengths.empty()) return;
   loss_pixels_ = std::clamp(options_.loss_scale * Median(&lengths), kLeastLoss,
-                            std::max(kLeastLoss, options_.max_error / kLossShare));
+                            std::max(kLeastLoss, options_.max_error / kErrorOverBend));
 }
 
 void SceneMap::AddImage(int image, Bundle* bundle, std::vector<int>* image_of) const {
@@ -227,13 +228,13 @@ void SceneMap::AdjustImage(int image, double max_error) {
     }
     if (bundle.points.empty()) return;
     options.point_fixed.assign(bundle.points.size(), 1);
-    options.loss_scale = max_error / kLossShare;
+    options.loss_scale = max_error / kErrorOverBend;
     options.max_iterations = kIterations;
     if (rolling()) SetPriors(bundle, {image}, &options);
     options.noise = options.loss_scale;
     AdjustBundle(&bundle, options);
     StoreBundle(bundle, {image}, {});
-    max_error = std::max(options_.max_error, max_error / kLossShare);
+    max_error = std::max(options_.max_error, max_error / kErrorOverBend);
   }
 }
 

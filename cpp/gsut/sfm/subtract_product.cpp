@@ -14,7 +14,10 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-constexpr int kVectors = 3, kColumns = 4;
+// A block of sums: 3 x 4 accumulators, 3 vectors of `a` and one broadcast value of `b` fill the 16
+// registers of AVX2, and 12 independent sums hide the latency of a fused multiply-add.
+constexpr int kVectors = 3;
+constexpr int kColumns = 4;
 
 struct Matrices {
   double* out;

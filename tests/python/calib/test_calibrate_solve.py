@@ -20,7 +20,7 @@ from calib.rigid import compose, inverse, rodrigues_vector, rotation_matrix
 from calib.trust import judge
 from calib.uncertainty import spread_pixels, uncertainty_map
 from calib_fakes import BOARD, FISHEYE, corner_photographs
-from tests.bench.measure_uncertainty import coverage
+from calib_oracles import measure_coverage
 from tests.synthetic_boards import photographs as see
 from tests.synthetic_boards import random_poses
 
@@ -91,7 +91,7 @@ def test_solve_wrongly_found_board_is_named(noisy):
 
 def test_uncertainty_repeated_solves_cover_the_truth_in_95_percent():
     solves, parameters = 8, 8
-    within, projected, ratio = coverage("fisheye", solves)
+    within, projected, ratio = measure_coverage(solves)
     # 64 parameters, correlated: 3 standard deviations of a share of 95 % are 7 % and more.
     assert len(within) == parameters
     assert within.mean() > tolerances.CALIB_COVERAGE_LEAST

@@ -14,12 +14,11 @@ from gsut.cli import main
 from gsut.data.poses import inverse
 from gsut.demo import make_demo_scene
 from gsut.sfm import angular_errors
-from tests.bench.mistakes import MISTAKES, copy_of, write
-from tests.bench.mistakes_bench import NAMED, SAID, judge
+from mistakes import MISTAKES, NAMED, SAID, copy_of, judge, write
 
 # Not to be told apart from other mistakes: said to be wrong without a name.
 NOT_NAMED = {"clock half a frame late"}
-# Need more, or larger, images than these; `./run bench mistakes` has them.
+# Need more, or larger, images than these.
 ELSEWHERE = {
     "photographs undistorted, lens not", "distortion left out", "principal point half a pixel off",
 }  # fmt: skip

@@ -8,6 +8,7 @@ import pytest
 
 import gsut
 import tolerances
+from disturbances import disturb_pose
 from gsut import TrainOptions
 from gsut.cli import main
 from gsut.refine.localization import localize_image
@@ -16,7 +17,6 @@ from gsut.render.pictures import to_uint8, write_png
 from gsut.run.folder import SCENE
 from random_scenes import fisheye, gaussians_in_view, pinhole
 from rendered_dataset import poses, truth, write_dataset
-from tests.bench.refine_disturb import disturbed_pose
 
 
 @pytest.fixture(scope="module")
@@ -62,8 +62,8 @@ def test_photograph_far_from_every_view_is_found_by_matches(rng):
     camera = fisheye(160)
     middle = np.eye(4)
     g = gaussians_in_view(rng, camera, middle, 3000, sizes=(0.01, 0.06), opacity=3.0)
-    views = [(camera, disturbed_pose(rng, middle, 15.0, 0.25)) for _ in range(5)]
-    pose = disturbed_pose(rng, middle, 25.0, 0.2)
+    views = [(camera, disturb_pose(rng, middle, 15.0, 0.25)) for _ in range(5)]
+    pose = disturb_pose(rng, middle, 25.0, 0.2)
     pixels = to_uint8(gsut.render(g, camera, pose).image)
     told = []
     found = localize_image(
