@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from gsut.data import Scene
+from gsut.data import Scene, list_some
 from gsut.data.scene import with_shutter
 from gsut.gaussians import Gaussians
 from gsut.refine import TracksResult, check_refinable, refine_by_tracks
