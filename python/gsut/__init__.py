@@ -75,9 +75,9 @@ if TYPE_CHECKING:
     from gsut.optimize import (
         GaussianOptimizer,
         LearningRates,
+        compute_learning_rates,
         densify_adaptive,
         densify_mcmc,
-        learning_rates,
     )
     from gsut.refine import Localized, RefinedPose, localize, localize_image, refine_pose
     from gsut.render import METHODS as PROJECTION_METHODS
@@ -199,7 +199,7 @@ __all__ = [  # noqa: RUF022
     "GaussianOptimizer",
     "densify_mcmc",
     "densify_adaptive",
-    "learning_rates",
+    "compute_learning_rates",
     "LearningRates",
     "find_filter_radii",
     "apply_low_pass",

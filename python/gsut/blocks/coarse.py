@@ -88,7 +88,7 @@ def _state_of(loop: TrainingLoop, pixels: int) -> dict[str, Any]:
         else [None if each is None else each.as_dict() for each in light.falloffs],
         "seconds": loop.seconds,
         "pixels": pixels,
-        "figures": None if loop.refiner is None else loop.refiner.figures(),
+        "figures": None if loop.refiner is None else loop.refiner.summarize(),
     }
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from gsut.check.findings import Finding
 from gsut.data import DatasetError, Scene
-from gsut.optimize import grown_count, last_densification
+from gsut.optimize import compute_target_size, find_last_densification
 from gsut.run import TrainOptions, free_memory, size_text
 
 _FIRST = 10_000  # Gaussians with which a scene without points begins, at least
@@ -68,7 +68,7 @@ def _count_gaussians(scene: Scene, options: TrainOptions) -> int:
     """Counts the Gaussians that there will be in any case; only mcmc's follow from the steps."""
     o = dataclasses.replace(options, max_gaussians=options.most_gaussians)
     first = min(o.init_count or len(scene.points) or _FIRST, o.max_gaussians)
-    last = last_densification(o)
+    last = find_last_densification(o)
     if o.strategy != "mcmc" or last < max(1.0, o.densify_from * o.steps):
         return first
-    return max(first, grown_count(o, first, last / o.steps))
+    return max(first, compute_target_size(o, first, last / o.steps))

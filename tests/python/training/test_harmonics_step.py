@@ -34,7 +34,7 @@ def passes(optimizer, place, degree, dimage, in_backward):
             g, CAMERA, place, _core.BlendRule(), (0.0, 0.0, 0.0), degree, DEFAULT_UNSCENTED, image,
             None, None, True,
         )  # fmt: skip
-        step = optimizer.harmonics_step(RATES, degree) if in_backward else None
+        step = optimizer.prepare_harmonics_step(RATES, degree) if in_backward else None
         renderer.backward(dimage, None, None, gradients, touched, False, False, harmonics_step=step)
         optimizer.step(gradients, RATES, touched, degree, harmonics=not in_backward)
     assert 0 < touched.sum() < len(g)
@@ -75,7 +75,7 @@ def test_step_in_backward_of_what_was_not_rendered_raises(rng):
         again(write_untouched)
 
     def again(write_untouched):
-        step = optimizer.harmonics_step(RATES)
+        step = optimizer.prepare_harmonics_step(RATES)
         renderer.backward(
             image, None, None, g.make_zeros(), touched, write_untouched, False, harmonics_step=step
         )
