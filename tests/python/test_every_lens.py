@@ -23,7 +23,7 @@ from gsut import _core
 from gsut.check import diagnose
 from gsut.cli import main
 from gsut.data import Frame, TrainingViews, write_transforms
-from gsut.data.points import points_ply
+from gsut.data.points import format_points_ply
 from gsut.evaluate import evaluate
 from gsut.gaussians import SH_C0
 from gsut.lens import Camera, load_camera
@@ -58,7 +58,7 @@ class Case:
             frames.append(Frame(f"images/{file.name}", file, lens, np.linalg.inv(given)))
         colors = np.clip(255 * (0.5 + SH_C0 * self.truth.sh[:, 0]), 0, 255).astype(np.uint8)
         means = self.truth.means + np.random.default_rng(8).normal(0, 0.03, (len(self.truth), 3))
-        (path / "points3D.ply").write_bytes(points_ply(means, colors))
+        (path / "points3D.ply").write_bytes(format_points_ply(means, colors))
         test = [f"images/{TEST_VIEW}.png"]
         write_transforms(path / "transforms.json", frames, points_file="points3D.ply", test=test)
         return path

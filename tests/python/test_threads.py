@@ -96,7 +96,7 @@ SHARED = {
     "LensProfile": (
         lambda _: gsut.lens.find_lenses("gopro")[0],
         [lambda lens: lens.fov_degrees, lambda lens: lens.doubts,
-         lambda lens: lens.camera(640, 480), lambda lens: lens.fits(640, 480)],
+         lambda lens: lens.make_camera(640, 480), lambda lens: lens.rate_size(640, 480)],
     ),
     "TrainOptions": (
         lambda _: gsut.TrainOptions(), [lambda o: o.resolved().to_json(), lambda o: o.to_json()]),

@@ -315,11 +315,11 @@ def test_render_of_a_file_of_gaussians_needs_no_run(tmp_path):
 
 
 def test_render_along_the_path_of_a_screenshot_uses_its_lens(run, tmp_path):
-    from gsut.lens.files import camera_values
+    from gsut.lens.files import values_from_camera
 
     path, out = tmp_path / "camera.json", tmp_path / "out"
     lens = gsut.Camera("pinhole", [20, 20, 10, 5], 20, 10)
-    shot = {"camera_from_world": [np.eye(4).tolist()], "lens": camera_values(lens)}
+    shot = {"camera_from_world": [np.eye(4).tolist()], "lens": values_from_camera(lens)}
     path.write_text(json.dumps(shot))
     assert main(["render", str(run.path), "--path", str(path), "-o", str(out)]) == 0
     assert cv2.imread(str(out / "00000.png")).shape == (10, 20, 3)

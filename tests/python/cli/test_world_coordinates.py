@@ -10,7 +10,7 @@ import pytest
 import gsut
 import tolerances
 from gsut.cli import main
-from gsut.data import writable_layouts
+from gsut.data import list_writable_layouts
 from gsut.data.points import load_points_ply
 from gsut.formats import formats
 from gsut.render import PixelFilter, to_uint8, write_png
@@ -177,7 +177,7 @@ def test_coloured_points_and_each_layout_keep_the_place(case, tmp_path):
     assert main(["points", str(data), *words]) == 0
     atol = tolerances.DATA_UTM_POSITION
     np.testing.assert_allclose(load_points_ply(cloud)[0], scene.points, rtol=0, atol=atol)
-    for layout in writable_layouts():
+    for layout in list_writable_layouts():
         out = tmp_path / layout
         assert main(["data", "convert", str(data), str(out), "--to", layout, "--link"]) == 0
         found = gsut.load_dataset(out, test_every=0)

@@ -11,11 +11,11 @@ import small_datasets as small
 import small_recordings as made
 import tolerances
 from gsut.cli import main
-from gsut.data import writable_layouts
+from gsut.data import list_writable_layouts
 from gsut.data.export import Export, link_file
 from gsut.files import UNFINISHED
 
-LAYOUTS = sorted(writable_layouts())
+LAYOUTS = sorted(list_writable_layouts())
 
 
 def assert_same(scene: gsut.Scene, other: gsut.Scene, order=None) -> None:

@@ -9,7 +9,7 @@ import pytest
 import gsut
 import tolerances
 from gsut.cli import main
-from gsut.data.points import load_points_ply, points_ply
+from gsut.data.points import format_points_ply, load_points_ply
 from gsut.demo import make_demo_scene
 from gsut.demo.hall import make_hall
 from gsut.demo.tracing import Tracer
@@ -177,7 +177,9 @@ def test_points_command_colours_a_cloud(hall, tmp_path, capsys):
     cloud = tmp_path / "lidar.ply"
     hidden = np.array([[0.0, 0.0, -50.0]])
     cloud.write_bytes(
-        points_ply(np.concatenate([scene.points, hidden]), np.full((len(scene.points) + 1, 3), 128))
+        format_points_ply(
+            np.concatenate([scene.points, hidden]), np.full((len(scene.points) + 1, 3), 128)
+        )
     )
     assert main(["points", str(hall), "--colour", str(cloud)]) == 0
     assert "points coloured" in capsys.readouterr().out
@@ -186,7 +188,7 @@ def test_points_command_colours_a_cloud(hall, tmp_path, capsys):
     off = np.abs(colors[:-1].astype(float) - scene.point_colors).mean(axis=1)
     assert np.median(off) < tolerances.POINTS_COLOUR_LEVELS
     empty = tmp_path / "empty.ply"
-    empty.write_bytes(points_ply(np.zeros((0, 3)), np.zeros((0, 3))))
+    empty.write_bytes(format_points_ply(np.zeros((0, 3)), np.zeros((0, 3))))
     assert main(["points", str(hall), "--colour", str(empty)]) == 2
     assert "coordinates and unit" in capsys.readouterr().err
 

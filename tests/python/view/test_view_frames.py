@@ -12,7 +12,7 @@ import pytest
 import gsut
 import small_run
 from gsut.data.poses import read_path
-from gsut.lens import field_of_view, with_field_of_view
+from gsut.lens import measure_field_of_view, with_field_of_view
 from gsut.lens.files import camera_from_values
 from gsut.render import PixelFilter, to_uint8
 from gsut.view import Session, Stage
@@ -265,7 +265,9 @@ def test_every_lens_is_described_and_its_field_set(name, camera):
         except gsut.InputError as error:
             assert "cannot span" in str(error)
             return
-        assert field_of_view(zoomed) == pytest.approx(0.7 * across, abs=FIELD_OF_VIEW_DEGREES)
+        assert measure_field_of_view(zoomed) == pytest.approx(
+            0.7 * across, abs=FIELD_OF_VIEW_DEGREES
+        )
 
 
 @pytest.mark.parametrize("model", gsut.lens.camera_models())
