@@ -43,7 +43,7 @@ from gsut.sfm import (
     read_figures,
 )
 from gsut.train import TrainResult, train
-from gsut.training import TrainingTime, size_note
+from gsut.training import TrainingTime, describe_resizing
 
 POSES = "poses"  # folder of the pictures and poses, inside the run's folder
 STATE = "scene.json"  # inputs and settings; seconds and verdict once the scene is finished
@@ -236,7 +236,7 @@ class _SceneInProgress:
         options = for_views(options, len(dataset.train_indices))
         if (folder.path / OPTIONS).is_file():
             options = folder.read_options()
-        for note in filter(None, (*dataset.notes, size_note(dataset, options))):
+        for note in filter(None, (*dataset.notes, describe_resizing(dataset, options))):
             bars.note(note)
 
         def show(row: dict[str, Any]) -> None:

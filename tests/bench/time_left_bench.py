@@ -104,7 +104,7 @@ def measure(words: list[str]) -> tuple[dict[str, Any], list[RecordedLog]]:
         mock.patch.object(importlib.import_module("gsut.scene"), "StagedProgress", Bars),
         mock.patch("gsut.cli.poses.StagedProgress", Bars),
         mock.patch("gsut.sfm.pipeline.PosesLog", Log),
-        mock.patch("gsut.training.record.TrainingTime", Training),
+        mock.patch("gsut.training.record.training_record.TrainingTime", Training),
     ):
         if main([*words, "--quiet"]):
             raise InputError(f"gsut {' '.join(words)} fails")
