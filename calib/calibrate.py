@@ -24,13 +24,7 @@ from calib.camera import CameraSolution
 from calib.errors import BoardError, MisfitError, SolveError
 from calib.job import Job
 from calib.report import Result, write_lens, write_report_json, write_report_page
-from calib.solve import (
-    opencv_solver,
-    require_mrcal,
-    solve_rig,
-    solve_rig_together,
-    unify_turns,
-)
+from calib.solve import require_mrcal, solve_by_opencv, solve_rig, solve_rig_together, unify_turns
 from calib.trust import (
     HeldOut,
     Trust,
@@ -143,7 +137,7 @@ def _drop_misfits(photographs: Sequence[Photograph], board: Board) -> None:
     found = [photograph for photograph in photographs if photograph.corners is not None]
     while len(found) >= FEWEST_BOARDS:
         try:
-            opencv_solver.solve_camera(found, board, "fisheye")
+            solve_by_opencv(found, board, "fisheye")
             return
         except MisfitError as error:
             for index in error.indices:

@@ -8,7 +8,7 @@ from pathlib import Path
 from calib.boards import Board
 from calib.camera import LENSES
 from calib.errors import BoardError
-from calib.solve import has_mrcal, mrcal_solver, opencv_solver
+from calib.solve import MRCAL_LENSES, OPENCV_LENSES, has_mrcal
 
 LENS_CHOICES = ("auto", *LENSES)
 SOLVERS = ("auto", "opencv", "mrcal")
@@ -57,7 +57,7 @@ class Job:
         ):
             if value not in known:
                 raise BoardError(f"unknown {name} {value!r}; known: {', '.join(known)}")
-        able = {"opencv": opencv_solver.LENS_NAMES, "mrcal": mrcal_solver.LENS_NAMES}
+        able = {"opencv": OPENCV_LENSES, "mrcal": MRCAL_LENSES}
         if self.lens != "auto" and self.solver != "auto" and self.lens not in able[self.solver]:
             raise BoardError(
                 f"the solver {self.solver} has no {self.lens} lens; "

@@ -12,7 +12,7 @@ import gsut
 from calib.camera import PIXEL_SHIFT, CameraSolution, invert, to_gsut_camera
 from calib.errors import BoardError
 from calib.solve import fit_splined
-from calib.trust import UNKNOWN, Trust, place_grid, trace_trusted_outline
+from calib.trust import UNKNOWN, Trust, spread_pixels, trace_trusted_outline
 from gsut.files import write_file
 from gsut.lens import save_camera
 
@@ -112,7 +112,7 @@ def write_nearest_splined(lens: Path, out: Path) -> list[str]:
             "kannala_brandt with 8"
         )
     side = lens.with_suffix(".uncertainty.json")
-    sigma = np.full(place_grid(camera.width, camera.height).shape[:2], UNKNOWN)
+    sigma = np.full(spread_pixels(camera.width, camera.height).shape[:2], UNKNOWN)
     if side.is_file():
         rows = np.array(json.loads(side.read_text(encoding="utf-8"))[SIGMA_KEY])
         sigma = np.where(rows == NO_SIGMA, UNKNOWN, rows)

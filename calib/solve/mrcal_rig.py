@@ -9,7 +9,7 @@ import numpy as np
 from calib.boards import Board
 from calib.camera import CameraSolution, compose, invert, parse_splined_name
 from calib.solve.mrcal_process import calibrate_cameras
-from calib.solve.mrcal_solver import solve_again, solve_camera, update_camera
+from calib.solve.mrcal_solver import solve_again, solve_by_mrcal, update_camera
 from calib.solve.rig import SHAKY, compute_rms, describe_shaky_rig, solve_rig
 
 
@@ -48,7 +48,7 @@ def _unify_models(cameras: Sequence[CameraSolution], board: Board) -> list[Camer
     if len({camera.model for camera in cameras}) == 1:
         return list(cameras)
     widest = max(cameras, key=lambda camera: parse_splined_name(camera.model)[::-1]).model
-    return [solve_camera(c.photographs, board, c.lens, model=widest) for c in cameras]
+    return [solve_by_mrcal(c.photographs, board, c.lens, model=widest) for c in cameras]
 
 
 def solve_together(

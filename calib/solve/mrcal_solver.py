@@ -10,11 +10,11 @@ import numpy as np
 from calib.boards import Board, Photograph
 from calib.camera import LENSES, CameraSolution, compose
 from calib.errors import SolveError
-from calib.solve import opencv_solver
 from calib.solve.mrcal_process import ask, calibrate_cameras, require_mrcal
+from calib.solve.opencv_solver import solve_by_opencv
 from calib.solve.splined_fit import fit_splined_params, name_splined_model
 
-LENS_NAMES = ("opencv4", "opencv8", "splined")
+MRCAL_LENSES = ("opencv4", "opencv8", "splined")
 # Between knots of the spline at the axis. Finer knots follow the corners' noise: on real fisheyes
 # the residuals keep falling while the error on unseen boards rises.
 FINEST_KNOTS_DEGREES = 16.0
@@ -23,7 +23,7 @@ _GOOD_START_PX = 5.0  # RMS of OpenCV's lens above which it has found a wrong mi
 _CORNERS_A_KNOT = 12  # within the boards' reach, so that noise does not bend the spline
 
 
-def solve_camera(
+def solve_by_mrcal(
     photographs: Sequence[Photograph],
     board: Board,
     lens: str,
@@ -34,7 +34,7 @@ def solve_camera(
 
     Args:
         photographs: of one camera, all with corners. board: the chessboard.
-        lens: one of LENS_NAMES.
+        lens: one of MRCAL_LENSES.
         knot_degrees: between the knots of a splined lens; None: `choose_knot_pitch`.
         model: mrcal's full name of the lens; None: from the other arguments.
 
@@ -43,7 +43,7 @@ def solve_camera(
         SolveError: mrcal failed.
     """
     require_mrcal()
-    fisheye = opencv_solver.solve_camera(photographs, board, "fisheye")
+    fisheye = solve_by_opencv(photographs, board, "fisheye")
     model = model or LENSES[lens][1]
     if model == LENSES["splined"][1]:
         model = name_splined_model(fisheye, knot_degrees or choose_knot_pitch(fisheye, board))
@@ -119,7 +119,7 @@ def _start_by_opencv(
 ) -> CameraSolution | None:
     """Solves for the same kind of lens with OpenCV; returns None if the result is poor."""
     try:
-        start = opencv_solver.solve_camera(photographs, board, lens)
+        start = solve_by_opencv(photographs, board, lens)
     except SolveError:
         return None
     return start if start.rms_2d_px <= _GOOD_START_PX else None

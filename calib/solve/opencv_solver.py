@@ -27,7 +27,7 @@ from calib.camera import (
 )
 from calib.errors import MisfitError, SolveError
 
-LENS_NAMES = ("fisheye", "opencv4", "opencv8")
+OPENCV_LENSES = ("fisheye", "opencv4", "opencv8")
 # First guesses of the focal length over the width: fisheyes of 180 degrees and more, down to tele.
 _FOCAL_GUESSES = (1 / np.pi, 0.25, 0.5, 0.8, 1.2, 2.5)
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)  # steps, relative change
@@ -44,12 +44,12 @@ _HELD_AT_ZERO = (
 _STEEPEST = np.radians(80.0)  # field angle up to which a fisheye gives the start of a radial lens
 
 
-def solve_camera(photographs: Sequence[Photograph], board: Board, lens: str) -> CameraSolution:
+def solve_by_opencv(photographs: Sequence[Photograph], board: Board, lens: str) -> CameraSolution:
     """Solves for one camera, rejects outliers and solves again until none is new.
 
     Args:
         photographs: of one camera, all with corners. board: the chessboard.
-        lens: one of LENS_NAMES.
+        lens: one of OPENCV_LENSES.
 
     Raises:
         SolveError: OpenCV finds no lens that fits.

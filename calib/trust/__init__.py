@@ -11,7 +11,7 @@ from calib.trust.halves import (
 )
 from calib.trust.second_lens import SecondLens, cut_where_lenses_differ, solve_others
 from calib.trust.trust import TRUSTED_SIGMA_PX, Trust, judge, trace_trusted_outline
-from calib.trust.uncertainty import UNKNOWN, map_uncertainty_if_possible, place_grid
+from calib.trust.uncertainty import UNKNOWN, map_uncertainty_if_possible, spread_pixels
 
 __all__ = [
     "AGREEMENT_DEGREES",
@@ -27,9 +27,9 @@ __all__ = [
     "find_agreement_angle",
     "judge",
     "map_uncertainty_if_possible",
-    "place_grid",
     "solve_camera",
     "solve_halves",
     "solve_others",
+    "spread_pixels",
     "trace_trusted_outline",
 ]

@@ -10,7 +10,15 @@ from calib.boards import Board, Photograph
 from calib.camera import CameraSolution
 from calib.errors import SolveError
 from calib.job import Job
-from calib.solve import has_mrcal, mrcal_solver, opencv_solver, require_mrcal
+from calib.solve import (
+    COARSE_KNOTS_DEGREES,
+    MRCAL_LENSES,
+    OPENCV_LENSES,
+    has_mrcal,
+    require_mrcal,
+    solve_by_mrcal,
+    solve_by_opencv,
+)
 from calib.trust.cross_validation import HeldOut, compare, hold_out
 from calib.trust.trust import judge
 
@@ -23,11 +31,11 @@ def solve_camera(
 ) -> CameraSolution:
     """Solves for one camera with one lens, by the job's solver."""
     if job.choose_solver(lens) == "opencv":
-        return opencv_solver.solve_camera(photographs, board, lens)
+        return solve_by_opencv(photographs, board, lens)
     knots = job.knot_degrees
     if lens == "splined" and knots is None and job.lens == "auto":
-        knots = mrcal_solver.COARSE_KNOTS_DEGREES
-    return mrcal_solver.solve_camera(photographs, board, lens, knots)
+        knots = COARSE_KNOTS_DEGREES
+    return solve_by_mrcal(photographs, board, lens, knots)
 
 
 def choose_lens(
@@ -82,11 +90,11 @@ def _list_candidates(job: Job) -> tuple[list[str], list[str]]:
     notes = []
     if job.solver == "mrcal":
         require_mrcal()
-        lenses = list(mrcal_solver.LENS_NAMES)
+        lenses = list(MRCAL_LENSES)
     elif job.solver == "opencv":
-        lenses = list(opencv_solver.LENS_NAMES)
+        lenses = list(OPENCV_LENSES)
     elif not has_mrcal():
-        lenses = list(opencv_solver.LENS_NAMES)
+        lenses = list(OPENCV_LENSES)
         notes.append("mrcal is not installed: only OpenCV's lenses were tried")
     if job.out.suffix.lower() != ".cameramodel" and "splined" in lenses:
         lenses.remove("splined")

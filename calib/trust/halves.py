@@ -18,7 +18,7 @@ from calib.camera import (
 )
 from calib.errors import SolveError
 from calib.trust.trust import measure_field_angle
-from calib.trust.uncertainty import place_grid
+from calib.trust.uncertainty import spread_pixels
 from gsut.least_squares import minimize_least_squares
 
 AGREEMENT_DEGREES = 0.3  # between the rays of two good lenses of one camera
@@ -33,7 +33,7 @@ class Halves:
     """The angle between the rays of two solves, after turning one onto the other.
 
     Args:
-        degrees: (rows, columns) on the grid of `uncertainty.grid_pixels`; NaN without a ray.
+        degrees: (rows, columns) on the grid of `uncertainty.spread_pixels`; NaN without a ray.
         median_degrees, worst_degrees: inside the trusted field.
     """
 
@@ -60,7 +60,7 @@ def solve_halves(
 
 def compare_lenses(a: CameraSolution, b: CameraSolution, valid_angle: float) -> Halves:
     """Measures the angles between the rays of two lenses at the same pixels, turned together."""
-    pixels = place_grid(a.width, a.height)
+    pixels = spread_pixels(a.width, a.height)
     rays_a, rays_b = _unproject_both(a, b)
     trusted = measure_field_angle(rays_a) <= valid_angle
     degrees = np.full(len(rays_a), np.nan)
@@ -107,7 +107,7 @@ def find_agreement_angle(
 
 def _unproject_both(a: CameraSolution, b: CameraSolution) -> tuple[np.ndarray, np.ndarray]:
     """Returns unit rays (N, 3) of the grid's pixels; NaN in both where either lens has none."""
-    pixels = place_grid(a.width, a.height).reshape(-1, 2)
+    pixels = spread_pixels(a.width, a.height).reshape(-1, 2)
     rays_a, rays_b = unproject_pixels(a, pixels), unproject_pixels(b, pixels)
     missing = ~np.all(np.isfinite(rays_a) & np.isfinite(rays_b), axis=1)
     rays_a[missing] = rays_b[missing] = np.nan

@@ -10,7 +10,7 @@ import gsut
 from calib.boards import Board
 from calib.camera import CameraSolution
 from calib.errors import SolveError
-from calib.solve import has_mrcal, mrcal_solver, opencv_solver
+from calib.solve import has_mrcal, solve_by_mrcal, solve_by_opencv
 from calib.trust.halves import AGREEMENT_DEGREES, find_agreement_angle
 from calib.trust.trust import Trust, judge
 from calib.trust.uncertainty import map_uncertainty_if_possible
@@ -49,9 +49,9 @@ def solve_others(camera: CameraSolution, trust: Trust, board: Board) -> list[Sec
     for lens in OTHERS:
         if lens == camera.lens or (lens == "splined" and not has_mrcal()):
             continue
-        solver = opencv_solver if lens == "fisheye" or not has_mrcal() else mrcal_solver
+        solve = solve_by_opencv if lens == "fisheye" or not has_mrcal() else solve_by_mrcal
         try:
-            other = solver.solve_camera(camera.photographs, board, lens)
+            other = solve(camera.photographs, board, lens)
             second = compare_with(camera, trust, other, board)
         except (SolveError, gsut.InputError):
             continue

@@ -9,7 +9,7 @@ import numpy as np
 import gsut
 from calib.boards import Board
 from calib.camera import CameraSolution, to_gsut_camera, unproject_pixels
-from calib.trust.uncertainty import place_grid
+from calib.trust.uncertainty import spread_pixels
 
 TRUSTED_SIGMA_PX = 1.0  # standard deviation of a projected point: at most the size of a pixel
 # Share of the corners that may lie beyond the lens' one-to-one domain before it is refused: the
@@ -53,7 +53,7 @@ def judge(camera: CameraSolution, board: Board, sigma: np.ndarray) -> Trust:
     """
     angles = camera.measure_field_angles(board)
     reach = float(np.max(angles[~camera.outliers]))
-    pixels = place_grid(camera.width, camera.height)
+    pixels = spread_pixels(camera.width, camera.height)
     try:
         domain = float(to_gsut_camera(camera).max_angle)
         angle_map = measure_field_angle(unproject_pixels(camera, pixels.reshape(-1, 2))).reshape(

@@ -21,7 +21,7 @@ GRID_COLUMNS = 40  # of the map: lenses vary smoothly; the image's shape gives t
 UNKNOWN = float("nan")
 
 
-def place_grid(width: int, height: int) -> np.ndarray:
+def spread_pixels(width: int, height: int) -> np.ndarray:
     """Places the pixels (rows, columns, 2) of the map evenly, corner centre to corner centre."""
     rows = max(2, round(GRID_COLUMNS * height / width))
     x, y = np.meshgrid(np.linspace(0, width - 1, GRID_COLUMNS), np.linspace(0, height - 1, rows))
@@ -37,7 +37,7 @@ def map_uncertainty(camera: CameraSolution, board: Board) -> np.ndarray:
     code for its solves and by `estimate_projection_sigma` for OpenCV's. The value is that of the
     worst direction in the image; NaN where the lens has no ray.
     """
-    pixels = place_grid(camera.width, camera.height)
+    pixels = spread_pixels(camera.width, camera.height)
     flat = pixels.reshape(-1, 2)
     if camera.solver == "mrcal":
         question = {"do": "estimate_uncertainty", "model": camera.model_text, "pixels": flat}
@@ -114,4 +114,4 @@ def map_uncertainty_if_possible(camera: CameraSolution, board: Board) -> tuple[n
     try:
         return map_uncertainty(camera, board), ""
     except SolveError as error:
-        return np.full(place_grid(camera.width, camera.height).shape[:2], UNKNOWN), str(error)
+        return np.full(spread_pixels(camera.width, camera.height).shape[:2], UNKNOWN), str(error)

@@ -15,7 +15,7 @@ from calib.camera import (
     to_gsut_camera,
     unproject_pixels,
 )
-from calib.solve import opencv_solver
+from calib.solve import solve_by_opencv
 from calib.trust.uncertainty import estimate_parameter_covariance, propagate_covariance
 from synthetic_boards import photographs, random_poses
 
@@ -46,7 +46,7 @@ def measure_coverage(solves: int, seed: int = 1) -> tuple[np.ndarray, float, flo
     for _ in range(solves):
         poses = random_poses(camera, _BOARD, _BOARDS, _WIDEST_DEGREES, generator)
         seen = photographs(camera, _BOARD, poses, NOISE_PX, generator)
-        solved = opencv_solver.solve_camera(seen, _BOARD, "fisheye")
+        solved = solve_by_opencv(seen, _BOARD, "fisheye")
         sigma, cov, layout, noise = estimate_parameter_covariance(solved, _BOARD)
         found = solved.params.copy()
         found[2:4] += PIXEL_SHIFT

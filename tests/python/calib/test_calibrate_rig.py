@@ -8,7 +8,7 @@ from calib.boards.board import Board, assign_cameras
 from calib.boards.corners import find_boards
 from calib.camera.rigid import compose, invert
 from calib.errors import SolveError
-from calib.solve import mrcal_solver, opencv_solver
+from calib.solve import solve_by_mrcal, solve_by_opencv
 from calib.solve.mrcal_process import has_mrcal
 from calib.solve.mrcal_rig import solve_rig_together, solve_together
 from calib.solve.rig import SHAKY, compute_rms, solve_rig, unify_turns
@@ -24,11 +24,11 @@ NOISE_PX = 0.1
 
 
 def _by_opencv(photographs, board):
-    return opencv_solver.solve_camera(photographs, board, "fisheye")
+    return solve_by_opencv(photographs, board, "fisheye")
 
 
 def _by_mrcal(photographs, board):
-    return mrcal_solver.solve_camera(photographs, board, "opencv8")
+    return solve_by_mrcal(photographs, board, "opencv8")
 
 
 def _rig(generator, board, noise_px, turned_ones=(), solve=_by_opencv):

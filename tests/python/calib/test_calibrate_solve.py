@@ -13,12 +13,12 @@ from calib.camera.projection import to_gsut_camera, unproject_pixels
 from calib.camera.rigid import compose, invert, matrix_from_rodrigues, rodrigues_from_matrix
 from calib.errors import MisfitError
 from calib.report.lens_files import ANGLE_KEY, SIGMA_KEY, write_lens
-from calib.solve import mrcal_solver, opencv_solver
+from calib.solve import solve_by_mrcal, solve_by_opencv
 from calib.solve.mrcal_process import ask, has_mrcal
 from calib.trust.cross_validation import compare, hold_out
 from calib.trust.halves import find_agreement_angle, fit_rotation
 from calib.trust.trust import judge
-from calib.trust.uncertainty import map_uncertainty, place_grid
+from calib.trust.uncertainty import map_uncertainty, spread_pixels
 from calib_fakes import BOARD, FISHEYE, corner_photographs
 from calib_oracles import measure_coverage
 from tests.synthetic_boards import photographs as see
@@ -34,7 +34,7 @@ NOISE_PX = 0.1
 def noisy():
     """Twenty boards through a fisheye with noise, and OpenCV's solution of them."""
     photographs, _ = corner_photographs(20, NOISE_PX, np.random.default_rng(11))
-    return photographs, opencv_solver.solve_camera(photographs, BOARD, "fisheye")
+    return photographs, solve_by_opencv(photographs, BOARD, "fisheye")
 
 
 def test_rigid_compose_and_inverse_cancel(rng):
@@ -51,7 +51,7 @@ def test_rigid_compose_and_inverse_cancel(rng):
 
 def test_solve_fisheye_without_noise_recovers_the_lens(rng):
     photographs, _ = corner_photographs(10, 0.0, rng)
-    found = opencv_solver.solve_camera(photographs, BOARD, "fisheye")
+    found = solve_by_opencv(photographs, BOARD, "fisheye")
     assert (
         np.abs(to_gsut_camera(found).params - FISHEYE.params).max() < tolerances.CALIB_EXACT_PARAMS
     )
@@ -62,7 +62,7 @@ def test_solve_fisheye_boards_past_ninety_degrees_are_used(rng):
     wide = gsut.Camera("kannala_brandt", [90.0, 91.0, 212.0, 209.0, 0.02, -0.01, 0, 0], 420, 420)
     board = Board(7, 5, 0.03)
     poses = random_poses(wide, board, 24, 95.0, rng)
-    found = opencv_solver.solve_camera(see(wide, board, poses, 0.05, rng), board, "fisheye")
+    found = solve_by_opencv(see(wide, board, poses, 0.05, rng), board, "fisheye")
     assert np.degrees(found.measure_field_angles(board).max()) > 100.0
     assert found.rms_axis_px == pytest.approx(0.05, rel=tolerances.CALIB_NOISE_RELATIVE)
     assert np.abs(to_gsut_camera(found).params - wide.params)[:4].max() < tolerances.CALIB_WIDE_PX
@@ -79,7 +79,7 @@ def test_solve_displaced_corners_are_the_outliers(noisy):
     moved = [(0, 3), (4, 17), (9, 30)]
     for board, corner in moved:
         photographs[board].corners[corner] += (3.0, -2.0)
-    found = opencv_solver.solve_camera(photographs, BOARD, "fisheye")
+    found = solve_by_opencv(photographs, BOARD, "fisheye")
     assert {tuple(map(int, index)) for index in np.argwhere(found.outliers)} == set(moved)
 
 
@@ -87,7 +87,7 @@ def test_solve_wrongly_found_board_is_named(noisy):
     photographs, _ = corner_photographs(8, NOISE_PX, np.random.default_rng(6))
     photographs[3].corners = np.roll(photographs[3].corners, 11, axis=0)
     with pytest.raises(MisfitError, match=r"synthetic003\.png: its corners do not fit") as caught:
-        opencv_solver.solve_camera(photographs, BOARD, "fisheye")
+        solve_by_opencv(photographs, BOARD, "fisheye")
     assert caught.value.indices == [3]
 
 
@@ -105,7 +105,7 @@ def test_uncertainty_map_grows_away_from_the_boards(noisy):
     _, solution = noisy
     sigma = map_uncertainty(solution, BOARD)
     rows, columns = sigma.shape
-    assert sigma.shape == place_grid(420, 320).shape[:2]
+    assert sigma.shape == spread_pixels(420, 320).shape[:2]
     assert sigma[rows // 2, columns // 2] < 0.1 * np.nanmax(sigma)
 
 
@@ -119,7 +119,7 @@ def test_trust_good_fisheye_reaches_as_far_as_its_boards(noisy):
 
 def test_trust_lens_with_a_pole_inside_the_boards_is_refused(noisy):
     _, solution = noisy
-    radial = opencv_solver.solve_camera(solution.photographs, BOARD, "opencv8")
+    radial = solve_by_opencv(solution.photographs, BOARD, "opencv8")
     radial.params[8:] = 0.0  # the denominator
     radial.params[9] = -1.0  # 1 - r^4: a pole at 45 degrees
     trust = judge(radial, BOARD, np.full((2, 2), np.nan))
@@ -129,14 +129,14 @@ def test_trust_lens_with_a_pole_inside_the_boards_is_refused(noisy):
 
 def test_cross_validation_prefers_the_lens_that_predicts(noisy):
     photographs, fisheye = noisy
-    radial = opencv_solver.solve_camera(photographs, BOARD, "opencv4")
+    radial = solve_by_opencv(photographs, BOARD, "opencv4")
     results = [
         hold_out(
             full.lens,
             full,
             photographs,
             BOARD,
-            lambda part, full=full: opencv_solver.solve_camera(part, BOARD, full.lens),
+            lambda part, full=full: solve_by_opencv(part, BOARD, full.lens),
         )
         for full in (radial, fisheye)
     ]
@@ -150,7 +150,7 @@ def test_agreement_angle_same_lens_turned_agrees_everywhere(noisy):
     _, solution = noisy
     assert find_agreement_angle(solution, solution, 1.0) == 1.0
     turn = matrix_from_rodrigues([0.1, -0.2, 0.3])
-    directions = unproject_pixels(solution, place_grid(420, 320).reshape(-1, 2))
+    directions = unproject_pixels(solution, spread_pixels(420, 320).reshape(-1, 2))
     directions = directions[np.isfinite(directions).all(axis=1)]
     found = fit_rotation(directions, directions @ turn.T)
     assert np.abs(found - turn).max() < tolerances.CALIB_RIGID
@@ -173,17 +173,17 @@ def test_lens_file_fisheye_reads_back_exactly_and_as_nearest_splined(noisy, tmp_
     assert "px off at most" in notes[-1]
     if not has_mrcal():
         return
-    directions = unproject_pixels(solution, place_grid(420, 320).reshape(-1, 2))
+    directions = unproject_pixels(solution, spread_pixels(420, 320).reshape(-1, 2))
     seen = np.isfinite(directions).all(axis=1) & (directions[:, 2] > 0)
     answer = ask({"do": "project", "model": text, "points": directions[seen].tolist()})
-    off = np.array(answer["pixels"]) - place_grid(420, 320).reshape(-1, 2)[seen]
+    off = np.array(answer["pixels"]) - spread_pixels(420, 320).reshape(-1, 2)[seen]
     assert np.abs(off).max() < tolerances.CALIB_SPLINE_LIKE_PX
 
 
 @pytest.fixture(scope="module")
 def by_mrcal(noisy):
     """mrcal's solution of the same boards with a rational lens, and its uncertainty."""
-    found = mrcal_solver.solve_camera(noisy[0], BOARD, "opencv8")
+    found = solve_by_mrcal(noisy[0], BOARD, "opencv8")
     return found, map_uncertainty(found, BOARD)
 
 
@@ -210,7 +210,7 @@ def test_mrcal_lens_file_is_read_by_mrcal_and_gsut(by_mrcal, tmp_path):
 
 @needs_mrcal
 def test_mrcal_uncertainty_agrees_with_ours_for_the_same_lens(noisy, by_mrcal):
-    ours = opencv_solver.solve_camera(noisy[0], BOARD, "opencv8")
+    ours = solve_by_opencv(noisy[0], BOARD, "opencv8")
     middle = (slice(10, 20), slice(12, 28))  # where both know most
     ratio = by_mrcal[1][middle] / map_uncertainty(ours, BOARD)[middle]
     # mrcal also solves for the board's shape and pulls coefficients to 0
@@ -231,7 +231,7 @@ def real_left(shared):
 def test_solve_real_fisheye_meets_the_anchor(real_left):
     photographs, board = real_left
     assert len(photographs) == 29
-    found = opencv_solver.solve_camera(photographs, board, "fisheye")
+    found = solve_by_opencv(photographs, board, "fisheye")
     assert found.rms_2d_px <= tolerances.CALIB_REAL_FISHEYE_PX
 
 
@@ -242,4 +242,4 @@ def test_solve_real_fisheye_with_mrcal_meets_the_anchors(real_left):
         ("opencv8", tolerances.CALIB_REAL_OPENCV8_PX),
         ("splined", tolerances.CALIB_REAL_SPLINED_PX),
     ):
-        assert mrcal_solver.solve_camera(photographs, board, lens).rms_2d_px <= anchor
+        assert solve_by_mrcal(photographs, board, lens).rms_2d_px <= anchor

@@ -9,11 +9,11 @@ import tolerances
 from calib.boards.board import Board
 from calib.camera.projection import unproject_pixels
 from calib.report.lens_files import solution_from_fisheye
-from calib.solve import opencv_solver
+from calib.solve import opencv_solver, solve_by_opencv
 from calib.trust.halves import AGREEMENT_DEGREES, compare_lenses, find_agreement_angle
 from calib.trust.second_lens import SecondLens, compare_with, cut_where_lenses_differ
 from calib.trust.trust import Trust, judge, measure_field_angle
-from calib.trust.uncertainty import map_uncertainty, place_grid
+from calib.trust.uncertainty import map_uncertainty, spread_pixels
 from calib_fakes import BOARD, FISHEYE, corner_photographs
 from tests.synthetic_boards import photographs as see
 from tests.synthetic_boards import random_poses
@@ -29,7 +29,7 @@ def bent():
     generator = np.random.default_rng(23)
     poses = random_poses(FISHEYE, BOARD, 20, 50.0, generator)
     photographs = see(FISHEYE, BOARD, poses, NOISE_PX, generator, WARP)
-    return photographs, opencv_solver.solve_camera(photographs, BOARD, "fisheye")
+    return photographs, solve_by_opencv(photographs, BOARD, "fisheye")
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_solve_bent_board_taken_for_flat_is_another_lens(bent, truth, monkeypatc
         return params, poses, np.zeros(2)
 
     monkeypatch.setattr(opencv_solver, "_solve_with_warp", flat)
-    found = opencv_solver.solve_camera(bent[0], BOARD, "fisheye")
+    found = solve_by_opencv(bent[0], BOARD, "fisheye")
     worst = compare_lenses(found, truth, LIMIT).worst_degrees
     assert worst > 3 * tolerances.CALIB_BENT_DEGREES
 
@@ -70,7 +70,7 @@ def test_solve_bent_board_taken_for_flat_is_another_lens(bent, truth, monkeypatc
 def test_uncertainty_of_a_bent_board_holds_the_truth(bent, truth):
     found = bent[1]
     sigma = map_uncertainty(found, BOARD).ravel()
-    directions = unproject_pixels(truth, place_grid(420, 320).reshape(-1, 2))
+    directions = unproject_pixels(truth, spread_pixels(420, 320).reshape(-1, 2))
     inside = measure_field_angle(directions) < np.radians(40.0)
     difference = np.radians(compare_lenses(found, truth, np.radians(40.0)).degrees.ravel())
     pixels = difference * FISHEYE.params[0]
@@ -96,9 +96,7 @@ def test_agreement_angle_shifted_lens_agrees_near_but_not_far(truth):
 
 def test_compare_with_true_kind_and_rational_lens_agree_on_a_flat_board():
     photographs, _ = corner_photographs(20, NOISE_PX, np.random.default_rng(11))
-    fisheye, radial = (
-        opencv_solver.solve_camera(photographs, BOARD, lens) for lens in ("fisheye", "opencv8")
-    )
+    fisheye, radial = (solve_by_opencv(photographs, BOARD, lens) for lens in ("fisheye", "opencv8"))
     trust = judge(fisheye, BOARD, map_uncertainty(fisheye, BOARD))
     second = compare_with(fisheye, trust, radial, BOARD)
     assert second.compared_to <= trust.valid_angle
