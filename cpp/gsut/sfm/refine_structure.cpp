@@ -14,10 +14,16 @@ namespace {
 // Largest errors of the first rounds, in units of the final one: a lens that is 2 % off moves
 // observations at its rim by several pixels.
 constexpr double kLooser[] = {8.0, 4.0, 2.0};
+// Rounds of adjusting and choosing observations again at the final error; most settle in two.
 constexpr int kFinalRounds = 4;
+// Iterations of a round, which the tolerance nearly always ends first.
 constexpr int kIterations = 30;
+// Relative decrease of the cost at which a round stops: the next one changes the observations
+// anyway.
 constexpr double kTolerance = 1e-5;
+// Iterations of the last adjustment, whose minimum is the result.
 constexpr int kLastIterations = 50;
+// Its tolerance: covariances are those of a minimum.
 constexpr double kLastTolerance = 1e-9;
 // Of rolling shutters, whose motion and velocity hardly differ in what they do to a picture: steps
 // along that valley cost much and change nothing that is seen. The last tolerance is that of trials
@@ -27,6 +33,7 @@ constexpr double kRollingTolerance = 1e-4;
 constexpr double kRoughLastTolerance = 1e-6;
 // Below this share of new and dropped observations the rounds end.
 constexpr double kSettled = 5e-4;
+// Points below which the given poses do not fit their photographs.
 constexpr int kFewestPoints = 30;
 
 // Every image on a body and a mount that are there, and all images of a body with a pose or none.
@@ -72,6 +79,8 @@ void Check(const std::vector<Camera>& cameras, const std::vector<ImageFeatures>&
   }
 }
 
+// The image whose centre holds the scale best: the longest baseline to the one that holds the
+// gauge.
 int FarthestFromFirst(const std::vector<Pose>& poses) {
   const auto distance = [&](const Pose& pose) {
     return (pose.CenterInSource() - poses.front().CenterInSource()).squaredNorm();
@@ -131,6 +140,8 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   // With velocities as many unknowns again: they wait for the end, where observations are settled.
   map.HoldVelocities(true);
   double changed = 0.0;
+  // Given poses are roughly right: the largest error starts loose and gets tight, while points and,
+  // if free, the lens come to fit.
   for (const double looser : kLooser) {
     current.max_error = looser * options.max_error;
     if (changed >= 0.0) changed = round(kIterations, tolerance);
@@ -144,12 +155,14 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
     }
   };
   settle();
+  // Bodies without a pose join once the structure stands, until no more can be placed.
   while (map.on_rig() && changed >= 0.0 && PlaceBodies(current, &map) > 0) settle();
   for (int i = 0; i < options.extend_rounds && changed >= 0.0 && HasDescriptors(images); ++i) {
     map.Extend();
     tell("longer tracks");
     settle();
   }
+  // Known velocities were held so far; now they may differ within their uncertainty.
   if (options.rate_sigma > 0 && !options.image_rates.empty()) {
     map.HoldVelocities(false);
     settle();

@@ -152,6 +152,8 @@ class Mapper {
     options_.max_error = wanted_.max_error * (rolling ? factor : 1.0);
   }
 
+  // Two images, their points, and an adjustment: unless enough points remain, another pair is
+  // better.
   bool Start(const VerifiedPair& pair) {
     SetErrorFactor(wanted_.rolling_error);
     map_->SetGauge(pair.first, pair.second);
