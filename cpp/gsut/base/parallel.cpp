@@ -186,8 +186,8 @@ double ParallelSum(std::int64_t count, std::int64_t grain,
   return total;
 }
 
-// Gradients of almost transparent Gaussians are denormal numbers, which processors handle a hundred
-// times more slowly than zeros. Bits 15 and 6 of MXCSR flush results and operands to zero.
+// Gradients of almost transparent Gaussians are denormal numbers, each of which costs processors
+// some hundred cycles. Bits 15 and 6 of MXCSR flush results and operands to zero.
 #if defined(__SSE2__)
 FlushDenormals::FlushDenormals() : saved_(_mm_getcsr()) {
   constexpr unsigned kFlushToZeroAndDenormalsAreZero = 0x8040;
