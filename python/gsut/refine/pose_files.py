@@ -9,7 +9,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import Frame, Scene, write_transforms
 from gsut.data.poses import inverse
-from gsut.lens.files import camera_from_values, camera_values
+from gsut.lens.files import camera_from_values, values_from_camera
 from gsut.run import REFINED, TRANSFORMS, RunFolder
 
 
@@ -24,7 +24,7 @@ def write_refined(run: RunFolder, scene: Scene) -> None:
         InputError: the folder cannot be written.
     """
     values = {
-        "lenses": [camera_values(camera) for camera in scene.file_cameras],
+        "lenses": [values_from_camera(camera) for camera in scene.file_cameras],
         "views": [
             {
                 "name": view.name,

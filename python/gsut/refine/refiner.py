@@ -22,7 +22,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.data import Level, Scene, TrainingViews
 from gsut.gaussians import Gaussians
-from gsut.lens import refinable_params
+from gsut.lens import find_refinable_params
 from gsut.refine.motion import extrapolate, measure_pose_changes, remove_mean_motion
 from gsut.refine.pose import choose_pixels, select_inner_pixels
 from gsut.refine.tracks import TracksResult
@@ -249,7 +249,7 @@ class TrainingRefiner:
         if used:
             settings: dict[str, Any] = {"loss_scale": _LOSS_SCALE, "max_iterations": iterations}
             if self.options.refine_lens:
-                free = [refinable_params(camera) for camera in level.scene.cameras]
+                free = [find_refinable_params(camera) for camera in level.scene.cameras]
                 settings["lens_free"] = [flags.astype(int).tolist() for flags in free]
             found = _core.refine_photometric(
                 gaussians, level.scene.cameras, used, _core.BlendRule(),

@@ -15,7 +15,7 @@ import numpy as np
 
 from gsut._core import InputError, SolveError
 from gsut.data import Scene
-from gsut.lens import Camera, refinable_params
+from gsut.lens import Camera, find_refinable_params
 from gsut.refine.motion import measure_pose_changes, turn_onto
 from gsut.run import TrainOptions
 from gsut.sfm import (
@@ -141,7 +141,7 @@ def _adjust_tracks(scene: Scene, options: TrainOptions, show: OnProgress) -> Sol
     features = collect_features(photographs, settings, on_progress, lambda text: None)
     raw = match_images(names, features, settings, on_progress)
     poses = [view.camera_from_world for view in views]
-    free = refinable_params(cameras[0]) if options.refine_lens else None
+    free = find_refinable_params(cameras[0]) if options.refine_lens else None
     # Through a wrong lens few matches agree: a first, loose round finds a better one.
     loose = dataclasses.replace(settings, max_two_view_error=_LOOSER * settings.max_two_view_error)
     for round_settings in [loose, settings] if options.refine_lens else [settings]:

@@ -109,7 +109,7 @@ class TrainingLoop:
         self._touched = np.zeros(0, np.uint8)
         self.photographs = PhotographModel(scene, options, light)
         self.surface = SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if flat else None
-        self._filter = LowPassFilter(options.low_pass, self.views.training_cameras)
+        self._filter = LowPassFilter(options.low_pass, self.views.list_training_cameras)
         self._mean = TrajectoryMean(options.average_from, surfels)
 
     @property
