@@ -124,8 +124,7 @@ GaussianArrays MergePairs(const GaussiansView<const float>& gaussians,
   ParallelFor(blocks.size(), 1, [&](std::int64_t b, std::int64_t) {
     auto& plan = steps[static_cast<std::size_t>(b)];
     plan.resize(static_cast<std::size_t>(made[static_cast<std::size_t>(b)]));
-    CarryOutMerges(gaussians, rows_of(b), weights, plan, options, view,
-                   first[static_cast<std::size_t>(b)]);
+    CarryOutMerges(gaussians, rows_of(b), weights, plan, view, first[static_cast<std::size_t>(b)]);
   });
   return out;
 }

@@ -69,7 +69,7 @@ class Planner {
     while (left > kept && !heap_.empty()) {
       const Entry top = heap_.top();
       heap_.pop();
-      if (!alive_[top.place] || top.stamp != stamp_of(top.place)) continue;
+      if (!alive_[top.place] || top.stamp != stamps_[top.place]) continue;
       const Best& best = best_[top.place];
       if (!alive_[best.partner] || version_[best.partner] != best.partner_version) {
         Refresh(top.place);
@@ -96,8 +96,6 @@ class Planner {
       return cost != other.cost ? cost > other.cost : place > other.place;
     }
   };
-
-  std::uint32_t stamp_of(Place place) const { return stamps_[place]; }
 
   // The nearest centres of each cluster, by all distances: blocks are small.
   void FindNeighbors() {
@@ -231,9 +229,7 @@ std::vector<MergeStep> PlanMerges(const GaussiansView<const float>& gaussians, B
 
 void CarryOutMerges(const GaussiansView<const float>& gaussians, BlockRows block,
                     const float* weights, const std::vector<MergeStep>& steps,
-                    const MergeOptions& options, const GaussiansView<float>& out,
-                    std::int64_t first) {
-  static_cast<void>(options);
+                    const GaussiansView<float>& out, std::int64_t first) {
   double origin[3];
   std::vector<Cluster> clusters = ClustersOf(gaussians, block, weights, origin);
   std::vector<std::uint8_t> alive(clusters.size(), 1);

@@ -79,6 +79,14 @@ void Check(const std::vector<Camera>& cameras, const std::vector<ImageFeatures>&
   }
 }
 
+void ReportProgress(const SceneMap& map, const char* step,
+                    const std::function<bool(const StructureProgress&)>& on_progress) {
+  if (!on_progress) return;
+  if (!on_progress({map.num_registered(), map.num_images(), map.num_points(), step})) {
+    throw SolveError("stopped");
+  }
+}
+
 // The image whose centre holds the scale best: the longest baseline to the one that holds the
 // gauge.
 int FarthestFromFirst(const std::vector<Pose>& poses) {
@@ -113,25 +121,15 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
                      ? Velocity(options.readout_time * options.image_rates[image])
                      : Velocity::Zero());
   }
-  const auto tell = [&](const char* step) {
-    if (!on_progress) return;
-    const StructureProgress progress = {map.num_registered(), map.num_images(), map.num_points(),
-                                        step};
-    if (!on_progress(progress)) throw SolveError("stopped");
-  };
+  const auto report = [&](const char* step) { ReportProgress(map, step, on_progress); };
   const bool lens_free = !options.lens_free.empty();
-  Structure nothing;
-  nothing.cameras = cameras;
-  nothing.registered.assign(images.size(), 0);
-  nothing.camera_from_world.resize(images.size());
-  nothing.covariances.assign(images.size(), Eigen::Matrix<double, 6, 6>::Zero());
   // Returns the share of observations that came or went.
   const auto round = [&](int iterations, double tolerance) {
     const int added = map.Complete(-1);
     if (map.num_points() < kFewestPoints) return -1.0;
     map.AdjustGlobally(iterations, tolerance, true, lens_free);
     const int dropped = map.Filter(current.max_error);
-    tell("adjustment");
+    report("adjustment");
     return static_cast<double>(added + dropped) / std::max(1, map.num_points());
   };
   const bool rolling = map.rolling();
@@ -159,7 +157,7 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   while (map.on_rig() && changed >= 0.0 && PlaceBodies(current, &map) > 0) settle();
   for (int i = 0; i < options.extend_rounds && changed >= 0.0 && HasDescriptors(images); ++i) {
     map.Extend();
-    tell("longer tracks");
+    report("longer tracks");
     settle();
   }
   // Known velocities were held so far; now they may differ within their uncertainty.
@@ -170,18 +168,18 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   map.DropWeakImages();
   const bool held = map.on_rig() || (map.registered(0) && map.registered(farthest));
   if (changed < 0.0 || map.num_points() < kFewestPoints || map.num_registered() < 2 || !held) {
-    nothing.failure = "only " + std::to_string(map.num_points()) +
-                      " points agree with the poses, and " + std::to_string(kFewestPoints) +
-                      " are needed in the first image and the one farthest from it too";
-    return nothing;
+    return {cameras, images.size(),
+            "only " + std::to_string(map.num_points()) + " points agree with the poses, and " +
+                std::to_string(kFewestPoints) +
+                " are needed in the first image and the one farthest from it too"};
   }
   const bool rough = rolling || !options.covariances;
   map.AdjustGlobally(kLastIterations, rough ? kRoughLastTolerance : kLastTolerance, true,
                      lens_free);
   map.Filter(current.max_error);
-  tell("final adjustment");
+  report("final adjustment");
   Structure result = map.Result(options.covariances);
-  tell("covariances");
+  report("covariances");
   result.initial_first = 0;
   result.initial_second = farthest;
   return result;
@@ -203,18 +201,14 @@ Structure TriangulateStructure(const std::vector<Camera>& cameras,
     map.Register(image, camera_from_world[image],
                  velocities.empty() ? Velocity::Zero() : velocities[image]);
   }
-  const auto tell = [&](const char* step) {
-    const StructureProgress progress = {map.num_registered(), map.num_images(), map.num_points(),
-                                        step};
-    if (on_progress && !on_progress(progress)) throw SolveError("stopped");
-  };
+  const auto report = [&](const char* step) { ReportProgress(map, step, on_progress); };
   map.Complete(-1);
   map.Filter(options.max_error);
-  tell("triangulation");
+  report("triangulation");
   for (int i = 0; i < options.extend_rounds && HasDescriptors(images); ++i) {
     map.Extend();
     map.Filter(options.max_error);
-    tell("longer tracks");
+    report("longer tracks");
   }
   return map.Result(false);
 }
