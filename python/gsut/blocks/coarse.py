@@ -87,7 +87,7 @@ def _make_state(loop: TrainingLoop, pixels: int) -> dict[str, Any]:
         "light": None if light is None else pack_light(light),
         "seconds": loop.seconds,
         "pixels": pixels,
-        "figures": None if loop.refiner is None else loop.refiner.figures(),
+        "figures": None if loop.refiner is None else loop.refiner.summarize(),
     }
 
 

@@ -32,7 +32,7 @@ def test_training_in_blocks_writes_one_scene(finished):
     layout = Layout.read(str(out / "blocks/layout.json"))
     assert blocks["count"] == 3 == len(layout) == len(blocks["rows"])
     assert sum(row["gaussians"] for row in blocks["rows"]) == metrics["num_gaussians"]
-    gaussians = gsut.load_ply(out / "scene.ply").with_origin((0, 0, 0))
+    gaussians = gsut.formats.load_ply(out / "scene.ply").with_origin((0, 0, 0))
     assert metrics["num_gaussians"] == len(gaussians) == 400
     owners = layout.find_owners(gaussians.means.astype(float))
     assert np.bincount(owners).tolist() == [row["gaussians"] for row in blocks["rows"]]
