@@ -11,7 +11,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.files import regular
-from gsut.run import MOST_BLOCKS
+from gsut.run.options import MOST_BLOCKS
 
 # Beyond so many diagonals of the cameras' box from it things are far; they are a block of their own
 # where they are worth at least so much of a block's mean share of the work.

@@ -118,7 +118,7 @@ class Stages:
         self._engine = engine
         if options.background is None:
             options = dataclasses.replace(options, background=find_plain_background(scene))
-        self._complexity = choose_complexity(scene, options.resolved())
+        self._complexity = choose_complexity(scene, options.resolve())
         self._options = limit_gaussians(options, self._complexity.max_gaussians)
         self._scene = scene
         self._folder = run.path / BLOCKS
@@ -164,7 +164,7 @@ class Stages:
         views = len(small.train_indices)
         sizes = small, options.sh_degree, options.most_gaussians, 0, views
         alone = dataclasses.replace(self._blocks, workers=1)
-        if self._blocks.memory_bytes():
+        if self._blocks.parse_memory():
             check_memory({"the coarse model": least_bytes(*sizes)}, alone)
         keep = photograph_bytes(*sizes, alone)
         coarse = train_coarse(self._scene, options, self._folder, self._progress, keep)
@@ -291,7 +291,7 @@ class Stages:
     def finish(self) -> BlocksResult:
         """Measures and writes what `train` writes, and how the blocks went."""
         scene, o = self.coarse.scene, self._options
-        resolved = dataclasses.replace(o.resolved(), background=o.background)
+        resolved = dataclasses.replace(o.resolve(), background=o.background)
         rows = self._rows()
         steps = sum(row["steps"] for row in rows)
         seconds = self.coarse.seconds + sum(row["seconds"] for row in rows)
@@ -316,7 +316,7 @@ class Stages:
         os.replace(self._folder / SCENE, self._run.path / SCENE)
         write_findings(
             self._run, metrics, scene.path, scene if o.refine_poses else None,
-            self._run.begun_with(), self._blocks.words(),
+            self._run.begun_with(), self._blocks.list_words(),
         )  # fmt: skip
         scene = scene.about((0.0, 0.0, 0.0))
         return BlocksResult(self._run.path / SCENE, metrics, scene, self.layout)

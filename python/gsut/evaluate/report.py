@@ -25,10 +25,8 @@ from gsut.run import (
     RunFolder,
     TrainOptions,
     Verdict,
-    default_text,
-    flag_name,
-    option_info,
 )
+from gsut.run.options import format_default, get_info, label_option
 
 _MOST_VIEWS = 12  # with pictures; the table lists all
 _MOST_PIXELS_WIDE = 900  # of an embedded picture
@@ -80,7 +78,7 @@ def write_report(run: RunFolder) -> Path:
         verdict=Verdict.from_dict(metrics["verdict"]) if metrics.get("verdict") else None,
         **_pictures(metrics.get("views", []), run.path / RENDERS),
         rows=sorted(metrics.get("views", []), key=lambda row: row["name"]),
-        curves=_curves(run.read_history(), options.resolved()),
+        curves=_curves(run.read_history(), options.resolve()),
         rings=metrics.get("rings", []),
         ring_plot=ring_plot(metrics["rings"]) if metrics.get("rings") else None,
         light_plots=light_plots(metrics["light"]) if "light" in metrics else [],
@@ -225,17 +223,17 @@ def _picture(image: np.ndarray) -> str:
 
 def _settings(options: TrainOptions) -> list[dict[str, Any]]:
     """All options by group, with those that differ from a default run marked."""
-    defaults = TrainOptions().resolved()
+    defaults = TrainOptions().resolve()
     groups: dict[str, list[dict[str, Any]]] = {}
     for field in dataclasses.fields(options):
-        info, value = option_info(field), getattr(options, field.name)
+        info, value = get_info(field), getattr(options, field.name)
         groups.setdefault(info.group, []).append(
             {
-                "flag": flag_name(field.name),
+                "flag": label_option(options, field.name),
                 "value": _value_text(value),
                 "unit": info.unit,
                 "help": info.help,
-                "default": default_text(field),
+                "default": format_default(field),
                 "changed": value != getattr(defaults, field.name),
             }
         )

@@ -12,8 +12,8 @@ import small_run
 from gsut import InputError
 from gsut.evaluate.report import _chosen_views, write_report
 from gsut.page import duration_text, number_text
+from gsut.run import TrainOptions
 from gsut.run.folder import METRICS, REPORT, RunFolder
-from gsut.run.options import TrainOptions
 
 
 @pytest.fixture
