@@ -80,7 +80,7 @@ SHARED = {
     "Scene": (
         lambda folder: gsut.load_dataset(folder),
         [lambda scene, i=i: (scene.image(i), scene.mask(i), scene.extent) for i in range(6)]
-        + [lambda scene: scene.scaled(0.5).image(1), lambda scene: scene.poses([0, 1]),
+        + [lambda scene: scene.scale_images(0.5).image(1), lambda scene: scene.poses([0, 1]),
            lambda scene: scene.centred.image(2), lambda scene: scene.centred.points],
     ),
     "Camera": (

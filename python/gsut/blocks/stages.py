@@ -160,7 +160,7 @@ class Stages:
         """The coarse model, after a look at whether it fits."""
         options = coarse_options(self._options, self._count)
         scale = coarse_scale(self._scene)
-        small = self._scene if scale == 1.0 else self._scene.scaled(scale)
+        small = self._scene if scale == 1.0 else self._scene.scale_images(scale)
         views = len(small.train_indices)
         sizes = small, options.sh_degree, options.most_gaussians, 0, views
         alone = dataclasses.replace(self._blocks, workers=1)
@@ -177,7 +177,7 @@ class Stages:
         if path.is_file():
             layout = Layout.read(str(path))
         else:
-            small = scene.scaled(coarse_scale(scene))
+            small = scene.scale_images(coarse_scale(scene))
             with Progress(self._progress) as bar:
                 seen = Counter(bar, "layout", len(scene.train_indices))
                 work = work_of(g, small, scene.train_indices, seen.one)
@@ -210,7 +210,7 @@ class Stages:
         if not missing:
             return jobs
         coarse, scene = self.coarse, self.coarse.scene
-        small = scene.scaled(coarse_scale(scene))
+        small = scene.scale_images(coarse_scale(scene))
         keep_at_most(small, cache_bytes(self._blocks))
         with Progress(self._progress) as bar:
             if self._shares is None:
@@ -318,7 +318,7 @@ class Stages:
             self._run, metrics, scene.path, scene if o.refine_poses else None,
             self._run.begun_with(), self._blocks.words(),
         )  # fmt: skip
-        scene = scene.about((0.0, 0.0, 0.0))
+        scene = scene.move_origin((0.0, 0.0, 0.0))
         return BlocksResult(self._run.path / SCENE, metrics, scene, self.layout)
 
     def _rows(self) -> list[dict[str, Any]]:

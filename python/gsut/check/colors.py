@@ -97,7 +97,7 @@ def _take_median(values: Iterable[float | None]) -> float | None:
 
 def _name_better_reading(scene: Scene, views: Sequence[int], agreed: float | None) -> str:
     """Names the reading of the poses with which colours agree best, if it is clearly better."""
-    scene = scene.about((0.0, 0.0, 0.0))
+    scene = scene.move_origin((0.0, 0.0, 0.0))
     table = np.array([inverse(view.camera_from_world) for view in scene.views])[:, None]
     best, best_r = "", max((agreed or 0) + _READING_GAIN, EXPECTED_R)
     for reading in list_usual_readings(scene, table):

@@ -41,7 +41,7 @@ _PNG = ".png"
 
 
 def list_writable_layouts() -> dict[str, Layout]:
-    """The layouts that can be written, by name."""
+    """Lists the layouts that can be written, by name."""
     return {each.name: each for each in list_layouts() if each.write is not None}
 
 
@@ -130,7 +130,7 @@ def _write(
 def _with_bar(
     place: Callable[[Path, Path], None], total: int, progress: bool
 ) -> Callable[[Path, Path], None]:
-    """`place`, counting pictures on a bar."""
+    """Returns `place` with a progress bar that counts pictures."""
     bars, done = Progress(progress), itertools.count(1)
 
     def place_and_show(source: Path, target: Path) -> None:
@@ -148,7 +148,7 @@ def _read(source: Path, parts: Mapping[str, Any]) -> Listing:
 
 
 def _from_here(parts: Mapping[str, Any]) -> dict[str, Any]:
-    """The parts with paths from the working directory made absolute."""
+    """Makes the parts' paths absolute, from the working directory."""
     found, here = dict(parts), Path.cwd()
     for key in ("images", "lens", "poses", "points", "masks"):
         value = found.get(key)
@@ -164,12 +164,12 @@ def _take_poses(listing: Listing, scene: Scene) -> None:
     for frame in listing.frames:
         view = views.get(frame.name)
         if view is not None:
-            frame.world_from_camera = inverse(scene.in_dataset(view.camera_from_world))
+            frame.world_from_camera = inverse(scene.to_dataset(view.camera_from_world))
             frame.camera = scene.file_cameras[view.camera_index]
 
 
 def _find_held_out(frames: Sequence[Frame], wanted: Sequence[str] | None) -> list[str] | None:
-    """The names of the frames in a list of names, file names or stems.
+    """Finds the frames named in a list of names, file names or stems.
 
     Raises:
         InputError: one of them is no frame.
@@ -293,7 +293,7 @@ def save_dataset(
 def _store_image(
     image: np.ndarray | str | os.PathLike[str], name: str, camera: Camera, target: Path
 ) -> tuple[Path, str]:
-    """Where a picture is stored, and its name with a suffix."""
+    """Stores an array as PNG; returns the picture's file, and its name with a suffix."""
     if isinstance(image, (str, os.PathLike)):
         path = Path(image)
         if not path.is_file():

@@ -29,7 +29,7 @@ def make_scene(
     test_every: int = TEST_EVERY,
     test_names: Sequence[str] | None = None,
 ) -> Scene:
-    """A scene of arrays, for `train`, `evaluate` and all else that takes one; nothing is written.
+    """Makes a scene of arrays, for `train`, `evaluate` and others; nothing is written.
 
     Args:
         images: N of (H, W, 3) uint8 RGB; kept, not copied.
@@ -88,7 +88,7 @@ def make_scene(
 
 
 def repeat_camera(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:
-    """One camera for each image.
+    """Returns one camera for each image.
 
     Raises:
         InputError: another number of them.
@@ -100,7 +100,7 @@ def repeat_camera(cameras: Camera | Sequence[Camera], count: int) -> list[Camera
 
 
 def check_image(image: np.ndarray, name: str, camera: Camera) -> np.ndarray:
-    """The image as an array of its camera's size.
+    """Requires an image of its camera's size, as an array.
 
     Raises:
         InputError: another shape or type.
@@ -117,7 +117,7 @@ def check_image(image: np.ndarray, name: str, camera: Camera) -> np.ndarray:
 def check_points(
     points: ArrayLike | None, point_colors: ArrayLike | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(P, 3) float64 and (P, 3) uint8, mid-grey without colours.
+    """Requires points (P, 3) as float64, and colours (P, 3) uint8, by default mid-grey.
 
     Raises:
         InputError: other shapes, or points that are not finite.

@@ -30,7 +30,7 @@ def write_refined(run: RunFolder, scene: Scene) -> None:
                 "name": view.name,
                 "lens": view.camera_index,
                 "split": "test" if index in scene.test_indices else "train",
-                "camera_from_world": scene.in_dataset(view.camera_from_world).tolist(),
+                "camera_from_world": scene.to_dataset(view.camera_from_world).tolist(),
             }
             for index, view in enumerate(scene.views)
         ],
@@ -40,7 +40,7 @@ def write_refined(run: RunFolder, scene: Scene) -> None:
     frames = [
         Frame(
             view.name, view.image_path, cameras[view.camera_index],
-            inverse(scene.in_dataset(view.camera_from_world)), mask_path=view.mask_path,
+            inverse(scene.to_dataset(view.camera_from_world)), mask_path=view.mask_path,
         )
         for view in scene.views
     ]  # fmt: skip

@@ -138,7 +138,7 @@ class TrainingLoop:
     def finish_scene(self) -> Scene:
         """Returns the scene with the poses and lenses that fit the run's result best."""
         if self.refiner is not None:
-            self.refiner.finish(self.make_result(), self.views.at(1.0), self.step)
+            self.refiner.finish(self.make_result(), self.views.select_level(1.0), self.step)
         return self.scene
 
     def advance(self) -> float:
@@ -167,7 +167,7 @@ class TrainingLoop:
         fraction = number / o.steps
         rates = compute_learning_rates(o, fraction, self.extent)
         degree, view = min(o.sh_degree, number // o.sh_every), self._choose_view(number)
-        return _Step(number, fraction, view, self.views.at(fraction), degree, rates)
+        return _Step(number, fraction, view, self.views.select_level(fraction), degree, rates)
 
     def _choose_view(self, step: int) -> int:
         """Returns a step's view: each once an epoch, in an order set by seed and epoch only."""

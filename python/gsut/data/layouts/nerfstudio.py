@@ -119,13 +119,12 @@ def _read_frame(
 
 
 def _read_time(frame: dict, key: str) -> float | None:
-    """The number under this key; None without one."""
     value = frame.get(key)
     return float(value) if isinstance(value, (int, float)) else None
 
 
 def _read_shutter(values: dict, source: Path) -> Shutter:
-    """The direction in 'rolling_shutter' of the file, top to bottom where it says nothing."""
+    """Reads the direction in 'rolling_shutter' of the file; top to bottom by default."""
     entry = values.get("rolling_shutter") or {}
     name = entry.get("direction", "top_to_bottom") if isinstance(entry, dict) else entry
     try:
@@ -160,7 +159,7 @@ def _find_mask(frame: dict, values: dict, folder: Path, where: str) -> Path | No
 
 
 def _find_geometry(frame: dict, key: str, listing: Listing) -> Path | None:
-    """A frame's file of depths or normals, which few trainings read: one not there is noted."""
+    """Finds a frame's file of depths or normals; notes a missing one, which few trainings need."""
     name = frame.get(key)
     if not name:
         return None
@@ -174,7 +173,7 @@ def _find_geometry(frame: dict, key: str, listing: Listing) -> Path | None:
 def _make_frame_camera(
     frame: dict, values: dict, image_path: Path, source: Path, cameras: dict[str, Camera | None]
 ) -> Camera | None:
-    """The lens of a frame; its own keys win over the file's. Equal lenses are made once.
+    """Makes the lens of a frame, whose own keys win over the file's. Equal lenses are made once.
 
     Returns:
         The camera, or None if making the same lens failed before: it is reported once.

@@ -15,7 +15,7 @@ from gsut.files import regular
 
 
 def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = None) -> np.ndarray:
-    """Poses of a JSON file.
+    """Reads the poses of a JSON file.
 
     Three forms are known: {"camera_from_world": [4x4, ...]} (OpenCV axes), nerfstudio's camera
     path {"camera_path": [{"camera_to_world": 16 numbers}, ...]} and a transforms.json {"frames":
@@ -60,7 +60,7 @@ def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = No
 
 
 def read_path_lens(path: str | os.PathLike[str]) -> Any:
-    """The values of the lens that a camera path carries, as the viewer saves it; None without."""
+    """Reads the lens that a camera path carries, as the viewer saves it; None without one."""
     return _read_content(path).get("lens")
 
 

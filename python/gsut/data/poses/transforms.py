@@ -85,7 +85,7 @@ def _require_rotation(rotation: np.ndarray, where: object) -> None:
 
 
 def pose_from_quaternion(quat_wxyz: ArrayLike, translation: ArrayLike, where: object) -> np.ndarray:
-    """(4, 4) transform of a unit quaternion w, x, y, z and a translation.
+    """Makes a transform (4, 4) of a unit quaternion w, x, y, z and a translation.
 
     Raises:
         DatasetError: not finite, or the norm is not 1 within `ROTATION_TOLERANCE`.
@@ -116,7 +116,7 @@ def pose_from_quaternion(quat_wxyz: ArrayLike, translation: ArrayLike, where: ob
 
 
 def inverse(pose: np.ndarray) -> np.ndarray:
-    """The inverse of a rigid transform (4, 4), exact in the rotation."""
+    """Inverts a rigid transform (4, 4), exactly in the rotation."""
     result = np.eye(4)
     result[:3, :3] = pose[:3, :3].T
     result[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
@@ -124,7 +124,7 @@ def inverse(pose: np.ndarray) -> np.ndarray:
 
 
 def halfway(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The pose in the middle of two: mean translation, rotation half way along the shorter arc."""
+    """Averages two poses: mean translation, rotation half way along the shorter arc."""
     relative = start[:3, :3].T @ end[:3, :3]
     # (I + R) is twice the half rotation's projection: its polar factor is the square root of R.
     left, _, right = np.linalg.svd(np.eye(3) + relative)
@@ -135,5 +135,5 @@ def halfway(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 
 def centers_of(camera_from_world: np.ndarray) -> np.ndarray:
-    """(N, 3) camera centres of (N, 4, 4) poses."""
+    """Returns the camera centres (N, 3) of poses (N, 4, 4)."""
     return -np.einsum("nji,nj->ni", camera_from_world[:, :3, :3], camera_from_world[:, :3, 3])
