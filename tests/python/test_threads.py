@@ -87,7 +87,7 @@ SHARED = {
         lambda _: fisheye(),
         [lambda camera: camera.rays(), lambda camera: camera.origins(),
          lambda camera: camera.project(RAYS), lambda camera: camera.unproject(PIXELS),
-         lambda camera: camera.project_jacobian(RAYS), lambda camera: camera.resized(24, 24),
+         lambda camera: camera.project_jacobian(RAYS), lambda camera: camera.resize(24, 24),
          lambda camera: camera.valid_field_angle,
          lambda camera: gsut.render(blobs(), camera, POSE)],
     ),

@@ -13,7 +13,7 @@ from gsut.data.errors import DatasetError, OnError, list_some, raise_error
 from gsut.data.images import IMAGE_SUFFIXES, read_header
 from gsut.data.listing import Frame, Listing
 from gsut.data.points import TRIANGULATED, find_usable_points
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.data.scene import TEST_EVERY, Scene, View, split_views
 from gsut.lens import Camera
 
@@ -208,7 +208,7 @@ def fit_camera(camera: Camera, width: int, height: int, image_path: Path) -> Cam
     same_by_width = abs(camera.height * width / camera.width - height) <= HALF_PIXEL
     same_by_height = abs(camera.width * height / camera.height - width) <= HALF_PIXEL
     if same_by_width or same_by_height:
-        return camera.resized(width, height)
+        return camera.resize(width, height)
     turned = (width, height) == (camera.height, camera.width)
     advice = (
         "the image was turned after calibration (EXIF orientation applied?): store it unturned"
@@ -231,7 +231,7 @@ def _make_views(frames: list[Frame], offset: np.ndarray) -> tuple[list[Camera], 
     def recenter(world_from_camera: np.ndarray) -> np.ndarray:
         moved = world_from_camera.copy()
         moved[:3, 3] -= offset
-        return inverse(moved)
+        return invert_pose(moved)
 
     def recenter_if_given(world_from_camera: np.ndarray | None) -> np.ndarray | None:
         return None if world_from_camera is None else recenter(world_from_camera)

@@ -27,7 +27,7 @@ from gsut.data.layouts import Layout, describe_recording, find_layout, list_layo
 from gsut.data.listing import Frame, Listing
 from gsut.data.load import read_dataset
 from gsut.data.memory import check_image, check_points, repeat_camera
-from gsut.data.poses import format_kitti, format_seconds, format_tum, inverse, rigid_transform
+from gsut.data.poses import check_rigid, format_kitti, format_seconds, format_tum, invert_pose
 from gsut.data.recordings import pair_recording
 from gsut.data.rigs import BODY, OWN
 from gsut.data.scene import Scene
@@ -164,7 +164,7 @@ def _take_poses(listing: Listing, scene: Scene) -> None:
     for frame in listing.frames:
         view = views.get(frame.name)
         if view is not None:
-            frame.world_from_camera = inverse(scene.to_dataset(view.camera_from_world))
+            frame.world_from_camera = invert_pose(scene.to_dataset(view.camera_from_world))
             frame.camera = scene.file_cameras[view.camera_index]
 
 
@@ -274,7 +274,7 @@ def save_dataset(
                 _write_png(mask, np.asarray(valid, bool).astype(np.uint8) * 255)
             frames.append(
                 Frame(
-                    name, path, lenses[i], inverse(rigid_transform(poses[i], f"pose {i}")),
+                    name, path, lenses[i], invert_pose(check_rigid(poses[i], f"pose {i}")),
                     mask_path=mask, time_ns=None if times_ns is None else int(times_ns[i]),
                 )
             )  # fmt: skip

@@ -14,7 +14,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.listing import Frame
 from gsut.data.points import format_points_ply
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.files import WriteError, write_file
 from gsut.lens import Camera
 
@@ -162,10 +162,10 @@ def group_seats(frames: Sequence[Frame], layout: str) -> tuple[list[Seat], dict[
     for seat in groups.values():
         met = [i for i, time in enumerate(seat.times) if time in bodies]
         if met:
-            first = inverse(bodies[seat.times[met[0]]]) @ seat.frames[met[0]].world_from_camera
+            first = invert_pose(bodies[seat.times[met[0]]]) @ seat.frames[met[0]].world_from_camera
             seat.body_from_camera = first
         for frame, time in zip(seat.frames, seat.times, strict=True):
-            body = frame.world_from_camera @ inverse(seat.body_from_camera)
+            body = frame.world_from_camera @ invert_pose(seat.body_from_camera)
             before = bodies.setdefault(time, body)
             scale = 1 + np.abs(before[:3, 3]).max() + np.abs(seat.body_from_camera[:3, 3]).max()
             if np.abs(before - body).max() > _SAME_PLACE * scale:

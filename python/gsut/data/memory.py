@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from gsut._core import InputError
 from gsut.data.points import NO_COLOR
-from gsut.data.poses import rigid_transform
+from gsut.data.poses import check_rigid
 from gsut.data.scene import TEST_EVERY, Scene, View, split_views
 from gsut.lens import Camera
 
@@ -71,7 +71,7 @@ def make_scene(
                 raise InputError(
                     f"the mask of {names[i]} has shape {valid.shape}, its image {pixels.shape[:2]}"
                 )
-        pose = rigid_transform(poses[i], f"camera_from_world[{i}]")
+        pose = check_rigid(poses[i], f"camera_from_world[{i}]")
         views.append(
             View(names[i], IN_MEMORY / names[i], known.index(lenses[i]), pose,
                  pixels=pixels, valid=valid)

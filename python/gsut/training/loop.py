@@ -144,7 +144,7 @@ class TrainingLoop:
     def advance(self) -> float:
         """Makes one training step on one image and returns its loss."""
         step = self._begin_step()  # view, resolution, degree of harmonics, learning rates
-        target, image, dimage = step.level.target(step.view), *step.level.buffers(step.view)
+        target, image, dimage = step.level.get_target(step.view), *step.level.get_buffers(step.view)
         self._prepare_next_image()  # decoded beside the step
         began, cpu_began = time.perf_counter(), time.process_time()
         self.stopwatch.start()
@@ -203,7 +203,7 @@ class TrainingLoop:
 
     def _compare(self, step: _Step, target: _core.PhotometricTarget) -> float:
         """Returns the loss against the photograph and writes its gradient to the image's buffer."""
-        image, dimage = step.level.buffers(step.view)
+        image, dimage = step.level.get_buffers(step.view)
         loss, _ = _core.photometric_loss(target, image, dimage, self.options.ssim_weight)
         self._choose_pixels(step, dimage)
         if self.weights is not None:
@@ -328,7 +328,7 @@ def _measure_pixel_errors(loop: TrainingLoop, step: _Step, dimage: np.ndarray) -
     needed = loop.densification.by_error and step.number <= find_last_densification(loop.options)
     if not needed or not loop._context.is_empty:
         return {}
-    target, (image, _) = step.level.target(step.view), step.level.buffers(step.view)
+    target, (image, _) = step.level.get_target(step.view), step.level.get_buffers(step.view)
     errors = np.empty(image.shape[:2], np.float32)
     _core.pixel_errors(target, image, dimage, errors)
     return {"errors": errors, "error_sums": loop.optimizer.error_sum}

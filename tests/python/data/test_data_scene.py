@@ -35,7 +35,7 @@ def test_scaled_camera_scales_about_the_pixel_corner(tmp_path):
 
 @pytest.mark.parametrize("factor", [0.5, 0.3, 0.07, 0.001])
 def test_scaled_size_is_rounded_and_at_least_one(factor, tmp_path):
-    scene = load_dataset(small.write_nerfstudio(tmp_path)).scaled(factor)
+    scene = load_dataset(small.write_nerfstudio(tmp_path)).scale_images(factor)
     size = [max(1, int(n * factor + 0.5)) for n in (small.HEIGHT, small.WIDTH)]
     assert list(scene.image(0).shape[:2]) == size == list(scene.mask(0).shape)
     np.testing.assert_allclose(
@@ -58,7 +58,7 @@ def test_lens_mask_of_a_scaled_scene_equals_asking_every_source_pixel(factor, an
         "kannala_brandt", params, 320, 240, valid_field_angle=np.radians(angle_degrees)
     )
     size = [max(1, int(n * factor + 0.5)) for n in (320, 240)]
-    camera = full.resized(*size)
+    camera = full.resize(*size)
     expected = camera.rays()[1] & shrink_mask(np.array(full.rays()[1]), *size)
     assert 0 < full.rays()[1].mean() < 1
     np.testing.assert_array_equal(make_lens_mask(camera, full), expected)
@@ -167,7 +167,7 @@ def test_mask_file_of_zeros_and_ones_is_read_as_black_and_white(tmp_path):
 
 
 def test_image_from_many_threads_is_the_same_and_read_only(tmp_path):
-    scene = load_dataset(small.write_nerfstudio(tmp_path)).scaled(0.5)
+    scene = load_dataset(small.write_nerfstudio(tmp_path)).scale_images(0.5)
     scene._images.limit_bytes = 1  # every call decodes anew
     expected = [
         shrink_image(small.render(pose), small.WIDTH // 2, small.HEIGHT // 2)

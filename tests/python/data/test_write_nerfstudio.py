@@ -78,7 +78,7 @@ def test_every_lens_comes_back_from_its_dataset(tmp_path, rng):
     for camera in real_lenses():
         folder = tmp_path / str(compared)
         folder.mkdir()
-        small = camera.resized(32, max(1, 32 * camera.height // camera.width))
+        small = camera.resize(32, max(1, 32 * camera.height // camera.width))
         write_transforms(folder / "transforms.json", frames_in(folder, rng, [small]))
         read = gsut.load_dataset(folder).cameras[0]
         if small.model == "opencv5" and small.params[-1] == 0:

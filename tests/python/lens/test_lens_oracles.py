@@ -66,7 +66,7 @@ def unified_direction(points, xi, alpha):
     return second[:, :2] / (second[:, 2:] + shift) * (1 + shift)
 
 
-def scale_images(ratio, params):
+def scaled(ratio, params):
     """The division above is by (z + shift), the lens' by alpha d + (1 - alpha) z."""
     fx, fy, cx, cy = params[:4]
     return ratio * (np.array([fx, fy], Real)) + np.array([cx, cy], Real)

@@ -29,7 +29,7 @@ def make_lens_mask(camera: Camera, full: Camera) -> np.ndarray:
     if not smaller and longer <= _LONGER_SIDE:
         return np.array(camera.rays()[1], bool)
     sizes = [max(1, side * _LONGER_SIDE // longer) for side in (full.width, full.height)]
-    valid = np.array((camera if smaller else camera.resized(*sizes)).rays()[1], bool)
+    valid = np.array((camera if smaller else camera.resize(*sizes)).rays()[1], bool)
     source = _make_source_mask(valid, full)
     return valid & shrink_mask(source, camera.width, camera.height) if smaller else source
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.poses import NANOSECONDS, inverse, pose_from_quaternion
+from gsut.data.poses import NANOSECONDS, invert_pose, pose_from_quaternion
 from gsut.files import write_file
 from gsut.lens import Camera, load_camera
 
@@ -185,7 +185,7 @@ class FrameTree:
         (root, root_from_target), (other, root_from_source) = (
             self._to_root(strip_slash(frame)) for frame in (target, source)
         )
-        return inverse(root_from_target) @ root_from_source if root == other else None
+        return invert_pose(root_from_target) @ root_from_source if root == other else None
 
     def find_root(self, frame: str) -> str:
         return self._to_root(strip_slash(frame))[0]

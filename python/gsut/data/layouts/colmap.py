@@ -29,7 +29,7 @@ from gsut.data.export import Export, list_losses, place_images, strip_images_fol
 from gsut.data.images import find_mask
 from gsut.data.layouts._layout import Layout
 from gsut.data.listing import Frame, Listing
-from gsut.data.poses import inverse, pose_from_quaternion
+from gsut.data.poses import invert_pose, pose_from_quaternion
 from gsut.files import write_file
 from gsut.lens import Camera
 from gsut.lens.files import camera_from_colmap
@@ -114,7 +114,7 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
                     row.name,
                     image_path,
                     cameras[row.camera_id],
-                    inverse(pose),
+                    invert_pose(pose),
                     mask_path=find_mask(folder.parent / "masks", row.name),
                 )
             )
@@ -180,7 +180,7 @@ def write_colmap_text(folder: Path, export: Export) -> list[str]:
 def _model(export: Export) -> ColmapModel:
     images = [
         ColmapImage(
-            number, strip_images_folder(frame), frame.camera, inverse(frame.world_from_camera)
+            number, strip_images_folder(frame), frame.camera, invert_pose(frame.world_from_camera)
         )
         for number, frame in enumerate(export.frames, 1)
     ]

@@ -20,7 +20,7 @@ from gsut._core import InputError
 from gsut.data.errors import DatasetError, list_some
 from gsut.data.export import Export, find_frame_times, group_seats, list_losses
 from gsut.data.layouts._layout import Layout
-from gsut.data.poses import rigid_transform
+from gsut.data.poses import check_rigid
 from gsut.data.recordings import Recording, Stream, find_stream, list_pictures
 from gsut.data.rigs import BODY, parse_matrix, read_mounts
 from gsut.data.text_files import read_rows, read_yaml
@@ -142,7 +142,7 @@ def _find_poses(recording: Recording, root: Path, base: Path) -> None:
             sensor = root / name / "sensor.yaml"
             values = read_yaml(sensor) if sensor.is_file() else {}
             if "T_BS" in values:
-                place = rigid_transform(parse_matrix(values["T_BS"]), f"{sensor}, key 'T_BS'")
+                place = check_rigid(parse_matrix(values["T_BS"]), f"{sensor}, key 'T_BS'")
                 recording.body_from_poses = None if np.array_equal(place, np.eye(4)) else place
             return
     for folder in dict.fromkeys((root, base)):

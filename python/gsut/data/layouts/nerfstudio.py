@@ -20,7 +20,7 @@ from gsut.data.images import read_header
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.colmap import find_model, read_points
 from gsut.data.listing import Frame, Listing
-from gsut.data.poses import OPENGL_FROM_OPENCV, halfway, rigid_transform
+from gsut.data.poses import OPENGL_FROM_OPENCV, average_poses, check_rigid
 from gsut.data.text_files import read_json
 from gsut.data.write_nerfstudio import write_transforms
 from gsut.lens import Camera
@@ -84,7 +84,7 @@ def _read_frame(
     poses = {}
     for key in ("transform_matrix", "transform_matrix_start", "transform_matrix_end"):
         if key in frame:
-            opengl = rigid_transform(frame[key], f"{where}, {key}")
+            opengl = check_rigid(frame[key], f"{where}, {key}")
             poses[key] = opengl @ OPENGL_FROM_OPENCV
     start, end = poses.get("transform_matrix_start"), poses.get("transform_matrix_end")
     middle = poses.get("transform_matrix")
@@ -95,7 +95,7 @@ def _read_frame(
             "give both poses of the rolling shutter, or none",
         )
     if middle is None and start is not None and end is not None:
-        middle = halfway(start, end)
+        middle = average_poses(start, end)
     if middle is None:
         raise DatasetError(where, "there is no 'transform_matrix'", "give its camera-to-world pose")
     listing.frames.append(

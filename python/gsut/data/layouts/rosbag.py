@@ -28,7 +28,7 @@ from gsut.data.layouts._bag_messages import (
     write_picture,
 )
 from gsut.data.layouts._layout import Layout
-from gsut.data.poses import format_seconds, format_tum, inverse
+from gsut.data.poses import format_seconds, format_tum, invert_pose
 from gsut.data.recordings import Recording, Stream
 from gsut.data.rigs import BODY, OWN, Mount
 from gsut.files import write_file
@@ -307,7 +307,7 @@ def _make_recording(
                 f"'{track.child}', which the poses are of"
             )
             found[camera.name] = Mount(
-                camera.lens, where, None if place is None else inverse(place)
+                camera.lens, where, None if place is None else invert_pose(place)
             )
         return {name: found[name] for name in names}
 

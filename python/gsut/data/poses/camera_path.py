@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.poses.transforms import OPENGL_FROM_OPENCV, rigid_transform
+from gsut.data.poses.transforms import OPENGL_FROM_OPENCV, check_rigid
 from gsut.files import regular
 
 
@@ -49,7 +49,7 @@ def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = No
         ) from None
     if not entries:
         raise InputError(f"{path}: the camera path holds no pose")
-    poses = [rigid_transform(entry, f"{path}, pose {i}") for i, entry in enumerate(entries)]
+    poses = [check_rigid(entry, f"{path}, pose {i}") for i, entry in enumerate(entries)]
     matrices = np.stack(poses)
     if opengl:
         matrices = np.linalg.inv(matrices @ OPENGL_FROM_OPENCV)

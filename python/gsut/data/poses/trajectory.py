@@ -13,7 +13,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.errors import DatasetError, OnError
 from gsut.data.poses.times import is_time
-from gsut.data.poses.transforms import pose_from_quaternion, rigid_transform
+from gsut.data.poses.transforms import check_rigid, pose_from_quaternion
 from gsut.data.text_files import read_json, read_text
 from gsut.gaussians import quaternion_from_rotation
 
@@ -96,7 +96,7 @@ def _read_json_rows(source: Path) -> _Rows:
         raise DatasetError(source, "not an object of names and matrices", _ADVICE)
     places = [f"{source}, image {name}" for name in values]
     makers = [
-        functools.partial(rigid_transform, matrix, place)
+        functools.partial(check_rigid, matrix, place)
         for matrix, place in zip(values.values(), places, strict=True)
     ]
     return list(values), places, list[_Make](makers)
@@ -162,7 +162,7 @@ def _parse_pose(fields: list[str], w_first: bool, place: str, line: str) -> np.n
 
 def _parse_kitti_pose(line: str, place: str) -> np.ndarray:
     try:
-        return rigid_transform(np.reshape([float(v) for v in line.split()], (3, 4)), place)
+        return check_rigid(np.reshape([float(v) for v in line.split()], (3, 4)), place)
     except ValueError as error:
         if isinstance(error, InputError):
             raise

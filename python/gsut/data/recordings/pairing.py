@@ -18,7 +18,7 @@ from gsut.data.poses import (
     format_range,
     format_seconds,
     guess_unit,
-    inverse,
+    invert_pose,
     read_trajectory,
     to_nanoseconds,
 )
@@ -56,7 +56,7 @@ def pair_recording(recording: Recording, on_error: OnError) -> Listing:
     mounts = recording.mounts([stream.name for stream in recording.streams])
     trajectory = read_trajectory(recording.poses, on_error)
     if recording.body_from_poses is not None:
-        moved = trajectory.poses @ inverse(recording.body_from_poses)
+        moved = trajectory.poses @ invert_pose(recording.body_from_poses)
         trajectory = dataclasses.replace(trajectory, poses=moved)
     listing = Listing(recording.path, trajectory.source, notes=list(recording.notes))
     named: set[int] = set()
@@ -242,7 +242,7 @@ class _Clock:
         self.near = self.distance <= round(self.tolerance * NANOSECONDS)
 
     def find_around(self, k: int) -> tuple[int, int, float]:
-        """Returns the poses around picture k, at the ends the same one, and the share of the way."""
+        """Returns the poses around picture k, the same at the ends, and the share."""
         high = int(self.high[k])
         if high == len(self.poses):
             return high - 1, high - 1, 0.0

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsut.data.errors import DatasetError
-from gsut.data.poses import NANOSECONDS, inverse, rigid_transform
+from gsut.data.poses import NANOSECONDS, check_rigid, invert_pose
 from gsut.data.rigs.rig import read_camchain, read_rig
 from gsut.data.text_files import read_json, read_yaml
 from gsut.files import regular
@@ -119,8 +119,8 @@ def _read_mount(lens: Path, name: str) -> Mount:
         if is_camchain(values):
             return _select_mounts(_read_mounts_of_camchain(lens), [name], lens)[name]
         if "T_BS" in values:
-            from_body = inverse(
-                rigid_transform(parse_matrix(values["T_BS"]), f"{lens}, key 'T_BS'")
+            from_body = invert_pose(
+                check_rigid(parse_matrix(values["T_BS"]), f"{lens}, key 'T_BS'")
             )
             return Mount(load_camera(lens), str(lens), from_body)
     camera = load_camera(lens)
@@ -171,7 +171,7 @@ def find_body_from_camera(name: str, mounts: dict[str, Mount], poses_of: str | N
                 "add it; or, where the poses are those of a camera, write `poses_of: "
                 f"{next(iter(mounts)) or 'camera'}` into dataset.yaml",
             )
-        return inverse(mount.from_body)
+        return invert_pose(mount.from_body)
     if poses_of not in mounts:
         raise DatasetError(
             mount.source,
@@ -182,7 +182,7 @@ def find_body_from_camera(name: str, mounts: dict[str, Mount], poses_of: str | N
     for kind in ("from_reference", "from_body"):
         mine, its = getattr(mount, kind), getattr(other, kind)
         if mine is not None and its is not None:
-            return its @ inverse(mine)
+            return its @ invert_pose(mine)
     raise DatasetError(
         mount.source,
         f"it does not say where {name} sits against {poses_of}",

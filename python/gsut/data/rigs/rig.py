@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut._core import CalibrationError, InputError
 from gsut.data.errors import DatasetError
-from gsut.data.poses import centers_of, inverse, rigid_transform
+from gsut.data.poses import check_rigid, find_centers, invert_pose
 from gsut.data.text_files import read_yaml
 from gsut.files import regular, write_file
 from gsut.lens import Camera, load_camera, spread_pixels
@@ -52,7 +52,7 @@ class Rig:
     @property
     def baseline(self) -> float:
         """The longest distance between two cameras."""
-        centers = centers_of(self.camera_from_reference)
+        centers = find_centers(self.camera_from_reference)
         return float(np.linalg.norm(centers[:, None] - centers[None], axis=2).max())
 
 
@@ -185,7 +185,7 @@ def read_camchain(
         for k, pose in enumerate(from_first):
             first = from_first[known]
             if from_imu[k] is None and pose is not None and first is not None:
-                from_imu[k] = pose @ inverse(first) @ from_imu[known]
+                from_imu[k] = pose @ invert_pose(first) @ from_imu[known]
     return [
         (name, load_camera(file, name), from_first[k], from_imu[k],
          float(values[name].get("timeshift_cam_imu") or 0.0))
@@ -207,7 +207,7 @@ def _parse_pose(values: Any, where: str) -> np.ndarray:
         pose[:3, 3] = array[3:]
         return pose
     if array.shape in ((4, 4), (3, 4)):
-        return rigid_transform(array, where)
+        return check_rigid(array, where)
     raise DatasetError(
         where,
         "its pose is neither six numbers (Rodrigues rotation, translation) nor a 4x4 matrix",
@@ -254,8 +254,8 @@ def measure_changes(given: Rig, found: np.ndarray) -> list[tuple[float, float]]:
 
     changes = []
     for before, after in zip(given.camera_from_reference, found, strict=True):
-        step = after @ inverse(before)
+        step = after @ invert_pose(before)
         turn = float(np.linalg.norm(cv2.Rodrigues(step[:3, :3])[0]))
-        centers = centers_of(np.stack([before, after]))
+        centers = find_centers(np.stack([before, after]))
         changes.append((turn, float(np.linalg.norm(centers[1] - centers[0]))))
     return changes

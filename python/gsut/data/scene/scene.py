@@ -199,7 +199,7 @@ class Scene:
         """
         cameras = [
             full if (full.width, full.height) == (c.width, c.height)
-            else full.resized(c.width, c.height)
+            else full.resize(c.width, c.height)
             for c, full in zip(self.cameras, file_cameras, strict=True)
         ]  # fmt: skip
         return self.replace(cameras=cameras, file_cameras=file_cameras)
@@ -220,7 +220,7 @@ class Scene:
         if not 0 < factor <= 1:
             raise InputError(f"scale must be above 0 and at most 1, found {factor}; use e.g. 0.5")
         cameras = [
-            c.resized(max(1, int(c.width * factor + 0.5)), max(1, int(c.height * factor + 0.5)))
+            c.resize(max(1, int(c.width * factor + 0.5)), max(1, int(c.height * factor + 0.5)))
             for c in self.cameras
         ]
         # Images of other pixels: nothing that is decoded can be shared.
@@ -228,10 +228,8 @@ class Scene:
             self, cameras=tuple(cameras), larger=self if keep_larger else None,
             decodes_small=decodes_small or self.decodes_small,
         )  # fmt: skip
-        scene._keep_centred(
-            self,
-            lambda near: near.scale_images(factor, keep_larger=keep_larger, decodes_small=decodes_small),
-        )
+        how = {"keep_larger": keep_larger, "decodes_small": decodes_small}
+        scene._keep_centred(self, lambda near: near.scale_images(factor, **how))
         return scene
 
     def __len__(self) -> int:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut._core import InputError, Shutter, interpolate_pose
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.data.scene.scene import Scene, View
 
 _NUMBER = re.compile(r"(\d+)\D*$")  # the last number of a name
@@ -102,7 +102,7 @@ def split_exposure(view: View, before: View, after: View, share: float, count: i
             if at
             else view.camera_from_world
         )
-        step = pose @ inverse(view.camera_from_world)
+        step = pose @ invert_pose(view.camera_from_world)
         ends = (view.camera_from_world_start, view.camera_from_world_end)
         start, end = (None if each is None else step @ each for each in ends)
         out.append(
@@ -134,8 +134,8 @@ def _shift_along_path(
     step = share * (after.camera_center - before.camera_center)
     poses = []
     for rotation, shift in ((part.T, -step), (part, step)):
-        world_from_camera = inverse(view.camera_from_world)
+        world_from_camera = invert_pose(view.camera_from_world)
         world_from_camera[:3, :3] = world_from_camera[:3, :3] @ rotation.T
         world_from_camera[:3, 3] += shift
-        poses.append(inverse(world_from_camera))
+        poses.append(invert_pose(world_from_camera))
     return poses[0], poses[1]

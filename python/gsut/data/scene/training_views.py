@@ -41,7 +41,7 @@ class Level:
         """Returns the camera of a view, at this resolution."""
         return self.scene.camera(view)
 
-    def target(self, view: int) -> _core.PhotometricTarget:
+    def get_target(self, view: int) -> _core.PhotometricTarget:
         """Returns the view's photograph and mask with what the loss precomputes of them."""
         if view in self._targets:
             self._targets.move_to_end(view)
@@ -64,7 +64,7 @@ class Level:
             self.scene.image(view), self.scene.mask(view), "partial", True
         )
 
-    def buffers(self, view: int) -> tuple[np.ndarray, np.ndarray]:
+    def get_buffers(self, view: int) -> tuple[np.ndarray, np.ndarray]:
         """Returns two (H, W, 3) float32 arrays of the view's size, which are reused."""
         camera = self.camera(view)
         size = (camera.height, camera.width)
