@@ -90,7 +90,7 @@ class Case:
 _CASES: dict[str, Case] = {}
 
 
-@pytest.fixture(params=gsut.camera_models())
+@pytest.fixture(params=gsut.lens.camera_models())
 def case(request, tmp_path_factory) -> Case:
     model = request.param
     if model not in _CASES:
@@ -133,9 +133,9 @@ def test_train_learns_and_eval_measures_the_same(case):
 
 def test_compact_keeps_most_of_the_picture(case):
     ply, out = case.folder / "scene.ply", case.folder / "compact.ply"
-    gsut.save_ply(ply, case.trained.gaussians)
+    gsut.formats.save_ply(ply, case.trained.gaussians)
     assert main(["compact", str(ply), "-o", str(out), "--keep", "0.7", "--quiet"]) == 0
-    fewer = gsut.load_ply(out)
+    fewer = gsut.formats.load_ply(out)
     assert len(fewer) == pytest.approx(0.7 * len(case.trained.gaussians), abs=1)
     psnr = evaluate(fewer, case.trained.scene, [TEST_VIEW])["psnr"]
     print(case.model, case.trained.metrics["psnr"], "->", psnr, "dB")

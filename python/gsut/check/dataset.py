@@ -114,7 +114,7 @@ def doctor(
 
     Args:
         data: a folder with transforms.json, a COLMAP model or images with lens and poses; a
-            transforms.json file itself; or a scene, such as `make_scene` makes of arrays.
+            transforms.json file itself; or a scene, such as `scene_from_arrays` makes of arrays.
         test_every: of a folder: hold out every n-th image by name, 0 for none.
         progress: show bars while images are decoded.
 

@@ -12,7 +12,7 @@ from gsut.data.layouts import KEYS as PARTS
 from gsut.data.layouts import find_images, find_lens_file
 from gsut.data.listing import Frame
 from gsut.data.load import load_dataset, read_dataset
-from gsut.data.memory import make_scene
+from gsut.data.memory import scene_from_arrays
 from gsut.data.scene.digests import digest_scene
 from gsut.data.scene.scene import Scene, View, keep_at_most
 from gsut.data.scene.split import TEST_EVERY
@@ -41,9 +41,9 @@ __all__ = [
     "list_some",
     "list_writable_layouts",
     "load_dataset",
-    "make_scene",
     "read_capture",
     "read_dataset",
     "save_dataset",
+    "scene_from_arrays",
     "write_transforms",
 ]

@@ -17,7 +17,7 @@ from gsut.lens import Camera
 IN_MEMORY = Path("arrays in memory")  # what such a scene has for a dataset's path
 
 
-def make_scene(
+def scene_from_arrays(
     images: Sequence[np.ndarray],
     cameras: Camera | Sequence[Camera],
     camera_from_world: ArrayLike,

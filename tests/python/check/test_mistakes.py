@@ -65,10 +65,12 @@ def test_doctor_judges_a_scene_of_arrays_as_it_does_files(hall):
     recorded = gsut.load_dataset(hall)
     images, masks = zip(*((recorded.image(i), recorded.mask(i)) for i in range(20)), strict=True)
     poses, lens = recorded.poses(range(20)), recorded.cameras[0]
-    good = doctor(gsut.make_scene(images, lens, poses, masks=masks), progress=False)
+    good = doctor(gsut.scene_from_arrays(images, lens, poses, masks=masks), progress=False)
     assert [str(f) for f in good if f.severity == "error"] == []
     assert any("the photographs agree with poses and lens" in f.what for f in good)
-    wrong = doctor(gsut.make_scene(images, lens, np.linalg.inv(poses), masks=masks), progress=False)
+    wrong = doctor(
+        gsut.scene_from_arrays(images, lens, np.linalg.inv(poses), masks=masks), progress=False
+    )
     said = next(f for f in wrong if f.severity == "error")
     assert "read as world-to-camera" in said.what and said.where == "arrays in memory"
 

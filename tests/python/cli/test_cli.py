@@ -30,7 +30,7 @@ HELP_SECONDS = 1.0  # 0.4 on an idle machine
 
 @pytest.fixture
 def scene(tmp_path, monkeypatch):
-    scene = small_run.make_scene(tmp_path / "data")
+    scene = small_run.scene_from_arrays(tmp_path / "data")
     small_run.install(monkeypatch, scene)
     return scene
 
@@ -45,7 +45,7 @@ def training(monkeypatch, scene):
     """Replaces gsut.train; records how it was called and leaves a finished run behind."""
     calls = []
 
-    def train(scene, options, out, resume=False, progress=None):
+    def train(scene, options, out, resume=False, progress=None, watch=None):
         calls.append(SimpleNamespace(options=options, out=out, resume=resume, progress=progress))
         if not RunFolder(out).holds_run():
             small_run.finished_run(Path(out), scene, options, report=False)
@@ -306,7 +306,7 @@ def test_render_without_out_goes_into_the_run(run):
 
 def test_render_of_a_file_of_gaussians_needs_no_run(tmp_path):
     path, out = tmp_path / "scene.ply", tmp_path / "out"
-    gsut.save_ply(path, small_run.GAUSSIANS[:20])
+    gsut.formats.save_ply(path, small_run.GAUSSIANS[:20])
     words = ["render", str(path), "--frames", "3", "--size", "40x30", "--fov", "80"]
     assert main([*words, "-o", str(out)]) == 0
     images = [cv2.imread(str(file)) for file in sorted(out.iterdir())]

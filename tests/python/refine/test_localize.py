@@ -33,7 +33,7 @@ def run(tmp_path_factory):
         *(getattr(g, name) for name in ("quats", "log_scales", "opacity_logits", "sh")),
     )
     (folder / "run" / SCENE).unlink()
-    gsut.save_ply(folder / "run" / SCENE, moved)
+    gsut.formats.save_ply(folder / "run" / SCENE, moved)
     return folder / "run", g
 
 

@@ -29,7 +29,7 @@ RIGHT = pose_of([0.01, -0.03, 0.02], [0.3, 0.02, 0.01])
 
 def test_lenses_are_all_of_the_build():
     models = {camera.model for _, camera in LENSES}
-    assert models | set(WITHOUT_CENTRE) == set(gsut.camera_models())
+    assert models | set(WITHOUT_CENTRE) == set(gsut.lens.camera_models())
 
 
 @pytest.fixture

@@ -48,8 +48,8 @@ def test_step_in_backward_gives_the_bits_of_a_step_after_it(rng, motion):
     in_view.means[::5] += 100.0  # some are far off
     dimage = rng.normal(size=(CAMERA.height, CAMERA.width, 3)).astype(np.float32)
     ran = 0
-    for isa in gsut.available_isas():
-        gsut.set_isa(isa)
+    for isa in gsut.machine.available_isas():
+        gsut.machine.set_isa(isa)
         for degree in range(4):
             after, within = (GaussianOptimizer(in_view, 400) for _ in range(2))
             assert np.any(passes(after, motion(pose), degree, dimage, False))
@@ -58,7 +58,7 @@ def test_step_in_backward_gives_the_bits_of_a_step_after_it(rng, motion):
                 assert arrays_of(found) == arrays_of(expected), (isa, degree)
             assert np.any(after.arrays[1].sh)
             ran += 1
-    assert ran == 4 * len(gsut.available_isas())
+    assert ran == 4 * len(gsut.machine.available_isas())
 
 
 def test_step_in_backward_of_what_was_not_rendered_raises(rng):

@@ -38,7 +38,7 @@ def scene(blobs):
         moments = frame + SHARE * (np.arange(9) - 4) / 9
         shown = [np.clip(gsut.render(blobs, CAMERA, place(at)).image, 0, 1) for at in moments]
         images.append(np.rint(255 * np.mean(np.power(shown, 2.2), axis=0) ** (1 / 2.2)))
-    return gsut.make_scene(
+    return gsut.scene_from_arrays(
         [image.astype(np.uint8) for image in images], CAMERA,
         np.array([place(frame) for frame in range(FRAMES)]), points=blobs.means,
         names=[f"f{frame:03d}.png" for frame in range(FRAMES)],

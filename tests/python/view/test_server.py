@@ -21,7 +21,7 @@ END_SECONDS = 1.0  # after Ctrl-C
 @pytest.fixture(scope="module")
 def ply(tmp_path_factory):
     path = tmp_path_factory.mktemp("view") / "small.ply"
-    gsut.save_ply(path, gaussians_in_view(rng_of("view"), fisheye(), np.eye(4), 200))
+    gsut.formats.save_ply(path, gaussians_in_view(rng_of("view"), fisheye(), np.eye(4), 200))
     return path
 
 
