@@ -191,6 +191,10 @@ BENCHMARK = Benchmark(
     options=(
         Option("lens", (KNOWN, UNKNOWN), "known, unknown, or models fitted to the known lens"),
         Option("shutter", "auto", "auto, global or rolling, as of gsut poses"),
-        Option("pycolmap", "", "a Python that has pycolmap, for rows of its incremental mapping"),
+        Option(
+            "pycolmap",
+            os.environ.get("GSUT_PYCOLMAP", ""),
+            "a Python that has pycolmap, for its rows",
+        ),
     ),
 )
