@@ -92,7 +92,7 @@ def renew_table(table: Table, rows: Sequence[Row], origin: str) -> str:
         cells = [row.get(heading, "-") for heading in headings[:-1]]
         lines.append(f"| {' | '.join([*cells, letters[row[ORIGIN]]])} |")
     legend = "; ".join(f"{letter}: {text}" for text, letter in letters.items())
-    return "\n".join([*lines, "", f"`{describe_command(table)}`", f"{legend}.", ""])
+    return "\n".join([*lines, "", f"`{describe_command(table)}`; {legend}.", ""])
 
 
 def describe_command(table: Table) -> str:
@@ -159,9 +159,10 @@ def run(arguments: argparse.Namespace) -> int:
             continue
         table = list(find_tables())[number]
         print(f"{table.page.name}: {describe_command(table)}", flush=True)
-        origin = describe_origin()
-        new = renew_table(table, measure_table(table, arguments.data), origin)
+        origin, rows = describe_origin(), measure_table(table, arguments.data)
+        table = list(find_tables())[number]  # the page may have changed while it was measured
         text = table.page.read_text()
+        new = renew_table(table, rows, origin)
         write_file(table.page, text[: table.begin] + new + text[table.end :])
     return 0
 
