@@ -22,7 +22,7 @@ OLD = """| scene | drawn | a frame [kB] | Origin |
 | one | whole | 5 | a |
 | two | half | 7 | b |
 
-`./run bench view`; a: commit 1a2b3c4d, 2026-11-22, 2 cores of X; b: commit 5e6f7a8b, 2026-11-23, 2 cores of Y.
+`./run bench view`; a: commit 1a2b3c4d, 2026-11-22, 2 cores of X; b: commit 5e6f7a8b, 2026-11-23, 1 of Y.
 """
 
 
@@ -30,7 +30,7 @@ def label(table):
     return f"{table.page.name}-{table.begin}"
 
 
-@pytest.mark.parametrize("table", find_tables(), ids=label)
+@pytest.mark.parametrize("table", list(find_tables()), ids=label)
 def test_tables_of_the_pages_show_columns_of_their_benchmark_with_their_origin(table):
     rows = read_rows(table.text)
     assert 1 <= len(rows) <= MOST_ROWS
