@@ -104,7 +104,8 @@ if TYPE_CHECKING:
         write_video,
         z_of_distance,
     )
-    from gsut.run import BlockOptions, TrainOptions
+    from gsut.run import BlockOptions, SceneOptions, TrainOptions, Verdict
+    from gsut.scene import SceneResult, scene
     from gsut.sfm import (
         DatasetCalibration,
         PoseErrors,
@@ -136,6 +137,11 @@ if TYPE_CHECKING:
 
 # By task: docs/api.md is made from this list and its comments, in this order.
 __all__ = [  # noqa: RUF022
+    # Make a scene
+    "scene",
+    "SceneOptions",
+    "SceneResult",
+    "Verdict",
     # Load
     "load_dataset",
     "make_scene",

@@ -11,7 +11,7 @@ import gsut
 from gsut import _core
 from gsut.compact import METHODS, check_keep, check_method
 from gsut.evaluate import evaluate, view_image
-from gsut.training.from_start import options_from_start
+from gsut.training.tuning.from_start import options_from_start
 from tests.bench.commands import run_gsut, train
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 

@@ -7,6 +7,7 @@ not change it.
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import tempfile
 import time
@@ -81,7 +82,7 @@ def measure(words: list[str]) -> tuple[dict[str, Any], list[RecordedLog]]:
             logs.append(self)
 
     class Bars(WatchedProgress):
-        def __init__(self, *values: Any) -> None:
+        def __init__(self, *values: Any, **_: Any) -> None:
             super().__init__(*values)
             shown[:] = [(time.process_time(), 0.0)]
 
@@ -100,10 +101,10 @@ def measure(words: list[str]) -> tuple[dict[str, Any], list[RecordedLog]]:
             return found
 
     with (
-        mock.patch("gsut.cli.scene.StagedProgress", Bars),
+        mock.patch.object(importlib.import_module("gsut.scene"), "StagedProgress", Bars),
         mock.patch("gsut.cli.poses.StagedProgress", Bars),
         mock.patch("gsut.sfm.pipeline.PosesLog", Log),
-        mock.patch("gsut.training.record.TrainingTime", Training),
+        mock.patch("gsut.training.record.training_record.TrainingTime", Training),
     ):
         if main([*words, "--quiet"]):
             raise InputError(f"gsut {' '.join(words)} fails")

@@ -79,7 +79,7 @@ def install(monkeypatch, scene: gsut.Scene, error: float = 0.1) -> None:
 
     for module in (importlib.import_module("gsut.evaluate.evaluation"), gsut):
         monkeypatch.setattr(module, "render", render)
-    for module in (gsut, importlib.import_module("gsut.training.trained_run")):
+    for module in (gsut, importlib.import_module("gsut.training.record.trained_run")):
         monkeypatch.setattr(module, "load_dataset", lambda path, **_: scene)
 
 

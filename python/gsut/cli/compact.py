@@ -106,7 +106,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
     import gsut
     from gsut.compact import check_method, compact
     from gsut.formats import check_room
-    from gsut.training import count_for_bytes
+    from gsut.training.tuning import count_for_bytes
 
     wishes = (options.target_psnr_drop, options.harmonics_drop)
     if options.finetune or any(wish is not None for wish in wishes):
@@ -187,7 +187,7 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
 
 
 def _print_summary(metrics: dict[str, Any], size: int) -> None:
-    from gsut.training import FROM_START
+    from gsut.training.tuning import FROM_START
 
     done = metrics["compaction"]
     way, steps = f"by {done['method']}", done["finetune_steps"]

@@ -109,7 +109,7 @@ def test_run_that_was_broken_off_goes_on_to_the_same_bits(scene, finished, tmp_p
     monkeypatch.undo()
     assert not (out / "metrics.json").exists()
     assert "loop" in read_checkpoint(states(out)[-1])  # in the middle of a block
-    monkeypatch.setattr("gsut.training.results.write_report", lambda *_: None)
+    monkeypatch.setattr("gsut.training.record.results.write_report", lambda *_: None)
     assert main(["train", str(scene.path), "-o", str(out), "--resume", "--quiet"]) == 0
     assert same_bits(finished / "run", out)
 
@@ -228,7 +228,7 @@ def test_run_killed_before_its_first_step_goes_on_to_the_same_bits(
     assert main(words) == 130
     assert (out / "options.json").is_file()
     monkeypatch.undo()
-    monkeypatch.setattr("gsut.training.results.write_report", lambda *_: None)
+    monkeypatch.setattr("gsut.training.record.results.write_report", lambda *_: None)
     assert main(words) == 0
     assert same_bits(finished / "run", out)
 

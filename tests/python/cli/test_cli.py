@@ -148,7 +148,7 @@ def test_version_is_the_cores(capsys):
         (["render", "run", "--frames", "0"], "--frames must be from 1 to"),
         (["render", "run", "--size", "big"], "--size must be like 1280x720"),
         (["render", "run", "--path", "absent.json"], "cannot read the camera path"),
-        (["eval", "run", "--data", "moved"], "the dataset moved is not there"),
+        (["eval", "run", "--data", "moved"], "the dataset moved does not exist"),
     ],
 )
 def test_wrong_arguments_are_refused_in_one_sentence(words, said, run, monkeypatch, capsys):
@@ -169,7 +169,9 @@ def test_missing_file_of_the_system_is_one_sentence(monkeypatch, capsys, run):
     def gone(path, memory):
         raise FileNotFoundError(2, "No such file or directory", "scene.ply")
 
-    monkeypatch.setattr(importlib.import_module("gsut.training.trained_run"), "open_ply", gone)
+    monkeypatch.setattr(
+        importlib.import_module("gsut.training.record.trained_run"), "open_ply", gone
+    )
     assert "scene.ply: No such file or directory" in refused(capsys, "eval", str(run.path))
 
 

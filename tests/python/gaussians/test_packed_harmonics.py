@@ -16,7 +16,7 @@ from gsut.gaussians.packed_harmonics import (
     pack_harmonics,
     to_mixed,
 )
-from gsut.training.finetuning import finetune, finetune_options
+from gsut.training.tuning.finetuning import finetune, finetune_options
 from random_scenes import every_lens, fisheye, gaussians_in_view, random_pose
 from rendered_dataset import write_dataset
 

@@ -18,7 +18,7 @@ from gsut.refine.tracks import refine_by_tracks
 from gsut.render.projection import DEFAULT_UNSCENTED
 from gsut.run.folder import REFINED, TRANSFORMS, RunFolder
 from gsut.sfm.world.comparison import compare_poses
-from gsut.training.trained_run import read_trained
+from gsut.training.record.trained_run import read_trained
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
 from room_dataset import write_room
 

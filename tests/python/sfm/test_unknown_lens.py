@@ -217,7 +217,7 @@ def test_poses_verdict_says_level_and_reason(walk, change, level, words):
     verdict = poses_verdict(solution, features, agreeing, doubt)
     assert verdict.level == level
     assert words in str(verdict) and verdict.advice
-    assert Verdict.of(verdict.as_dict()) == verdict
+    assert Verdict.from_dict(verdict.as_dict()) == verdict
 
 
 def test_poses_log_of_a_mapper_never_goes_back():
@@ -248,7 +248,7 @@ def test_poses_command_run_again_says_done(hall, tmp_path, capsys):
     before = (tmp_path / "out" / "poses.json").stat().st_mtime_ns
     assert main(arguments) == 0
     words = capsys.readouterr().out
-    assert "done already" in words and "poses of" in words
+    assert "already finished" in words and "poses of" in words
     assert (tmp_path / "out" / "poses.json").stat().st_mtime_ns == before
 
 

@@ -12,9 +12,9 @@ from gsut import InputError, TrainOptions
 from gsut.cli import main
 from gsut.run import parse_size
 from gsut.run.folder import METRICS, OPTIONS, SCENE, RunFolder
-from gsut.training.compact_run import CompactOptions, RunCompactor, count_for_bytes
-from gsut.training.finetuning import finetune, finetune_options
 from gsut.training.loop import TrainingLoop
+from gsut.training.tuning.compact_run import CompactOptions, RunCompactor, count_for_bytes
+from gsut.training.tuning.finetuning import finetune, finetune_options
 from random_scenes import arrays_of
 from rendered_dataset import write_dataset
 
@@ -185,7 +185,7 @@ def test_training_with_compact_at_keeps_the_number_from_there_on_and_resumes(sce
     again.load_state_dict(state)
     while again.step < 80:
         again.advance()
-    assert arrays_of(again.result()) == arrays_of(whole.gaussians)
+    assert arrays_of(again.make_result()) == arrays_of(whole.gaussians)
 
 
 def test_compact_at_after_the_end_is_refused():

@@ -14,9 +14,9 @@ from gsut import TrainOptions
 from gsut.cli import main
 from gsut.render import Light
 from gsut.run.folder import METRICS, OPTIONS, PLAN, SCENE, RunFolder
-from gsut.training import finetune_options
-from gsut.training.from_start import is_better_from_start, options_from_start
 from gsut.training.time_left import step_work
+from gsut.training.tuning import finetune_options
+from gsut.training.tuning.from_start import is_better_from_start, options_from_start
 from rendered_dataset import VIEWS, write_dataset
 
 GAINS = 0.75 + 0.25 * np.sin(np.arange(VIEWS))

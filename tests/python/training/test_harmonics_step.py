@@ -95,7 +95,7 @@ def test_training_steps_harmonics_in_backward_to_the_same_bits(rng, tmp_path, mo
     runs = []
     for in_backward in (True, False):
         if not in_backward:
-            monkeypatch.setattr(loop_module, "_backward_settings", lambda loop, step: after)
+            monkeypatch.setattr(loop_module, "_choose_backward_settings", lambda loop, step: after)
         loop = TrainingLoop(scene, options)
         for _ in range(7):
             loop.advance()

@@ -9,7 +9,7 @@ from gsut import InputError, _core
 from gsut.data import Level
 from gsut.data.scene import neighbours_in_time, views_within
 from gsut.render import DEFAULT_UNSCENTED, psnr
-from gsut.training.motion_blur import BlurRenderer, Exposure
+from gsut.training.photograph.motion_blur import BlurRenderer, Exposure
 from random_scenes import pinhole
 from rendered_dataset import truth
 
@@ -61,12 +61,12 @@ def test_more_poses_where_the_camera_moves_further_and_one_at_a_coarse_level(sce
     exposure, level = Exposure(scene, SHARE), Level(scene)
     counts = [
         len(found) if isinstance(found, list) else 1
-        for found in (exposure.places(scene, level, view) for view in range(1, FRAMES - 1))
+        for found in (exposure.find_poses(scene, level, view) for view in range(1, FRAMES - 1))
     ]
     assert max(counts) == 3 and min(counts) == 1
     small = Level(scene.scaled(0.25))
-    assert not any(isinstance(exposure.places(scene, small, v), list) for v in range(FRAMES))
-    assert np.array_equal(Exposure(scene, None).places(scene, level, 1), scene.views[1].motion)
+    assert not any(isinstance(exposure.find_poses(scene, small, v), list) for v in range(FRAMES))
+    assert np.array_equal(Exposure(scene, None).find_poses(scene, level, 1), scene.views[1].motion)
 
 
 def test_one_frame_has_no_velocity(scene):

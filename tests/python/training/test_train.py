@@ -16,8 +16,8 @@ import tolerances
 from attack.harness import snapshot
 from gsut import InputError, TrainOptions
 from gsut.run.folder import HISTORY, SCENE
+from gsut.training.first.seeding import seed_first
 from gsut.training.loop import TrainingLoop
-from gsut.training.start import seed_first
 from random_scenes import arrays_of, pinhole
 from rendered_dataset import VIEWS, write_dataset
 
@@ -242,7 +242,7 @@ def test_train_loop_state_restored_into_a_new_loop_same_bits(scene):
 def test_train_loop_shows_every_view_once_an_epoch(scene):
     loop = TrainingLoop(scene, TrainOptions(**SHORT).resolved())
     views = len(scene.train_indices)
-    epochs = [[loop._view_of(e * views + i + 1) for i in range(views)] for e in range(3)]
+    epochs = [[loop._choose_view(e * views + i + 1) for i in range(views)] for e in range(3)]
     for epoch in epochs:
         assert sorted(epoch) == sorted(scene.train_indices)
     assert epochs[0] != epochs[1]

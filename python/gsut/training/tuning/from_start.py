@@ -1,4 +1,4 @@
-"""As few Gaussians trained from the start in place of a compaction, for the same work."""
+"""Trains a small number of Gaussians from the start in place of a compaction, for the same work."""
 
 from __future__ import annotations
 
@@ -12,36 +12,39 @@ from gsut import _core
 from gsut.data import Scene
 from gsut.render import Light
 from gsut.run import TrainOptions, recipe
-from gsut.training.complexity import with_most
-from gsut.training.finetuning import finetune_options
+from gsut.training.first import choose_first_gaussians, leave_out_blurred, limit_gaussians
 from gsut.training.loop import TrainingLoop
-from gsut.training.photograph_model import DIFFER
-from gsut.training.start import first_gaussians, without_blurred
+from gsut.training.photograph import GAINS_DIFFER
 from gsut.training.time_left import megapixels_of, step_work
+from gsut.training.tuning.finetuning import finetune_options
 
-FROM_START = "from_start"  # the name in metrics.json
-# Up to this share compacting and fine-tuning was better than training as few from the start, on all
-# captures tried; above, not where light changes (fox: 0.6 dB at 0.3; docs/results.md).
+# Name of this way in metrics.json.
+FROM_START = "from_start"
+# Share of the Gaussians up to which compacting and fine-tuning beats training from the start, even
+# if the light of the photographs changes.
 _FEW_KEPT = 0.2
-# A compaction by ghap takes as long as so many steps at full size and number for each training view
-# (fox at 1/8 5.8, sponza at 1/2 5.0). From the start then took 1.0 to 1.1 times the seconds.
+# Work of a compaction by ghap for each training view, in steps at full size and number.
 _COMPACTION = 5.5
-_ROUNDS = 4  # after which the number of steps does not change any more, or by one
+# Rounds after which the number of steps has settled to within one.
+_ROUNDS = 4
 
 
 def is_better_from_start(
     options: TrainOptions, light: Light | None, own: int, count: int, finetune: int
 ) -> bool:
-    """Whether training `count` Gaussians from the start beats compacting a run's `own` to them.
+    """Returns whether training `count` Gaussians from the start beats compacting a run's `own` to
+    them.
 
     Args:
         options: of the run; those of a fine-tuning grow nothing.
         light: of the photographs, if the run has found it.
-        finetune: steps that would follow the compaction; without any no photograph is to be used.
+        own: number of the run's Gaussians.
+        count: number to keep.
+        finetune: steps that would follow the compaction; 0 means that no photograph may be used.
     """
     if not finetune or light is None or options.densify_every > options.steps:
         return False
-    differs = np.log(light.gains).std(axis=0).max() > DIFFER  # as "auto" of --exposure
+    differs = np.log(light.gains).std(axis=0).max() > GAINS_DIFFER  # as "auto" of --exposure
     return bool(differs) and _FEW_KEPT * own < count < own
 
 
@@ -70,8 +73,8 @@ def train_from_start(
         the same on any number of threads.
     """
     _core.set_num_threads(options.threads)
-    scene = without_blurred(scene, options)
-    start, _ = first_gaussians(scene, with_most(options, count))
+    scene = leave_out_blurred(scene, options)
+    start, _ = choose_first_gaussians(scene, limit_gaussians(options, count))
     chosen = options_from_start(scene, options, len(start), own, count, finetune)
     loop = TrainingLoop(scene, chosen, start, light=light)
     while loop.step < chosen.steps:
@@ -82,7 +85,7 @@ def train_from_start(
 def options_from_start(
     scene: Scene, options: TrainOptions, first: int, own: int, count: int, finetune: int
 ) -> TrainOptions:
-    """Of so many steps that they are as much work as the run, its compaction and fine-tuning.
+    """Returns options whose steps are as much work as the run, its compaction and fine-tuning.
 
     Args:
         first: number of the first Gaussians.
@@ -90,24 +93,24 @@ def options_from_start(
     """
     megapixels = megapixels_of(scene)
 
-    def work(o: TrainOptions, begin: int) -> float:
+    def sum_work(o: TrainOptions, begin: int) -> float:
         return math.fsum(step_work(o, begin, megapixels))  # rounded once, whatever the machine
 
     compaction = round(_COMPACTION * len(scene.train_indices))
-    whole, few = with_most(options, own), with_most(options, count)
+    whole, few = limit_gaussians(options, own), limit_gaussians(options, count)
     wanted = (
-        work(whole, first)
-        + work(finetune_options(whole, compaction, own), own)
-        + work(finetune_options(few, finetune, count), count)
+        sum_work(whole, first)
+        + sum_work(finetune_options(whole, compaction, own), own)
+        + sum_work(finetune_options(few, finetune, count), count)
     )
-    chosen = _with_steps(few, options.steps)
+    chosen = _set_steps(few, options.steps)
     for _ in range(_ROUNDS):
-        chosen = _with_steps(few, max(1, round(wanted * chosen.steps / work(chosen, first))))
+        chosen = _set_steps(few, max(1, round(wanted * chosen.steps / sum_work(chosen, first))))
     return chosen
 
 
-def _with_steps(options: TrainOptions, steps: int) -> TrainOptions:
-    """The options for so many steps: what the recipe gives for a number of steps follows it."""
+def _set_steps(options: TrainOptions, steps: int) -> TrainOptions:
+    """Changes the number of steps and what the recipe derives from it."""
     before, after = recipe(options.steps, options.sh_degree), recipe(steps, options.sh_degree)
     follows = {name: after[name] for name in before if getattr(options, name) == before[name]}
     return dataclasses.replace(

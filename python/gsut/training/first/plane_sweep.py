@@ -1,9 +1,9 @@
-"""First points where the data have none: a plane sweep over neighbouring photographs.
+"""Finds first points by a plane sweep over neighbouring photographs if the data have too few.
 
-Each of some photographs is compared with a few of its neighbours, whose pixels are looked up where
-its own rays would show, were all at one distance: spheres about the camera, so that any lens does.
-Where small windows correlate best tells the distance (Collins, "A space-sweep approach to true
-multi-image matching", 1996). Nothing is undistorted; a line of a rolling shutter has its own pose.
+Each of some photographs is compared with a few neighbours, looked up where its own rays would meet
+them at one common distance: spheres about the camera, so that any lens can be swept. The distance
+at which small windows correlate best is taken (Collins, "A space-sweep approach to true multi-image
+matching", 1996). Nothing is undistorted; a line of a rolling shutter has its own pose.
 """
 
 from __future__ import annotations
@@ -18,38 +18,68 @@ from gsut import _core
 from gsut._core import CameraMotion
 from gsut.data import Scene
 from gsut.gaussians import choose_points
-from gsut.training.lines import line_times, poses_at, project_points
+from gsut.training.lines import find_line_times, interpolate_poses, project_points
 
-_LONGER_SIDE = 160  # pixels of the photographs that are compared
-# Photographs whose distances are found: all up to the first, then a quarter, evenly, to the last.
-_FEWEST_VIEWS, _MOST_VIEWS = 20, 100
-_NEIGHBOURS = 3  # each is compared with; the best two count: one may show something before it
-_SPHERES, _AT_ONCE = 48, 6  # distances that are tried, evenly in their inverse; so many in cache
-_CELL = 4  # pixels a side, between whose middles the lenses' formulas are interpolated
-_WINDOW = 5  # pixels a side
-_OUTSIDE = -1e4  # a pixel that no photograph has
-_ALIKE = 0.6  # correlation; 0.8 leaves a quarter fewer points and costs 0.1 to 0.2 dB
-_TEXTURE = 0.01  # standard deviation in a window, values in [0, 1]: less is noise
-_BLACK = 1e-6  # variance below which a neighbour's window is plain
-_FACING = 0.5  # least cosine between the axes of neighbours
-# The first look, at a few photographs: distances in units of the scene's extent. The baseline
-# of neighbours is this share of the extent, then of the median distance that was found.
-_LOOK_VIEWS, _LOOK_SPHERES, _LOOK_NEAR, _LOOK_FAR = 5, 96, 0.1, 100.0
+# Longer side of the compared photographs in pixels: a sweep of larger ones takes longer, and
+# Gaussians grow to the detail themselves.
+_LONGER_SIDE = 160
+# Number of photographs up to which all get distances.
+_FEWEST_VIEWS = 20
+# Most photographs that get distances; in between, a quarter of all, evenly chosen.
+_MOST_VIEWS = 100
+# Neighbours that each is compared with. The best two count: one may be hidden.
+_NEIGHBOURS = 3
+# Distances that are tried, evenly in their inverse.
+_SPHERES = 48
+# Distances that are tried at once, which fit into the cache.
+_AT_ONCE = 6
+# Pixels a side of the cells between whose centres the lens' projection is interpolated.
+_CELL = 4
+# Pixels a side of the windows that are correlated.
+_WINDOW = 5
+# Coordinate of a pixel that lies in no photograph.
+_OUTSIDE = -1e4
+# Least correlation of a match; a stricter limit leaves fewer points and a worse start.
+_ALIKE = 0.6
+# Least standard deviation in a window, values in [0, 1]: less is noise.
+_TEXTURE = 0.01
+# Variance below which a neighbour's window is plain.
+_BLACK = 1e-6
+# Least cosine between the axes of neighbours.
+_FACING = 0.5
+# Photographs of the first look, which finds the range of distances.
+_LOOK_VIEWS = 5
+# Distances that the first look tries, evenly in their inverse.
+_LOOK_SPHERES = 96
+# Nearest distance of the first look, x scene extent.
+_LOOK_NEAR = 0.1
+# Farthest distance of the first look, x scene extent.
+_LOOK_FAR = 100.0
+# Baseline of neighbours, x scene extent in the first look, then x median distance found.
 _BASELINE = 0.15
-_RANGE, _WIDER = (2.0, 98.0), 1.25  # percentiles of the inverse distances found, and their margin
-_TINY = 1e-6  # of the extent, no point is nearer to a camera
-_FEWEST = 100  # points, below which the photographs say nothing
-# So many other photographs agree: within so many spheres, at the pixel that shows the point or
-# beside it. Of many photographs a background is seen by few (fox of 22 and 36: two cost 0.6 dB); of
-# few, chance agrees with one (helmet of 12: two gain 2 dB over one).
-_AGREE_OF_FEW, _AGREE, _FEW_VIEWS = 2, 1, 16
+# Percentiles of the inverse distances found that bound the range.
+_RANGE = (2.0, 98.0)
+# Factor by which the range is widened on both sides.
+_WIDER = 1.25
+# Least distance of a point from a camera, x scene extent.
+_TINY = 1e-6
+# Fewest points; if there are fewer, the photographs are not alike.
+_FEWEST = 100
+# Other photographs that must agree if there are few: chance agrees with one.
+_AGREE_OF_FEW = 2
+# Other photographs that must agree if there are many, where few see a background.
+_AGREE = 1
+# Most training views that count as few.
+_FEW_VIEWS = 16
+# Spheres within which photographs agree, at the pixel that shows the point or beside it.
 _WITHIN = 1.0
-_CHECKED = 4  # times the points asked for are checked at the most
+# Points that are checked for each one requested, at most.
+_CHECKED = 4
 
 
 @dataclasses.dataclass(frozen=True)
 class _Spheres:
-    """What is tried: inverse distances (D,), falling, and the baseline to look for."""
+    """Distances to try: inverse distances (D,), falling, and the baseline between neighbours."""
 
     inverse: np.ndarray
     baseline: float
@@ -57,8 +87,8 @@ class _Spheres:
 
 @dataclasses.dataclass(frozen=True)
 class _Found:
-    """What a view shows: points (n, 3), their colours (n, 3) and inverse distances (n,), and these
-    as a picture (H, W) float32, 0 where there is none."""
+    """Points found in a view: positions (n, 3), colours (n, 3), inverse distances (n,), and these
+    as a picture (H, W) float32, 0 without a point."""
 
     points: np.ndarray
     colors: np.ndarray
@@ -67,7 +97,7 @@ class _Found:
 
 
 class _Photograph:
-    """A view as it is compared: grey values, and their mean and deviation in each window."""
+    """A view prepared for comparison: grey values, and their mean and deviation in each window."""
 
     def __init__(self, scene: Scene, view: int) -> None:
         import cv2
@@ -77,11 +107,12 @@ class _Photograph:
         self.color, self.mask = scene.image(view), scene.mask(view)
         grey = cv2.cvtColor(self.color, cv2.COLOR_RGB2GRAY).astype(np.float32) / np.float32(255)
         self.grey = np.where(self.mask, grey, np.float32(0))
-        self.mean, squares = _window_means(self.grey), _window_means(self.grey**2)
+        self.mean, squares = _average_windows(self.grey), _average_windows(self.grey**2)
         self.deviation = np.sqrt(np.maximum(squares - self.mean**2, 0))
 
-    def rays(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where the rays of pixels (n, 2) begin and point to, in the world; NaN without a ray."""
+    def trace_rays(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns origins and directions of the rays of pixels (n, 2) in the world; NaN without a
+        ray."""
         starts, rays = np.zeros((len(pixels), 3)), self.camera.unproject(pixels)[0]
         if not self.camera.is_central:
             last = (self.camera.width - 1, self.camera.height - 1)
@@ -89,7 +120,9 @@ class _Photograph:
             starts = self.camera.origins()[row, column]
         poses = self.pose[None]
         if isinstance(self.motion, CameraMotion):
-            poses = poses_at(self.motion, line_times(self.camera, self.motion, pixels))
+            poses = interpolate_poses(
+                self.motion, find_line_times(self.camera, self.motion, pixels)
+            )
         back = np.broadcast_to(poses[:, :3, :3], (len(pixels), 3, 3))
         return (
             np.einsum("nji,nj->ni", back, starts - poses[:, :3, 3]),
@@ -97,40 +130,42 @@ class _Photograph:
         )
 
 
-def swept_points(scene: Scene, most: int, seed: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Points on what training photographs show, by their poses and lenses alone.
+def find_points_by_sweep(
+    scene: Scene, most: int, seed: int
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Finds points on what training photographs show, from poses and lenses alone.
 
     Args:
         scene: as it is trained on.
-        most: points; of more, so many at random.
-        seed: of that choice.
+        most: number of points, drawn from those found.
+        seed: of the draw.
 
     Returns:
-        Points (N, 3) in the scene's coordinates, and colours (N, 3) uint8. None where hardly
-        anything in neighbouring photographs is alike.
+        Points (N, 3) in the scene's coordinates, and colours (N, 3) uint8. None if hardly anything
+        in neighbouring photographs is alike.
     """
     longest = max(max(camera.width, camera.height) for camera in scene.cameras)
     factor = min(1.0, _LONGER_SIDE / longest)
     small = scene if factor == 1.0 else scene.scaled(factor, keep_larger=True)
-    between = _range(small)
+    between = _find_range(small)
     if between is None:
         return None
     near, far, middle = between
     spheres = _Spheres(np.linspace(near * _WIDER, far / _WIDER, _SPHERES), _BASELINE / middle)
     views = min(max(_FEWEST_VIEWS, len(scene.train_indices) // 4), _MOST_VIEWS)
     found = _sweep(small, views, spheres)
-    points, colors = _agreed(small, found, spheres, _CHECKED * most, seed)
+    points, colors = _keep_agreed(small, found, spheres, _CHECKED * most, seed)
     if len(points) < _FEWEST:
         return None
     rows = choose_points(len(points), most, seed)
     return points[rows], colors[rows]
 
 
-def _range(scene: Scene) -> tuple[float, float, float] | None:
-    """Inverse distances: about the largest, about the smallest, and the median.
+def _find_range(scene: Scene) -> tuple[float, float, float] | None:
+    """Finds inverse distances: about the largest, about the smallest, and the median.
 
-    Those of the data's points; or, where these are fewer than _FEWEST, what a look at a few
-    photographs finds, if it finds enough.
+    They are those of the dataset's points; if these are too few, of what a first look at some
+    photographs finds. None if that is too little.
     """
     train = scene.train_indices
     if len(scene.points) >= _FEWEST:
@@ -147,12 +182,12 @@ def _range(scene: Scene) -> tuple[float, float, float] | None:
     return float(near), float(far), float(np.median(found))
 
 
-def _agreed(
+def _keep_agreed(
     scene: Scene, found: dict[int, _Found], spheres: _Spheres, most: int, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points and colours, of so many at random, that enough other views show, too.
+    """Draws points and colours, and keeps those that enough other views show, too.
 
-    Of three or four views hardly any: there fewer are enough.
+    If hardly any would be kept, as with three or four views, fewer views suffice.
     """
     points, colors = (
         np.concatenate([getattr(each, name) for each in found.values()])
@@ -164,7 +199,7 @@ def _agreed(
     step = _WITHIN * abs(spheres.inverse[1] - spheres.inverse[0])
     agree = np.zeros(len(points), np.int64)
     for view, other in found.items():
-        agree += (owner != view) & _shows(scene, view, other.picture, points, step)
+        agree += (owner != view) & _find_agreement(scene, view, other.picture, points, step)
     needed = _AGREE_OF_FEW if len(scene.train_indices) <= _FEW_VIEWS else _AGREE
     while needed > 0 and np.count_nonzero(agree >= needed) < _FEWEST:
         needed -= 1
@@ -172,11 +207,13 @@ def _agreed(
     return points[sure], colors[sure]
 
 
-def _shows(
+def _find_agreement(
     scene: Scene, view: int, picture: np.ndarray, points: np.ndarray, step: float
 ) -> np.ndarray:
-    """(n,) bool: whether a picture of inverse distances has the points (n, 3) where they are, at
-    their pixel or beside it, as far as the inverse distances are less than a step apart."""
+    """Returns (n,) bool: whether a picture of inverse distances shows the points (n, 3).
+
+    It does if the inverse distance at a point's pixel, or beside it, differs by less than `step`.
+    """
     in_camera, pixels, valid = project_points(scene.camera(view), scene.views[view].motion, points)
     with np.errstate(invalid="ignore", divide="ignore"):
         inverse = 1 / np.linalg.norm(in_camera, axis=1)
@@ -193,24 +230,23 @@ def _shows(
 
 
 def _sweep(scene: Scene, views: int, spheres: _Spheres) -> dict[int, _Found]:
-    """What some views, evenly chosen, show, by their numbers."""
+    """Finds points in some views, evenly chosen; returns them by view."""
     train = scene.train_indices
     chosen = np.unique(np.linspace(0, len(train) - 1, min(views, len(train))).round().astype(int))
 
-    def found(place: int) -> _Found:
-        beside = [
-            _Photograph(scene, row) for row in _neighbours(scene, train[place], spheres.baseline)
-        ]
-        return _distances(_Photograph(scene, train[place]), beside, spheres.inverse)
+    def sweep_view(place: int) -> _Found:
+        neighbours = _choose_neighbours(scene, train[place], spheres.baseline)
+        beside = [_Photograph(scene, row) for row in neighbours]
+        return _find_distances(_Photograph(scene, train[place]), beside, spheres.inverse)
 
     with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as threads:
         return dict(
-            zip((train[place] for place in chosen), threads.map(found, chosen), strict=True)
+            zip((train[place] for place in chosen), threads.map(sweep_view, chosen), strict=True)
         )
 
 
-def _neighbours(scene: Scene, view: int, baseline: float) -> list[int]:
-    """Training views that look the same way from about so far."""
+def _choose_neighbours(scene: Scene, view: int, baseline: float) -> list[int]:
+    """Returns the training views that look the same way from about `baseline` away."""
     rows = [row for row in scene.train_indices if row != view]
     own = scene.views[view]
     away = [np.linalg.norm(scene.views[row].camera_center - own.camera_center) for row in rows]
@@ -223,12 +259,12 @@ def _neighbours(scene: Scene, view: int, baseline: float) -> list[int]:
     return [rows[place] for place in best if np.isfinite(cost[place])]
 
 
-def _distances(view: _Photograph, beside: list[_Photograph], inverse: np.ndarray) -> _Found:
-    """What one view shows, compared with some beside it."""
+def _find_distances(view: _Photograph, beside: list[_Photograph], inverse: np.ndarray) -> _Found:
+    """Finds points in one view by comparing it with its neighbours."""
     picture = np.zeros(view.grey.shape, np.float32)
     if len(beside) < 2:
         return _Found(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0), picture)
-    scores = _scores(view, beside, inverse)
+    scores = _score_distances(view, beside, inverse)
     last = len(inverse) - 1
     best = scores.argmax(axis=0)
     top, before, after = (
@@ -244,7 +280,7 @@ def _distances(view: _Photograph, beside: list[_Photograph], inverse: np.ndarray
     bend = np.minimum(before + after - 2 * top, -np.finfo(np.float32).eps)
     between = np.clip((before - after) / (2 * bend), -0.5, 0.5)  # the parabola's vertex
     nearness = inverse[0] + (best[sure] + between) * (inverse[1] - inverse[0])
-    starts, rays = view.rays(np.stack([columns, rows], axis=1) + 0.5)
+    starts, rays = view.trace_rays(np.stack([columns, rows], axis=1) + 0.5)
     has_ray = np.isfinite(rays).all(axis=1)
     points, rows, columns = (
         (starts + rays / nearness[:, None])[has_ray],
@@ -255,14 +291,17 @@ def _distances(view: _Photograph, beside: list[_Photograph], inverse: np.ndarray
     return _Found(points, view.color[rows, columns], nearness[has_ray], picture)
 
 
-def _scores(view: _Photograph, beside: list[_Photograph], inverse: np.ndarray) -> np.ndarray:
-    """(D, H, W) float32 correlation with the neighbours at each distance: mean of the best two."""
+def _score_distances(
+    view: _Photograph, beside: list[_Photograph], inverse: np.ndarray
+) -> np.ndarray:
+    """Returns (D, H, W) float32: mean of the best two correlations with neighbours at each
+    distance."""
     import cv2
 
     height, width = view.grey.shape
     rows, columns = -(-height // _CELL), -(-width // _CELL)
     y, x = np.mgrid[0:rows, 0:columns]
-    starts, rays = view.rays(np.stack([x.ravel(), y.ravel()], axis=1) * _CELL + _CELL / 2)
+    starts, rays = view.trace_rays(np.stack([x.ravel(), y.ravel()], axis=1) * _CELL + _CELL / 2)
     sharp = 1 / (view.deviation + np.float32(_TEXTURE / 10))
     scores = np.empty((len(inverse), height, width), np.float32)
     for begin in range(0, len(inverse), _AT_ONCE):
@@ -270,22 +309,25 @@ def _scores(view: _Photograph, beside: list[_Photograph], inverse: np.ndarray) -
         points = (starts + rays / inverse[part, None, None]).reshape(-1, 3)
         best, second = np.float32(-1), np.float32(-1)
         for other in beside:
-            places = _places(other, points, (-1, rows, columns), (height, width))
+            places = _look_up_places(other, points, (-1, rows, columns), (height, width))
             seen = cv2.remap(
                 other.grey, places[0], places[1], cv2.INTER_LINEAR, borderValue=0
             ).reshape(-1, height, width)
-            alike = _correlation(view, seen) * sharp
+            alike = _correlate_windows(view, seen) * sharp
             second = np.maximum(second, np.minimum(best, alike))
             best = np.maximum(best, alike)
         scores[part] = 0.5 * (best + second)
     return scores
 
 
-def _places(
+def _look_up_places(
     other: _Photograph, points: np.ndarray, cells: tuple[int, int, int], size: tuple[int, int]
 ) -> list[np.ndarray]:
-    """Where a photograph shows points (n, 3), one a cell, between them by interpolation: columns
-    and rows, each (spheres x height, width) float32, as OpenCV counts pixels."""
+    """Returns the pixels at which a photograph shows points (n, 3), one for each cell.
+
+    Between cells they are interpolated: columns and rows, each (spheres x height, width) float32,
+    as OpenCV counts pixels.
+    """
     import cv2
 
     _, pixels, valid = project_points(other.camera, other.motion, points)
@@ -300,20 +342,20 @@ def _places(
     return places
 
 
-def _correlation(view: _Photograph, seen: np.ndarray) -> np.ndarray:
-    """(n, H, W) covariance of windows of the view and of pictures seen, over the latter's
-    standard deviation."""
+def _correlate_windows(view: _Photograph, seen: np.ndarray) -> np.ndarray:
+    """Returns (n, H, W): covariance of windows of the view and of pictures `seen`, over the
+    latter's standard deviation."""
     shape = seen.shape
-    mean = _window_means(seen.reshape(-1, shape[2])).reshape(shape)
-    squares = _window_means((seen * seen).reshape(-1, shape[2])).reshape(shape)
-    products = _window_means((seen * view.grey).reshape(-1, shape[2])).reshape(shape)
+    mean = _average_windows(seen.reshape(-1, shape[2])).reshape(shape)
+    squares = _average_windows((seen * seen).reshape(-1, shape[2])).reshape(shape)
+    products = _average_windows((seen * view.grey).reshape(-1, shape[2])).reshape(shape)
     products -= mean * view.mean
     squares -= mean * mean
     products /= np.sqrt(np.maximum(squares, np.float32(_BLACK)))
     return products
 
 
-def _window_means(values: Any) -> np.ndarray:
+def _average_windows(values: Any) -> np.ndarray:
     import cv2
 
     return cv2.blur(values, (_WINDOW, _WINDOW))

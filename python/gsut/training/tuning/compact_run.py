@@ -1,4 +1,4 @@
-"""Compaction of a finished run into a new one: how many to keep, fine-tuning, evaluation, files."""
+"""Compacts a finished run into a new one: number to keep, fine-tuning, evaluation, files."""
 
 from __future__ import annotations
 
@@ -29,40 +29,44 @@ from gsut.evaluate import mean_psnr
 from gsut.gaussians import Gaussians, MixedGaussians, pack_harmonics
 from gsut.render import Light
 from gsut.run import AUTO, METRICS, REFINED, RunFolder, TrainOptions, describe_environment
-from gsut.training.finetuning import finetune, finetune_options
-from gsut.training.from_start import FROM_START, is_better_from_start, train_from_start
+from gsut.training.first import center_on_cameras
 from gsut.training.loop import TrainingLoop
-from gsut.training.results import measure, write_results
-from gsut.training.start import about_cameras
+from gsut.training.record import measure, write_results
+from gsut.training.tuning.finetuning import finetune, finetune_options
+from gsut.training.tuning.from_start import FROM_START, is_better_from_start, train_from_start
 
-# The search for the smallest number stops when its bounds are this close, as a ratio.
+# Ratio of its bounds at which the search for the smallest number stops: 5 % of a file's size.
 _SEARCH_RATIO = 1.05
-_SEARCH_LEAST = 0.005  # of the Gaussians: not searched below
+# Smallest share of the Gaussians that is searched: no scene is recognizable below.
+_SEARCH_LEAST = 0.005
+# Bytes of a float in a PLY file.
 _FLOAT_BYTES = 4
-# Floats of a row of a 3DGS PLY but for the harmonics: position, normal, opacity, scales, rotation.
+# Floats of a row of a 3DGS PLY without harmonics: position, normal, opacity, scales, rotation.
 _ROW_FLOATS = 14
-_HEADER_BYTES = 2048  # more than any header that save_ply writes
+# Bytes of the header, more than any that save_ply writes.
+_HEADER_BYTES = 2048
+# Method of --method auto: the best one at most numbers kept.
 _AUTO_MERGES = "ghap"
 
 
 @dataclasses.dataclass(frozen=True)
 class CompactOptions:
-    """What to make of a run. One of keep, target_psnr_drop and target_bytes is given.
+    """What to make of a run. Exactly one of keep, target_psnr_drop and target_bytes is set.
 
     Attributes:
-        method: see `gsut.compact`; auto: ghap, or where `is_better_from_start` says so no
-            compaction, but as many Gaussians trained from the start for the same work.
+        method: see `gsut.compact`; auto: ghap, or training from the start if
+            `is_better_from_start`.
         keep: fraction of the Gaussians, above 0 and at most 1.
-        target_psnr_drop: dB of held-out PSNR (training views where none is held out) that may be
-            lost, fine-tuning included; the smallest number that holds it is searched by bisection.
-        target_bytes: size of scene.ply that is not exceeded.
+        target_psnr_drop: dB of held-out PSNR (training views if none is held out) that may be lost,
+            fine-tuning included; the smallest number that satisfies it is found by bisection.
+        target_bytes: largest size of scene.ply.
         finetune: steps on the photographs afterwards, at a fixed number of Gaussians.
         harmonics_drop: dB of the same PSNR that may be lost by lowering each Gaussian's degree of
             harmonics afterwards; None leaves the harmonics alone.
         seed: of the methods that draw.
 
     Raises:
-        InputError: a value out of range, or not exactly one target.
+        InputError: a value is out of range, or not exactly one target is set.
     """
 
     method: str = AUTO
@@ -81,25 +85,25 @@ class CompactOptions:
             check_keep(self.keep)
         drop = self.target_psnr_drop
         if drop is not None and not (math.isfinite(drop) and drop > 0):
-            raise InputError(f"--target-psnr-drop must be above 0 dB, found {drop}")
+            raise InputError(f"--target-psnr-drop must be above 0 (in dB), found {drop}")
         drop = self.harmonics_drop
         if drop is not None and not (math.isfinite(drop) and drop >= 0):
-            raise InputError(f"--harmonics-drop must be 0 dB or more, found {drop}")
+            raise InputError(f"--harmonics-drop must be 0 or more (in dB), found {drop}")
         if self.finetune < 0:
             raise InputError(f"--finetune must be 0 or more steps, found {self.finetune}")
         check_method(self.merging, True)
 
     @property
     def merging(self) -> str:
-        """The method where the Gaussians are compacted."""
+        """The method that compacts, with auto resolved."""
         return _AUTO_MERGES if self.method == AUTO else self.method
 
 
 def count_for_bytes(gaussians: Gaussians, size: int) -> int:
-    """How many Gaussians of this degree of harmonics fit into a PLY file of `size` bytes.
+    """Returns how many Gaussians of this degree of harmonics fit into a PLY file of `size` bytes.
 
     Raises:
-        InputError: not one.
+        InputError: not even one fits.
     """
     row = _FLOAT_BYTES * (_ROW_FLOATS + 3 * gaussians.sh.shape[1])
     count = (size - _HEADER_BYTES) // row
@@ -112,23 +116,23 @@ def count_for_bytes(gaussians: Gaussians, size: int) -> int:
 
 
 class RunCompactor:
-    """Compacts one run's Gaussians, again and again if a search asks for it.
+    """Compacts one run's Gaussians, several times if a search requires it.
 
     Args:
-        scene: the run's dataset at the resolution that it was trained at.
+        scene: the run's dataset at the resolution of its training.
         gaussians: the run's, in the scene's world.
         train_options: the run's.
         options: what to make.
         light: of the photographs, if the run has found it.
-        keep_degrees: fine-tuning leaves each Gaussian's degree of harmonics, which was chosen.
-        on_view: called after each view that is looked at for scores.
+        keep_degrees: fine-tuning keeps each Gaussian's degree of harmonics, which was chosen.
+        on_view: called after each view that is rendered for scores.
         on_step: called after each step of fine-tuning with the loop and the loss.
         on_try: called with (number of Gaussians, PSNR) after each try of the search.
 
     Attributes:
-        method: by which the Gaussians become fewer: "from_start" where they are trained anew.
-        because: why that, in a sentence; "" where they are compacted.
-        anew: that training, finished; None where they are compacted.
+        method: of the compaction; "from_start" if Gaussians are trained anew instead.
+        because: the reason for training anew, in a sentence; "" for a compaction.
+        anew: that training, finished; None for a compaction.
     """
 
     def __init__(
@@ -144,11 +148,11 @@ class RunCompactor:
         on_step: Callable[[Any, float], object] = lambda loop, loss: None,
         on_try: Callable[[int, float], object] = lambda count, psnr: None,
     ) -> None:
-        self.scene, self.gaussians = about_cameras(scene, gaussians)
+        self.scene, self.gaussians = center_on_cameras(scene, gaussians)
         self.train_options, self.options = train_options, options
         self.keep_degrees, self.light = keep_degrees, light
         self.on_view, self.on_step, self.on_try = on_view, on_step, on_try
-        self.method, self.because = options.merging, self._why_from_start()
+        self.method, self.because = options.merging, self._explain_from_start()
         self.anew: TrainingLoop | None = None
         self.views: Sequence[SeenView] = ()
         if self.because:
@@ -162,8 +166,8 @@ class RunCompactor:
         self.degrees: list[int] | None = None  # how many Gaussians have harmonics of degree 0, 1 ..
 
     def make(self) -> Gaussians:
-        """The compacted (and fine-tuned) Gaussians, in the coordinates of `scene.centred`."""
-        small, drop = self._fewer(), self.options.harmonics_drop
+        """Returns the compacted (and fine-tuned) Gaussians in coordinates of `scene.centred`."""
+        small, drop = self._reduce(), self.options.harmonics_drop
         if drop is None:
             return small
         views = self.views or seen_views(self.scene, self.scene.train_indices)
@@ -171,8 +175,8 @@ class RunCompactor:
         self.degrees = np.bincount(lowered.degrees, minlength=small.sh_degree + 1).tolist()
         return lowered.gaussians
 
-    def _why_from_start(self) -> str:
-        """Why as many Gaussians are to be trained from the start; "": they are not."""
+    def _explain_from_start(self) -> str:
+        """Returns the reason for training from the start in a sentence; "" if it is not done."""
         o, own, count = self.options, len(self.gaussians), self._count()
         if o.method != AUTO or count is None:
             return ""
@@ -180,19 +184,19 @@ class RunCompactor:
             return ""
         return (
             f"The photographs differ in light and {count / own:.0%} of {own:,} Gaussians are kept, "
-            f"where training beats compacting: {count:,} are trained from the start, for as much "
-            f"work as the run, a compaction and {o.finetune} steps of fine-tuning (--method "
+            f"where training beats compacting: {count:,} are trained from the start, for the work "
+            f"of the run, a compaction and {o.finetune} steps of fine-tuning (--method "
             f"{o.merging} compacts)."
         )
 
     def _count(self) -> int | None:
-        """How many Gaussians are to be left; None where that is searched."""
+        """Returns the number of Gaussians to keep; None if that is searched."""
         o = self.options
         if o.keep is not None:
             return max(1, round(o.keep * len(self.gaussians)))
         return None if o.target_bytes is None else count_for_bytes(self.gaussians, o.target_bytes)
 
-    def _fewer(self) -> Gaussians:
+    def _reduce(self) -> Gaussians:
         o = self.options
         if self.method == FROM_START:
             return self._train_from_start()
@@ -231,11 +235,11 @@ class RunCompactor:
             self.scene, self.train_options, len(self.gaussians), count, self.options.finetune,
             self.light, self.on_step,
         )  # fmt: skip
-        self.light = self.anew.photographs.light()
-        return self.anew.result().copy()
+        self.light = self.anew.photographs.find_light()
+        return self.anew.make_result().copy()
 
     def _search(self) -> Gaussians:
-        """Bisection over the logarithm of the number: fewer Gaussians, lower PSNR."""
+        """Finds the smallest number that keeps the PSNR, by bisection over its logarithm."""
         assert self.options.target_psnr_drop is not None
         whole = self._psnr(self.gaussians)
         wanted = whole - self.options.target_psnr_drop

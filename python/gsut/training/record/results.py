@@ -1,4 +1,4 @@
-"""What a training gives: its figures, and its files."""
+"""Measures a finished training and writes its files."""
 
 from __future__ import annotations
 
@@ -23,8 +23,10 @@ from gsut.render import Light
 from gsut.run import SCENE, RunFolder, TrainOptions
 from gsut.training.loop import TrainingLoop
 
-_MOST_MEASURED = 8  # training views that are looked at where none is held out
-_BESIDE = 4  # training views that are looked at beside held-out ones
+# Training views that are measured if none is held out: each takes a render.
+_MOST_MEASURED = 8
+# Training views that are measured beside held-out ones, to show how far these fall behind.
+_BESIDE = 4
 
 
 def measure(
@@ -39,15 +41,16 @@ def measure(
     align: bool = False,
     light: Light | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
-    """The content of metrics.json; with `align` test views are aligned with the Gaussians first.
+    """Computes the content of metrics.json.
 
     Args:
-        gaussians, scene: what training gave.
-        indices: of the views to look at.
+        gaussians, scene: the result of a training.
+        indices: of the views to measure.
         options: of the run.
-        run: gets pictures of these views.
+        run: receives pictures of these views.
         steps, train_seconds: see `run_metrics`.
-        align: for a scene whose training views' poses have moved.
+        align: align test views with the Gaussians first, since the training views' poses have
+            moved.
         light: exposure of the views and falloff of the cameras, if they were found.
 
     Returns:
@@ -75,11 +78,11 @@ def measure(
 def measure_training(
     loop: TrainingLoop, gaussians: Gaussians, scene: Scene, run: RunFolder | None
 ) -> tuple[Scene, dict[str, Any]]:
-    """`measure` of a finished training: the test views, or where there is none some others."""
+    """Measures a finished training on its test views, or on some training views if it has none."""
     scene, metrics = measure(
         gaussians, scene, scene.test_indices or scene.train_indices[:_MOST_MEASURED], loop.options,
         run, steps=loop.step, train_seconds=loop.seconds, align=loop.options.refine_poses,
-        light=loop.photographs.light(),
+        light=loop.photographs.find_light(),
     )  # fmt: skip
     if scene.test_indices:
         some = scene.train_indices[:: -(-len(scene.train_indices) // _BESIDE)]
@@ -98,30 +101,29 @@ def write_results(
     refined: Scene | None,
     options: TrainOptions,
 ) -> None:
-    """Writes scene.ply, metrics.json, report.html and, where poses were refined, these.
+    """Writes scene.ply, metrics.json, report.html and, if poses were refined, these.
 
     Args:
         run: the folder.
-        gaussians: in the coordinates whose zero lies at the metrics' world_offset.
-        metrics: see `run_metrics`; what could not be written is added to its notes, and the
-            verdict.
-        data: the dataset's path, for the verdict's advice.
+        gaussians: in coordinates whose origin is the metrics' world_offset.
+        metrics: see `run_metrics`; gets the verdict, and notes on what could not be written.
+        data: path of the dataset, for the verdict's advice.
         refined: the scene with refined poses, or None.
-        options: of the training, as they were given: for the verdict's advice.
+        options: of the training as given, for the verdict's advice.
     """
     in_dataset = gaussians.translate(metrics["world_offset"])
-    metrics["notes"] += notes_on_place(for_file(in_dataset).origin)
-    run.write(SCENE, lambda path: save_ply(path, in_dataset, scene_comments(run)))
+    metrics["notes"] += describe_place(for_file(in_dataset).origin)
+    run.write(SCENE, lambda path: save_ply(path, in_dataset, list_scene_comments(run)))
     write_findings(run, metrics, data, refined, options)
 
 
-def scene_comments(run: RunFolder) -> list[str]:
-    """What the header of a run's scene.ply says."""
+def list_scene_comments(run: RunFolder) -> list[str]:
+    """Returns the comments for the header of a run's scene.ply."""
     return [NO_BACKGROUND] if run.read_options().background is None else []
 
 
-def notes_on_place(origin: np.ndarray) -> list[str]:
-    """A note on where the zero (3,) of scene.ply lies, if it is not the dataset's."""
+def describe_place(origin: np.ndarray) -> list[str]:
+    """Returns a note on the origin (3,) of scene.ply, if it is not the dataset's."""
     if not origin.any():
         return []
     return [f"scene.ply holds {place_text(origin)}; its comment says so, gsut reads it back"]
@@ -135,9 +137,10 @@ def write_findings(
     options: TrainOptions,
     division: Sequence[str] = (),
 ) -> None:
-    """`write_results` but for scene.ply, which is there; `division`: see `train_verdict`."""
+    """Writes what `write_results` does, except scene.ply, which exists; `division`: see
+    `train_verdict`."""
     if refined is not None:
-        metrics["notes"] += _refinement_notes(metrics)
+        metrics["notes"] += _list_refinement_notes(metrics)
         write_refined(run, refined)
     verdict = train_verdict(metrics, str(data), str(run.path), options, division)
     metrics["verdict"] = verdict.as_dict()
@@ -145,8 +148,8 @@ def write_findings(
     write_report(run)
 
 
-def _refinement_notes(metrics: dict[str, Any]) -> list[str]:
-    """What the report says about refined poses; nothing in a run that only takes them over."""
+def _list_refinement_notes(metrics: dict[str, Any]) -> list[str]:
+    """Returns the report's notes on refined poses; none in a run that only takes them over."""
     refinement = metrics.get("refinement", {})
     notes = [each["note"] for each in (refinement.get("tracks", {}), refinement) if "note" in each]
     if "alignment" in metrics:

@@ -1,4 +1,4 @@
-"""Normals that are known before training: the maps that a dataset's frames name."""
+"""Reads normals that are known before training: the maps that a dataset's frames name."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from gsut.data.scene import read_normals
 
 
 class KnownNormals:
-    """The known normals of each view; kept at the size that was asked for last."""
+    """Holds the known normals of each view, at the size requested last."""
 
     def __init__(self) -> None:
         self._kept: dict[int, np.ndarray] = {}  # in the camera's frame
 
     def map(self, scene: Scene, view: int, directions: np.ndarray) -> np.ndarray | None:
-        """(H, W, 3) float32 along the world's axes, towards the camera, 0: not known; None: no map.
+        """Returns (H, W, 3) float32 in the world's axes, towards the camera, 0 if not known; None:
+        no map.
 
         Args:
-            scene: where the view is now.
+            scene: with the view's current pose.
             view: its number.
             directions: (H, W, 3) of the rays in the world, at any size.
 
@@ -43,16 +44,19 @@ def add_known_normals(
     known: np.ndarray, weight: float, image: np.ndarray, alpha: np.ndarray, dimage: np.ndarray,
     dalpha: np.ndarray,
 ) -> float:  # fmt: skip
-    """Sum of weight x (1 - its normal . the known one), mean over the known pixels.
+    """Adds the gradients of the disagreement between rendered and known normals.
+
+    The term is the sum of weight x (1 - normal . known normal), averaged over the known pixels.
 
     Args:
-        known: (H, W, 3) as `KnownNormals.map` gives them.
+        known: (H, W, 3), see `KnownNormals.map`.
         weight: of the term.
-        image: (H, W, 3), 0.5 + 0.5 (sum of weight x unit normal); alpha: (H, W).
+        image: (H, W, 3), 0.5 + 0.5 (sum of weight x unit normal).
+        alpha: (H, W).
         dimage, dalpha: gradients, to which those of the term are added.
 
     Returns:
-        The term, times its weight.
+        The term times its weight.
     """
     there = np.any(known != 0, axis=2)
     share = weight / max(1, int(there.sum()))

@@ -1,4 +1,4 @@
-"""Photographs that the camera's motion has blurred: the mean of what is seen while it moves.
+"""Models motion blur: a photograph shows the mean of what the camera sees while it moves.
 
 A photograph is compared with the mean of renders from several poses within its exposure, in linear
 light. The camera's velocity is that between its neighbours in time. What is trained is the scene
@@ -18,22 +18,25 @@ from gsut.data import Level, Scene, View
 from gsut.data.scene import neighbours_in_time, views_within
 from gsut.gaussians import Gaussians
 
-# Renders lie about so many pixels apart, or those between would show as ghosts.
+# Pixels between renders within an exposure; wider gaps would show as ghosts.
 _APART = 2.0
-_MOST = 3  # poses; five gain 0.1 dB more on the demo's hall
-_POINTS = 200  # of the scene, that tell how far a view moves
-_DARKEST = 1e-3  # value below which a mean has the slope of this one
+# Most poses in an exposure: each takes the time of a render, and more gain little.
+_MOST = 3
+# Points of the scene whose motion in the image is measured; more do not change the median.
+_POINTS = 200
+# Value below which the slope of the square root is held, since it is infinite at zero.
+_DARKEST = 1e-3
 
 
 class Exposure:
-    """Where cameras are while they take their photographs.
+    """Finds where cameras are during the exposure of their photographs.
 
     Args:
         scene: at full resolution.
-        share: `--motion-blur`; None: they stand still, or move behind a rolling shutter.
+        share: `--motion-blur`, of the time between frames; None: no blur.
 
     Raises:
-        InputError: a share of fewer than two frames.
+        InputError: a share is given for fewer than two frames.
     """
 
     def __init__(self, scene: Scene, share: float | None) -> None:
@@ -46,49 +49,53 @@ class Exposure:
             )
         self._neighbours = neighbours_in_time(scene.views)
 
-    def places(self, scene: Scene, level: Level, view: int) -> Any:
-        """What `BlurRenderer` takes for a view: its one place, or a list of some.
+    def find_poses(self, scene: Scene, level: Level, view: int) -> Any:
+        """Returns the motion of a view, or a list of several if the photograph is blurred.
 
         Args:
-            scene: at full resolution, with the poses as they are now.
-            level: that is trained at.
+            scene: at full resolution, with the current poses.
+            level: resolution of the step.
+            view: its number.
         """
         if self._share is None:
             return scene.views[view].motion
-        # Two moments lie half of the exposure apart. Asked anew in each step: what a run does after
-        # it was resumed depends on nothing but its poses.
-        pixels = 2.0 * _pixels_between(scene, view, *self._views(scene, view, 2))
+        # Two moments lie half of the exposure apart. Computed anew in each step, so that a resumed
+        # run depends on nothing but its poses.
+        pixels = 2.0 * _measure_motion(scene, view, *self._spread_views(scene, view, 2))
         pixels *= level.camera(view).width / scene.camera(view).width
         count = int(np.clip(round(pixels / _APART), 1, _MOST))
-        places = [each.motion for each in self._views(scene, view, count)]
+        places = [each.motion for each in self._spread_views(scene, view, count)]
         return places if count > 1 else places[0]
 
-    def _views(self, scene: Scene, view: int, count: int) -> list[View]:
-        """The view at so many moments of its exposure."""
+    def _spread_views(self, scene: Scene, view: int, count: int) -> list[View]:
+        """Returns the view at `count` moments of its exposure."""
         before, after, time = self._neighbours[view]
         moment = (scene.views[view], scene.views[before], scene.views[after])
         return views_within(*moment, (self._share or 0.0) / time, count)
 
 
-def _pixels_between(scene: Scene, view: int, first: View, second: View) -> float:
-    """How far the scene's points, or what is as far as it is large, move in a view: the median."""
+def _measure_motion(scene: Scene, view: int, first: View, second: View) -> float:
+    """Returns the median motion in pixels of the scene's points between two poses of a view.
+
+    Without visible points, points at the distance of the scene's extent are used.
+    """
     camera = scene.camera(view)
     pose = first.camera_from_world
     points = scene.points[:: -(-max(1, len(scene.points)) // _POINTS)]
     seen = points @ pose[:3, :3].T + pose[:3, 3]
-    if not _inside(camera, seen)[1].any():
+    if not _project_inside(camera, seen)[1].any():
         rays, valid = camera.rays()
         seen = scene.extent * rays[valid][:: -(-int(valid.sum()) // _POINTS)].astype(np.float64)
     step = second.camera_from_world @ np.linalg.inv(pose)
     (before, one), (after, other) = (
-        _inside(camera, each) for each in (seen, seen @ step[:3, :3].T + step[:3, 3])
+        _project_inside(camera, each) for each in (seen, seen @ step[:3, :3].T + step[:3, 3])
     )
     both = one & other
     return float(np.median(np.linalg.norm(after - before, axis=1)[both])) if both.any() else 0.0
 
 
-def _inside(camera: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (N, 2) of points in the camera's frame, and which lie in the image."""
+def _project_inside(camera: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns pixels (N, 2) of points in the camera's frame, and which lie in the image."""
     pixels, valid = camera.project(points)
     with np.errstate(invalid="ignore"):
         inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
@@ -96,7 +103,7 @@ def _inside(camera: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class BlurRenderer:
-    """Renders from one place, as `_core.Renderer` does, or the mean of what several show.
+    """Renders from one pose, as `_core.Renderer` does, or the mean of several.
 
     The mean is taken of squared values, which are close to linear light.
     """
@@ -110,7 +117,7 @@ class BlurRenderer:
         self, gaussians: Any, camera: Any, place: Any, rule: Any, behind: Any, degree: int,
         unscented: Any, image: np.ndarray, *more: Any,
     ) -> None:  # fmt: skip
-        """As `_core.Renderer.render`; `place` may be a list of places."""
+        """Renders as `_core.Renderer.render` does; `place` may be a list."""
         places = place if isinstance(place, list) else [place]
         while len(self._renderers) < len(places):
             self._renderers.append(_core.Renderer())
@@ -128,7 +135,7 @@ class BlurRenderer:
         self, dimage: np.ndarray, dalpha: Any, ddepth: Any, gradients: Gaussians,
         touched: np.ndarray, write_untouched: bool, with_poses: bool, **errors: Any,
     ) -> None:  # fmt: skip
-        """As `_core.Renderer.backward`, of what was rendered last; without depth if of several."""
+        """Propagates as `_core.Renderer.backward` does; no depth gradients with several poses."""
         if not self._shown:
             self._renderers[0].backward(
                 dimage, dalpha, ddepth, gradients, touched, write_untouched, with_poses, **errors
@@ -151,5 +158,5 @@ class BlurRenderer:
         touched[...] = any_touched
 
     def distances(self) -> np.ndarray:
-        """As `_core.Renderer.distances`, from the middle of the places."""
+        """Returns what `_core.Renderer.distances` does, for the middle pose."""
         return self._renderers[len(self._shown) // 2].distances()

@@ -1,4 +1,4 @@
-"""What a training shows and keeps on the way: bar, history, checkpoints."""
+"""Shows and stores a running training: bar, history, checkpoints."""
 
 from __future__ import annotations
 
@@ -16,29 +16,32 @@ from gsut.run import Progress, RunFolder, TrainOptions, describe_environment
 from gsut.training.loop import TrainingLoop
 from gsut.training.time_left import TrainingTime, megapixels_of
 
-# Held-out views that the curve of PSNR is measured on: a few, spread evenly.
+# Held-out views that the curve of PSNR is measured on, spread evenly: each takes a render.
 _CURVE_VIEWS = 4
-_MOST_ROWS = 200  # of the history, about
-_CHECKPOINT_SECONDS = 60.0  # after which a checkpoint is due, whatever the step
+# Approximate number of rows of the history: the points that a plot can show.
+_MOST_ROWS = 200
+# Seconds after which a checkpoint is due, whatever the step: the most that an interruption costs.
+_CHECKPOINT_SECONDS = 60.0
 
 
 class TrainingRecord:
-    """The record of one training, in a run's folder where it has one.
+    """Records one training: on screen, and in a run's folder if there is one.
 
     Args:
         out: the folder; None: no files.
         options: resolved.
         scene: the dataset.
-        resume: go on with the run that the folder holds.
-        progress: True shows a bar; a function gets each row of the history, with "seconds_left".
-        watch: sees the loop and the row after each step, and says whether to go on.
+        resume: continue the run that the folder holds.
+        progress: True shows a bar; a function receives each row of the history, with
+            "seconds_left".
+        watch: receives the loop and the row after each step and returns whether to continue.
 
     Attributes:
         run: the folder, or None.
-        checkpoint: the state that `follow` goes on from, or None.
-        history: one dict a row: step, seconds, cpu_seconds, loss, num_gaussians, and where
-            measured psnr.
-        goes_on: until `watch` ends the training.
+        checkpoint: the state that `follow` continues from, or None.
+        history: one dict a row: step, seconds, cpu_seconds, loss, num_gaussians, and psnr if
+            measured.
+        goes_on: False once `watch` has ended the training.
 
     Raises:
         InputError: the folder holds a run, or with `resume` one of other options.
@@ -69,22 +72,23 @@ class TrainingRecord:
             self.history = self.run.read_history()
 
     def note(self, text: str) -> None:
-        """A line for who watches the bar."""
+        """Prints a line above the bar."""
         self._bar.note(text)
 
     @contextlib.contextmanager
     def follow(self, loop: TrainingLoop) -> Iterator[None]:
-        """Brings the loop to the checkpoint, shows a bar meanwhile, and saves its state at last."""
+        """Restores the loop from the checkpoint, shows a bar during the block, and saves at its
+        end."""
         if self.checkpoint is not None:
             loop.load_state_dict(self.checkpoint)
-        self._time = _time_of(loop)
+        self._time = _make_time(loop)
         with self._bar:
             yield
         self._save(loop)
 
     def add(self, loop: TrainingLoop, loss: float) -> None:
-        """After each step, with its loss."""
-        row = self._row(loop, loss)
+        """Records a step: bar, history, checkpoint, `watch`."""
+        row = self._make_row(loop, loss)
         steps, count = self._options.steps, len(loop.gaussians)
         left = None if self._time is None else self._time.left(loop.step)
         self._bar.show_step(loop.step, steps, loss, count, row.get("psnr"), left)
@@ -102,8 +106,8 @@ class TrainingRecord:
         if self._watch is not None:
             self.goes_on = self._watch(loop, row)
 
-    def _row(self, loop: TrainingLoop, loss: float) -> dict[str, Any]:
-        """The row of this step, with the held-out PSNR when it is due; empty between rows."""
+    def _make_row(self, loop: TrainingLoop, loss: float) -> dict[str, Any]:
+        """Returns the row of this step, with the held-out PSNR if it is due; empty between rows."""
         o, step = self._options, loop.step
         measure = step == o.steps or (o.eval_every and step % o.eval_every == 0)
         if not (measure or step % max(1, o.steps // _MOST_ROWS) == 0):
@@ -118,9 +122,9 @@ class TrainingRecord:
         test = loop.scene.test_indices
         if measure and test:
             chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
-            light = loop.photographs.light()
+            light = loop.photographs.find_light()
             row["psnr"] = mean_psnr(
-                loop.scene, loop.result(), chosen, o.background, loop.renderer, light
+                loop.scene, loop.make_result(), chosen, o.background, loop.renderer, light
             )
         return row
 
@@ -130,7 +134,7 @@ class TrainingRecord:
             self.run.save_checkpoint(loop.step, loop.state_dict())
 
 
-def _time_of(loop: TrainingLoop) -> TrainingTime:
+def _make_time(loop: TrainingLoop) -> TrainingTime:
     scene = loop.scene
     return TrainingTime(
         loop.options, len(loop.gaussians), megapixels_of(scene), len(scene.test_indices),

@@ -1,7 +1,7 @@
-"""Distances that are known before training: depth files, or the points that a view sees.
+"""Finds distances that are known before training: depth files, or the points that a view sees.
 
 Points are those of `gsut poses`, of another program or of a LiDAR. Which of them a view sees is
-not kept with them: one that lies well behind another in the same part of the image is left out.
+not stored with them: a point well behind another in the same part of the image is left out.
 """
 
 from __future__ import annotations
@@ -14,23 +14,26 @@ from gsut.data import Scene
 from gsut.data.scene import read_depth
 from gsut.training.lines import project_points
 
-# The nearest point hides those behind it in the same cell of the image: beyond so many times its
-# distance, in cells that hold so many points on average.
-_HIDES, _IN_CELL = 1.2, 8
-_LAST = 0.01  # of the weight, at the last step (3DGS's depth regularisation)
+# A point is hidden if it is this many times as far as the nearest one in its cell of the image:
+# surfaces seen at a slant span less within a cell.
+_HIDES = 1.2
+# Points in a cell on average: enough that one of them lies on the nearest surface.
+_IN_CELL = 8
+# Share of the weight that is left at the last step (3DGS's depth regularisation).
+_LAST = 0.01
 
 
-def annealed(fraction: float) -> float:
-    """Of the weight, from 1 at the first step to a hundredth at the last."""
+def anneal(fraction: float) -> float:
+    """Returns the share of the weight at a fraction of the steps, falling from 1 to 1/100."""
     return _LAST**fraction
 
 
 class KnownDepth:
-    """The known distances of each view.
+    """Holds the known distances of each view.
 
     Args:
         scene: at full resolution.
-        source: "points", "files", "off", or "auto": files where training views have them, else
+        source: "points", "files", "off", or "auto": files if training views have them, else
             points.
     """
 
@@ -42,10 +45,10 @@ class KnownDepth:
         self._seen: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     def map(self, scene: Scene, view: int, camera: Any) -> np.ndarray | None:
-        """(H, W) float32 along the rays of `camera`, 0: not known; None: nothing is known.
+        """Returns (H, W) float32 along the rays of `camera`, 0 if unknown; None: nothing is known.
 
         Args:
-            scene: where the view is now.
+            scene: with the view's current pose.
             view: its number.
             camera: the view's lens at any size.
 
@@ -55,7 +58,7 @@ class KnownDepth:
         if self.source == "off":
             return None
         if view not in self._seen:
-            read = _of_file if self.source == "files" else _of_points
+            read = _read_file if self.source == "files" else _find_visible_points
             self._seen[view] = read(scene, view)
         places, distances = self._seen[view]
         if not len(distances):
@@ -67,12 +70,12 @@ class KnownDepth:
         return known
 
     def forget(self) -> None:
-        """Poses or lenses have changed."""
+        """Discards what depends on poses and lenses, which have changed."""
         if self.source == "points":
             self._seen.clear()
 
 
-def _of_file(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
+def _read_file(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
     depth = read_depth(scene, view)
     if depth is None:
         return np.zeros((0, 2)), np.zeros(0)
@@ -81,8 +84,8 @@ def _of_file(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
     return places, depth[rows, columns]
 
 
-def _of_points(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
-    """Places (n, 2) in the image as shares of its size, and distances (n,), farthest first."""
+def _find_visible_points(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns places (n, 2) as shares of the image size and distances (n,), farthest first."""
     camera, motion = scene.camera(view), scene.views[view].motion
     in_camera, pixels, valid = project_points(camera, motion, scene.points)
     size = np.array([camera.width, camera.height])

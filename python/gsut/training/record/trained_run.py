@@ -1,4 +1,4 @@
-"""A finished run as it is read again: options, dataset and Gaussians."""
+"""Reads a finished run: options, dataset and Gaussians."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from gsut.gaussians import Gaussians
 from gsut.refine import read_refined
 from gsut.render import Light
 from gsut.run import ENVIRONMENT, METRICS, SCENE, RunFolder, TrainOptions, parse_size
-from gsut.training.start import prepare_scene
+from gsut.training.first import prepare_scene
 
 
 def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene, Gaussians]:
-    """Options, scene with the poses that the run refined (if it did), and Gaussians of a run.
+    """Reads options, scene with the poses that the run refined (if it did), and Gaussians.
 
     Args:
         run: of a finished training.
         data: the dataset; None: where training read it.
 
     Returns:
-        Scene and Gaussians in the dataset's coordinates.
+        Options, scene and Gaussians, the latter two in the dataset's coordinates.
     """
     return *read_scene(run, data), load_ply(run.path / SCENE)
 
@@ -33,7 +33,7 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene,
 def open_trained(
     run: RunFolder, data: str | None, memory: str | None
 ) -> tuple[TrainOptions, Scene, Any]:
-    """`read_trained`, with `StoredGaussians` where all do not fit into memory.
+    """Reads what `read_trained` does, with `StoredGaussians` if they do not fit into memory.
 
     Args:
         run, data: see `read_trained`.
@@ -46,15 +46,18 @@ def open_trained(
 def read_scene(
     run: RunFolder, data: str | None, scale: float | None = None
 ) -> tuple[TrainOptions, Scene]:
-    """Options of a finished run, and its scene with the poses that it refined.
+    """Reads the options of a finished run, and its scene with the poses that it refined.
 
     Args:
         run, data: see `read_trained`.
-        scale: of the scene's images to the files' size; None: as they were trained on.
+        scale: of the images relative to the files; None: as they were trained on.
+
+    Raises:
+        InputError: the run is not finished, or the dataset is not found.
     """
     path = run.path / SCENE
     if not path.is_file():
-        raise InputError(f"{path} is absent: the run is not finished; resume it")
+        raise InputError(f"{path} does not exist: the run is not finished; resume it")
     options = run.read_options()
     data = data or (run.read_json(ENVIRONMENT) or {}).get("dataset")
     if data is None:
@@ -63,7 +66,7 @@ def read_scene(
     if not os.path.exists(data) and inside.is_dir():
         data = str(inside)
     if not os.path.exists(data):
-        raise InputError(f"the dataset {data} is not there any more; say where it is with --data")
+        raise InputError(f"the dataset {data} does not exist any more; give its path with --data")
     scene = load_dataset(data, test_every=options.test_every, test_names=options.test_names)
     size = options if scale is None else dataclasses.replace(options, scale=scale, max_side=0)
     return options, read_refined(run, prepare_scene(scene, size))
@@ -73,10 +76,10 @@ class TrainedRun(NamedTuple):
     """A finished run, in the dataset's coordinates.
 
     Attributes:
-        options: it was trained with.
+        options: of the training.
         scene: its dataset, with the poses and lenses that the run refined, if it did.
         gaussians: of its scene.ply.
-        light: exposure and falloff that training found of the photographs, or None.
+        light: exposure and falloff that training found in the photographs, or None.
     """
 
     options: TrainOptions
@@ -106,6 +109,6 @@ def load_run(
 
 
 def read_light(run: RunFolder, scene: Scene) -> Light | None:
-    """The light that the run found of the scene's photographs; None where it looked for none."""
+    """Reads the light that the run found in the scene's photographs; None if it found none."""
     found = (run.read_json(METRICS) or {}).get("light")
     return None if found is None else Light.from_dict(found, [view.name for view in scene.views])
