@@ -182,7 +182,7 @@ BENCHMARK = Benchmark(
         Column("focal_error_percent", "focal length", "%", "+.2f"),
         Column("focal_sigma_percent", "stated", "%", ".2f"),
         Column("residual_px", "residual", "px", ".2f"),
-        Column("verdict"),
+        Column("verdict", form="s"),
         Column("cpu_seconds", "time", "CPU-s", ".1f"),
         Column("seconds", "time", "s", ".1f"),
     ),

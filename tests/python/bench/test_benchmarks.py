@@ -102,7 +102,7 @@ def test_blocks_are_compared_with_one_training_of_as_many_steps(hall, monkeypatc
     rows = run_bench("blocks", hall, **options)
     assert rows["hall, one, as many steps"]["below"] == 0.0
     assert rows["hall, one, as many steps"]["steps"] == rows["hall, blocks"]["steps"] > 10
-    assert rows["hall, blocks, two workers, same"]["bits"] == "same"
+    assert rows["hall, blocks, two workers"]["bits"] == "same"
     assert 0 <= rows["hall, blocks"]["seam_percent"] <= 100
 
 

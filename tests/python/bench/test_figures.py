@@ -22,7 +22,7 @@ OLD = """| scene | drawn | a frame [kB] | Origin |
 | one | whole | 5 | a |
 | two | half | 7 | b |
 
-`./run bench view`; a: commit 1a2b3c4d, 2026-11-22, 2 cores of X; b: commit 5e6f7a8b, 2026-11-23, 1 of Y.
+`./run bench view`; a: commit 1a2b3c4d, 2026-11-22, 2 cores of X; b: commit 5e6f7a8b, 2026-11-23, Y.
 """
 
 
