@@ -15,7 +15,7 @@ import numpy as np
 
 import gsut
 from gsut.check import check_scene, look_closer
-from gsut.check.matches import neighbouring_matches
+from gsut.check.matches import match_neighbours
 from gsut.data.poses import OPENGL_FROM_OPENCV
 
 _GL = OPENGL_FROM_OPENCV
@@ -233,12 +233,12 @@ def _reversed_readout(values: Values, _: Path) -> bool:
 
 def _points(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Values, Path], None]:
     def make(values: Values, folder: Path) -> None:
-        from gsut.data.points import load_points_ply, points_ply
+        from gsut.data.points import format_points_ply, load_points_ply
 
         path = folder / values["ply_file_path"]
         xyz, rgb = load_points_ply(path.resolve())
         path.unlink()
-        path.write_bytes(points_ply(change(xyz), rgb))
+        path.write_bytes(format_points_ply(change(xyz), rgb))
 
     return make
 
@@ -337,7 +337,7 @@ def judge(
         "data": data.name, "mistake": "none", "with_points": True, "said": alarms,
         "verdict": "false alarm" if alarms else "good", "cpu_seconds": seconds,
     })  # fmt: skip
-    matches, close = neighbouring_matches(good), None
+    matches, close = match_neighbours(good), None
     for number, mistake in enumerate(MISTAKES):
         if only not in mistake.name:
             continue
@@ -351,7 +351,7 @@ def judge(
             said = _findings(mistake, write(values, folder, with_points), matches)
             doctor = not said and not mistake.images
             if doctor:
-                close = neighbouring_matches(good, closely=True) if close is None else close
+                close = match_neighbours(good, closely=True) if close is None else close
                 scene = gsut.load_dataset(folder)
                 said = [str(finding) for finding in look_closer(scene, close)]
             rows.append({

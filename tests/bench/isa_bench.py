@@ -19,7 +19,7 @@ _GAUSSIANS = 2000
 
 def list_cases(settings: Settings) -> Iterator[Row]:
     """Lists the instruction sets of this machine."""
-    for isa in gsut.available_isas():
+    for isa in gsut.machine.available_isas():
         yield {"isa": isa}
 
 
@@ -28,8 +28,8 @@ def measure(case: Row, settings: Settings) -> Row:
     gaussians = rendered_dataset.truth(np.random.default_rng(_SEED), _GAUSSIANS)
     camera, pose = random_scenes.pinhole(_SIDE), rendered_dataset.poses()[1]
     images = []
-    for isa in (gsut.available_isas()[0], case["isa"]):
-        gsut.set_isa(isa)
+    for isa in (gsut.machine.available_isas()[0], case["isa"]):
+        gsut.machine.set_isa(isa)
         images.append(gsut.render(gaussians, camera, pose).image)
 
     def write(path: Path) -> None:

@@ -167,7 +167,7 @@ def step_loop(scene: BenchScene, repeats: int) -> TrainingLoop:
         scene: copied.
         repeats: steps that will be made, at most.
     """
-    from gsut.optimize import optimizer_of
+    from gsut.optimize import make_optimizer
     from gsut.run import TrainOptions
     from gsut.training import TrainingLoop
 
@@ -180,7 +180,7 @@ def step_loop(scene: BenchScene, repeats: int) -> TrainingLoop:
         coarse_to_fine=(0.0, 0.0), densify_every=steps // 2, noise=False, eval_every=0, **rates,
     ).resolved()  # fmt: skip
     loop = TrainingLoop(_one_view_scene(scene), options)
-    loop.optimizer = optimizer_of(scene.gaussians, None, 0)
+    loop.optimizer = make_optimizer(scene.gaussians, None, 0)
     return loop
 
 

@@ -17,7 +17,7 @@ from disturbances import (
 )
 from gsut._core import InputError
 from gsut.data import Scene
-from gsut.refine import evaluate_aligned, lens_distance
+from gsut.refine import evaluate_aligned, measure_lens_distance
 from gsut.sfm import PoseErrors, compare_poses
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
@@ -68,7 +68,7 @@ def measure(case: Row, settings: Settings) -> Row:
         "position_mm": _MILLIMETRES * float(np.median(errors.center_distances)),
         "focal_percent": 100 * focal,
         "k1_percent": None if np.isnan(first) else 100 * first,
-        "lens_px": lens_distance(result.scene.file_cameras[0], truth.file_cameras[0]),
+        "lens_px": measure_lens_distance(result.scene.file_cameras[0], truth.file_cameras[0]),
         "psnr": figures["alignment"]["psnr_after"],
         "seconds": seconds,
         "cpu_seconds": cpu,

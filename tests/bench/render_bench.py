@@ -19,7 +19,7 @@ from tests.bench.measure import (
     measure_step,
     scalar_baseline,
 )
-from tests.bench.scenes import KNOWN_SCENES, BenchScene, make_scene
+from tests.bench.scenes import KNOWN_SCENES, BenchScene, scene_from_arrays
 
 # Largest errors of a right result against the double reference.
 IMAGE_RMS_BOUND = 1e-5  # colours in [0, 1]
@@ -84,7 +84,7 @@ def _find_wrong(errors: Errors) -> Row:
 
 @functools.lru_cache(maxsize=1)
 def _prepare(name: str, tiles: int) -> tuple[BenchScene, Truth]:
-    scene = make_scene(name)
+    scene = scene_from_arrays(name)
     return scene, make_truth(scene, _core.BlendRule(), tiles=tiles)
 
 

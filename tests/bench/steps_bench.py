@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from gsut import _core
 from tests.bench.harness import Benchmark, Column, Option, Row, Settings
 from tests.bench.measure import measure_step
-from tests.bench.scenes import make_scene
+from tests.bench.scenes import scene_from_arrays
 
 _STAGES = {
     "loss": "loss", "statistics": "statistics", "adam": "Adam", "project": "projection",
@@ -26,7 +26,7 @@ def list_cases(settings: Settings) -> Iterator[Row]:
 def measure(case: Row, settings: Settings) -> Row:
     """Measures the stages of a step; `./run bench render` has the errors."""
     _core.set_isa(case["isa"])
-    times = measure_step(make_scene(case["scene"]), settings.steps)
+    times = measure_step(scene_from_arrays(case["scene"]), settings.steps)
     return {"threads": _core.num_threads()} | {
         stage: times.cpu_ms(stage) for stage in _STAGES if stage in times.stages
     }

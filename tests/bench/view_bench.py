@@ -17,7 +17,7 @@ from gsut.gaussians import pack_harmonics
 from gsut.render import psnr, render, to_uint8
 from gsut.view import LOOPBACK, Session, Stage, ViewServer
 from tests.bench.harness import WRONG, Benchmark, Column, Option, Row, Settings
-from tests.bench.scenes import BenchScene, make_scene
+from tests.bench.scenes import BenchScene, scene_from_arrays
 
 # Twist of the eye from frame to frame: a slow walk in a room of 5 to 10 m.
 _STEP = np.array([0.01, 0.0, 0.01, 0.0, 0.01, 0.0])
@@ -37,7 +37,7 @@ def list_cases(settings: Settings) -> Iterator[Row]:
 
 def measure(case: Row, settings: Settings) -> Row:
     """Walks through a scene; the whole lossless frame must have the renderer's bits."""
-    scene, frames = make_scene(case["scene"]), max(2, settings.frames)
+    scene, frames = scene_from_arrays(case["scene"]), max(2, settings.frames)
     scale, share = case["_scale"], case["_share"]
     session = Session(Stage(case["scene"], "file", pack_harmonics(scene.gaussians)))
     start = np.asarray(scene.camera_from_world)

@@ -15,7 +15,7 @@ import gsut
 from gsut._core import InputError
 from gsut.capture.panorama import LENSES
 from gsut.data.poses import inverse
-from gsut.lens import Camera, lens_by_name
+from gsut.lens import Camera, find_lens
 from gsut.sfm import compare_poses
 from gsut.sfm.lens.candidates import lens_of_field
 from tests.bench.commands import run_gsut
@@ -40,8 +40,8 @@ _BACK_FROM_FRONT[:3, 3] = [0.001, 0.0, 0.024]
 
 def _film_by_database(name: str, path: Path4, seconds: float, **more: Any) -> Film:
     """Films through a lens of the database, read as fast and in the order that it states."""
-    profile = lens_by_name(name)
-    camera = profile.camera(*_WIDE)
+    profile = find_lens(name)
+    camera = profile.make_camera(*_WIDE)
     readout = (profile.readout_ms or 0.0) / 1000
     if more.get("sideways"):  # the sensor's top is at the right of the upright picture
         fx, fy, cx, cy, *rest = camera.params

@@ -20,7 +20,7 @@ FLOORS = {
     **dict.fromkeys(("refine", "check", "demo"), 4),
     "training": 5,
     **dict.fromkeys(("train", "blocks", "view"), 6),
-    "scene": 7,
+    **dict.fromkeys(("scene", "poses", "edit", "loop", "rendering", "metrics", "machine"), 7),
     **dict.fromkeys(("__init__", "cli"), 8),
     "__main__": 9,
 }

@@ -119,7 +119,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
     if out.suffix.lower() != _PLY:
         raise InputError(f"-o {out}: of a PLY file a PLY file is made; give a name ending in .ply")
     refuse_existing(out)
-    gaussians = gsut.load_ply(arguments.source)
+    gaussians = gsut.formats.load_ply(arguments.source)
     check_room("compacting", [gaussians], _WORKING)
     keep, count = options.keep, None
     if options.target_bytes is not None:
@@ -127,7 +127,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
     started = time.perf_counter()
     result = compact(gaussians, keep, count=count, method=options.merging, seed=options.seed)
     seconds = time.perf_counter() - started
-    gsut.save_ply(out, result.gaussians)
+    gsut.formats.save_ply(out, result.gaussians)
     if not arguments.quiet and not arguments.json:
         print(
             f"{len(gaussians):,} -> {len(result.gaussians):,} Gaussians in {seconds:.1f} s: {out}"

@@ -175,10 +175,10 @@ def train_into(
 
 def _matches(scene: Any) -> Any:
     """What the check goes by: OpenCV finds features while Python imports what trains."""
-    from gsut.check import neighbouring_matches
+    from gsut.check import match_neighbours
 
     with concurrent.futures.ThreadPoolExecutor(1, "gsut-matches") as thread:
-        found = thread.submit(neighbouring_matches, scene)
+        found = thread.submit(match_neighbours, scene)
         importlib.import_module("gsut.train")
         return found.result()
 

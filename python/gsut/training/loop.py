@@ -17,10 +17,10 @@ from gsut.optimize import (
     GaussianOptimizer,
     LearningRates,
     TrajectoryMean,
-    last_densification,
-    learning_rates,
-    optimizer_of,
-    view_of_step,
+    choose_view,
+    compute_learning_rates,
+    find_last_densification,
+    make_optimizer,
 )
 from gsut.refine import TracksResult, TrainingRefiner
 from gsut.render import DEFAULT_UNSCENTED, Light, random_background
@@ -95,7 +95,7 @@ class TrainingLoop:
         start, self.notes = choose_first_gaussians(scene, options) if start is None else (start, [])
         self.densification = load_strategy(options, len(start))
         surfels = options.primitive == "surfel"
-        self.optimizer = optimizer_of(start, self.densification.capacity, options.seed, surfels)
+        self.optimizer = make_optimizer(start, self.densification.capacity, options.seed, surfels)
         self.views = TrainingViews(scene, options.coarse_to_fine)
         lens = options.calibration_weights
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
@@ -109,7 +109,7 @@ class TrainingLoop:
         self._touched = np.zeros(0, np.uint8)
         self.photographs = PhotographModel(scene, options, light)
         self.surface = SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if flat else None
-        self._filter = LowPassFilter(options.low_pass, self.views.training_cameras)
+        self._filter = LowPassFilter(options.low_pass, self.views.list_training_cameras)
         self._mean = TrajectoryMean(options.average_from, surfels)
 
     @property
@@ -133,7 +133,7 @@ class TrainingLoop:
 
     def make_result(self) -> Gaussians:
         """Returns what the run would give now: the mean over the last steps, filtered."""
-        return self._filter.apply(self._mean.of(self.gaussians))
+        return self._filter.apply(self._mean.average(self.gaussians))
 
     def finish_scene(self) -> Scene:
         """Returns the scene with the poses and lenses that fit the run's result best."""
@@ -165,14 +165,13 @@ class TrainingLoop:
     def _begin_step(self) -> _Step:
         o, number = self.options, self.step + 1
         fraction = number / o.steps
-        return _Step(
-            number, fraction, self._choose_view(number), self.views.at(fraction),
-            min(o.sh_degree, number // o.sh_every), learning_rates(o, fraction, self.extent),
-        )  # fmt: skip
+        rates = compute_learning_rates(o, fraction, self.extent)
+        degree, view = min(o.sh_degree, number // o.sh_every), self._choose_view(number)
+        return _Step(number, fraction, view, self.views.at(fraction), degree, rates)
 
     def _choose_view(self, step: int) -> int:
         """Returns a step's view: each once an epoch, in an order set by seed and epoch only."""
-        return view_of_step(self.scene.train_indices, step, self.options.seed)
+        return choose_view(self.scene.train_indices, step, self.options.seed)
 
     def _prepare_next_image(self) -> None:
         after = self.step + 2
@@ -317,7 +316,7 @@ def _choose_backward_settings(loop: TrainingLoop, step: _Step) -> dict[str, Any]
     settings: dict[str, Any] = {"write_untouched": not o.sparse_adam, "with_poses": False}
     is_plain = o.sparse_adam and o.motion_blur is None and loop._context.is_empty
     if is_plain and isinstance(optimizer, GaussianOptimizer):
-        settings["harmonics_step"] = optimizer.harmonics_step(step.rates, step.degree)
+        settings["harmonics_step"] = optimizer.prepare_harmonics_step(step.rates, step.degree)
     return settings
 
 
@@ -326,7 +325,7 @@ def _measure_pixel_errors(loop: TrainingLoop, step: _Step, dimage: np.ndarray) -
 
     With a context there are none: the next densification uses gradients alone.
     """
-    needed = loop.densification.by_error and step.number <= last_densification(loop.options)
+    needed = loop.densification.by_error and step.number <= find_last_densification(loop.options)
     if not needed or not loop._context.is_empty:
         return {}
     target, (image, _) = step.level.target(step.view), step.level.buffers(step.view)
@@ -339,4 +338,4 @@ def _compact(loop: TrainingLoop) -> Any:
     """Compacts the Gaussians to the share `keep` and returns a fresh optimizer of them."""
     o, views = loop.options, seen_views(loop.scene, loop.scene.train_indices)
     small = compact(loop.gaussians, o.keep, method=o.compact_method, views=views, seed=o.seed)
-    return loop.optimizer.restarted(small.gaussians)
+    return loop.optimizer.restart_with(small.gaussians)

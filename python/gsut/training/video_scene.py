@@ -297,7 +297,7 @@ class VideoScene:
             np.concatenate([getattr(gaussians, field.name), getattr(seeds, field.name)])
             for field in dataclasses.fields(gaussians)
         ]
-        self._loop.optimizer = self._loop.optimizer.restarted(Gaussians(*both))
+        self._loop.optimizer = self._loop.optimizer.restart_with(Gaussians(*both))
 
     def _estimate_distances(
         self, camera: Any, pose: np.ndarray, pixels: np.ndarray

@@ -17,12 +17,12 @@ RULES = ("", "gsplat", "3dgrut")
 
 @pytest.fixture
 def fisheye():
-    return scenes.make_scene("synthetic_2k_64x48")
+    return scenes.scene_from_arrays("synthetic_2k_64x48")
 
 
 @pytest.fixture
 def pinhole():
-    return scenes.make_scene("peer_1k_48x32")
+    return scenes.scene_from_arrays("peer_1k_48x32")
 
 
 # The scalar baseline.
@@ -150,12 +150,12 @@ def test_errors_of_gradients_to_unseen_gaussians_count(pinhole):
 
 def test_scene_of_an_unknown_name_lists_the_known():
     with pytest.raises(gsut.InputError) as refused:
-        scenes.make_scene("garden")
+        scenes.scene_from_arrays("garden")
     assert [name for name in scenes.KNOWN_SCENES if name not in str(refused.value)] == []
 
 
 def test_peer_scene_follows_the_shared_recipe():
-    scene = scenes.make_scene("peer_10k_480x480")
+    scene = scenes.scene_from_arrays("peer_10k_480x480")
     rng = np.random.default_rng(0)
     means = rng.uniform([-2, -1.5, 2.5], [2, 1.5, 5.5], (10_000, 3))
     scales = 0.6 / 10_000 ** (1 / 3) * np.exp(rng.normal(0, 0.4, (10_000, 3)))

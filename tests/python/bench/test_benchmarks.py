@@ -163,14 +163,14 @@ def test_isa_compares_every_instruction_set_with_the_first(tmp_path):
 
 def test_lens_is_judged_by_where_its_rays_go(tmp_path, rng):
     from disturbances import Disturbance, disturb_scene
-    from gsut.refine.trust import lens_distance
+    from gsut.refine.trust import measure_lens_distance
 
     data = rendered_dataset.write_dataset(tmp_path / "data", rng)
     scene = gsut.load_dataset(data)
     (true,) = scene.file_cameras
     (longer,) = disturb_scene(scene, Disturbance("focal", focal=0.01), 0).file_cameras
-    assert lens_distance(true, true) == 0.0
+    assert measure_lens_distance(true, true) == 0.0
     rays, valid = true.rays()
     pixels, _ = true.project(rays[valid])
     expected = 0.01 * np.sqrt(np.mean(np.sum((pixels - true.params[2:4]) ** 2, axis=1)))
-    np.testing.assert_allclose(lens_distance(longer, true), expected, rtol=1e-9)
+    np.testing.assert_allclose(measure_lens_distance(longer, true), expected, rtol=1e-9)

@@ -38,4 +38,4 @@ def test_named_lens_gives_the_readout_time_of_a_rolling_shutter():
     assert add_lens_readout(PosesOptions(), name, captured) == PosesOptions()
     given = PosesOptions(shutter="rolling", readout_time=0.3)
     assert add_lens_readout(given, name, captured).readout_time == 0.3
-    assert isinstance(gsut.find_lenses(name)[0].readout_ms, float)
+    assert isinstance(gsut.lens.find_lenses(name)[0].readout_ms, float)

@@ -12,7 +12,7 @@ from disturbances import disturb_pose
 from gsut import TrainOptions
 from gsut.cli import main
 from gsut.refine.localization import localize_image
-from gsut.refine.motion import pose_changes
+from gsut.refine.motion import measure_pose_changes
 from gsut.render.pictures import to_uint8, write_png
 from gsut.run.folder import SCENE
 from random_scenes import fisheye, gaussians_in_view, pinhole
@@ -33,7 +33,7 @@ def run(tmp_path_factory):
         *(getattr(g, name) for name in ("quats", "log_scales", "opacity_logits", "sh")),
     )
     (folder / "run" / SCENE).unlink()
-    gsut.save_ply(folder / "run" / SCENE, moved)
+    gsut.formats.save_ply(folder / "run" / SCENE, moved)
     return folder / "run", g
 
 
@@ -70,8 +70,8 @@ def test_photograph_far_from_every_view_is_found_by_matches(rng):
         g, views, camera, pixels, np.ones((160, 160), bool),
         on_progress=lambda what, done, total: told.append(what),
     )  # fmt: skip
-    change = pose_changes(found.pose.camera_from_world[None], pose[None])
-    near = pose_changes(np.array([view for _, view in views]), np.repeat(pose[None], 5, 0))
+    change = measure_pose_changes(found.pose.camera_from_world[None], pose[None])
+    near = measure_pose_changes(np.array([view for _, view in views]), np.repeat(pose[None], 5, 0))
     print(f"{found.matches} matches, {change.degrees[0]:.1e} degrees, {change.distances[0]:.1e} "
           f"units; nearest view {near.degrees.min():.0f} degrees off")  # fmt: skip
     assert near.degrees.min() > 8

@@ -12,7 +12,7 @@ from disturbances import Disturbance, disturb_pose, disturb_scene, jitter_points
 from gsut import TrainOptions, _core
 from gsut.demo import dataset as demo
 from gsut.demo.views import camera_path
-from gsut.refine.motion import pose_changes, remove_mean_motion, turn_onto
+from gsut.refine.motion import measure_pose_changes, remove_mean_motion, turn_onto
 from gsut.refine.refiner import check_refinable
 from gsut.refine.tracks import refine_by_tracks
 from gsut.render.projection import DEFAULT_UNSCENTED
@@ -44,11 +44,11 @@ def test_mean_motion_of_all_poses_is_taken_out(rng):
     growth = 1.003
     after = before @ small
     after[:, :3, 3] *= growth  # the world grows about its origin
-    found = pose_changes(remove_mean_motion(after, before), before)
+    found = measure_pose_changes(remove_mean_motion(after, before), before)
     assert found.degrees.max() < tolerances.MEAN_MOTION_DEGREES
     assert found.distances.max() < tolerances.MEAN_MOTION_UNITS
     # One pose alone has no common growth; its own motion is the mean.
-    alone = pose_changes(remove_mean_motion(after[:1], before[:1]), before[:1])
+    alone = measure_pose_changes(remove_mean_motion(after[:1], before[:1]), before[:1])
     assert alone.degrees.max() < tolerances.MEAN_MOTION_DEGREES
 
 
@@ -59,11 +59,11 @@ def test_a_turn_about_a_line_of_cameras_is_found_by_the_cameras_own(rng):
     before[:, :3, 3] = -np.einsum("nij,nj->ni", before[:, :3, :3], along)
     noisy = np.array([disturb_pose(rng, pose, 0.02, 0.01) for pose in before])
     turned = noisy @ gsut.exp_pose([0, 0, 0, np.radians(2.0), 0, 0])
-    found = pose_changes(turn_onto(turned, before), before)
+    found = measure_pose_changes(turn_onto(turned, before), before)
     assert np.median(found.degrees) < 0.03
     assert np.median(found.distances) < 0.02
     exact = before @ gsut.exp_pose([0.3, 0.1, 0.2, 0.01, -0.02, 0.01])
-    found = pose_changes(turn_onto(exact, before), before)
+    found = measure_pose_changes(turn_onto(exact, before), before)
     assert found.degrees.max() < tolerances.MEAN_MOTION_DEGREES
     assert found.distances.max() < tolerances.MEAN_MOTION_UNITS
 
@@ -71,14 +71,14 @@ def test_a_turn_about_a_line_of_cameras_is_found_by_the_cameras_own(rng):
 def test_own_motions_stay_when_the_mean_is_taken_out(rng):
     before = np.array([random_pose(rng) for _ in range(40)])
     after = np.array([disturb_pose(rng, pose, 1.0, 0.1) for pose in before])
-    found = pose_changes(remove_mean_motion(after, before), before)
+    found = measure_pose_changes(remove_mean_motion(after, before), before)
     assert abs(np.median(found.degrees) - 1.0) < 0.2
     assert abs(np.median(found.distances) - 0.1) < 0.02
 
 
 def test_disturbance_has_exactly_its_size(rng, scene):
     pose = random_pose(rng)
-    change = pose_changes(disturb_pose(rng, pose, 2.0, 0.08)[None], pose[None])
+    change = measure_pose_changes(disturb_pose(rng, pose, 2.0, 0.08)[None], pose[None])
     np.testing.assert_allclose([change.degrees[0], change.distances[0]], [2.0, 0.08], rtol=1e-9)
     moved = jitter_points(scene, 0.02, 0)
     assert 0.01 < np.std(moved.points - scene.points) < 0.03
@@ -109,7 +109,7 @@ def test_several_images_give_lens_and_poses_together(rng, camera):
         g, [wrong], views, gsut.BlendRule(), (0.0, 0.0, 0.0), g.sh_degree, DEFAULT_UNSCENTED,
         {"lens_free": [[1] * len(params)], "max_iterations": 60, "function_tolerance": 1e-14},
     )  # fmt: skip
-    change = pose_changes(np.array(found["camera_from_world"]), np.array(poses))
+    change = measure_pose_changes(np.array(found["camera_from_world"]), np.array(poses))
     relative = np.abs(found["lens_params"][0] / camera.params - 1)[:2].max()
     rays = camera.with_params(found["lens_params"][0]).rays()[0]
     angle = np.nanmax(np.linalg.norm(rays - camera.rays()[0], axis=-1)[valid])
@@ -225,7 +225,9 @@ def test_tracks_bring_poses_back_and_leave_those_that_are_as_good(tmp_path, monk
     assert found.note == ""
     # Centres on so short a way leave a similarity's turn to chance.
     turns = [
-        np.median(pose_changes(turn_onto(poses_of(each), poses_of(true)), poses_of(true)).degrees)
+        np.median(
+            measure_pose_changes(turn_onto(poses_of(each), poses_of(true)), poses_of(true)).degrees
+        )
         for each in (start, found.scene)
     ]
     centers = [compare_poses(poses_of(each), poses_of(true)).ate for each in (start, found.scene)]

@@ -40,7 +40,7 @@ def test_colours_that_agree_far_away_are_followed(rng):
     halves = Halves(*(poses_off(rng, true, 0.05, 0.002) for _ in range(2)))
     trust = weigh_poses(halves, start, tracked, None)
     assert trust.weights.min() > 0.99
-    assert trust.rejected([str(view) for view in range(VIEWS)]) == []
+    assert trust.list_rejected([str(view) for view in range(VIEWS)]) == []
     # The halves' errors were 0.05 degrees; what they share is counted, too.
     assert 0.02 < trust.errors[0] < 0.2
 
@@ -50,7 +50,7 @@ def test_colours_that_only_scatter_about_the_start_are_not(rng):
     halves = Halves(*(poses_off(rng, start, 0.2, 0.01) for _ in range(2)))
     trust = weigh_poses(halves, start, tracked, None)
     assert trust.weights.max() == 0.0
-    assert len(trust.rejected([str(view) for view in range(VIEWS)])) == VIEWS
+    assert len(trust.list_rejected([str(view) for view in range(VIEWS)])) == VIEWS
 
 
 def test_a_turn_alone_counts_as_much_as_a_move(rng):
@@ -66,7 +66,7 @@ def test_a_view_whose_halves_disagree_is_named(rng):
     first, second = (poses_off(rng, true, 0.05, 0.002) for _ in range(2))
     first[7] = disturb_pose(rng, first[7], 5.0, 0.2)
     trust = weigh_poses(Halves(first, second), start, tracked, None)
-    (rejected,) = trust.rejected([f"{view}.png" for view in range(VIEWS)])
+    (rejected,) = trust.list_rejected([f"{view}.png" for view in range(VIEWS)])
     assert rejected["name"] == "7.png"
     assert rejected["weight"] < 0.2
     note = trust.note([f"{view}.png" for view in range(VIEWS)])

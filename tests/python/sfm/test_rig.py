@@ -14,7 +14,7 @@ import tolerances
 from disturbances import disturb_rig
 from gsut import _core
 from gsut.data.poses import centers_of, inverse
-from gsut.data.rigs import read_rig, relative_changes, write_rig
+from gsut.data.rigs import measure_changes, read_rig, write_rig
 from gsut.sfm.core.features import no_features
 from gsut.sfm.core.options import PosesOptions
 from gsut.sfm.core.pairs import choose_pairs
@@ -82,7 +82,7 @@ def test_solve_rig_reference_away_from_every_camera_and_three_cameras(rng):
     wrong = disturb_rig(scene.rig)
     noisy = SyntheticRig(rng, STEREO, BACKWARD, elsewhere=elsewhere, noise=0.2)
     _, fit = solved(noisy, wrong, adjust=True)
-    changes = relative_changes(scene.rig, fit.rig.camera_from_reference)
+    changes = measure_changes(scene.rig, fit.rig.camera_from_reference)
     assert np.degrees(max(turn for turn, _ in changes)) < tolerances.RIG_REFINED_DEGREES
     assert size_of(fit.rig) == pytest.approx(size_of(wrong), rel=tolerances.RIG_SIZE)
 
@@ -168,7 +168,7 @@ def test_solve_rig_refines_a_disturbed_rig_and_keeps_its_size(rng):
     wrong = disturb_rig(scene.rig)
     solution, fit = solved(scene, wrong, adjust=True)
     assert fit.rig.baseline == pytest.approx(wrong.baseline, rel=tolerances.RIG_SIZE)
-    _, (turned, shifted) = relative_changes(scene.rig, fit.rig.camera_from_reference)
+    _, (turned, shifted) = measure_changes(scene.rig, fit.rig.camera_from_reference)
     assert np.degrees(turned) < tolerances.RIG_REFINED_DEGREES  # was 0.5
     assert shifted < tolerances.RIG_REFINED_SHARE * wrong.baseline  # was 0.01
     apart, turned = scene.worst(solution)

@@ -10,7 +10,7 @@ import tolerances
 from disturbances import disturb_rig
 from gsut.cli import main
 from gsut.data.poses import inverse
-from gsut.data.rigs.rig import read_rig, relative_changes, write_rig
+from gsut.data.rigs.rig import measure_changes, read_rig, write_rig
 from gsut.demo import make_demo_rig
 from gsut.demo.rig import right_from_left
 from gsut.sfm import errors_against, find_poses
@@ -116,7 +116,7 @@ def test_poses_with_a_disturbed_rig_refine_it(demo, tmp_path):
     assert found["registered"] == 2 * FRAMES
     assert abs(errors.scale_error_percent) < tolerances.RIG_DEMO_REFINED_PERCENT
     poses = np.array([camera["camera_from_reference"] for camera in found["rig"]["cameras"]])
-    turns = [turn for turn, _ in relative_changes(truth, poses)]
+    turns = [turn for turn, _ in measure_changes(truth, poses)]
     assert np.degrees(max(turns)) < 0.2 * 0.5
 
 

@@ -22,7 +22,7 @@ def scene(rng):
         images.append(np.clip(seen + rng.normal(0, 1, seen.shape), 0, 255).astype(np.uint8))
     poses = np.tile(np.eye(4), (VIEWS, 1, 1))
     names = [f"frame_{view}.png" for view in range(VIEWS)]  # 10 sorts before 2
-    return gsut.make_scene(images, pinhole(64), poses, names=names, test_every=0)
+    return gsut.scene_from_arrays(images, pinhole(64), poses, names=names, test_every=0)
 
 
 def test_blurred_photographs_are_left_out_and_named(scene):

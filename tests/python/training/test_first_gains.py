@@ -37,7 +37,7 @@ def photographs(log_gains, bright_side=1.0):
         poses.append(pose)
     x, y = rng.uniform(-3, 3, (2, 900))
     points = np.stack([x, y, np.full(900, HEIGHT)], axis=1)
-    return gsut.make_scene(images, CAMERA, np.array(poses), points=points, test_every=0)
+    return gsut.scene_from_arrays(images, CAMERA, np.array(poses), points=points, test_every=0)
 
 
 def test_gains_are_found_under_falloff_and_noise():

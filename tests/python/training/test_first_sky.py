@@ -7,7 +7,7 @@ import pytest
 
 import gsut
 import tolerances as tol
-from gsut.data import make_scene
+from gsut.data import scene_from_arrays
 from gsut.lens import Camera
 from gsut.training.first.seeding import choose_first_gaussians
 from gsut.training.first.sky import find_sky
@@ -40,7 +40,7 @@ def ground_scene(sky: str, seed: int = 0) -> gsut.Scene:
         images.append(np.rint(255 * np.where(shown, above, shade)).astype(np.uint8))
     poses = np.tile(np.eye(4), (len(CENTERS), 1, 1))
     poses[:, :3, 3] = -CENTERS
-    return make_scene(images, CAMERA, poses, points=points, test_every=0)
+    return scene_from_arrays(images, CAMERA, poses, points=points, test_every=0)
 
 
 def test_first_sky_of_clouds_lies_far_and_has_their_colors() -> None:

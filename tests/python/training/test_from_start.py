@@ -52,7 +52,7 @@ def test_auto_trains_from_the_start_and_says_why(run, tmp_path, capsys):
     told = capsys.readouterr()
     assert files_of(run) == before
     assert found["compaction"]["method"] == "from_start"
-    assert found["num_gaussians"] == 150 == len(gsut.load_ply(out / SCENE))
+    assert found["num_gaussians"] == 150 == len(gsut.formats.load_ply(out / SCENE))
     options = RunFolder.open(out).read_options()
     assert (options.max_gaussians, options.steps) == (150, found["steps"])
     assert options.steps > 100

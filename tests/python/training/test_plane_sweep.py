@@ -10,7 +10,7 @@ import pytest
 
 import gsut
 import tolerances as tol
-from gsut.data import Scene, make_scene
+from gsut.data import Scene, scene_from_arrays
 from gsut.lens import Camera
 from gsut.training.first.plane_sweep import find_points_by_sweep
 from gsut.training.first.seeding import choose_first_gaussians
@@ -43,7 +43,7 @@ def wall_scene(camera: Camera, *, rolling: bool = False, plain: bool = False) ->
         images.append(np.rint(255 * np.repeat(grey[..., None], 3, -1)).astype(np.uint8))
     poses = np.tile(np.eye(4), (len(CENTERS), 1, 1))
     poses[:, :3, 3] = -CENTERS
-    scene = make_scene(images, camera, poses, test_every=0)
+    scene = scene_from_arrays(images, camera, poses, test_every=0)
     if not rolling:
         return scene
     begun, ended = np.eye(4), np.eye(4)
@@ -79,7 +79,7 @@ def test_swept_points_that_only_chance_shows_are_left_out(lens: str) -> None:
     grey = np.clip(128 + 50 * (soft - soft.mean()) / soft.std(), 0, 255).astype(np.uint8)
     images[1] = np.repeat(grey[..., None], 3, -1)  # of something else
     poses = scene.poses(range(len(CENTERS)))
-    found = find_points_by_sweep(make_scene(images, camera, poses, test_every=0), 500, 0)
+    found = find_points_by_sweep(scene_from_arrays(images, camera, poses, test_every=0), 500, 0)
     assert found is not None and len(found[0]) == 500
     off = np.abs(found[0][:, 2] - WALL) / WALL
     assert np.mean(off > tol.SWEPT_FAR) < tol.SWEPT_BY_CHANCE

@@ -123,7 +123,7 @@ def test_train_reading_images_again_same_bits(dataset, scene, unbroken):
     # Caches of decoded images, ray tables and tiles hold nothing that later runs depend on.
     fresh = gsut.load_dataset(dataset)
     assert arrays_of(train(fresh, TrainOptions(**SHORT)).gaussians) == arrays_of(
-        gsut.load_ply(unbroken / SCENE)
+        gsut.formats.load_ply(unbroken / SCENE)
     )
 
 
@@ -343,10 +343,10 @@ def test_train_no_training_view_is_refused(tmp_path, rng):
 
 def test_train_every_isa_learns_alike(scene):
     found = {}
-    for isa in gsut.available_isas():
-        gsut.set_isa(isa)
+    for isa in gsut.machine.available_isas():
+        gsut.machine.set_isa(isa)
         found[isa] = train(scene, TrainOptions(steps=100, max_gaussians=150)).metrics["psnr"]
-    assert len(found) == len(gsut.available_isas())
+    assert len(found) == len(gsut.machine.available_isas())
     # Rounding steers densification: like quality, not like numbers.
     assert min(found.values()) > tolerances.TRAIN_LEAST_PSNR, found
 

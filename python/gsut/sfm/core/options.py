@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 from gsut._core import InputError
-from gsut.lens import is_lens_name, lens_by_name
+from gsut.lens import find_lens, is_lens_name
 from gsut.run import check_options, describe_options, option
 
 PAIR_RULES = ("auto", "all", "sequential", "similar")
@@ -140,8 +140,8 @@ def add_lens_readout(
     wanted = options.shutter == "rolling" and options.readout_time is None
     if not (wanted and camera and is_lens_name(camera)):
         return options
-    profile = lens_by_name(camera, tuple(captured["size"]))
-    share = profile.readout_share(captured["name_rate"])
+    profile = find_lens(camera, tuple(captured["size"]))
+    share = profile.find_readout_share(captured["name_rate"])
     backwards = (profile.readout_ms or 0) < 0
     direction = "bottom_to_top" if backwards else options.readout_direction
     return dataclasses.replace(options, readout_time=share, readout_direction=direction)

@@ -13,7 +13,7 @@ import dataclasses
 import numpy as np
 
 from gsut.data import Scene
-from gsut.data.points import points_seen
+from gsut.data.points import find_seen_points
 from gsut.render import interpolated_gains
 
 # Photographs that are compared, evenly chosen; more cost time only.
@@ -125,7 +125,7 @@ def _sample_view(
     well."""
     import cv2
 
-    rows, x, y, _ = points_seen(scene, view, points)
+    rows, x, y, _ = find_seen_points(scene, view, points)
     compared = rows % -(-len(points) // _MOST_COMPARED) == 0
     rows, x, y = rows[compared], x[compared], y[compared]
     image = scene.image(view)

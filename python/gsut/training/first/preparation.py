@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from gsut.data import Scene, some_names
+from gsut.data import Scene, list_some
 from gsut.data.scene import with_shutter
 from gsut.gaussians import Gaussians
 from gsut.refine import TracksResult, check_refinable, refine_by_tracks
@@ -63,7 +63,7 @@ def leave_out_blurred(scene: Scene, options: TrainOptions) -> Scene:
         if sharp[place] < _BLURRED_SHARE * np.median(around):
             blurred.add(index)
     names = [scene.views[index].name for index in sorted(blurred)]
-    note = f"{len(names)} blurred photographs are left out: {some_names(names)}"
+    note = f"{len(names)} blurred photographs are left out: {list_some(names)}"
     kept = [index for index in scene.train_indices if index not in blurred]
     return scene.replace(train_indices=kept, notes=(*scene.notes, note)) if names else scene
 

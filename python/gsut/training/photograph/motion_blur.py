@@ -15,7 +15,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.data import Level, Scene, View
-from gsut.data.scene import neighbours_in_time, views_within
+from gsut.data.scene import find_time_neighbours, split_exposure
 from gsut.gaussians import Gaussians
 
 # Pixels between renders within an exposure; wider gaps would show as ghosts.
@@ -47,7 +47,7 @@ class Exposure:
             raise InputError(
                 "--motion-blur needs at least two frames to find the camera's velocity"
             )
-        self._neighbours = neighbours_in_time(scene.views)
+        self._neighbours = find_time_neighbours(scene.views)
 
     def find_poses(self, scene: Scene, level: Level, view: int) -> Any:
         """Returns the motion of a view, or a list of several if the photograph is blurred.
@@ -71,7 +71,7 @@ class Exposure:
         """Returns the view at `count` moments of its exposure."""
         before, after, time = self._neighbours[view]
         moment = (scene.views[view], scene.views[before], scene.views[after])
-        return views_within(*moment, (self._share or 0.0) / time, count)
+        return split_exposure(*moment, (self._share or 0.0) / time, count)
 
 
 def _measure_motion(scene: Scene, view: int, first: View, second: View) -> float:

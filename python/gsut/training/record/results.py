@@ -89,7 +89,7 @@ def measure_training(
         metrics["psnr_train"] = mean_psnr(scene, gaussians, some, loop.options.background)
     metrics["notes"] += loop.notes
     if loop.refiner is not None:
-        metrics["refinement"] = loop.refiner.figures()
+        metrics["refinement"] = loop.refiner.summarize()
     return scene, metrics
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from gsut._core import num_threads
-from gsut.data import Scene, scene_digests
+from gsut.data import Scene, digest_scene
 from gsut.evaluate import mean_psnr
 from gsut.run import Progress, RunFolder, TrainOptions, describe_environment
 from gsut.training.loop import TrainingLoop
@@ -65,7 +65,7 @@ class TrainingRecord:
         self.checkpoint: dict[str, Any] | None = None
         self.history: list[dict[str, Any]] = []
         if out is not None:
-            environment = describe_environment(scene.path) | {"digests": scene_digests(scene)}
+            environment = describe_environment(scene.path) | {"digests": digest_scene(scene)}
             self.run = RunFolder.create(out, options, resume=resume, environment=environment)
             found = self.run.load_checkpoint() if resume else None
             self.checkpoint = None if found is None else found[1]

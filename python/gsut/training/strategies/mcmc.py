@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gsut.gaussians import Gaussians
-from gsut.optimize import GaussianOptimizer, densify_mcmc, grown_count
+from gsut.optimize import GaussianOptimizer, compute_target_size, densify_mcmc
 from gsut.training.densification import Densification, DensificationStep
 
 # Largest standard deviation of a Gaussian, x its distance from the cameras' middle or the scene's
@@ -40,7 +40,7 @@ class Strategy(Densification):
         """Relocates dead Gaussians and adds the number that the schedule requires."""
         size = optimizer.size
         if not now.full_grown:
-            size = grown_count(self.options, self.first_count, now.fraction)
+            size = compute_target_size(self.options, self.first_count, now.fraction)
         densify_mcmc(optimizer, size, dead_opacity=self.options.dead_opacity)
         _limit_sizes(optimizer.gaussians, now)
         return optimizer

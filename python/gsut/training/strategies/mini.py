@@ -119,7 +119,7 @@ class Strategy(Densification):
             return optimizer
         if self._is_due(REINIT_AT, step):
             new = reinitialize(optimizer.gaussians, scene, o, optimizer.size, seed)
-            return optimizer.restarted(new)
+            return optimizer.restart_with(new)
         most = OVERGROWN * o.max_gaussians
         densify_adaptive(
             optimizer,

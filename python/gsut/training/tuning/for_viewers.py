@@ -13,7 +13,7 @@ from gsut._core import InputError
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
 from gsut.lens import Camera
-from gsut.optimize import GaussianOptimizer, LearningRates, view_of_step
+from gsut.optimize import GaussianOptimizer, LearningRates, choose_view
 from gsut.render import DEFAULT_UNSCENTED, EwaSplats, psnr, render, render_ewa, viewer_rule
 from gsut.training.first import center_on_cameras
 
@@ -100,7 +100,7 @@ def tune_for_viewers(
     renderer, rule = _core.Renderer(), viewer_rule()
     extent = scene.extent
     for step in range(1, steps + 1):
-        view = view_of_step(scene.train_indices, step, seed)
+        view = choose_view(scene.train_indices, step, seed)
         rng = np.random.default_rng([seed, step])
         camera = _draw_window(rng)
         pose = _turn_pose(rng, scene, view)
