@@ -22,8 +22,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import gsut
-from gsut._core import InputError
+from gsut._core import InputError, active_isa
 from gsut.cli import Parser, run_command
 from gsut.files import write_file
 from tests.bench.__main__ import build_parser as build_bench_parser
@@ -115,7 +114,7 @@ def describe_origin() -> str:
     commit = f"{ask_git('rev-parse', '--short=8', 'HEAD')}{' with changes' if changed else ''}"
     model = re.search(r"model name\s*: (.+)", Path("/proc/cpuinfo").read_text())
     machine = f"{os.cpu_count()} cores of {model[1] if model else 'an unknown processor'}"
-    return f"commit {commit}, {datetime.date.today()}, {machine}, {gsut.active_isa()}"
+    return f"commit {commit}, {datetime.date.today()}, {machine}, {active_isa()}"
 
 
 def measure_table(table: Table, data: str | None) -> list[Row]:
