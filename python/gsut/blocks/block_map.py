@@ -9,7 +9,7 @@ import numpy as np
 from gsut.data import Scene
 from gsut.files import whole_file
 from gsut.gaussians import Gaussians
-from gsut.page import INK, MUTED, SERIES, plot_figure
+from gsut.page import INK, MUTED, SERIES, make_figure
 
 # Name of the picture in the folder of the blocks.
 MAP = "map.png"
@@ -36,7 +36,7 @@ def write_map(folder: Path, gaussians: Gaussians, owners: np.ndarray, scene: Sce
     low, high = np.minimum(low, centers.min(axis=0)), np.maximum(high, centers.max(axis=0))
     across, along = np.sort(np.argsort(-np.ptp(centers, axis=0), kind="stable")[:2])
     rows = np.linspace(0, len(points) - 1, min(_DOTS, len(points))).astype(int)
-    figure, axes = plot_figure("Blocks, and the cameras as rings", 7.0, 5.0)
+    figure, axes = make_figure("Blocks, and the cameras as rings", 7.0, 5.0)
     blocks, number = np.unique(owners, return_inverse=True)
     middles = np.array([np.median(points[number == each], axis=0) for each in range(len(blocks))])
     colors = np.array(SERIES)[choose_colors(middles)[number[rows]]]
