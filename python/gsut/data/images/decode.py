@@ -16,7 +16,6 @@ from gsut.files import regular
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_PNG_TYPES_WITH_ALPHA = (3, 4, 6)  # palette (may carry alpha), grey + alpha, RGB + alpha
 # Start-of-frame markers of JPEG; C4, C8 and CC are tables, not frames.
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _JPEG_BARE = frozenset({0x01, *range(0xD0, 0xD9)})  # markers without a length
@@ -29,11 +28,10 @@ _COPY_AGAIN = "copy or export the file again"
 
 
 class ImageHeader(NamedTuple):
-    """Size in pixels, and whether the file may hold an alpha channel."""
+    """Size of an image in pixels."""
 
     width: int
     height: int
-    may_have_alpha: bool
 
 
 def read_header(path: Path) -> ImageHeader:
@@ -55,12 +53,12 @@ def read_header(path: Path) -> ImageHeader:
                     path, f"says {width} x {height} pixels, more than its {size} bytes can hold",
                     _COPY_AGAIN,
                 )  # fmt: skip
-            return ImageHeader(width, height, head[25] in _PNG_TYPES_WITH_ALPHA)
+            return ImageHeader(width, height)
         if head.startswith(_JPEG_START):
             file.seek(2)
-            return ImageHeader(*_read_jpeg_size(file, path), False)
-    pixels, valid = decode_image(path)
-    return ImageHeader(pixels.shape[1], pixels.shape[0], valid is not None)
+            return ImageHeader(*_read_jpeg_size(file, path))
+    pixels, _ = decode_image(path)
+    return ImageHeader(pixels.shape[1], pixels.shape[0])
 
 
 def _open(path: Path):
