@@ -39,6 +39,7 @@ from gsut.formats import load_ply, open_ply
 from gsut.gaussians import Gaussians
 from gsut.run import (
     BLOCKS,
+    PLAN,
     SCENE,
     BlockOptions,
     Progress,
@@ -47,7 +48,6 @@ from gsut.run import (
     read_plan,
     release_memory,
 )
-from gsut.run.folder import PLAN
 from gsut.training import (
     choose_complexity,
     describe_place,
