@@ -323,7 +323,7 @@ class Stages:
             self._run, metrics, scene.path, scene if o.refine_poses else None,
             self._run.begun_with(), self._blocks.words(),
         )  # fmt: skip
-        scene = scene.about((0.0, 0.0, 0.0))
+        scene = scene.move_origin((0.0, 0.0, 0.0))
         return BlocksResult(self._run.path / SCENE, metrics, scene, self.layout)
 
     def _make_rows(self) -> list[dict[str, Any]]:

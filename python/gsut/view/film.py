@@ -16,7 +16,8 @@ from gsut._core import InputError
 from gsut.render import smooth_path, write_video
 
 if TYPE_CHECKING:
-    from gsut.view.frames import FrameRequest, Frames
+    from gsut.view.frame_request import FrameRequest
+    from gsut.view.frames import Frames
 
 # Media type of each format.
 _KINDS = {"mp4": "video/mp4", "webm": "video/webm", "gif": "image/gif"}

@@ -17,7 +17,8 @@ from gsut.lens import camera_models
 from gsut.lens.files import values_from_camera
 from gsut.view.edits import find_floaters, locate_ground, save_edited
 from gsut.view.film import Film
-from gsut.view.frames import MODES, FrameRequest, Frames
+from gsut.view.frame_request import MODES, FrameRequest
+from gsut.view.frames import Frames
 from gsut.view.lenses import Lenses
 from gsut.view.server import Reply, Route
 from gsut.view.stage import Stage
@@ -223,7 +224,7 @@ class Session:
 
     def _move_to_dataset(self, pose: Any) -> np.ndarray:
         matrix = np.array(pose, np.float64).reshape(4, 4)
-        return matrix if self.stage.scene is None else self.stage.scene.in_dataset(matrix)
+        return matrix if self.stage.scene is None else self.stage.scene.to_dataset(matrix)
 
 
 def _index(value: Any, scene: Scene) -> int:

@@ -13,7 +13,7 @@ import gsut
 import rendered_dataset
 from gsut.cli import main
 from gsut.view import LiveTraining, ViewServer
-from gsut.view.frames import MODES
+from gsut.view.frame_request import MODES
 
 STEPS = 24
 
