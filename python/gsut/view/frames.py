@@ -35,7 +35,7 @@ from gsut.view.measure import SEEN, find_point_at
 from gsut.view.overlays import (
     draw_box,
     draw_cameras,
-    draw_lines,
+    draw_grid,
     draw_marks,
     draw_points,
     mark_without_ray,
@@ -114,7 +114,8 @@ class Frames:
         if scene is not None and "cameras" in layers:
             draw_cameras(image, camera, pose, scene, request.view)
         if "axes" in layers:
-            self._draw_axes(image, camera, pose, request.ground)
+            axes, middle = self._find_ground_axes(request.ground)
+            draw_grid(image, camera, pose, axes * self.extent, middle)
         if request.crop is not None and "box" in layers:
             sides = (np.arange(8)[:, None] >> np.arange(3)) & 1
             corners = request.crop[sides, np.arange(3)] * self.extent
@@ -301,20 +302,13 @@ class Frames:
         turned[~np.isfinite(turned).all(axis=2)] = -1
         return to_uint8((turned + 1) / 2)
 
-    def _draw_axes(
-        self, image: np.ndarray, camera: Camera, pose: np.ndarray, ground: np.ndarray | None
-    ) -> None:
-        """Draws a grid on the ground, or on the plane through the scene's middle across its up
-        axis."""
-        axes, middle = self.axes, self.center
-        if ground is not None:
-            axes = axes @ rotate_upright(axes[1]).T @ rotate_upright(ground[:3])
-            middle = middle + (ground[3] - ground[:3] @ middle) * ground[:3]
-        lines = np.linspace(-1, 1, 11)
-        a = [(x, 0, -1) for x in lines] + [(-1, 0, z) for z in lines]
-        b = [(x, 0, 1) for x in lines] + [(1, 0, z) for z in lines]
-        starts, ends = (np.array(side) * self.extent @ axes + middle for side in (a, b))
-        draw_lines(image, camera, pose, starts, ends, [(120, 130, 145)] * len(a))
+    def _find_ground_axes(self, ground: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Returns axes (3, 3) and middle (3,) of the ground, or of the scene without one."""
+        if ground is None:
+            return self.axes, self.center
+        turn = rotate_upright(self.axes[1]).T @ rotate_upright(ground[:3])
+        height = ground[3] - ground[:3] @ self.center
+        return self.axes @ turn, self.center + height * ground[:3]
 
 
 def _apply_colors(level: np.ndarray, known: np.ndarray, colors: str) -> np.ndarray:

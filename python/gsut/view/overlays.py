@@ -25,6 +25,10 @@ _HELD_OUT = (251, 146, 60)
 _MARK = (52, 211, 153)
 # Colour of the crop box.
 _BOX = (244, 114, 182)
+# Colour of the ground's grid.
+_GRID = (120, 130, 145)
+# Lines of the grid in each direction.
+_GRID_LINES = 11
 # Pairs of corners that differ in one axis.
 _BOX_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
 
@@ -146,3 +150,14 @@ def mark_without_ray(image: np.ndarray, valid: Any) -> None:
     rows, columns = np.nonzero(~np.asarray(valid, bool))
     stripe = ((rows + columns) // 6) % 2
     image[rows, columns] = np.where(stripe[:, None], (70, 40, 48), (40, 24, 30)).astype(np.uint8)
+
+
+def draw_grid(
+    image: np.ndarray, camera: Camera, pose: np.ndarray, axes: np.ndarray, middle: np.ndarray
+) -> None:
+    """Draws a grid on the plane through `middle` along the first and last of `axes` (3, 3)."""
+    places = np.linspace(-1, 1, _GRID_LINES)
+    starts = [(x, 0, -1) for x in places] + [(-1, 0, z) for z in places]
+    ends = [(x, 0, 1) for x in places] + [(1, 0, z) for z in places]
+    lines = (np.array(side) @ axes + middle for side in (starts, ends))
+    draw_lines(image, camera, pose, *lines, [_GRID] * len(starts))
