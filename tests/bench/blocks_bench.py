@@ -140,7 +140,7 @@ BENCHMARK = Benchmark(
         Column("cpu_seconds", "whole command", "CPU-s", ".0f"),
         Column("seconds", "whole command", "s", ".0f"),
         Column("peak_mb", "peak memory", "MB", ",.0f"),
-        Column("bits"),
+        Column("bits", form="s"),
     ),
     cases=list_cases,
     measure=measure,

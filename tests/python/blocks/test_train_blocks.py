@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import gsut
-from attack.harness import snapshot
+from attack.harness import take_snapshot
 from gsut.blocks import workers
 from gsut.blocks.layout import Layout
 from gsut.blocks.plan import check_memory, choose_count, estimate_total_bytes, make_block_options
@@ -248,6 +248,6 @@ def test_run_goes_on_as_a_whole_or_in_blocks_as_it_was_begun(scene, finished, tm
 
 
 def test_finished_run_in_blocks_stays_as_it_is(scene, finished):
-    before = snapshot(finished / "run")
+    before = take_snapshot(finished / "run")
     train(scene, finished / "run", resume=True, report=True)
-    assert snapshot(finished / "run") == before
+    assert take_snapshot(finished / "run") == before

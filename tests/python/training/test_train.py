@@ -13,7 +13,7 @@ import pytest
 
 import gsut
 import tolerances
-from attack.harness import snapshot
+from attack.harness import take_snapshot
 from gsut import InputError, TrainOptions
 from gsut.run.folder import HISTORY, SCENE
 from gsut.training.first.seeding import seed_first
@@ -210,9 +210,9 @@ def test_train_killed_by_sigkill_and_resumed_same_bits(dataset, unbroken, tmp_pa
 
 
 def test_train_resume_of_a_finished_run_changes_nothing(scene, unbroken):
-    before = snapshot(unbroken)
+    before = take_snapshot(unbroken)
     train(scene, TrainOptions(**SHORT, threads=1), out=unbroken, resume=True)
-    assert snapshot(unbroken) == before
+    assert take_snapshot(unbroken) == before
 
 
 def test_train_into_a_folder_with_a_run_is_refused(scene, unbroken):
