@@ -57,7 +57,7 @@ def train_coarse(
     done, checkpoint = folder / "coarse.npz", folder / "coarse-checkpoint.npz"
     if not done.is_file():
         scale = choose_coarse_scale(scene)
-        small = scene if scale == 1.0 else scene.scaled(scale)
+        small = scene if scale == 1.0 else scene.scale_images(scale)
         state = read_checkpoint(checkpoint) if checkpoint.is_file() else None
         tracks = None if state is not None else refine_first_poses(small, options, progress)
         loop = TrainingLoop(small, options, tracks=tracks)
@@ -68,7 +68,7 @@ def train_coarse(
         with Progress(progress) as bar:
             while loop.step < options.steps:
                 loss = loop.advance()
-                camera = loop.views.at(loop.step / options.steps).scene.cameras[0]
+                camera = loop.views.select_level(loop.step / options.steps).scene.cameras[0]
                 pixels += int(np.count_nonzero(camera.rays()[1]))
                 bar.show("coarse", loop.step, options.steps, f"loss {loss:.4f}")
                 if loop.step % _EVERY == 0 and loop.step < options.steps:

@@ -121,7 +121,7 @@ class Stages:
         self._engine = engine
         if options.background is None:
             options = dataclasses.replace(options, background=find_plain_background(scene))
-        self._complexity = choose_complexity(scene, options.resolved())
+        self._complexity = choose_complexity(scene, options.resolve())
         self._options = limit_gaussians(options, self._complexity.max_gaussians)
         self._scene = scene
         self._folder = run.path / BLOCKS
@@ -163,11 +163,11 @@ class Stages:
         """Trains the coarse model, if it fits into memory."""
         options = make_coarse_options(self._options, self._count)
         scale = choose_coarse_scale(self._scene)
-        small = self._scene if scale == 1.0 else self._scene.scaled(scale)
+        small = self._scene if scale == 1.0 else self._scene.scale_images(scale)
         views = len(small.train_indices)
         size = TrainingSize(small, options.sh_degree, options.most_gaussians, 0, views)
         alone = dataclasses.replace(self._blocks, workers=1)
-        if self._blocks.memory_bytes():
+        if self._blocks.parse_memory():
             check_memory({"the coarse model": size.estimate_least_bytes()}, alone)
         keep = size.limit_photograph_bytes(alone)
         coarse = train_coarse(self._scene, options, self._folder, self._progress, keep)
@@ -180,7 +180,7 @@ class Stages:
         if path.is_file():
             layout = Layout.read(str(path))
         else:
-            small = scene.scaled(choose_coarse_scale(scene))
+            small = scene.scale_images(choose_coarse_scale(scene))
             with Progress(self._progress) as bar:
                 seen = Counter(bar, "layout", len(scene.train_indices))
                 work = measure_work(g, small, scene.train_indices, seen.advance)
@@ -213,7 +213,7 @@ class Stages:
         if not missing:
             return jobs
         coarse, scene = self.coarse, self.coarse.scene
-        small = scene.scaled(choose_coarse_scale(scene))
+        small = scene.scale_images(choose_coarse_scale(scene))
         keep_at_most(small, limit_cache_bytes(self._blocks))
         with Progress(self._progress) as bar:
             if self._shares is None:
@@ -296,7 +296,7 @@ class Stages:
     def finish(self) -> BlocksResult:
         """Measures the scene and writes what `train` writes, with figures of the blocks."""
         scene, o = self.coarse.scene, self._options
-        resolved = dataclasses.replace(o.resolved(), background=o.background)
+        resolved = dataclasses.replace(o.resolve(), background=o.background)
         rows = self._make_rows()
         steps = sum(row["steps"] for row in rows)
         seconds = self.coarse.seconds + sum(row["seconds"] for row in rows)
@@ -321,9 +321,9 @@ class Stages:
         os.replace(self._folder / SCENE, self._run.path / SCENE)
         write_findings(
             self._run, metrics, scene.path, scene if o.refine_poses else None,
-            self._run.begun_with(), self._blocks.words(),
+            self._run.begun_with(), self._blocks.list_words(),
         )  # fmt: skip
-        scene = scene.about((0.0, 0.0, 0.0))
+        scene = scene.move_origin((0.0, 0.0, 0.0))
         return BlocksResult(self._run.path / SCENE, metrics, scene, self.layout)
 
     def _make_rows(self) -> list[dict[str, Any]]:

@@ -117,7 +117,7 @@ def _view_part(view: SurfaceView, mesh: Mesh | None) -> str:
         pictures.append((f"error, median {_percent(middle)} %", _error_colors(error)))
     if mesh is not None and len(mesh):
         width = min(view.camera.width, _MOST_WIDE)
-        camera = view.camera.resized(width, round(view.camera.height * width / view.camera.width))
+        camera = view.camera.resize(width, round(view.camera.height * width / view.camera.width))
         pictures.append(("mesh", shaded_picture(mesh, camera, view.motion)))
     figures = "".join(
         f'<figure style="margin:0"><img src="{embed_picture(image, _MOST_WIDE)}" alt="">'

@@ -132,7 +132,7 @@ def test_points_are_known_where_a_view_sees_them_and_not_behind_others(scene):
     # The pixel's ray and the point's differ by half a pixel.
     error = np.abs(known / truth - 1)[has]
     assert np.median(error) < 0.01 and np.mean(error > 0.05) < 0.1
-    half = camera.resized(24, 18)
+    half = camera.resize(24, 18)
     assert np.count_nonzero(KnownDepth(both, "points").map(both, view, half)) > 80
 
 
@@ -152,7 +152,7 @@ def test_depth_files_are_known_at_any_size_and_damaged_ones_are_named(tmp_path):
     camera = scene.camera(view)
     assert np.abs(known.map(scene, view, camera) - truth).max() < 1e-3
     assert known.map(scene, scene.train_indices[1], camera) is None
-    half = known.map(scene, view, camera.resized(24, 18))
+    half = known.map(scene, view, camera.resize(24, 18))
     assert np.all(half > 0)
     cv2.imwrite(str(folder / "depth.png"), np.ones((5, 4), np.uint16))
     with pytest.raises(InputError, match=r"depth.png is 4 x 5"):
@@ -201,7 +201,7 @@ def test_surfels_stay_surfels_and_go_on_to_the_same_bits(scene, strategy):
     options = TrainOptions(
         steps=60, max_gaussians=300, coarse_to_fine=(0.0, 0.0), primitive="surfel",
         surface=strategy == "mcmc", strategy=strategy, compact_at=50, keep=0.5, noise=True,
-    ).resolved()  # fmt: skip
+    ).resolve()  # fmt: skip
 
     def trained(state=None, until=60):
         loop = TrainingLoop(scene, options)
@@ -221,7 +221,7 @@ def test_surfels_stay_surfels_and_go_on_to_the_same_bits(scene, strategy):
 
 
 def test_surfels_with_a_filter_that_thickens_them_are_refused():
-    with pytest.raises(InputError, match="--low-pass"):
+    with pytest.raises(InputError, match="low_pass"):
         TrainOptions(primitive="surfel", low_pass=0.3)
 
 
@@ -229,7 +229,7 @@ def test_training_for_surfaces_flattens_and_goes_on_to_the_same_bits(scene):
     common = {"steps": 60, "max_gaussians": 300, "coarse_to_fine": (0.0, 0.0)}
 
     def trained(surface, state=None, until=60):
-        loop = TrainingLoop(scene, TrainOptions(**common, surface=surface).resolved())
+        loop = TrainingLoop(scene, TrainOptions(**common, surface=surface).resolve())
         if state is not None:
             loop.load_state_dict(state)
         while loop.step < until:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut.data import CAPTURE_FOLDER, STRIP
-from gsut.data.poses import centers_of
+from gsut.data.poses import find_centers
 from gsut.files import write_file
 from gsut.page import (
     LINE,
@@ -117,7 +117,7 @@ def _rig_rows(rig: dict[str, Any]) -> dict[str, str]:
 
 def _scene_plot(solution: Solution, rig: dict[str, Any] | None) -> str:
     """Seen along two principal axes of the camera path; each camera of a rig in a colour."""
-    centers = centers_of(solution.camera_from_world[solution.registered])
+    centers = find_centers(solution.camera_from_world[solution.registered])
     forward = solution.camera_from_world[solution.registered][:, 2, :3]
     down = solution.camera_from_world[solution.registered][:, 1, :3].mean(axis=0)
     down = down / max(float(np.linalg.norm(down)), 1e-12)
