@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gsut.capture import capture
-from gsut.cli.poses import PosesStages
 from gsut.files import write_file
-from gsut.sfm import PosesOptions, PosesResult, errors_against, find_poses
+from gsut.sfm import PosesOptions, PosesResult, compare_datasets, find_poses
 from tests.bench.poses_bench import PosesBenchOptions, measure_pycolmap
 from tests.bench.report_rows import table_text
-from tests.bench.time_left import WatchedProgress, right_percent
 from tests.bench.walk_bench import FILMS, write_truth
 
 HELP = "poses of ever more frames of one video: seconds by stage, same bits on any threads"
@@ -35,7 +31,6 @@ COLUMNS = (
     ("residual [px]", "median", ".3f"),
     ("ATE [% of extent]", "ate_percent", ".3f"),
     ("rotation median [deg]", "rotation_median_degrees", ".3f"),
-    ("time left within 1.5 [%]", "left_percent", ".0f"),
     ("bits", "bits", ""),
 )
 _STAGES = ("features", "matching", "mapping")
@@ -78,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
                 options = PosesOptions(threads=number, shutter=arguments.shutter)
                 row, found = measure(taken.path, folder / f"{number}", options)
                 if arguments.film:
-                    errors = errors_against(data, folder / f"{number}")
+                    errors = compare_datasets(data, folder / f"{number}")
                     row["ate_percent"] = errors.ate_percent
                     row["rotation_median_degrees"] = float(np.median(errors.rotation_degrees))
                 if first is not None:
@@ -104,10 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def measure(captured: Path, out: Path, options: PosesOptions) -> tuple[dict[str, Any], PosesResult]:
     """The row of one run, and what it found."""
-    with WatchedProgress({}) as bars, contextlib.closing(PosesStages(bars)) as stages:
-        found = find_poses(
-            captured, out, options=options, on_progress=stages.show, on_expected=stages.expect
-        )
+    found = find_poses(captured, out, options=options)
     figures = found.figures
     row = {
         **dict.fromkeys(key for _, key, _ in COLUMNS),
@@ -119,8 +111,6 @@ def measure(captured: Path, out: Path, options: PosesOptions) -> tuple[dict[str,
         "frame_cpu_seconds": figures["cpu_seconds"]["total"] / figures["images"],
         "median": figures["reprojection_error_px"]["median"],
     }
-    if options.threads == 1:  # whose processor seconds are the clock
-        row["left_percent"] = right_percent(bars.shown_until(time.process_time()))
     return row, found
 
 

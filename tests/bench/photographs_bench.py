@@ -21,7 +21,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.files import write_file
-from gsut.sfm.lens.candidates import lens_of_field
+from gsut.sfm.lens.candidates import make_lens
 from tests.bench.report_rows import table_text
 from tests.bench.walk_film import Film, film_pictures, walk
 
@@ -88,7 +88,7 @@ def write_photographs(folder: Path, count: int, megapixels: float) -> None:
     import cv2
     from PIL import Image
 
-    camera = lens_of_field(*_TRACED, _FIELD, 1.0)
+    camera = make_lens(*_TRACED, _FIELD, 1.0)
     seconds = count / _RATE
     path = walk(seconds, around=count / _ROUND, seed=21)
     film = Film(camera, path, seconds, _RATE, 0.0, 0.0, seed=21)

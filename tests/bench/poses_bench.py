@@ -17,15 +17,9 @@ import numpy as np
 from gsut._core import InputError, SolveError
 from gsut.lens import camera_models, colmap_record, convert_camera
 from gsut.run import add_option_flags, check_options, describe_options, given_options, option
-from gsut.sfm import (
-    PoseErrors,
-    PosesOptions,
-    compare_poses,
-    errors_against,
-    find_photographs,
-    find_poses,
-    poses_by_path,
-)
+from gsut.sfm import PoseErrors, PosesOptions, compare_datasets, compare_poses, find_poses
+from gsut.sfm.core import find_photographs
+from gsut.sfm.world import read_poses_by_path
 from tests.bench import pycolmap_poses
 from tests.bench.report_rows import (
     MEASURED,
@@ -235,7 +229,7 @@ def _measure(data: Path, lens: str, shutter: str, bench: PosesBenchOptions) -> d
         )
         if result.solution.num_registered >= _FEWEST:
             if _has_poses(data):
-                row.update(_error_values(errors_against(data, folder)))
+                row.update(_error_values(compare_datasets(data, folder)))
             row.update(_psnr(folder, bench))
     return row
 
@@ -302,7 +296,7 @@ def measure_pycolmap(
 
 def _errors_of_names(found: dict[str, Any], root: Path, data: Path) -> PoseErrors:
     """Of poses (3, 4) by the images' names below `root` against a dataset's."""
-    reference = poses_by_path(data)
+    reference = read_poses_by_path(data)
     chosen = [name for name in found if root / name in reference]
     poses = np.array([[*found[name], [0.0, 0.0, 0.0, 1.0]] for name in chosen])
     return compare_poses(poses, np.array([reference[root / name] for name in chosen]))

@@ -14,11 +14,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data.poses import inverse
 from gsut.data.rigs import Rig, read_rig, relative_changes, write_rig
-from gsut.sfm import (
-    PosesOptions,
-    errors_against,
-    find_poses,
-)
+from gsut.sfm import PosesOptions, compare_datasets, find_poses
 
 DISTURBED_DEGREES = 0.5
 DISTURBED_SHARE = 0.01  # of the baseline
@@ -124,7 +120,7 @@ def _measure(
         except SolveError as error:
             return {**row, "failure": str(error)}
         figures = result.figures
-        errors = errors_against(data, out)
+        errors = compare_datasets(data, out)
         row.update(
             registered=figures["registered"],
             images=figures["images"],

@@ -20,7 +20,7 @@ import numpy as np
 
 from gsut.cli import main
 from gsut.lens import Camera
-from gsut.sfm.lens.candidates import lens_of_field
+from gsut.sfm.lens.candidates import make_lens
 from gsut.sfm.world.comparison import compare_poses
 from tests.bench.report_rows import table_text
 from tests.bench.walk_film import Film, Path4, film_pictures, walk
@@ -67,7 +67,7 @@ def _path(seed: int) -> Path4:
 
 
 def _walk(field: float, bend: float, seed: int) -> Pictures:
-    camera = lens_of_field(_WIDTH, _HEIGHT, field, bend)
+    camera = make_lens(_WIDTH, _HEIGHT, field, bend)
     film = Film(
         camera, _path(seed), _SECONDS, _COUNT / _SECONDS, readout=0.0, exposure=0.0, seed=seed
     )
@@ -97,7 +97,7 @@ def _turned() -> Pictures:
         poses[:, :3, 3] = [2.0, 1.0, 1.5]
         return poses
 
-    camera = lens_of_field(_WIDTH, _HEIGHT, 72, 1.0)
+    camera = make_lens(_WIDTH, _HEIGHT, 72, 1.0)
     film = Film(camera, path, _SECONDS, 1.0, readout=0.0, exposure=0.0, seed=13)
     return list(film_pictures(film))
 
@@ -142,7 +142,7 @@ CAPTURES: dict[str, Case] = {
     "in the dark": Case(lambda plain, wide: _times(plain, 0.06 * _ONES), ("poor",), "dark"),
     "blurred": Case(lambda plain, wide: _blurred(plain, 6.0), ("poor",), "blurred"),
     "another lens given": Case(
-        lambda plain, wide: wide, ("poor",), "agree|off by", lens_of_field(_WIDTH, _HEIGHT, 45, 1.0)
+        lambda plain, wide: wide, ("poor",), "agree|off by", make_lens(_WIDTH, _HEIGHT, 45, 1.0)
     ),
     "turned on the spot": Case(lambda plain, wide: _turned(), ("poor",), "turn"),
     "two zooms": Case(lambda plain, wide: _zoomed(plain), ("usable", "poor"), "2 zooms"),

@@ -22,7 +22,7 @@ from gsut.data.poses import inverse
 from gsut.files import write_file
 from gsut.lens import Camera, lens_by_name
 from gsut.sfm import compare_poses
-from gsut.sfm.lens.candidates import lens_of_field
+from gsut.sfm.lens.candidates import make_lens
 from tests.bench.report_rows import table_text
 from tests.bench.walk_film import Film, Path4, walk, write_film
 
@@ -81,27 +81,27 @@ FILMS: dict[str, Callable[[float], Film]] = {
         "Insta360 OneRS, 1inch, 60fps", walk(s, seed=10), s, seed=9
     ),
     "phone": lambda s: Film(
-        lens_of_field(*_WIDE, 68, 1.0), walk(s, seed=3), s, readout=0.022, seed=2
+        make_lens(*_WIDE, 68, 1.0), walk(s, seed=3), s, readout=0.022, seed=2
     ),
     "phone upright": lambda s: _of_database(
         "Apple iPhone 14, 26mm, 30P", walk(s, seed=4), s, seed=3, sideways=True
     ),
     "wide and shaken": lambda s: Film(
-        lens_of_field(*_WIDE, 122, 0.3), walk(s, seed=5, shake_degrees=1.5), s, readout=0.012,
+        make_lens(*_WIDE, 122, 0.3), walk(s, seed=5, shake_degrees=1.5), s, readout=0.012,
         seed=4,
     ),
     "straight on": lambda s: Film(
-        lens_of_field(*_WIDE, 84, 0.9),
+        make_lens(*_WIDE, 84, 0.9),
         walk(s, seed=6, forward=6.0 / s, looking=0.0, shake_degrees=0.3), s, seed=5,
     ),
     "on the spot": lambda s: Film(
-        lens_of_field(*_WIDE, 75, 1.0), walk(s, seed=7, around=0.0, looking=1.2), s, seed=6
+        make_lens(*_WIDE, 75, 1.0), walk(s, seed=7, around=0.0, looking=1.2), s, seed=6
     ),
     "global shutter": lambda s: Film(
-        lens_of_field(*_WIDE, 75, 1.0), walk(s, seed=8), s, readout=0.0, seed=7
+        make_lens(*_WIDE, 75, 1.0), walk(s, seed=8), s, readout=0.0, seed=7
     ),
     "through rooms": lambda s: Film(
-        lens_of_field(*_WIDE, 84, 0.9), walk(s, seed=11, rooms=_ROOMS), s, readout=0.0, seed=10,
+        make_lens(*_WIDE, 84, 0.9), walk(s, seed=11, rooms=_ROOMS), s, readout=0.0, seed=10,
         rooms=_ROOMS,
     ),
     "dual fisheye": lambda s: Film(

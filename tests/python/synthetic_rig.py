@@ -8,6 +8,7 @@ import numpy as np
 import gsut
 from gsut.data.poses import inverse
 from gsut.data.rigs import Rig
+from gsut.sfm.core import Mapping, PosesLog, PosesOptions
 from gsut.sfm.core.matching import PairMatches
 from gsut.sfm.core.photographs import Photographs
 from synthetic_walk import observe
@@ -125,3 +126,10 @@ class SyntheticRig:
             apart.append(np.linalg.norm(inverse(found @ onto)[:3, 3] - inverse(truth)[:3, 3]))
             turned.append(np.degrees(np.linalg.norm(cv2.Rodrigues(step[:3, :3])[0])))
         return max(apart), max(turned)
+
+    def mapping(self, **known):
+        """The state of a run that has verified the matches of the rig's images."""
+        return Mapping(
+            self.photographs, PosesOptions(), PosesLog(), features=self.features, pairs=self.pairs,
+            **known,
+        )  # fmt: skip

@@ -20,7 +20,7 @@ from gsut.check.epipolar import (
 from gsut.check.matches import ImagePair, neighbouring_matches
 from gsut.data import Scene
 from gsut.lens import Camera
-from gsut.sfm import angular_errors, pixels_per_radian
+from gsut.sfm.core import measure_angular_errors, measure_pixels_per_radian
 
 _FEWEST_PAIRS, _FEWEST_MATCHES = 2, 60
 _SAMPLE = 800  # matches by which readings and lenses are tried at first
@@ -38,7 +38,7 @@ class Evidence:
 
     @functools.cached_property
     def focal(self) -> float:
-        return pixels_per_radian(self.scene.cameras[0])
+        return measure_pixels_per_radian(self.scene.cameras[0])
 
     @functools.cached_property
     def sample(self) -> Evidence:
@@ -60,12 +60,12 @@ class Evidence:
         return free_turns(self)
 
     def cost_of_poses(self, poses: np.ndarray) -> float:
-        errors = angular_errors(self.rays, self.table.of_matches(poses))
+        errors = measure_angular_errors(self.rays, self.table.of_matches(poses))
         return cost(errors, self.matches, self.focal)
 
     def cost_of_lenses(self, cameras: list[Camera]) -> float:
-        errors = angular_errors(rays_of(cameras, self.matches), self.table.of_matches())
-        return cost(errors, self.matches, pixels_per_radian(cameras[0]))
+        errors = measure_angular_errors(rays_of(cameras, self.matches), self.table.of_matches())
+        return cost(errors, self.matches, measure_pixels_per_radian(cameras[0]))
 
     def words(self) -> str:
         return f"{len(self.matches):,} matches in {len(self.pairs)} pairs of neighbouring images"

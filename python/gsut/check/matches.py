@@ -14,7 +14,8 @@ from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.images import decode_mask
 from gsut.data.scene import frame_times
-from gsut.sfm import Features, PosesOptions, features_in
+from gsut.sfm import PosesOptions
+from gsut.sfm.core import Features, detect_features
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,7 +132,7 @@ def _features(scene: Scene, index: int, options: PosesOptions) -> Features:
         valid = view.valid if view.mask_path is None else decode_mask(view.mask_path)
     except InputError:  # said by the checks of the files
         pixels, valid = np.zeros((8, 8, 3), np.uint8), None
-    return features_in(pixels, valid, options)
+    return detect_features(pixels, valid, options)
 
 
 def describe(pairs: Sequence[ImagePair]) -> str:

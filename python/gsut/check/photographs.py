@@ -14,7 +14,7 @@ from gsut.check.lenses import LensFit, fit_lens, is_free_of_distortion, other_le
 from gsut.check.readings import list_readings
 from gsut.check.turns import MATCHED, clock_of_turns, read_in_degrees, rotation_vector, turn_of_body
 from gsut.data import Scene, some_names
-from gsut.sfm import angular_errors, pixels_per_radian
+from gsut.sfm.core import measure_angular_errors, measure_pixels_per_radian
 
 # Costs are between 0 and 1: good data of ours lie at 0.1 to 0.5, wrong ones at 0.7 to 1.
 _POOR = 0.62  # from here on something is wrong, whether or not another reading fits
@@ -118,7 +118,9 @@ def _fitted(evidence: Evidence, most: float) -> list[tuple[float, str, str, str]
     matches, poses = evidence.matches, evidence.table.of_matches()
     for lens in lenses[:_FITTED_LENSES]:
         rays = fit_lens(lens.cameras, matches, poses).apply(lens.cameras, matches)
-        value = cost(angular_errors(rays, poses), matches, pixels_per_radian(lens.cameras[0]))
+        value = cost(
+            measure_angular_errors(rays, poses), matches, measure_pixels_per_radian(lens.cameras[0])
+        )
         if value < most:
             found.append((value, f"nearly {lens.name}", lens.advice, "lens"))
     return found
@@ -189,7 +191,9 @@ def _small_errors(evidence: Evidence, given: float) -> list[Finding]:
     """Poses and lens fit on the whole: pairs that do not, and how far the lens is off."""
     scene, where = evidence.scene, str(evidence.scene.path)
     poses = evidence.table.of_matches()
-    costs = pair_costs(angular_errors(evidence.rays, poses), evidence.matches, evidence.focal)
+    costs = pair_costs(
+        measure_angular_errors(evidence.rays, poses), evidence.matches, evidence.focal
+    )
     findings = []
     free = {number: share for number, _, share in evidence.free_turns if share > MATCHED}
     bad = [i for i in np.flatnonzero(costs > _BAD_PAIR) if i in free]

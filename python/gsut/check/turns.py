@@ -16,7 +16,7 @@ from gsut.check.evidence import Evidence
 from gsut.check.readings import list_signed_permutations
 from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.gaussians import rotations_from_quaternions
-from gsut.sfm import angular_errors
+from gsut.sfm.core import measure_angular_errors
 
 MATCHED = 0.5  # of the matches must fit one relative pose a pair, for there to be evidence
 _FEWEST = 4  # turns from which something is told
@@ -76,7 +76,7 @@ def _searched(evidence: Evidence) -> np.ndarray:
 
 def _median_error(evidence: Evidence, poses: np.ndarray) -> float:
     """Radians; infinite where most matches have no rays."""
-    errors = angular_errors(evidence.rays, evidence.table.of_matches(poses))
+    errors = measure_angular_errors(evidence.rays, evidence.table.of_matches(poses))
     return float(np.median(np.where(np.isfinite(errors), errors, np.inf)))
 
 

@@ -18,7 +18,7 @@ from gsut.data import CAPTURE_FOLDER, find_lens_file
 from gsut.lens import is_lens_name, lens_by_name
 from gsut.output_folder import claim_folder
 from gsut.run import Progress, StagedProgress, Verdict, add_option_flags, given_options
-from gsut.sfm import PosesOptions, check_lens, done_already
+from gsut.sfm import PosesOptions, check_lens, read_finished
 
 if TYPE_CHECKING:
     from gsut.sfm import PosesResult
@@ -124,7 +124,7 @@ def _run(arguments: argparse.Namespace, options: PosesOptions) -> int:
     }
     figures = None
     if arguments.rig is None and mapper is None:
-        figures = done_already(images, arguments.out, **settings)
+        figures = read_finished(images, arguments.out, **settings)
     words = "done already" if figures else None
     if figures is None:
         settings |= {"mapper": mapper, "rig": arguments.rig, "refine_rig": arguments.refine_rig}
@@ -176,13 +176,11 @@ def estimate_with_bars(
     **settings: Any,
 ) -> PosesResult:
     """`find_poses` with one progress bar for all its stages, if enabled."""
-    from gsut.sfm import find_poses
+    from gsut.sfm import PosesLog, find_poses
 
     with StagedProgress({}, enabled) as bars, contextlib.closing(PosesStages(bars)) as stages:
-        return find_poses(
-            images, out, on_progress=stages.show, on_expected=stages.expect, notes_to=bars.note,
-            **settings,
-        )  # fmt: skip
+        log = PosesLog(stages.show, bars.note, stages.expect)
+        return find_poses(images, out, log=log, **settings)
 
 
 class PosesStages:

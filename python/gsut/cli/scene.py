@@ -222,7 +222,7 @@ def _find_poses(
     folder: RunFolder, arguments: argparse.Namespace, taken: Any, bars: StagedProgress
 ) -> tuple[dict[str, Any], float]:
     """The content of poses.json, and the seconds that it took now."""
-    from gsut.sfm import find_poses, is_finished, read_figures
+    from gsut.sfm import PosesLog, find_poses, is_finished, read_figures
 
     out = folder.path / POSES
     bars.skip(POSES)  # its own stages come instead
@@ -234,8 +234,8 @@ def _find_poses(
     with contextlib.closing(PosesStages(bars)) as stages:
         figures = find_poses(
             taken.path, out, camera=arguments.camera, fov_degrees=arguments.fov,
-            options=with_readout(options, arguments.camera, taken), on_progress=stages.show,
-            on_expected=stages.expect, notes_to=bars.note,
+            options=with_readout(options, arguments.camera, taken),
+            log=PosesLog(stages.show, bars.note, stages.expect),
         ).figures  # fmt: skip
     return figures, stages.seconds
 
@@ -283,15 +283,15 @@ def _evenly(bars: StagedProgress, shares: dict[str, float]) -> Callable[[str, in
 def _steps_seconds(figures: dict[str, Any], options: TrainOptions) -> float:
     """What the steps of the training will take, now that the size of the pictures is known."""
     from gsut import _core
-    from gsut.training import TrainingTime
+    from gsut.training import track_training
 
     most = dataclasses.replace(options.resolved(), max_gaussians=options.most_gaussians)
     width, height = figures["size"]
     shrunk = min(1.0, options.max_side / max(width, height)) if options.max_side else 1.0
-    return TrainingTime(
+    return track_training(
         most, most.most_gaussians // 4, shrunk**2 * width * height / 1e6, 0,
         threads=options.threads or _core.num_threads(),
-    ).left(0)  # fmt: skip
+    ).predict_left(0)  # fmt: skip
 
 
 def _capture_verdict(figures: dict[str, Any]) -> Verdict:

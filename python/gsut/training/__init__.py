@@ -30,7 +30,7 @@ from gsut.training.start import (
     size_note,
     without_blurred,
 )
-from gsut.training.time_left import TrainingTime
+from gsut.training.time_left import track_training
 from gsut.training.trained_run import (
     TrainedRun,
     load_run,
@@ -50,7 +50,6 @@ __all__ = [
     "TrainedRun",
     "TrainingLoop",
     "TrainingRecord",
-    "TrainingTime",
     "about_cameras",
     "choose_complexity",
     "choose_degree",
@@ -72,6 +71,7 @@ __all__ = [
     "scene_comments",
     "seed_first",
     "size_note",
+    "track_training",
     "tune_for_viewers",
     "with_most",
     "without_blurred",

@@ -17,7 +17,7 @@ from gsut.training.finetuning import finetune_options
 from gsut.training.loop import TrainingLoop
 from gsut.training.photograph_model import DIFFER
 from gsut.training.start import first_gaussians, without_blurred
-from gsut.training.time_left import megapixels_of, step_work
+from gsut.training.time_left import measure_megapixels, predict_training_steps
 
 FROM_START = "from_start"  # the name in metrics.json
 # Up to this share compacting and fine-tuning was better than training as few from the start, on all
@@ -88,10 +88,11 @@ def options_from_start(
         first: number of the first Gaussians.
         scene, options, own, count, finetune: see `train_from_start`.
     """
-    megapixels = megapixels_of(scene)
+    megapixels = measure_megapixels(scene)
 
     def work(o: TrainOptions, begin: int) -> float:
-        return math.fsum(step_work(o, begin, megapixels))  # rounded once, whatever the machine
+        # The exact sum, rounded once, is the same on every machine.
+        return math.fsum(predict_training_steps(o, begin, megapixels))
 
     compaction = round(_COMPACTION * len(scene.train_indices))
     whole, few = with_most(options, own), with_most(options, count)

@@ -26,18 +26,19 @@ from gsut.lens import Camera
 from gsut.refine import RefinedPose, refine_pose
 from gsut.render import render
 from gsut.run import RunFolder, TrainOptions, read_checkpoint, write_checkpoint
-from gsut.sfm import (
-    BearingPoints,
+from gsut.sfm import PosesOptions
+from gsut.sfm.core import (
     Features,
+    Images,
     PairMatches,
     Photographs,
-    PosesOptions,
     Solution,
-    diagonal,
     evaluate_observations,
-    in_cameras,
-    solve,
+    measure_diagonal,
+    solve_poses,
+    transform_to_cameras,
 )
+from gsut.sfm.points import BearingPoints
 from gsut.training.loop import TrainingLoop
 
 _FIRST_IMAGES = (8, 12, 16, 24, 40)  # solved by features: the fewest that can be
@@ -132,10 +133,9 @@ def _start(
     for wanted in _FIRST_IMAGES:
         count = min(wanted, len(photographs))
         try:
-            found = solve(
-                photographs.names[:count], cameras[:count], features[:count],
-                [pair for pair in pairs if pair.second < count], options, on_progress,
-            )  # fmt: skip
+            images = Images(photographs.names[:count], cameras[:count], features[:count])
+            own = [pair for pair in pairs if pair.second < count]
+            found = solve_poses(images, own, options, on_progress)
             if found.num_registered == count:
                 return {
                     "poses": found.camera_from_world,
@@ -186,7 +186,7 @@ class _Growth:
         self._photographs, self._cameras, self._features = photographs, list(cameras), features
         self._poses = np.full((len(photographs), 4, 4), np.nan)
         self._found: dict[int, RefinedPose] = {}
-        max_error = options.max_error * diagonal(self._cameras) / 1000
+        max_error = options.max_error * measure_diagonal(self._cameras) / 1000
         self.points = BearingPoints(
             cameras, features, pairs, max_error, np.radians(options.min_angle)
         )
@@ -283,7 +283,7 @@ class _Growth:
         )
         pixels, residuals, angles = evaluate_observations(
             observations,
-            in_cameras(points, observations, self._poses),
+            transform_to_cameras(points, observations, self._poses),
             self._cameras,
             self._features,
         )

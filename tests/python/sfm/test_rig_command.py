@@ -11,7 +11,7 @@ from gsut.cli import main
 from gsut.data.poses import inverse
 from gsut.demo import make_demo_rig
 from gsut.demo.rig import right_from_left
-from gsut.sfm import errors_against
+from gsut.sfm import compare_datasets
 from tests.bench import rig_poses
 from tests.bench.__main__ import main as bench_main
 
@@ -56,7 +56,7 @@ def test_make_demo_rig_refuses_numbers_out_of_range(tmp_path):
 
 
 def test_poses_with_a_rig_finds_all_images_in_metres(demo, poses):
-    errors = errors_against(demo / "rig_hall", poses)
+    errors = compare_datasets(demo / "rig_hall", poses)
     assert errors.images == 2 * FRAMES
     assert abs(errors.scale_error_percent) < tolerances.RIG_DEMO_SCALE_PERCENT
     assert errors.metric_ate < tolerances.RIG_DEMO_METRES
